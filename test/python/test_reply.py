@@ -1,11 +1,13 @@
 """How motion follows commands: motions that are made of known replies, and the replies that are found."""
 import dataclasses
+import types
 
 import numpy as np
 import pytest
 from conftest import recording_of
 
-from ground.recordings import reply
+from ground.recordings import layouts, reply
+from ground.recordings.layouts import verdicts
 from ground.recordings.repair import Motion
 
 EFFECT = np.array([[0.9, 0.1, 19.0], [0.8, -0.2, -21.0]])  # of full left and right thrust
@@ -285,3 +287,83 @@ def test_a_heading_of_the_wrong_sign_is_untwisted():
     assert np.allclose(found.commands, plain.commands, atol=1e-8)
     scale = np.abs(plain.accelerations).max(axis=0)
     assert np.abs(found.accelerations - plain.accelerations).max() < 0.05 * scale.max()
+
+
+# --- which channel drives which thruster
+
+LEVER = 0.04
+PAIR = [layouts.Thruster("left", 0.0, -LEVER, 0.0), layouts.Thruster("right", 0.0, LEVER, 0.0)]
+OWN = np.array([[0.9, 0.0, 20.0], [0.9, 0.0, -20.0]])
+
+
+def turned(effect, angle):
+    """Effects as a body sees them whose measured heading is larger by an angle [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return effect @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def judged(effect, rows=None, noise=0.1, lag=0.0, count=1):
+    """The verdict on runs of a craft whose channels have these effects, under the names of a pair."""
+    runs = []
+    for seed in range(1, 1 + count):
+        sent = commands(seed=seed) if rows is None else rows
+        moved = motion(sent, lag, effect=np.asarray(effect), noise=noise)
+        runs.append(types.SimpleNamespace(recording=recorded(sent, moved), motion=moved, reply={"lag": lag}))
+    return verdicts.of_runs(runs, PAIR)
+
+
+def test_channels_that_are_as_recorded_are_left_so():
+    verdict = judged(OWN, lag=0.07)
+    assert verdict.is_as_recorded and verdict.best.hypothesis.signs == (1, 1)
+    assert verdict.best.ratio == 1 and verdict.best.turn > 0.9 and not verdict.undecided
+    assert verdict.why == "" and verdict.open_share < 0.1
+    quiet = judged(OWN, noise=0.02)
+    assert quiet.best.force > verdict.best.force and quiet.best.turn > verdict.best.turn
+
+
+@pytest.mark.parametrize(
+    "effect,channels,signs,offset",
+    [
+        (OWN[::-1], ("right", "left"), (1, 1), 0.0),
+        (OWN * [[-1], [1]], ("left", "right"), (-1, 1), 0.0),
+        (OWN * [[0], [1]], ("left", "right"), (0, 1), 0.0),
+        (turned(OWN, np.pi / 2), ("left", "right"), (1, 1), np.pi / 2),
+        (turned(OWN, -np.pi / 2), ("left", "right"), (1, 1), -np.pi / 2),
+        (turned(OWN, 1.1), ("left", "right"), (1, 1), 1.1),
+    ],
+)
+def test_channels_and_headings_are_found(effect, channels, signs, offset):
+    verdict = judged(effect)
+    found = verdict.best.hypothesis
+    assert (found.channels, found.signs) == (channels, signs)
+    assert found.heading_offset == pytest.approx(offset, abs=0.05 if offset == 1.1 else 0)
+    assert not verdict.is_as_recorded and verdict.recorded.ratio > 1.2
+    low, high = verdict.recorded.ratio95
+    assert 1 < low < verdict.recorded.ratio < high
+    assert verdict.recorded.hypothesis.channels == ("left", "right")
+    both = judged(effect, count=2)
+    assert both.best.hypothesis.channels == channels
+    assert np.diff(both.recorded.ratio95) < np.diff(verdict.recorded.ratio95)
+
+
+def test_a_craft_that_pushes_a_little_aside_is_no_turned_heading():
+    assert judged(turned(OWN, 0.3)).is_as_recorded  # the craft's own
+    verdict = judged(OWN)
+    described = verdict.describe()
+    assert described["best"]["hypothesis"]["channels"] == ("left", "right")
+    assert described["open_share"] == verdict.open_share
+
+
+def test_what_commands_cannot_decide_has_its_reason():
+    rows = commands()
+    rows[:, 2] = np.where(np.arange(len(rows)) % 120 == 60, 0.0, 0.5)
+    idle = judged(OWN, rows)
+    assert idle.is_as_recorded and idle.undecided and idle.why == "right hardly changes"
+    rows = commands()
+    other = commands(seed=2)[:, 2]
+    rows[:, 2] = np.where(np.arange(len(rows)) % 60 == 0, other, rows[:, 1])
+    alike = judged(OWN, rows, noise=1.0)
+    assert alike.undecided and alike.why.startswith("right and left always change together (correlation 0.9")
+    wild = judged(OWN, noise=20.0)
+    assert wild.undecided and wild.why.startswith("their accelerations differ by less than")
+    assert wild.open_share > 0.3
