@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import recording_of
 
-from ground.recordings import layouts, reply
+from ground.recordings import layouts, quality, reply
 from ground.recordings.layouts import verdicts
 from ground.recordings.repair import Motion
 
@@ -367,3 +367,62 @@ def test_what_commands_cannot_decide_has_its_reason():
     wild = judged(OWN, noise=20.0)
     assert wild.undecided and wild.why.startswith("their accelerations differ by less than")
     assert wild.open_share > 0.3
+
+
+# --- contacts
+
+
+@pytest.mark.parametrize(
+    "push,is_contact",
+    [
+        ([0, 1.2 * 1.8, 0], True),
+        ([0, -1.2 * 1.8, 0], True),
+        ([-2.2 * 1.8, 0, 0], True),
+        ([0, 0.8 * 1.8, 0], False),
+        ([0, 0, 1.7 * 20 + 20], True),
+        ([0, 0, -1.7 * 20 - 20], True),
+        ([0, 0, 1.3 * 20 - 20], False),
+    ],
+)
+def test_a_contact_is_more_than_any_input_can_do(push, is_contact):
+    """More by the largest force of the thrusters, or by one and a half times their largest moment."""
+    rows = commands(12.0)
+    moved = motion(rows, effect=OWN)
+    found = reply.find(recorded(rows, moved), moved)
+    nu_dot = moved.nu_dot.copy()
+    nu_dot[500:520] += push
+    pushed = dataclasses.replace(moved, nu_dot=nu_dot)
+    spans = quality._contacts(recorded(rows, moved), pushed, found)
+    if not is_contact:
+        assert spans == []
+        return
+    # By the moment, only while the thrusters turn the craft the same way or not at all.
+    times = moved.times
+    assert spans and all(times[500] <= a <= b <= times[519] for a, b in spans)
+    if not push[2]:
+        ((begin, end),) = spans  # but for the first and last sample
+        assert (begin, end) == (times[501], times[518])
+
+
+def test_without_a_reply_only_jumps_are_contacts():
+    rows = commands(12.0)
+    moved = motion(rows)
+    jumps = moved.jumps.copy()
+    jumps[[300, 700]] = True
+    jumped = dataclasses.replace(moved, jumps=jumps)
+    expected = [(moved.times[i], moved.times[i]) for i in (300, 700)]
+    assert quality._contacts(recorded(rows, moved), jumped, None) == expected
+    found = reply.find(recorded(rows, moved), moved)
+    assert quality._contacts(recorded(rows, moved), jumped, found) == expected
+
+
+def test_levels_of_thrusters_are_a_grid_of_what_they_can_be_given():
+    rows = commands(4.0, count=3)
+    moved = motion(commands(4.0))
+    names = ("a", "b", "c", "lift")
+    grid = quality._levels(recorded(rows, moved, channels=names))
+    assert len(grid) == len(np.unique(grid, axis=0)) == 4**3
+    assert grid.min() == 0 and grid.max() == 1
+    rows[3, 2] = -0.5  # one that is reversed
+    grid = quality._levels(recorded(rows, moved, channels=names))
+    assert grid.min(axis=0).tolist() == [0, -1, 0] and (grid.max(axis=0) == 1).all()
