@@ -1,5 +1,6 @@
 """Files of recordings: codecs, records of bags, and which files belong together."""
 import os
+import re
 import struct
 import time
 
@@ -270,6 +271,23 @@ def test_messages_and_their_index_are_reconciled():
     other = SOUND[:3] + [(1, 40)] + SOUND[4:]
     assert settled(other, index) == (SOUND[:3] + SOUND[4:], 1)
     assert settled(SOUND, index[:4]) == (SOUND, 1)
+
+
+def test_a_cut_bag_says_what_is_missing_and_what_is_lost(tmp_path):
+    import rosbag
+
+    path = tmp_path / "run.bag"
+    with rosbag.Bag(str(path), "w") as bag:  # one chunk
+        for i in range(50):
+            bag.write("/a", ros.new("std_msgs/String", data="%03d" % i * 20), ros.Time(10 + i, 0))
+    whole = path.read_bytes()
+    end = whole.index(b"025" * 20) + 30
+    path.write_bytes(whole[:end])
+    with BagReader(str(path)) as bag:
+        found = [message.data[:3] for _, message, _ in bag.read_messages(["/a"])]
+        (warning,) = bag.warnings
+    assert found == ["%03d" % i for i in range(25)]
+    assert re.search(r"\(\d+ bytes or more are missing at its end, \d+ bytes of messages", warning)
 
 
 def test_bags_of_other_formats_are_refused(tmp_path):
