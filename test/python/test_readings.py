@@ -441,7 +441,7 @@ def test_a_draft_of_a_table_names_pose_time_and_commands():
     assert text.count("time: {field: time, unit: s}") == 2
     assert 'position: {fields: [x, "y"], unit: m}' in text and "  file: " not in text
     assert "heading: {field: heading, unit: rad, sign: 1}  # 1 to 4.99" in text
-    assert "# x -1 to 1, y -0.7502 to 1, 1 a second" in text
+    assert "# x -1 to 1, y -0.7502 to 1, 1 a second" in text and "others" not in text
     assert "  channels:" in text and "{field: motor_1, unit: normalised}  # 0 to 1, " in text
     assert "  file: log.csv" in drafts.draft(log(), "log", True).replace('"', "")
 
