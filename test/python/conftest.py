@@ -131,6 +131,13 @@ def simulate_run(duration=8.0, seed=1, noise=1.0, model=MODEL, strength=1.0, nu=
     return times, eta, inputs
 
 
+def recording_of(times, eta, inputs, **more):
+    """A Recording of stamps (n,), poses (n, 3) and rows of stamp and commands."""
+    from ground.recordings.recording import Recording
+
+    return Recording("run", times, eta, inputs[:, 0], inputs[:, 1:], "made up", **more)
+
+
 def write_bag(path, start=1000.0, change=None, **options):
     """Writes a bag of a simulated run with the topics of the thesis's system; returns its path."""
     import genpy

@@ -81,6 +81,7 @@ WRONG = [
     ("field: secs, ", "", "poses.time names no field"),
     ("time: receipt", "time: yesterday", "commands.time is 'yesterday', but must be one of"),
     ("clock_offset: -0.25", "clock_offset: .nan", "clock_offset is nan, but must be a finite"),
+    ("clock_offset: -0.25", "clock_drift: 0.2", "clock_drift is 0.2, but must be within -0.1 and 0.1"),
     ("clock_offset: -0.25", "offset: 1", "M.yaml: offset is unknown"),
 ]
 

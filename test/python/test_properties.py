@@ -136,6 +136,21 @@ def test_thinning_averages_neighbours_and_never_across_a_gap():
     assert len(thinning.thinned(thin).times) == len(thin.times)
 
 
+@pytest.mark.parametrize("begin", [0.0, 0.1, 1.7e9], ids=["0", "0.1", "since_1970"])
+@pytest.mark.parametrize(
+    "rate,count",
+    [(200, 4), (199, 4), (240, 4), (260, 5), (100, 2), (120, 2), (145, 2), (97, 1), (50, 1), (30, 1)],
+)
+def test_a_rate_is_thinned_the_same_however_its_steps_are_rounded(rate, count, begin):
+    times = begin + np.arange(24 * count) / rate
+    eta = np.column_stack([times - begin] * 3)
+    run = _core.RunData("run", times, eta, eta, np.array([[begin, 0.5, 0.5, 1.0]]))
+    thin = np.array(thinning.thinned(run).times)
+    assert len(thin) == 24 and np.allclose(thin - begin, times.reshape(24, count).mean(axis=1) - begin)
+    alone = _core.RunData("run", times[:1], eta[:1], eta[:1], np.array([[begin, 0.5, 0.5, 1.0]]))
+    assert len(thinning.thinned(alone).times) == 1
+
+
 # --- poses
 
 

@@ -167,3 +167,24 @@ def test_nothing_in_the_package_unpickles():
                 with open(os.path.join(folder, name)) as file:
                     text = file.read()
                 assert "import pickle" not in text and "allow_pickle=True" not in text, name
+
+
+def test_only_what_is_left_is_computed_and_the_rest_is_counted(tmp_path):
+    folder, computed = str(tmp_path / "kept"), []
+
+    def work(item):
+        computed.append(item)
+        return 10 * item
+
+    first = unfinished.Unfinished(folder, "a")
+    assert list(first.results(["p1", "p2"], work, [1, 2], map)) == [10, 20] and first.taken == 0
+    again = unfinished.Unfinished(folder, "a")
+    assert list(again.results(["p3", "p2", "p1", "p4"], work, [3, 2, 1, 4], map)) == [30, 20, 10, 40]
+    assert computed == [1, 2, 3, 4] and again.taken == 2
+    other = unfinished.Unfinished(folder, "b")  # of another computation
+    assert other.result("p1", lambda: 7) == 7 and other.taken == 0
+    assert again.result("p1", lambda: 7) == 10 and again.taken == 3
+    none = unfinished.Unfinished()
+    assert (none.result("p", lambda: 1), none.result("p", lambda: 2), none.taken) == (1, 2, 0)
+    again.done()
+    assert not os.path.exists(folder)

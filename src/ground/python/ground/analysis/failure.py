@@ -94,7 +94,7 @@ def _binned(
     if edges is None:
         edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)))
     index = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-    index = _without_rare(index, len(edges) - 1)
+    index = _without_rare(index)
     present = [i for i in range(len(edges) - 1) if (index == i).any()]
     centres = [float(np.median(values[index == i])) for i in present]
     return Variable(name, label, unit, centres, _renumbered(index, present))
@@ -107,15 +107,15 @@ def _map(eta: Array) -> Variable:
         cell = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, MAP_CELLS - 1)
         sides.append((cell, (edges[1:] + edges[:-1]) / 2))
     (i, x), (j, y) = sides
-    index = _without_rare(i * MAP_CELLS + j, MAP_CELLS**2)
+    index = _without_rare(i * MAP_CELLS + j)
     present = [c for c in range(MAP_CELLS**2) if (index == c).any()]
     centres = [(float(x[c // MAP_CELLS]), float(y[c % MAP_CELLS])) for c in present]
     return Variable("position", "place (x, y)", "m", centres, _renumbered(index, present))
 
 
-def _without_rare(index: Indices, count: int) -> Indices:
+def _without_rare(index: Indices) -> Indices:
     """Bins with less than 1% of the samples say nothing."""
-    share = np.bincount(index[index >= 0], minlength=count) / len(index)
+    share = np.bincount(index) / len(index)
     return np.where(share[index] < 0.01, -1, index)
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from ground import _core
 from ground.annotations import Array, Indices
 
-RATE = 50.0  # least rate after thinning [Hz]
+RATE = 50.0  # least rate after thinning [Hz] ...
+TOLERANCE = 0.02  # ... up to this share, because steps are rounded: 200 Hz become 50 Hz, not 67 Hz
 UNEVEN = 1.5  # a step longer than this multiple of the usual one separates groups
 
 
@@ -20,7 +21,7 @@ def thinned(run: _core.RunData) -> _core.RunData:
     that is one. Its noise is that of the means."""
     times = np.array(run.times)
     step = np.median(np.diff(times)) if len(times) > 1 else 1.0
-    count = int(1 / (RATE * step)) if step > 0 else 1
+    count = int((1 + TOLERANCE) / (RATE * step)) if step > 0 else 1
     if count < 2:
         return run
     groups = _groups(times, step, count)

@@ -20,7 +20,6 @@ REGULAR = 0.25  # largest unevenness of receipts and delays around, relative to 
 MAX_SHARE = 0.01  # largest share of wrong stamps; more are no damage but the system's behaviour
 NEIGHBOURS = 2  # messages on each side that a message is compared with
 MAX_LEVELS = 8  # number of levels between which commands switch
-MIN_COMMANDS = 30  # commands needed to recognise levels
 LEVEL_SHARE = 0.98  # least share of commands at a level
 
 
@@ -59,8 +58,6 @@ def lone_commands(
 ) -> Iterator[str]:
     """Sentences about commands with a unique value if all others switch between a few levels. times:
     (m,) [s]; controls: (m, c) by `channels`."""
-    if len(controls) < MIN_COMMANDS:
-        return
     for channel, values in zip(channels, controls.T):
         levels, counts = np.unique(values, return_counts=True)
         often = counts > 2

@@ -1,0 +1,628 @@
+"""Formulas for what is missing, experiments, memory, and curves of thrust, each with plain numbers."""
+import dataclasses
+import types
+
+import numpy as np
+import pytest
+from conftest import MODEL, ROOT, simulate_run
+from test_own_stop import trial
+
+from ground import _core
+from ground.analysis import (
+    challengers,
+    comparison,
+    conclusion,
+    memory,
+    next_experiment,
+    own_stop,
+    thrust_bench,
+    thrust_curve,
+    unexplained,
+    unit_slips,
+)
+from ground.errors import GroundError
+from ground.recordings import repair
+
+
+def model():
+    return _core.load_model(str(MODEL))
+
+
+def four():
+    return _core.load_model(str(ROOT / "cfg" / "hovercraft" / "four_thrusters.yaml"))
+
+
+def run_data(truth=None, duration=12.0, seed=1, noise=1.0, lost=()):
+    times, eta, inputs = simulate_run(duration=duration, seed=seed, noise=noise)
+    if truth is not None:
+        random = np.random.default_rng(seed)
+        eta = _core.simulate(truth, inputs, times, np.zeros(3), np.zeros(3))["eta"]
+        eta = eta + noise * random.normal(0, [3e-4, 3e-4, 5e-3], eta.shape)
+    eta[:, 2] = np.unwrap(eta[:, 2])
+    kept = np.ones(len(times), bool)
+    for begin, end in lost:
+        kept &= (times < begin) | (times > end)
+    times, eta = times[kept], eta[kept]
+    found = repair.smooth(times, eta, (3e-4, 5e-3))
+    levels = np.array([3e-4, 3e-4, 5e-3])
+    return _core.RunData("run", times, found["eta"], found["nu"], inputs, eta, levels)
+
+
+# --- the dictionary of formulas
+
+
+def test_terms_know_their_variables_and_units():
+    term = unexplained.Term("abs(u)*u", "m^2/s^2", {"X": "abs(u)*u"})
+    assert term.variables == {"u"} and term.weight_unit == "N/(m^2/s^2)"
+    moment = unexplained.Term("u_L*u", "m/s", {"N": "u_L*u"})
+    assert moment.variables == {"u_L", "u"} and moment.weight_unit == "N m/(m/s)"
+    constant = unexplained.Term("1", "-", {"X": "(1)*cos(psi)", "Y": "-(1)*sin(psi)"})
+    assert constant.variables == set() and constant.weight_unit == "N"
+    assert unexplained.Term("1", "-", {"N": "1"}).weight_unit == "N m"
+
+
+def test_every_formula_is_what_it_says():
+    run, craft = run_data(duration=4.0), model()
+    sampled = unexplained.values(run, craft)
+    u, v, r = np.array(run.nu).T
+    x, y, psi = np.array(run.eta).T
+    left, right = sampled["u_L"], sampled["u_R"]
+    expected = {
+        "1": np.ones_like(u), "abs(v)*v": np.abs(v) * v, "r^3": r**3, "u*r": u * r, "u_L": left,
+        "(u_L-u_R)*(u_L+u_R)": left**2 - right**2, "(u_L+u_R)*v": (left + right) * v,
+        "t": np.array(run.times), "x": x, "sin(2*pi*y/0.3)": np.sin(2 * np.pi * y / 0.3),
+    }  # fmt: skip
+    for formula, values in expected.items():
+        assert np.allclose(unexplained.evaluate(formula, sampled), values), formula
+    assert np.allclose(np.exp(1j * sampled["psi"]), np.exp(1j * psi))
+    assert (np.abs(sampled["psi"]) <= np.pi).all()
+    terms = unexplained.dictionary(craft)
+    for term in terms:  # all can be evaluated, and by muparser as well
+        for formula in term.parts.values():
+            assert np.isfinite(unexplained.evaluate(formula, sampled)).all(), formula
+    of_world = [t for t in terms if set(t.parts) == {"X", "Y"}]
+    assert len(of_world) == 2 * (3 + 2 * 2 * 10) and len({str(t.parts) for t in terms}) == len(terms)
+    for term in of_world[:10]:  # a force of constant direction in the world
+        force_x, force_y = (unexplained.evaluate(term.parts[c], sampled) for c in "XY")
+        c, s = np.cos(psi), np.sin(psi)
+        world = np.array([c * force_x - s * force_y, s * force_x + c * force_y])
+        assert np.isclose(world, 0, atol=1e-9).all(axis=1).any()
+
+
+def test_formulas_of_other_thrusters_have_their_names():
+    names = {t.formula for t in unexplained.dictionary(four())}
+    thrusters = [one["name"] for one in four().thrusters]
+    assert {"u_" + name for name in thrusters} | {"u_%s^2" % name for name in thrusters} <= names
+    assert not any("u_L" in name for name in names) and "abs(r)*r" in names
+
+
+# --- the choice of formulas
+
+
+def regression(seed=1, count=600, columns=12, weights=((2, 1.0), (7, -0.7)), noise=0.5):
+    random = np.random.default_rng(seed)
+    design = random.normal(size=(count, columns))
+    wrench = noise * random.normal(size=count)
+    for at, weight in weights:
+        wrench = wrench + weight * design[:, at]
+    return design, wrench, np.repeat(np.arange(count // 30), 30)
+
+
+def test_folds_hold_whole_stretches_once():
+    _, wrench, groups = regression()
+    folds = unexplained._folds(wrench, groups)
+    assert len(folds) == 6 and sorted(np.concatenate(folds)) == list(range(600))
+    for one in folds:
+        for other in folds:
+            assert one is other or not set(groups[one]) & set(groups[other])
+    assert len(unexplained._folds(wrench[:90], groups[:90])) == 3
+
+
+def test_shares_are_those_of_regressions_without_the_fold():
+    design, wrench, groups = regression()
+    columns = design[:, [2, 7]]
+    found = unexplained._cross_validated(columns, wrench, groups)
+    power = (wrench**2).mean()
+    for fold, share in zip(unexplained._folds(wrench, groups), found):
+        rest = np.setdiff1d(np.arange(600), fold)
+        weights = np.linalg.lstsq(columns[rest], wrench[rest], rcond=None)[0]
+        left = ((wrench[fold] - columns[fold] @ weights) ** 2).mean()
+        assert share == pytest.approx(1 - left / power)
+    assert found.mean() == pytest.approx(1.49 / 1.74, abs=0.05)
+
+
+def test_the_fewest_columns_that_explain_it_are_chosen():
+    assert sorted(unexplained._choose(*regression())) == [2, 7]
+    assert unexplained._choose(*regression(weights=[(4, 1.0)])) == [4]
+    five = [(i, 1.0) for i in range(5)]
+    assert len(unexplained._choose(*regression(weights=five))) == 4  # there are no more
+    by_chance = [len(unexplained._choose(*regression(seed, weights=()))) for seed in range(8)]
+    assert by_chance.count(0) >= 7
+
+
+def test_what_the_model_can_do_itself_is_projected_out():
+    design, wrench, _ = regression()
+    own = np.column_stack([design[:, 0] + design[:, 1], np.zeros(600)])
+    rest, left = unexplained._beside(own, design, wrench + 5 * own[:, 0])
+    assert np.abs(own.T @ rest).max() < 1e-9 and np.abs(own.T @ left).max() < 1e-9
+    assert np.allclose(left, unexplained._beside(own, design, wrench)[1])
+
+
+def test_variables_lose_what_their_terms_explain():
+    design, wrench, groups = regression()
+    kept = [unexplained.Term(f, "-", {"X": f}) for f in ("u*v", "u")]
+    columns = design[:, [7, 2]]
+    share = unexplained._cross_validated(columns, wrench, groups).mean()
+    binned = [{"u": 0.1, "x": 0.3, "y": 0.5}, {"u": 0.2, "x": 0.1, "y": 0.5}]
+    found = unexplained._where(kept, columns, wrench, groups, share, binned)
+    assert [(w["variable"], w["by"]) for w in found] == [
+        ("u", "terms"), ("v", "terms"), ("y", "bins"), ("x", "bins"),
+    ]  # fmt: skip
+    without = unexplained._cross_validated(columns[:, 1:], wrench, groups).mean()
+    assert found[0]["share"] == pytest.approx(share)  # all terms have it
+    assert found[1]["share"] == pytest.approx(share - without)
+    assert [w["share"] for w in found[2:]] == pytest.approx([0.5, 0.2])
+
+
+def test_a_proposal_is_an_effect_of_its_terms():
+    kept = [
+        unexplained.Term("u", "m/s", {"X": "u"}),
+        unexplained.Term("x", "m", {"X": "(x)*cos(psi)", "Y": "-(x)*sin(psi)"}),
+    ]
+    found = unexplained._proposal(kept, np.array([-0.012345678, 2.0]), 0.4)
+    assert found["expression"] == {"X": "c1*(u) + c2*((x)*cos(psi))", "Y": "c2*(-(x)*sin(psi))"}
+    first, second = found["parameters"]["c1"], found["parameters"]["c2"]
+    assert first["value"] == pytest.approx(-0.0123457) and second["value"] == 2.0
+    assert first["unit"] == "N/(m/s)" and first["neutral"] == 0 and found["share"] == 0.4
+    assert first["lower"] == -first["upper"] == pytest.approx(-1.23) and second["upper"] == 200
+
+
+def test_a_force_that_no_effect_has_is_proposed():
+    entry = (
+        "name: odd\nexpression: {Y: c*u*v}\nparameters: {c: {value: %g, unit: N, neutral: 0.0, "
+        "lower: -9, upper: 9}}\n"
+    )
+    truth = _core.with_effect(model(), entry % 0.06, "odd.yaml")
+    runs = [run_data(truth, seed=seed) for seed in (1, 2)]
+    where, proposal = unexplained.explain(runs, model())
+    assert proposal is not None and proposal["share"] > 0.1
+    assert {where[0]["variable"], where[1]["variable"]} & {"u", "v"}
+    assert "Y" in proposal["expression"]
+    shares = [w["share"] for w in where if w["by"] == "terms"]
+    assert shares == sorted(shares, reverse=True)
+
+
+# --- memory
+
+
+def test_kinds_of_memory_do_nothing_at_size_zero():
+    for craft in (model(), four()):
+        for kind in memory.kinds_of(craft):
+            for values in kind.tried:
+                candidate = kind.at(values, craft)
+                extended = candidate.neutral(craft)
+                times = np.arange(200) / 100
+                inputs = np.zeros((1, 2 + craft.forces(np.zeros((1, len(craft.channels) - 1))).shape[0]))
+                inputs = np.array([[0.0] + [0.3] * (len(craft.channels) - 1) + [1.0]])
+                start = np.zeros(3), np.array([0.2, 0.0, 0.5])
+                plain, other = (
+                    _core.simulate(m, inputs, times, *start)["eta"] for m in (craft, extended)
+                )
+                assert np.allclose(plain, other, atol=1e-9), candidate.name
+
+
+def test_memory_is_described_with_its_constants():
+    kinds = {kind.name: kind for kind in memory.kinds_of(model())}
+    kind = kinds["spin_up"]
+    entry = kind.entry((0.06, 0.02), 0.3)
+    assert entry["parameters"]["c"]["value"] == 0.3 and entry["parameters"]["c"]["neutral"] == 0
+    assert entry["parameters"]["rise"]["value"] == entry["parameters"]["rise"]["neutral"] == 0.06
+    assert entry["parameters"]["fall"]["lower"] < 0.02 < entry["parameters"]["fall"]["upper"]
+    names = {kind.at(values, model()).name for values in kind.tried}
+    assert names == {"spin_up_60_20", "spin_up_20_60"}
+    values = {"spin_up.rise": 0.0612, "spin_up.fall": 0.02, "spin_up.c": 0.4}
+    fit = types.SimpleNamespace(model=types.SimpleNamespace(value=values.get))
+    found = memory.Memory(kind, 1e-4, fit)
+    assert found.means == "thrust rises within 0.061 s and falls within 0.02 s"
+    assert found.entry["parameters"]["c"]["value"] == 0.4
+    assert found.entry["parameters"]["rise"]["value"] == 0.0612
+
+
+def test_a_wake_pushes_as_its_past_was():
+    kind = {kind.name: kind for kind in memory.kinds_of(model())}["wake"]
+    candidate = kind.at((0.3,), model())
+    pushed = candidate.neutral(model())
+    pushed.set_value(candidate.name + ".c", 0.05)
+    times, still = np.arange(100) / 100, np.array([[0.0, 0.0, 0.0, 1.0]])
+    start = np.zeros(3), np.array([0.5, 0.2, 0.0])
+    plain, other = (_core.simulate(m, still, times, *start)["nu"] for m in (model(), pushed))
+    # The state begins at rest, slower than the craft: it is driven on, in its own direction.
+    change = np.array(other[-1]) - np.array(plain[-1])
+    assert (np.abs(change[:2]) > 1e-3).all() and change[0] * change[1] > 0
+
+
+# --- experiments
+
+
+def test_experiments_are_what_their_command_lines_say():
+    choice = list(next_experiment.choices())
+    assert len({e.arguments() for e in choice}) == len(choice) == len({e.input for e in choice})
+    first = choice[0]
+    assert first.arguments() == "--input prbs --clock 2 --levels 0 1"
+    assert first.launch() == (
+        "roslaunch ground room_prbs.launch design:=prbs clock:='2' levels:='0 1' lift:=1 duration:=16"
+    )
+    slow = [e for e in choice if e.lift == 0.6]
+    assert len(slow) == len(choice) // 2
+    assert all("--lift 0.6" in e.arguments() and "lift at 0.6" in e.input for e in slow)
+    assert all("lift:=0.6" in e.launch() for e in slow)
+    assert not any("lift" in e.arguments() for e in choice if e.lift == 1.0)
+    steps = next(e for e in choice if e.design == "steps")
+    assert steps.arguments() == "--input steps --hold 1 --levels 0 0.25 0.5 0.75 1"
+
+
+def test_a_schedule_has_the_levels_and_the_lift_of_its_experiment():
+    for experiment in next_experiment.choices():
+        rows = experiment.schedule().rows
+        levels = dict(experiment.options)["levels"]
+        assert list(levels) == sorted(set(levels)) and 0 <= levels[0] < levels[-1] <= 1
+        driven = rows[rows[:, 3] > 0]
+        assert set(np.unique(driven[:, 1:3])) <= set(levels) | {0.0}
+        assert rows[:, 3].max() == experiment.lift and (np.diff(rows[:, 0]) >= 0).all()
+
+
+def test_a_run_of_an_experiment_ends_with_its_lift():
+    schedule = next(next_experiment.choices()).schedule()
+    noise = np.array([1e-4, 1e-4, 1e-3])
+    run = next_experiment._run(model(), schedule, noise)
+    times = np.array(run.times)
+    assert np.allclose(np.diff(times), 1 / 120)
+    lifted = schedule.rows[schedule.rows[:, 3] > 0, 0]
+    ends = schedule.rows[schedule.rows[:, 0] > lifted.max(), 0]
+    assert times[-1] < (ends.min() if len(ends) else schedule.end) <= times[-1] + 1 / 120 + 1e-9
+    assert np.array_equal(np.array(run.poses), np.array(run.eta)) and np.allclose(run.noise, noise)
+    full = np.array(run.inputs)[:, 1:3].max()
+    assert full == pytest.approx(model().input_max * schedule.rows[:, 1:3].max())
+    same = next_experiment._run(model(), schedule, noise)
+    assert np.array_equal(np.array(same.eta), np.array(run.eta))
+
+
+# --- comparisons
+
+
+def test_pooled_numbers_are_those_of_all_samples():
+    craft = model()
+    wrong = craft.copy()
+    wrong.set_value("k", 1.2 * craft.value("k"))
+    many = [comparison.evaluate(run_data(seed=s, duration=d), wrong) for s, d in ((1, 5.0), (2, 8.0))]
+    found = comparison.numbers(many)
+    rest = np.vstack([e.residual for e in many])
+    scaled = np.abs(np.vstack([e.residual / e.sigma for e in many])).mean(axis=0)
+    assert found["error"] == pytest.approx(scaled.sum())
+    for i, name in enumerate("uvr"):
+        assert found["error_by_channel"][name] == pytest.approx(scaled[i])
+        assert found["rms"][name] == pytest.approx(np.sqrt((rest[:, i] ** 2).mean()))
+        about = sum(
+            ((m[:, i] - m[:, i].mean()) ** 2).sum()
+            for m in (np.vstack([p["measured"] for p in e.pieces]) for e in many)
+        )
+        left = (rest[:, i] ** 2).sum()
+        assert found["fit_percent"][name] == pytest.approx(100 * (1 - np.sqrt(left / about)))
+    predicted = np.vstack([e.predicted for e in many])
+    assert found["prediction_error"] == pytest.approx(np.abs(predicted).sum(axis=1).mean())
+    theses = [e.thesis for e in many]
+    assert found["thesis_objective"] == pytest.approx(np.mean(theses))
+    for i, row in enumerate(found["horizons"]):
+        errors = np.vstack([e.horizons[i]["errors"] for e in many])
+        assert row["starts"] == len(errors)
+        assert row["position_mm"]["median"] == pytest.approx(np.median(errors[:, 3]))
+        assert row["r_sigma"]["rms"] == pytest.approx(np.sqrt((errors[:, 2] ** 2).mean()))
+    medians = [row["position_mm"]["median"] for row in found["horizons"]]
+    assert medians == sorted(medians)  # errors grow with the horizon
+    assert [row["seconds"] for row in found["horizons"]] == pytest.approx([0.01, 0.1, 0.25, 0.5, 1, 2, 4])
+
+
+def test_pieces_of_an_evaluation_are_samples_of_its_run():
+    run = run_data(duration=5.0)
+    found = comparison.evaluate(run, model())
+    for piece in found.pieces:
+        assert np.array_equal(piece["times"], np.array(run.times)[piece["index"]])
+        assert np.array_equal(piece["measured"], np.array(run.nu)[piece["index"]])
+        assert len(piece["nu"]) == len(piece["eta"]) == len(piece["index"])
+    assert len(found.index) == len(found.residual) == sum(len(p["index"]) for p in found.pieces)
+
+
+def test_the_objective_of_the_thesis_needs_four_seconds():
+    craft = model()
+    assert comparison.thesis_objective(run_data(duration=3.5), craft) is None
+    wrong = craft.copy()
+    wrong.set_value("k", 1.2 * craft.value("k"))
+    long = run_data(duration=8.0)
+    assert 0 < 3 * comparison.thesis_objective(long, craft) < comparison.thesis_objective(long, wrong)
+    runs = [run_data(duration=d) for d in (3.0, 5.0, 6.0)]
+    each = [comparison.thesis_objective(run, craft) for run in runs[1:]]
+    assert comparison.mean_thesis_objective(runs, craft) == pytest.approx(np.mean(each))
+    assert comparison.mean_thesis_objective(runs[:1], craft) is None
+    gap = run_data(duration=6.0, lost=[(1.0, 1.4)])  # also across a gap
+    assert comparison.thesis_objective(gap, craft) is not None
+
+
+def test_no_prediction_spans_a_gap():
+    run = run_data(duration=6.0, lost=[(2.5, 3.0)])
+    found = comparison.evaluate(run, model())
+    rows = {row["seconds"]: len(row["errors"]) for row in found.horizons}
+    assert rows[4.0] == 0  # no stretch is so long
+    # Starts every 0.1 s of 2.5 and 3 s without a gap, in as much as the horizon fits.
+    assert rows[1.0] == pytest.approx(15 + 20, abs=3) and rows[2.0] == pytest.approx(5 + 10, abs=3)
+    assert rows[1.0] < rows[0.5] < rows[0.1]
+
+
+# --- verdicts
+
+
+def verdict(explained=False, varies=(), history=(False, 0.0), state=(False, 0.0), **found):
+    found = {"memory": None, "dropped": [], "chosen": [], **found}
+    one, other = (types.SimpleNamespace(found=f, gain=g) for f, g in (history, state))
+    return conclusion._verdict(types.SimpleNamespace(**found), explained, varies, one, other)
+
+
+def test_the_verdict_says_what_is_certain():
+    assert verdict(explained=True) == "complete" and verdict() == "complete"
+    assert verdict(chosen=["drag"]) == verdict(chosen=["drag"], explained=True) == "missing"
+    assert verdict(varies=["force"]) == "varies" and verdict(varies=["f"], chosen=["d"]) == "missing"
+    assert verdict(memory="lag", chosen=["d"]) == "memory"
+    assert verdict(history=(True, 5.0), state=(True, 4.0)) == "memory"
+    assert verdict(history=(True, 4.0), state=(True, 5.0)) == "unexplained"
+    assert verdict(history=(False, 5.0)) == "complete"
+    assert verdict(state=(True, 1.0), explained=True) == "complete"
+    assert verdict(state=(True, 1.0), chosen=["d"]) == "unexplained"
+    assert verdict(dropped=["d"]) == "unexplained"
+    assert verdict(dropped=["d"], explained=True) == "complete"
+    assert verdict(dropped=["d"], chosen=["e"]) == "missing"
+    assert verdict(dropped=["d"], varies=["f"]) == "varies"
+
+
+def test_formulas_challenge_single_effects_and_pairs():
+    parts = list(challengers._parts(frozenset("cab")))
+    assert parts == [("a",), ("b",), ("c",), ("a", "b"), ("a", "c"), ("b", "c")]
+    tests = types.SimpleNamespace(columns={"f": [0], "one": [1], "two": [2, 3]})
+    root = np.random.default_rng(1).normal(size=(9, 4))
+    root[:, 1] = 2 * root[:, 0] + 0.05 * root[:, 1]
+    root[:, 3] = root[:, 2] - root[:, 0]
+    tests.information = root.T @ root
+    assert challengers._is_in(tests, "f", "one") and challengers._is_in(tests, "f", "two")
+    tests.information = np.diag([1.0, 1.0, 1.0, 1.0])
+    assert not challengers._is_in(tests, "f", "one") and not challengers._is_in(tests, "f", "else")
+
+
+# --- curves of thrust
+
+INPUTS = np.repeat(np.linspace(0.05, 1, 20), 2)
+WORKING = np.tile([1.0, 2.0], 20)
+
+
+@pytest.mark.parametrize(
+    "fit,force",
+    [
+        (thrust_curve.linear, lambda w: 0.3 * w),
+        (thrust_curve.power, lambda w: 0.3 * w**1.7),
+        (thrust_curve.power, lambda w: 0.3 * w**0.5),
+        (thrust_curve.polynomial(1), lambda w: 0.4 * np.maximum(0, w - 0.21)),
+        (thrust_curve.polynomial(2), lambda w: 0.1 * w + 0.3 * w**2),
+        (thrust_curve.polynomial(3), lambda w: 0.3 * w - 0.2 * w**2 + 0.2 * w**3),
+        (thrust_curve.table(2), lambda w: np.interp(w, [0.05, 0.525, 1.0], [0.1, 0.2, 0.9])),
+    ],
+)
+def test_a_curve_that_is_measured_exactly_is_found(fit, force):
+    found = fit(INPUTS, WORKING, WORKING * force(INPUTS))
+    assert np.allclose(found.force(INPUTS), force(INPUTS), atol=1e-6)
+    assert found.largest == 1.0 and found.full == pytest.approx(force(np.array([1.0]))[0], abs=1e-6)
+    scaled = fit(INPUTS, WORKING, 5 * WORKING * force(INPUTS))
+    assert np.allclose(scaled.force(INPUTS), 5 * force(INPUTS), atol=1e-5)
+
+
+def test_words_and_orders_of_curves():
+    forces = WORKING * (0.1 * INPUTS + 0.3 * INPUTS**2)
+    curves = [c for c in (fit(INPUTS, WORKING, forces) for _, fit in thrust_curve.KINDS) if c]
+    assert [c.words for c in curves[:5]] == [
+        "proportional force", "power", "polynomial of degree 1", "polynomial of degree 2",
+        "polynomial of degree 3",
+    ]  # fmt: skip
+    assert [c.words for c in curves[5:]] == ["table of %d inputs" % len(c.knots) for c in curves[5:]]
+    assert [c.order for c in curves] == [1, 2, 2, 3, 4, 3, 5, 9]
+
+
+def test_a_table_of_a_curve_ascends_from_nothing_to_one():
+    for fit, force in (
+        (thrust_curve.polynomial(2), lambda w: 0.1 * w + 0.3 * w**2),
+        (thrust_curve.table(4), lambda w: np.interp(w, [0, 0.3, 0.6, 1.0], [0, 0.2, 0.2, 0.9])),
+        (thrust_curve.polynomial(1), lambda w: 0.4 * np.maximum(0, w - 0.21)),
+    ):
+        curve = fit(INPUTS, WORKING, WORKING * force(INPUTS))
+        inputs, shares = np.array(curve.table()).T
+        assert inputs[0] == shares[0] == 0 and shares[-1] == pytest.approx(1, abs=1e-6)
+        assert (np.diff(inputs) > 0).all() and (np.diff(shares) >= 0).all() and inputs[-1] == 1.0
+        assert np.allclose(shares[2:-1] * curve.full, curve.force(inputs[2:-1]), atol=1e-6)
+
+
+def test_curves_that_fall_or_have_too_few_inputs_are_none():
+    falls = WORKING * (INPUTS - 0.8 * INPUTS**2)
+    assert thrust_curve.polynomial(2)(INPUTS, WORKING, falls) is None
+    for degree in (1, 2, 3):
+        few = np.linspace(0.2, 1, degree + 1)
+        assert thrust_curve.polynomial(degree)(few, np.ones(degree + 1), few) is None
+        more = np.linspace(0.2, 1, degree + 2)
+        assert thrust_curve.polynomial(degree)(more, np.ones(degree + 2), more) is not None
+    assert thrust_curve.table(2)(*[np.linspace(0.2, 1, 3)] * 3) is None
+    assert thrust_curve.table(2)(*[np.linspace(0.2, 1, 4)] * 3) is not None
+    rising = thrust_curve.table(4)(INPUTS, WORKING, falls)
+    assert (np.diff(rising.force(np.linspace(0, 1, 50))) >= -1e-12).all()  # its lines never fall
+
+
+def bench(gains, force, noise=0.0, levels=11, repeat=2, seed=1):
+    random = np.random.default_rng(seed)
+    rows = []
+    for w in np.linspace(0.1, 1, levels):
+        for number in range(repeat):
+            for j, gain in enumerate(gains):
+                at = np.eye(len(gains))[j]
+                rows.append((w, at, number, gain * force(w) * (1 + noise * random.normal())))
+    inputs, together, repetition, forces = (np.array(column) for column in zip(*rows))
+    return thrust_bench.Bench(inputs, together, repetition, forces)
+
+
+def test_gains_of_thrusters_have_the_mean_1():
+    names = ["a", "b", "c"]
+    found = thrust_bench.fit(bench([1.1, 1.0, 0.9], lambda w: 0.2 * w, 0.002), names)
+    assert found.gains == pytest.approx([1.1, 1.0, 0.9], abs=0.005)
+    assert found.gains.mean() == pytest.approx(1) and found.p_value < 1e-6
+    assert found.values["k"] == pytest.approx(0.2, rel=0.005) and set(found.values) == {"k", "a", "b", "c"}
+    same = thrust_bench.fit(bench([1.0, 1.0, 1.0], lambda w: 0.2 * w, 0.02), names)
+    assert (same.gains == 1).all() and same.p_value > 0.01 and set(same.values) == {"k"}
+    one = thrust_bench.fit(bench([1.0], lambda w: 0.2 * w, 0.02), names[:1])
+    assert one.p_value is None
+    given = bench([1.1, 1.0, 0.9], lambda w: 0.2 * w, 0.002)
+    expected = found.force(given)
+    assert np.sqrt(((given.forces - expected) ** 2).mean()) < 0.002
+    for name, (low, high) in found.intervals.items():
+        assert low < found.values[name] < high and high - low < 0.02
+
+
+def test_the_scatter_of_repetitions_is_that_of_their_groups():
+    given = bench([1.0, 1.2], lambda w: 0.2 * w, 0.05, repeat=3)
+    deviation, squares, freedom = thrust_bench._pure_error(given)
+    groups = {}
+    for w, at, force in zip(given.inputs, given.together, given.forces):
+        groups.setdefault((w, *at), []).append(force)
+    expected = sum(((np.array(g) - np.mean(g)) ** 2).sum() for g in groups.values())
+    assert squares == pytest.approx(expected) and freedom == 2 * len(groups)
+    assert deviation == pytest.approx(np.sqrt(expected / freedom))
+    assert np.isnan(thrust_bench._pure_error(bench([1.0], lambda w: w, repeat=1))[0])
+
+
+def test_one_repetition_does_not_decide_about_the_curve():
+    """Two measurements that are the same by chance say nothing about the scatter."""
+    given = bench([1.0], lambda w: 0.2 * w, 0.02, levels=12, repeat=1)
+    columns = given.inputs, given.together, given.repetition, given.forces
+    twice = thrust_bench.Bench(*(np.append(a, a[-1:], axis=0) for a in columns))
+    assert thrust_bench._pure_error(twice)[2] == 1
+    assert thrust_bench.fit(twice, ["a"]).curve.kind == "linear"
+
+
+def test_columns_are_named_by_their_thrusters():
+    names = ["left", "right", "top_1"]
+    cases = {
+        "left": ["left"], "right_2": ["right"], "left+right": ["left", "right"], "both": names,
+        "both_3": names, "top_1": ["top_1"], "top_1_2": ["top_1"], "left+right_2": ["left", "right"],
+        "front": [], "": [],
+    }  # fmt: skip
+    for text, expected in cases.items():
+        assert thrust_bench._thrusters(text, names) == expected, text
+
+
+def test_a_table_is_read_in_newtons_and_shares_of_the_input(tmp_path):
+    path = tmp_path / "bench.csv"
+    path.write_text("pwm,left,left+right,left_2\n1000,0,0,0\n1500,10,20,12\n\n2000,30,60,34\n")
+    found = thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 0.01)
+    assert found.inputs.tolist() == [0, 0, 0, 0.5, 0.5, 0.5, 1, 1, 1]
+    assert found.forces == pytest.approx([0, 0, 0, 0.1, 0.2, 0.12, 0.3, 0.6, 0.34])
+    assert found.together.tolist()[:3] == [[1, 0], [1, 1], [1, 0]]
+    assert found.repetition.tolist() == [0, 0, 1] * 3
+    counted = thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, ["1"])
+    assert counted.together.tolist()[0] == [0.5, 0.5] and counted.repetition.tolist() == [0, 1, 2] * 3
+    named = thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, ["right"])
+    assert named.together.tolist()[0] == [0, 1]
+    with pytest.raises(GroundError, match="line 2: input 1000 is not between 0 and 1: give"):
+        thrust_bench.read(str(path), ["left", "right"])
+    for wrong in (["3"], ["0"], ["front"]):
+        with pytest.raises(GroundError, match="no thruster is called %s" % wrong[0]):
+            thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, wrong)
+
+
+# --- the craft that stops by itself
+
+
+@pytest.mark.parametrize("time", [0.1, 0.4, 1.0])
+def test_a_change_of_slope_is_found_exactly(time):
+    times = np.arange(-0.5, 2.0, 0.01)
+    speeds = own_stop._shape(0.4, 0.3, time, 1.5, times)
+    found = own_stop.find_break(times, speeds, -0.4, 1.5)
+    assert (found.time, found.slope, found.braking) == pytest.approx((time, 0.3, 1.5), abs=1e-3)
+    assert found.deviation < 1e-3 and found.brakes
+    end = max(0.0, 0.4 + 0.3 * time - 1.5 * (1.5 - time))
+    assert found.loss == pytest.approx(0.4 + 0.3 * time - end, abs=1e-3)
+    later = own_stop.find_break(times + 7, speeds, 6.6, 8.5)
+    assert later.time == pytest.approx(7 + time, abs=1e-3)
+    double = own_stop.find_break(times, 2 * speeds, -0.4, 1.5)
+    assert (double.slope, double.braking) == pytest.approx((0.6, 3.0), abs=2e-3)
+
+
+def test_braking_is_more_than_gliding():
+    def change(braking, loss):
+        return own_stop.Break(0.2, 0.01, 0.3, braking, loss)
+
+    assert change(0.5, 0.1).brakes and not change(0.49, 0.1).brakes and not change(0.5, 0.09).brakes
+
+
+def test_a_craft_has_to_move_at_the_last_packet():
+    assert own_stop.judge(trial(0.3, speed=0.17, noise=0.0, thrust=0.1)).outcome == own_stop.PASSED
+    slow = own_stop.judge(trial(0.3, speed=0.14, noise=0.0, thrust=0.1))
+    assert slow.outcome == own_stop.UNDECIDED and slow.speed == pytest.approx(0.14, abs=0.01)
+    assert "it moved at 0.1" in slow.reason and "0.15 m/s are needed" in slow.reason
+
+
+def test_a_verdict_does_not_depend_on_the_clock():
+    given = dataclasses.replace(trial(0.4, telemetry=True), last_packet=0.004)
+    plain = own_stop.judge(given)
+    moved = dataclasses.replace(
+        given,
+        times=given.times + 50,
+        last_packet=50.004,
+        silence_end=given.silence_end + 50,
+        telemetry_times=given.telemetry_times + 50,
+    )
+    later = own_stop.judge(moved)
+    assert later.outcome == plain.outcome == own_stop.PASSED
+    for name in ("stopped_after", "uncertainty", "braking", "speed", "telemetry_after"):
+        assert getattr(later, name) == pytest.approx(getattr(plain, name), abs=1e-3), name
+
+
+def test_the_deviation_of_a_break_is_that_of_repeated_trials():
+    times = np.arange(-0.5, 2.0, 0.01)
+    found = []
+    for seed in range(16):
+        speeds = own_stop._shape(0.4, 0.3, 0.5, 1.5, times)
+        speeds = speeds + np.random.default_rng(seed).normal(0, 0.01, len(times))
+        found.append(own_stop.find_break(times, speeds, -0.4, 1.5))
+    scatter = np.std([one.time for one in found])
+    assert 0.6 * scatter < np.mean([one.deviation for one in found]) < 1.7 * scatter
+
+
+def test_few_telemetry_packets_say_nothing():
+    given = trial(0.4, telemetry=True)
+    assert own_stop.judge(given).telemetry_after is not None
+    for count, says in ((11, False), (30, True)):
+        picked = np.searchsorted(given.telemetry_times, np.linspace(-0.3, 0.5, count))
+        few = dataclasses.replace(
+            given, telemetry_times=given.telemetry_times[picked], telemetry=given.telemetry[picked]
+        )
+        assert (own_stop.judge(few).telemetry_after is not None) == says
+
+
+# --- units of typed values
+
+
+def test_a_value_in_another_unit_moves_what_follows_it():
+    craft = model()
+    units = [unit for unit in _core.mistaken_units() if unit[0] == "m"]
+    for key, unit, factor in units:
+        fitted = {n: craft.value(n) / factor for n in ("k", "X_u", "Y_v", "I_z", "N_r")}
+        assert unit_slips.found(craft, fitted)[:2] == (key, unit)
+        (sentence,) = unit_slips.sentences(craft, fitted)
+        assert "its m is in %s: write m: %.4g" % (unit, factor * craft.value("m")) in sentence
+        part = dict(list(fitted.items())[:3])  # what would move has to be free
+        assert unit_slips.found(craft, part) is None
+        off = dict(fitted, k=fitted["k"] * 10**0.4)
+        assert unit_slips.found(craft, off) is None
+        near = dict(fitted, k=fitted["k"] * 10**0.3)
+        assert unit_slips.found(craft, near) is not None

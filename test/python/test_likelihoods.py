@@ -1,0 +1,326 @@
+"""Fits with a random disturbance, held-out parts, bands and experiments, on short simulated runs."""
+import dataclasses
+import functools
+import math
+import types
+
+import numpy as np
+import pytest
+from conftest import MODEL
+
+from ground import _core
+from ground.analysis import (
+    bands,
+    budget,
+    candidates,
+    held_out,
+    likelihood,
+    next_experiment,
+    remains,
+    study,
+    varying,
+)
+from ground.errors import GroundError
+from ground.recordings import repair, windows
+
+FREE = study.NOMINAL
+NOISE = np.array([3e-4, 3e-4, 5e-3])
+
+
+def model():
+    return _core.load_model(str(MODEL))
+
+
+@functools.lru_cache(maxsize=None)
+def run_data(seed=1, duration=8.0, force=(0.0, 0.0), sigma=0.0, effect="", value=0.0):
+    """A run of a craft with a constant force, a random wrench, and perhaps an effect of one parameter."""
+    craft, random = model(), np.random.default_rng(seed)
+    if effect:
+        name, parameter = effect.split(".")
+        craft.add_effect(name)
+        craft.set_value(effect, value)
+    bits = random.integers(0, 2, (int(duration * 15), 2))
+    inputs = np.column_stack([np.arange(len(bits)) / 15, bits, np.ones(len(bits))])
+    times = np.arange(int(duration * 100)) / 100
+    wrench, slow = np.tile([*force, 0.0], (len(times), 1)), np.zeros(3)
+    for i in range(len(times)):
+        slow = slow * np.exp(-0.01 / 0.3) + random.normal(size=3) * np.sqrt(1 - np.exp(-0.02 / 0.3))
+        wrench[i] += sigma * slow * [1, 1, 0.03]
+    eta = _core.simulate(craft, inputs, times, np.zeros(3), np.zeros(3), [0.0], wrench)["eta"]
+    eta = eta + random.normal(size=eta.shape) * NOISE
+    found = repair.smooth(times, eta, (NOISE[0], NOISE[2]))
+    return _core.RunData("run%d" % seed, times, found["eta"], found["nu"], inputs, eta, NOISE)
+
+
+@functools.lru_cache(maxsize=None)
+def fitted(seeds=(1, 2, 3), varies=(), **options):
+    runs = [run_data(seed, **options) for seed in seeds]
+    like = likelihood.Likelihood(runs, model(), varies)
+    return runs, like, like.fit(model(), FREE)
+
+
+def test_the_true_parameters_are_found_within_their_deviations():
+    _, like, fit = fitted(sigma=0.004)
+    for p in fit.parameters:
+        assert p["identified"] and abs(p["value"] - model().value(p["name"])) < 4 * p["deviation"]
+        assert fit.model.value(p["name"]) == p["value"]
+    wider = {p["name"]: p for p in like.intervals(fit)}
+    for p in fit.parameters:
+        low, high = wider[p["name"]]["ci95"]
+        assert low < p["value"] < high
+    assert 0.002 < fit.levels["sigma_X"] < 0.008
+    assert fit.levels["position"] == pytest.approx(1, rel=0.2)  # of the noise that the runs have
+    again = like.fit(fit.model, FREE, near=fit)
+    assert again.log_posterior == pytest.approx(fit.log_posterior, abs=0.05)
+
+
+def test_the_likelihood_of_runs_is_that_of_their_blocks():
+    runs, like, fit = fitted(sigma=0.004)
+    blocks = like.blocks(fit, fit.loudness)
+    assert [b.sum() for b in blocks] == pytest.approx(list(fit.by_run), abs=1e-6)
+    assert all(len(b) == pytest.approx(8, abs=1) for b in blocks)
+    worse = fit.model.copy()
+    worse.set_value("k", 1.1 * worse.value("k"))
+    other = dataclasses.replace(fit, model=worse)
+    assert sum(b.sum() for b in like.blocks(other, fit.loudness)) < fit.by_run.sum() - 10
+
+
+def test_the_wald_ratio_is_that_of_a_refit():
+    runs, like, fit = fitted(sigma=0.004, force=(0.004, 0.0))
+    extended = candidates.of_library("body_force_bias").neutral(fit.model)
+    names = tuple(p["name"] for p in candidates.parameters_of(extended, "body_force_bias"))
+    with_it = like.fit(extended, FREE + names, near=fit)
+    refitted = 2 * (with_it.log_posterior - fit.log_posterior)
+    assert refitted > 10 and with_it.ratio_without("body_force_bias") == pytest.approx(refitted, rel=0.5)
+
+
+def test_constants_of_a_run_are_estimated_from_its_poses():
+    runs, like, fit = fitted((1, 2), tuple(sorted(likelihood.VARYING)), force=(0.005, -0.003))
+    times, constants = like.constants(fit, 0)
+    assert constants.shape == (len(times), 4) and np.array_equal(times, np.array(like.runs[0].times))
+    assert constants[-1, :2] == pytest.approx([0.005, -0.003], abs=1.5e-3)
+    early, late = (np.abs(constants[at, :2] - [0.005, -0.003]).max() for at in (3, -1))
+    assert late < early
+    assert fit.trims[0]["wrench"][:2] == pytest.approx([0.005, -0.003], abs=1.5e-3)
+
+
+# --- differences between runs
+
+
+def test_runs_with_other_forces_differ_and_others_do_not():
+    like = likelihood.Likelihood(
+        [run_data(s, force=(f, 0.0)) for s, f in ((1, 0.01), (2, -0.01), (3, 0.012), (4, -0.008))], model()
+    )
+    fit = like.fit(model(), FREE)
+    found = varying.differences(like, fit)
+    assert [d.kind.parameter for d in found] == ["surge force"] and found[0].p_value < 1e-4
+    same = likelihood.Likelihood([run_data(s, force=(0.01, 0.0)) for s in (1, 2, 3)], model())
+    assert varying.differences(same, same.fit(model(), FREE)) == ()  # a force that all share
+    one = likelihood.Likelihood([run_data(1)], model())
+    assert varying.differences(one, one.fit(model(), FREE)) == ()
+    levels = varying.with_all(like, dataclasses.replace(fit, levels={k: 0.0 for k in fit.levels})).levels
+    usual = like.box.start(model()).levels
+    assert all(levels[k.level] == usual[k.level] > 0 for k in varying.KINDS)
+
+
+# --- held-out parts
+
+
+def test_folds_are_runs_or_quarters():
+    runs = [run_data(seed) for seed in (1, 2, 3, 4, 5)]
+    cut = windows.cut(runs)
+    like = likelihood.Likelihood(runs, model(), ())
+    folds = held_out.Folds(runs, like, model(), cut)
+    assert folds.count == 4 and folds.fold_of.tolist() == [w.run % 4 for w in cut]
+    tested = [[run.name for run in part.runs] for part in folds.tested]
+    assert tested == [["run1", "run5"], ["run2"], ["run3"], ["run4"]]
+    assert [len(f.runs) for f in folds.fitted] == [3, 4, 4, 4]
+    one = likelihood.Likelihood(runs[:1], model(), ())
+    alone = held_out.Folds(runs[:1], one, model(), windows.cut(runs[:1]))
+    assert alone.count == 4 and (np.diff(alone.fold_of) >= 0).all() and set(alone.fold_of) == {0, 1, 2, 3}
+    for part, tested in enumerate(alone.tested):
+        assert np.array(tested.runs[0].times).mean() == pytest.approx(1 + 2 * part, abs=0.1)
+
+
+def test_a_judged_fit_has_errors_of_fits_to_the_other_parts():
+    runs, like, fit = fitted(sigma=0.004)
+    cut = windows.cut(runs)
+    folds = held_out.Folds(runs, like, model(), cut)
+    judged = folds.judge(fit)
+    assert np.allclose(judged.error, study.channel_errors(runs, cut, fit.model))
+    models = folds.models(fit)
+    rows = np.vstack(
+        [study.window_errors(runs, [w], models[w.run].model)[0] for w in cut]  # nothing varies
+    )
+    samples = [w.last - w.first + 1 for w in cut]
+    assert np.allclose(judged.heldout, np.average(rows, axis=0, weights=samples))
+    assert np.allclose(judged.by_window, rows.sum(axis=1)) and len(judged.likelihood) == 3
+    assert set(judged.parameters) == set(FREE)
+    near = dataclasses.replace(fit, loudness=())
+    nested = folds.nested(lambda part: part.fit(fit.model, fit.free, near=near))
+    assert nested.sum() == pytest.approx(judged.heldout.sum(), rel=0.1)
+
+
+def test_an_effect_that_acts_gains_on_held_out_runs():
+    value = 0.06
+    runs, like, fit = fitted(effect="motor_lag.tau", value=value)
+    extended = candidates.of_library("motor_lag").neutral(fit.model)
+    with_it = like.fit(extended, FREE + ("motor_lag.tau",), near=fit)
+    assert with_it.model.value("motor_lag.tau") == pytest.approx(value, rel=0.2)
+    folds = held_out.Folds(runs, like, model(), windows.cut(runs))
+    better, worse = folds.judge(with_it), folds.judge(fit)
+    gain, error = held_out.gain(better, worse)
+    assert gain > 3 * error > 0 and held_out.share_raised(better, worse) == 1.0
+    assert better.heldout.sum() < worse.heldout.sum()
+
+
+# --- bands
+
+
+def test_bands_hold_what_is_measured():
+    runs, like, fit = fitted(sigma=0.004)
+    others = [run_data(seed, sigma=0.004) for seed in (11, 12)]
+    found = bands.of_others(others, fit, 12)
+    assert [b.run.name for b in found] == ["run11", "run12"]
+    for one in found:
+        for p in one.predictions:
+            assert (p.low <= p.high).all() and (p.deviation >= 0).all()
+            assert np.allclose(p.mean[0], p.measured[0], atol=5 * p.deviation[0].max() + 0.2)
+            assert p.deviation[-1, 0] > p.deviation[0, 0] and abs(p.mean[0, 2] - p.measured[0, 2]) < np.pi
+    rows = {(r["horizon"], r["channel"]): r for r in bands.coverage(found)}
+    assert np.mean([r["coverage"] for r in rows.values()]) == pytest.approx(0.9, abs=0.1)
+    assert rows[0.5, "x"]["sd"] < rows[1.5, "x"]["sd"]
+    measured = bands._measured(others[0])
+    assert np.abs(np.diff(measured[:, 2])).max() < 1
+    assert np.allclose(measured[:, :2], np.array(others[0].poses)[:, :2])
+
+
+def test_smoothing_leaves_more_noise_where_poses_are_noisier():
+    quiet = run_data(1)
+    loud = _core.RunData("l", quiet.times, quiet.eta, quiet.nu, quiet.inputs, quiet.poses, 2 * NOISE)
+    first, second = bands._smoothed_noise(quiet), bands._smoothed_noise(loud)
+    assert (first > 0).all() and (second > 1.2 * first).all() and (second < 2.5 * first).all()
+
+
+# --- parts of the error, and what is left
+
+
+def test_the_error_of_an_undisturbed_craft_is_noise():
+    runs, like, fit = fitted()
+    found = budget.budget(runs, windows.cut(runs), fit)
+    assert found.noise <= found.disturbance * 1.05 and found.measured == pytest.approx(found.noise, rel=0.35)
+    runs, like, fit = fitted(sigma=0.01)
+    loud = budget.budget(runs, windows.cut(runs), fit)
+    assert loud.disturbance > 2 * loud.noise
+    assert loud.disturbance == pytest.approx(loud.measured, rel=0.4)
+    assert loud.noise == pytest.approx(found.noise, rel=0.4)
+
+
+def test_forces_that_differ_between_runs_are_a_part_of_the_error():
+    runs = [run_data(1, force=(0.01, 0.0)), run_data(2, force=(-0.01, 0.0))]
+    fit = likelihood.Likelihood(runs, model()).fit(model(), FREE)
+    found = budget.budget(runs, windows.cut(runs), fit)
+    assert found.trim > 2 * found.disturbance >= 1.8 * found.noise
+    assert found.trim == pytest.approx(found.measured, rel=0.3)
+
+
+def test_a_true_model_leaves_no_dependence_on_state_or_history():
+    runs, like, fit = fitted(sigma=0.004)
+    for what in (remains.of_state, remains.of_history):
+        assert not what(like, fit).found
+    runs, like, fit = fitted(effect="motor_lag.tau", value=0.06)
+    left = remains.of_history(like, fit)
+    assert left.found and left.gain > 10 and 0 < left.share < 1 and left.p_value < 0.01
+
+
+# --- experiments
+
+
+class Fake:
+    """What propose needs of a model."""
+
+    is_pair = True
+
+
+def proposed(monkeypatch, before, after, rivals=2):
+    """What is proposed if experiments distinguish rivals by so much: functions of an Experiment."""
+    asked = []
+
+    def disagreement(rivals, schedule, noise, runs=(), known=None):
+        if known is None:
+            return before(schedule)
+        asked.append(schedule)
+        return after(schedule)
+
+    monkeypatch.setattr(next_experiment, "_disagreement", disagreement)
+    monkeypatch.setattr(next_experiment, "_cost", lambda *_: 0.0)
+    monkeypatch.setattr(next_experiment, "thinned", lambda run: run)
+    monkeypatch.setattr(next_experiment.Experiment, "schedule", lambda self: self)
+    monkeypatch.setattr(next_experiment.Experiment, "schedule_in", lambda self, room, model: self)
+    some = [next_experiment.Rival("r%d" % i, types.SimpleNamespace(model=Fake())) for i in range(rivals)]
+    return next_experiment.propose(some, [types.SimpleNamespace(noise=NOISE)]), asked
+
+
+def is_(design, lift=1.0):
+    return lambda e: e.design == design and e.lift == lift
+
+
+def test_the_experiment_that_distinguishes_most_is_proposed(monkeypatch):
+    spin = is_("spin")
+    found, asked = proposed(monkeypatch, lambda e: 5.0 if spin(e) else 2.0, lambda e: 3.5 if spin(e) else 1.5)
+    assert found["separates"] == ["r0", "r1"] and "--input spin" in found["arguments"]
+    assert found["expected_disagreement"] == 3.5 and found["repeat"] == math.ceil((6 / 3.5) ** 2) == 3
+    assert found["all"][0]["expected_disagreement"] == 5.0
+    assert len(found["all"]) == len(list(next_experiment.choices()))
+    rest = [one["expected_disagreement"] for one in found["all"]]
+    assert rest == sorted(rest, reverse=True)
+    assert len(asked) == 2  # no other can be better than 2.0
+
+
+def test_experiments_are_refitted_until_none_can_be_better(monkeypatch):
+    found, asked = proposed(monkeypatch, lambda e: 50.0, lambda e: 7.0)
+    assert len(asked) == 2 and found["repeat"] == 1  # clearer than clear is not needed
+    found, asked = proposed(monkeypatch, lambda e: 50.0, lambda e: 2.0)
+    assert len(asked) == 12 and found["expected_disagreement"] == 2.0
+    found, asked = proposed(monkeypatch, lambda e: 50.0, lambda e: 0.99)
+    assert found is None
+    found, asked = proposed(monkeypatch, lambda e: 50.0, lambda e: None)
+    assert found is None and len(asked) == 12
+    found, asked = proposed(monkeypatch, lambda e: None, lambda e: 9.0)
+    assert found is None and asked == []
+
+
+def test_rivals_are_apart_by_the_least_of_their_pairs(monkeypatch):
+    """Costs of the motion of one rival under another, in log-likelihood."""
+    costs = {("a", "a"): 1.0, ("a", "b"): 9.0, ("b", "a"): 5.5, ("b", "b"): 1.0}
+    monkeypatch.setattr(next_experiment, "_run", lambda model, schedule, noise: model)
+    monkeypatch.setattr(
+        next_experiment, "_cost", lambda rival, runs, refitted: costs[rival.name, runs[-1]] + 10 * refitted
+    )
+    rivals = [next_experiment.Rival(n, types.SimpleNamespace(model=n)) for n in "ab"]
+    found = next_experiment._disagreement(rivals, None, NOISE)
+    assert found == pytest.approx(math.sqrt(2 * 4.5))
+    known = {"a": 10.0, "b": 11.0}  # refitted to the old runs alone
+    again = next_experiment._disagreement(rivals, None, NOISE, ["old"], known)
+    assert again == pytest.approx(math.sqrt(2 * min((15.5 - 11) - (11 - 10), (19 - 10) - (11 - 11))))
+    costs["a", "b"] = 0.5  # another rival explains the motion better
+    assert next_experiment._disagreement(rivals, None, NOISE) == 0
+
+    def fails(*_):
+        raise GroundError("the motion is not finite")
+
+    monkeypatch.setattr(next_experiment, "_run", fails)
+    assert next_experiment._disagreement(rivals, None, NOISE) is None
+
+
+def test_the_cost_of_a_run_is_its_negative_log_likelihood():
+    runs, like, fit = fitted((1,))
+    rival = next_experiment.Rival("r", fit)
+    new = next_experiment._run(model(), next(next_experiment.choices()).schedule(), NOISE)
+    own = next_experiment._cost(rival, [new], False)
+    on = likelihood.Likelihood([new], fit.model)
+    assert own == pytest.approx(-sum(b.sum() for b in on.blocks(dataclasses.replace(fit, loudness=()))))
+    wrong = fit.model.copy()
+    wrong.set_value("k", 1.2 * wrong.value("k"))
+    other = next_experiment.Rival("w", dataclasses.replace(fit, model=wrong))
+    assert next_experiment._cost(other, [new], False) > own + 10

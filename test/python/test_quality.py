@@ -1,0 +1,344 @@
+"""Usable parts, contacts and numbers of made-up recordings."""
+import types
+
+import numpy as np
+import pytest
+from conftest import MODEL, recording_of
+
+from ground import _core
+from ground.errors import GroundError
+from ground.recordings import quality
+from ground.recordings.live_changes import LiveChange
+
+NOISE = [3e-4, 3e-4, 5e-3]
+
+
+def flown(parts, tail=0.0, seed=1, lift=1.0, nu=(0.0, 0.0, 0.0), rate=100.0):
+    """Stamps, poses and commands of a craft that is at rest or driven by bursts of random commands: (seconds,
+    whether it is driven) of each part; `tail`: time after which the lift ends."""
+    random = np.random.default_rng(seed)
+    rows, at = [], 0.0
+    for seconds, driven in parts:
+        count = int(round(seconds * 15))
+        bits = random.integers(0, 2, (count, 2)) if driven else np.zeros((count, 2))
+        bits[:1] = driven
+        rows.append(np.column_stack([at + np.arange(count) / 15, bits, np.full(count, lift)]))
+        at += count / 15
+    rows = np.vstack(rows + [[[at, 0, 0, 0], [at + tail + 1e-3, 0, 0, 0]]])
+    times = np.arange(0, at + tail, 1 / rate)
+    model = _core.load_model(str(MODEL))
+    eta = _core.simulate(model, rows, times, np.zeros(3), np.array(nu, float))["eta"]
+    return times, eta + np.random.default_rng(seed).normal(0, NOISE, eta.shape), rows
+
+
+def run_of(times, eta, rows, **more):
+    return quality.Run(recording_of(times, eta, rows, **more))
+
+
+def model():
+    return _core.load_model(str(MODEL))
+
+
+# --- usable spans
+
+
+def test_a_run_is_usable_from_just_before_the_first_thrust():
+    run = run_of(*flown([(2.0, False), (4.0, True)]))
+    assert run.zero == 0.0
+    assert run.active[0] == pytest.approx(1.9, abs=1e-6)
+    assert run.active[1] == run.end == pytest.approx(5.99)
+    ((start, end),) = run.spans
+    assert start == pytest.approx(1.9, abs=0.011) and end == pytest.approx(5.99, abs=1e-6)
+    assert run.usable() == pytest.approx(end - start)
+
+
+@pytest.mark.parametrize("rest,cut", [(0.8, False), (3.0, True)])
+def test_a_long_rest_at_the_end_is_left_out(rest, cut):
+    """A craft that glides comes to rest only after a while."""
+    times, eta, rows = flown([(3.0, True), (rest, False)])
+    stops = np.searchsorted(times, 3.2)
+    eta[stops:] = eta[stops] + np.random.default_rng(3).normal(0, NOISE, eta[stops:].shape)
+    run = run_of(times, eta, rows)
+    assert run.active[1] == pytest.approx(3.3 if cut else run.end, abs=0.05)
+
+
+def test_a_run_ends_with_its_lift():
+    run = run_of(*flown([(4.0, True)], tail=0.9))
+    assert run.active[1] == pytest.approx(4.0) and run.end == pytest.approx(4.89, abs=0.011)
+    times, eta, rows = flown([(1.0, True), (3.0, True)])
+    rows[:15, 3] = 0.0  # and begins with it
+    assert run_of(times, eta, rows).active[0] == pytest.approx(1.0)
+    rows[:, 3] = 0.0  # unless it was not recorded at all
+    run = run_of(times, eta, rows)
+    assert run.active == (0.0, run.end) and run.drives_by == "start"
+
+
+def test_a_craft_that_is_pushed_while_nothing_drives_it_is_used():
+    times, eta, rows = flown([(3.0, False), (1.0, True)])
+    pushed = times > 1.5
+    eta[pushed, 0] += 0.4 * np.minimum(times[pushed] - 1.5, 0.5)
+    assert run_of(times, eta, rows).active[0] == pytest.approx(1.5 + 0.01 / 0.4 - 0.1, abs=0.02)
+    times, eta, rows = flown([(3.0, False), (1.0, True)])
+    eta[pushed, 2] += np.minimum(times[pushed] - 1.5, 0.5)  # turned by 0.5 rad
+    assert run_of(times, eta, rows).active[0] == pytest.approx(1.5 + 0.1 - 0.1, abs=0.03)
+
+
+def test_gaps_split_the_usable_part_and_short_pieces_are_left_out():
+    times, eta, rows = flown([(6.0, True)])
+    lost = ((times > 2.0) & (times < 2.2)) | ((times > 4.0) & (times < 4.3)) | (
+        (times > 4.55) & (times < 4.8)
+    )
+    run = run_of(times[~lost], eta[~lost], rows)
+    starts, ends = zip(*run.spans)
+    assert starts == pytest.approx([0.0, 2.2, 4.8], abs=0.011)
+    assert ends == pytest.approx([2.0, 4.0, 5.99], abs=0.011)
+    gaps = run.describe()["poses"]["gaps"]
+    assert [g["start"] for g in gaps] == pytest.approx([2.0, 4.0, 4.55], abs=0.011)
+    assert [g["length"] for g in gaps] == pytest.approx([0.2, 0.3, 0.25], abs=0.02)
+
+
+def test_only_the_time_with_poses_and_commands_counts():
+    times, eta, rows = flown([(6.0, True)])
+    run = run_of(times[100:], eta[100:], rows[rows[:, 0] < 5.0])
+    assert run.zero == pytest.approx(1.0) and run.end == pytest.approx(rows[74, 0] - 1.0)
+    later = run_of(times, eta, rows[30:])
+    assert later.zero == pytest.approx(2.0)
+    described = later.describe()
+    assert described["duration"] == pytest.approx(6.0, abs=0.01)
+    assert described["controls"]["start_after_poses"] == pytest.approx(2.0)
+    assert described["controls"]["end_after_poses"] == pytest.approx(rows[-1, 0] - times[-1])
+    with pytest.raises(GroundError, match="do not overlap in time"):
+        run_of(times[:150], eta[:150], rows[30:])
+
+
+def test_stamps_on_another_origin_give_the_same_run():
+    times, eta, rows = flown([(1.0, False), (3.0, True)])
+    plain = run_of(times, eta, rows)
+    later = run_of(times + 500, eta, rows + [500, 0, 0, 0])
+    assert later.zero == plain.zero + 500
+    assert np.allclose(later.spans, plain.spans, atol=1e-6)
+    assert np.allclose(later.active, plain.active, atol=1e-6) and later.drives == plain.drives
+    assert np.allclose(
+        later.data(model()).times, plain.data(model()).times, atol=1e-6
+    )
+
+
+# --- when drives began
+
+
+def test_the_begin_of_a_drive_comes_from_the_record_or_the_lift():
+    times, eta, rows = flown([(4.0, True)])
+    assert run_of(times, eta, rows).drives_by == "first command"
+    recorded = run_of(times, eta, rows, drives=np.array([[-0.5, 3.0]]))
+    assert recorded.drives_by == "record" and recorded.drives == pytest.approx([-0.5])
+    rows[:8, 3] = 0.0
+    lifted = run_of(times, eta, rows)
+    assert lifted.drives_by == "lift" and lifted.drives == pytest.approx([rows[8, 0]])
+
+
+# --- contacts
+
+
+def wall(at=3.0):
+    """A craft that rebounds from a wall."""
+    times, eta, rows = flown([(6.0, True)], seed=4)
+    craft = model()
+    hit = np.searchsorted(times, at)
+    before = _core.simulate(craft, rows, times[: hit + 1], np.zeros(3), np.zeros(3))
+    nu = np.array(before["nu"][-1]) * [-0.8, -0.8, 1] + [0.3, 0.3, 0]
+    after = _core.simulate(craft, rows, times[hit:], before["eta"][-1], nu)
+    eta = np.vstack([before["eta"][:-1], after["eta"]])
+    return times, eta + np.random.default_rng(1).normal(0, NOISE, eta.shape), rows
+
+
+def test_a_rebound_from_a_wall_is_a_contact_and_left_out():
+    run = run_of(*wall())
+    assert run.contacts and all(2.9 < a <= b < 3.1 for a, b in run.contacts)
+    first, last = run.contacts[0][0], run.contacts[-1][1]
+    used = np.array(run.data(model()).times)
+    assert not ((used > first - 0.1) & (used < last + 0.1)).any()
+    assert run.spans[0][1] == pytest.approx(first - 0.1, abs=0.011)
+    assert run.spans[-1][0] == pytest.approx(last + 0.1, abs=0.011)
+    everything = np.array(run.data(model(), everything=True).times)
+    assert len(everything) == len(run.motion.times)
+
+
+def test_a_free_flight_has_no_contact():
+    for seed in (1, 2, 3):
+        run = run_of(*flown([(6.0, True)], seed=seed))
+        assert run.contacts == [] and run.reply is not None
+
+
+def test_a_craft_that_is_carried_away_without_commands_is_noticed():
+    times, eta, rows = flown([(6.0, False)])
+    eta[300:, :2] += [1.0, 0.5]
+    run = run_of(times, eta, rows)
+    assert run.reply is None
+    assert run.contacts == [pytest.approx((3.0, 3.0), abs=0.011)]
+
+
+# --- what a fit gets
+
+
+def test_inputs_are_in_the_order_of_the_model_and_of_its_size():
+    times, eta, rows = flown([(3.0, True)])
+    run = run_of(times, eta, rows)
+    craft = model()
+    found = run.inputs(craft)
+    assert np.allclose(found, rows)
+    data = run.data(craft)
+    assert np.allclose(np.array(data.inputs)[:, 1:3], rows[:, 1:3] * craft.input_max)
+    assert np.allclose(np.array(data.inputs)[:, 3], rows[:, 3])
+    other = run_of(times, eta, rows[:, [0, 3, 2, 1]], channels=("lift", "right", "left"))
+    assert np.allclose(other.inputs(craft), found)
+    without = run_of(times, eta, rows[:, :3], channels=("left", "right"))
+    assert np.allclose(without.inputs(craft), rows * [1, 1, 1, 0])
+
+
+def test_a_part_of_a_run_can_be_chosen():
+    run = run_of(*flown([(5.0, True)]))
+    part = np.array(run.data(model(), 1.0, 2.5).times)
+    assert part[0] == pytest.approx(1.0) and part[-1] == pytest.approx(2.5)
+    assert len(np.array(run.data(model(), 4.0).times)) == 100
+    assert len(run.data(model(), 4.90).times) == 10
+    with pytest.raises(GroundError, match="only 9 poses.*is 4.99 s long, usable are 4.99 s"):
+        run.data(model(), 4.91)
+    assert np.allclose(np.array(run.data(model()).noise), np.array(run.motion.noise)[[0, 0, 1]])
+
+
+def test_spikes_are_replaced_by_the_smoothed_pose():
+    times, eta, rows = flown([(3.0, True)])
+    eta[150] += [0.3, 0.3, 0.0]
+    run = run_of(times, eta, rows)
+    data = run.data(model())
+    at = int(np.argmin(np.abs(np.array(data.times) - times[150])))
+    assert np.allclose(np.array(data.poses)[at], run.motion.eta[150])
+    assert np.allclose(np.array(data.poses)[at + 5], run.motion.measured[155])
+
+
+# --- numbers of info
+
+
+def test_numbers_of_a_recording_are_those_of_its_rows():
+    times, eta, rows = flown([(1.0, False), (4.0, True)], tail=0.5)
+    change = LiveChange(2.5, "/pilot", "gain", "1", "2")
+    run = run_of(times, eta, rows, changes=[change], warnings=["odd"])
+    found = run.describe()
+    poses, controls = found["poses"], found["controls"]
+    assert poses["count"] == len(times) and poses["rate"] == pytest.approx(100)
+    assert poses["median_step"] == pytest.approx(0.01)
+    assert controls["count"] == len(rows)
+    assert controls["rate"] == pytest.approx((len(rows) - 1) / np.ptp(rows[:, 0]))
+    assert controls["changes"] == (np.diff(rows[:, 1:3], axis=0) != 0).any(axis=1).sum()
+    assert controls["levels"] == [0, 1] and controls["lift"] == [0, 1]
+    assert controls["thrusters"] == ["left", "right"]
+    assert controls["start_after_poses"] == 0
+    assert found["changes"][0]["time"] == pytest.approx(2.5) and found["warnings"] == ["odd"]
+    assert found["duration"] == pytest.approx(rows[-1, 0]) and found["begins"] == 0
+    assert found["rest"] == pytest.approx(run.active[0]) == pytest.approx(0.9, abs=1e-6)
+    assert found["rest_at_end"] == pytest.approx(run.end - run.active[1])
+    assert found["usable"]["duration"] == pytest.approx(sum(b - a for a, b in run.spans))
+    assert found["usable"]["of"] == run.end
+    wraps = (np.abs(np.diff(np.angle(np.exp(1j * eta[:, 2])))) > np.pi).sum()
+    assert poses["heading_wraps"] == wraps > 0
+    assert poses["out_of_range"] == (np.abs(eta[:, 2]) > np.pi).sum() > 0
+
+
+def test_oddities_of_stamps_are_counted():
+    times, eta, rows = flown([(4.0, True)])
+    order = np.arange(len(times))
+    order[[50, 51]] = 51, 50
+    stamps = np.append(times[order], times[200])
+    poses = np.vstack([eta[order], eta[200:201]])
+    stamps[300] = stamps[299] + 4e-4
+    poses[350] += [0.2, 0.2, 0]
+    found = run_of(stamps, poses, rows).describe()["poses"]
+    assert found["stamps_out_of_order"] == 2  # the second is that of the last pose
+    assert found["duplicate_stamps"] == 1 and found["bursts"] == 2
+    assert found["spikes"][-1] == pytest.approx(3.5) and found["spikes"][0] > 2.98
+    assert found["mirrored_headings"] == found["frozen"] == 0 and "frame_clock" not in found
+
+
+def test_the_clock_of_the_frames_is_described():
+    times, eta, rows = flown([(6.0, True)], nu=(0.4, 0, 0.5))
+    polled = np.ceil(times / 0.027) * 0.027
+    run = run_of(polled, eta, rows)
+    clock = run.describe()["poses"]["frame_clock"]
+    late = run.motion.clock.lateness
+    assert clock["rate"] == pytest.approx(100, rel=2e-3) and clock["lost"] == 0
+    assert clock["lateness"] == {
+        "median": np.median(late),
+        "largest": late.max(),
+        "above_50_ms": int((late > 0.05).sum()),
+    }
+
+
+def test_the_authority_of_a_pair_is_not_described_and_that_of_others_is():
+    times, eta, rows = flown([(6.0, True)])
+    assert run_of(times, eta, rows).describe()["authority"] == {}
+    found = run_of(times, eta, rows, channels=("a", "b", "lift")).describe()["authority"]
+    assert set(found) == {"a", "b"}
+    assert found["a"]["turn"] > 10 > -10 > found["b"]["turn"]
+    assert found["a"]["forward"] == pytest.approx(found["b"]["forward"], rel=0.2)
+
+
+# --- runs with the same commands
+
+
+def commanded(levels, held=0.1, begin=0.0, name="run"):
+    """What has a recording of commands (n, thrusters), each held for a while."""
+    times = begin + held * np.arange(len(levels))
+    recording = types.SimpleNamespace(control_times=times, thrust=levels, name=name)
+    return types.SimpleNamespace(recording=recording)
+
+
+def same(*sequences, **held):
+    runs = [commanded(levels, name="r%d" % i, **held) for i, levels in enumerate(sequences)]
+    return quality.same_inputs(runs)
+
+
+def test_the_same_commands_are_recognised():
+    random = np.random.default_rng(1)
+    one, other = random.random((2, 40, 2))
+    assert same(one, one.copy(), other) == [("r0", "r1")]
+    assert same(one, other, one, one) == [("r0", "r2"), ("r0", "r3"), ("r2", "r3")]
+    assert same(one, one[:, ::-1]) == [] and same(one, one[:, :1]) == []
+    assert same(one) == [] and same() == []
+
+
+@pytest.mark.parametrize("skipped,alike", [(0, True), (1, True), (4, True), (5, False)])
+def test_some_commands_at_the_start_may_be_missing(skipped, alike):
+    one = np.random.default_rng(2).random((40, 2))
+    assert bool(same(one, one[skipped:])) == alike
+    assert bool(same(one[skipped:], one)) == alike
+
+
+def test_nine_tenths_of_the_commands_have_to_agree():
+    one = np.random.default_rng(3).random((41, 2))
+    for wrong, alike in ((3, True), (4, True), (5, False)):
+        other = one.copy()
+        other[10 : 10 + wrong, 0] += 0.01
+        assert bool(same(one, other)) == alike, wrong
+    assert same(one[:10], one[:10]) and not same(one[:9], one[:9])
+    assert same(one, one + 5e-7) and not same(one, one + 2e-6)
+
+
+def test_commands_have_to_be_held_for_the_same_time():
+    one = np.random.default_rng(4).random((40, 1))
+    runs = [commanded(one, 0.1, name="a"), commanded(one, 0.125, 7.0, "b")]
+    assert quality.same_inputs(runs) == [("a", "b")]
+    runs[1] = commanded(one, 0.135, name="b")
+    assert quality.same_inputs(runs) == []
+    twice = np.repeat(one, 2, axis=0)  # the same held commands, sent twice as often
+    assert quality.same_inputs([commanded(one), commanded(twice, 0.05)])
+
+
+def test_runs_name_those_of_the_same_commands():
+    times, eta, rows = flown([(4.0, True)])
+    runs = []
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        run = run_of(*flown([(4.0, True)], seed=seed))
+        vars(run.recording)["name"] = name
+        runs.append(run)
+    found = {d["name"]: d["same_inputs_as"] for d in quality.describe(runs)}
+    assert found == {"a": ["b"], "b": ["a"], "c": []}

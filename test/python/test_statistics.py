@@ -1,0 +1,768 @@
+"""Statistics behind the analysis, against plain references and scipy.stats."""
+import types
+
+import numpy as np
+import pytest
+from conftest import MODEL, simulate_run
+from scipy import stats
+
+from ground import _core
+from ground.analysis import (
+    bands,
+    budget,
+    candidates,
+    distributions,
+    held_out,
+    look_alikes,
+    remains,
+    repeats,
+    score_tests,
+    stages,
+    study,
+    trials,
+    validation,
+)
+from ground.recordings import repair, windows
+
+
+def model():
+    return _core.load_model(str(MODEL))
+
+
+def run_data(duration=6.0, seed=1, noise=1.0, repeat=False):
+    times, eta, inputs = simulate_run(duration=duration, seed=seed, noise=noise)
+    if repeat:  # the second half has the commands of the first
+        half = len(inputs) // 2
+        inputs[half : 2 * half, 1:] = inputs[:half, 1:]
+        eta = _core.simulate(model(), inputs, times, np.zeros(3), np.zeros(3))["eta"]
+    eta[:, 2] = np.unwrap(eta[:, 2])
+    level = np.array([3e-4, 3e-4, 5e-3])
+    nu = repair.smooth(times, eta, (level[0], level[2]))["nu"]
+    return _core.RunData("run%d" % seed, times, eta, nu, inputs, eta, level)
+
+
+# --- distributions
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 7])
+def test_tails_are_those_of_scipy(freedom):
+    for value in (0.1, 1.0, 6.6, 30.0):
+        assert distributions.chi_squared_above(value, freedom) == pytest.approx(
+            stats.chi2.sf(value, freedom)
+        )
+    assert distributions.chi_squared_above(0.0, freedom) == 1.0
+    assert distributions.chi_squared_above(-3.0, freedom) == 1.0
+    for chance in (1e-5, 0.01, 0.3):
+        limit = distributions.chi_squared_limit(chance, freedom)
+        assert distributions.chi_squared_above(limit, freedom) == pytest.approx(chance)
+        assert distributions.student_limit(chance, freedom) == pytest.approx(
+            stats.t.isf(chance, freedom)
+        )
+
+
+def test_heads_are_binomial():
+    for tosses in (1, 3, 6):
+        found = [distributions.heads(count, tosses) for count in range(tosses + 1)]
+        assert found == pytest.approx(stats.binom.pmf(range(tosses + 1), tosses, 0.5))
+
+
+def test_the_mean_is_tested_as_by_scipy():
+    random = np.random.default_rng(1)
+    for shift in (-0.5, 0.0, 0.7):
+        values = random.normal(shift, 1, 12)
+        expected = stats.ttest_1samp(values, 0, alternative="greater").pvalue
+        assert distributions.mean_not_above_zero(values) == pytest.approx(expected)
+    assert distributions.mean_not_above_zero(np.array([3.0])) == 1.0
+    assert distributions.mean_not_above_zero(np.full(4, 3.0)) == 1.0
+    assert 0 < distributions.mean_not_above_zero(np.array([3.0, 2.0])) < 0.5
+
+
+# --- effects on trial
+
+
+def test_p_values_are_those_of_the_mixture():
+    assert trials.p_value(5.0, 2, 0) == pytest.approx(stats.chi2.sf(5.0, 2))
+    assert trials.p_value(5.0, 1, 1) == pytest.approx(0.5 * stats.chi2.sf(5.0, 1))
+    both = 0.5 * stats.chi2.sf(5.0, 1) + 0.25 * stats.chi2.sf(5.0, 2)
+    assert trials.p_value(5.0, 2, 2) == pytest.approx(both)
+    one = 0.5 * stats.chi2.sf(5.0, 1) + 0.5 * stats.chi2.sf(5.0, 2)
+    assert trials.p_value(5.0, 2, 1) == pytest.approx(one)
+    assert trials.p_value(0.0, 2, 1) == 1.0 and trials.p_value(-1.0, 2, 0) == 1.0
+    # A simulated parameter that cannot be negative: its ratio is above a value as often.
+    draws = np.maximum(np.random.default_rng(1).normal(size=200000), 0) ** 2
+    assert trials.p_value(2.0, 1, 1) == pytest.approx((draws >= 2.0).mean(), rel=0.03)
+
+
+def trial(name, gain=10.0, refitted=True, tried=20, samples=1000):
+    extended = candidates.of_library(name).add(model())
+    return trials.trial(name, extended, (), gain, True, refitted, tried, samples)
+
+
+def test_a_trial_counts_parameters_and_effects_tried():
+    found = trial("quadratic_drag", 10.0)
+    described = candidates.parameters_of(found.model, "quadratic_drag")
+    free, on_bound = len(described), sum(p["neutral"] in (p["lower"], p["upper"]) for p in described)
+    assert found.delta_bic == pytest.approx(free * np.log(1000) - 10.0)
+    assert found.p_value == pytest.approx(trials.p_value(10.0, free, on_bound))
+    assert found.chance == pytest.approx(min(1, 20 * found.p_value))
+    assert trial("quadratic_drag", 0.1).chance == 1.0
+
+
+def test_trials_are_ranked_by_evidence_and_weighed_by_likelihood():
+    names = ["quadratic_drag", "yaw_bias", "coulomb_friction", "momentum_drag"]
+    given = [trial(name, gain) for name, gain in zip(names, (30.0, 10.0, 20.0, 5.0))]
+    values = {"quadratic_drag": 4.0, "yaw_bias": 10.0, "coulomb_friction": 8.0}
+    found = trials.ranked(given, ["yaw_bias", "coulomb_friction"], values)
+    assert found[0].name == "yaw_bias"  # the first of its group
+    rest = [t.delta_bic for t in found[1:]]
+    assert rest == sorted(rest)
+    assert {t.name for t in found if t.equal} == {"yaw_bias", "coulomb_friction"}
+    weights = {t.name: t.inclusion for t in found}
+    assert sum(weights.values()) == pytest.approx(1) and weights["momentum_drag"] == 0
+    assert weights["coulomb_friction"] / weights["yaw_bias"] == pytest.approx(np.exp(-1))
+    assert weights["quadratic_drag"] / weights["yaw_bias"] == pytest.approx(np.exp(-3))
+    worse = trials.ranked(given, [], {"yaw_bias": -20.0})
+    assert [t.name for t in worse] == [t.name for t in sorted(given, key=lambda t: t.delta_bic)]
+    assert all(t.inclusion == 0 or t.name == "yaw_bias" for t in worse)
+
+
+# --- held-out data
+
+
+def judged(*parts):
+    return types.SimpleNamespace(likelihood=tuple(np.array(part, float) for part in parts))
+
+
+def test_the_gain_on_held_out_blocks_has_the_error_of_their_sum():
+    better, worse = judged([3, 5, 4], [2, 8]), judged([1, 4, 4], [1, 3])
+    rises = np.array([2, 1, 0, 1, 5])
+    gain, error = held_out.gain(better, worse)
+    assert gain == 9 and error == pytest.approx(rises.std(ddof=1) * np.sqrt(5))
+    assert held_out.gain(worse, better) == (-9, pytest.approx(error))
+    assert held_out.share_raised(better, worse) == 1.0
+    assert held_out.share_raised(judged([1], [2], [3], [4]), judged([2], [1], [3], [0])) == 0.5
+    assert held_out.gain(judged([3.0]), judged([1.0])) == (2.0, np.inf)
+    diverges = judged([-np.inf], [1.0])
+    assert held_out.gain(better, diverges) == (np.inf, 0.0)
+    assert held_out.gain(diverges, better) == (-np.inf, 0.0)
+    assert held_out.gain(diverges, diverges) == (-np.inf, 0.0)
+
+
+def test_quarters_of_a_run_hold_all_of_it_once():
+    run = run_data(4.0)
+    parts = held_out.quarters(run)
+    assert len(parts) == 4 and all(len(part) == 1 for part in parts)
+    lengths = [len(part.times) for (part,) in parts]
+    assert max(lengths) - min(lengths) <= 1
+    for name in ("times", "eta", "nu", "poses"):
+        joined = np.concatenate([np.array(getattr(part, name)) for (part,) in parts])
+        assert np.array_equal(joined, np.array(getattr(run, name))), name
+    assert all(np.array_equal(np.array(p.inputs), np.array(run.inputs)) for (p,) in parts)
+
+
+# --- windows of runs
+
+
+def test_errors_are_means_over_samples():
+    run, craft = run_data(6.0, noise=0), model()
+    wrong = craft.copy()
+    wrong.set_value("k", 1.2 * craft.value("k"))
+    cut = windows.cut([run])
+    problem = windows.problem([run], cut)
+    found = study.window_errors([run], cut, wrong)
+    for window, nu, row in zip(cut, problem.simulate(wrong)["nu"], found):
+        measured = np.array(run.nu)[window.first : window.last + 1]
+        assert np.allclose(row, (np.abs(nu - measured) / problem.sigma(0)).mean(axis=0))
+    samples = np.array([w.last - w.first + 1 for w in cut])
+    by_channel = study.channel_errors([run], cut, wrong)
+    assert np.allclose(by_channel, (found * samples[:, None]).sum(axis=0) / samples.sum())
+    # Relative to a run that varies twice as much, errors are half as large.
+    wide = _core.RunData("w", run.times, run.eta, 2 * np.array(run.nu), run.inputs, run.poses, run.noise)
+    assert np.allclose(study.window_errors([run], cut, wrong, truth=[wide]), found / 2)
+
+
+def test_the_change_between_two_models_is_symmetric_and_grows():
+    run, craft = run_data(6.0), model()
+    cut = windows.cut([run])
+    others = []
+    for factor in (1.0, 1.05, 1.2):
+        other = craft.copy()
+        other.set_value("k", factor * craft.value("k"))
+        others.append(study.change([run], cut, craft, other))
+        assert np.allclose(others[-1], study.change([run], cut, other, craft), rtol=1e-6)
+    assert np.allclose(others[0], 0) and (others[2] > others[1]).all() and (others[1] > 0).all()
+
+
+def test_a_trimmed_model_has_the_constants_of_the_run():
+    craft = model()
+    constant = np.array([0.002, -0.003, 1e-4, 0.1])
+    once = study.trimmed(craft, constant)
+    assert once.value("k") == pytest.approx(1.1 * craft.value("k"))
+    names = ("body_force_bias.x0", "body_force_bias.y0", "yaw_bias.n0")
+    assert [once.value(n) for n in names] == pytest.approx(constant[:3])
+    twice = study.trimmed(once, constant)
+    assert [twice.value(n) for n in names] == pytest.approx(2 * constant[:3])
+    assert craft.effects == model().effects and craft.value("k") == model().value("k")
+    assert study.trimmed(craft, np.zeros(4)).value("k") == craft.value("k")
+
+
+def test_free_parameters_are_the_nominal_ones_and_those_of_effects():
+    craft = model()
+    assert set(study.free_parameters(craft)) == {"I_z", "X_u", "Y_v", "N_r", "k"}
+    extended = candidates.of_library("quadratic_drag").add(craft)
+    own = {p["name"] for p in candidates.parameters_of(extended, "quadratic_drag")}
+    assert own and set(study.free_parameters(extended)) == {"I_z", "X_u", "Y_v", "N_r", "k"} | own
+
+
+def test_parts_of_a_study_are_runs_or_quarters():
+    alone = study.Study([run_data(9.0)], threads=1)
+    assert sorted(set(alone.part_of)) == [0, 1, 2, 3] and (np.diff(alone.part_of) >= 0).all()
+    several = study.Study([run_data(4.0, seed=s) for s in range(1, 11)], threads=1)
+    assert [p for p, w in zip(several.part_of, several.windows)] == [w.run % 8 for w in several.windows]
+    few = study.Study([run_data(9.0), run_data(9.0, seed=2)], threads=1, most=4)
+    assert len(few.windows) == 4 < few.available
+    with pytest.raises(Exception, match="too short to hold a part of it out; at least two"):
+        study.Study([run_data(2.0)], threads=1)
+
+
+def test_an_artificial_recording_has_the_noise_and_the_motion_of_the_model():
+    run, craft = run_data(6.0, noise=0), model()
+    found = study.recorded(run, craft, np.random.default_rng(1))
+    first = np.array(run.eta)[0], np.array(run.nu)[0]
+    true = _core.simulate(craft, np.array(run.inputs), np.array(run.times), *first)["eta"]
+    off = np.array(found.poses) - true
+    assert np.allclose(off.std(axis=0), np.array(run.noise), rtol=0.15)
+    pushed = study.recorded(
+        run, craft, np.random.default_rng(1), np.tile([0.01, 0, 0], (len(run.times), 1)), 0.1
+    )
+    assert np.abs(np.array(pushed.poses) - np.array(found.poses))[:, :2].max() > 0.05
+    assert np.array_equal(np.array(found.times), np.array(run.times))
+    floor = study.noise_floor([run], craft)
+    assert (floor > 0).all() and (floor < 0.2).all()
+    assert np.array_equal(floor, study.noise_floor([run], craft, 1))
+    assert not np.array_equal(floor, study.noise_floor([run], craft, 2))
+
+
+# --- blocks that are held out
+
+
+def test_blocks_divide_each_run_evenly():
+    runs = [run_data(12.0), run_data(7.0, seed=2)]
+    blocks = validation._blocks(runs, 6.0, 1.5)
+    assert [tested[0].run for _, tested in blocks] == [0, 0, 1]
+    for _, tested in blocks:
+        assert all(b.first >= a.last for a, b in zip(tested, tested[1:]))
+    first, second = blocks[0][1], blocks[1][1]
+    middle = np.array(runs[0].times)[second[0].first]
+    assert middle == pytest.approx(6.0, abs=0.05) and first[-1].last <= second[0].first
+    assert len(validation._blocks(runs, 1e9, 1.5)) == 2
+
+
+def test_each_fold_is_fitted_without_its_windows():
+    seen = []
+
+    def fit(cut, initial):
+        seen.append((list(cut), list(initial)))
+        return {"model": len(seen)}
+
+    from ground.progress import Work
+
+    found = validation._refits([10, 11, 12, 13], [0, 1, 0, 2], fit, "abcd", Work())
+    assert found == {0: {"model": 1}, 1: {"model": 2}, 2: {"model": 3}}
+    assert seen == [
+        ([11, 13], ["b", "d"]),
+        ([10, 12, 13], ["a", "c", "d"]),
+        ([10, 11, 12], ["a", "b", "c"]),
+    ]
+
+
+def test_runs_are_held_out_alone_or_every_so_many_th_together():
+    runs = [run_data(4.0, seed=s) for s in (1, 2, 3)]
+    asked = []
+
+    def fit(cut, initial):
+        asked.append({w.run for w in cut})
+        return {"model": model()}
+
+    whole = {"initial": [None] * len(windows.cut(runs))}
+    found = validation.leave_runs_out(runs, fit, whole)
+    assert asked == [{1, 2}, {0, 2}, {0, 1}]
+    assert [error for _, error in found] == pytest.approx([windows.error([r], model()) for r in runs])
+    asked.clear()
+    validation.leave_runs_out(runs, fit, whole, most=2)
+    assert asked == [{1}, {0, 2}]
+
+
+def fit_of(**values):
+    parameters = [
+        dict(name=name, value=value, deviation=deviation, identified=identified)
+        for name, (value, deviation, identified) in values.items()
+    ]
+    return {"parameters": parameters}
+
+
+def test_disagreements_are_counted_in_deviations_of_both():
+    one = fit_of(a=(1.0, 0.3, True), b=(1.0, 0.3, True), c=(1.0, 0.1, False), d=(5.0, 0.3, True))
+    other = fit_of(a=(2.5, 0.4, True), b=(2.49, 0.4, True), c=(9.0, 0.1, True), d=(9.0, 0.4, False))
+    assert validation.disagreements(one, other) == []  # 3.0 deviations are not more than 3
+    assert validation.disagreements(one, other, 2.99) == ["a"]
+    assert validation.disagreements(other, one, 2.9) == ["a", "b"]
+
+
+# --- bands
+
+
+def prediction(begin, end, inside=True, step=0.01):
+    times = np.arange(begin, end + 1e-9, step)
+    wide = np.ones((len(times), 6)) * (1 + times - begin)[:, None]
+    measured = 0 * wide if inside else 2 * wide
+    return bands.Prediction(times, 0 * wide, wide, -wide, wide, measured)
+
+
+def test_a_prediction_is_read_at_a_horizon():
+    one = prediction(2.0, 3.0)
+    assert one.sample(0.5) == 50 and one.sample(1.0) == 100
+    assert one.sample(1.04) == 100 and one.sample(1.06) is None
+
+
+def test_predictions_are_tiled_without_overlap():
+    run = run_data(6.0)
+    many = bands.Bands(
+        run, tuple(prediction(b, e) for b, e in ((0, 4), (0.5, 1.0), (1.0, 1.5), (1.5, 5.5), (3, 7)))
+    )
+    tiles = many.tiled(1.5)
+    spans = [(float(t[0]), float(t[-1])) for t, _, _ in tiles]
+    assert np.allclose(spans, [(0, 1.5), (1.5, 3), (3, 4.5)], atol=0.011)
+    assert all(len(t) == len(low) == len(high) and (low < high).all() for t, low, high in tiles)
+    short = [(float(t[0]), float(t[-1])) for t, _, _ in many.tiled(0.5)]
+    assert np.allclose(short, [(0, 0.5), (0.5, 1.0), (1.0, 1.5), (1.5, 2.0), (3, 3.5)], atol=0.011)
+
+
+def test_coverage_is_the_share_of_measurements_inside():
+    run = run_data(6.0)
+    parts = [[True] * 8 + [False] * 2, [True] * 5 + [False] * 5, [True] * 10]
+    many = [bands.Bands(run, tuple(prediction(0.0, 1.6, inside) for inside in p)) for p in parts]
+    deviation, held = many[0].at(0.5)
+    assert deviation.shape == held.shape == (10, 6)
+    assert held.all(axis=1).sum() == 8 and np.allclose(deviation, 1.5)
+    rows = bands.coverage(many)
+    assert {row["horizon"] for row in rows} == {0.5, 1.5} and len(rows) == 12
+    for row in rows:
+        assert row["coverage"] == pytest.approx(23 / 30) and row["predictions"] == 30
+        assert row["sd"] == pytest.approx(1 + row["horizon"])
+        # ratio estimator: by hand
+        off = np.array([8, 5, 10]) - 10 * 23 / 30
+        half = stats.t.isf(0.025, 2) * np.sqrt(3 / 2 * (off**2).sum()) / 30
+        assert row["ci95"] == pytest.approx([max(0, 23 / 30 - half), min(1, 23 / 30 + half)])
+    assert [row["unit"] for row in rows[:6]] == ["m", "m", "rad", "m/s", "m/s", "rad/s"]
+    alone = bands.coverage(many[:1])
+    assert all(row["ci95"] is None and row["coverage"] == 0.8 for row in alone)
+    assert bands.coverage([bands.Bands(run, ())]) == []
+
+
+def test_predictions_start_in_windows_but_not_at_the_first_pose_of_a_stretch():
+    times = np.concatenate([np.arange(600) / 100, 6.5 + np.arange(300) / 100])
+    cut = [_core.Window(0, 0, 150), _core.Window(0, 150, 300), _core.Window(0, 600, 750)]
+    starts, horizons = bands._starts(times, cut)
+    assert starts == [50, 100, 150, 200, 250, 650, 700]
+    assert horizons == pytest.approx([1.0, 0.5, 4.0, 0.5, 0.5, 1.0, 0.5])
+
+
+def test_the_expected_loudness_is_that_of_the_other_runs():
+    fit = types.SimpleNamespace(loudness=(1.0, 2.0, 6.0, 3.0))
+    assert bands._loudness(fit) == 3.0
+    assert bands._loudness(fit, 2, 4) == 2.0 and bands._loudness(fit, 0, 2) == 2.5
+    assert bands._loudness(types.SimpleNamespace(loudness=())) == 0.0
+
+
+# --- parts of the error
+
+
+def test_parts_of_the_error_add_up_in_squares():
+    found = budget.Budget(1.0, 2.0, 2.5, 4.0).parts()
+    assert found == pytest.approx(
+        {"noise": 1 / 16, "disturbance": 3 / 16, "trim": 2.25 / 16, "rest": 9.75 / 16}
+    )
+    assert budget.Budget(1.0, 1.0, 3.0, 2.0).parts()["rest"] < 0
+
+
+def test_a_random_wrench_has_its_levels():
+    levels = {"sigma_X": 0.3, "time_X": 0.2, "white_X": 0.0}
+    levels.update(sigma_Y=0.0, time_Y=1.0, white_Y=0.05, sigma_N=0.1, time_N=0.05, white_N=0.02)
+    run = types.SimpleNamespace(times=np.arange(40000) / 100)
+    wrench = budget.wrench_of(run, levels, np.random.default_rng(1))
+    x, y, n = wrench.T
+    assert x.std() == pytest.approx(0.3, rel=0.1)
+    for lag in (5, 20):
+        alike = np.mean(x[lag:] * x[:-lag]) / np.mean(x**2)
+        assert alike == pytest.approx(np.exp(-lag / 100 / 0.2), abs=0.08)
+    assert y.std() == pytest.approx(0.05 / np.sqrt(0.01), rel=0.05)
+    assert abs(np.mean(y[1:] * y[:-1])) < 0.05 * np.mean(y**2)
+    assert n.std() == pytest.approx(np.hypot(0.1, 0.02 * 10), rel=0.05)
+    assert np.array_equal(wrench, budget.wrench_of(run, levels, np.random.default_rng(1)))
+
+
+# --- score tests
+
+
+def scores_of(A, blocks, scale, neutral_at_bound=()):
+    """ScoreTests of two effects, "a" with one parameter and "b" with two, beside two fitted ones."""
+    tests = score_tests.ScoreTests.__new__(score_tests.ScoreTests)
+    tests.nuisance, tests.nuisance_scale, tests.scale = ["k", "X_u"], scale[:2], scale[2:]
+    tests.names, tests.columns = ["a.p", "b.p", "b.q"], {"a": [0], "b": [1, 2]}
+    tests.side = np.array([1 if name in neutral_at_bound else 0 for name in tests.names])
+    tests._project({"information": A, "score": blocks}, 2)
+    return tests
+
+
+def random_scores(seed=1):
+    random = np.random.default_rng(seed)
+    root = random.normal(size=(5, 5))
+    return root @ root.T + np.eye(5), random.normal(size=(7, 5)), random.uniform(0.5, 2, 5)
+
+
+def test_a_score_test_is_the_gain_of_the_quadratic_likelihood():
+    """To second order the log-likelihood is s'x - x'Ax/2; its largest values with and without the effect
+    differ by the gain. Here the score of what was fitted is not zero."""
+    A, blocks, scale = random_scores()
+    tests, s = scores_of(A, blocks, scale), blocks.sum(axis=0)
+
+    def most(at):
+        step = np.linalg.solve(A[np.ix_(at, at)], s[at])
+        return s[at] @ step, step
+
+    for names, at in ((["a"], [2]), (["b"], [3, 4]), (["a", "b"], [2, 3, 4])):
+        gain, step = tests.test(names)
+        whole, best = most([0, 1] + at)
+        assert gain == pytest.approx(whole - most([0, 1])[0])
+        expected = dict(zip([tests.names[i - 2] for i in at], best[2:] * scale[at]))
+        assert step == pytest.approx(expected)
+    assert tests.test([]) == (0.0, {})
+
+
+def test_a_parameter_does_not_step_beyond_its_neutral_bound():
+    A, blocks, scale = random_scores()
+    free = scores_of(A, blocks, scale)
+    for name in ("a", "b"):
+        for parameter, step in free.test([name])[1].items():
+            for sign in (1, -1):
+                bounded = scores_of(A, sign * blocks, scale, (parameter,))
+                gain, found = bounded.test([name])
+                assert found.get(parameter, 0.0) >= 0
+                assert gain <= free.test([name])[0] + 1e-9
+                if sign * step >= 0:
+                    assert gain == pytest.approx(free.test([name])[0])
+    wrong = scores_of(A, blocks * np.sign(-free.score[0]), scale, ("a.p",))
+    assert wrong.test(["a"]) == (0.0, {})
+
+
+def test_an_effect_that_fitted_parameters_imitate_is_hidden():
+    A, blocks, scale = random_scores()
+    tests = scores_of(A, blocks, scale)
+    assert 0 < tests.seen("a") < 1 and not tests.hidden("a")
+    inverse = np.linalg.inv(A[np.ix_([0, 1, 2], [0, 1, 2])])
+    assert tests.seen("a") == pytest.approx(1 / inverse[2, 2] / A[2, 2])
+    copied = np.array(A)
+    copied[2], copied[:, 2] = copied[0], copied[:, 0]
+    copied[2, 2] = copied[0, 0] * (1 + 1e-4)
+    same = scores_of(copied, blocks, scale)
+    assert same.seen("a") < 0.003 and same.hidden("a")
+    steps = same.in_place("a", 0.5)
+    assert steps["a.p"] == pytest.approx(0.5 * scale[2])
+    assert steps["k"] == pytest.approx(-0.5 * scale[0], rel=1e-3)
+    assert steps["X_u"] == pytest.approx(0, abs=1e-3)
+    blind = np.array(A)
+    blind[2] = blind[:, 2] = 0
+    assert not scores_of(blind, blocks, scale).hidden("a")  # it does nothing at all
+
+
+def test_singular_equations_have_no_step_where_nothing_is_known():
+    matrix = np.diag([4.0, 0.0, 1e-8])
+    assert score_tests.solve(matrix, np.array([8.0, 0.0, 1e-8])) == pytest.approx([2, 0, 1])
+    assert score_tests.solve(np.zeros((0, 0)), np.zeros((0, 3))).shape == (0, 3)
+    random = np.random.default_rng(2)
+    root = random.normal(size=(4, 4))
+    matrix, right = root @ root.T, random.normal(size=(4, 2))
+    assert np.allclose(score_tests.solve(matrix, right), np.linalg.solve(matrix, right))
+
+
+def test_a_step_stays_in_the_range_of_a_parameter():
+    plain = {"name": "c", "neutral": 0.0, "lower": -1.0, "upper": 2.0}
+    assert score_tests.moved(plain, 0.5, 0.7) == pytest.approx(1.2)
+    assert score_tests.moved(plain, 0.5, 9.0) == 2.0 and score_tests.moved(plain, 0.5, -9.0) == -1.0
+    time = {"name": "tau", "neutral": np.inf, "lower": 0.1, "upper": np.inf}
+    assert score_tests.moved(time, np.inf, 2.0) == pytest.approx(0.5)
+    assert score_tests.moved(time, 0.5, 2.0) == pytest.approx(0.25)
+    assert score_tests.moved(time, 0.5, -3.0) == np.inf
+    assert score_tests.moved(time, 0.5, 1e6) == 0.1
+    inertia = {"name": "I_z", "neutral": 0.0, "lower": 1e-6, "upper": 1.0}
+    assert score_tests.moved(inertia, 0.01, 100.0) == pytest.approx(0.005)
+    assert score_tests.moved(inertia, 0.01, -200.0) == 0.01
+    sides = [(0, 0, 1, 1), (0, -1, 0, -1), (0, -1, 1, 0), (np.inf, 0, np.inf, 1)]
+    for neutral, lower, upper, side in sides:
+        parameter = {"neutral": neutral, "lower": lower, "upper": upper}
+        assert score_tests._side(parameter) == side
+
+
+def test_a_stepped_model_has_part_of_the_step():
+    craft = model()
+    moved = score_tests.stepped(craft, {"X_u": 0.01, "k": -0.02}, 0.5)
+    assert moved.value("X_u") == pytest.approx(craft.value("X_u") + 0.005)
+    assert moved.value("k") == pytest.approx(craft.value("k") - 0.01)
+    assert craft.value("k") == model().value("k")
+
+
+def test_estimates_are_those_of_the_step_with_their_intervals():
+    extended = candidates.of_library("body_force_bias").neutral(model())
+    described = candidates.parameters_of(extended, "body_force_bias")
+    A, blocks, _ = random_scores()
+    scale = np.array([1.0, 1.0, 1e-3, 1e-3, 1e-3])
+    tests = scores_of(A, blocks, scale)
+    tests.names = ["a.p"] + [p["name"] for p in described]
+    tests.columns = {"a": [0], "body_force_bias": [1, 2]}
+    step = {described[0]["name"]: 0.004, described[1]["name"]: -0.002}
+    found = tests.estimates(extended, "body_force_bias", step)
+    for i, (one, p) in enumerate(zip(found, described), 1):
+        assert (one["name"], one["unit"], one["identified"]) == (p["name"], p["unit"], True)
+        assert one["value"] == pytest.approx(step[p["name"]])
+        assert one["deviation"] == pytest.approx(1e-3 / np.sqrt(tests.information[i, i]))
+        low, high = one["ci95"]
+        assert low == pytest.approx(one["value"] - 1.96 * one["deviation"])
+        assert high == pytest.approx(one["value"] + 1.96 * one["deviation"])
+    A[3], A[:, 3] = A[0], A[:, 0]
+    A[3, 3] = A[0, 0] * (1 + 1e-4)
+    hidden = scores_of(A, blocks, scale)
+    hidden.names, hidden.columns = tests.names, tests.columns
+    for one, p in zip(hidden.estimates(extended, "body_force_bias", {}), described):
+        assert not one["identified"] and one["ci95"] == (p["lower"], p["upper"])
+        assert one["value"] == p["neutral"] and one["deviation"] == np.inf
+
+
+def test_parameters_that_moved_are_named_the_most_first():
+    craft = model()
+    other = craft.copy()
+    for name, factor in (("k", 1.04), ("X_u", 1.1), ("N_r", 0.5)):
+        other.set_value(name, factor * craft.value(name))
+    fit = types.SimpleNamespace(model=craft, free=("k", "X_u", "N_r", "Y_v"))
+    assert look_alikes._moved(fit, other) == ("N_r", "X_u")
+
+
+# --- what is left
+
+
+def regression(seed=1, runs=4, count=300, features=6, size=0.5):
+    """Designs and targets of some runs; the targets depend on the second feature."""
+    random = np.random.default_rng(seed)
+    designs = [random.normal(size=(count, features)) for _ in range(runs)]
+    targets = [random.normal(size=count) + size * d[:, 1] for d in designs]
+    return designs, targets, [(d.T @ d, d.T @ t) for d, t in zip(designs, targets)]
+
+
+def test_a_sparse_regression_chooses_what_acts():
+    designs, targets, grams = regression()
+    weights = remains._sparse(grams, designs, targets, [0, 1, 2, 3])
+    assert np.flatnonzero(weights).tolist() == [1]
+    d, t = np.vstack(designs), np.concatenate(targets)
+    assert weights[1] == pytest.approx(d[:, 1] @ t / (d[:, 1] @ d[:, 1]))
+    part = remains._sparse(grams, designs, targets, [0, 2])
+    d, t = np.vstack(designs[::2]), np.concatenate(targets[::2])
+    assert part[1] == pytest.approx(d[:, 1] @ t / (d[:, 1] @ d[:, 1]))
+    chosen = [
+        np.count_nonzero(remains._sparse(g, d, t, [0, 1, 2, 3]))
+        for d, t, g in (regression(seed, size=0.0) for seed in range(100))
+    ]
+    assert sum(chosen) <= 5  # by chance 1 of 100
+    many = [t + d @ [3.0, 0, 2.5, 2.0, 2.2, 1.8] for d, t in zip(designs, targets)]
+    grams = [(d.T @ d, d.T @ t) for d, t in zip(designs, many)]
+    assert np.flatnonzero(remains._sparse(grams, designs, many, [0, 1, 2, 3])).tolist() == [0, 2, 4]
+
+
+def test_a_ridge_is_solved_with_the_penalty_that_predicts_best():
+    designs, targets, grams = regression()
+    found = remains._ridge(grams, designs, targets, [0, 1, 2])
+
+    def solved(parts, penalty):
+        A, b = sum(grams[i][0] for i in parts), sum(grams[i][1] for i in parts)
+        return np.linalg.solve(A + penalty * len(parts) * np.eye(6), b)
+
+    def gain(penalty):
+        total = 0.0
+        for j in (0, 1, 2):
+            rest = targets[j] - designs[j] @ solved([i for i in (0, 1, 2) if i != j], penalty)
+            total += (targets[j] ** 2).sum() - (rest**2).sum()
+        return total
+
+    best = max(remains.PENALTIES, key=gain)
+    assert np.allclose(found, solved([0, 1, 2], best))
+    alone = remains._ridge(grams, designs, targets, [2])
+    assert np.allclose(alone, solved([2], remains.PENALTIES[2]))
+
+
+def test_gains_are_those_of_regressions_on_the_other_runs():
+    designs, targets, grams = regression()
+    gains = remains._held_out_gains(designs, targets, remains._sparse)
+    for i, gain in enumerate(gains):
+        weights = remains._sparse(grams, designs, targets, [j for j in range(4) if j != i])
+        rest = targets[i] - designs[i] @ weights
+        assert np.allclose(gain, (targets[i] ** 2 - rest**2) / 2)
+    assert sum(g.sum() for g in gains) > 50
+    total = np.concatenate(gains).sum()
+    assert np.concatenate([remains._blocks(g) for g in gains]).sum() == pytest.approx(total)
+    assert len(remains._blocks(np.ones(3 * 120 * 5 + 50))) == 5 and len(remains._blocks(np.ones(3))) == 1
+
+
+def test_features_are_scaled_and_empty_ones_left_out():
+    random = np.random.default_rng(3)
+    designs = [random.normal(size=(50, 3)) * [1e-3, 0, 50] for _ in range(2)]
+    scaled = remains._scaled(designs)
+    assert [d.shape for d in scaled] == [(50, 2)] * 2
+    assert np.allclose(np.mean(np.vstack(scaled) ** 2, axis=0), 1)
+    assert np.allclose(scaled[0][:, 1] / designs[0][:, 2], scaled[1][0, 1] / designs[1][0, 2])
+
+
+def test_the_past_is_a_mean_that_forgets():
+    times = np.cumsum(np.random.default_rng(4).uniform(0.005, 0.02, 300))
+    values = np.random.default_rng(5).normal(size=300)
+    found = remains._past(times, values, 0.2)
+    for i in (1, 7, 150, 299):
+        begins, ends = times[:i], times[1 : i + 1]
+        weights = np.exp(-(times[i] - ends) / 0.2) - np.exp(-(times[i] - begins) / 0.2)
+        assert found[i] == pytest.approx(weights @ values[:i])
+    assert found[0] == 0
+    constant = remains._past(np.arange(500) / 100, np.full(500, 3.0), 0.1)
+    assert constant[-1] == pytest.approx(3.0)
+
+
+def test_forces_over_the_floor_act_along_the_axes_of_the_world():
+    random = np.random.default_rng(6)
+    x, y, psi = random.uniform(-2, 2, (3, 40))
+    wrenches = remains._over_the_floor(x, y, psi)
+    assert wrenches.shape[:2] == (40, 3) and not wrenches[:, 2].any()
+    half = wrenches.shape[2] // 2
+    c, s = np.cos(psi)[:, None], np.sin(psi)[:, None]
+    world_x = c * wrenches[:, 0] - s * wrenches[:, 1]
+    world_y = s * wrenches[:, 0] + c * wrenches[:, 1]
+    assert np.allclose(world_y[:, :half], 0) and np.allclose(world_x[:, half:], 0)
+    assert np.allclose(world_x[:, :half], world_y[:, half:])
+    values = world_x[:, :half]
+    assert np.allclose(values[:, 0], x)
+    assert (np.abs(values[:, 1:]) <= np.maximum(1, np.abs(y))[:, None] + 1e-9).all()
+    # Of each wavelength there are a sine and a cosine, of either place.
+    for place in (x, y):
+        for length in (0.15, 0.4, 1.5):
+            for function in (np.sin, np.cos):
+                expected = function(2 * np.pi * place / length)
+                assert np.isclose(values, expected[:, None]).all(axis=0).any()
+
+
+def test_scalars_act_in_every_channel():
+    columns = [np.array([1.0, 2.0]), np.array([3.0, 4.0])]
+    wrenches = remains._in_every_channel(columns)
+    assert wrenches.shape == (2, 3, 6)
+    for values in columns:
+        for channel in range(3):
+            expected = np.zeros((2, 3, 1))
+            expected[:, channel, 0] = values
+            assert (wrenches == expected).all(axis=(0, 1)).sum() == 1
+
+
+# --- errors that repeat
+
+
+def test_commands_are_compared_as_by_plain_sums():
+    random = np.random.default_rng(7)
+    commands, wanted = random.random((200, 3)), random.random((30, 3))
+    found = repeats._unlike(commands, wanted)
+    assert len(found) == 171
+    for at in (0, 17, 170):
+        plain = ((commands[at : at + 30] - wanted) ** 2).sum() / 30
+        assert found[at] == pytest.approx(plain)
+    assert repeats._unlike(commands, commands[40:70])[40] == pytest.approx(0, abs=1e-12)
+
+
+def test_windows_of_repeated_commands_are_found():
+    run = run_data(8.0, repeat=True)
+    cut = windows.cut([run])
+    half = 60 / 15  # of 120 commands at 15 Hz [s]
+    found = repeats._repetitions([run], cut[1])
+    assert [round(lag, 1) for _, lag in found] == [half]
+    again = found[0][0]
+    assert run.times[again.first] - run.times[cut[1].first] == pytest.approx(half, abs=0.05)
+    back = repeats._repetitions([run], cut[-1])
+    assert [round(lag, 1) for _, lag in back] == [-half]
+    other = run_data(8.0, seed=3)
+    assert repeats._repetitions([other], windows.cut([other])[0]) == []
+    still = _core.RunData("s", run.times, run.eta, run.nu, np.array([[0.0, 1, 1, 1]]))
+    assert repeats._repetitions([still], cut[1]) == []
+    both = repeats._repetitions([run, run], cut[1])
+    assert sorted((w.run, round(lag, 1)) for w, lag in both) == [(0, half), (1, 0.0), (1, half)]
+
+
+def test_an_error_that_depends_on_the_commands_repeats_wholly():
+    """Without noise, the error of a wrong model is the same wherever the commands are."""
+    runs = [run_data(8.0, seed=1, noise=0), run_data(8.0, seed=1, noise=0), run_data(8.0, seed=1, noise=0)]
+    wrong = model()
+    wrong.set_value("k", 1.3 * wrong.value("k"))
+    cut = windows.cut(runs)
+    found = repeats.repeats(runs, cut, wrong)
+    assert found.windows == len(cut) and found.share == pytest.approx(1, abs=0.02)
+    assert found.deviation < 0.02
+    assert repeats.repeats(runs[:1], cut[: len(cut) // 3], wrong) is None
+    noisy = []
+    for seed, run in enumerate(runs):
+        nu = np.array(run.nu) + np.random.default_rng(seed).normal(0, 1, run.nu.shape) * [0.3, 0.3, 5]
+        noisy.append(_core.RunData("n%d" % seed, run.times, run.eta, nu, run.inputs))
+    less = repeats.repeats(noisy, cut, model())
+    assert abs(less.share) < 0.1 and less.deviation > 0
+
+
+# --- what is expected of a diagnosis
+
+
+class Expected:
+    """A Work that keeps what it was told."""
+
+    def __init__(self):
+        self.units, self.seconds, self.added = {}, {}, 0
+
+    def expect(self, what, units, seconds=0.0, at_most=False, scaled=True):
+        self.units[what], self.seconds[what] = units, seconds
+
+    def more(self, count, at_most=False):
+        self.added += count
+
+    def spent(self, what):
+        return 40.0
+
+
+def test_a_plan_grows_with_the_effects_and_the_samples():
+    told = Expected()
+    plan = stages.Plan(told, 14000)
+    plan.begin()
+    assert told.units[stages.FITTING] == told.units[stages.LEAVING] == told.units[stages.ERRORS] == 1
+    assert told.seconds[stages.FITTING] == pytest.approx(2 * stages.COSTS[stages.FITTING])
+    few = dict(told.units)
+    plan.round(10, 3, 1)
+    assert told.units[stages.ORDERING] == told.units[stages.RIVALS] == 4 > few[stages.ORDERING]
+    assert told.units[stages.TESTING] == 8
+    assert told.added == 10 + 3 * 10 + round(1.5 * 4)
+    plan.found(0)
+    for what in (stages.ORDERING, stages.RIVALS, stages.CHOOSING, stages.REFITTING, stages.CHALLENGING):
+        assert told.units[what] == 0
+    assert told.seconds[stages.REPEATING] == 0
+    plan.found(2)
+    assert told.seconds[stages.REPEATING] == 40.0 and told.units[stages.CHOOSING] > 30
+    assert told.units[stages.CHALLENGING] == 1
+    plan.planned()
+    assert told.units[stages.CHOOSING] == told.units[stages.REFITTING] == 0
+
+
+def test_tests_are_repeated_with_each_effect_that_is_left_out():
+    told = Expected()
+    plan = stages.Plan(told)
+    plan.tested(5, 0)
+    assert told.added == 0
+    plan.tested(5, 2)  # next four, then three are tested
+    assert told.added == 4 + 3
+    plan.swaps(4)
+    assert told.added == 7 + 6
