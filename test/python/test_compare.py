@@ -215,7 +215,7 @@ def test_a_push_is_left_out_and_reported(tmp_path):
         return times, eta, inputs
 
     bag = write_bag(tmp_path / "run.bag", duration=15, change=pushed)
-    report = compare(tmp_path / "out", [bag], MODEL, options=["--all"])
+    report = compare(tmp_path / "out", [bag], MODEL, options=["--all", "--numbers"])
     one = report["runs"][0]["models"]["tiny_whoover"]
     (event,) = one["wrench"]["disturbances"]
     assert event["start"] < 9 < event["end"] and event["end"] - event["start"] < 2.5
@@ -230,7 +230,7 @@ def test_gaps_do_not_raise_the_residuals(tmp_path):
         return times[seen], eta[seen], inputs
 
     bag = write_bag(tmp_path / "run.bag", duration=20, change=change)
-    report = compare(tmp_path / "out", [bag], MODEL, options=())
+    report = compare(tmp_path / "out", [bag], MODEL)
     one = report["runs"][0]["models"]["tiny_whoover"]
     assert one["residuals"]["white"]
     assert max(c["rms"] / c["full_scale"] for c in one["wrench"]["channels"].values()) < 0.02
