@@ -69,7 +69,7 @@ def test_the_true_parameters_are_found_within_their_deviations():
         low, high = wider[p["name"]]["ci95"]
         assert low < p["value"] < high
     assert 0.002 < fit.levels["sigma_X"] < 0.008
-    assert fit.levels["position"] == pytest.approx(1, rel=0.2)  # of the noise that the runs have
+    assert fit.levels["position"] == pytest.approx(1, rel=0.2)  # relative to the runs' own noise
     again = like.fit(fit.model, FREE, near=fit)
     assert again.log_posterior == pytest.approx(fit.log_posterior, abs=0.05)
 

@@ -10,7 +10,7 @@ from ground.recordings import layouts, quality, reply
 from ground.recordings.layouts import verdicts
 from ground.recordings.repair import Motion
 
-EFFECT = np.array([[0.9, 0.1, 19.0], [0.8, -0.2, -21.0]])  # of full left and right thrust
+EFFECT = np.array([[0.9, 0.1, 19.0], [0.8, -0.2, -21.0]])  # acceleration by full left, full right thrust
 DRAG = np.zeros((11, 3))
 DRAG[0] = 0.1, -0.05, 0.3
 DRAG[1:4] = [[-0.7, 0.0, 0.1], [0.0, -0.9, 0.5], [0.02, 0.1, -2.0]]

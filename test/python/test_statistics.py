@@ -647,7 +647,7 @@ def test_forces_over_the_floor_act_along_the_axes_of_the_world():
     values = world_x[:, :half]
     assert np.allclose(values[:, 0], x)
     assert (np.abs(values[:, 1:]) <= np.maximum(1, np.abs(y))[:, None] + 1e-9).all()
-    # Of each wavelength there are a sine and a cosine, of either place.
+    # Each wavelength has a sine and a cosine along x and along y.
     for place in (x, y):
         for length in (0.15, 0.4, 1.5):
             for function in (np.sin, np.cos):
@@ -683,7 +683,7 @@ def test_commands_are_compared_as_by_plain_sums():
 def test_windows_of_repeated_commands_are_found():
     run = run_data(8.0, repeat=True)
     cut = windows.cut([run])
-    half = 60 / 15  # of 120 commands at 15 Hz [s]
+    half = 60 / 15  # half the time of 120 commands at 15 Hz [s]
     found = repeats._repetitions([run], cut[1])
     assert [round(lag, 1) for _, lag in found] == [half]
     again = found[0][0]

@@ -181,7 +181,7 @@ def test_only_what_is_left_is_computed_and_the_rest_is_counted(tmp_path):
     again = unfinished.Unfinished(folder, "a")
     assert list(again.results(["p3", "p2", "p1", "p4"], work, [3, 2, 1, 4], map)) == [30, 20, 10, 40]
     assert computed == [1, 2, 3, 4] and again.taken == 2
-    other = unfinished.Unfinished(folder, "b")  # of another computation
+    other = unfinished.Unfinished(folder, "b")  # results of another computation
     assert other.result("p1", lambda: 7) == 7 and other.taken == 0
     assert again.result("p1", lambda: 7) == 10 and again.taken == 3
     none = unfinished.Unfinished()

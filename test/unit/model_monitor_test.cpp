@@ -206,7 +206,7 @@ TEST(ModelContest, DifferencesAreMeansOverBlocksOfOneHorizon) {
     EXPECT_EQ(before.has_value(), i > 40) << i;  // four blocks, and the start of another
     contest.add(7 + 0.1 * i, first, second);
   }
-  auto found = contest.preference();  // of five complete blocks: 3, 1, 3, 1, 3
+  auto found = contest.preference();  // five complete blocks: 3, 1, 3, 1, 3
   ASSERT_TRUE(found);
   EXPECT_NEAR(found->difference, 2.2, 1e-9);
   EXPECT_NEAR(found->standard_error, std::sqrt(4.8 / 4 / 5), 1e-9);
