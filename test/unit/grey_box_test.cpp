@@ -493,6 +493,10 @@ TEST(GreyBoxForecast, EndsAtAGap) {
   const auto found = box.forecast(box.start(model), 0, options);
   ASSERT_EQ(found.size(), 4u);
   EXPECT_EQ(found[0].mean.rows(), 61);
+  for (const Forecast& one : found) {
+    EXPECT_EQ(one.mean.cols(), 6);
+    EXPECT_EQ(one.deviation.cols(), 6);
+  }
   EXPECT_EQ(found[1].mean.rows(), 20);
   EXPECT_EQ(found[2].mean.rows(), 1);
   EXPECT_EQ(found[3].mean.rows(), 480 - 260);
