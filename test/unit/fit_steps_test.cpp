@@ -140,13 +140,19 @@ void expectSameFit(const FitResult& found, const FitResult& expected, double tol
   EXPECT_NEAR(found.objective, expected.objective, 1e-3 * expected.objective);
 }
 
-TEST(NearFit, FindsWhatAFitFromFarAwayFinds) {
+/// A run of the thesis with noise of the velocities and of the poses.
+RunData noisyRun() {
   RunData run = record(truth(), 5, 0.2, 3);
   run.noise = {1e-3, 1e-3, 1e-2};
   std::mt19937 random(2);
   std::normal_distribution<double> normal;
   for (Eigen::Index i = 0; i < run.eta.rows(); ++i)
     for (int c = 0; c < 3; ++c) run.eta(i, c) += run.noise(c) * normal(random);
+  return run;
+}
+
+TEST(NearFit, FindsWhatAFitFromFarAwayFinds) {
+  const RunData run = noisyRun();
   for (const Target target : {Target::kVelocities, Target::kPoses}) {
     const SimulationError problem({run}, cutWindows(run, 0, 0, 1e9, 1.25), target);
     const FitResult far = problem.fit(start(), options());
@@ -205,12 +211,7 @@ struct PlainStep {
 };
 
 TEST(NearFit, EndsWhereNoStepHelpsAfterFewIterations) {
-  RunData run = record(truth(), 5, 0.2, 3);
-  run.noise = {1e-3, 1e-3, 1e-2};
-  std::mt19937 random(2);
-  std::normal_distribution<double> normal;
-  for (Eigen::Index i = 0; i < run.eta.rows(); ++i)
-    for (int c = 0; c < 3; ++c) run.eta(i, c) += run.noise(c) * normal(random);
+  const RunData run = noisyRun();
   for (const Target target : {Target::kVelocities, Target::kPoses}) {
     const SimulationError problem({run}, cutWindows(run, 0, 0, 1e9, 1.25), target);
     const FitResult far = problem.fit(start(), options());

@@ -36,7 +36,8 @@ namespace ground {
 /// Estimates the state of the craft from motion capture poses.
 ///
 /// Parameters: real_time (false: ordinary priority; see wantsRealTime), axes ("x, z, -y": world_ned
-/// in the mocap's axes), those of MocapState.cfg, which can be changed at run time, and recorded (optional): the settings of a replayed run, a list of from
+/// in the mocap's axes), those of MocapState.cfg, which can be changed at run time, and recorded
+/// (optional): the settings of a replayed run, a list of from
 /// [s], axes and heading_offset [rad]. Each applies to poses stamped after `from`, the first also
 /// to earlier ones. Subscribes: vrpn_client_node/hovercraft/pose. Publishes: state, odometry,
 /// ~settings (axes and heading_offset, latched), and on tf world -> world_ned (z down) ->
