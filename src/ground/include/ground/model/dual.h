@@ -86,6 +86,14 @@ struct Dual {
   Dual(double value, int i) : a(value), v{} { v[i] = 1.0; }
   GROUND_INLINE Dual(const V& value, const Directions<V, N>& derivatives)
       : a(value), v(derivatives) {}
+  // Copied by its members: the compiler copies whole blocks otherwise, with the gap between them, which
+  // waits for numbers that were just stored one by one.
+  GROUND_INLINE Dual(const Dual& other) noexcept : a(other.a), v(other.v) {}
+  GROUND_INLINE Dual& operator=(const Dual& other) noexcept {
+    a = other.a;
+    v = other.v;
+    return *this;
+  }
 
   bool isConstant() const {
     for (int i = 0; i < N; ++i)

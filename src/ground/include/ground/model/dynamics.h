@@ -26,6 +26,9 @@ class Dynamics {
   Dynamics(const Model& model, const std::vector<T>& coordinates);
   /// With the model's own parameters.
   explicit Dynamics(const Model& model);
+  /// Not copied, because effects keep pointers to the coordinates, which move with them.
+  Dynamics(Dynamics&&) = default;
+  Dynamics& operator=(Dynamics&&) = default;
 
   /// From now on computes only the first `count` derivatives of the motion and leaves the others
   /// undefined. This makes eight simulations with few derivatives faster.

@@ -17,11 +17,11 @@ struct ThrustMisalignment {
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
-    using std::cos;
-    using std::sin;
     const ThrusterLayout& layout = point.layout;
     const Vector3<T> total = layout.total(point.thrust);
-    const T lost = cos(p[0]) - 1.0, across = sin(p[0]);
+    T cosine, across;
+    cosSin(p[0], cosine, across);
+    const T lost = cosine - 1.0;
     wrench(0) += total(0) * lost;
     wrench(1) += total(0) * across;
     wrench(2) += point.body.l * total(2) * lost;

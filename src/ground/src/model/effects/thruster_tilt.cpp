@@ -17,11 +17,11 @@ struct ThrusterTilt {
   }
   template <typename T>
   static void act(const T* p, const Point<T>& point, int thruster, Vector3<T>& wrench) {
-    using std::cos;
-    using std::sin;
     const ThrusterLayout& layout = point.layout;
-    const T along = point.thrust(thruster) * (cos(p[0]) - 1.0);
-    const T across = point.thrust(thruster) * sin(p[0]);
+    T cosine, sine;
+    cosSin(p[0], cosine, sine);
+    const T along = point.thrust(thruster) * (cosine - 1.0);
+    const T across = point.thrust(thruster) * sine;
     wrench(0) += layout.forward(thruster) * along - layout.starboard(thruster) * across;
     wrench(1) += layout.starboard(thruster) * along + layout.forward(thruster) * across;
     wrench(2) += point.body.l * (layout.lever(thruster) * along + layout.along(thruster) * across);
