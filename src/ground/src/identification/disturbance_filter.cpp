@@ -31,7 +31,7 @@ class Pass {
         poses_(poses),
         dynamics_(model, coordinatesWithThrust(model)),
         random_(randomOf(levels, run.noise)),
-        simulation_(dynamics_, run.inputs, {}, run.times[0], kFilterStep) {
+        simulation_(dynamics_, run.inputs, {}, run.times[0], longestStep(dynamics_, run.noise)) {
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < 3; ++j) mobility_(i, j) = dynamics_.mass()(i, j).a;
     mobility_ = mobility_.inverse().eval();

@@ -31,7 +31,8 @@ class Sensitivity {
       mobility_.push_back(dynamics_.back().mass().inverse());
     }
     for (const auto& d : dynamics_)
-      simulations_.emplace_back(d, run.inputs, RigidState<Jet>(), run.times[0], kFilterStep);
+      simulations_.emplace_back(d, run.inputs, RigidState<Jet>(), run.times[0],
+                                longestStep(d, run.noise));
   }
 
   int groups() const { return groups_; }

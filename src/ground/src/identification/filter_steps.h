@@ -1,6 +1,7 @@
 // Steps of the disturbance filter's recursion: covariances, gains, deviations of the state.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <type_traits>
 
@@ -11,9 +12,16 @@
 namespace ground::detail {
 
 constexpr int kN = kFilterStates;
-// Longest step [s], twice that of a simulation: between poses its error is far below the pose
-// noise.
-constexpr double kFilterStep = 0.01;
+/// Longest step [s] between poses with that noise [m], [rad]. Its errors grow with about its third power
+/// and change the log-likelihood of recordings of a minute by less than 1.
+template <typename T>
+double longestStep(const Dynamics<T>& dynamics, const Vector3<double>& noise) {
+  constexpr double kPosition = 2e-4, kHeading = 2e-3;  // noise with which kMost is allowed
+  constexpr double kLeast = 0.005, kMost = 0.02;
+  const double relative = std::min({noise(0) / kPosition, noise(1) / kPosition, noise(2) / kHeading});
+  const double step = std::clamp(kMost * std::cbrt(relative), kLeast, kMost);
+  return std::min(step, dynamics.settling().step);
+}
 // Standard deviations of a stretch's first state, measured pose and smoothed velocity; deliberately
 // large. [m], [rad], [m/s], [rad/s]
 constexpr double kFirstPosition = 0.1, kFirstHeading = 0.5, kFirstSpeed = 0.3, kFirstYawRate = 3.0;
