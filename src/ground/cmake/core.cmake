@@ -69,6 +69,14 @@ function(ground_for_level target level)
   target_compile_options(${target} PRIVATE -Wno-maybe-uninitialized -march=x86-64-v${level})
   target_compile_definitions(${target} PRIVATE EIGEN_DONT_VECTORIZE EIGEN_MAX_ALIGN_BYTES=16
     EIGEN_MAX_STATIC_ALIGN_BYTES=16)
+  # Numbers with derivatives are blocks of some hundred bytes. gcc clears and copies such blocks by
+  # instructions that take long to begin, and from which the next load has to wait.
+  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+    foreach(block memset memcpy)
+      target_compile_options(${target} PRIVATE
+        -m${block}-strategy=vector_loop:4096:noalign,libcall:-1:noalign)
+    endforeach()
+  endif()
 endfunction()
 # The library of a folder for any processor, in lib/plain, for tests: containers and Eigen's arrays
 # end the program at an index or a size that is wrong.

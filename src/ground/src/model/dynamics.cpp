@@ -37,19 +37,18 @@ bool couples(const Matrix3<T>& mass) {
 template <typename T>
 struct Dynamics<T>::Instant {
   T since;
-  Vector3<T> nu_air;
+  Vector3<T> nu_air;    ///< only set if there is wind
   Thrusters<T> thrust;  ///< only set if effects change it
   Point<T> point;
 
   Instant(const Dynamics& d, const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
           const Vector3<T>& nu, const Drive& drive, const ValueOf<T>& lift, const T* states)
       : since(notBelowZero(t)),
-        nu_air(nu),
         point{since,
               eta,
               nu,
               heading,
-              nu_air,
+              d.has_air_ ? static_cast<const Vector3<T>&>(nu_air) : nu,
               drive.input,
               d.thrust_.empty() ? drive.thrust : static_cast<const Thrusters<T>&>(thrust),
               *d.layout_,
@@ -59,8 +58,9 @@ struct Dynamics<T>::Instant {
               states} {
     if (d.has_air_) {
       const Vector2<T> air = heading.toBody(d.air_);
-      nu_air.x() -= air.x();
-      nu_air.y() -= air.y();
+      nu_air.x() = nu.x() - air.x();
+      nu_air.y() = nu.y() - air.y();
+      nu_air.z() = nu.z();
     }
     if (d.thrust_.empty()) return;
     thrust = drive.thrust;
@@ -221,7 +221,7 @@ Vector3<T> Dynamics<T>::effects(const T& t, const Vector3<T>& eta, const Rotatio
                                 const T* states, T* rates) const {
   Instant instant(*this, t, eta, heading, nu, drive, lift, states);
   if (rates) this->rates(instant, states, rates);
-  const Vector3<T>& nu_air = instant.nu_air;
+  const Vector3<T>& nu_air = instant.point.nu_air;
   const Thrusters<T>& thrust = instant.point.thrust;
   Vector3<T> wrench(T(0.0), T(0.0), T(0.0));
   for (const Active& a : wrench_) a.effect->wrench(a.p, instant.of(a, states), wrench);
