@@ -540,6 +540,51 @@ TEST_P(Filtered, ResponsesAreThoseOfFiniteDifferencesWithFixedGains) {
   }
 }
 
+/// Every `stride`-th sample of a run, with noise.
+RunData sparse(const RunData& run, int stride, const Vector3<double>& noise) {
+  RunData found;
+  found.name = run.name;
+  found.inputs = run.inputs;
+  found.noise = noise;
+  const auto count = (static_cast<Eigen::Index>(run.times.size()) + stride - 1) / stride;
+  found.eta.resize(count, 3);
+  found.nu.resize(count, 3);
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal;
+  for (Eigen::Index i = 0; i < count; ++i) {
+    found.times.push_back(run.times[static_cast<std::size_t>(i * stride)]);
+    found.eta.row(i) = run.eta.row(i * stride);
+    found.nu.row(i) = run.nu.row(i * stride);
+    for (int c = 0; c < 3; ++c) found.eta(i, c) += noise(c) * normal(random);
+  }
+  return found;
+}
+
+TEST(DisturbanceFilter, TakesStepsThatAreShortEnoughForTheNoise) {
+  Model model = craft();
+  model.setValue("motor_lag.tau", 0.02);
+  const RunData exact = record(model, 8, 0, 1);
+  DisturbanceLevels levels = someLevels(model);
+  for (Vector3<double>* one : {&levels.sigma, &levels.white, &levels.trim}) *one *= 0.1;
+  for (const double size : {1.0, 0.1, 0.01})
+    for (const int stride : {2, 5}) {
+      const Vector3<double> noise = size * Vector3<double>(2e-4, 2e-4, 2e-3);
+      const RunData run = sparse(exact, stride, noise);
+      RunData divided = run;  // steps end where commands change, if only in an unused lift
+      divided.inputs = InputSequence();
+      for (std::size_t i = 0; i < run.inputs.size(); ++i) {
+        const double end = i + 1 < run.inputs.size() ? run.inputs.times[i + 1] : 8;
+        double lift = 1;
+        for (double t = run.inputs.times[i]; t < end - 1e-6; t += 0.0025, lift = 2 - 1e-9 - lift)
+          divided.inputs.add(t, run.inputs.thrusters[i], lift);
+      }
+      const double usual = DisturbanceFilter(run, kMaxGap).run(model, levels, kInfinity);
+      const double fine = DisturbanceFilter(divided, kMaxGap).run(model, levels, kInfinity);
+      EXPECT_NE(usual, fine);
+      EXPECT_NEAR(usual, fine, 0.05) << size << ' ' << stride;
+    }
+}
+
 TEST(DisturbanceFilter, KnowsTheEndsOfStretches) {
   const RunData run = flight();
   const DisturbanceFilter filter(run, kMaxGap);
