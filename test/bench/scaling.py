@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Measures how a sweep over gains scales with threads and with a Dask cluster on this computer, and
-predicts its time on up to 1000 workers.
+"""Measures how a sweep over gains and a diagnosis scale with threads and with a Dask cluster on this
+computer, and predicts the time of sweeps on up to 1000 workers.
 
 The prediction is a simulation. Tasks, whose lengths are drawn from the measured ones with replacement, go
 in order to the next free worker. The scheduler submits one task after the other; its overhead per task is
@@ -12,10 +12,12 @@ import os
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 
 import numpy as np
 
+import diagnose_speed
 import hidden
 import hidden_white
 from ground import _core, workers
@@ -91,6 +93,31 @@ def diagnoses():
     return np.array(lengths)
 
 
+def diagnosis_waits():
+    """Time to the verdict on four runs with three hidden effects [s], by who works."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        effects = list(diagnose_speed.HIDDEN.values())[-1]
+        bags = diagnose_speed.record(folder, "three", effects, 4, 8)
+        allowed = os.sched_getaffinity(0)
+        for count in sorted({1, len(allowed)}):
+            os.sched_setaffinity(0, sorted(allowed)[:count])
+            found["%d threads" % count] = diagnose_speed.diagnose(bags)["verdict"]
+        os.sched_setaffinity(0, allowed)
+        for count in (1, 2, 4):
+            with cluster(count) as address:
+                waits = diagnose_speed.diagnose(bags, "--scheduler", address)
+                found["%d Dask workers" % count] = waits["verdict"]
+    return found
+
+
+def print_speedups(times):
+    """Times by who works, and how many times as fast as one thread they are."""
+    for name, seconds in times.items():
+        faster = times["1 threads"] / seconds
+        print("%-16s %6.1f s  %.2f times as fast as one thread" % (name, seconds, faster))
+
+
 def predicted(lengths, overhead, count):
     """Predicted time of the sweep on `count` workers [s]."""
     random = np.random.default_rng(1)
@@ -126,9 +153,9 @@ def main():
             begin = time.perf_counter()
             list(team.map(empty_task, range(2000)))
             overhead = (time.perf_counter() - begin) / 2000
-    first = times["1 threads"]
-    for name, seconds in times.items():
-        print("%-16s %6.1f s  %.2f times as fast as one thread" % (name, seconds, first / seconds))
+    print_speedups(times)
+    print("the verdict on four runs with three hidden effects:")
+    print_speedups(diagnosis_waits())
     print("the scheduler takes %.2f ms a task; predicted for %d tasks:" % (1e3 * overhead, SWEEP))
     kinds = {
         "gains, %d runs a task" % tuning.BATCH: lengths,
