@@ -241,6 +241,7 @@ TEST(InputFor, InvertsForceCurves) {
     EXPECT_LT(inputFor(curve, -2), -1);
   }
   EXPECT_NEAR(inputFor(table, 1e-12), 0.2, 1e-9) << "the end of the dead zone";
+  EXPECT_EQ(inputFor(table, 0), 0) << "inside the dead zone";
 }
 
 }  // namespace

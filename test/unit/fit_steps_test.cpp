@@ -6,12 +6,16 @@
 #include <Eigen/QR>
 #include <Eigen/SVD>
 #include <algorithm>
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <random>
 #include <set>
+#include <thread>
 
 #include "../../src/ground/src/identification/estimates.h"
 #include "../../src/ground/src/identification/information.h"
+#include "../../src/ground/src/identification/parallel.h"
 #include "../../src/ground/src/identification/robust_loss.h"
 #include "../../src/ground/src/identification/starts.h"
 #include "../../src/ground/src/identification/uncertainty.h"
@@ -21,6 +25,24 @@
 
 namespace ground::detail {
 namespace {
+
+TEST(Parallel, WorksRunAtOnce) {
+  std::atomic<int> begun{0};
+  std::atomic<bool> together{true};
+  const auto waits = [&](std::size_t) {
+    ++begun;
+    const auto late = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+    while (begun < 3 && together) {
+      std::this_thread::yield();
+      if (std::chrono::steady_clock::now() > late) together = false;
+    }
+  };
+  inParallel(3, 3, waits);
+  EXPECT_TRUE(together);
+  std::vector<int> done(100, 0);
+  for (const int threads : {0, 1, 3}) inParallel(done.size(), threads, [&](std::size_t i) { ++done[i]; });
+  EXPECT_EQ(done, std::vector<int>(100, 3));
+}
 
 TEST(RobustLoss, IsThePseudoHuberLossWithItsDerivatives) {
   for (const double delta : {0.1, 1.0, 3.0, kInfinity}) {

@@ -187,6 +187,29 @@ TEST(Fit, RefusesBadFreeParameters) {
   EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
 }
 
+TEST(Fit, RefusesRunsWithAMeasurementThatIsNotFinite) {
+  const RunData sound = [] {
+    RunData run = record(truth(), 5, 0, 1);
+    run.poses = run.eta;
+    return run;
+  }();
+  const auto complaint = [](const RunData& run) {
+    try {
+      problem(run);
+    } catch (const std::invalid_argument& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_EQ(complaint(sound), "");
+  for (Eigen::MatrixX3d RunData::* part : {&RunData::eta, &RunData::nu, &RunData::poses})
+    for (const double bad : {std::nan(""), HUGE_VAL}) {
+      RunData run = sound;
+      (run.*part)(7, 2) = bad;
+      EXPECT_EQ(complaint(run), "artificial: a measurement is not finite");
+    }
+}
+
 TEST(Identification, TheHeaderSufficesForItsExample) {
   RunData run = record(truth(), 6, 0.02, 1);
   const SimulationError problem({run}, cutWindows(run, 0, 0, run.times.back(), 1.5));

@@ -238,6 +238,14 @@ TEST(ModelFile, RoundTripOfADisturbance) {
   EXPECT_EQ(back.disturbance.white, read.white);
   EXPECT_EQ(back.disturbance.trim, read.trim);
   EXPECT_EQ(back.disturbance.trim_thrust, 0.02);
+  Model quiet = model;  // what is zero is not written
+  quiet.disturbance.trim.setZero();
+  quiet.disturbance.white.setZero();
+  quiet.disturbance.trim_thrust = 0;
+  EXPECT_EQ(formatModel(quiet).find("trim"), std::string::npos);
+  EXPECT_EQ(formatModel(quiet).find("white"), std::string::npos);
+  quiet.disturbance.trim_thrust = 0.02;
+  EXPECT_EQ(parseModel(formatModel(quiet), "quiet").disturbance.trim_thrust, 0.02);
   EXPECT_TRUE(parseModel(kGood, "good").disturbance.empty());
   EXPECT_EQ(formatModel(parseModel(kGood, "good")).find("disturbance"), std::string::npos);
   // It does not change the deterministic motion.

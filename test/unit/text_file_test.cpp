@@ -85,7 +85,10 @@ TEST_F(TextFile, IsRefusedIfNotRegular) {
 TEST_F(TextFile, IsRefusedIfTooLarge) {
   const std::string path = write(std::string(kLimit + 1, 'x'));
   EXPECT_EQ(complaint(path), path + ": it is larger than 1000 bytes");
-  EXPECT_NE(complaint(huge()), "");
+  const std::string big = huge();
+  for (const std::size_t megabytes : {1, 2, 300})
+    EXPECT_EQ(complaint([&] { readTextFile(big, megabytes * 1000000); }),
+              big + ": it is larger than " + std::to_string(megabytes) + " MB");
 }
 
 TEST_F(TextFile, HasTheSameLimitsInEveryReader) {

@@ -426,16 +426,19 @@ TEST(EffectsOfOneThruster, HaveExactDerivatives) {
 }
 
 TEST(EffectsOfOneThruster, GainIsThatOfTheLayout) {
-  Model model = four();
-  model.addEffect(makeEffect("thruster_gain_front_left", *model.thrusters));
-  model.setValue("thruster_gain_front_left.a", -0.2);
-  std::vector<Thruster> thrusters = four().thrusters->thrusters();
-  thrusters[2].gain *= 0.8;
-  Model expected = four();
-  expected.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
   const Thrusters<double> input{0.2, 0.4, 0.6, -0.4};
-  EXPECT_LT((accelerationOf(model, input) - accelerationOf(expected, input)).norm(), 1e-12);
-  EXPECT_GT((accelerationOf(model, input) - accelerationOf(four(), input)).norm(), 1e-3);
+  for (std::size_t i = 0; i < 4; ++i) {  // the last one pushes to the side, too
+    std::vector<Thruster> thrusters = four().thrusters->thrusters();
+    const std::string name = "thruster_gain_" + thrusters[i].name;
+    Model model = four();
+    model.addEffect(makeEffect(name, *model.thrusters));
+    model.setValue(name + ".a", -0.2);
+    thrusters[i].gain *= 0.8;
+    Model expected = four();
+    expected.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
+    EXPECT_LT((accelerationOf(model, input) - accelerationOf(expected, input)).norm(), 1e-12);
+    EXPECT_GT((accelerationOf(model, input) - accelerationOf(four(), input)).norm(), 1e-3);
+  }
 }
 
 TEST(EffectsOfOneThruster, TiltIsADirectionOfTheLayout) {
