@@ -187,6 +187,19 @@ TEST(Fit, RefusesBadFreeParameters) {
   EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
 }
 
+TEST(Simulation, OfTheTrueModelIsTheRunInEachWindow) {
+  const RunData run = record(truth(), 8, 0, 1);
+  const SimulationError windows = problem(run, 1.5);
+  const WindowSimulation found = windows.simulate(truth());
+  ASSERT_EQ(found.nu.size(), windows.windows().size());
+  for (std::size_t w = 0; w < found.nu.size(); ++w) {
+    const Eigen::Index first = windows.windows()[w].first, count = found.nu[w].rows();
+    EXPECT_LT((found.nu[w] - run.nu.middleRows(first, count)).norm(), 1e-6) << w;
+    EXPECT_LT((found.eta[w] - run.eta.middleRows(first, count)).norm(), 1e-5) << w;
+  }
+  EXPECT_LT(windows.objective(found), 1e-6);
+}
+
 TEST(Fit, RefusesRunsWithAMeasurementThatIsNotFinite) {
   const RunData sound = [] {
     RunData run = record(truth(), 5, 0, 1);

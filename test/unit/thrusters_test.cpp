@@ -68,6 +68,17 @@ TEST(ThrusterLayout, OfThePairIsThatOfTheThesis) {
   EXPECT_EQ(pair.channels(), (std::vector<std::string>{"left", "right", "lift"}));
 }
 
+TEST(ThrusterLayout, FullThrustIsAlongTheBestDirection) {
+  EXPECT_EQ(table().thrusters->fullThrust(), 2);
+  std::vector<Thruster> thrusters = listed(table()).thrusters->thrusters();
+  for (Thruster& one : thrusters) one.gain = 0.3;
+  EXPECT_DOUBLE_EQ(ThrusterLayout(thrusters).fullThrust(), 0.6);
+  thrusters[1].direction = 180;  // it cannot be reversed
+  EXPECT_DOUBLE_EQ(ThrusterLayout(thrusters).fullThrust(), 0.3);
+  thrusters[1].least = -0.5;
+  EXPECT_DOUBLE_EQ(ThrusterLayout(thrusters).fullThrust(), 0.45);
+}
+
 TEST(ThrusterLayout, LeverIsTheRootMeanSquare) {
   const Model model = four();
   const double c = std::cos(10 * M_PI / 180), s = std::sin(10 * M_PI / 180);
