@@ -401,6 +401,22 @@ TEST_F(Lifecycle, TakesOverWithTheLiftOnAndGivesWay) {
   EXPECT_TRUE(sent.empty());
 }
 
+TEST_F(Lifecycle, LiftsAgainAfterAControllerThatStoppedLongAgo) {
+  life.otherDrives(now(), "other", 0.8);
+  pass(0.5);
+  life.start(now());
+  pass(0.05);
+  EXPECT_EQ(life.current(), State::kLifting);
+}
+
+TEST_F(Lifecycle, LiftsAfterAControllerThatDroveWithoutLift) {
+  life.otherDrives(now(), "other", 0);
+  pass(0.05);
+  life.start(now());
+  pass(0.05);
+  EXPECT_EQ(life.current(), State::kLifting);
+}
+
 TEST_F(Lifecycle, ThrustNeedsATrustedState) {
   std::mt19937 random(7);
   const auto chance = [&](double p) { return std::uniform_real_distribution<double>()(random) < p; };

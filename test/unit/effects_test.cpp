@@ -11,9 +11,21 @@
 #include "ground/model/expression_effect.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
+#include "ground/model/typical.h"
 
 namespace ground {
 namespace {
+
+/// Acceleration of a craft at typical speeds, over that of full thrust and moment.
+Vector3<double> relativeAcceleration(const Model& model, double lift) {
+  const double force = typical::force(model.body), moment = typical::moment(model.body);
+  const double speed = typical::speed(model.body), rate = typical::yawRate(model.body);
+  const RigidState<double> state{{0.5, -0.5, 0.7}, {0.8 * speed, -0.6 * speed, -rate}};
+  const Thrusters<double> input{model.body.input_max, 0.4 * model.body.input_max};
+  const Dynamics<double> dynamics(model);
+  return dynamics.derivative(1, state, input, lift).nu.cwiseProduct(
+      Vector3<double>(model.body.m / force, model.body.m / force, model.body.I_z / moment));
+}
 
 Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 
@@ -204,6 +216,33 @@ TEST_P(EveryEffect, IsDocumented) {
 
 INSTANTIATE_TEST_SUITE_P(Library, EveryEffect, testing::ValuesIn(effectNames()),
                          [](const auto& test) { return test.param; });
+
+TEST(Effects, AreOfTheSizeOfThrustAtTheirTypicalParameters) {
+  for (const std::string& name : effectNames()) {
+    const EffectInfo& info = makeEffect(name)->info();
+    const unsigned hooks = makeEffect(name)->hooks();
+    if (info.opt_in || !(hooks & (Effect::kThrust | Effect::kWrench | Effect::kInertia))) continue;
+    // Added mass turns a craft in drift by far more than thrust does (the Munk moment).
+    const int compared = hooks & Effect::kInertia ? 2 : 3;
+    for (std::size_t i = 0; i < info.parameters.size(); ++i) {
+      const ParameterInfo& parameter = info.parameters[i];
+      Model model = tinyWhoover();
+      model.addEffect(makeEffect(name));
+      const double size = parameter.scale(model.body);
+      const double neutral = parameter.toCoordinate(parameter.neutral);
+      double most = 0;
+      for (const double lift : {0.0, 1.0}) {
+        model.setValue(name + "." + parameter.name, parameter.neutral);
+        const Vector3<double> before = relativeAcceleration(model, lift);
+        model.setValue(name + "." + parameter.name, parameter.fromCoordinate(neutral + size));
+        const Vector3<double> change = relativeAcceleration(model, lift) - before;
+        most = std::max(most, change.head(compared).cwiseAbs().maxCoeff());
+      }
+      EXPECT_GT(most, 0.005) << name << '.' << parameter.name;
+      EXPECT_LT(most, 0.6) << name << '.' << parameter.name;
+    }
+  }
+}
 
 TEST(EffectLibrary, HasTheSpecifiedNames) {
   const std::vector<std::string> specified = {"added_mass",
