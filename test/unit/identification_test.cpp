@@ -174,6 +174,25 @@ TEST(Fit, FitsParametersOfEffects) {
   EXPECT_LT(result.objective, 0.06);
 }
 
+TEST(Fit, LeavesABoundThatItMetOnTheWay) {
+  Model model = truth();
+  model.addEffect(makeEffect("quadratic_drag"));
+  model.setValue("quadratic_drag.cx", 0.02);
+  model.setValue("quadratic_drag.cy", 0.03);
+  const SimulationError p = problem(record(model, 8, 0, 1), 1.5);
+  FitOptions o = options(FitOptions::Objective::kThesis);
+  o.free.insert(o.free.end(), {"quadratic_drag.cx", "quadratic_drag.cy"});
+  for (const std::vector<double>& from : std::vector<std::vector<double>>{
+           {0.2, 0.2, 0.2, 0.2, 0.2}, {1e-3, 0.3, 0.3, 1e-3, 0.1}, {2e-3, 0, 0, 2e-3, 0.05}}) {
+    Model guess = with(from);
+    guess.addEffect(makeEffect("quadratic_drag"));
+    const FitResult found = p.fit(guess, o);
+    EXPECT_NEAR(found.model.value("quadratic_drag.cx"), 0.02, 2e-4);
+    EXPECT_NEAR(found.model.value("quadratic_drag.cy"), 0.03, 3e-4);
+    EXPECT_NEAR(found.model.value("X_u"), 0.05, 5e-4);
+  }
+}
+
 TEST(Fit, RefusesBadFreeParameters) {
   const SimulationError p = problem(record(truth(), 4, 0, 1));
   FitOptions o = options();
