@@ -4,6 +4,7 @@ import os
 import pathlib
 import signal
 import subprocess
+import sys
 
 import pytest
 from conftest import ROOT, wait_for
@@ -33,6 +34,12 @@ def test_arguments_and_exit_status_are_those_of_the_command():
         universal_newlines=True,
     )
     assert (result.returncode, result.stdout) == (7, "two  words\n")
+
+
+def test_the_command_can_be_interrupted():
+    script = "import signal; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
+    command = [ASIDE, sys.executable, "-c", script]
+    assert subprocess.check_output(command, universal_newlines=True) == "True\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

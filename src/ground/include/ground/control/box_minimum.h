@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
+#include "ground/model/columns.h"
 #include "ground/model/thrusters.h"
 
 namespace ground {
@@ -74,19 +75,10 @@ class BoxMinimum {
   }
   template <class Columns>
   Columns solved(const Columns& columns) const {
-    if constexpr (N == 2) {
+    if constexpr (N == 2)
       return inverse_ * columns;
-    } else {
-      // One by one: the algorithms of Eigen for many columns take seconds to compile.
-      Columns all = columns;
-      Vector one;
-      for (Eigen::Index j = 0; j < all.cols(); ++j) {
-        one = all.col(j);
-        factor_.solveInPlace(one);
-        all.col(j) = one;
-      }
-      return all;
-    }
+    else
+      return solvedByColumns(factor_, columns);
   }
 
   /// Factorises H with the rows and columns of elements at a bound replaced by those of the
