@@ -67,8 +67,6 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   }
 
   void linearize(int k, Linear& linear) const;
-  void addStateCost(int k, Vector& gradient, Square& curvature) const;
-  void addWallCost(const State& state, Vector& gradient, Square& curvature) const;
   bool backward();
   Thrusters<double> corrected(std::size_t k, Input input, const State& state) const;
   void shiftPlan(double shift);
@@ -87,8 +85,10 @@ std::unique_ptr<TrajectoryOptimizer> makeSized(const Model& model, int steps, do
   constexpr int kBody = 6, kOfLag = 2;  // states of the rigid body, of the motors of a pair
   const int states = model.stateCount();
   if (states == 0) return std::make_unique<SizedOptimizer<N, kBody>>(model, steps, step);
-  if (states <= kOfLag)
-    return std::make_unique<SizedOptimizer<N, kBody + kOfLag>>(model, steps, step);
+  if constexpr (N == 2) {
+    if (states <= kOfLag)
+      return std::make_unique<SizedOptimizer<N, kBody + kOfLag>>(model, steps, step);
+  }
   return std::make_unique<SizedOptimizer<N, TrajectoryOptimizer::kStates>>(model, steps, step);
 }
 
@@ -180,6 +180,33 @@ double TrajectoryOptimizer::stateCost(int k, const State& state) const {
     cost += walls_->weight * excess * excess;
   }
   return cost;
+}
+
+TrajectoryOptimizer::CostDerivatives TrajectoryOptimizer::stateCostDerivatives(int k) const {
+  CostDerivatives by;
+  const State& state = states_[static_cast<std::size_t>(k) + 1];
+  const ReferencePoint& reference = references_[static_cast<std::size_t>(k)];
+  const bool end = k + 1 == steps();
+  const double position = 2 * step_ * (end ? 1 + weights_.end_position : 1);
+  const double velocity = 2 * step_ * (weights_.velocity + (end ? weights_.end_velocity : 0));
+  const Rotation<double> heading(state(2));
+  const Vector2<double> over_floor = heading.toWorld({state(3), state(4)});
+  const Vector2<double> slip = over_floor - reference.p_dot;
+  by.gradient.head<2>() = position * (state.head<2>() - reference.p);
+  by.curvature(0, 0) = by.curvature(1, 1) = position;
+  Eigen::Matrix<double, 2, 3> turned;  // velocity over the floor by psi, u, v
+  turned << -over_floor.y(), heading.c, -heading.s, over_floor.x(), heading.s, heading.c;
+  by.gradient.tail<3>().noalias() = velocity * turned.transpose() * slip;
+  by.curvature.bottomRightCorner<3, 3>().noalias() = velocity * turned.transpose() * turned;
+  if (!walls_) return by;
+  Eigen::Matrix<double, 1, 5> wall;
+  const double excess =
+      walls_->fence.excess({state.head<3>(), state.segment<3>(3)}, walls_->age, wall);
+  if (!(excess > 0)) return by;
+  const double weight = 2 * step_ * walls_->weight;
+  by.gradient += weight * excess * wall.transpose();
+  by.curvature.noalias() += weight * wall.transpose() * wall;
+  return by;
 }
 
 double TrajectoryOptimizer::inputCost(const Thrusters<double>& input) const {
@@ -294,39 +321,6 @@ void SizedOptimizer<N, S>::linearize(int k, Linear& linear) const {
   }
 }
 
-/// Adds the derivatives of the cost of the state at the end of step k.
-template <int N, int S>
-void SizedOptimizer<N, S>::addStateCost(int k, Vector& gradient, Square& curvature) const {
-  const State& state = states_[static_cast<std::size_t>(k) + 1];
-  const ReferencePoint& reference = references_[static_cast<std::size_t>(k)];
-  const bool end = k + 1 == steps();
-  const double position = 2 * step_ * (end ? 1 + weights_.end_position : 1);
-  const double velocity = 2 * step_ * (weights_.velocity + (end ? weights_.end_velocity : 0));
-  const Rotation<double> heading(state(2));
-  const Vector2<double> over_floor = heading.toWorld({state(3), state(4)});
-  const Vector2<double> slip = over_floor - reference.p_dot;
-  gradient.template head<2>() += position * (state.head<2>() - reference.p);
-  curvature(0, 0) += position;
-  curvature(1, 1) += position;
-  Eigen::Matrix<double, 2, 3> by;  // velocity over the floor by psi, u, v
-  by << -over_floor.y(), heading.c, -heading.s, over_floor.x(), heading.s, heading.c;
-  gradient.template segment<3>(2).noalias() += velocity * by.transpose() * slip;
-  curvature.template block<3, 3>(2, 2).noalias() += velocity * by.transpose() * by;
-}
-
-template <int N, int S>
-void SizedOptimizer<N, S>::addWallCost(const State& state, Vector& gradient,
-                                       Square& curvature) const {
-  Eigen::Matrix<double, 1, 5> derivative;
-  const double excess =
-      walls_->fence.excess({state.head<3>(), state.segment<3>(3)}, walls_->age, derivative);
-  if (!(excess > 0)) return;
-  const double weight = 2 * step_ * walls_->weight;
-  gradient.template head<5>() += weight * excess * derivative.transpose();
-  curvature.template topLeftCorner<5, 5>().noalias() +=
-      weight * derivative.transpose() * derivative;
-}
-
 /// The quadratic problem of the iteration, from its end to its start. Returns false if it has no
 /// minimum, or when time is up.
 template <int N, int S>
@@ -341,8 +335,9 @@ bool SizedOptimizer<N, S>::backward() {
   for (int k = steps() - 1; k >= 0; --k) {
     if (!timeFor(k)) return false;
     const auto i = static_cast<std::size_t>(k);
-    addStateCost(k, gradient, curvature);
-    if (walls_) addWallCost(states_[i + 1], gradient, curvature);
+    const CostDerivatives cost = stateCostDerivatives(k);
+    gradient.template head<5>() += cost.gradient;
+    curvature.template topLeftCorner<5, 5>() += cost.curvature;
 
     const Square& A = linear_[i].A;
     const Drive& B = linear_[i].B;

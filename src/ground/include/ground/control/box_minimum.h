@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
+#include "ground/model/columns.h"
 #include "ground/model/thrusters.h"
 
 namespace ground {
@@ -77,7 +78,7 @@ class BoxMinimum {
     if constexpr (N == 2)
       return inverse_ * columns;
     else
-      return factor_.solve(columns);
+      return solvedByColumns(factor_, columns);
   }
 
   /// Factorises H with the rows and columns of elements at a bound replaced by those of the

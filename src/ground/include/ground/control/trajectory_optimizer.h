@@ -95,6 +95,13 @@ class TrajectoryOptimizer {
   /// The state after step k of the horizon.
   State advance(int k, const State& state, const Thrusters<double>& input) const;
   double stateCost(int k, const State& state) const;
+  /// Derivatives of a state's cost by x, y, psi, u and v, on which it depends.
+  struct CostDerivatives {
+    Eigen::Matrix<double, 5, 1> gradient = Eigen::Matrix<double, 5, 1>::Zero();
+    Eigen::Matrix<double, 5, 5> curvature = Eigen::Matrix<double, 5, 5>::Zero();
+  };
+  /// Derivatives of the cost of the state at the end of step k of the plan.
+  CostDerivatives stateCostDerivatives(int k) const;
   double inputCost(const Thrusters<double>& input) const;
   /// Simulates the tried inputs, which plan(k, state) gives, until the cost reaches `limit`;
   /// returns the cost.
