@@ -87,8 +87,7 @@ class DiscoveryNode:
             self._closed = True
 
     def _run(self) -> None:
-        # Threads and processes of the diagnosis have the priority of this thread.
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+        _yield_to_other_nodes()
         try:
             self._discovery = Discovery(
                 self._model, self._laboratory, self._settings, self._folder, self._tell
@@ -151,6 +150,19 @@ class DiscoveryNode:
             self._status.publish(message)
             self._planned.publish(path)
             self._markers.publish(discovery_markers.markers(message, self._laboratory.room))
+
+
+def _yield_to_other_nodes() -> None:
+    """Gives this thread, and the threads and processes that it starts, a low priority, and this node's
+    session, too: Linux divides the processors between sessions first (autogroup in sched(7)), and
+    roslaunch makes each node a session. The session of a terminal keeps its priority."""
+    os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+    if os.getsid(0) == os.getpid():
+        try:
+            with open("/proc/self/autogroup", "w") as session:
+                session.write(str(NICE))
+        except OSError:
+            pass  # this kernel does not divide between sessions
 
 
 def _log(text: str) -> None:
