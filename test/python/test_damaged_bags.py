@@ -44,6 +44,9 @@ def message(text, time, at=0, longer=0, short=0):
     return number(len(packed)) + packed + number(len(data) + longer) + data
 
 
+CONNECTION = connection()
+
+
 class Bag:
     """A bag in parts: chunks of records of messages, each with its index."""
 
@@ -70,7 +73,7 @@ class Bag:
             self.body += record(4, data, ver=number(1), conn=number(at), count=number(len(rows)))
         return self
 
-    def write(self, path, connections=(connection(),), index_at=None, end=None, keep=None, **more):
+    def write(self, path, connections=(CONNECTION,), index_at=None, end=None, keep=None, **more):
         """Writes it; index_at: what its header says; end: False leaves its end out; keep: bytes."""
         place = len(bag_reader.MAGIC) + 4096 + len(self.body)
         given = place if index_at is None else index_at
@@ -111,8 +114,8 @@ def path(tmp_path):
 
 
 def test_messages_of_all_chunks_come_in_the_order_of_receipt(path):
-    bag = Bag().chunk([connection(), *ROWS]).chunk([row("two", 2 * 10**9 + 5), row("five", 2**32 * 10**9 - 1)])
-    bag.write(path)
+    later = [row("two", 2 * 10**9 + 5), row("five", 2**32 * 10**9 - 1)]
+    Bag().chunk([connection(), *ROWS]).chunk(later).write(path)
     found, warnings = read(path)
     assert warnings == []
     assert found == [TEXTS[0], ("two", 2 * 10**9 + 5), *TEXTS[1:], ("five", 2**32 * 10**9 - 1)]
