@@ -395,6 +395,7 @@ def test_memory_needs_a_ratio_of_twenty_before_and_after_the_refit(monkeypatch):
     assert one.kind.name == "spin_up" and one.fit.log_posterior == 110.1
     count = sum(len(kind.tried) for kind in memory.kinds_of(model()))
     assert one.p_value == pytest.approx(count * chi_squared_above(40.0, 1))
+    assert count * chi_squared_above(memory.MIN_RATIO, 1) < 1.5e-4
     (start, free), (again, constants) = likelihood.asked
     assert start.value("spin_up.c") == 0.007
     assert (start.value("spin_up.rise"), start.value("spin_up.fall")) == (0.02, 0.06)
@@ -569,6 +570,22 @@ def test_commands_repeat_up_to_an_eighth_of_their_power():
         assert [round(lag, 1) for lag in lags if abs(lag - 4) < 0.1] == [4.0] * found, ratio
 
 
+@pytest.mark.parametrize("since,found", [(0.25, False), (0.35, True)])
+def test_commands_before_a_window_have_to_repeat_as_well(since, found):
+    """For 0.3 s: what was commanded before still acts."""
+    run, window = repeated(0.0)
+    rows = np.array(run.inputs)
+    begin = run.times[window.first] + 4.0
+    late = (rows[:, 0] > begin - since - 0.2) & (rows[:, 0] < begin - since - 1e-6)
+    rows[late, 1:3] += 6.0
+    ends = begin - since
+    rows = np.insert(rows, np.searchsorted(rows[:, 0], ends), [ends, *run.inputs[np.searchsorted(
+        run.inputs[:, 0], ends, side="right") - 1][1:]], axis=0)  # fmt: skip
+    other = _core.RunData("r", run.times, run.eta, run.nu, rows)
+    lags = [lag for _, lag in repeats._repetitions([other], window)]
+    assert any(abs(lag - 4) < 0.05 for lag in lags) == found
+
+
 def test_three_repetitions_are_the_most_and_the_closest_come_first():
     run, window = repeated(0.0)
     others = [repeated(ratio)[0] for ratio in (0.06, 0.02, 0.04, 0.08)]
@@ -653,6 +670,49 @@ def test_well_known_parameters_and_weak_combinations_are_not_named():
     # known together to half of the better one: 2 (1 - r) = 1/4
     for correlation, named in ((0.874, False), (0.876, True)):
         assert bool(identifiability.weak_directions(covariance(0.1, 0.1, correlation))) == named
+
+
+def test_of_two_parameters_the_better_one_decides():
+    """A combination is told only if it is known better than either."""
+    assert identifiability.weak_directions(covariance(0.02, 0.031, 0.99)) == []
+    assert identifiability.weak_directions(covariance(0.04, 0.06, 0.95)) == []
+    assert identifiability.weak_directions(covariance(0.04, 0.041, 0.95)) != []
+
+
+def test_a_plan_is_at_most_until_the_effects_are_known(monkeypatch):
+    class Certain(Expected):
+        def __init__(self):
+            super().__init__()
+            self.at_most, self.work = {}, self
+
+        def expect(self, what, units, seconds=0.0, at_most=False, scaled=True):
+            super().expect(what, units)
+            self.at_most[what] = at_most
+
+        def note(self, text):
+            pass
+
+        def step(self, units=1):
+            pass
+
+    told = Certain()
+    plan = stages.Plan(told)
+    plan.begin()
+    certain = {stages.FITTING, stages.LEAVING, stages.ERRORS}
+    assert {what for what, most in told.at_most.items() if not most} == certain
+    assert told.units[stages.REMEMBERING] == 1 and told.units[stages.SEARCHING] == 21
+    assert told.units[stages.TESTING] == 4 and told.units[stages.ORDERING] == 2
+    gains = {MANY[0]: 300.0, MANY[1]: 200.0, MANY[2]: 1.0, MANY[3]: 0.0}
+    found, _ = searched(monkeypatch, gains, plan=plan)
+    assert found.run() == frozenset(MANY[:2])
+    assert found._coming(EMPTY) == 2 and found._coming(frozenset(MANY[:1])) == 1
+    assert told.units[stages.ORDERING] == 2 and all(
+        most for what, most in told.at_most.items() if what not in certain
+    )
+    # Sets to refit in the first round, as many for each effect to come, and three for two effects' swaps.
+    assert told.added >= 3 * 2 + 3 + 1
+    plan.found(2)
+    assert not any(told.at_most[w] for w in (stages.TESTING, stages.ORDERING, stages.REPEATING))
 
 
 def test_stages_of_a_longer_recording_take_longer():
