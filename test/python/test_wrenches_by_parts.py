@@ -130,7 +130,8 @@ def test_disturbances_are_left_out_by_three_tenths_of_a_second():
     assert full[2] == full[0] * model().value("l")
     cases = {
         "one": ([400], 1.0), "two": ([300, 500], 1.0), "near": ([300, 330], 1.0), "apart": ([300, 365], 1.0),
-        "first": ([0], 1.0), "slight": ([400], 2.9 / 3), "none": ([], 1.0), "half": (range(100, 560, 20), 1.0),
+        "first": ([0], 1.0), "slight": ([400], 2.9 / 3), "none": ([], 1.0),
+        "half": (range(100, 560, 20), 1.0),
     }  # fmt: skip
     for name, (at, size) in cases.items():
         wrench = np.full((len(times), 3), 1e-3) * full
