@@ -4,6 +4,7 @@ import types
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from test_sets_of_effects import NAMES, searched, size, threshold
 from test_statistics import Expected, model, random_scores, run_data, scores_of
 
@@ -16,6 +17,8 @@ from ground.analysis import (
     identifiability,
     look_alikes,
     memory,
+    next_experiment,
+    own_stop,
     repeats,
     stages,
     thinning,
@@ -734,3 +737,71 @@ def test_stages_of_a_longer_recording_take_longer():
     none = Expected()
     stages.Plan(none).found(0)
     assert none.units[stages.REPEATING] == 1 and none.seconds[stages.REPEATING] == 0
+
+
+# --- experiments, and a craft that stops
+
+
+def test_a_run_of_an_experiment_has_the_inputs_of_its_craft():
+    craft = _core.load_model(str(ROOT / "cfg" / "hovercraft" / "mvwt.yaml"))
+    assert craft.input_max == 4.5
+    schedule = next(next_experiment.choices()).schedule()
+    run = next_experiment._run(craft, schedule, np.full(3, 1e-4))
+    assert np.array_equal(np.array(run.inputs)[:, 1:3], 4.5 * schedule.rows[:, 1:3])
+    assert np.array_equal(np.array(run.inputs)[:, [0, 3]], schedule.rows[:, [0, 3]])
+
+
+def test_an_experiment_in_a_room_is_the_same_each_time():
+    experiment = next(next_experiment.choices())
+    first, again = (experiment.schedule_in(_core.RoomPlan(), model()) for _ in range(2))
+    assert np.array_equal(first.rows, again.rows) and first.end == again.end
+    assert next_experiment.schedule_of(experiment.arguments(), model()).end == first.end
+    assert first.rows[:, 1:3].min() >= 0 and first.rows[:, 1:3].max() <= 1
+    lifted = first.rows[first.rows[:, 3] > 0, 0]
+    assert 16 <= np.ptp(lifted) < 18  # with the braking at its end
+
+
+def verdict_of(time=0.4, deviation=0.01, slope=0.3, braking=2.0, loss=0.3, silence=1.5):
+    given = own_stop.Trial(np.zeros(0), np.zeros(0), np.zeros(0, bool), 0.0, silence)
+    return own_stop._braked(given, own_stop.Break(time, deviation, slope, braking, loss), 0.4)
+
+
+def test_what_brakes_harder_than_a_floor_or_too_early_is_undecided():
+    for braking, outcome in ((5.9, "passed"), (6.1, "undecided")):
+        assert verdict_of(braking=braking).outcome == outcome
+    half = 1.96 * np.hypot(0.01, 0.02)
+    found = verdict_of()
+    assert found.uncertainty == pytest.approx(half) and found.stopped_after == 0.4
+    assert verdict_of(time=-half + 1e-4).outcome == "passed"
+    assert verdict_of(time=-half - 1e-4).reason == (
+        "it braked 0.04 s before the silence began: did something hold it?"
+    )
+    assert verdict_of(time=1.5 - half - 1e-4).outcome == "passed"
+    assert "when the silence ended" in verdict_of(time=1.5 - half + 1e-4).reason
+    for total, outcome in ((0.249, "passed"), (0.251, "undecided")):
+        deviation = np.sqrt((total / 1.96) ** 2 - 0.02**2)
+        assert verdict_of(deviation=deviation).outcome == outcome
+    assert verdict_of(time=-0.01).reason.startswith("it stopped by itself 0.00 s (+- 0.04 s)")
+
+
+def went_on(end, slope=0.3, speed=0.4, time=0.1, deviation=0.01, braking=2.0, silence=1.5):
+    times = np.arange(-50, 250) / 100
+    given = own_stop.Trial(times, np.full(300, end), np.ones(300, bool), 0.0, silence)
+    found = own_stop.Break(0.5, 0.1, slope, 0.1, 0.0)
+    return own_stop._went_on(given, found, own_stop.Break(time, deviation, 0.0, braking, 0.3), speed)
+
+
+def test_a_craft_that_went_on_was_driven_or_glided():
+    for silence in (0.8, 1.5):
+        for slope in (0.02, 0.3):
+            needed = min(0.5 * slope * silence, 0.1)
+            for off, how in ((1e-3, "driven on by its thrust"), (-1e-3, "gliding, as if its lift was on")):
+                found = went_on(0.4 + needed + off, slope, silence=silence)
+                assert found.outcome == "failed" and how in found.reason
+                assert "for all the %.1f s of silence" % silence in found.reason
+    assert went_on(0.201).outcome == "failed" and went_on(0.199).outcome == "undecided"
+    assert "slowed down from 0.40 to 0.20 m/s, but not as a craft" in went_on(0.199).reason
+    late = 1.96 * np.hypot(0.01, 0.02)
+    assert went_on(0.5, time=-late + 1e-4).outcome == "failed"
+    assert "when the silence ended" in went_on(0.5, time=-late - 1e-4).reason
+    assert "braking cannot be seen" in went_on(0.5, braking=0.4).reason

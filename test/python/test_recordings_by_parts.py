@@ -181,8 +181,9 @@ def test_a_burst_is_sorted_along_its_way():
         times, eta, _ = burst(step=step)
         ways[step] = bursts.in_order(times, eta)[1]
     assert ways == {1.4e-3: 0, 2.5e-3: 2}
-    times, eta, order = burst(step=0.0, turn=0.2)  # a craft that turns on the spot
-    assert (bursts.in_order(times, eta)[0] == order).all()
+    for heading in (0.0, 1.5, 3.1):  # a craft that turns on the spot
+        times, eta, order = burst(step=0.0, turn=0.05)
+        assert (bursts.in_order(times, eta + [0, 0, heading])[0] == order).all()
     places = np.random.default_rng(1).normal(size=(9, 4))
     assert bursts._roughness(places) == pytest.approx(
         sum(((places[i] - 2 * places[i + 1] + places[i + 2]) ** 2).sum() for i in range(7))
@@ -303,14 +304,89 @@ def test_a_craft_has_moved_by_a_centimetre_or_a_tenth_of_a_radian():
     times, eta, rows = flown([(3.0, False), (1.0, True)])
     for axis, limit in ((0, 0.01), (1, 0.01), (2, 0.1)):
         for factor, moved in ((0.6, False), (1.6, True)):
-            other = eta * 0 + np.random.default_rng(1).normal(0, [1e-4, 1e-4, 1e-3], eta.shape)
+            other = np.random.default_rng(1).normal(0, [1e-4, 1e-4, 1e-3], eta.shape) + [2.0, -1.0, 0.5]
             other[times > 1.0, axis] += factor * limit
             other[times > 3.0] = eta[times > 3.0] + other[times > 3.0]
             start = run_of(times, other, rows).active[0]
             assert (start < 1.2) == moved, (axis, factor)
 
 
+def test_a_run_goes_on_while_its_last_command_is_held():
+    """A craft that something blocks is driven all the same."""
+    times = np.arange(800) / 100
+    random = np.random.default_rng(1)
+    eta = np.column_stack([0.2 * np.minimum(times, 2.0), 0 * times, 0 * times])
+    eta = eta + random.normal(0, [1e-4, 1e-4, 1e-3], eta.shape)
+    rows = np.array([[0.0, 1, 0, 1], [1.0, 0, 1, 1], [2.0, 1, 1, 1], [3.5, 0, 0, 1], [8.0, 0, 0, 1]])
+    run = run_of(times, eta, rows)
+    assert run.active[1] == pytest.approx(3.6)
+    driven = rows[:4].copy()
+    driven[3] = [3.5, 1, 1, 1]  # to its end
+    assert run_of(times, eta, driven).active[1] == pytest.approx(3.5)
+
+
+def test_rates_do_not_depend_on_the_origin_of_time():
+    times, eta, rows = flown([(4.0, True)])
+    plain, later = (
+        run_of(times + begin, eta, rows + [begin, 0, 0, 0]).describe() for begin in (0.0, 700.0)
+    )
+    for what in ("poses", "controls"):
+        assert later[what]["rate"] == pytest.approx(plain[what]["rate"])
+    assert later["duration"] == pytest.approx(plain["duration"])
+    assert later["controls"]["end_after_poses"] == pytest.approx(plain["controls"]["end_after_poses"])
+
+
+def test_errors_of_authorities_are_those_of_a_jackknife():
+    rows = commands(20.0)
+    moved = motion(rows, noise=0.3)
+    given = recorded(rows, moved)
+    found = reply.authorities(given, moved, 0.0)
+    inside = reply.middle(moved.times)
+    inside &= (moved.times > rows[0, 0]) & (moved.times < rows[-1, 0])
+    wanted = reply._clipped(reply.accelerations(moved)[inside])
+    X = np.column_stack([reply.commands_at(given, moved.times[inside]), reply.smooth_terms(moved.nu[inside])])
+    count = len(X)
+    block = np.arange(count) * 10 // count
+    parts = [np.linalg.lstsq(X[block != b], wanted[block != b], rcond=None)[0][:2] for b in range(10)]
+    errors = np.sqrt(9 / 10 * ((parts - np.mean(parts, axis=0)) ** 2).sum(axis=0))
+    whole = np.linalg.lstsq(X, wanted, rcond=None)[0][:2]
+    for one, value, error in zip(found, whole, errors):
+        assert (one.forward, one.right, one.turn) == pytest.approx(tuple(value))
+        assert one.errors == pytest.approx(tuple(error))
+
+
 # --- recordings
+
+
+def lost(count, left, fit=("x, -y, -z", 0.97), taken=("axes",)):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recording.units, "fitting_axes", lambda raw: fit)
+        rows = types.SimpleNamespace(lost=count, rows={"poses": np.zeros((left, 4))})
+        given = types.SimpleNamespace(taken=taken, changes=[types.SimpleNamespace(axes="x, y, z")])
+        return recording._lost("f.bag", rows, types.SimpleNamespace(raw=[1], settings=given))
+
+
+def test_poses_that_are_lost_name_the_axes_that_would_keep_them():
+    assert lost(20, 80) == (
+        "20% of the poses do not fit the axes 'x, y, z' and were left out: --axes \"x, -y, -z\" fits 97%"
+    )
+    for more in (dict(count=9, left=91), dict(fit=None), dict(taken=())):
+        given = dict(dict(count=20, left=80), **more)
+        assert lost(**given) == "%d poses are invalid and were left out" % given["count"]
+    assert lost(10, 90).startswith("10% of the poses") and lost(98, 2).startswith("98% of the poses")
+    with pytest.raises(GroundError, match="f.bag: 99% of the poses do not fit the axes 'x, y, z'"):
+        lost(99, 1)
+
+
+def test_a_clock_that_a_mapping_mends_has_no_offset(tmp_path):
+    path = str(write_bag(tmp_path / "run.bag", duration=4))
+    for given in (mapping.FieldMapping(clock_offset=0.5), mapping.FieldMapping(clock_drift=0.01)):
+        found = recording.read_bag(path, given)
+        assert found.clock_offset == 0
+        stamps = 1000 + np.arange(400) / 100
+        assert found.pose_times == pytest.approx(
+            stamps + given.clock_offset + given.clock_drift * (stamps - 1000), abs=1e-6
+        )
 
 
 def test_a_pose_that_is_too_far_in_one_coordinate_is_lost(tmp_path):
@@ -551,6 +627,16 @@ def test_effects_of_a_class_are_the_same_up_to_factors():
             assert np.allclose(normal(h.effects(three)), normal(group.effects), atol=2e-6)
     costs = [group.first.cost(NAMES) for group in groups]
     assert costs == sorted(costs) and costs[0] == 0
+
+
+def test_intervals_of_ratios_are_of_95_percent():
+    found = types.SimpleNamespace(
+        shares=lambda index: (0.5, 0.6), classes=[None, types.SimpleNamespace(first="first")]
+    )
+    one = verdicts._found(found, 1, (np.array([0.0, 0.4]), np.array([0.0, 0.1])))
+    assert (one.hypothesis, one.force, one.turn) == ("first", 0.5, 0.6)
+    assert one.ratio == pytest.approx(math.exp(0.4))
+    assert one.ratio95 == pytest.approx((math.exp(0.4 - 0.196), math.exp(0.4 + 0.196)))
 
 
 class Turned:

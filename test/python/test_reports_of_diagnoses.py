@@ -20,7 +20,7 @@ from ground.analysis import (
     varying,
 )
 from ground.analysis.distributions import chi_squared_above
-from ground.analysis.likelihood import Fit
+from ground.analysis.likelihood import Fit, _from_neutral
 from ground.errors import GroundError
 from ground.recordings import windows
 
@@ -145,6 +145,22 @@ def test_an_effect_that_was_not_refitted_has_the_step_of_its_test():
         assert (found.name, found.gain, found.refitted) == ("momentum_drag", 7.0, False)
         assert found.seen == (seen > 0.003) and "momentum_drag" in found.model.effects
         assert found.parameters == [dict(name="momentum_drag", step={"step": 1})]
+
+
+def test_what_was_refused_is_dropped_with_its_reason():
+    made = found_of({"yaw_bias": 100.0, "quadratic_drag": 60.0}, lambda names: 3.0)
+    one, both = frozenset(["yaw_bias"]), frozenset(["yaw_bias", "quadratic_drag"])
+    made.budget, made.memory, made.search.test_beside = None, None, lambda names: None
+    made.search.refused = lambda found: [both]
+    made.search.rivals = lambda names, name: []
+    made.search.value = lambda names: 1.0
+    made._likeliest_set = lambda: one
+    made._refuted = lambda better, found: "refuted" if better == both and found == one else None
+    made._with_memory = lambda found: found
+    made.grow()
+    assert [(d.trial.name, d.why) for d in made.dropped] == [("quadratic_drag", "refuted")]
+    assert made.names == one and [step.added for step in made.steps] == ["yaw_bias"]
+    assert [t.name for t in made.tried] == ["yaw_bias", "quadratic_drag"] and made.slight is None
 
 
 # --- the report
@@ -447,7 +463,10 @@ def test_blocks_are_held_out_in_ten_folds_at_most(monkeypatch):
             return float(len(cut))
 
         monkeypatch.setattr(validation.windows, "error", error)
-        found = validation.leave_blocks_out([], ["given"], fit)
+        told = []
+        work = types.SimpleNamespace(more=told.append, each=lambda items: items)
+        found = validation.leave_blocks_out([], ["given"], fit, work=work)
+        assert told == [folds]
         assert found["blocks"] == count and found["folds"] == folds and len(fitted) == 1 + folds
         assert fitted[0] == list(range(count))
         for fold, left in enumerate(fitted[1:]):
@@ -493,3 +512,36 @@ def test_estimates_of_two_fits_disagree_from_three_deviations_on():
     other = {"parameters": [dict(name="k", value=0.0, deviation=4.0, identified=True)]}
     assert validation.disagreements(fit(14.9), other) == []
     assert validation.disagreements(fit(15.1), other) == validation.disagreements(fit(-15.1), other) == ["k"]
+
+
+def test_values_are_carried_over_to_a_model_that_has_them():
+    fitted, extended = model(), candidates.of_library("yaw_bias").add(model())
+    fitted.set_value("k", 1.3 * fitted.value("k"))
+    extended.set_value("yaw_bias.n0", 2e-4)
+    found = candidates.carried_over(fitted, extended)
+    assert found.value("k") == fitted.value("k") and found.value("yaw_bias.n0") == 2e-4
+    assert extended.value("k") == model().value("k")  # a copy
+    back = candidates.carried_over(found, model())
+    assert back.effects == [] or "yaw_bias" not in back.effects
+    assert back.value("k") == fitted.value("k")
+
+
+def test_the_wald_ratio_counts_from_where_an_effect_does_nothing():
+    craft = candidates.of_library("yaw_bias").add(model())
+    craft.set_value("yaw_bias.n0", 3e-4)
+    fit = dataclasses.replace(
+        GIVEN, model=craft, free=("k", "yaw_bias.n0"), scale=np.array([0.1, 1e-4]),
+        information=np.array([[4.0, 1.0], [1.0, 2.0]]),
+    )  # fmt: skip
+    covariance = np.linalg.inv(fit.information)[1, 1]
+    assert fit.ratio_without("yaw_bias") == pytest.approx(3.0**2 / covariance)
+    lag = candidates.of_library("motor_lag").add(model())
+    (parameter,) = candidates.parameters_of(lag, "motor_lag")
+    lag.set_value(parameter["name"], 0.05)
+    away = 1 / 0.05 if np.isinf(parameter["neutral"]) else 0.05 - parameter["neutral"]
+    one = dataclasses.replace(
+        GIVEN, model=lag, free=(parameter["name"],), scale=np.array([0.02]), information=np.array([[5.0]])
+    )
+    assert one.ratio_without("motor_lag") == pytest.approx(5 * (away / 0.02) ** 2)
+    slow = {"name": "tau", "neutral": np.inf}
+    assert _from_neutral(slow, types.SimpleNamespace(value=lambda name: 4.0)) == 0.25
