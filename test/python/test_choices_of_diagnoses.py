@@ -19,6 +19,7 @@ from ground.analysis import (
     memory,
     next_experiment,
     own_stop,
+    remains,
     repeats,
     stages,
     thinning,
@@ -418,6 +419,43 @@ def test_kinds_that_a_model_has_are_not_tried_again(monkeypatch):
     with contextlib.suppress(ValueError):  # of nothing
         memory.find(None, types.SimpleNamespace(model=has, free=()))
     assert tried and not any("wake" in candidate.name for candidate in tried)
+
+
+def test_kinds_of_memory_can_be_fitted_from_what_is_tried():
+    """A typical one is a sixth of a thruster's force, and may grow or fall; what is tried is far from the
+    limits, and motors may be as quick as half a step of 10 ms."""
+    full = model().value("k")
+    for kind in memory.kinds_of(model()):
+        assert 0.1 * full < kind.scale < 0.3 * full, kind.name
+        for values in kind.tried:
+            parameters = kind.entry(values)["parameters"]
+            size = parameters.pop("c")
+            assert size["lower"] == -size["upper"] and size["upper"] > 1e3 * size["scale"]
+            assert size["scale"] == kind.scale and size["value"] == size["neutral"] == 0
+            assert list(parameters) == [constant.name for constant in kind.constants]
+            for one, value in zip(parameters.values(), values):
+                assert 3 * one["lower"] < value < one["upper"] / 3
+        assert len(set(kind.tried)) == len(kind.tried) > 0
+        for constant in kind.constants:
+            if constant.name in ("rise", "fall"):
+                assert constant.lower == 0.005
+
+
+def test_tried_lags_and_waves_leave_no_holes():
+    """Waves over the floor of any length from 0.15 to 1.5 m are within a quarter of a tried one, and lags of
+    the thrust up to 0.3 s within 50 ms."""
+    for tried, shortest in ((unexplained.WAVELENGTHS, 0.1), (remains.WAVELENGTHS, 0.15)):
+        lengths = np.array(tried)
+        assert (lengths[0], lengths[-1]) == (shortest, 1.5)
+        assert ((lengths[1:] / lengths[:-1] > 1.1) & (lengths[1:] / lengths[:-1] < 1.51)).all()
+    lags = np.array(failure.COMMAND_LAGS)
+    assert (lags[0], lags[-1]) == (0.0, 0.3) and (np.diff(lags) > 0).all() and np.diff(lags).max() < 0.101
+    assert len(set(np.round(np.diff(lags), 6))) > 1  # short ones are closer
+    run, craft = run_data(4.0), model()
+    sampled = unexplained.values(run, craft)
+    for term in unexplained.dictionary(craft):
+        for formula in term.parts.values():
+            assert np.abs(unexplained.evaluate(formula, sampled)).max() > 1e-3, formula
 
 
 def test_play_is_taken_up_within_a_step_and_kept(monkeypatch):

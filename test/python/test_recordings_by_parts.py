@@ -585,6 +585,14 @@ def test_a_heading_offset_is_given_within_half_a_turn():
     assert remedy(0.5, 1.0, -1) == ["--heading-offset 0.50"] and remedy(0.5, 0.0) == []
 
 
+def test_turns_of_the_heading_are_named():
+    cases = ((math.pi, "half a turn"), (-math.pi, "half a turn"), (math.pi / 2, "a quarter turn"),
+             (-math.pi / 2, "a quarter turn"), (-math.pi / 3, "-60 degrees"))  # fmt: skip
+    for offset, turn in cases:
+        said = words.suppositions(Hypothesis(NAMES, (1, 1, 1), offset), NAMES)
+        assert said == "the heading is off by " + turn
+
+
 def test_a_single_inverted_thruster_is_named():
     assert words.suppositions(Hypothesis(("a",), (-1,)), ("a",)) == "a is inverted"
     assert words.suppositions(Hypothesis(("a", "b"), (-1, 1)), ("a", "b"), True) == "a seems to be inverted"

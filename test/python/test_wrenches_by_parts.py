@@ -283,6 +283,16 @@ def test_predictions_leave_out_what_their_begin_was_fitted_to():
     assert np.abs(comparison.evaluate(exact, model()).predicted).max() < 0.15
 
 
+def test_the_objective_of_the_thesis_is_of_the_first_four_seconds():
+    run, craft = run_data(8.0, nu=(0.3, 0.1, 0.4)), pushed((0.004, 0.0))
+    (window,) = [w for w in _core.cut_windows(run, 0, 0.0, 4.0, 4.0, 4.0)]
+    assert (window.first, window.last) in ((0, 399), (0, 400))
+    expected = _core.SimulationError([run], [window]).simulate(craft, _core.Objective.thesis)["objective"]
+    assert comparison.thesis_objective(run, craft) == expected
+    for duration, known in ((3.65, True), (3.55, False)):  # nine tenths of it suffice
+        assert (comparison.thesis_objective(run_data(duration), craft) is not None) == known
+
+
 def test_errors_at_horizons_are_those_of_single_predictions():
     run = run_data(6.0, keep=np.r_[0:250, 280:600])
     craft = pushed((0.01, 0.0))
