@@ -578,6 +578,12 @@ def test_a_key_depends_on_all_that_it_is_of(tmp_path):
     assert cache.key_of_columns(columns.Columns("f", turned)) in kept
 
 
+@pytest.mark.skipif(not os.path.exists("/proc/self/maps"), reason="the libraries are not listed here")
+def test_a_key_depends_on_the_libraries_that_are_loaded():
+    names = {os.path.basename(path).split(".")[0] for path in cache._libraries()}
+    assert "_core" in names and {"libground_model", "libground_identification"} <= names
+
+
 def test_recordings_and_runs_survive_their_columns(tmp_path):
     path = str(write_bag(tmp_path / "run.bag", duration=4))
     given = recording.read_bag(path)

@@ -436,6 +436,18 @@ def test_the_best_start_is_kept_and_all_may_fail(monkeypatch):
         given._best([], [])
 
 
+def test_refits_use_the_outliers_of_the_fit_before(monkeypatch):
+    """Without one, they are estimated."""
+    given = study.Study([run_data(9.0)], threads=1)
+    asked = []
+    monkeypatch.setattr(given, "_best", lambda starts, free, **options: asked.append(options))
+    monkeypatch.setattr(given, "_judged", lambda result, free, threads: threads)
+    for width in (None, 2.5):
+        given.width = given.width if width is None else width
+        assert given.refit([model()], ["k"]) == 1
+    assert [(o["width"], o["near"], o["threads"]) for o in asked] == [(0.0, True, 1), (2.5, True, 1)]
+
+
 def blocks_of(monkeypatch, lengths):
     """Blocks of that many windows each, numbered."""
     at, blocks = 0, []
