@@ -621,6 +621,19 @@ def test_old_entries_and_those_of_lost_recordings_are_removed(tmp_path):
     cache.tidy(str(tmp_path / "none"))
 
 
+def test_an_entry_that_is_used_is_new_again(tmp_path):
+    touched(tmp_path, "run.bag")
+    folder, bag = str(tmp_path / cache.FOLDER), str(tmp_path / "run.bag")
+    key, given = "k" * 32, columns.Columns("facts", {"a": np.arange(3.0)})
+    cache.save(folder, bag, cache.READING, key, given)
+    (name,) = [n for n in os.listdir(folder) if n.endswith(".npz")]
+    os.utime(os.path.join(folder, name), (1e9, 1e9))
+    found = cache.load(folder, bag, cache.READING, key)
+    assert found.facts == "facts" and np.array_equal(found.arrays["a"], given.arrays["a"])
+    assert os.stat(os.path.join(folder, name)).st_mtime > time.time() - 60
+    assert cache.load(folder, bag, cache.READING, "l" * 32) is None
+
+
 def test_files_of_a_run_are_kept_and_placed(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_HOME", str(tmp_path / "home"))
     craft, room = tmp_path / "craft.yaml", tmp_path / "room.yaml"

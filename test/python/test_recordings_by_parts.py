@@ -378,6 +378,17 @@ def test_poses_that_are_lost_name_the_axes_that_would_keep_them():
         lost(99, 1)
 
 
+def test_commands_that_reach_minus_one_may_be_off_there():
+    times = np.arange(20) / 10
+    pose_rows = np.column_stack([times, times, times, 0 * times])
+    for low, said in ((-0.5, True), (-1.0, True), (-1.01, False), (-1.9, False)):
+        rows = np.column_stack([times, np.linspace(low, 1, 20), np.ones((20, 2))])
+        with pytest.raises(GroundError) as error:
+            recording.checked("f.bag", pose_rows, rows, "made up", [])
+        assert ("off at -1 has off: -1, full: 1" in str(error.value)) == said
+        assert "reach from %g to 1, but they are normalised to 0..1" % low in str(error.value)
+
+
 def test_a_clock_that_a_mapping_mends_has_no_offset(tmp_path):
     path = str(write_bag(tmp_path / "run.bag", duration=4))
     for given in (mapping.FieldMapping(clock_offset=0.5), mapping.FieldMapping(clock_drift=0.01)):
