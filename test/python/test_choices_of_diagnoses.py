@@ -83,6 +83,15 @@ def test_the_two_best_pairs_that_gain_together_are_refitted(monkeypatch):
             assert ((better,) in found._proposals(EMPTY))
 
 
+def test_a_pair_gains_more_than_the_best_effect_alone(monkeypatch):
+    pair = MANY[2], MANY[3]
+    for together, proposed in ((31.5, True), (30.5, False)):  # each parameter of both costs one
+        gains = {MANY[0]: 30.0, MANY[1]: 5.0, MANY[2]: 0.0, MANY[3]: 0.0}
+        found, _ = searched(monkeypatch, gains, {pair: together})
+        found.nominal()
+        assert (pair in found._proposals(EMPTY)) == proposed
+
+
 def test_what_may_be_the_best_gains_three_tenths_of_the_largest(monkeypatch):
     first, rest = MANY[0], MANY[1:4]
     gains = dict(zip([first, *rest], (300.0, 100.0, 30.1, 29.9)))
@@ -437,6 +446,7 @@ def test_kinds_of_memory_can_be_fitted_from_what_is_tried():
                 assert 3 * one["lower"] < value < one["upper"] / 3
         assert len(set(kind.tried)) == len(kind.tried) > 0
         for constant in kind.constants:
+            assert constant.lower <= 0.02, kind.name
             if constant.name in ("rise", "fall"):
                 assert constant.lower == 0.005
 

@@ -404,6 +404,14 @@ def test_a_proposal_has_the_size_of_the_force(amplitude):
     assert where[0]["share"] == pytest.approx(proposal["share"])
 
 
+def test_one_run_suffices_to_explain_a_wrench():
+    where, _ = unexplained.explain([run_data(6.0)], model())
+    assert {"u", "v", "r", "speed", "heading"} <= {one["variable"] for one in where}
+    for by in ("terms", "bins"):
+        shares = [one["share"] for one in where if one["by"] == by]
+        assert shares == sorted(shares, reverse=True)
+
+
 # --- what is left
 
 
