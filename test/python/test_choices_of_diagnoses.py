@@ -723,6 +723,23 @@ def test_well_known_parameters_and_weak_combinations_are_not_named():
         assert bool(identifiability.weak_directions(covariance(0.1, 0.1, correlation))) == named
 
 
+def test_weak_parameters_are_told_with_their_deviations():
+    fit = covariance(0.1, 0.2, 0.97)
+    fit["parameters"][1]["at_bound"] = True
+    fit["parameters"] += [dict(name="c", value=1.0, deviation=0.5, identified=False, at_bound=True)]
+    fit["correlation"] = np.pad(fit["correlation"], (0, 1))
+    fit["parameters"][1]["deviation"] = 3.0 * 0.1
+    known = 100 * np.sqrt(2 * 0.01 * (1 - 0.97))
+    assert list(identifiability.sentences(fit)) == [
+        "b is at its bound; the data prefer a value beyond it",
+        "a and b are only known as a/b: this to ±%.2g%%, a to ±10%% and b to ±10%% (one standard deviation); "
+        "fix one of them, or record inputs that distinguish them" % known,
+    ]
+    other = covariance(0.1, 0.12, 0.97)
+    (sentence,) = identifiability.sentences(other)
+    assert "a to ±10% and b to ±12% (one" in sentence
+
+
 def test_of_two_parameters_the_better_one_decides():
     """A combination is told only if it is known better than either."""
     assert identifiability.weak_directions(covariance(0.02, 0.031, 0.99)) == []

@@ -351,6 +351,13 @@ def test_lengths_have_four_bytes():
     assert bag_reader._number(number(2**63 + 1, 8)) == 2**63 + 1
 
 
+def test_headers_have_64_kib_at_most():
+    for size, read_ in ((2**16, True), (2**16 + 1, False)):
+        filler = size - len(header({"op": b"\7", "topic": b"/a", "x": b""}))
+        data = record(7, b"data", topic=b"/a", x=b"-" * filler)
+        assert (bag_reader._record(data, 0, len(data)) is not None) == read_
+
+
 BUILT_IN = ["bool", "byte", "char", "float32", "float64"] + [
     sign + "int%d" % bits for sign in ("", "u") for bits in (8, 16, 32, 64)
 ]

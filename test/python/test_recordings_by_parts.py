@@ -255,6 +255,17 @@ def test_long_recordings_are_thinned_to_two_thousand_samples():
         assert len(found.times) == math.ceil(inside / (1 + inside // 2000)) <= 2000
 
 
+def test_a_rest_is_of_the_heading_as_it_was_measured():
+    rows = commands(8.0)
+    moved = motion(rows)
+    given = recorded(rows, moved)
+    names = ("left", "right")
+    plain, straight, twisted = (
+        reply.rest(given, moved, 0.0, names, *more).accelerations for more in ((), (False,), (True,))
+    )
+    assert np.array_equal(plain, straight) and not np.allclose(plain, twisted)
+
+
 def test_outliers_are_cut_at_six_scatters():
     values = np.append(np.linspace(-1, 1, 999), 100.0)[:, None]
     scatter = 1.4826 * np.median(np.abs(values - np.median(values)))

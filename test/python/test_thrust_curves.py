@@ -95,6 +95,17 @@ def test_thrusters_that_were_measured_together_are_counted_or_named(tmp_path):
         assert "no thruster is called %s: the model's are left, right" % said in str(error.value)
 
 
+def test_what_a_header_has_to_name_is_said(tmp_path):
+    for header in ("input,front", "input", "input,left,left+front"):
+        with pytest.raises(GroundError) as error:
+            thrust_bench.read(table(tmp_path, header), ["left", "right"])
+        assert (
+            "line 1 must name the columns: input, then the thrusters (left, right, or both for all of them "
+            "together), each optionally with an ending such as left_2. Where all columns are of the same "
+            "thrusters, say so with --thrusters" in str(error.value)
+        )
+
+
 def test_a_draft_that_is_filled_in_has_the_levels_that_were_held(tmp_path):
     held = [(0.0, 0.0), (0.3, 0.0), (0.6, 0.0), (0.0, 0.3), (0.0, 0.6), (0.6, 0.6), (0.3, 0.3)]
     for rounds in (1, 3):
