@@ -578,6 +578,12 @@ def test_a_key_depends_on_all_that_it_is_of(tmp_path):
     assert cache.key_of_columns(columns.Columns("f", turned)) in kept
 
 
+@pytest.mark.skipif(not os.path.exists("/proc/self/maps"), reason="the libraries are not listed here")
+def test_a_key_depends_on_the_libraries_that_are_loaded():
+    names = {os.path.basename(path).split(".")[0] for path in cache._libraries()}
+    assert "_core" in names and {"libground_model", "libground_identification"} <= names
+
+
 def test_recordings_and_runs_survive_their_columns(tmp_path):
     path = str(write_bag(tmp_path / "run.bag", duration=4))
     given = recording.read_bag(path)
@@ -613,6 +619,19 @@ def test_old_entries_and_those_of_lost_recordings_are_removed(tmp_path):
     cache.tidy(str(folder))
     assert sorted(os.listdir(str(folder))) == sorted([*kept, ".tmp-new", "other"])
     cache.tidy(str(tmp_path / "none"))
+
+
+def test_an_entry_that_is_used_is_new_again(tmp_path):
+    touched(tmp_path, "run.bag")
+    folder, bag = str(tmp_path / cache.FOLDER), str(tmp_path / "run.bag")
+    key, given = "k" * 32, columns.Columns("facts", {"a": np.arange(3.0)})
+    cache.save(folder, bag, cache.READING, key, given)
+    (name,) = [n for n in os.listdir(folder) if n.endswith(".npz")]
+    os.utime(os.path.join(folder, name), (1e9, 1e9))
+    found = cache.load(folder, bag, cache.READING, key)
+    assert found.facts == "facts" and np.array_equal(found.arrays["a"], given.arrays["a"])
+    assert os.stat(os.path.join(folder, name)).st_mtime > time.time() - 60
+    assert cache.load(folder, bag, cache.READING, "l" * 32) is None
 
 
 def test_files_of_a_run_are_kept_and_placed(tmp_path, monkeypatch):

@@ -257,6 +257,7 @@ def test_experiments_are_what_their_command_lines_say():
     assert all("--lift 0.6" in e.arguments() and "lift at 0.6" in e.input for e in slow)
     assert all("lift:=0.6" in e.launch() for e in slow)
     assert not any("lift" in e.arguments() for e in choice if e.lift == 1.0)
+    assert not any("lift" in e.input for e in choice if e.lift == 1.0)
     steps = next(e for e in choice if e.design == "steps")
     assert steps.arguments() == "--input steps --hold 1 --levels 0 0.25 0.5 0.75 1"
 

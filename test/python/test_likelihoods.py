@@ -195,6 +195,20 @@ def test_bands_hold_what_is_measured():
     assert np.allclose(measured[:, :2], np.array(others[0].poses)[:, :2])
 
 
+@pytest.mark.parametrize("turns", [1, -2])
+def test_bands_do_not_depend_on_whole_turns(turns):
+    runs, _, fit = fitted()
+    run = runs[0]
+    poses = np.array(run.poses) + [0, 0, 2 * np.pi * turns]
+    turned = _core.RunData("t", run.times, run.eta, run.nu, run.inputs, poses, NOISE)
+    plain, other = (bands.of_others([one], fit, 3)[0].predictions for one in (run, turned))
+    assert len(plain) == len(other) > 2
+    for a, b in zip(plain, other):
+        assert np.abs(a.measured - a.mean)[:, 2].max() < 1
+        assert np.allclose(b.measured - b.mean, a.measured - a.mean, atol=1e-6)
+        assert np.allclose(b.high - b.mean, a.high - a.mean, atol=1e-6)
+
+
 def test_smoothing_leaves_more_noise_where_poses_are_noisier():
     quiet = run_data(1)
     loud = _core.RunData("l", quiet.times, quiet.eta, quiet.nu, quiet.inputs, quiet.poses, 2 * NOISE)

@@ -1058,6 +1058,7 @@ def suspected(check, monkeypatch, lag=None, far=None, drift=(0.0, np.inf, 0.0), 
         (0.02, None, ""), (0.15, None, ""), (-0.03, None, ""),
         (0.16, "delay", "160 ms after its commands and all at once"),
         (0.3, "delay", "300 ms after"), (0.31, "clock", "310 ms after its commands: the stamps"),
+        (0.8, "clock", "800 ms after"),
         (-0.04, "clock", "40 ms BEFORE its commands: the stamps"), (-0.3, "clock", "300 ms BEFORE"),
     ],
 )  # fmt: skip

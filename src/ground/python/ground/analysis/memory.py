@@ -18,8 +18,9 @@ from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Document
 from ground.errors import GroundError
 
-LEVEL = 0.001  # chance of finding memory where there is none
-MIN_RATIO = 20.0  # least log-likelihood ratio; a slight one may come from other errors of the model
+# Least log-likelihood ratio. By chance alone, one so large has a probability of 1e-4 where there is no
+# memory; a slighter one may come from other errors of the model.
+MIN_RATIO = 20.0
 
 
 def _value_of(values: Dict[str, str]) -> Callable[["re.Match[str]"], str]:
@@ -177,9 +178,9 @@ def find(likelihood: Likelihood, fit: Fit) -> Optional[Memory]:
     tests = {name: part.test((name,)) for part in parts for name in part.columns}
     gains = {name: gain for name, (gain, _) in tests.items()}
     best = max(gains, key=gains.__getitem__)
-    chance = min(1.0, len(tried) * chi_squared_above(gains[best], 1))
-    if chance > LEVEL or gains[best] < MIN_RATIO:
+    if gains[best] < MIN_RATIO:
         return None
+    chance = min(1.0, len(tried) * chi_squared_above(gains[best], 1))
     kind, values, _ = tried[best]
     timed = _fitted(likelihood, fit, kind, values, tests[best][1][best + ".c"])
     if timed is None or 2 * (timed.log_posterior - fit.log_posterior) < MIN_RATIO:

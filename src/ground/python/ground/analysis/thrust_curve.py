@@ -49,8 +49,9 @@ class Curve:
         inputs = np.asarray(self.knots)
         force = np.maximum.accumulate(np.maximum(self.force(inputs), 0.0)) / self.full
         force[0] = 0.0
-        rows = [(round(float(w), 6), round(float(f), 6)) for w, f in zip(inputs, force)]
-        return rows if rows[0][0] == 0 else [(0.0, 0.0)] + rows
+        # Inputs that are equal as they are written are one row.
+        rows = {round(float(w), 6): round(float(f), 6) for w, f in zip(inputs, force)}
+        return list({0.0: 0.0, **rows}.items())
 
 
 #: A fit of one kind of curve to inputs (n,), numbers of thrusters at work (n,) and forces (n,) [N].
