@@ -174,6 +174,18 @@ TEST(Fit, FitsParametersOfEffects) {
   EXPECT_LT(result.objective, 0.06);
 }
 
+TEST(Fit, DoesNotDependOnModelsThatWereFittedBefore) {
+  const RunData run = record(truth(), 6, 0.05, 1);
+  Model lagging = truth();
+  lagging.addEffect(makeEffect("motor_lag"));
+  lagging.setValue("motor_lag.tau", 0.1);
+  const SimulationError used = problem(run, 1.5);
+  used.fit(lagging, options());
+  const FitResult after = used.fit(start(), options());
+  const FitResult alone = problem(run, 1.5).fit(start(), options());
+  EXPECT_EQ(after.model.coordinates(), alone.model.coordinates());
+}
+
 TEST(Fit, LeavesABoundThatItMetOnTheWay) {
   Model model = truth();
   model.addEffect(makeEffect("quadratic_drag"));

@@ -18,6 +18,7 @@
 
 #include "ground/model/effect_registry.h"
 #include "ground/model/plausibility.h"
+#include "ground/model/shortened.h"
 #include "ground/model/simulation.h"
 
 namespace {
@@ -397,6 +398,16 @@ std::string sines(int count, const std::string& end = "") {
 std::string effectText(const std::string& name, const std::string& formula) {
   return "  - name: " + name + "\n    expression: {X: \"" + formula +
          "\"}\n    parameters: {a: {value: 0.01, unit: N}}\n";
+}
+
+TEST(Shortened, KeepsTheBeginningInWholeCharacters) {
+  EXPECT_EQ(shortened("abc"), "abc");
+  EXPECT_EQ(shortened("abc", 3), "abc");
+  EXPECT_EQ(shortened("abcd", 3), "abc... (4 characters)");
+  EXPECT_EQ(shortened(std::string(60, 'x')), std::string(60, 'x'));
+  EXPECT_EQ(shortened(std::string(61, 'x')), std::string(60, 'x') + "... (61 characters)");
+  EXPECT_EQ(shortened("a\xc3\xa9z", 2), "a... (4 characters)");  // an accented letter of two bytes
+  EXPECT_EQ(shortened("a\xc3\xa9z", 3), "a\xc3\xa9... (4 characters)");
 }
 
 TEST(ModelFile, LongTextsAreShortenedInMessages) {
