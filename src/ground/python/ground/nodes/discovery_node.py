@@ -22,7 +22,7 @@ from ground.reports import discovery_page, discovery_words
 
 STOPPED = "stopped by hand"
 PREPARES = "prepares: simulates what flights could show"
-NICE = 10  # niceness; the diagnosis yields to state estimation and control
+NICE = 5  # niceness: other busy nodes get three times the time of the diagnosis
 
 
 class DiscoveryNode:
