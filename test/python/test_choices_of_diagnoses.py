@@ -36,7 +36,7 @@ MANY = [
     name
     for name, effect in candidates.effects().items()
     if not effect["opt_in"] and size(name) == 1 and name + ".psi0" not in candidates.STARTS
-][:8]  # of one parameter each
+][:8]  # eight effects that have one parameter
 
 
 def singles(proposals):
@@ -425,7 +425,7 @@ def test_kinds_that_a_model_has_are_not_tried_again(monkeypatch):
     monkeypatch.setattr(
         memory.score_tests, "in_parts", lambda likelihood, fit, some: tried.extend(some) or iter(())
     )
-    with contextlib.suppress(ValueError):  # of nothing
+    with contextlib.suppress(ValueError):  # there is no best of no candidates
         memory.find(None, types.SimpleNamespace(model=has, free=()))
     assert tried and not any("wake" in candidate.name for candidate in tried)
 

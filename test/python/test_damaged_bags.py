@@ -129,7 +129,7 @@ def test_topics_are_listed_with_types_and_counts(path):
     with BagReader(str(path)) as found:
         topics = found.get_type_and_topic_info().topics
         assert topics == {"/a": ("own/Type and std_msgs/String", 4), "/b": ("std_msgs/String", 0)}
-        assert found.batch("/a") is None  # of two types
+        assert found.batch("/a") is None  # its messages have two types
         assert [m.data for _, m, _ in found.read_messages(["/a"])] == [text for text, _ in TEXTS]
         # Its definition is not that of its checksum.
         assert found.warnings == ["the bag is damaged: messages that do not fit their type were left out (1)"]
@@ -213,7 +213,7 @@ def contradict(count):
 
 def test_an_index_of_a_wrong_length_contradicts_its_messages(path):
     good = Bag().chunk([connection(), *ROWS])
-    at = good.size - 36 - 4  # of the length of its three entries
+    at = good.size - 36 - 4  # where the length of the three entries is written
     good.write(path)
     data = bytearray(path.read_bytes())
     for length in (35, 37, 10**6):

@@ -257,7 +257,7 @@ def test_commands_switch_change_and_have_likely_names():
     assert score(a=switching()) == 2 and score("/cmd_vel", a=switching()) == 4
     assert score(a=switching(), b=smooth) == 1.5 and score(pwm_1=switching()) == 4
     assert score(a=np.ones(COUNT), b=switching()) == 2  # one of them changes
-    assert score("/motors", a=1e4 * switching()) == 4  # of no unit
+    assert score("/motors", a=1e4 * switching()) == 4  # in no known unit
     assert score(a=np.linspace(1000, 2000, COUNT)) == 2  # no other numbers are like these
 
 

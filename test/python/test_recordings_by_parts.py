@@ -560,7 +560,7 @@ def test_inputs_at_a_millionth_from_their_bounds_are_saturated():
     ):  # fmt: skip
         assert tracking_error.saturated(np.array([[value, 0.5]]))[0] == is_saturated, value
         assert tracking_error.saturated(np.array([[0.5, value]]))[0] == is_saturated, value
-    assert not tracking_error.saturated(np.array([[0.0, 0.5, 0.5]])).any()  # of three, one may be off
+    assert not tracking_error.saturated(np.array([[0.0, 0.5, 0.5]])).any()  # one of three may be off
     assert tracking_error.saturated(np.array([[-1.0, 0.5, 0.5]])).all()
     assert tracking_error.saturated(np.array([[0.0, 0.5], [-0.5, 0.5]])).tolist() == [False, False]
 

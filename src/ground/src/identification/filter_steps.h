@@ -12,8 +12,8 @@
 namespace ground::detail {
 
 constexpr int kN = kFilterStates;
-/// Longest step [s] between poses with that noise [m], [rad]. Its errors grow with about its third power
-/// and change the log-likelihood of recordings of a minute by less than 1.
+/// Longest integration step [s] between poses of this noise [m], [rad]. The error of the motion grows
+/// with about the third power of the step; it changes the log-likelihood of a minute by less than 1.
 template <typename T>
 double longestStep(const Dynamics<T>& dynamics, const Vector3<double>& noise) {
   constexpr double kPosition = 2e-4, kHeading = 2e-3;  // noise with which kMost is allowed
