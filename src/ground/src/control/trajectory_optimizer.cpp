@@ -43,6 +43,11 @@ class SizedOptimizer final : public TrajectoryOptimizer {
     open_.assign(count, Input::Zero(inputs));
     linear_.assign(count, {Square::Identity(), Drive::Zero(S, inputs)});
     gains_.assign(count, Gain::Zero(inputs, S));
+    for (int i = 3; i < 6 + effect_states_; ++i) variables_.push_back(i);
+    for (int i = 0; i < inputs; ++i) variables_.push_back(kStates + i);
+    if (dynamics_.usesPose()) variables_.insert(variables_.end(), {0, 1, 2});
+    if (variables_.size() <= LanesJet::kDirections)
+      derivatives_.useDirections(static_cast<int>(variables_.size()));
   }
 
   double carryOn(double shift) override;
@@ -66,7 +71,7 @@ class SizedOptimizer final : public TrajectoryOptimizer {
     return Eigen::Map<const Input>(inputs.begin(), inputs.size());
   }
 
-  void linearize(int k, Linear& linear) const;
+  void linearize(int first);
   bool backward();
   Thrusters<double> corrected(std::size_t k, Input input, const State& state) const;
   void shiftPlan(double shift);
@@ -77,6 +82,8 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   std::vector<Linear> linear_;
   std::vector<Gain> gains_;
   BoxMinimum<N> box_;
+  /// What the steps are differentiated by: indices of states, then of inputs (from kStates on).
+  std::vector<int> variables_;
   double damping_ = 0;
 };
 
@@ -127,6 +134,8 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
   tried_inputs_ = inputs_;
   states_.assign(count + 1, State::Zero());
   tried_states_ = states_;
+  headings_.assign(count + 1, Rotation<double>(0.0));
+  tried_headings_ = headings_;
   references_.resize(count);
   unbounded_ = Thrusters<double>::filled(inputs, std::numeric_limits<double>::quiet_NaN());
   least_input_ = levers_ = Thrusters<double>::zero(inputs);
@@ -155,22 +164,24 @@ void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
 }
 
 TrajectoryOptimizer::State TrajectoryOptimizer::advance(int k, const State& state,
-                                                        const Thrusters<double>& input) const {
+                                                        const Thrusters<double>& input,
+                                                        Rotation<double>& heading) const {
   State next = state;
   const RigidState<double> before{state.head<3>(), state.segment<3>(3)};
   const RigidState<double> body = drivenStep(dynamics_, t_ + k * step_, before, input, lift_,
-                                             missing_, step_, next.data() + 6);
+                                             missing_, step_, next.data() + 6, &heading);
   next.head<3>() = body.eta;
   next.segment<3>(3) = body.nu;
   return next;
 }
 
-double TrajectoryOptimizer::stateCost(int k, const State& state) const {
+double TrajectoryOptimizer::stateCost(int k, const State& state,
+                                      const Rotation<double>& heading) const {
   const ReferencePoint& reference = references_[static_cast<std::size_t>(k)];
   const bool end = k + 1 == steps();
   const double position = end ? 1 + weights_.end_position : 1;
   const double velocity = weights_.velocity + (end ? weights_.end_velocity : 0);
-  const Vector2<double> over_floor = bodyToWorld<double>(state(2), {state(3), state(4)});
+  const Vector2<double> over_floor = heading.toWorld({state(3), state(4)});
   double cost = position * (state.head<2>() - reference.p).squaredNorm() +
                 velocity * (over_floor - reference.p_dot).squaredNorm();
   if (walls_) {
@@ -189,7 +200,7 @@ TrajectoryOptimizer::CostDerivatives TrajectoryOptimizer::stateCostDerivatives(i
   const bool end = k + 1 == steps();
   const double position = 2 * step_ * (end ? 1 + weights_.end_position : 1);
   const double velocity = 2 * step_ * (weights_.velocity + (end ? weights_.end_velocity : 0));
-  const Rotation<double> heading(state(2));
+  const Rotation<double>& heading = headings_[static_cast<std::size_t>(k) + 1];
   const Vector2<double> over_floor = heading.toWorld({state(3), state(4)});
   const Vector2<double> slip = over_floor - reference.p_dot;
   by.gradient.head<2>() = position * (state.head<2>() - reference.p);
@@ -222,13 +233,16 @@ double TrajectoryOptimizer::inputCost(const Thrusters<double>& input) const {
 template <class Plan>
 double TrajectoryOptimizer::tryOut(double limit, const Plan& plan) {
   tried_states_[0] = start_;
+  tried_headings_[0] = Rotation<double>(start_(2));
   double cost = 0;
   // A cost that is not a number ends it, too.
   for (int k = 0; k < steps() && cost < limit; ++k) {
     const auto i = static_cast<std::size_t>(k);
     tried_inputs_[i] = plan(i, tried_states_[i]);
-    tried_states_[i + 1] = advance(k, tried_states_[i], tried_inputs_[i]);
-    cost += step_ * (inputCost(tried_inputs_[i]) + stateCost(k, tried_states_[i + 1]));
+    Rotation<double>& heading = tried_headings_[i + 1];
+    heading = tried_headings_[i];
+    tried_states_[i + 1] = advance(k, tried_states_[i], tried_inputs_[i], heading);
+    cost += step_ * (inputCost(tried_inputs_[i]) + stateCost(k, tried_states_[i + 1], heading));
   }
   return cost;
 }
@@ -238,6 +252,7 @@ void TrajectoryOptimizer::take(double cost) {
   is_linear_ = false;
   std::swap(inputs_, tried_inputs_);
   std::swap(states_, tried_states_);
+  std::swap(headings_, tried_headings_);
 }
 
 double TrajectoryOptimizer::rollOut() {
@@ -263,61 +278,69 @@ Thrusters<double> TrajectoryOptimizer::wanted() const {
   return wanted;
 }
 
-/// Derivatives of the state after step k of the plan by the state before it and by the inputs.
+/// Derivatives of the states after up to eight steps of the plan, from `first` on, by the states
+/// before them and by the inputs: a step in each lane.
 template <int N, int S>
-void SizedOptimizer<N, S>::linearize(int k, Linear& linear) const {
-  Square& A = linear.A;
-  Drive& B = linear.B;
-  const State& state = states_[static_cast<std::size_t>(k)];
-  const State& after = states_[static_cast<std::size_t>(k) + 1];
-  const Thrusters<double>& input = inputs_[static_cast<std::size_t>(k)];
-  const int inputs = input.size();
-  // Variables of the derivatives: indices of states, then of inputs.
-  std::array<int, kStates + kMaxThrusters> by{};
-  int count = 0;
-  for (int i = 3; i < 6 + effect_states_; ++i) by[static_cast<std::size_t>(count++)] = i;
-  for (int i = 0; i < inputs; ++i) by[static_cast<std::size_t>(count++)] = kStates + i;
-  if (dynamics_.usesPose()) {
-    for (int i = 0; i < 3; ++i) by[static_cast<std::size_t>(count++)] = i;
-  } else {
-    // The motion is invariant under translation and rotation of the pose.
-    A.template leftCols<3>().setZero();
-    A.template topLeftCorner<3, 3>().setIdentity();
-    A(0, 2) = -(after(1) - state(1));
-    A(1, 2) = after(0) - state(0);
+void SizedOptimizer<N, S>::linearize(int first) {
+  const int inputs = thrusterCount(), lanes = std::min(steps() - first, Lanes::kCount);
+  const auto stepOf = [&](int lane) {  // surplus lanes repeat the last step
+    return static_cast<std::size_t>(first + std::min(lane, lanes - 1));
+  };
+  std::array<Lanes, kStates> state;
+  Thrusters<Lanes> input = Thrusters<Lanes>::zero(inputs);
+  Rotation<Lanes> heading;
+  LanesJet t(0.0);
+  for (int lane = 0; lane < Lanes::kCount; ++lane) {
+    const std::size_t k = stepOf(lane);
+    for (int i = 0; i < kStates; ++i) state[static_cast<std::size_t>(i)][lane] = states_[k](i);
+    for (int i = 0; i < inputs; ++i) {
+      const double one = inputs_[k](i);
+      input(i)[lane] = std::abs(one) < least_input_(i) ? least_input_(i) : one;
+    }
+    heading.c[lane] = headings_[k].c;
+    heading.s[lane] = headings_[k].s;
+    t.a[lane] = t_ + static_cast<double>(k) * step_;
   }
-  constexpr int kAtOnce = Jet::kDirections;
-  for (int first = 0; first < count; first += kAtOnce) {
-    const int last = std::min(count, first + kAtOnce);
-    std::array<Jet, kStates> x;
-    for (int i = 0; i < kStates; ++i) x[static_cast<std::size_t>(i)] = Jet(state(i));
-    Thrusters<Jet> command = Thrusters<Jet>::zero(inputs);
-    for (int i = 0; i < inputs; ++i)
-      command(i) = Jet(std::abs(input(i)) < least_input_(i) ? least_input_(i) : input(i));
-    for (int i = first; i < last; ++i) {
-      const int variable = by[static_cast<std::size_t>(i)];
-      Jet& one =
+  const Vector3<LanesJet> missing = missing_.cast<LanesJet>();
+  const auto count = static_cast<int>(variables_.size());
+  for (int begin = 0; begin < count; begin += LanesJet::kDirections) {
+    const int end = std::min(count, begin + LanesJet::kDirections);
+    std::array<LanesJet, kStates> x;
+    std::copy(state.begin(), state.end(), x.begin());
+    Thrusters<LanesJet> command = input.cast<LanesJet>();
+    for (int i = begin; i < end; ++i) {
+      const int variable = variables_[static_cast<std::size_t>(i)];
+      LanesJet& one =
           variable < kStates ? x[static_cast<std::size_t>(variable)] : command(variable - kStates);
-      one.v[i - first] = 1;
+      one.v[i - begin] = 1.0;
     }
-    const RigidState<Jet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
-    const Vector3<Jet> missing = missing_.cast<Jet>();
-    const RigidState<Jet> body = drivenStep(derivatives_, Jet(t_ + k * step_), before, command,
-                                            lift_, missing, step_, &x[6]);
-    for (int i = first; i < last; ++i) {
-      const int column = by[static_cast<std::size_t>(i)];
-      Vector derivative = Vector::Zero();
-      for (int j = 0; j < 3; ++j) {
-        derivative(j) = body.eta(j).v[i - first];
-        derivative(3 + j) = body.nu(j).v[i - first];
-      }
-      for (int j = 6; j < S; ++j) derivative(j) = x[static_cast<std::size_t>(j)].v[i - first];
-      if (column < kStates) {
-        A.col(column) = derivative;
-      } else {
-        B.col(column - kStates) = derivative;
+    Rotation<Lanes> turned = heading;
+    const RigidState<LanesJet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
+    const RigidState<LanesJet> body =
+        drivenStep(derivatives_, t, before, command, lift_, missing, step_, &x[6], &turned);
+    for (int i = begin; i < end; ++i) {
+      const int column = variables_[static_cast<std::size_t>(i)];
+      for (int lane = 0; lane < lanes; ++lane) {
+        Linear& linear = linear_[stepOf(lane)];
+        const auto set = [&](auto derivative) {
+          for (int j = 0; j < 3; ++j) {
+            derivative(j) = body.eta(j).v[i - begin][lane];
+            derivative(3 + j) = body.nu(j).v[i - begin][lane];
+          }
+          for (int j = 6; j < S; ++j)
+            derivative(j) = x[static_cast<std::size_t>(j)].v[i - begin][lane];
+        };
+        column < kStates ? set(linear.A.col(column)) : set(linear.B.col(column - kStates));
       }
     }
+  }
+  if (dynamics_.usesPose()) return;
+  for (int lane = 0; lane < lanes; ++lane) {
+    // The motion is invariant under translation and rotation of the pose.
+    const std::size_t k = stepOf(lane);
+    Square& A = linear_[k].A;
+    A(0, 2) = -(states_[k + 1](1) - states_[k](1));
+    A(1, 2) = states_[k + 1](0) - states_[k](0);
   }
 }
 
@@ -419,9 +442,9 @@ double SizedOptimizer<N, S>::carryOn(double shift) {
 
 template <int N, int S>
 bool SizedOptimizer<N, S>::improve() {
-  for (int k = 0; k < steps() && !is_linear_; ++k) {
-    if (!timeFor(k)) return false;
-    linearize(k, linear_[static_cast<std::size_t>(k)]);
+  for (int k = 0; k < steps() && !is_linear_; k += Lanes::kCount) {
+    if (!timeFor(0)) return false;
+    linearize(k);
   }
   is_linear_ = true;
   if (backward()) {

@@ -276,14 +276,15 @@ RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
 template <typename T>
 template <bool kPose, typename H>
 void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h,
-                       int count) const {
+                       int count, Rotation<ValueOf<T>>* heading) const {
   const Drive start(*this, inputs.thrusters[0]);
   if (inputs.held) {
-    run<kPose, H>(t, state, {&start, &start, &start}, inputs.lift, inputs.states, h, count);
+    run<kPose, H>(t, state, {&start, &start, &start}, inputs.lift, inputs.states, h, count,
+                  heading);
     return;
   }
   const Drive middle(*this, inputs.thrusters[1]), end(*this, inputs.thrusters[2]);
-  run<kPose, H>(t, state, {&start, &middle, &end}, inputs.lift, inputs.states, h, count);
+  run<kPose, H>(t, state, {&start, &middle, &end}, inputs.lift, inputs.states, h, count, heading);
 }
 
 template <typename T>
@@ -291,7 +292,7 @@ template <bool kPose, typename H>
 void Dynamics<T>::hold(T& t, RigidState<T>& state, const Thrusters<ValueOf<T>>& command,
                        const ValueOf<T>& lift, const H& h, int count) const {
   const Drive held(*this, command);
-  run<kPose, H>(t, state, {&held, &held, &held}, lift, nullptr, h, count);
+  run<kPose, H>(t, state, {&held, &held, &held}, lift, nullptr, h, count, nullptr);
 }
 
 /// One stage of a Runge-Kutta step, `after` seconds from the beginning of the step.
@@ -321,10 +322,11 @@ GROUND_INLINE void Dynamics<T>::take(Stages<T, kPose, H>& stages, const T& t, co
 template <typename T>
 template <bool kPose, typename H>
 void Dynamics<T>::run(T& t, RigidState<T>& state, const std::array<const Drive*, 3>& drives,
-                      const ValueOf<T>& lift, T* states, const H& h, int count) const {
+                      const ValueOf<T>& lift, T* states, const H& h, int count,
+                      Rotation<ValueOf<T>>* heading) const {
   const bool remembers = states && !rates_.empty();
   const H half = h * 0.5, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
-  Stages<T, kPose, H> stages{damping_, directions_, state};
+  Stages<T, kPose, H> stages{damping_, directions_, state, heading};
   const auto take = [&](auto first, auto last, const H& after, const H& share, const H& to,
                         const Drive& drive) __attribute__((always_inline)) {
     this->template take<decltype(first)::value, decltype(last)::value>(
@@ -337,6 +339,7 @@ void Dynamics<T>::run(T& t, RigidState<T>& state, const std::array<const Drive*,
     take(std::false_type(), std::false_type(), half, third, half, *drives[1]);
     take(std::false_type(), std::false_type(), half, third, h, *drives[1]);
     take(std::false_type(), std::true_type(), h, sixth, h, *drives[2]);
+    stages.end();
     t += h;
   }
   if constexpr (!std::is_reference_v<decltype(stages.next)>) state = stages.next;
@@ -356,9 +359,9 @@ template class Dynamics<LanesJet>;
 
 #define GROUND_INSTANTIATE_STEP(T, H)                                                           \
   template void Dynamics<T>::step<true, H>(T&, RigidState<T>&, const StepInputs<T>&, const H&,  \
-                                           int) const;                                          \
+                                           int, Rotation<ValueOf<T>>*) const;                   \
   template void Dynamics<T>::step<false, H>(T&, RigidState<T>&, const StepInputs<T>&, const H&, \
-                                            int) const;                                         \
+                                            int, Rotation<ValueOf<T>>*) const;                  \
   template void Dynamics<T>::hold<true, H>(T&, RigidState<T>&, const Thrusters<ValueOf<T>>&,    \
                                            const ValueOf<T>&, const H&, int) const;             \
   template void Dynamics<T>::hold<false, H>(T&, RigidState<T>&, const Thrusters<ValueOf<T>>&,   \

@@ -59,9 +59,10 @@ struct Stages {
   Rotation<T> heading;
   V first_c, first_s;  ///< cosine and sine of the heading at the beginning of the step
   Raw c, s;            ///< those of the current stage's heading
+  Rotation<V>* known;  ///< of the heading at the beginning of the step, if it is known
 
-  Stages(const Vector3<T>& rates, int derivatives, RigidState<T>& state)
-      : damping(rates), directions(derivatives), next(state) {}
+  Stages(const Vector3<T>& rates, int derivatives, RigidState<T>& state, Rotation<V>* known_heading)
+      : damping(rates), directions(derivatives), next(state), known(known_heading) {}
 
   void begin(bool uses_pose) {
     nu = next.nu;
@@ -76,7 +77,12 @@ struct Stages {
     const T& psi = kFirst ? eta.z() : at_eta.z();
     V cosine, sine;
     if (kFirst) {
-      cosSin(valueOf(psi), first_c, first_s);
+      if (known) {
+        first_c = known->c;
+        first_s = known->s;
+      } else {
+        cosSin(valueOf(psi), first_c, first_s);
+      }
       cosine = first_c;
       sine = first_s;
     } else {
@@ -85,6 +91,13 @@ struct Stages {
     c = raw(cosine);
     s = raw(sine);
     if (uses_pose) heading = Rotation<T>(psi, cosine, sine);
+  }
+
+  /// Moves the known heading to the end of the step.
+  GROUND_INLINE void end() {
+    if (!kPose || !known) return;
+    const V& psi = valueOf(next.eta.z());
+    cosSinBeside(first_c, first_s, V(psi - valueOf(eta.z())), psi, known->c, known->s);
   }
 
   /// Moves by the rates of the rigid body with thrust and linear damping (kRigid) plus `more`

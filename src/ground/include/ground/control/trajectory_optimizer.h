@@ -92,9 +92,11 @@ class TrajectoryOptimizer {
   TrajectoryOptimizer(const Model& model, int steps, double step);
 
   int thrusterCount() const { return dynamics_.layout().size(); }
-  /// The state after step k of the horizon.
-  State advance(int k, const State& state, const Thrusters<double>& input) const;
-  double stateCost(int k, const State& state) const;
+  /// The state after step k of the horizon. `heading` is the rotation by its heading, before and
+  /// after.
+  State advance(int k, const State& state, const Thrusters<double>& input,
+                Rotation<double>& heading) const;
+  double stateCost(int k, const State& state, const Rotation<double>& heading) const;
   /// Derivatives of a state's cost by x, y, psi, u and v, on which it depends.
   struct CostDerivatives {
     Eigen::Matrix<double, 5, 1> gradient = Eigen::Matrix<double, 5, 1>::Zero();
@@ -116,7 +118,7 @@ class TrajectoryOptimizer {
   }
 
   Dynamics<double> dynamics_;
-  Dynamics<Jet> derivatives_;
+  Dynamics<LanesJet> derivatives_;
   int effect_states_;
   double input_max_;
   Thrusters<double> levers_;       ///< of the thrusters, over l
@@ -130,6 +132,7 @@ class TrajectoryOptimizer {
   std::vector<ReferencePoint> references_;
   std::vector<Thrusters<double>> inputs_, tried_inputs_;
   std::vector<State> states_, tried_states_;
+  std::vector<Rotation<double>> headings_, tried_headings_;  ///< rotations by the states' headings
   State start_ = State::Zero();
   double cost_ = 0;
   bool is_linear_ = false;  ///< whether the derivatives are those of the plan

@@ -70,10 +70,11 @@ class Dynamics {
   /// `count` classical RK4 steps of length h [s] from t, which is advanced; each begins with the
   /// same inputs. H is ValueOf<T>, or T if h has derivatives. Without kPose the pose is constant.
   /// The states of effects that have rates() are integrated by the same RK4 steps. These are
-  /// unstable for time constants below 36% of h.
+  /// unstable for time constants below 36% of h. `heading`, if given, is the rotation by psi, which
+  /// then is not computed again; it moves with the state.
   template <bool kPose = true, typename H = T>
-  void step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h,
-            int count = 1) const;
+  void step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h, int count = 1,
+            Rotation<ValueOf<T>>* heading = nullptr) const;
   /// Like step(), for a held command that reaches the thrusters unchanged (see hasMemory()).
   template <bool kPose = true, typename H = T>
   void hold(T& t, RigidState<T>& state, const Thrusters<ValueOf<T>>& command,
@@ -115,7 +116,8 @@ class Dynamics {
             const Drive& drive, const ValueOf<T>& lift, T* states, bool remembers) const;
   template <bool kPose, typename H>
   void run(T& t, RigidState<T>& state, const std::array<const Drive*, 3>& drives,
-           const ValueOf<T>& lift, T* states, const H& h, int count) const;
+           const ValueOf<T>& lift, T* states, const H& h, int count,
+           Rotation<ValueOf<T>>* heading) const;
   /// The arguments of effects at one instant.
   struct Instant;
   /// Acceleration that effects add to that of thrusters, linear damping and Coriolis forces. With a
