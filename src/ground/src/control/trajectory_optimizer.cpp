@@ -41,8 +41,8 @@ class SizedOptimizer final : public TrajectoryOptimizer {
     }
     turning_ = levers * levers.transpose();
     open_.assign(count, Input::Zero(inputs));
-    linear_.assign(count, {Square::Identity(), Drive::Zero(S, inputs)});
-    gains_.assign(count, Gain::Zero(inputs, S));
+    linear_.assign(count, {Square::Identity(), Square::Identity(), Drive::Zero(kRows, inputs)});
+    gains_.assign(count, Drive::Zero(kRows, inputs));
     for (int i = 3; i < 6 + effect_states_; ++i) variables_.push_back(i);
     for (int i = 0; i < inputs; ++i) variables_.push_back(kStates + i);
     if (dynamics_.usesPose()) variables_.insert(variables_.end(), {0, 1, 2});
@@ -57,13 +57,15 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   using Input = PerThruster<N>;
   static constexpr int kMax = BoxMinimum<N>::kMax;
   using InputSquare = typename BoxMinimum<N>::Square;
-  using Vector = Eigen::Matrix<double, S, 1>;
-  using Square = Eigen::Matrix<double, S, S>;
-  /// Derivatives of a state by the inputs, a column each.
-  using Drive = Eigen::Matrix<double, S, N, 0, S, kMax>;
-  using Gain = Eigen::Matrix<double, N, S, 0, kMax, S>;
+  /// Rows of the states' vectors and matrices, in whole registers (addProduct); those from S on are 0.
+  static constexpr int kRows = (S + 7) / 8 * 8;
+  using Vector = Eigen::Matrix<double, kRows, 1>;
+  using Square = Eigen::Matrix<double, kRows, S>;
+  /// For each input a column of states.
+  using Drive = Eigen::Matrix<double, kRows, N, 0, kRows, kMax>;
+  /// Derivatives of a state by the state before it, also transposed, and by the inputs.
   struct Linear {
-    Square A;
+    Square A, transposed;
     Drive B;
   };
 
@@ -80,7 +82,7 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   InputSquare turning_;  ///< curvature of the cost of turning
   std::vector<Input> open_;
   std::vector<Linear> linear_;
-  std::vector<Gain> gains_;
+  std::vector<Drive> gains_;  ///< transposed
   BoxMinimum<N> box_;
   /// What the steps are differentiated by: indices of states, then of inputs (from kStates on).
   std::vector<int> variables_;
@@ -322,15 +324,19 @@ void SizedOptimizer<N, S>::linearize(int first) {
       const int column = variables_[static_cast<std::size_t>(i)];
       for (int lane = 0; lane < lanes; ++lane) {
         Linear& linear = linear_[stepOf(lane)];
-        const auto set = [&](auto derivative) {
-          for (int j = 0; j < 3; ++j) {
-            derivative(j) = body.eta(j).v[i - begin][lane];
-            derivative(3 + j) = body.nu(j).v[i - begin][lane];
-          }
-          for (int j = 6; j < S; ++j)
-            derivative(j) = x[static_cast<std::size_t>(j)].v[i - begin][lane];
-        };
-        column < kStates ? set(linear.A.col(column)) : set(linear.B.col(column - kStates));
+        Vector derivative = Vector::Zero();
+        for (int j = 0; j < 3; ++j) {
+          derivative(j) = body.eta(j).v[i - begin][lane];
+          derivative(3 + j) = body.nu(j).v[i - begin][lane];
+        }
+        for (int j = 6; j < S; ++j)
+          derivative(j) = x[static_cast<std::size_t>(j)].v[i - begin][lane];
+        if (column < kStates) {
+          linear.A.col(column) = derivative;
+          linear.transposed.row(column) = derivative.template head<S>();
+        } else {
+          linear.B.col(column - kStates) = derivative;
+        }
       }
     }
   }
@@ -338,9 +344,10 @@ void SizedOptimizer<N, S>::linearize(int first) {
   for (int lane = 0; lane < lanes; ++lane) {
     // The motion is invariant under translation and rotation of the pose.
     const std::size_t k = stepOf(lane);
-    Square& A = linear_[k].A;
-    A(0, 2) = -(states_[k + 1](1) - states_[k](1));
-    A(1, 2) = states_[k + 1](0) - states_[k](0);
+    const Vector2<double> way = (states_[k + 1] - states_[k]).template head<2>();
+    Linear& linear = linear_[k];
+    linear.A(0, 2) = linear.transposed(2, 0) = -way.y();
+    linear.A(1, 2) = linear.transposed(2, 1) = way.x();
   }
 }
 
@@ -362,38 +369,38 @@ bool SizedOptimizer<N, S>::backward() {
     gradient.template head<5>() += cost.gradient;
     curvature.template topLeftCorner<5, 5>() += cost.curvature;
 
-    const Square& A = linear_[i].A;
-    const Drive& B = linear_[i].B;
+    const auto& [A, transposed, B] = linear_[i];
     const auto input = vectorOf(inputs_[i]);
-    Square VA;
-    VA.noalias() = curvature * A;
-    Drive VB(S, inputs);
-    VB.noalias() = curvature * B;
+    Square VA = Square::Zero();
+    addProduct(curvature, A, VA);
+    Drive VB = Drive::Zero(kRows, inputs);
+    addProduct(curvature, B, VB);
     Input Qu = input_curvature * input;
     Qu.noalias() += B.transpose() * gradient;
     InputSquare Quu = input_curvature;
     Quu.noalias() += B.transpose() * VB;
-    Gain Qux(inputs, S);
-    Qux.noalias() = VB.transpose() * A;
+    Drive Qxu = Drive::Zero(kRows, inputs);
+    addProduct(transposed, VB, Qxu);
     InputSquare damped = Quu;
     damped.diagonal().array() += damping_ * scale;
     if (!box_.solve(damped, Qu, low_ - input, high_ - input)) return false;
     const Input& change = box_.minimum();
     if (k == 0) asVector(unbounded_) = input + box_.unbounded();
-    const Gain gain = -box_.solveFree(Qux);
+    const Drive gain = -box_.solveFree(Qxu);
     open_[i] = change;
     gains_[i] = gain;
-    Vector Qx;
-    Qx.noalias() = A.transpose() * gradient;
-    Square Qxx;
-    Qxx.noalias() = A.transpose() * VA;
+    Vector Qx = Vector::Zero();
+    addProduct(transposed, gradient, Qx);
+    addProduct(gain, Quu * change + Qu, Qx);
+    addProduct(Qxu, change, Qx);
     gradient = Qx;
-    gradient.noalias() += gain.transpose() * (Quu * change + Qu);
-    gradient.noalias() += Qux.transpose() * change;
-    const Gain half = 0.5 * Quu * gain + Qux;
-    Square cross;
-    cross.noalias() = gain.transpose() * half;
-    curvature = Qxx + cross + cross.transpose();
+    Square Qxx = Square::Zero();
+    addProduct(transposed, VA, Qxx);
+    Drive half = Qxu;
+    addProduct(gain, 0.5 * Quu, half);
+    addProduct(half, gain.transpose(), Qxx);
+    addProduct(gain, half.transpose(), Qxx);
+    curvature = Qxx;
   }
   return true;
 }
@@ -402,7 +409,8 @@ bool SizedOptimizer<N, S>::backward() {
 template <int N, int S>
 Thrusters<double> SizedOptimizer<N, S>::corrected(std::size_t k, Input input,
                                                   const State& state) const {
-  input.noalias() += gains_[k] * (state - states_[k]).template head<S>();
+  input.noalias() +=
+      gains_[k].template topRows<S>().transpose() * (state - states_[k]).template head<S>();
   return input.cwiseMax(low_).cwiseMin(high_).eval();
 }
 

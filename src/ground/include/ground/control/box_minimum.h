@@ -30,8 +30,7 @@ class BoxMinimum {
     unbounded_ = -solved(g);
     minimum_ = unbounded_.cwiseMax(low).cwiseMin(high);
     free_ = (unbounded_.array() >= low.array() && unbounded_.array() <= high.array()).matrix();
-    all_free_ = free_.all();
-    if (all_free_) return true;
+    if (free_.all()) return true;
     // Each change of the active set lowers the function; the limit guards against rounding errors.
     constexpr int kMaxChanges = 64;
     for (int change = 0; change < kMaxChanges; ++change) {
@@ -39,7 +38,6 @@ class BoxMinimum {
       if (!blocked_ && !release(H, g, low)) break;
     }
     factorFree(H);
-    all_free_ = free_.all();
     return true;
   }
 
@@ -49,15 +47,21 @@ class BoxMinimum {
   const Vector& unbounded() const { return unbounded_; }
   /// Which elements of the minimum are not at a bound.
   const Flags& free() const { return free_; }
-  /// Product of the inverse of H, restricted to the free elements, with `columns`; rows of elements
-  /// at a bound are zero.
-  template <class Columns>
-  Columns solveFree(const Columns& columns) const {
-    if (all_free_) return solved(columns);
-    Columns rows = columns;
-    for (Eigen::Index i = 0; i < free_.size(); ++i)
-      if (!free_(i)) rows.row(i).setZero();
-    return solved(rows);
+  /// Product of `rows`, as many columns as H and a multiple of eight rows, with the inverse of H
+  /// restricted to the free elements; columns of elements at a bound are zero.
+  template <class Rows>
+  Rows solveFree(const Rows& rows) const {
+    Rows result = Rows::Zero(rows.rows(), rows.cols());
+    if constexpr (N == 2) {
+      Square inverse = inverse_;
+      for (int i = 0; i < N; ++i)
+        if (!free_(i)) inverse.row(i).setZero(), inverse.col(i).setZero();
+      addProduct(rows, inverse, result);
+    } else {
+      for (Eigen::Index i = 0; i < rows.rows(); ++i)
+        result.row(i) = freeWay(rows.row(i).transpose()).transpose();
+    }
+    return result;
   }
 
  private:
@@ -73,12 +77,17 @@ class BoxMinimum {
       return factor_.info() == Eigen::Success;
     }
   }
-  template <class Columns>
-  Columns solved(const Columns& columns) const {
+  Vector solved(const Vector& g) const {
     if constexpr (N == 2)
-      return inverse_ * columns;
+      return inverse_ * g;
     else
-      return solvedByColumns(factor_, columns);
+      return factor_.solve(g);
+  }
+  /// Product of the inverse of H, restricted to the free elements, with a vector.
+  Vector freeWay(Vector g) const {
+    for (Eigen::Index i = 0; i < free_.size(); ++i)
+      if (!free_(i)) g(i) = 0;
+    return solved(g);
   }
 
   /// Factorises H with the rows and columns of elements at a bound replaced by those of the
@@ -98,7 +107,7 @@ class BoxMinimum {
   void moveFree(const Square& H, const Vector& g, const Vector& low, const Vector& high) {
     factorFree(H);
     const Vector slope = g + H * minimum_;
-    const Vector way = -solveFree(slope);
+    const Vector way = -freeWay(slope);
     double length = 1;
     Eigen::Index first = -1;
     for (Eigen::Index i = 0; i < way.size(); ++i) {
@@ -140,7 +149,7 @@ class BoxMinimum {
   Square inverse_;             ///< if N is 2
   Vector unbounded_, minimum_;
   Flags free_;
-  bool all_free_ = true, blocked_ = false;
+  bool blocked_ = false;
 };
 
 }  // namespace ground
