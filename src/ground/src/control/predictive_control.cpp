@@ -15,7 +15,6 @@ namespace {
 /// First turns of other plans, in both directions [rad]; full thrust follows.
 constexpr std::array<double, 4> kTurns = {M_PI / 4, M_PI / 2, 3 * M_PI / 4, M_PI};
 constexpr double kMaxOtherCost = 0.98;     // relative cost below which another plan replaces it
-constexpr double kMinImprovement = 1e-4;  // relative decrease of the cost to continue iterating
 
 }  // namespace
 
@@ -191,13 +190,14 @@ bool PredictiveControl::beginAtSeed(TrajectoryOptimizer& plan) {
 /// Improves a plan until it hardly gets better, at most `iterations` times; returns whether more of
 /// them may be of use.
 bool PredictiveControl::improve(TrajectoryOptimizer& plan, int iterations) {
+  constexpr double kLeast = TrajectoryOptimizer::kMinImprovement;
   const double first = plan.cost();
   for (int i = 0; i < iterations && budget_.left(); ++i) {
     ++improvements_;
     const double before = plan.cost();
-    if (plan.improve() && before - plan.cost() < kMinImprovement * before) return false;
+    if (plan.improve() && before - plan.cost() < kLeast * before) return false;
   }
-  return budget_.isUp() || plan.cost() < (1 - kMinImprovement) * first;
+  return budget_.isUp() || plan.cost() < (1 - kLeast) * first;
 }
 
 void PredictiveControl::search(double time) {

@@ -75,6 +75,7 @@ class SizedOptimizer final : public TrajectoryOptimizer {
 
   void linearize(int first);
   bool backward();
+  void moveLinearly();
   Thrusters<double> corrected(std::size_t k, Input input, const State& state) const;
   void shiftPlan(double shift);
 
@@ -87,6 +88,7 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   /// What the steps are differentiated by: indices of states, then of inputs (from kStates on).
   std::vector<int> variables_;
   double damping_ = 0;
+  double predicted_ = 0;  ///< change of the cost that the last quadratic problem predicts [m^2 s]
 };
 
 template <int N>
@@ -252,6 +254,7 @@ double TrajectoryOptimizer::tryOut(double limit, const Plan& plan) {
 void TrajectoryOptimizer::take(double cost) {
   cost_ = cost;
   is_linear_ = false;
+  is_simulated_ = true;
   std::swap(inputs_, tried_inputs_);
   std::swap(states_, tried_states_);
   std::swap(headings_, tried_headings_);
@@ -362,6 +365,7 @@ bool SizedOptimizer<N, S>::backward() {
   InputSquare input_curvature = weights_.turning * turning_;
   input_curvature.diagonal().array() += weights_.input;
   input_curvature *= 2 * step_ * scale;
+  predicted_ = 0;
   for (int k = steps() - 1; k >= 0; --k) {
     if (!timeFor(k)) return false;
     const auto i = static_cast<std::size_t>(k);
@@ -385,6 +389,7 @@ bool SizedOptimizer<N, S>::backward() {
     damped.diagonal().array() += damping_ * scale;
     if (!box_.solve(damped, Qu, low_ - input, high_ - input)) return false;
     const Input& change = box_.minimum();
+    predicted_ += change.dot(Qu + 0.5 * Quu * change);
     if (k == 0) asVector(unbounded_) = input + box_.unbounded();
     const Drive gain = -box_.solveFree(Qxu);
     open_[i] = change;
@@ -412,6 +417,25 @@ Thrusters<double> SizedOptimizer<N, S>::corrected(std::size_t k, Input input,
   input.noalias() +=
       gains_[k].template topRows<S>().transpose() * (state - states_[k]).template head<S>();
   return input.cwiseMax(low_).cwiseMin(high_).eval();
+}
+
+/// Makes the last iteration's change of the plan, to first order.
+template <int N, int S>
+void SizedOptimizer<N, S>::moveLinearly() {
+  Vector off = Vector::Zero();  // of the state from the plan
+  for (std::size_t k = 0; k < inputs_.size(); ++k) {
+    const Input before = vectorOf(inputs_[k]);
+    const Input wanted = before + open_[k] + gains_[k].transpose() * off;
+    const Input after = wanted.cwiseMax(low_).cwiseMin(high_);
+    asVector(inputs_[k]) = after;
+    Vector next = Vector::Zero();
+    addProduct(linear_[k].A, off, next);
+    addProduct(linear_[k].B, after - before, next);
+    off = next;
+    states_[k + 1].template head<S>() += off.template head<S>();
+  }
+  cost_ += predicted_;
+  is_linear_ = is_simulated_ = false;
 }
 
 /// Moves inputs, gains and planned states by `shift` [s].
@@ -450,6 +474,7 @@ double SizedOptimizer<N, S>::carryOn(double shift) {
 
 template <int N, int S>
 bool SizedOptimizer<N, S>::improve() {
+  if (!is_simulated_) rollOut();
   for (int k = 0; k < steps() && !is_linear_; k += Lanes::kCount) {
     if (!timeFor(0)) return false;
     linearize(k);
@@ -457,6 +482,10 @@ bool SizedOptimizer<N, S>::improve() {
   is_linear_ = true;
   if (backward()) {
     has_gains_ = true;
+    if (damping_ == 0 && predicted_ > -kMinImprovement * cost_) {
+      moveLinearly();
+      return true;
+    }
     for (double length : kLengths) {
       if (!timeFor(0)) return false;
       const double cost = tryOut(cost_, [&](std::size_t k, const State& state) {

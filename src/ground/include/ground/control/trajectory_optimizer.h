@@ -36,6 +36,8 @@ class TrajectoryOptimizer {
  public:
   static constexpr int kStates = 6 + kMaxStates;
   static constexpr int kMaxSteps = 200;
+  /// Relative decreases of the cost below this are of no use.
+  static constexpr double kMinImprovement = 1e-4;
   using State = Eigen::Matrix<double, kStates, 1>;  ///< eta, nu, states of effects
 
   /// Steps are `step` [s] long. Throws std::invalid_argument if the model's effects have more than
@@ -71,7 +73,9 @@ class TrajectoryOptimizer {
   /// once with the feedback of the last iteration on deviations from the planned states. The
   /// cheaper of the two becomes the plan. Returns its cost [m^2 s].
   virtual double carryOn(double shift) = 0;
-  /// One iteration; returns whether the cost decreased. If not, the plan is the same as before.
+  /// One iteration; returns whether the cost decreased. If not, the plan is the same as before. A
+  /// decrease that is predicted to be below kMinImprovement is not checked by a simulation: the
+  /// plan's inputs, states and cost are then those of the linearised problem.
   virtual bool improve() = 0;
   double cost() const { return cost_; }
   /// Acceleration in addition to the model, of the problem.
@@ -136,6 +140,7 @@ class TrajectoryOptimizer {
   State start_ = State::Zero();
   double cost_ = 0;
   bool is_linear_ = false;  ///< whether the derivatives are those of the plan
+  bool is_simulated_ = true;  ///< whether states and cost are those of a simulation
   bool has_gains_ = false;  ///< whether the gains are those of the plan
   /// First inputs of the last iteration without bounds; NaN before it.
   Thrusters<double> unbounded_;
