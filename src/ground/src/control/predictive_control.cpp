@@ -112,25 +112,28 @@ void PredictiveControl::carryOn(double time) {
   plan_time_ = time;
 }
 
-void PredictiveControl::follow(const Seed& seed, TrajectoryOptimizer& plan) const {
-  std::vector<Thrusters<double>>& inputs = plan.newInputs();
-  const double step = plan.step();
+/// A seed's inputs in the step that begins `from` seconds after the plan.
+Thrusters<double> PredictiveControl::inputsOf(const Seed& seed, double from,
+                                              const TrajectoryOptimizer& plan) const {
   const double half = 0.5 * turnTime(seed.turn);
   const bool starboard = seed.turn >= 0;
-  const Thrusters<double>& first = turns_[starboard ? 1 : 0].inputs;
-  const Thrusters<double>& second = turns_[starboard ? 0 : 1].inputs;
-  for (std::size_t k = 0; k < inputs.size(); ++k) {
-    // Fraction of this step in each phase.
-    const double from = static_cast<double>(k) * step;
-    const auto share = [&](double a, double b) {
-      return std::clamp((std::min(from + step, b) - std::max(from, a)) / step, 0.0, 1.0);
-    };
-    const double then = seed.thrust * share(2 * half, params_.horizon);
-    const double before = share(0, half), after = share(half, 2 * half);
-    asVector(inputs[k]) =
-        before * asVector(first) + after * asVector(second) + then * asVector(forward_);
-    inputs[k] = plan.clipped(inputs[k]);
-  }
+  // Fraction of this step in each phase.
+  const auto share = [&](double a, double b) {
+    const double to = from + plan.step();
+    return std::clamp((std::min(to, b) - std::max(from, a)) / plan.step(), 0.0, 1.0);
+  };
+  const double before = share(0, half), after = share(half, 2 * half);
+  const double then = seed.thrust * share(2 * half, params_.horizon);
+  Thrusters<double> inputs = forward_;
+  asVector(inputs) = before * asVector(turns_[starboard ? 1 : 0].inputs) +
+                     after * asVector(turns_[starboard ? 0 : 1].inputs) + then * asVector(forward_);
+  return plan.clipped(inputs);
+}
+
+void PredictiveControl::follow(const Seed& seed, TrajectoryOptimizer& plan) const {
+  std::vector<Thrusters<double>>& inputs = plan.newInputs();
+  for (std::size_t k = 0; k < inputs.size(); ++k)
+    inputs[k] = inputsOf(seed, static_cast<double>(k) * plan.step(), plan);
 }
 
 double PredictiveControl::turnTime(double angle) const {
@@ -164,23 +167,41 @@ void PredictiveControl::makeSeeds(TrajectoryOptimizer& plan) {
   }
 }
 
+/// Simulates the seeds, as many at once as there are lanes; returns whether there was time for all.
+bool PredictiveControl::rateSeeds(TrajectoryOptimizer& plan) {
+  makeSeeds(plan);
+  std::vector<Thrusters<Lanes>>& inputs = plan.inputsOfEach();
+  for (std::size_t first = 0; first < kSeeds; first += Lanes::kCount) {
+    if (!budget_.left()) return false;
+    const std::size_t count = std::min<std::size_t>(Lanes::kCount, kSeeds - first);
+    for (std::size_t number = 0; number < count; ++number) {
+      for (std::size_t k = 0; k < inputs.size(); ++k) {
+        const Thrusters<double> one =
+            inputsOf(seeds_[first + number], static_cast<double>(k) * plan.step(), plan);
+        for (int i = 0; i < one.size(); ++i) inputs[k](i)[static_cast<int>(number)] = one(i);
+      }
+    }
+    const Lanes costs = plan.costsOfEach();
+    for (std::size_t number = 0; number < count; ++number)
+      seed_costs_[first + number] = costs[static_cast<int>(number)];
+  }
+  return true;
+}
+
 /// Begins at the seed with the lowest cost of those that were not tried; returns whether it did.
 bool PredictiveControl::beginAtSeed(TrajectoryOptimizer& plan) {
-  makeSeeds(plan);
+  if (!has_seeds_) has_seeds_ = rateSeeds(plan);
+  if (!has_seeds_) return false;
   if (std::all_of(is_tried_.begin(), is_tried_.end(), [](bool tried) { return tried; }))
     is_tried_.fill(false);
-  std::size_t best = seeds_.size();
+  std::size_t best = kSeeds;
   double least = std::numeric_limits<double>::infinity();
-  for (std::size_t number = 0; number < seeds_.size(); ++number) {
-    if (is_tried_[number]) continue;
-    if (!budget_.left()) return false;
-    follow(seeds_[number], plan);
-    const double cost = plan.rollOut();
-    if (!(cost < least)) continue;
+  for (std::size_t number = 0; number < kSeeds; ++number) {
+    if (is_tried_[number] || !(seed_costs_[number] < least)) continue;
     best = number;
-    least = cost;
+    least = seed_costs_[number];
   }
-  if (best == seeds_.size() || !budget_.left()) return false;
+  if (best == kSeeds || !budget_.left()) return false;
   is_tried_[best] = true;
   follow(seeds_[best], plan);
   plan.rollOut();
@@ -254,6 +275,7 @@ Thrusters<double> PredictiveControl::decide(const Observation& seen) {
   for (TrajectoryOptimizer* plan : {plan_.get(), others_[0].plan.get(), others_[1].plan.get()})
     plan->setProblem(acts - seen.drive_start, state, seen.lift, start_.missing, references_);
 
+  has_seeds_ = false;
   carryOn(acts);
   improvements_ = 0;
   improve(*plan_, params_.iterations);

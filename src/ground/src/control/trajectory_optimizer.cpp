@@ -120,27 +120,32 @@ const Tunables<PlanWeights>& PlanWeights::table() {
   return table;
 }
 
+template <typename T>
+TrajectoryOptimizer::Trial<T>::Trial(int steps, int thrusters) {
+  const auto count = static_cast<std::size_t>(std::max(0, steps));
+  inputs.assign(count, Thrusters<T>::zero(thrusters));
+  states.assign(count + 1, Eigen::Matrix<T, kStates, 1>::Zero());
+  headings.assign(count + 1, Rotation<T>(T(0.0)));
+}
+
 TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double step)
     : dynamics_(model),
+      dynamics_of_each_(model),
       derivatives_(model),
       effect_states_(model.stateCount()),
       input_max_(model.body.input_max),
-      step_(step) {
+      step_(step),
+      plan_(steps, thrusterCount()),
+      tried_(plan_),
+      each_(steps, thrusterCount()) {
   if (effect_states_ > kMaxStates)
     throw std::invalid_argument("a model whose effects have more than " +
                                 std::to_string(kMaxStates) +
                                 " states cannot be planned with");
   if (steps < 1 || steps > kMaxSteps || !(step > 0))
     throw std::invalid_argument("the horizon needs between 1 and 200 steps of positive length");
-  const auto count = static_cast<std::size_t>(steps);
   const int inputs = thrusterCount();
-  inputs_.assign(count, Thrusters<double>::zero(inputs));
-  tried_inputs_ = inputs_;
-  states_.assign(count + 1, State::Zero());
-  tried_states_ = states_;
-  headings_.assign(count + 1, Rotation<double>(0.0));
-  tried_headings_ = headings_;
-  references_.resize(count);
+  references_.resize(static_cast<std::size_t>(steps));
   unbounded_ = Thrusters<double>::filled(inputs, std::numeric_limits<double>::quiet_NaN());
   least_input_ = levers_ = Thrusters<double>::zero(inputs);
   for (int i = 0; i < inputs; ++i) {
@@ -167,44 +172,43 @@ void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
   std::copy(references.begin(), references.end(), references_.begin());
 }
 
-TrajectoryOptimizer::State TrajectoryOptimizer::advance(int k, const State& state,
-                                                        const Thrusters<double>& input,
-                                                        Rotation<double>& heading) const {
-  State next = state;
-  const RigidState<double> before{state.head<3>(), state.segment<3>(3)};
-  const RigidState<double> body = drivenStep(dynamics_, t_ + k * step_, before, input, lift_,
-                                             missing_, step_, next.data() + 6, &heading);
-  next.head<3>() = body.eta;
-  next.segment<3>(3) = body.nu;
-  return next;
-}
-
-double TrajectoryOptimizer::stateCost(int k, const State& state,
-                                      const Rotation<double>& heading) const {
+template <typename T>
+T TrajectoryOptimizer::stateCost(int k, const RigidState<T>& state,
+                                 const Rotation<T>& heading) const {
   const ReferencePoint& reference = references_[static_cast<std::size_t>(k)];
   const bool end = k + 1 == steps();
   const double position = end ? 1 + weights_.end_position : 1;
   const double velocity = weights_.velocity + (end ? weights_.end_velocity : 0);
-  const Vector2<double> over_floor = heading.toWorld({state(3), state(4)});
-  double cost = position * (state.head<2>() - reference.p).squaredNorm() +
-                velocity * (over_floor - reference.p_dot).squaredNorm();
-  if (walls_) {
-    Eigen::Matrix<double, 1, 5> unused;
-    const double excess =
-        walls_->fence.excess({state.head<3>(), state.segment<3>(3)}, walls_->age, unused);
-    cost += walls_->weight * excess * excess;
+  const Vector2<T> off = state.eta.template head<2>() - reference.p.cast<T>();
+  const Vector2<T> over_floor = heading.toWorld({state.nu.x(), state.nu.y()});
+  const Vector2<T> slip = over_floor - reference.p_dot.cast<T>();
+  const T cost = position * off.squaredNorm() + velocity * slip.squaredNorm();
+  return walls_ ? T(cost + wallCost(state)) : cost;
+}
+
+double TrajectoryOptimizer::wallCost(const RigidState<double>& state) const {
+  Eigen::Matrix<double, 1, 5> unused;
+  const double excess = walls_->fence.excess(state, walls_->age, unused);
+  return walls_->weight * excess * excess;
+}
+
+Lanes TrajectoryOptimizer::wallCost(const RigidState<Lanes>& state) const {
+  Lanes costs;
+  for (int lane = 0; lane < Lanes::kCount; ++lane) {
+    const auto of = [lane](const Lanes& x) { return x[lane]; };
+    costs[lane] = wallCost(RigidState<double>{state.eta.unaryExpr(of), state.nu.unaryExpr(of)});
   }
-  return cost;
+  return costs;
 }
 
 TrajectoryOptimizer::CostDerivatives TrajectoryOptimizer::stateCostDerivatives(int k) const {
   CostDerivatives by;
-  const State& state = states_[static_cast<std::size_t>(k) + 1];
+  const State& state = plan_.states[static_cast<std::size_t>(k) + 1];
   const ReferencePoint& reference = references_[static_cast<std::size_t>(k)];
   const bool end = k + 1 == steps();
   const double position = 2 * step_ * (end ? 1 + weights_.end_position : 1);
   const double velocity = 2 * step_ * (weights_.velocity + (end ? weights_.end_velocity : 0));
-  const Rotation<double>& heading = headings_[static_cast<std::size_t>(k) + 1];
+  const Rotation<double>& heading = plan_.headings[static_cast<std::size_t>(k) + 1];
   const Vector2<double> over_floor = heading.toWorld({state(3), state(4)});
   const Vector2<double> slip = over_floor - reference.p_dot;
   by.gradient.head<2>() = position * (state.head<2>() - reference.p);
@@ -224,8 +228,9 @@ TrajectoryOptimizer::CostDerivatives TrajectoryOptimizer::stateCostDerivatives(i
   return by;
 }
 
-double TrajectoryOptimizer::inputCost(const Thrusters<double>& input) const {
-  double squares = 0, turning = 0;
+template <typename T>
+T TrajectoryOptimizer::inputCost(const Thrusters<T>& input) const {
+  T squares(0.0), turning(0.0);
   for (int i = 0; i < input.size(); ++i) {
     squares += input(i) * input(i);
     turning += levers_(i) * input(i);
@@ -234,19 +239,27 @@ double TrajectoryOptimizer::inputCost(const Thrusters<double>& input) const {
          (input_max_ * input_max_);
 }
 
-template <class Plan>
-double TrajectoryOptimizer::tryOut(double limit, const Plan& plan) {
-  tried_states_[0] = start_;
-  tried_headings_[0] = Rotation<double>(start_(2));
-  double cost = 0;
+template <typename T, class Plan>
+T TrajectoryOptimizer::tryOut(const Dynamics<T>& dynamics, Trial<T>& trial, double limit,
+                              const Plan& plan) const {
+  const Vector3<T> missing = missing_.cast<T>();
+  trial.states[0] = start_.cast<T>();
+  trial.headings[0] = Rotation<T>(trial.states[0](2));
+  T cost(0.0);
   // A cost that is not a number ends it, too.
-  for (int k = 0; k < steps() && cost < limit; ++k) {
-    const auto i = static_cast<std::size_t>(k);
-    tried_inputs_[i] = plan(i, tried_states_[i]);
-    Rotation<double>& heading = tried_headings_[i + 1];
-    heading = tried_headings_[i];
-    tried_states_[i + 1] = advance(k, tried_states_[i], tried_inputs_[i], heading);
-    cost += step_ * (inputCost(tried_inputs_[i]) + stateCost(k, tried_states_[i + 1], heading));
+  for (std::size_t i = 0; i < trial.inputs.size() && !noneOf(cost < T(limit)); ++i) {
+    const int k = static_cast<int>(i);
+    auto& next = trial.states[i + 1];
+    next = trial.states[i];
+    trial.inputs[i] = plan(i, next);
+    Rotation<T>& heading = trial.headings[i + 1];
+    heading = trial.headings[i];
+    const RigidState<T> before{next.template head<3>(), next.template segment<3>(3)};
+    const RigidState<T> after = drivenStep(dynamics, T(t_ + k * step_), before, trial.inputs[i],
+                                           lift_, missing, step_, next.data() + 6, &heading);
+    next.template head<3>() = after.eta;
+    next.template segment<3>(3) = after.nu;
+    cost += step_ * (inputCost(trial.inputs[i]) + stateCost(k, after, heading));
   }
   return cost;
 }
@@ -255,25 +268,29 @@ void TrajectoryOptimizer::take(double cost) {
   cost_ = cost;
   is_linear_ = false;
   is_simulated_ = true;
-  std::swap(inputs_, tried_inputs_);
-  std::swap(states_, tried_states_);
-  std::swap(headings_, tried_headings_);
+  std::swap(plan_, tried_);
 }
 
 double TrajectoryOptimizer::rollOut() {
-  take(tryOut(kNoLimit, [this](std::size_t k, const State&) { return inputs_[k]; }));
+  take(tryOut(dynamics_, tried_, kNoLimit,
+              [this](std::size_t k, const State&) { return plan_.inputs[k]; }));
   return cost_;
+}
+
+Lanes TrajectoryOptimizer::costsOfEach() {
+  return tryOut(dynamics_of_each_, each_, kNoLimit,
+                [this](std::size_t k, const auto&) { return each_.inputs[k]; });
 }
 
 double TrajectoryOptimizer::error() const {
   double sum = 0;
   for (std::size_t k = 0; k < references_.size(); ++k)
-    sum += (states_[k + 1].head<2>() - references_[k].p).squaredNorm();
+    sum += (plan_.states[k + 1].head<2>() - references_[k].p).squaredNorm();
   return std::sqrt(sum / steps());
 }
 
 Thrusters<double> TrajectoryOptimizer::wanted() const {
-  Thrusters<double> wanted = inputs_.front();
+  Thrusters<double> wanted = plan_.inputs.front();
   for (int i = 0; i < wanted.size(); ++i) {
     const Thruster& one = dynamics_.layout()[i];
     const double low = one.least * input_max_, high = one.most * input_max_;
@@ -297,13 +314,13 @@ void SizedOptimizer<N, S>::linearize(int first) {
   LanesJet t(0.0);
   for (int lane = 0; lane < Lanes::kCount; ++lane) {
     const std::size_t k = stepOf(lane);
-    for (int i = 0; i < kStates; ++i) state[static_cast<std::size_t>(i)][lane] = states_[k](i);
+    for (int i = 0; i < kStates; ++i) state[static_cast<std::size_t>(i)][lane] = plan_.states[k](i);
     for (int i = 0; i < inputs; ++i) {
-      const double one = inputs_[k](i);
+      const double one = plan_.inputs[k](i);
       input(i)[lane] = std::abs(one) < least_input_(i) ? least_input_(i) : one;
     }
-    heading.c[lane] = headings_[k].c;
-    heading.s[lane] = headings_[k].s;
+    heading.c[lane] = plan_.headings[k].c;
+    heading.s[lane] = plan_.headings[k].s;
     t.a[lane] = t_ + static_cast<double>(k) * step_;
   }
   const Vector3<LanesJet> missing = missing_.cast<LanesJet>();
@@ -347,7 +364,7 @@ void SizedOptimizer<N, S>::linearize(int first) {
   for (int lane = 0; lane < lanes; ++lane) {
     // The motion is invariant under translation and rotation of the pose.
     const std::size_t k = stepOf(lane);
-    const Vector2<double> way = (states_[k + 1] - states_[k]).template head<2>();
+    const Vector2<double> way = (plan_.states[k + 1] - plan_.states[k]).template head<2>();
     Linear& linear = linear_[k];
     linear.A(0, 2) = linear.transposed(2, 0) = -way.y();
     linear.A(1, 2) = linear.transposed(2, 1) = way.x();
@@ -374,7 +391,7 @@ bool SizedOptimizer<N, S>::backward() {
     curvature.template topLeftCorner<5, 5>() += cost.curvature;
 
     const auto& [A, transposed, B] = linear_[i];
-    const auto input = vectorOf(inputs_[i]);
+    const auto input = vectorOf(plan_.inputs[i]);
     Square VA = Square::Zero();
     addProduct(curvature, A, VA);
     Drive VB = Drive::Zero(kRows, inputs);
@@ -415,7 +432,7 @@ template <int N, int S>
 Thrusters<double> SizedOptimizer<N, S>::corrected(std::size_t k, Input input,
                                                   const State& state) const {
   input.noalias() +=
-      gains_[k].template topRows<S>().transpose() * (state - states_[k]).template head<S>();
+      gains_[k].template topRows<S>().transpose() * (state - plan_.states[k]).template head<S>();
   return input.cwiseMax(low_).cwiseMin(high_).eval();
 }
 
@@ -423,16 +440,16 @@ Thrusters<double> SizedOptimizer<N, S>::corrected(std::size_t k, Input input,
 template <int N, int S>
 void SizedOptimizer<N, S>::moveLinearly() {
   Vector off = Vector::Zero();  // of the state from the plan
-  for (std::size_t k = 0; k < inputs_.size(); ++k) {
-    const Input before = vectorOf(inputs_[k]);
+  for (std::size_t k = 0; k < plan_.inputs.size(); ++k) {
+    const Input before = vectorOf(plan_.inputs[k]);
     const Input wanted = before + open_[k] + gains_[k].transpose() * off;
     const Input after = wanted.cwiseMax(low_).cwiseMin(high_);
-    asVector(inputs_[k]) = after;
+    asVector(plan_.inputs[k]) = after;
     Vector next = Vector::Zero();
     addProduct(linear_[k].A, off, next);
     addProduct(linear_[k].B, after - before, next);
     off = next;
-    states_[k + 1].template head<S>() += off.template head<S>();
+    plan_.states[k + 1].template head<S>() += off.template head<S>();
   }
   cost_ += predicted_;
   is_linear_ = is_simulated_ = false;
@@ -447,27 +464,28 @@ void SizedOptimizer<N, S>::shiftPlan(double shift) {
   const auto between = [part](const auto& a, const auto& b) { return (1 - part) * a + part * b; };
   for (std::size_t k = 0; k <= last; ++k) {
     const std::size_t from = std::min(last, k + ahead), to = std::min(last, from + 1);
-    inputs_[k] = between(vectorOf(inputs_[from]), vectorOf(inputs_[to])).eval();
-    states_[k] = between(states_[from], states_[from + 1]).eval();
+    plan_.inputs[k] = between(vectorOf(plan_.inputs[from]), vectorOf(plan_.inputs[to])).eval();
+    plan_.states[k] = between(plan_.states[from], plan_.states[from + 1]).eval();
     gains_[k] = between(gains_[from], gains_[to]).eval();
     if (k + ahead > last) gains_[k].setZero();  // no states are planned so far ahead
   }
   // The measured heading may have been wrapped.
-  const double turn = start_(2) - states_[0](2), turns = turn - wrapAngle(turn);
-  for (State& state : states_) state(2) += turns;
+  const double turn = start_(2) - plan_.states[0](2), turns = turn - wrapAngle(turn);
+  for (State& state : plan_.states) state(2) += turns;
 }
 
 template <int N, int S>
 double SizedOptimizer<N, S>::carryOn(double shift) {
   shiftPlan(shift);
   if (!has_gains_) return rollOut();
-  take(tryOut(kNoLimit, [this](std::size_t k, const State& state) {
-    return corrected(k, vectorOf(inputs_[k]), state);
+  take(tryOut(dynamics_, tried_, kNoLimit, [this](std::size_t k, const State& state) {
+    return corrected(k, vectorOf(plan_.inputs[k]), state);
   }));
   const double limit = std::isfinite(cost_) ? cost_ : kNoLimit;
   // The shifted inputs are the tried ones now.
-  const double open =
-      tryOut(limit, [this](std::size_t k, const State&) { return tried_inputs_[k]; });
+  const double open = tryOut(dynamics_, tried_, limit, [this](std::size_t k, const State&) {
+    return tried_.inputs[k];
+  });
   if (open < limit) take(open);
   return cost_;
 }
@@ -488,8 +506,8 @@ bool SizedOptimizer<N, S>::improve() {
     }
     for (double length : kLengths) {
       if (!timeFor(0)) return false;
-      const double cost = tryOut(cost_, [&](std::size_t k, const State& state) {
-        return corrected(k, vectorOf(inputs_[k]) + length * open_[k], state);
+      const double cost = tryOut(dynamics_, tried_, cost_, [&](std::size_t k, const State& state) {
+        return corrected(k, vectorOf(plan_.inputs[k]) + length * open_[k], state);
       });
       if (!(cost < cost_)) continue;
       take(cost);

@@ -84,7 +84,9 @@ class PredictiveControl : public TrackingController {
   void endSearch();
   bool beginAtSeed(TrajectoryOptimizer& plan);
   void makeSeeds(TrajectoryOptimizer& plan);
+  bool rateSeeds(TrajectoryOptimizer& plan);
   void follow(const Seed& seed, TrajectoryOptimizer& plan) const;
+  Thrusters<double> inputsOf(const Seed& seed, double from, const TrajectoryOptimizer& plan) const;
   bool improve(TrajectoryOptimizer& plan, int iterations);
   double turnTime(double angle) const;
 
@@ -110,6 +112,8 @@ class PredictiveControl : public TrackingController {
   bool has_plan_ = false;
   double plan_time_ = 0;  ///< start of the plan [s]
   std::array<Seed, kSeeds> seeds_;
+  std::array<double, kSeeds> seed_costs_{};  ///< [m^2 s]
+  bool has_seeds_ = false;                   ///< whether seeds and costs are this decision's
   std::array<bool, kSeeds> is_tried_{};  ///< seeds from which plans began in this search
   int improvements_ = 0;
   std::optional<PlanWalls> walls_;

@@ -51,7 +51,7 @@ class TrajectoryOptimizer {
   /// Sets a budget, which must outlive this object. When its time is up, improve() ends early.
   void setBudget(TimeBudget& budget) { budget_ = &budget; }
 
-  int steps() const { return static_cast<int>(inputs_.size()); }
+  int steps() const { return static_cast<int>(plan_.inputs.size()); }
   double step() const { return step_; }
 
   /// Sets the problem: the state `start` at t [s] of the drive, references at the end of every
@@ -60,14 +60,18 @@ class TrajectoryOptimizer {
   void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
                   const std::vector<ReferencePoint>& references);
   /// The plan's inputs, in the model's units.
-  const std::vector<Thrusters<double>>& inputs() const { return inputs_; }
+  const std::vector<Thrusters<double>>& inputs() const { return plan_.inputs; }
   /// The same, to set another plan. Call rollOut() afterwards.
   std::vector<Thrusters<double>>& newInputs() {
     has_gains_ = false;
-    return inputs_;
+    return plan_.inputs;
   }
   /// Simulates the plan; returns its cost [m^2 s].
   double rollOut();
+  /// The inputs of eight plans, to set before costsOfEach().
+  std::vector<Thrusters<Lanes>>& inputsOfEach() { return each_.inputs; }
+  /// Simulates these side by side; returns their costs [m^2 s]. The plan stays the same.
+  Lanes costsOfEach();
   /// Continues the plan for a problem that begins `shift` [s] >= 0 after the problem that it was
   /// made for. Each step gets the mean of the inputs planned for its time, once as they are, and
   /// once with the feedback of the last iteration on deviations from the planned states. The
@@ -85,7 +89,8 @@ class TrajectoryOptimizer {
   Thrusters<double> wanted() const;
   /// Root mean square of the position error along the plan [m].
   double error() const;
-  const std::vector<State>& states() const { return states_; }  ///< at the start, after each step
+  /// At the start and after each step.
+  const std::vector<State>& states() const { return plan_.states; }
 
   /// Limits inputs to the ranges of the thrusters, in the model's units.
   Thrusters<double> clipped(const Thrusters<double>& inputs) const {
@@ -96,11 +101,22 @@ class TrajectoryOptimizer {
   TrajectoryOptimizer(const Model& model, int steps, double step);
 
   int thrusterCount() const { return dynamics_.layout().size(); }
-  /// The state after step k of the horizon. `heading` is the rotation by its heading, before and
-  /// after.
-  State advance(int k, const State& state, const Thrusters<double>& input,
-                Rotation<double>& heading) const;
-  double stateCost(int k, const State& state, const Rotation<double>& heading) const;
+  /// Plans as they are simulated: one of double, or eight side by side of Lanes.
+  template <typename T>
+  struct Trial {
+    std::vector<Thrusters<T>> inputs;
+    std::vector<Eigen::Matrix<T, kStates, 1>> states;  ///< at the start, after each step
+    std::vector<Rotation<T>> headings;                 ///< rotations by the states' headings
+
+    Trial(int steps, int thrusters);
+  };
+  template <typename T>
+  T stateCost(int k, const RigidState<T>& state, const Rotation<T>& heading) const;
+  template <typename T>
+  T inputCost(const Thrusters<T>& input) const;
+  /// Costs of nearness to the walls.
+  double wallCost(const RigidState<double>& state) const;
+  Lanes wallCost(const RigidState<Lanes>& state) const;
   /// Derivatives of a state's cost by x, y, psi, u and v, on which it depends.
   struct CostDerivatives {
     Eigen::Matrix<double, 5, 1> gradient = Eigen::Matrix<double, 5, 1>::Zero();
@@ -108,11 +124,9 @@ class TrajectoryOptimizer {
   };
   /// Derivatives of the cost of the state at the end of step k of the plan.
   CostDerivatives stateCostDerivatives(int k) const;
-  double inputCost(const Thrusters<double>& input) const;
-  /// Simulates the tried inputs, which plan(k, state) gives, until the cost reaches `limit`;
-  /// returns the cost.
-  template <class Plan>
-  double tryOut(double limit, const Plan& plan);
+  /// Simulates inputs, which plan(k, state) gives, until all costs reach `limit`; returns the costs.
+  template <typename T, class Plan>
+  T tryOut(const Dynamics<T>& dynamics, Trial<T>& trial, double limit, const Plan& plan) const;
   /// Makes the tried inputs the plan.
   void take(double cost);
   /// Whether there is time for step k of a loop over the steps.
@@ -122,6 +136,7 @@ class TrajectoryOptimizer {
   }
 
   Dynamics<double> dynamics_;
+  Dynamics<Lanes> dynamics_of_each_;
   Dynamics<LanesJet> derivatives_;
   int effect_states_;
   double input_max_;
@@ -134,9 +149,8 @@ class TrajectoryOptimizer {
   double t_ = 0, lift_ = 1;
   Vector3<double> missing_ = Vector3<double>::Zero();
   std::vector<ReferencePoint> references_;
-  std::vector<Thrusters<double>> inputs_, tried_inputs_;
-  std::vector<State> states_, tried_states_;
-  std::vector<Rotation<double>> headings_, tried_headings_;  ///< rotations by the states' headings
+  Trial<double> plan_, tried_;
+  Trial<Lanes> each_;
   State start_ = State::Zero();
   double cost_ = 0;
   bool is_linear_ = false;  ///< whether the derivatives are those of the plan

@@ -27,6 +27,7 @@ GROUND_INLINE bool allOf(const Mask& m) {
   for (int i = 0; i < 8; ++i) all &= m.bits[i];
   return all != 0;
 }
+GROUND_INLINE bool noneOf(bool condition) { return !condition; }
 GROUND_INLINE bool noneOf(const Mask& m) {
   long long any = 0;
   for (int i = 0; i < 8; ++i) any |= m.bits[i];
