@@ -55,16 +55,16 @@ void setProblem(TrajectoryOptimizer& optimizer, const TrajectoryOptimizer& plan,
   optimizer.setProblem(since, plan.states().front(), 1, plan.missing(), points);
 }
 
-/// The cost of a plan that is improved until it gets no better.
-double leastCost(TrajectoryOptimizer& optimizer, const TrajectoryOptimizer& plan) {
+/// The cost of a plan above that of the plan improved until it gets no better, relative to the latter.
+double excess(TrajectoryOptimizer& optimizer, const TrajectoryOptimizer& plan) {
   optimizer.newInputs() = plan.inputs();
-  optimizer.rollOut();
+  const double cost = optimizer.rollOut();
   int idle = 0;
   for (int i = 0; i < 200 && idle < 5; ++i) {
     const double before = optimizer.cost();
     idle = optimizer.improve() && before - optimizer.cost() > 1e-12 * before ? 0 : idle + 1;
   }
-  return optimizer.cost();
+  return cost / optimizer.cost() - 1;
 }
 
 void fly(const Model& model, const ReferencePtr& reference, double seconds, Decisions& seen) {
@@ -81,8 +81,7 @@ void fly(const Model& model, const ReferencePtr& reference, double seconds, Deci
     if (t > 1) {
       setProblem(*best, control.plan(), *reference, t);
       seen.times.push_back(took);
-      const double least = leastCost(*best, control.plan());
-      seen.excesses.push_back(control.plan().cost() / least - 1);
+      seen.excesses.push_back(excess(*best, control.plan()));
       seen.squares += std::pow(flight.error(t), 2);
       seen.improvements += control.improvements();
     }

@@ -11,13 +11,16 @@
 
 #include "ground/control/allocation.h"
 #include "ground/control/box_minimum.h"
+#include "ground/control/register_product.h"
 
 namespace ground {
 namespace {
 
 /// Damping of the inputs, relative to full scale [m^2]. Less than the least has no effect.
 constexpr double kMinDamping = 1e-4, kMaxDamping = 1e3;
-constexpr std::array<double, 4> kLengths = {1.0, 0.5, 0.2, 0.05};
+/// Parts of a change that are tried, side by side, if the whole change does not lower the cost. The
+/// largest one that does is taken. Smaller parts, or the cheapest one, lead to worse valleys.
+constexpr std::array<double, 3> kLengths = {0.5, 0.2, 0.05};
 
 constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 constexpr double kSmallForce = 0.05;  // relative force at which flat force curves are linearised
@@ -77,6 +80,9 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   bool backward();
   void moveLinearly();
   Thrusters<double> corrected(std::size_t k, Input input, const State& state) const;
+  Thrusters<Lanes> correctedOfEach(std::size_t k, const Lanes& lengths,
+                                   const Eigen::Matrix<Lanes, kStates, 1>& states) const;
+  bool takeFirst(const Lanes& costs);
   void shiftPlan(double shift);
 
   Input low_, high_;     ///< ranges of the inputs
@@ -436,6 +442,39 @@ Thrusters<double> SizedOptimizer<N, S>::corrected(std::size_t k, Input input,
   return input.cwiseMax(low_).cwiseMin(high_).eval();
 }
 
+/// The same in eight lanes, with parts of the last iteration's change.
+template <int N, int S>
+Thrusters<Lanes> SizedOptimizer<N, S>::correctedOfEach(
+    std::size_t k, const Lanes& lengths,
+    const Eigen::Matrix<Lanes, kStates, 1>& states) const {
+  Thrusters<Lanes> inputs = Thrusters<Lanes>::zero(thrusterCount());
+  for (int i = 0; i < inputs.size(); ++i) {
+    Lanes wanted = plan_.inputs[k](i) + lengths * open_[k](i);
+    for (int j = 0; j < S; ++j) wanted += gains_[k](j, i) * (states(j) - plan_.states[k](j));
+    const Lanes low = low_(i), high = high_(i);
+    inputs(i) = blend(wanted < low, low, blend(wanted > high, high, wanted));
+  }
+  return inputs;
+}
+
+/// Makes the first of eight simulated plans that costs less than the plan the plan.
+template <int N, int S>
+bool SizedOptimizer<N, S>::takeFirst(const Lanes& costs) {
+  int first = 0;
+  while (first < Lanes::kCount && !(costs[first] < cost_)) ++first;
+  if (first == Lanes::kCount) return false;
+  const auto of = [first](const Lanes& x) { return x[first]; };
+  for (std::size_t k = 0; k < tried_.states.size(); ++k) {
+    tried_.states[k] = each_.states[k].unaryExpr(of);
+    tried_.headings[k].c = each_.headings[k].c[first];
+    tried_.headings[k].s = each_.headings[k].s[first];
+  }
+  for (std::size_t k = 0; k < tried_.inputs.size(); ++k)
+    for (int i = 0; i < thrusterCount(); ++i) tried_.inputs[k](i) = each_.inputs[k](i)[first];
+  take(costs[first]);
+  return true;
+}
+
 /// Makes the last iteration's change of the plan, to first order.
 template <int N, int S>
 void SizedOptimizer<N, S>::moveLinearly() {
@@ -504,17 +543,23 @@ bool SizedOptimizer<N, S>::improve() {
       moveLinearly();
       return true;
     }
-    for (double length : kLengths) {
-      if (!timeFor(0)) return false;
-      const double cost = tryOut(dynamics_, tried_, cost_, [&](std::size_t k, const State& state) {
-        return corrected(k, vectorOf(plan_.inputs[k]) + length * open_[k], state);
-      });
-      if (!(cost < cost_)) continue;
+    if (!timeFor(0)) return false;
+    const double cost = tryOut(dynamics_, tried_, cost_, [&](std::size_t k, const State& state) {
+      return corrected(k, vectorOf(plan_.inputs[k]) + open_[k], state);
+    });
+    if (cost < cost_) {
       take(cost);
-      if (length == 1) damping_ /= 5;
-      if (damping_ < kMinDamping) damping_ = 0;
+      damping_ = damping_ / 5 < kMinDamping ? 0 : damping_ / 5;
       return true;
     }
+    if (!timeFor(0)) return false;
+    Lanes lengths = kLengths.back();
+    for (std::size_t i = 0; i < kLengths.size(); ++i) lengths[static_cast<int>(i)] = kLengths[i];
+    const Lanes costs = tryOut(dynamics_of_each_, each_, cost_,
+                               [&](std::size_t k, const auto& states) {
+                                 return correctedOfEach(k, lengths, states);
+                               });
+    if (takeFirst(costs)) return true;
   }
   const bool is_interrupted = budget_ && budget_->isUp();
   if (!is_interrupted) damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));

@@ -3,7 +3,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
-#include "ground/model/columns.h"
+#include "ground/control/register_product.h"
 #include "ground/model/thrusters.h"
 
 namespace ground {
