@@ -15,6 +15,7 @@ namespace {
 /// First turns of other plans, in both directions [rad]; full thrust follows.
 constexpr std::array<double, 4> kTurns = {M_PI / 4, M_PI / 2, 3 * M_PI / 4, M_PI};
 constexpr double kMaxOtherCost = 0.98;     // relative cost below which another plan replaces it
+constexpr double kMinImprovement = 1e-4;  // relative decrease of the cost to continue iterating
 
 }  // namespace
 
@@ -211,14 +212,15 @@ bool PredictiveControl::beginAtSeed(TrajectoryOptimizer& plan) {
 /// Improves a plan until it hardly gets better, at most `iterations` times; returns whether more of
 /// them may be of use.
 bool PredictiveControl::improve(TrajectoryOptimizer& plan, int iterations) {
-  constexpr double kLeast = TrajectoryOptimizer::kMinImprovement;
   const double first = plan.cost();
+  // Near the reference a slight change does what the linearised problem predicts; elsewhere it may not.
+  const double slight = plan.error() < params_.lost ? kMinImprovement : 0;
   for (int i = 0; i < iterations && budget_.left(); ++i) {
     ++improvements_;
     const double before = plan.cost();
-    if (plan.improve() && before - plan.cost() < kLeast * before) return false;
+    if (plan.improve(slight) && before - plan.cost() < kMinImprovement * before) return false;
   }
-  return budget_.isUp() || plan.cost() < (1 - kLeast) * first;
+  return budget_.isUp() || plan.cost() < (1 - kMinImprovement) * first;
 }
 
 void PredictiveControl::search(double time) {

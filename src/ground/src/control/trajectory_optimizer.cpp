@@ -54,7 +54,7 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   }
 
   double carryOn(double shift) override;
-  bool improve() override;
+  bool improve(double slight) override;
 
  private:
   using Input = PerThruster<N>;
@@ -530,7 +530,7 @@ double SizedOptimizer<N, S>::carryOn(double shift) {
 }
 
 template <int N, int S>
-bool SizedOptimizer<N, S>::improve() {
+bool SizedOptimizer<N, S>::improve(double slight) {
   if (!is_simulated_) rollOut();
   for (int k = 0; k < steps() && !is_linear_; k += Lanes::kCount) {
     if (!timeFor(0)) return false;
@@ -539,7 +539,7 @@ bool SizedOptimizer<N, S>::improve() {
   is_linear_ = true;
   if (backward()) {
     has_gains_ = true;
-    if (damping_ == 0 && predicted_ > -kMinImprovement * cost_) {
+    if (damping_ == 0 && predicted_ > -slight * cost_) {
       moveLinearly();
       return true;
     }

@@ -36,8 +36,6 @@ class TrajectoryOptimizer {
  public:
   static constexpr int kStates = 6 + kMaxStates;
   static constexpr int kMaxSteps = 200;
-  /// Relative decreases of the cost below this are of no use.
-  static constexpr double kMinImprovement = 1e-4;
   using State = Eigen::Matrix<double, kStates, 1>;  ///< eta, nu, states of effects
 
   /// Steps are `step` [s] long. Throws std::invalid_argument if the model's effects have more than
@@ -77,10 +75,10 @@ class TrajectoryOptimizer {
   /// once with the feedback of the last iteration on deviations from the planned states. The
   /// cheaper of the two becomes the plan. Returns its cost [m^2 s].
   virtual double carryOn(double shift) = 0;
-  /// One iteration; returns whether the cost decreased. If not, the plan is the same as before. A
-  /// decrease that is predicted to be below kMinImprovement is not checked by a simulation: the
-  /// plan's inputs, states and cost are then those of the linearised problem.
-  virtual bool improve() = 0;
+  /// One iteration; returns whether the cost decreased. If not, the plan is the same as before. If
+  /// the quadratic problem predicts a relative decrease below `slight`, the change is not simulated:
+  /// the plan's inputs, states and cost are then those of the linearised problem.
+  virtual bool improve(double slight = 0) = 0;
   double cost() const { return cost_; }
   /// Acceleration in addition to the model, of the problem.
   const Vector3<double>& missing() const { return missing_; }
