@@ -866,7 +866,35 @@ def test_a_craft_that_went_on_was_driven_or_glided():
                 assert "for all the %.1f s of silence" % silence in found.reason
     assert went_on(0.201).outcome == "failed" and went_on(0.199).outcome == "undecided"
     assert "slowed down from 0.40 to 0.20 m/s, but not as a craft" in went_on(0.199).reason
+    assert went_on(0.5).reason == (
+        "it went on for all the 1.5 s of silence, driven on by its thrust (0.40 m/s, then 0.50 m/s), and "
+        "braked 0.10 s after the first zero"
+    )
+    assert "and braked 0.00 s after the first zero" in went_on(0.5, time=-0.01).reason
     late = 1.96 * np.hypot(0.01, 0.02)
     assert went_on(0.5, time=-late + 1e-4).outcome == "failed"
     assert "when the silence ended" in went_on(0.5, time=-late - 1e-4).reason
     assert "braking cannot be seen" in went_on(0.5, braking=0.4).reason
+
+
+def test_deviations_allow_for_residuals_that_follow_each_other():
+    """By the sums of their products, up to a correlation of 0.95; residuals that alternate are as white."""
+    random = np.random.default_rng(1)
+    slopes = np.column_stack([np.ones(200), np.arange(200) / 200])
+    white = random.normal(size=200)
+    slow = np.convolve(random.normal(size=205), np.ones(6), "valid")
+    for residuals in (white, slow, np.ones(200), white * 0 + (-1.0) ** np.arange(200)):
+        fit = types.SimpleNamespace(fun=residuals, jac=slopes, x=np.zeros(2))
+        plain = np.linalg.inv(slopes.T @ slopes) * (residuals**2).sum() / 198
+        alike = sum(a * b for a, b in zip(residuals, residuals[1:])) / (residuals**2).sum()
+        alike = min(max(alike, 0.0), 0.95)
+        for i in (0, 1):
+            expected = np.sqrt(plain[i, i] * (1 + alike) / (1 - alike))
+            assert own_stop._deviation(fit, i) == pytest.approx(expected)
+    nothing = types.SimpleNamespace(fun=np.zeros(200), jac=slopes, x=np.zeros(2))
+    assert own_stop._deviation(nothing, 0) == 0.0
+
+
+def test_a_trial_has_no_telemetry_unless_it_is_given():
+    trial = own_stop.Trial(np.zeros(5), np.zeros(5), np.ones(5, bool), 0.0, 1.0)
+    assert len(trial.telemetry_times) == len(trial.telemetry) == 0 and trial.telemetry.shape[1] == 3

@@ -5,6 +5,7 @@ import types
 import numpy as np
 import pytest
 from conftest import recording_of
+from scipy.spatial.transform import Rotation
 
 from ground.errors import GroundError
 from ground.recordings import (
@@ -209,6 +210,13 @@ def test_a_quaternion_may_be_positive_the_other_way_round():
     assert read_one(other, **values)[1] == pytest.approx((1, 2, -0.7))
     down = row_reader(axes="x, -y, -z", **keys)
     assert read_one(down, **values)[1] == pytest.approx((1, -2, -0.7))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_turns_about_an_axis_are_those_of_scipy(axis):
+    for angle in (-3.0, -0.4, 0.0, 1.2, 3.1):
+        expected = Rotation.from_rotvec(angle * np.eye(3)[axis]).as_quat()
+        assert poses._about(axis, angle) == pytest.approx(expected)
 
 
 def test_a_heading_about_given_axes_is_a_turn_about_the_vertical():

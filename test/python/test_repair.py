@@ -149,6 +149,23 @@ def test_spikes_are_marked_and_not_followed():
     assert np.abs(found.eta - plain.eta).max() < 2e-3
 
 
+@pytest.mark.parametrize("count", [40, 300])
+@pytest.mark.parametrize("channel,noise", [(0, 4e-4), (1, 4e-4), (2, 6e-3)])
+def test_spikes_are_a_dozen_standard_deviations_off(count, channel, noise):
+    """More than eight of what is expected, to which the motion between two poses adds. Forty poses do not
+    determine their noise; they have what mocaps usually have."""
+    times = np.arange(count) / 100
+    random = np.random.default_rng(3)
+    eta = np.column_stack([np.cos(times), np.sin(1.3 * times), 2 * times])
+    eta += random.normal(0, [4e-4, 4e-4, 6e-3], eta.shape)
+    inputs = np.array([[0.0, 0.5, 0.5, 1.0], [times[-1], 0.5, 0.5, 1.0]])
+    for size, is_spike in ((-9, False), (9, False), (20, True), (-20, True)):
+        off = eta.copy()
+        off[count // 2, channel] += size * noise
+        found = repaired(times, off, inputs)
+        assert np.flatnonzero(found.spikes).tolist() == [count // 2] * is_spike, size
+
+
 def test_motion_restarts_where_the_craft_is_carried_away():
     times, eta, inputs = moving(3.0)
     carried = eta.copy()

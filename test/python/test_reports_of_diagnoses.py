@@ -80,7 +80,10 @@ def test_effects_that_memory_replaces_go_the_weakest_first(monkeypatch):
 def test_memory_raises_three_quarters_of_the_parts_and_matters(monkeypatch):
     for share, larger, kept in ((0.75, True, True), (0.74, True, False), (1.0, False, False)):
         made, both, _ = remembering(monkeypatch, [199.0, 198.0], share, larger)
+        said = []
+        made.work.note = said.append
         found = made._with_memory(both)
+        assert ("lag: it lags" in said) == kept
         assert (made.memory is not None) == kept
         assert found == (frozenset() if kept else both) and len(made.dropped) == 2 * kept
     monkeypatch.setattr(diagnosis.memory, "find", lambda likelihood, fit: None)
@@ -152,14 +155,15 @@ def test_what_was_refused_is_dropped_with_its_reason():
     one, both = frozenset(["yaw_bias"]), frozenset(["yaw_bias", "quadratic_drag"])
     made.budget, made.memory, made.search.test_beside = None, None, lambda names: None
     made.search.refused = lambda found: [both]
-    made.search.rivals = lambda names, name: []
+    made.search.rivals = lambda names, name: ["momentum_drag"]
     made.search.value = lambda names: 1.0
     made._likeliest_set = lambda: one
     made._refuted = lambda better, found: "refuted" if better == both and found == one else None
     made._with_memory = lambda found: found
     made.grow()
     assert [(d.trial.name, d.why) for d in made.dropped] == [("quadratic_drag", "refuted")]
-    assert made.names == one and [step.added for step in made.steps] == ["yaw_bias"]
+    assert made.names == one
+    assert [(step.added, step.group) for step in made.steps] == [("yaw_bias", ("yaw_bias", "momentum_drag"))]
     assert [t.name for t in made.tried] == ["yaw_bias", "quadratic_drag"] and made.slight is None
 
 
@@ -400,11 +404,12 @@ def test_calibrated_errors_are_those_of_trimmed_models():
 @pytest.mark.parametrize("ratio,short", [(0.98, True), (0.995, False), (1.2, False)])
 def test_shorter_windows_are_taken_if_they_lower_the_error_by_a_hundredth(monkeypatch, ratio, short):
     given = study.Study([run_data(9.0)], threads=1)
-    lengths = []
+    asked = []
     monkeypatch.setattr(given, "_best", lambda starts, free, **options: {"model": "near"})
     monkeypatch.setattr(
-        given, "_fit", lambda chosen, start, free, **more: lengths.append(given.length) or {"width": 2.0}
-    )
+        given, "_fit", lambda chosen, start, free, **more: asked.append((given.length, start, more["near"]))
+        or {"width": 2.0},
+    )  # fmt: skip
     errors = {windows.WINDOW: 1.0, windows.WINDOW / 3: ratio}
     monkeypatch.setattr(
         given, "_judged",
@@ -413,8 +418,9 @@ def test_shorter_windows_are_taken_if_they_lower_the_error_by_a_hundredth(monkey
     told = []
     work = types.SimpleNamespace(step=lambda: told.append(1))
     found = given.fit(model(), ["k"], work=work)
-    assert sorted(lengths) == pytest.approx([windows.WINDOW / 3, windows.WINDOW]) and len(told) == 3
-    assert lengths[0] == windows.WINDOW and given.width == 2.0
+    assert [one[1:] for one in asked] == [("near", True)] * 2  # from the best of all starts
+    assert [one[0] for one in asked] == pytest.approx([windows.WINDOW, windows.WINDOW / 3])
+    assert len(told) == 3 and given.width == 2.0
     assert given.length == pytest.approx(windows.WINDOW / 3 if short else windows.WINDOW)
     assert found.heldout[0] == (ratio if short else 1.0)
 

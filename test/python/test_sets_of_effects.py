@@ -287,6 +287,10 @@ def test_the_best_of_several_starts_is_kept():
     tried = [m.value("yaw_bias.n0") for m in given.likelihood.started]
     assert tried == pytest.approx([1e-3, 3e-4, 1e-4])
     given.likelihood.started.clear()
+    second = fitting(lambda m: 2.0 if m.value("yaw_bias.n0") == pytest.approx(3e-4) else -1.0)
+    second.likelihood.started.clear()
+    extended(second, Step({"yaw_bias.n0": 1e-3}))
+    assert len(second.likelihood.started) == 2
     good = fitting(lambda m: 2.0)
     good.likelihood.started.clear()
     extended(good, Step({"yaw_bias.n0": 1e-3}))
@@ -434,7 +438,10 @@ def test_an_effect_matters_by_its_influence_or_by_its_power():
 def test_the_weakest_of_several_refuted_effects_goes_first():
     gains = {"yaw_bias": 100.0, "quadratic_drag": 60.0, "momentum_drag": 80.0}
     made = found_of(gains, lambda names: 3.0 + len(names))
+    told = []
+    made.plan.tested = lambda left, refused: told.append((left, refused))
     assert made._without_refuted(frozenset(gains)) == frozenset()
+    assert told == [(3, 3), (2, 2), (1, 1)]  # what is left is tested again
     assert [d.trial.name for d in made.dropped] == ["quadratic_drag", "momentum_drag", "yaw_bias"]
     made._drop(frozenset(["yaw_bias"]), "yaw_bias", "again")
     assert [d.why for d in made.dropped if d.trial.name == "yaw_bias"] == ["again"]
@@ -450,7 +457,10 @@ def test_effects_that_are_as_good_are_grouped():
         trials.trial(n, candidates.of_library(n).add(model()), (), g, True, True, 2, 100)
         for n, g in gains.items()
     ]
+    steps = []
+    made.work.step = lambda: steps.append(1)
     made._mark_equals()
+    assert len(steps) == 2  # one for each effect
     assert [step.group for step in made.steps] == [("yaw_bias", "momentum_drag"), ("quadratic_drag",)]
     assert [t.name for t in made.tried if t.equal] == ["yaw_bias"]
     assert made.tried[0].name == "yaw_bias" and sum(t.inclusion for t in made.tried) == pytest.approx(1)

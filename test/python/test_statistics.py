@@ -22,6 +22,7 @@ from ground.analysis import (
     trials,
     validation,
 )
+from ground.errors import GroundError
 from ground.recordings import repair, windows
 
 
@@ -160,6 +161,29 @@ def test_quarters_of_a_run_hold_all_of_it_once():
     assert all(np.array_equal(np.array(p.inputs), np.array(run.inputs)) for (p,) in parts)
 
 
+def test_windows_belong_to_the_folds_of_their_runs():
+    for count in (2, 3):
+        folds = held_out.Folds.__new__(held_out.Folds)
+        folds.runs, folds.count = ["run"] * count, count
+        assert [folds._fold_of(_core.Window(i, 0, 9)) for i in range(count)] == list(range(count))
+
+
+def test_a_motion_that_is_not_finite_has_an_infinite_error(monkeypatch):
+    """The other folds keep theirs; a fold without windows has none."""
+    folds = held_out.Folds.__new__(held_out.Folds)
+    folds.runs, folds.whole, folds.cut = [], None, [_core.Window(i % 2, 0, 9) for i in range(4)]
+    folds.fold_of = np.array([0, 1, 0, 1])
+
+    def errors(runs, chosen, whole, fit):
+        assert {w.run for w in chosen} == {fit}
+        if fit == 1:
+            raise GroundError("not finite")
+        return np.full((len(chosen), 3), 0.5)
+
+    monkeypatch.setattr(study, "calibrated_errors", errors)
+    assert folds._errors([0, 1, 2]).tolist() == [[0.5] * 3, [np.inf] * 3] * 2
+
+
 # --- windows of runs
 
 
@@ -252,6 +276,7 @@ def test_blocks_divide_each_run_evenly():
     assert [tested[0].run for _, tested in blocks] == [0, 0, 1]
     for _, tested in blocks:
         assert all(b.first >= a.last for a, b in zip(tested, tested[1:]))
+    assert blocks[0][1][0].first == blocks[2][1][0].first == 0  # nothing is left out
     first, second = blocks[0][1], blocks[1][1]
     middle = np.array(runs[0].times)[second[0].first]
     assert middle == pytest.approx(6.0, abs=0.05) and first[-1].last <= second[0].first
@@ -334,6 +359,7 @@ def test_predictions_are_tiled_without_overlap():
     spans = [(float(t[0]), float(t[-1])) for t, _, _ in tiles]
     assert np.allclose(spans, [(0, 1.5), (1.5, 3), (3, 4.5)], atol=0.011)
     assert all(len(t) == len(low) == len(high) and (low < high).all() for t, low, high in tiles)
+    assert all(t[-1] - t[0] <= 1.5 + 1e-9 for t, _, _ in tiles)
     short = [(float(t[0]), float(t[-1])) for t, _, _ in many.tiled(0.5)]
     assert np.allclose(short, [(0, 0.5), (0.5, 1.0), (1.0, 1.5), (1.5, 2.0), (3, 3.5)], atol=0.011)
 
@@ -373,6 +399,47 @@ def test_the_expected_loudness_is_that_of_the_other_runs():
     assert bands._loudness(fit) == 3.0
     assert bands._loudness(fit, 2, 4) == 2.0 and bands._loudness(fit, 0, 2) == 2.5
     assert bands._loudness(types.SimpleNamespace(loudness=())) == 0.0
+
+
+def of_folds(monkeypatch, runs, count):
+    """What bands.of_folds predicts: (run, model, windows, loudness) of each part."""
+    cut = windows.cut(runs)
+    fold_of = [w.run % count if len(runs) > 1 else i % count for i, w in enumerate(cut)]
+    folds = types.SimpleNamespace(
+        runs=runs, count=count, cut=cut, fold_of=fold_of, each=map,
+        models=lambda fit: ["without %d" % fold for fold in range(count)],
+    )  # fmt: skip
+    asked = []
+
+    def predict(task):
+        asked.append(task)
+        starts = [prediction(float(task[0].times[w.first]), 9.0) for w in task[2]]
+        return bands.Bands(None, tuple(starts))
+
+    monkeypatch.setattr(bands, "_predict", predict)
+    fit = types.SimpleNamespace(loudness=(1.0, 2.0, 6.0)[: len(runs)])
+    return bands.of_folds(folds, fit), asked, cut
+
+
+def test_bands_of_runs_are_by_models_without_them(monkeypatch):
+    runs = [run_data(5.0, seed=seed) for seed in (1, 2, 3)]
+    for count, loudness in ((3, [4.0, 3.5, 1.5]), (2, [2.0, 3.5, 2.0])):
+        found, asked, cut = of_folds(monkeypatch, runs, count)
+        assert [one.run for one in found] == runs and len(asked) == 3
+        for i, (run, craft, some, loud) in enumerate(asked):
+            assert run is runs[i] and craft == "without %d" % (i % count)
+            assert some == [w for w in cut if w.run == i] and loud == loudness[i]
+    two, asked, _ = of_folds(monkeypatch, runs[:2], 2)
+    assert [one.run for one in two] == runs[:2] and [task[3] for task in asked] == [2.0, 1.0]
+
+
+def test_bands_of_one_run_are_by_models_without_its_parts(monkeypatch):
+    run = run_data(9.0)
+    (found,), asked, cut = of_folds(monkeypatch, [run], 2)
+    assert found.run is run and [task[1] for task in asked] == ["without 0", "without 1"]
+    assert [task[2] for task in asked] == [cut[::2], cut[1::2]] and [task[3] for task in asked] == [1.0] * 2
+    begins = [float(one.times[0]) for one in found.predictions]
+    assert begins == [run.times[w.first] for w in cut]  # of all parts, in order
 
 
 # --- parts of the error
@@ -493,6 +560,8 @@ def test_a_step_stays_in_the_range_of_a_parameter():
     time = {"name": "tau", "neutral": np.inf, "lower": 0.1, "upper": np.inf}
     assert score_tests.moved(time, np.inf, 2.0) == pytest.approx(0.5)
     assert score_tests.moved(time, 0.5, 2.0) == pytest.approx(0.25)
+    assert score_tests.moved(time, 4.0, 0.25) == pytest.approx(2.0)
+    assert score_tests.moved(time, 2.0, -0.25) == pytest.approx(4.0)
     assert score_tests.moved(time, 0.5, -3.0) == np.inf
     assert score_tests.moved(time, 0.5, 1e6) == 0.1
     inertia = {"name": "I_z", "neutral": 0.0, "lower": 1e-6, "upper": 1.0}
@@ -708,6 +777,8 @@ def test_an_error_that_depends_on_the_commands_repeats_wholly():
     assert found.windows == len(cut) and found.share == pytest.approx(1, abs=0.02)
     assert found.deviation < 0.02
     assert repeats.repeats(runs[:1], cut[: len(cut) // 3], wrong) is None
+    assert repeats.repeats(runs, cut[:8], wrong).windows == 8
+    assert repeats.repeats(runs, cut[:7], wrong) is None
     noisy = []
     for seed, run in enumerate(runs):
         nu = np.array(run.nu) + np.random.default_rng(seed).normal(0, 1, run.nu.shape) * [0.3, 0.3, 5]

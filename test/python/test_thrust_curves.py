@@ -458,6 +458,18 @@ def test_a_table_continues_its_first_and_last_line():
     assert begins.table() == [(0, 0), (0.2, 0), (0.6, pytest.approx(4 / 9, abs=1e-6)), (1, 1)]
 
 
+def test_a_table_has_lines_between_uneven_inputs():
+    levels = np.array([0.2, 0.25, 0.3, 0.5, 1.0])
+
+    def force(w):
+        return np.interp(w, [0.1, 0.3, 1.0], [0.0, 0.1, 0.8])
+
+    found = thrust_curve.table(2)(levels, np.ones(5), force(levels))
+    at = np.linspace(0.05, 1.0, 20)
+    assert found.force(at) == pytest.approx(force(at), abs=1e-6)
+    assert found.force(np.array([1.1])) == pytest.approx([0.9], abs=1e-6)
+
+
 def test_a_table_is_the_least_squares_one_that_does_not_fall():
     random = np.random.default_rng(3)
     forces = WORKING * 0.3 * INPUTS**2 + 0.02 * random.normal(size=18)
