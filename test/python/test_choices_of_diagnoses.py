@@ -5,6 +5,7 @@ import types
 import numpy as np
 import pytest
 from conftest import ROOT
+from scipy import optimize
 from test_sets_of_effects import NAMES, searched, size, threshold
 from test_statistics import Expected, model, random_scores, run_data, scores_of
 
@@ -532,6 +533,30 @@ def test_the_nested_error_is_that_of_the_runs_held_out_if_there_are_any(monkeypa
     assert conclusion._nested(types.SimpleNamespace(chosen=[]), ["run"]) == 2.0
 
 
+def test_parts_of_the_data_may_prefer_a_rival_that_is_not_far_behind(monkeypatch):
+    """By a log-likelihood ratio of 35, five times the one that excludes a rival."""
+    gains = dict(zip(MANY, (200.0, 200.0 - 34, 200.0 - 36)))
+    search, likelihoods = searched(monkeypatch, gains)
+    search.nominal()
+    names = frozenset(MANY[:1])
+    search.fits[names] = likelihoods.fit_of(names)
+    asked = []
+
+    def nested(choice, each):
+        asked.append((choice, each))
+        return np.array([1.0, 2.0, 3.0])
+
+    found = types.SimpleNamespace(
+        search=search, chosen=["effect"], names=names, fit="grown", inside="inside",
+        each_of_many="many", folds=types.SimpleNamespace(nested=nested),
+    )  # fmt: skip
+    assert conclusion._nested(found, ()) == 6.0
+    ((choice, each),) = asked
+    assert choice.swapped == {MANY[0]: [MANY[1]]} and (choice.each, each) == ("inside", "many")
+    assert choice.fitting.known == search.fits and choice.found == "grown"
+    assert choice.nominal is search.fits[EMPTY]
+
+
 def test_the_slight_effect_is_in_the_fullest_model():
     big, small = frozenset("ab"), frozenset("a")
     search = types.SimpleNamespace(fits={big: "fuller"})
@@ -751,14 +776,18 @@ def test_a_plan_is_at_most_until_the_effects_are_known(monkeypatch):
     class Certain(Expected):
         def __init__(self):
             super().__init__()
-            self.at_most, self.work = {}, self
+            self.at_most, self.work, self.grew, self.said = {}, self, [], []
 
         def expect(self, what, units, seconds=0.0, at_most=False, scaled=True):
             super().expect(what, units)
             self.at_most[what] = at_most
 
+        def more(self, count, at_most=False):
+            super().more(count)
+            self.grew.append(at_most)
+
         def note(self, text):
-            pass
+            self.said.append(text)
 
         def step(self, units=1):
             pass
@@ -773,12 +802,13 @@ def test_a_plan_is_at_most_until_the_effects_are_known(monkeypatch):
     gains = {MANY[0]: 300.0, MANY[1]: 200.0, MANY[2]: 1.0, MANY[3]: 0.0}
     found, _ = searched(monkeypatch, gains, plan=plan)
     assert found.run() == frozenset(MANY[:2])
+    assert told.said[-1] == "with " + ", ".join(sorted(MANY[:2]))
     assert found._coming(EMPTY) == 2 and found._coming(frozenset(MANY[:1])) == 1
     assert told.units[stages.ORDERING] == 2 and all(
         most for what, most in told.at_most.items() if what not in certain
     )
     # Sets to refit in the first round, as many for each effect to come, and three for two effects' swaps.
-    assert told.added >= 3 * 2 + 3 + 1
+    assert told.added >= 3 * 2 + 3 + 1 and all(told.grew)
     plan.found(2)
     assert not any(told.at_most[w] for w in (stages.TESTING, stages.ORDERING, stages.REPEATING))
 
@@ -893,6 +923,37 @@ def test_deviations_allow_for_residuals_that_follow_each_other():
             assert own_stop._deviation(fit, i) == pytest.approx(expected)
     nothing = types.SimpleNamespace(fun=np.zeros(200), jac=slopes, x=np.zeros(2))
     assert own_stop._deviation(nothing, 0) == 0.0
+
+
+def test_a_change_of_telemetry_is_clear_from_a_ratio_of_25():
+    """Twice the log-likelihood of two means over that of one, with errors of rounding to integers; five
+    packets are needed before the change and three after."""
+    times = np.arange(-0.35, 0.55, 0.03)
+    random = np.random.default_rng(2)
+    shape = (times > 0.2)[:, None] * [1.0, 0.4, 0.0]
+    noise = random.normal(0, 3, (len(times), 3))
+
+    def ratio(size):
+        values, n = size * shape + noise, len(times)
+        whole = ((values - values.mean(axis=0)) ** 2).sum(axis=0)
+        found = []
+        for i in range(5, n - 3):
+            parts = [((v - v.mean(axis=0)) ** 2).sum(axis=0) for v in (values[:i], values[i:])]
+            found.append(n * np.log((whole + n / 12) / (sum(parts) + n / 12)).max())
+        return max(found)
+
+    def change(size):
+        given = own_stop.Trial(
+            np.zeros(0), np.zeros(0), np.zeros(0, bool), 0.0, 1.0, times, size * shape + noise
+        )
+        return own_stop._telemetry_change(given, 0.4)
+
+    for amount, clear in ((24.9, False), (25.1, True)):
+        size = optimize.brentq(lambda s, a=amount: ratio(s) - a, 2.0, 30.0)
+        found = change(size)
+        assert (found is not None) == clear
+        if clear:
+            assert found == pytest.approx(0.2, abs=0.04)
 
 
 def test_a_trial_has_no_telemetry_unless_it_is_given():

@@ -425,6 +425,38 @@ def test_shorter_windows_are_taken_if_they_lower_the_error_by_a_hundredth(monkey
     assert found.heldout[0] == (ratio if short else 1.0)
 
 
+def test_each_part_of_a_study_is_held_out_once(monkeypatch):
+    given = study.Study([run_data(9.0)], threads=1)
+    given.width = 2.5
+    fits = []
+
+    def fit(chosen, start, free, **options):
+        fits.append((list(chosen), start, options))
+        return {"model": len(fits)}
+
+    monkeypatch.setattr(given, "_fit", fit)
+    monkeypatch.setattr(
+        study, "window_errors",
+        lambda runs, tested, craft: np.array([[craft, given.windows.index(w), 0.5] for w in tested]),
+    )  # fmt: skip
+    monkeypatch.setattr(study, "channel_errors", lambda runs, cut, craft: (cut, craft))
+    states = ["state %d" % i for i in range(len(given.windows))]
+    parameters = [dict(name="k", value=1.0), dict(name="l", value=2.0)]
+    found = given._judged({"model": "whole", "initial": states, "parameters": parameters}, ["k"], 1)
+    assert (found.model, found.error) == ("whole", (given.windows, "whole"))
+    assert found.parameters == {p["name"]: p for p in parameters}
+    assert len(fits) == 4
+    for part, (chosen, start, options) in enumerate(fits):
+        rest = [i for i, other in enumerate(given.part_of) if other != part]
+        assert chosen == [given.windows[i] for i in rest] and start == "whole"
+        assert options["initial"] == [states[i] for i in rest]
+        assert (options["near"], options["threads"], options["width"]) == (True, 1, 2.5)
+    rows = np.array([[1 + part, i, 0.5] for i, part in enumerate(given.part_of)])
+    samples = [w.last - w.first + 1 for w in given.windows]
+    assert np.allclose(found.heldout, np.average(rows, axis=0, weights=samples))
+    assert np.allclose(found.by_window, rows.sum(axis=1))
+
+
 def test_the_best_start_is_kept_and_all_may_fail(monkeypatch):
     given = study.Study([run_data(9.0)], threads=1)
     objectives = {"a": 3.0, "b": 1.0, "c": None, "d": 2.0}
