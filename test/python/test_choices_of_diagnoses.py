@@ -31,6 +31,7 @@ from ground.analysis.criteria import Criteria
 from ground.analysis.distributions import chi_squared_above, chi_squared_limit
 from ground.errors import GroundError
 from ground.recordings import windows
+from ground.simulation import experiments
 
 EMPTY = frozenset()
 MANY = [
@@ -856,6 +857,48 @@ def test_an_experiment_in_a_room_is_the_same_each_time():
     assert 16 <= np.ptp(lifted) < 18  # with the braking at its end
 
 
+def test_an_experiment_in_a_room_is_that_of_the_excitation(monkeypatch):
+    """It lasts until the last frame."""
+    asked = []
+
+    def excite(craft, truth, params, eta, nu, mocap, seed):
+        asked.append((craft, truth, params, [*eta, *nu]))
+        return {"commands": np.zeros((4, 4)), "frames": np.array([[0.0, 1], [0.5, 1], [2.25, 1]])}
+
+    monkeypatch.setattr(next_experiment._core, "excite", excite)
+    place, craft = _core.RoomPlan(), model()
+    for experiment in list(next_experiment.choices())[::5]:
+        schedule = experiment.schedule_in(place, craft)
+        assert schedule.end == 2.25 and np.array_equal(schedule.rows, np.zeros((4, 4)))
+        one, truth, params, still = asked.pop()
+        assert one is truth is craft and still == [0] * 6
+        assert params.duration == 16.0 and params.life.lift == experiment.lift
+        assert (params.start, params.tail) == (experiments.LEAD, experiments.TAIL)
+        assert np.array_equal(params.room.corners, place.corners)
+
+    def fails(*_):
+        raise RuntimeError("the motion is not finite")
+
+    monkeypatch.setattr(next_experiment._core, "excite", fails)
+    with pytest.raises(GroundError, match="^the motion is not finite$"):
+        experiment.schedule_in(place, craft)
+
+
+def test_an_experiment_needs_a_motion_that_stays_finite(monkeypatch):
+    schedule, noise = next(next_experiment.choices()).schedule(), np.full(3, 1e-4)
+    simulate = _core.simulate
+
+    def diverging(*given):
+        found = dict(simulate(*given))
+        found["eta"] = np.array(found["eta"])
+        found["eta"][-1, 2] = np.nan
+        return found
+
+    monkeypatch.setattr(next_experiment._core, "simulate", diverging)
+    with pytest.raises(GroundError, match="the motion is not finite"):
+        next_experiment._run(model(), schedule, noise)
+
+
 def verdict_of(time=0.4, deviation=0.01, slope=0.3, braking=2.0, loss=0.3, silence=1.5):
     given = own_stop.Trial(np.zeros(0), np.zeros(0), np.zeros(0, bool), 0.0, silence)
     return own_stop._braked(given, own_stop.Break(time, deviation, slope, braking, loss), 0.4)
@@ -929,9 +972,8 @@ def test_a_change_of_telemetry_is_clear_from_a_ratio_of_25():
     """Twice the log-likelihood of two means over that of one, with errors of rounding to integers; five
     packets are needed before the change and three after."""
     times = np.arange(-0.35, 0.55, 0.03)
-    random = np.random.default_rng(2)
     shape = (times > 0.2)[:, None] * [1.0, 0.4, 0.0]
-    noise = random.normal(0, 3, (len(times), 3))
+    noise = np.random.default_rng(2).normal(0, 0.4, (len(times), 3))
 
     def ratio(size):
         values, n = size * shape + noise, len(times)
@@ -948,8 +990,8 @@ def test_a_change_of_telemetry_is_clear_from_a_ratio_of_25():
         )
         return own_stop._telemetry_change(given, 0.4)
 
-    for amount, clear in ((24.9, False), (25.1, True)):
-        size = optimize.brentq(lambda s, a=amount: ratio(s) - a, 2.0, 30.0)
+    for amount, clear in ((24.95, False), (25.05, True)):
+        size = optimize.brentq(lambda s, a=amount: ratio(s) - a, 0.3, 30.0)
         found = change(size)
         assert (found is not None) == clear
         if clear:

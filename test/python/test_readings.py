@@ -947,6 +947,19 @@ def test_blocks_hold_all_samples_once():
     assert list(evidence._blocks(times[:1], 4)) == []
 
 
+@pytest.mark.parametrize("count,blocks", [(1, 8), (100, 4), (401, 1)])
+def test_many_recordings_have_few_blocks_each(monkeypatch, count, blocks):
+    """Four hundred in all, but at least one of each."""
+    random = np.random.default_rng(5)
+    rest = reply.Rest(np.arange(40) / 10, random.normal(size=(40, 3)), random.normal(size=(40, 2)))
+    monkeypatch.setattr(reply, "rest", lambda *given: rest)
+    runs = [types.SimpleNamespace(recording=None, motion=None, reply=None)] * max(count, 1)
+    found = evidence._moments(runs, ("left", "right"), False)
+    assert found.samples == 40 * count and abs(len(found.totals) - blocks * count) <= count
+    assert np.allclose(found.totals.sum(axis=0), count * (rest.accelerations**2).sum(axis=0))
+    assert np.allclose(found.sizes.sum(axis=0), count * rest.commands.T @ rest.commands)
+
+
 def said(channels, signs=(1, 1), **more):
     hypothesis = Hypothesis(tuple(channels), tuple(signs), **more)
     names = sorted(channels)

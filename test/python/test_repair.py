@@ -107,6 +107,19 @@ def test_repeated_samples_of_a_moving_craft_are_dropped(length, dropped):
     assert np.array_equal(found.times, np.delete(times, np.arange(151, 151 + dropped)))
 
 
+def test_a_craft_that_moves_along_an_axis_repeats_no_sample():
+    """One coordinate stays exactly the same; then the craft leaves the line."""
+    times = np.arange(200) / 100
+    for axis in (0, 1):
+        eta = np.zeros((200, 3))
+        eta[:, axis] = 0.3 * times
+        eta[150:, 1 - axis] = 0.02 * np.arange(50)
+        inputs = np.array([[0.0, 0.5, 0.5, 1.0], [2.0, 0.5, 0.5, 1.0]])
+        found = repaired(times, eta, inputs)
+        assert found.repairs["frozen poses dropped"] == found.repairs["duplicates dropped"] == 0
+        assert np.array_equal(found.times, times)
+
+
 def test_repeated_samples_of_a_craft_at_rest_are_kept():
     times, eta, inputs = moving(3.0)
     still = np.concatenate([np.repeat(eta[:1], 100, axis=0), eta, np.repeat(eta[-1:], 50, axis=0)])
@@ -197,9 +210,11 @@ def test_noise_stays_within_what_mocaps_have():
     times, eta, inputs = moving(3.0, noise=0)
     quiet = repaired(times, eta, inputs)
     assert quiet.noise[0] >= 2e-5 and quiet.noise[1] >= 2e-4
+    line = np.column_stack([0.3 * times, 0.1 * times, 0.2 * times])
+    assert repaired(times, line, inputs).noise == (2e-5, 2e-4)
     wild = eta + np.random.default_rng(1).normal(0, [0.05, 0.05, 0.5], eta.shape)
     loud = repaired(times, wild, inputs)
-    assert loud.noise[0] <= 1e-2 and loud.noise[1] <= 0.1
+    assert loud.noise == (1e-2, 0.1)
     few = repaired(times[:40], eta[:40], inputs)  # their noise is taken from other recordings
     assert few.clock is None and 1e-4 < few.noise[0] < 1e-3 and 1e-3 < few.noise[1] < 1e-2
 

@@ -263,6 +263,16 @@ def test_outliers_do_not_change_authorities():
     assert found.forward == pytest.approx(plain.forward, abs=0.05)
 
 
+def test_authorities_are_of_the_time_with_commands():
+    """Whatever happens to the craft before the first and after the last command."""
+    rows = commands()
+    moved = motion(rows, noise=0.1)
+    plain = reply.authorities(recorded(rows[20:-40], moved), moved, 0.0)
+    outside = (moved.times < rows[20, 0]) | (moved.times > rows[-41, 0])
+    pushed = dataclasses.replace(moved, nu_dot=moved.nu_dot + outside[:, None] * [3.0, -2.0, 50.0])
+    assert reply.authorities(recorded(rows[20:-40], pushed), pushed, 0.0) == plain
+
+
 def test_thrusters_that_always_change_together_have_no_authority_of_their_own():
     rows = commands()
     rows[:, 2] = rows[:, 1]
@@ -284,6 +294,10 @@ def test_the_rest_is_what_velocities_and_slopes_do_not_explain(twisted):
         assert np.abs(column @ found.commands).max() < 1e-6
         assert np.abs(column @ found.accelerations).max() < 1e-5
     assert found.times[0] > rows[0, 0] and found.times[-1] < rows[-1, 0]
+    part = recorded(rows[20:-40], moved)  # the motion goes on before and after the commands
+    inside = reply.middle(moved.times)
+    inside &= (moved.times > rows[20, 0]) & (moved.times < rows[-41, 0])
+    assert np.array_equal(reply.rest(part, moved, 0.1, names, twisted).times, moved.times[inside])
     if not twisted:  # the commands explain all that is left
         left = found.accelerations - found.commands @ np.linalg.lstsq(
             found.commands, found.accelerations, rcond=None

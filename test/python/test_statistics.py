@@ -392,6 +392,10 @@ def test_predictions_start_in_windows_but_not_at_the_first_pose_of_a_stretch():
     starts, horizons = bands._starts(times, cut)
     assert starts == [50, 100, 150, 200, 250, 650, 700]
     assert horizons == pytest.approx([1.0, 0.5, 4.0, 0.5, 0.5, 1.0, 0.5])
+    starts, horizons = bands._starts(times, [_core.Window(0, 601, 751)])
+    assert starts == [601, 651, 701] and horizons == pytest.approx([4.0, 0.5, 0.5])
+    starts, _ = bands._starts(times, [_core.Window(0, 1, 151)])
+    assert starts == [1, 51, 101]
 
 
 def test_the_expected_loudness_is_that_of_the_other_runs():
@@ -765,6 +769,22 @@ def test_windows_of_repeated_commands_are_found():
     assert repeats._repetitions([still], cut[1]) == []
     both = repeats._repetitions([run, run], cut[1])
     assert sorted((w.run, round(lag, 1)) for w, lag in both) == [(0, half), (1, 0.0), (1, half)]
+
+
+def test_the_error_of_a_repeated_share_is_that_of_a_jackknife(monkeypatch):
+    random = np.random.default_rng(3)
+    sums = [(a, b) for a, b in zip(random.normal(2, 1, 12), random.uniform(4, 6, 12))]
+    monkeypatch.setattr(repeats, "_repetitions", lambda runs, window: window % 4 and ["other"])
+    monkeypatch.setattr(repeats, "_products", lambda runs, craft, window, found: sums[window * 3 // 4])
+    found = repeats.repeats([], range(16), None)
+    used = [sums[i * 3 // 4] for i in range(16) if i % 4]
+
+    def share(some):
+        return sum(a for a, _ in some) / sum(b for _, b in some)
+
+    without = np.array([share(used[:i] + used[i + 1 :]) for i in range(12)])
+    assert found.share == pytest.approx(share(used)) and found.windows == 12
+    assert found.deviation == pytest.approx(np.sqrt(11 / 12 * ((without - without.mean()) ** 2).sum()))
 
 
 def test_an_error_that_depends_on_the_commands_repeats_wholly():
