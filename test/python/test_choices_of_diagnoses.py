@@ -144,6 +144,16 @@ def test_the_level_of_a_search_is_a_hundredth():
     assert usual.max_far_error < 1
 
 
+def test_effects_to_come_are_those_above_their_thresholds(monkeypatch):
+    first, second = MANY[:2]
+    limit = threshold(first, 2)
+    for off, count in (((0.5, 0.5), 2), ((0.5, -0.5), 1), ((-0.5, -0.5), 0)):
+        gains = {first: limit + off[0], second: limit + off[1]}
+        found, _ = searched(monkeypatch, gains)
+        found.nominal()
+        assert found._coming(EMPTY) == count
+
+
 # --- score tests
 
 

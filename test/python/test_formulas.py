@@ -621,6 +621,10 @@ def test_a_value_in_another_unit_moves_what_follows_it():
         assert unit_slips.found(craft, fitted)[:2] == (key, unit)
         (sentence,) = unit_slips.sentences(craft, fitted)
         assert "its m is in %s: write m: %.4g" % (unit, factor * craft.value("m")) in sentence
+        more = {"yaw_bias.n0": 1e3, "quadratic_drag.d_u": -2.0}  # parameters of effects have no such units
+        assert unit_slips.found(craft, {**fitted, **more})[:2] == (key, unit)
+        assert unit_slips.found(craft, dict(fitted, k=-fitted["k"])) is None  # no factor changes a sign
+        assert unit_slips.found(craft, dict(fitted, k=0.0)) is None
         part = dict(list(fitted.items())[:3])  # what would move has to be free
         assert unit_slips.found(craft, part) is None
         off = dict(fitted, k=fitted["k"] * 10**0.4)

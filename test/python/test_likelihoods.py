@@ -1,4 +1,5 @@
 """Fits with a random disturbance, held-out parts, bands and experiments, on short simulated runs."""
+import contextlib
 import dataclasses
 import functools
 import math
@@ -256,7 +257,7 @@ class Fake:
     is_pair = True
 
 
-def proposed(monkeypatch, before, after, rivals=2):
+def proposed(monkeypatch, before, after, rivals=2, work=None):
     """What is proposed if experiments distinguish rivals by so much: functions of an Experiment."""
     asked = []
 
@@ -272,7 +273,7 @@ def proposed(monkeypatch, before, after, rivals=2):
     monkeypatch.setattr(next_experiment.Experiment, "schedule", lambda self: self)
     monkeypatch.setattr(next_experiment.Experiment, "schedule_in", lambda self, room, model: self)
     some = [next_experiment.Rival("r%d" % i, types.SimpleNamespace(model=Fake())) for i in range(rivals)]
-    return next_experiment.propose(some, [types.SimpleNamespace(noise=NOISE)]), asked
+    return next_experiment.propose(some, [types.SimpleNamespace(noise=NOISE)], work=work), asked
 
 
 def is_(design, lift=1.0):
@@ -302,6 +303,33 @@ def test_experiments_are_refitted_until_none_can_be_better(monkeypatch):
     assert found is None and len(asked) == 12
     found, asked = proposed(monkeypatch, lambda e: None, lambda e: 9.0)
     assert found is None and asked == []
+
+
+def test_progress_tells_of_each_experiment(monkeypatch):
+    said = []
+
+    class Told:
+        def stage(self, name, units=0):
+            said.append((name, units))
+            return contextlib.nullcontext()
+
+        def more(self, units, at_most=False):
+            said.append((units, at_most))
+
+        def step(self):
+            said.append("step")
+
+    choice = list(next_experiment.choices())
+    for count, refitted in ((len(choice), 12), (5, 5)):
+        said.clear()
+        proposed(
+            monkeypatch, lambda e, c=count: 50.0 if choice.index(e) < c else None, lambda e: 2.0, work=Told()
+        )
+        assert said[:1] == [(next_experiment.CHOOSING, len(choice))]
+        assert said[1 : 1 + len(choice)] == ["step"] * len(choice)
+        assert said[1 + len(choice) :] == [
+            (next_experiment.REFITTING, 0), (refitted, True), *["step"] * refitted
+        ]  # fmt: skip
 
 
 def test_rivals_are_apart_by_the_least_of_their_pairs(monkeypatch):

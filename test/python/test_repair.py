@@ -107,11 +107,25 @@ def test_repeated_samples_of_a_moving_craft_are_dropped(length, dropped):
     assert np.array_equal(found.times, np.delete(times, np.arange(151, 151 + dropped)))
 
 
+@pytest.mark.parametrize("far,dropped", [(1.9, 0), (2.1, 3)])
+def test_a_craft_moves_if_it_is_elsewhere_after_equal_samples(far, dropped):
+    """By more than twice its usual step."""
+    times = np.arange(200) / 100
+    way = 0.003 * np.arange(200.0)
+    way[100:] += (far - 1) * 0.003 - 0.009
+    way[97:100] = way[96]
+    eta = np.column_stack([way, 0 * times, 0.4 * times])
+    eta[97:100] = eta[96]
+    inputs = np.array([[0.0, 0.5, 0.5, 1.0], [2.0, 0.5, 0.5, 1.0]])
+    assert way[100] - way[99] == pytest.approx(far * 0.003)
+    assert repaired(times, eta, inputs).repairs["frozen poses dropped"] == dropped
+
+
 def test_a_craft_that_moves_along_an_axis_repeats_no_sample():
     """One coordinate stays exactly the same; then the craft leaves the line."""
     times = np.arange(200) / 100
     for axis in (0, 1):
-        eta = np.zeros((200, 3))
+        eta = np.column_stack([0 * times, 0 * times, 0.4 * times])
         eta[:, axis] = 0.3 * times
         eta[150:, 1 - axis] = 0.02 * np.arange(50)
         inputs = np.array([[0.0, 0.5, 0.5, 1.0], [2.0, 0.5, 0.5, 1.0]])

@@ -270,6 +270,15 @@ def test_an_artificial_recording_has_the_noise_and_the_motion_of_the_model():
 # --- blocks that are held out
 
 
+def test_blocks_last_six_seconds(monkeypatch):
+    monkeypatch.setattr(windows, "error", lambda runs, craft, cut: 1.0)
+    for duration, blocks in ((13.0, 2), (20.0, 3)):
+        found = validation.leave_blocks_out(
+            [run_data(duration)], [], lambda cut, initial: {"model": None, "initial": [None] * len(cut)}
+        )
+        assert found["blocks"] == blocks and found["heldout"] == 1.0
+
+
 def test_blocks_divide_each_run_evenly():
     runs = [run_data(12.0), run_data(7.0, seed=2)]
     blocks = validation._blocks(runs, 6.0, 1.5)
@@ -447,6 +456,10 @@ def test_bands_of_one_run_are_by_models_without_its_parts(monkeypatch):
 
 
 # --- parts of the error
+
+
+def test_artificial_recordings_differ():
+    assert len(set(budget.SEEDS)) == len(budget.SEEDS) == 3
 
 
 def test_parts_of_the_error_add_up_in_squares():
