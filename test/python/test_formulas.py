@@ -263,6 +263,7 @@ def test_experiments_are_what_their_command_lines_say():
 
 
 def test_a_schedule_has_the_levels_and_the_lift_of_its_experiment():
+    spans = []
     for experiment in next_experiment.choices():
         rows = experiment.schedule().rows
         levels = dict(experiment.options)["levels"]
@@ -270,6 +271,10 @@ def test_a_schedule_has_the_levels_and_the_lift_of_its_experiment():
         driven = rows[rows[:, 3] > 0]
         assert set(np.unique(driven[:, 1:3])) <= set(levels) | {0.0}
         assert rows[:, 3].max() == experiment.lift and (np.diff(rows[:, 0]) >= 0).all()
+        pushes = rows[(rows[:, 1:3] > 0).any(axis=1), 0]
+        assert 0 <= rows[-1, 0] - pushes[-1] <= 4.001 and not rows[-1, 1:].any()
+        spans.append(rows[-1, 0] - pushes[0])
+    assert max(spans) == pytest.approx(8.0) and min(spans) >= 7.0  # eight seconds of thrust
 
 
 def test_a_run_of_an_experiment_ends_with_its_lift():
@@ -608,6 +613,18 @@ def test_few_telemetry_packets_say_nothing():
             given, telemetry_times=given.telemetry_times[picked], telemetry=given.telemetry[picked]
         )
         assert (own_stop.judge(few).telemetry_after is not None) == says
+
+
+@pytest.mark.parametrize("time,seen", [(0.43, True), (0.51, True), (0.75, False)])
+def test_telemetry_shows_a_change_until_shortly_after_the_break(time, seen):
+    """The mocap's break is at 0.4 s; what happens to the craft later is something else."""
+    packets = np.arange(-0.3, 1.2, 0.02)
+    values = np.column_stack([100.0 * (packets > time), 0 * packets, 0 * packets])
+    given = dataclasses.replace(trial(0.4), telemetry_times=packets, telemetry=values)
+    found = own_stop._telemetry_change(given, 0.4)
+    assert (found is not None) == seen
+    if seen:
+        assert found == pytest.approx(time, abs=0.011)
 
 
 # --- units of typed values

@@ -90,6 +90,9 @@ def test_what_is_named_is_large_and_no_chance():
     assert not failure.is_negligible(channel)
     assert failure.is_negligible(dict(channel, sigma=0.03))
     assert failure.is_negligible(dict(channel, full_scale=3.0))
+    for share, negligible in ((0.0101, False), (0.0099, True)):
+        small = {"rms": 5 * share, "sigma": 0.0, "full_scale": 5.0}
+        assert failure.is_negligible(small) == negligible
     against = {"u": {"share": {"share": 0.2}}, "v": {"share": {"share": 0.4}}}
     assert failure.best_variable(against) == ("v", {"share": 0.4})
 

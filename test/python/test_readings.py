@@ -82,7 +82,7 @@ def test_a_fast_craft_is_in_metres_unless_nothing_is_that_fast():
     assert units.length_units(*moved(5.0), 3e-4)[0] == ()  # as quiet as in metres
     assert units.length_units(*moved(5.0), 1e-3)[0] == ()  # both by a little
     assert units.length_units(*moved(10.0), 0.1)[0] != ()
-    assert units.length_units(*moved(2.9), 1.0)[0] == ()
+    assert units.length_units(*moved(2.9), 1.0)[0] == () != units.length_units(*moved(3.1), 1.0)[0]
 
 
 def quaternion(axis, angle):

@@ -196,6 +196,11 @@ def test_a_burst_is_sorted_along_its_way():
     for heading in (0.0, 1.5, 3.1):  # a craft that turns on the spot
         times, eta, order = burst(step=0.0, turn=0.05)
         assert (bursts.in_order(times, eta + [0, 0, heading])[0] == order).all()
+    # A new order leaves half of the roughness at most: the craft itself may zigzag.
+    for aside, sorted_ in ((0.012, True), (0.015, False)):  # 42% and 53%
+        times, eta, order = burst()
+        eta[:, 1] = aside * (-1.0) ** np.arange(20)
+        assert (bursts.in_order(times, eta)[1] == 2) == sorted_
     places = np.random.default_rng(1).normal(size=(9, 4))
     assert bursts._roughness(places) == pytest.approx(
         sum(((places[i] - 2 * places[i + 1] + places[i + 2]) ** 2).sum() for i in range(7))
@@ -772,6 +777,10 @@ def test_why_thrusters_are_not_distinguished():
     assert why((1, 1), 0.951) == "right and left always change together (correlation 0.95)"
     assert why((1, 1), -0.951).endswith("(correlation -0.95)") and why((1, 1), 0.949).startswith("their")
     assert why((1, 1), 0.99, (True, False)).startswith("their")
+    for size in (1e-3, 1e3):  # whatever the unit of the commands
+        assert why((size, size), 0.951).startswith("right and left always") and why(
+            (size, size), 0.949
+        ).startswith("their")
     found = types.SimpleNamespace()
     assert verdicts._why(found, 0, [], ("left", "right")) == ""
 

@@ -450,6 +450,18 @@ def test_a_contact_is_more_than_any_input_can_do(push, is_contact):
         assert (begin, end) == (times[501], times[518])
 
 
+def test_a_thruster_to_the_side_pushes_as_far_as_one_ahead():
+    """The largest force in any direction is the measure of a contact."""
+    rows, aside = commands(12.0), np.array([[0.1, 0.9, 20.0], [0.1, 0.9, -20.0]])
+    moved = motion(rows, effect=aside)
+    found = reply.find(recorded(rows, moved), moved)
+    for push, is_contact in (([0.8 * 1.8, 0, 0], False), ([-1.2 * 1.8, 0, 0], True)):
+        nu_dot = moved.nu_dot.copy()
+        nu_dot[500:520] += push
+        spans = quality._contacts(recorded(rows, moved), dataclasses.replace(moved, nu_dot=nu_dot), found)
+        assert bool(spans) == is_contact
+
+
 def test_without_a_reply_only_jumps_are_contacts():
     rows = commands(12.0)
     moved = motion(rows)

@@ -109,7 +109,8 @@ def test_the_search_is_repeated_while_differences_change(monkeypatch):
             nominal=lambda: "nominal",
         )
         made.varied, made.differences = None, []
-        made.work = types.SimpleNamespace(note=lambda text: None)
+        notes = []
+        made.work = types.SimpleNamespace(note=notes.append)
 
         def begin(differences, near, made=made, starts=starts):
             starts.append(near)
@@ -118,6 +119,11 @@ def test_the_search_is_repeated_while_differences_change(monkeypatch):
         made._begin = begin
         assert made._likeliest_set() == {"a"}
         assert starts == ["nominal"] * begun and runs == [None] + ["likeliest"] * begun
+        assert len(notes) == begun
+        if begun:
+            assert notes[0] == "differs between runs: surge force"
+        if begun > 1:
+            assert notes[1] == "differs between runs: surge force, side force"
 
 
 def test_the_table_of_effects_may_be_short():
@@ -131,6 +137,16 @@ def test_the_table_of_effects_may_be_short():
         assert all(t.refitted and t.seen for t in found)
         assert [t.gain for t in found] == [100.0, 60.0, 1.0][: len(found)]
         assert all(t.chance == min(1.0, 3 * t.p_value) for t in found)
+
+
+def test_an_effect_is_seen_if_any_of_its_parameters_is_identified():
+    made = found_of({"yaw_bias": 100.0}, lambda names: 3.0)
+    fit = made.search.fits[frozenset(["yaw_bias"])]
+    for identified, seen in (((True, True), True), ((False, True), True), ((False, False), False)):
+        fit.parameters = [dict(name="yaw_bias.n%d" % i, identified=x) for i, x in enumerate(identified)]
+        fit.parameters.append(dict(name="k", identified=True))
+        found = made.trial_in(frozenset(["yaw_bias"]), "yaw_bias")
+        assert found.seen == seen and len(found.parameters) == 2
 
 
 def test_an_effect_that_was_not_refitted_has_the_step_of_its_test():

@@ -112,6 +112,7 @@ def test_a_draft_that_is_filled_in_has_the_levels_that_were_held(tmp_path):
         lines = thrust_bench.draft(held * rounds).splitlines()
         columns = lines[0].split(",")[1:]
         assert len(columns) == 3 * rounds and len(lines) == 3
+        assert all(line.count(",") == len(columns) for line in lines)
         filled = [line.split(",")[0] + ",0.1" * len(columns) for line in lines[1:]]
         found = thrust_bench.read(table(tmp_path, lines[0], *filled), ["left", "right"])
         rows = sorted(zip(found.inputs, *found.together.T))
