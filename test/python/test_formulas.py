@@ -436,6 +436,14 @@ def test_words_and_orders_of_curves():
     ]  # fmt: skip
     assert [c.words for c in curves[5:]] == ["table of %d inputs" % len(c.knots) for c in curves[5:]]
     assert [c.order for c in curves] == [1, 2, 2, 3, 4, 3, 5, 9]
+    inputs = np.linspace(0.1, 1, 40)
+    noisy = 0.3 * inputs**2 + 0.01 * np.random.default_rng(1).normal(size=40)
+    tables = [fit(inputs, np.ones(40), noisy) for kind, fit in thrust_curve.KINDS if kind == "table"]
+    assert len(tables) == 4
+    for coarse, fine in zip(tables, tables[1:]):  # each has the inputs of the one before, and more
+        assert all(np.abs(np.array(fine.knots[1:]) - w).min() < 1e-9 for w in coarse.knots[1:])
+        left = [((noisy - curve.force(inputs)) ** 2).sum() for curve in (coarse, fine)]
+        assert fine.order > coarse.order and left[1] <= left[0] + 1e-12
 
 
 def test_a_table_of_a_curve_ascends_from_nothing_to_one():
