@@ -1,5 +1,6 @@
 """Choices of a diagnosis beside the numbers at which they turn, with likelihoods that are given."""
 import contextlib
+import dataclasses
 import types
 
 import numpy as np
@@ -566,6 +567,37 @@ def test_parts_of_the_data_may_prefer_a_rival_that_is_not_far_behind(monkeypatch
     assert choice.swapped == {MANY[0]: [MANY[1]]} and (choice.each, each) == ("inside", "many")
     assert choice.fitting.known == search.fits and choice.found == "grown"
     assert choice.nominal is search.fits[EMPTY]
+
+
+def test_a_choice_begins_with_what_was_found_for_all_runs(monkeypatch):
+    """Without the loudness of each run, because the runs are others."""
+    @dataclasses.dataclass
+    class Found:
+        name: str
+        loudness: tuple = (1.0, 2.0)
+
+    @dataclasses.dataclass
+    class Fitting:
+        likelihood: object = "of all"
+
+    asked = []
+
+    class Search:
+        def __init__(self, fitting, each, swapped):
+            asked.append((fitting.likelihood, each, swapped))
+            self.fits = {frozenset("a"): "the fit"}
+
+        def nominal(self, near):
+            asked.append(near)
+
+        def run(self, near):
+            asked.append(near)
+            return frozenset("a")
+
+    monkeypatch.setattr(conclusion, "Search", Search)
+    choice = conclusion._Choice(Fitting(), Found("grown"), Found("nominal"), {"a": ["b"]}, map)
+    assert choice("of a part") == "the fit"
+    assert asked == [("of a part", map, {"a": ["b"]}), Found("nominal", ()), Found("grown", ())]
 
 
 def test_the_slight_effect_is_in_the_fullest_model():

@@ -183,6 +183,99 @@ def test_what_was_refused_is_dropped_with_its_reason():
     assert [t.name for t in made.tried] == ["yaw_bias", "quadratic_drag"] and made.slight is None
 
 
+# --- how a diagnosis begins
+
+
+def begun_with(monkeypatch, runs, cores=2, **options):
+    """A Diagnosis whose fits are stand-ins, and what these were asked."""
+    asked = types.SimpleNamespace(likelihoods=[], folds=[], searches=[], studies=[])
+
+    class Like:
+        def __init__(self, runs, craft, varying=None, threads=1):
+            self.runs, self.craft, self.varying, self.threads = runs, craft, varying, threads
+            asked.likelihoods.append(self)
+
+        def fit(self, craft, free, near=None):
+            return "first fit", tuple(free)
+
+    class Search:
+        def __init__(self, fitting, each, plan, kept, holds):
+            self.fitting, self.each, self.holds, self.fits = fitting, each, holds, {}
+            asked.searches.append(self)
+
+        def nominal(self, near):
+            self.near = near
+            self.fits[frozenset()] = types.SimpleNamespace(model=model())
+
+    def folds(*given):
+        asked.folds.append(given)
+        return types.SimpleNamespace(judge=lambda fit: "judged")
+
+    def of_runs(runs, **more):
+        asked.studies.append(more)
+        return types.SimpleNamespace(windows=["window"])
+
+    kinds = [types.SimpleNamespace(kind=varying.KINDS[i]) for i in (0, 3)]
+    monkeypatch.setattr(diagnosis, "Likelihood", Like)
+    monkeypatch.setattr(diagnosis, "Search", Search)
+    monkeypatch.setattr(diagnosis.held_out, "Folds", folds)
+    monkeypatch.setattr(diagnosis.study, "Study", of_runs)
+    monkeypatch.setattr(diagnosis.varying, "differences", lambda varied, fit: kinds)
+    monkeypatch.setattr(diagnosis.os, "sched_getaffinity", lambda _: set(range(cores)))
+    tried = [candidates.of_library("yaw_bias")]
+    return diagnosis.Diagnosis(runs, model(), tried, **options), asked
+
+
+def test_a_diagnosis_begins_with_all_differences_and_goes_on_with_those_found(monkeypatch):
+    runs = [types.SimpleNamespace(times=np.zeros(n)) for n in (40, 60)]
+    made, asked = begun_with(monkeypatch, runs, most=7)
+    all_of_them, found = asked.likelihoods
+    assert all_of_them.varying is None and found.varying == ["trim_X", "thrust"]
+    assert made.varied is all_of_them and made.likelihood is found
+    assert made.samples == 3 * 100  # of x, y and heading
+    assert asked.studies == [{"most": 7}] and made.cut == ["window"]
+    ((of, whole, craft, cut, each),) = asked.folds
+    assert (of, whole, cut) == (runs, found, ["window"]) and craft is made.given and each == made.each
+    (search,) = asked.searches
+    assert search.near == ("first fit", ("I_z", "X_u", "Y_v", "N_r", "k"))
+    assert list(search.fitting.candidates) == ["yaw_bias"] and made.nominal == "judged"
+    assert search.fitting.criteria.refitted == 4
+    made._refuted = lambda better, current: "why" if "bad" in better else None
+    assert search.holds({"good"}, {}) and not search.holds({"bad"}, {})
+    few, asked = begun_with(monkeypatch, runs, budget=2)
+    assert asked.searches[0].fitting.criteria.refitted == 2
+
+
+@pytest.mark.parametrize("cores,threads,workers,waiting,inside", [
+    (3, 0, 3, 4, 0), (1, 0, 1, 1, 0), (3, 1, 1, 1, 1), (3, 2, 2, 4, 1),
+])  # fmt: skip
+def test_a_diagnosis_uses_as_many_threads_as_it_may(monkeypatch, cores, threads, workers, waiting, inside):
+    """Fits alone use all cores (0) unless the threads are limited; one thread waits for one."""
+    run = types.SimpleNamespace(times=np.zeros(9))
+    made, asked = begun_with(monkeypatch, [run], cores, threads=threads)
+    assert made.pool._max_workers == workers and made.waiting._max_workers == waiting
+    assert made.threads == inside and {like.threads for like in asked.likelihoods} == {inside}
+    assert made.each == made.pool.map == made.inside and made.each_of_many == made.waiting.map
+
+    def each(function, items):
+        return map(function, items)
+
+    other, _ = begun_with(monkeypatch, [run], cores, threads=threads, each=each)
+    assert other.each is other.each_of_many is each and other.inside is map  # workers have no threads
+
+
+def test_the_influence_of_an_effect_is_relative_to_the_noise(monkeypatch):
+    made = diagnosis.Diagnosis.__new__(diagnosis.Diagnosis)
+    made.runs, made.cut = "runs", "cut"
+    monkeypatch.setattr(
+        diagnosis.study, "change",
+        lambda runs, cut, a, b: np.array([0.1, 0.2, 0.3]) if (a, b) == ("without", "with") else None,
+    )  # fmt: skip
+    monkeypatch.setattr(diagnosis.study, "noise_floor", lambda runs, craft: np.array([1.0, 0.5, 0.5]))
+    fits = [types.SimpleNamespace(model=name) for name in ("with", "without")]
+    assert made._influence(*fits) == pytest.approx(0.3)
+
+
 # --- the report
 
 
