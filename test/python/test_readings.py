@@ -848,6 +848,8 @@ def test_what_is_not_odd_is_not_said():
     few = info(reply=None)
     few["controls"]["changes"] = 19
     assert list(findings.findings(few)) == []
+    few["controls"]["changes"] = 20
+    assert len(list(findings.findings(few))) == 1
     clock = dict(kind="clock", evidence="e", remedy="r")
     assert list(findings.findings(info(reply=None, suspicions=[clock]))) == ["e; if so: r"]
 
