@@ -1,5 +1,6 @@
 """How a diagnosis decides about memory and differences between runs, what it reports, and fits that hold
 out blocks, with fits that are made up."""
+import contextlib
 import dataclasses
 import types
 
@@ -14,11 +15,13 @@ from ground.analysis import (
     diagnosis,
     diagnosis_report,
     memory,
+    stages,
     study,
     trials,
     validation,
     varying,
 )
+from ground.analysis.budget import Budget
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import Fit, _from_neutral
 from ground.errors import GroundError
@@ -408,6 +411,57 @@ def test_what_is_unexplained_is_above_the_noise(monkeypatch):
         found.folds = types.SimpleNamespace(judge=lambda fit, heldout=heldout: judged(1.0, heldout))
         report = diagnosis_report._unexplained(found, types.SimpleNamespace(memory=one))
         assert report == {"fraction": 0.0, "where": [], "proposal": proposal}
+
+
+@dataclasses.dataclass
+class Value:
+    """Something that reports give by its fields."""
+
+    share: float
+
+
+@pytest.mark.parametrize("verdict", ["missing", "varies", "unexplained", "memory", "misread"])
+def test_a_report_is_completed_with_what_its_verdict_needs(monkeypatch, verdict):
+    """Recordings that look misread show no effect that they could not show; what is left is described
+    where something is."""
+    staged, planned = [], []
+
+    def challenging(found, only_damping):
+        assert found is made and only_damping  # other effects are seldom imitated
+        return [Value(0.25)]
+
+    alike = [] if verdict == "misread" else ["alike"]
+    monkeypatch.setattr(diagnosis_report.challengers, "challengers", challenging)
+    monkeypatch.setattr(diagnosis_report.bands, "coverage", lambda bands: [bands])
+    monkeypatch.setattr(diagnosis_report, "_budget", lambda found: {"of": found})
+    monkeypatch.setattr(diagnosis_report, "_candidates", lambda *of: list(of[1:]))
+    monkeypatch.setattr(diagnosis_report, "_next_experiment", lambda *of: list(of[1:]))
+    monkeypatch.setattr(diagnosis_report, "_unexplained", lambda found, conclusion: {"left": conclusion})
+    made = types.SimpleNamespace(
+        unseen=lambda: ["alike"], plan=types.SimpleNamespace(planned=lambda: planned.append(1)),
+        work=types.SimpleNamespace(stage=lambda name: staged.append(name) or contextlib.nullcontext()),
+    )  # fmt: skip
+    for repeats in (None, Value(0.5)):
+        concluded = types.SimpleNamespace(verdict=verdict, budget="budget", repeats=repeats, bands="bands")
+        report = diagnosis_report.completed({"begun": 1}, made, concluded, True, "room")
+        left = {"fraction": 0.0, "where": [], "proposal": None}
+        assert report == {
+            "begun": 1, "challengers": [{"share": 0.25}], "candidates": [alike, True],
+            "budget": {"of": "budget"}, "repeats": repeats and {"share": 0.5}, "bands": ["bands"],
+            "next_experiment": [alike, True, "room"],
+            "unexplained": {"left": concluded} if verdict in ("unexplained", "memory") else left,
+        }  # fmt: skip
+    assert len(planned) == 2 and staged == [stages.ERRORS, stages.CHALLENGING] * 2
+    quick = diagnosis_report.completed({}, made, concluded)
+    assert quick["candidates"] == [alike, False] and quick["next_experiment"] == [alike, False, None]
+
+
+def test_parts_of_the_error_are_reported_with_their_shares():
+    found = Budget(1.0, 2.0, 2.5, 4.0)
+    assert diagnosis_report._budget(found) == {
+        "error": {"noise": 1.0, "disturbance": 2.0, "trim": 2.5, "measured": 4.0},
+        "share": {"noise": 1 / 16, "disturbance": 3 / 16, "trim": 2.25 / 16, "rest": 9.75 / 16},
+    }
 
 
 def test_the_best_three_effects_have_errors():
