@@ -286,6 +286,10 @@ def test_the_experiment_that_distinguishes_most_is_proposed(monkeypatch):
     assert found["separates"] == ["r0", "r1"] and "--input spin" in found["arguments"]
     assert found["expected_disagreement"] == 3.5 and found["repeat"] == math.ceil((6 / 3.5) ** 2) == 3
     assert found["all"][0]["expected_disagreement"] == 5.0
+    # What is told is what is flown: sixteen seconds in the usual room.
+    times = [row[0] for row in found["rows"]]
+    assert found["room"] == _core.RoomPlan().name and 14 < times[-1] - times[0] <= 16
+    assert "design:=spin" in found["launch"] and found["launch"].endswith("duration:=16")
     assert len(found["all"]) == len(list(next_experiment.choices()))
     rest = [one["expected_disagreement"] for one in found["all"]]
     assert rest == sorted(rest, reverse=True)

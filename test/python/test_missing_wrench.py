@@ -226,12 +226,15 @@ def test_a_constant_force_is_inferred_everywhere(force):
         one = channels[channel]
         assert one["mean"] == pytest.approx(true, abs=4e-4)
         assert one["rms"] ** 2 == pytest.approx(one["mean"] ** 2 + one["std"] ** 2)
+        assert one["sigma"] == pytest.approx(np.median(missing.sigma[:, "XYN".index(channel)]))
+        assert one["unit"] == "N"
         if true:
             assert one["accounted"]["share"] > 0.9
             means = np.array(one["against"]["u"]["mean"])
             assert np.allclose(means, true, atol=1.5e-3)
             assert (np.array(one["against"]["u"]["standard_error"]) < 1e-3).all()
             assert np.allclose(one["accounted"]["mean"]["u"], means, atol=1e-3)
+    assert channels["N"]["unit"] == "N m" and missing.numbers["disturbances"] == []
     assert np.allclose(missing.heading, np.array(run.eta)[:, 2])
     assert np.allclose(missing.position, np.array(run.eta)[:, :2])
     assert (missing.sigma > 0).all() and missing.wrench.shape == (len(run.times), 3)
@@ -252,6 +255,8 @@ def test_a_push_is_left_out_with_some_time_around_it():
     calm = failure.undisturbed(model(), run)
     ((start, end),) = calm.events
     assert 3.4 < start < 3.75 and 4.25 < end < 4.6  # 0.3 s on both sides
+    told = failure.of_wrench(calm, model()).numbers["disturbances"]
+    assert told == [{"start": start, "end": end}]
     rest = np.array(calm.run.times)
     assert not ((rest >= start) & (rest <= end)).any() and len(rest) + 100 * (end - start) < 803
     assert np.allclose(np.array(calm.run.poses)[-1], eta[-1])
@@ -351,6 +356,18 @@ def test_innovations_of_a_true_model_are_white_and_independent_of_the_inputs():
         assert lags["lag_seconds"] == pytest.approx([0.01 * k for k in lags["lag_samples"]])
     assert found["noise"]["position"]["value"] == pytest.approx(3e-4, rel=0.3)
     assert found["samples"] <= len(run.times)
+
+
+def test_residuals_are_white_if_those_of_all_channels_are(monkeypatch):
+    run = run_data(2.0)
+    along = _core.WrenchFilter(model(), run, repair.MAX_GAP)
+    for accepted in ((True, True, True), (True, False, True), (False, False, False)):
+        left = list(accepted)
+        monkeypatch.setattr(
+            residuals, "_autocorrelation",
+            lambda values, stretch, left=left: {"accepted": left.pop(0), "lag_samples": [1]},
+        )  # fmt: skip
+        assert residuals.analyse(along, run, model())["white"] is all(accepted)
 
 
 @pytest.mark.parametrize("duration", [8.0, 3.0])

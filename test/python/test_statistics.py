@@ -455,6 +455,23 @@ def test_bands_of_one_run_are_by_models_without_its_parts(monkeypatch):
     assert begins == [run.times[w.first] for w in cut]  # of all parts, in order
 
 
+def test_bands_of_other_runs_start_in_windows_of_their_own(monkeypatch):
+    runs = [run_data(9.0, seed=seed) for seed in (1, 2)]
+    asked = []
+
+    def predict(task):
+        asked.append(task)
+        return bands.Bands(None, ())
+
+    monkeypatch.setattr(bands, "_predict", predict)
+    fit = types.SimpleNamespace(loudness=(1.0, 4.0))
+    found = bands.of_others(runs, fit, 4)
+    assert [one.run for one in found] == [task[0] for task in asked] == runs
+    assert [{w.run for w in task[2]} for task in asked] == [{0}, {1}]
+    assert [len(task[2]) for task in asked] == [2, 2]
+    assert all(task[1] is fit and task[3] == 2.5 for task in asked)
+
+
 # --- parts of the error
 
 
