@@ -136,6 +136,8 @@ def test_folds_are_runs_or_quarters():
     tested = [[run.name for run in part.runs] for part in folds.tested]
     assert tested == [["run1", "run5"], ["run2"], ["run3"], ["run4"]]
     assert [len(f.runs) for f in folds.fitted] == [3, 4, 4, 4]
+    two = held_out.Folds(runs[:2], likelihood.Likelihood(runs[:2], model(), ()), model(), cut)
+    assert two.count == 2 and [[r.name for r in part.runs] for part in two.tested] == [["run1"], ["run2"]]
     one = likelihood.Likelihood(runs[:1], model(), ())
     alone = held_out.Folds(runs[:1], one, model(), windows.cut(runs[:1]))
     assert alone.count == 4 and (np.diff(alone.fold_of) >= 0).all() and set(alone.fold_of) == {0, 1, 2, 3}

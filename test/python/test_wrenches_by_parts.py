@@ -395,6 +395,28 @@ def test_own_responses_are_derivatives_of_the_wrench(prepared):
         assert (np.abs(found[:, :, i] - slope) < 0.02 * size + 1e-6 * np.abs(slope).max()).all(), name
 
 
+@pytest.mark.parametrize("value,side", [(0.5, 1), (2.0, -1)])
+def test_derivatives_stay_in_the_range_of_a_parameter(monkeypatch, value, side):
+    """A time constant of at most 2 s is changed by a thousandth, at its limit downwards."""
+    craft = model()
+    craft.add_effect("motor_lag")
+    craft.set_value("motor_lag.tau", value)
+    assert {p["name"]: p["upper"] for p in craft.parameters()}["motor_lag.tau"] == 2.0
+    seen = []
+
+    class Filter:
+        def __init__(self, moved, run, gap):
+            seen.append(moved.value("motor_lag.tau"))
+
+        def smooth(self, noise):
+            return {"wrench": np.full((5, 3), seen[-1])}
+
+    monkeypatch.setattr(unexplained._core, "WrenchFilter", Filter)
+    found = unexplained._own_responses(None, craft, None, np.full((5, 3), value))
+    assert sorted(set(seen)) == pytest.approx(sorted([value, value * (1 + side * 1e-3)]))
+    assert np.allclose(found[:, :, :-1], 0) and np.allclose(np.abs(found[:, :, -1]), 1)
+
+
 def exponents(unit):
     """Powers of length and time in a unit such as m^2/s^2; angles have none."""
     over, _, under = unit.partition("/")
