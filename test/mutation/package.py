@@ -161,14 +161,18 @@ class Tree:
             os.utime(str(path), (before.st_atime, before.st_mtime))
 
     def _tests(self, mutant):
-        """Tests to run, those of quick files first, until PATIENCE is over. A line that runs when its module
-        is imported matters wherever the module is used."""
+        """Tests to run. A line that runs when its module is imported matters wherever the module is used:
+        first tests that execute the module's functions are asked, then whole files that import it, because
+        their tests may only read its constants."""
         lines = self._lines.get(mutant.path, {})
         inside = _statement(self._folder / mutant.path, mutant.line)
         found = lines.values() if inside is None else [lines.get(str(line), ()) for line in inside]
         tests = {test for those in found for test in those}
-        if inside is None and any("." in test for test in tests):
-            tests = {test for test in tests if "." in test}
+        files = {test for test in tests if "." not in test} if inside is None else set()
+        return self._quickest(tests - files) + self._quickest(files)
+
+    def _quickest(self, tests):
+        """Some of the tests, those of quick files first, until PATIENCE is over."""
         chosen = collections.defaultdict(list)
         total = 0.0
         for test in sorted(tests, key=lambda test: self._shared(test) + self._seconds[test]):

@@ -1,10 +1,12 @@
 """Choices of a diagnosis beside the numbers at which they turn, with likelihoods that are given."""
 import contextlib
+import dataclasses
 import types
 
 import numpy as np
 import pytest
 from conftest import ROOT
+from scipy import optimize
 from test_sets_of_effects import NAMES, searched, size, threshold
 from test_statistics import Expected, model, random_scores, run_data, scores_of
 
@@ -30,6 +32,7 @@ from ground.analysis.criteria import Criteria
 from ground.analysis.distributions import chi_squared_above, chi_squared_limit
 from ground.errors import GroundError
 from ground.recordings import windows
+from ground.simulation import experiments
 
 EMPTY = frozenset()
 MANY = [
@@ -140,6 +143,16 @@ def test_the_level_of_a_search_is_a_hundredth():
     assert list(usual.steps) == sorted(usual.steps, reverse=True)
     assert max(abs(part) for part in usual.sizes) == 0.5 and min(usual.sizes) < 0 < max(usual.sizes)
     assert usual.max_far_error < 1
+
+
+def test_effects_to_come_are_those_above_their_thresholds(monkeypatch):
+    first, second = MANY[:2]
+    limit = threshold(first, 2)
+    for off, count in (((0.5, 0.5), 2), ((0.5, -0.5), 1), ((-0.5, -0.5), 0)):
+        gains = {first: limit + off[0], second: limit + off[1]}
+        found, _ = searched(monkeypatch, gains)
+        found.nominal()
+        assert found._coming(EMPTY) == count
 
 
 # --- score tests
@@ -532,6 +545,61 @@ def test_the_nested_error_is_that_of_the_runs_held_out_if_there_are_any(monkeypa
     assert conclusion._nested(types.SimpleNamespace(chosen=[]), ["run"]) == 2.0
 
 
+def test_parts_of_the_data_may_prefer_a_rival_that_is_not_far_behind(monkeypatch):
+    """By a log-likelihood ratio of 35, five times the one that excludes a rival."""
+    gains = dict(zip(MANY, (200.0, 200.0 - 34, 200.0 - 36)))
+    search, likelihoods = searched(monkeypatch, gains)
+    search.nominal()
+    names = frozenset(MANY[:1])
+    search.fits[names] = likelihoods.fit_of(names)
+    asked = []
+
+    def nested(choice, each):
+        asked.append((choice, each))
+        return np.array([1.0, 2.0, 3.0])
+
+    found = types.SimpleNamespace(
+        search=search, chosen=["effect"], names=names, fit="grown", inside="inside",
+        each_of_many="many", folds=types.SimpleNamespace(nested=nested),
+    )  # fmt: skip
+    assert conclusion._nested(found, ()) == 6.0
+    ((choice, each),) = asked
+    assert choice.swapped == {MANY[0]: [MANY[1]]} and (choice.each, each) == ("inside", "many")
+    assert choice.fitting.known == search.fits and choice.found == "grown"
+    assert choice.nominal is search.fits[EMPTY]
+
+
+def test_a_choice_begins_with_what_was_found_for_all_runs(monkeypatch):
+    """Without the loudness of each run, because the runs are others."""
+    @dataclasses.dataclass
+    class Found:
+        name: str
+        loudness: tuple = (1.0, 2.0)
+
+    @dataclasses.dataclass
+    class Fitting:
+        likelihood: object = "of all"
+
+    asked = []
+
+    class Search:
+        def __init__(self, fitting, each, swapped):
+            asked.append((fitting.likelihood, each, swapped))
+            self.fits = {frozenset("a"): "the fit"}
+
+        def nominal(self, near):
+            asked.append(near)
+
+        def run(self, near):
+            asked.append(near)
+            return frozenset("a")
+
+    monkeypatch.setattr(conclusion, "Search", Search)
+    choice = conclusion._Choice(Fitting(), Found("grown"), Found("nominal"), {"a": ["b"]}, map)
+    assert choice("of a part") == "the fit"
+    assert asked == [("of a part", map, {"a": ["b"]}), Found("nominal", ()), Found("grown", ())]
+
+
 def test_the_slight_effect_is_in_the_fullest_model():
     big, small = frozenset("ab"), frozenset("a")
     search = types.SimpleNamespace(fits={big: "fuller"})
@@ -751,14 +819,18 @@ def test_a_plan_is_at_most_until_the_effects_are_known(monkeypatch):
     class Certain(Expected):
         def __init__(self):
             super().__init__()
-            self.at_most, self.work = {}, self
+            self.at_most, self.work, self.grew, self.said = {}, self, [], []
 
         def expect(self, what, units, seconds=0.0, at_most=False, scaled=True):
             super().expect(what, units)
             self.at_most[what] = at_most
 
+        def more(self, count, at_most=False):
+            super().more(count)
+            self.grew.append(at_most)
+
         def note(self, text):
-            pass
+            self.said.append(text)
 
         def step(self, units=1):
             pass
@@ -773,12 +845,13 @@ def test_a_plan_is_at_most_until_the_effects_are_known(monkeypatch):
     gains = {MANY[0]: 300.0, MANY[1]: 200.0, MANY[2]: 1.0, MANY[3]: 0.0}
     found, _ = searched(monkeypatch, gains, plan=plan)
     assert found.run() == frozenset(MANY[:2])
+    assert told.said[-1] == "with " + ", ".join(sorted(MANY[:2]))
     assert found._coming(EMPTY) == 2 and found._coming(frozenset(MANY[:1])) == 1
     assert told.units[stages.ORDERING] == 2 and all(
         most for what, most in told.at_most.items() if what not in certain
     )
     # Sets to refit in the first round, as many for each effect to come, and three for two effects' swaps.
-    assert told.added >= 3 * 2 + 3 + 1
+    assert told.added >= 3 * 2 + 3 + 1 and all(told.grew)
     plan.found(2)
     assert not any(told.at_most[w] for w in (stages.TESTING, stages.ORDERING, stages.REPEATING))
 
@@ -826,6 +899,48 @@ def test_an_experiment_in_a_room_is_the_same_each_time():
     assert 16 <= np.ptp(lifted) < 18  # with the braking at its end
 
 
+def test_an_experiment_in_a_room_is_that_of_the_excitation(monkeypatch):
+    """It lasts until the last frame."""
+    asked = []
+
+    def excite(craft, truth, params, eta, nu, mocap, seed):
+        asked.append((craft, truth, params, [*eta, *nu]))
+        return {"commands": np.zeros((4, 4)), "frames": np.array([[0.0, 1], [0.5, 1], [2.25, 1]])}
+
+    monkeypatch.setattr(next_experiment._core, "excite", excite)
+    place, craft = _core.RoomPlan(), model()
+    for experiment in list(next_experiment.choices())[::5]:
+        schedule = experiment.schedule_in(place, craft)
+        assert schedule.end == 2.25 and np.array_equal(schedule.rows, np.zeros((4, 4)))
+        one, truth, params, still = asked.pop()
+        assert one is truth is craft and still == [0] * 6
+        assert params.duration == 16.0 and params.life.lift == experiment.lift
+        assert (params.start, params.tail) == (experiments.LEAD, experiments.TAIL)
+        assert np.array_equal(params.room.corners, place.corners)
+
+    def fails(*_):
+        raise RuntimeError("the motion is not finite")
+
+    monkeypatch.setattr(next_experiment._core, "excite", fails)
+    with pytest.raises(GroundError, match="^the motion is not finite$"):
+        experiment.schedule_in(place, craft)
+
+
+def test_an_experiment_needs_a_motion_that_stays_finite(monkeypatch):
+    schedule, noise = next(next_experiment.choices()).schedule(), np.full(3, 1e-4)
+    simulate = _core.simulate
+
+    def diverging(*given):
+        found = dict(simulate(*given))
+        found["eta"] = np.array(found["eta"])
+        found["eta"][-1, 2] = np.nan
+        return found
+
+    monkeypatch.setattr(next_experiment._core, "simulate", diverging)
+    with pytest.raises(GroundError, match="the motion is not finite"):
+        next_experiment._run(model(), schedule, noise)
+
+
 def verdict_of(time=0.4, deviation=0.01, slope=0.3, braking=2.0, loss=0.3, silence=1.5):
     given = own_stop.Trial(np.zeros(0), np.zeros(0), np.zeros(0, bool), 0.0, silence)
     return own_stop._braked(given, own_stop.Break(time, deviation, slope, braking, loss), 0.4)
@@ -866,7 +981,65 @@ def test_a_craft_that_went_on_was_driven_or_glided():
                 assert "for all the %.1f s of silence" % silence in found.reason
     assert went_on(0.201).outcome == "failed" and went_on(0.199).outcome == "undecided"
     assert "slowed down from 0.40 to 0.20 m/s, but not as a craft" in went_on(0.199).reason
+    assert went_on(0.5).reason == (
+        "it went on for all the 1.5 s of silence, driven on by its thrust (0.40 m/s, then 0.50 m/s), and "
+        "braked 0.10 s after the first zero"
+    )
+    assert "and braked 0.00 s after the first zero" in went_on(0.5, time=-0.01).reason
     late = 1.96 * np.hypot(0.01, 0.02)
     assert went_on(0.5, time=-late + 1e-4).outcome == "failed"
     assert "when the silence ended" in went_on(0.5, time=-late - 1e-4).reason
     assert "braking cannot be seen" in went_on(0.5, braking=0.4).reason
+
+
+def test_deviations_allow_for_residuals_that_follow_each_other():
+    """By the sums of their products, up to a correlation of 0.95; residuals that alternate are as white."""
+    random = np.random.default_rng(1)
+    slopes = np.column_stack([np.ones(200), np.arange(200) / 200])
+    white = random.normal(size=200)
+    slow = np.convolve(random.normal(size=205), np.ones(6), "valid")
+    for residuals in (white, slow, np.ones(200), white * 0 + (-1.0) ** np.arange(200)):
+        fit = types.SimpleNamespace(fun=residuals, jac=slopes, x=np.zeros(2))
+        plain = np.linalg.inv(slopes.T @ slopes) * (residuals**2).sum() / 198
+        alike = sum(a * b for a, b in zip(residuals, residuals[1:])) / (residuals**2).sum()
+        alike = min(max(alike, 0.0), 0.95)
+        for i in (0, 1):
+            expected = np.sqrt(plain[i, i] * (1 + alike) / (1 - alike))
+            assert own_stop._deviation(fit, i) == pytest.approx(expected)
+    nothing = types.SimpleNamespace(fun=np.zeros(200), jac=slopes, x=np.zeros(2))
+    assert own_stop._deviation(nothing, 0) == 0.0
+
+
+def test_a_change_of_telemetry_is_clear_from_a_ratio_of_25():
+    """Twice the log-likelihood of two means over that of one, with errors of rounding to integers; five
+    packets are needed before the change and three after."""
+    times = np.arange(-0.35, 0.55, 0.03)
+    shape = (times > 0.2)[:, None] * [1.0, 0.4, 0.0]
+    noise = np.random.default_rng(2).normal(0, 0.4, (len(times), 3))
+
+    def ratio(size):
+        values, n = size * shape + noise, len(times)
+        whole = ((values - values.mean(axis=0)) ** 2).sum(axis=0)
+        found = []
+        for i in range(5, n - 3):
+            parts = [((v - v.mean(axis=0)) ** 2).sum(axis=0) for v in (values[:i], values[i:])]
+            found.append(n * np.log((whole + n / 12) / (sum(parts) + n / 12)).max())
+        return max(found)
+
+    def change(size):
+        given = own_stop.Trial(
+            np.zeros(0), np.zeros(0), np.zeros(0, bool), 0.0, 1.0, times, size * shape + noise
+        )
+        return own_stop._telemetry_change(given, 0.4)
+
+    for amount, clear in ((24.95, False), (25.05, True)):
+        size = optimize.brentq(lambda s, a=amount: ratio(s) - a, 0.3, 30.0)
+        found = change(size)
+        assert (found is not None) == clear
+        if clear:
+            assert found == pytest.approx(0.2, abs=0.04)
+
+
+def test_a_trial_has_no_telemetry_unless_it_is_given():
+    trial = own_stop.Trial(np.zeros(5), np.zeros(5), np.ones(5, bool), 0.0, 1.0)
+    assert len(trial.telemetry_times) == len(trial.telemetry) == 0 and trial.telemetry.shape[1] == 3

@@ -284,6 +284,22 @@ def test_an_index_of_another_connection_takes_no_message(path):
     assert read(path, ["/a", "/b"])[1] == [contradict(1)]
 
 
+def test_an_index_that_points_to_no_header_takes_no_message(path):
+    """The bytes there are nearly the header of a message, but name no connection."""
+    op, time = header({"op": b"\2"}), header({"time": stamp(10**9)})
+    for parts in (op + op + time, time * 3, op * 3):
+        text = (number(38) + parts + number(4) + b"text").decode("latin-1")
+        holder = row(text, 2 * 10**9)
+        assert len(holder[0]) < 200 and text.isascii()
+        records = [connection(), ROWS[0], holder, ROWS[1]]
+        places = np.cumsum([0] + [len(r if isinstance(r, bytes) else r[0]) for r in records]).tolist()
+        true = [(0, place, one[1]) for place, one in zip(places[1:], records[1:])]
+        inside = places[3] - len(text)
+        Bag().chunk(records, index=[*true, (0, inside, 2 * 10**9)]).write(path)
+        found, warnings = read(path)
+        assert [t for t, _ in found] == ["one", text, "three"] and warnings == [contradict(1)]
+
+
 def test_of_two_times_the_one_near_the_others_is_right(path):
     records = [connection(), *ROWS]
     places = [len(connection()) + sum(len(r[0]) for r in ROWS[:i]) for i in range(3)]

@@ -657,6 +657,8 @@ def test_one_process_reads_what_is_small(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2})
     assert many._alone(1, 1e9, 10) and many._alone(5, 9, 10)
     assert not many._alone(2, 10, 10)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    assert not many._alone(2, 10, 10)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
     assert many._alone(5, 1e9, 10)
 

@@ -263,6 +263,7 @@ def test_experiments_are_what_their_command_lines_say():
 
 
 def test_a_schedule_has_the_levels_and_the_lift_of_its_experiment():
+    spans = []
     for experiment in next_experiment.choices():
         rows = experiment.schedule().rows
         levels = dict(experiment.options)["levels"]
@@ -270,6 +271,10 @@ def test_a_schedule_has_the_levels_and_the_lift_of_its_experiment():
         driven = rows[rows[:, 3] > 0]
         assert set(np.unique(driven[:, 1:3])) <= set(levels) | {0.0}
         assert rows[:, 3].max() == experiment.lift and (np.diff(rows[:, 0]) >= 0).all()
+        pushes = rows[(rows[:, 1:3] > 0).any(axis=1), 0]
+        assert 0 <= rows[-1, 0] - pushes[-1] <= 4.001 and not rows[-1, 1:].any()
+        spans.append(rows[-1, 0] - pushes[0])
+    assert max(spans) == pytest.approx(8.0) and min(spans) >= 7.0  # eight seconds of thrust
 
 
 def test_a_run_of_an_experiment_ends_with_its_lift():
@@ -431,6 +436,14 @@ def test_words_and_orders_of_curves():
     ]  # fmt: skip
     assert [c.words for c in curves[5:]] == ["table of %d inputs" % len(c.knots) for c in curves[5:]]
     assert [c.order for c in curves] == [1, 2, 2, 3, 4, 3, 5, 9]
+    inputs = np.linspace(0.1, 1, 40)
+    noisy = 0.3 * inputs**2 + 0.01 * np.random.default_rng(1).normal(size=40)
+    tables = [fit(inputs, np.ones(40), noisy) for kind, fit in thrust_curve.KINDS if kind == "table"]
+    assert len(tables) == 4
+    for coarse, fine in zip(tables, tables[1:]):  # each has the inputs of the one before, and more
+        assert all(np.abs(np.array(fine.knots[1:]) - w).min() < 1e-9 for w in coarse.knots[1:])
+        left = [((noisy - curve.force(inputs)) ** 2).sum() for curve in (coarse, fine)]
+        assert fine.order > coarse.order and left[1] <= left[0] + 1e-12
 
 
 def test_a_table_of_a_curve_ascends_from_nothing_to_one():
@@ -610,6 +623,18 @@ def test_few_telemetry_packets_say_nothing():
         assert (own_stop.judge(few).telemetry_after is not None) == says
 
 
+@pytest.mark.parametrize("time,seen", [(0.43, True), (0.51, True), (0.75, False)])
+def test_telemetry_shows_a_change_until_shortly_after_the_break(time, seen):
+    """The mocap's break is at 0.4 s; what happens to the craft later is something else."""
+    packets = np.arange(-0.3, 1.2, 0.02)
+    values = np.column_stack([100.0 * (packets > time), 0 * packets, 0 * packets])
+    given = dataclasses.replace(trial(0.4), telemetry_times=packets, telemetry=values)
+    found = own_stop._telemetry_change(given, 0.4)
+    assert (found is not None) == seen
+    if seen:
+        assert found == pytest.approx(time, abs=0.011)
+
+
 # --- units of typed values
 
 
@@ -621,6 +646,10 @@ def test_a_value_in_another_unit_moves_what_follows_it():
         assert unit_slips.found(craft, fitted)[:2] == (key, unit)
         (sentence,) = unit_slips.sentences(craft, fitted)
         assert "its m is in %s: write m: %.4g" % (unit, factor * craft.value("m")) in sentence
+        more = {"yaw_bias.n0": 1e3, "quadratic_drag.d_u": -2.0}  # parameters of effects have no such units
+        assert unit_slips.found(craft, {**fitted, **more})[:2] == (key, unit)
+        assert unit_slips.found(craft, dict(fitted, k=-fitted["k"])) is None  # no factor changes a sign
+        assert unit_slips.found(craft, dict(fitted, k=0.0)) is None
         part = dict(list(fitted.items())[:3])  # what would move has to be free
         assert unit_slips.found(craft, part) is None
         off = dict(fitted, k=fitted["k"] * 10**0.4)

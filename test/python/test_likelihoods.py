@@ -1,4 +1,5 @@
 """Fits with a random disturbance, held-out parts, bands and experiments, on short simulated runs."""
+import contextlib
 import dataclasses
 import functools
 import math
@@ -135,6 +136,8 @@ def test_folds_are_runs_or_quarters():
     tested = [[run.name for run in part.runs] for part in folds.tested]
     assert tested == [["run1", "run5"], ["run2"], ["run3"], ["run4"]]
     assert [len(f.runs) for f in folds.fitted] == [3, 4, 4, 4]
+    two = held_out.Folds(runs[:2], likelihood.Likelihood(runs[:2], model(), ()), model(), cut)
+    assert two.count == 2 and [[r.name for r in part.runs] for part in two.tested] == [["run1"], ["run2"]]
     one = likelihood.Likelihood(runs[:1], model(), ())
     alone = held_out.Folds(runs[:1], one, model(), windows.cut(runs[:1]))
     assert alone.count == 4 and (np.diff(alone.fold_of) >= 0).all() and set(alone.fold_of) == {0, 1, 2, 3}
@@ -256,7 +259,7 @@ class Fake:
     is_pair = True
 
 
-def proposed(monkeypatch, before, after, rivals=2):
+def proposed(monkeypatch, before, after, rivals=2, work=None):
     """What is proposed if experiments distinguish rivals by so much: functions of an Experiment."""
     asked = []
 
@@ -272,7 +275,7 @@ def proposed(monkeypatch, before, after, rivals=2):
     monkeypatch.setattr(next_experiment.Experiment, "schedule", lambda self: self)
     monkeypatch.setattr(next_experiment.Experiment, "schedule_in", lambda self, room, model: self)
     some = [next_experiment.Rival("r%d" % i, types.SimpleNamespace(model=Fake())) for i in range(rivals)]
-    return next_experiment.propose(some, [types.SimpleNamespace(noise=NOISE)]), asked
+    return next_experiment.propose(some, [types.SimpleNamespace(noise=NOISE)], work=work), asked
 
 
 def is_(design, lift=1.0):
@@ -285,6 +288,10 @@ def test_the_experiment_that_distinguishes_most_is_proposed(monkeypatch):
     assert found["separates"] == ["r0", "r1"] and "--input spin" in found["arguments"]
     assert found["expected_disagreement"] == 3.5 and found["repeat"] == math.ceil((6 / 3.5) ** 2) == 3
     assert found["all"][0]["expected_disagreement"] == 5.0
+    # What is told is what is flown: sixteen seconds in the usual room.
+    times = [row[0] for row in found["rows"]]
+    assert found["room"] == _core.RoomPlan().name and 14 < times[-1] - times[0] <= 16
+    assert "design:=spin" in found["launch"] and found["launch"].endswith("duration:=16")
     assert len(found["all"]) == len(list(next_experiment.choices()))
     rest = [one["expected_disagreement"] for one in found["all"]]
     assert rest == sorted(rest, reverse=True)
@@ -302,6 +309,33 @@ def test_experiments_are_refitted_until_none_can_be_better(monkeypatch):
     assert found is None and len(asked) == 12
     found, asked = proposed(monkeypatch, lambda e: None, lambda e: 9.0)
     assert found is None and asked == []
+
+
+def test_progress_tells_of_each_experiment(monkeypatch):
+    said = []
+
+    class Told:
+        def stage(self, name, units=0):
+            said.append((name, units))
+            return contextlib.nullcontext()
+
+        def more(self, units, at_most=False):
+            said.append((units, at_most))
+
+        def step(self):
+            said.append("step")
+
+    choice = list(next_experiment.choices())
+    for count, refitted in ((len(choice), 12), (5, 5)):
+        said.clear()
+        proposed(
+            monkeypatch, lambda e, c=count: 50.0 if choice.index(e) < c else None, lambda e: 2.0, work=Told()
+        )
+        assert said[:1] == [(next_experiment.CHOOSING, len(choice))]
+        assert said[1 : 1 + len(choice)] == ["step"] * len(choice)
+        assert said[1 + len(choice) :] == [
+            (next_experiment.REFITTING, 0), (refitted, True), *["step"] * refitted
+        ]  # fmt: skip
 
 
 def test_rivals_are_apart_by_the_least_of_their_pairs(monkeypatch):

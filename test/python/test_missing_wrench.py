@@ -90,6 +90,9 @@ def test_what_is_named_is_large_and_no_chance():
     assert not failure.is_negligible(channel)
     assert failure.is_negligible(dict(channel, sigma=0.03))
     assert failure.is_negligible(dict(channel, full_scale=3.0))
+    for share, negligible in ((0.0101, False), (0.0099, True)):
+        small = {"rms": 5 * share, "sigma": 0.0, "full_scale": 5.0}
+        assert failure.is_negligible(small) == negligible
     against = {"u": {"share": {"share": 0.2}}, "v": {"share": {"share": 0.4}}}
     assert failure.best_variable(against) == ("v", {"share": 0.4})
 
@@ -127,7 +130,7 @@ def test_a_ridge_keeps_what_the_data_leave_open_at_zero():
 
 
 def test_the_stride_leaves_25_samples_a_second():
-    for rate, stride in ((100, 4), (200, 8), (120, 5), (25, 1), (10, 1)):
+    for rate, stride in ((100, 4), (200, 8), (120, 5), (90, 4), (110, 4), (60, 2), (25, 1), (10, 1)):
         assert failure.stride_of(np.arange(50) / rate) == stride
 
 
@@ -223,12 +226,15 @@ def test_a_constant_force_is_inferred_everywhere(force):
         one = channels[channel]
         assert one["mean"] == pytest.approx(true, abs=4e-4)
         assert one["rms"] ** 2 == pytest.approx(one["mean"] ** 2 + one["std"] ** 2)
+        assert one["sigma"] == pytest.approx(np.median(missing.sigma[:, "XYN".index(channel)]))
+        assert one["unit"] == "N"
         if true:
             assert one["accounted"]["share"] > 0.9
             means = np.array(one["against"]["u"]["mean"])
             assert np.allclose(means, true, atol=1.5e-3)
             assert (np.array(one["against"]["u"]["standard_error"]) < 1e-3).all()
             assert np.allclose(one["accounted"]["mean"]["u"], means, atol=1e-3)
+    assert channels["N"]["unit"] == "N m" and missing.numbers["disturbances"] == []
     assert np.allclose(missing.heading, np.array(run.eta)[:, 2])
     assert np.allclose(missing.position, np.array(run.eta)[:, :2])
     assert (missing.sigma > 0).all() and missing.wrench.shape == (len(run.times), 3)
@@ -249,6 +255,8 @@ def test_a_push_is_left_out_with_some_time_around_it():
     calm = failure.undisturbed(model(), run)
     ((start, end),) = calm.events
     assert 3.4 < start < 3.75 and 4.25 < end < 4.6  # 0.3 s on both sides
+    told = failure.of_wrench(calm, model()).numbers["disturbances"]
+    assert told == [{"start": start, "end": end}]
     rest = np.array(calm.run.times)
     assert not ((rest >= start) & (rest <= end)).any() and len(rest) + 100 * (end - start) < 803
     assert np.allclose(np.array(calm.run.poses)[-1], eta[-1])
@@ -286,9 +294,11 @@ def test_no_direction_without_changing_thrust_and_none_certain_in_noise():
     wrench, responses, by_model, totals, nu = rotated(1.0)
     assert failure.thrust_direction(wrench, responses, by_model, 0 * totals + 1, nu) is None
     random = np.random.default_rng(7)
-    noisy = wrench + 30 * random.normal(size=wrench.shape)
-    found = failure.thrust_direction(noisy, responses, by_model, totals, nu)
-    assert found["measured"]["angle_standard_error_deg"] > 15 and not found["body_axes_differ"]
+    noise = random.normal(size=wrench.shape)
+    for size, least, most in ((30, 30, 60), (8, 16, 29)):
+        found = failure.thrust_direction(wrench + size * noise, responses, by_model, totals, nu)
+        assert least < found["measured"]["angle_standard_error_deg"] < most
+        assert found["off_deg"] > 50 and not found["body_axes_differ"]
 
 
 # --- residuals
@@ -346,6 +356,18 @@ def test_innovations_of_a_true_model_are_white_and_independent_of_the_inputs():
         assert lags["lag_seconds"] == pytest.approx([0.01 * k for k in lags["lag_samples"]])
     assert found["noise"]["position"]["value"] == pytest.approx(3e-4, rel=0.3)
     assert found["samples"] <= len(run.times)
+
+
+def test_residuals_are_white_if_those_of_all_channels_are(monkeypatch):
+    run = run_data(2.0)
+    along = _core.WrenchFilter(model(), run, repair.MAX_GAP)
+    for accepted in ((True, True, True), (True, False, True), (False, False, False)):
+        left = list(accepted)
+        monkeypatch.setattr(
+            residuals, "_autocorrelation",
+            lambda values, stretch, left=left: {"accepted": left.pop(0), "lag_samples": [1]},
+        )  # fmt: skip
+        assert residuals.analyse(along, run, model())["white"] is all(accepted)
 
 
 @pytest.mark.parametrize("duration", [8.0, 3.0])

@@ -136,6 +136,14 @@ def test_an_undecided_trial_gives_a_reason(make, reason):
     assert re.search(reason, verdict.reason), verdict.reason
 
 
+@pytest.mark.parametrize("missing,decided", [(0.09, True), (0.11, False)])
+def test_states_may_be_missing_for_a_tenth_of_a_second(missing, decided):
+    given = gap(trial(0.2, noise=0.0), 0.695, 0.685 + missing)
+    assert np.diff(given.times).max() == pytest.approx(missing)
+    verdict = own_stop.judge(given)
+    assert (verdict.outcome == own_stop.PASSED) == decided, verdict
+
+
 def test_telemetry_confirms_or_contradicts_the_time():
     for seed in range(5):
         given = trial(0.4, seed, telemetry=True)

@@ -52,6 +52,23 @@ def test_late_or_irregular_stamps_are_not_changed():
         assert count == 0 and np.array_equal(mended, stamps)
 
 
+def test_messages_that_overtook_each_other_have_correct_stamps():
+    """In their order they are evenly spaced; a stamp that leaves the spacing uneven is not correct."""
+    order = np.arange(20)
+    order[[5, 6]] = 6, 5
+    order[[11, 12, 13]] = 13, 11, 12
+    found = plausibility._overtaken(TIMES[order])
+    assert np.flatnonzero(found).tolist() == [5, 6, 11, 12, 13]
+    assert not plausibility._overtaken(TIMES[:20]).any()
+    for off in (0.7, -0.7):  # of a period
+        wrong = TIMES[:20].copy()
+        wrong[9] += off / 15
+        assert not plausibility._overtaken(wrong)[:8].any() and not plausibility._overtaken(wrong)[9]
+    ends = np.arange(20)
+    ends[[0, 1, 18, 19]] = 1, 0, 19, 18  # the first and last have a neighbour on one side only
+    assert np.flatnonzero(plausibility._overtaken(TIMES[ends])).tolist() == [0, 19]
+
+
 def test_commands_unlike_all_others_are_named():
     times, _, inputs = simulate_run()
     assert not list(plausibility.lone_commands(times, inputs[:, 1:], CHANNELS))

@@ -107,6 +107,33 @@ def test_repeated_samples_of_a_moving_craft_are_dropped(length, dropped):
     assert np.array_equal(found.times, np.delete(times, np.arange(151, 151 + dropped)))
 
 
+@pytest.mark.parametrize("far,dropped", [(1.9, 0), (2.1, 3)])
+def test_a_craft_moves_if_it_is_elsewhere_after_equal_samples(far, dropped):
+    """By more than twice its usual step."""
+    times = np.arange(200) / 100
+    way = 0.003 * np.arange(200.0)
+    way[100:] += (far - 1) * 0.003 - 0.009
+    way[97:100] = way[96]
+    eta = np.column_stack([way, 0 * times, 0.4 * times])
+    eta[97:100] = eta[96]
+    inputs = np.array([[0.0, 0.5, 0.5, 1.0], [2.0, 0.5, 0.5, 1.0]])
+    assert way[100] - way[99] == pytest.approx(far * 0.003)
+    assert repaired(times, eta, inputs).repairs["frozen poses dropped"] == dropped
+
+
+def test_a_craft_that_moves_along_an_axis_repeats_no_sample():
+    """One coordinate stays exactly the same; then the craft leaves the line."""
+    times = np.arange(200) / 100
+    for axis in (0, 1):
+        eta = np.column_stack([0 * times, 0 * times, 0.4 * times])
+        eta[:, axis] = 0.3 * times
+        eta[150:, 1 - axis] = 0.02 * np.arange(50)
+        inputs = np.array([[0.0, 0.5, 0.5, 1.0], [2.0, 0.5, 0.5, 1.0]])
+        found = repaired(times, eta, inputs)
+        assert found.repairs["frozen poses dropped"] == found.repairs["duplicates dropped"] == 0
+        assert np.array_equal(found.times, times)
+
+
 def test_repeated_samples_of_a_craft_at_rest_are_kept():
     times, eta, inputs = moving(3.0)
     still = np.concatenate([np.repeat(eta[:1], 100, axis=0), eta, np.repeat(eta[-1:], 50, axis=0)])
@@ -149,6 +176,23 @@ def test_spikes_are_marked_and_not_followed():
     assert np.abs(found.eta - plain.eta).max() < 2e-3
 
 
+@pytest.mark.parametrize("count", [40, 300])
+@pytest.mark.parametrize("channel,noise", [(0, 4e-4), (1, 4e-4), (2, 6e-3)])
+def test_spikes_are_a_dozen_standard_deviations_off(count, channel, noise):
+    """More than eight of what is expected, to which the motion between two poses adds. Forty poses do not
+    determine their noise; they have what mocaps usually have."""
+    times = np.arange(count) / 100
+    random = np.random.default_rng(3)
+    eta = np.column_stack([np.cos(times), np.sin(1.3 * times), 2 * times])
+    eta += random.normal(0, [4e-4, 4e-4, 6e-3], eta.shape)
+    inputs = np.array([[0.0, 0.5, 0.5, 1.0], [times[-1], 0.5, 0.5, 1.0]])
+    for size, is_spike in ((-9, False), (9, False), (20, True), (-20, True)):
+        off = eta.copy()
+        off[count // 2, channel] += size * noise
+        found = repaired(times, off, inputs)
+        assert np.flatnonzero(found.spikes).tolist() == [count // 2] * is_spike, size
+
+
 def test_motion_restarts_where_the_craft_is_carried_away():
     times, eta, inputs = moving(3.0)
     carried = eta.copy()
@@ -180,9 +224,11 @@ def test_noise_stays_within_what_mocaps_have():
     times, eta, inputs = moving(3.0, noise=0)
     quiet = repaired(times, eta, inputs)
     assert quiet.noise[0] >= 2e-5 and quiet.noise[1] >= 2e-4
+    line = np.column_stack([0.3 * times, 0.1 * times, 0.2 * times])
+    assert repaired(times, line, inputs).noise == (2e-5, 2e-4)
     wild = eta + np.random.default_rng(1).normal(0, [0.05, 0.05, 0.5], eta.shape)
     loud = repaired(times, wild, inputs)
-    assert loud.noise[0] <= 1e-2 and loud.noise[1] <= 0.1
+    assert loud.noise == (1e-2, 0.1)
     few = repaired(times[:40], eta[:40], inputs)  # their noise is taken from other recordings
     assert few.clock is None and 1e-4 < few.noise[0] < 1e-3 and 1e-3 < few.noise[1] < 1e-2
 

@@ -1,5 +1,6 @@
 """How a diagnosis decides about memory and differences between runs, what it reports, and fits that hold
 out blocks, with fits that are made up."""
+import contextlib
 import dataclasses
 import types
 
@@ -14,11 +15,13 @@ from ground.analysis import (
     diagnosis,
     diagnosis_report,
     memory,
+    stages,
     study,
     trials,
     validation,
     varying,
 )
+from ground.analysis.budget import Budget
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import Fit, _from_neutral
 from ground.errors import GroundError
@@ -80,7 +83,10 @@ def test_effects_that_memory_replaces_go_the_weakest_first(monkeypatch):
 def test_memory_raises_three_quarters_of_the_parts_and_matters(monkeypatch):
     for share, larger, kept in ((0.75, True, True), (0.74, True, False), (1.0, False, False)):
         made, both, _ = remembering(monkeypatch, [199.0, 198.0], share, larger)
+        said = []
+        made.work.note = said.append
         found = made._with_memory(both)
+        assert ("lag: it lags" in said) == kept
         assert (made.memory is not None) == kept
         assert found == (frozenset() if kept else both) and len(made.dropped) == 2 * kept
     monkeypatch.setattr(diagnosis.memory, "find", lambda likelihood, fit: None)
@@ -93,7 +99,7 @@ def test_the_search_is_repeated_while_differences_change(monkeypatch):
         ([[], []], 0), ([kinds[:1], kinds[:1]], 1), ([kinds[:1], kinds[:2], kinds[:3], kinds[:4]], 3),
     ):  # fmt: skip
         made = diagnosis.Diagnosis.__new__(diagnosis.Diagnosis)
-        answers, starts = list(said), []
+        answers, starts, last = list(said), [], said[min(begun, 2)]
         monkeypatch.setattr(
             diagnosis.varying, "differences", lambda varied, fit, answers=answers: answers.pop(0)
         )
@@ -106,7 +112,8 @@ def test_the_search_is_repeated_while_differences_change(monkeypatch):
             nominal=lambda: "nominal",
         )
         made.varied, made.differences = None, []
-        made.work = types.SimpleNamespace(note=lambda text: None)
+        notes = []
+        made.work = types.SimpleNamespace(note=notes.append)
 
         def begin(differences, near, made=made, starts=starts):
             starts.append(near)
@@ -115,6 +122,11 @@ def test_the_search_is_repeated_while_differences_change(monkeypatch):
         made._begin = begin
         assert made._likeliest_set() == {"a"}
         assert starts == ["nominal"] * begun and runs == [None] + ["likeliest"] * begun
+        assert made.differences is last and len(notes) == begun  # those of the set that was found
+        if begun:
+            assert notes[0] == "differs between runs: surge force"
+        if begun > 1:
+            assert notes[1] == "differs between runs: surge force, side force"
 
 
 def test_the_table_of_effects_may_be_short():
@@ -128,6 +140,16 @@ def test_the_table_of_effects_may_be_short():
         assert all(t.refitted and t.seen for t in found)
         assert [t.gain for t in found] == [100.0, 60.0, 1.0][: len(found)]
         assert all(t.chance == min(1.0, 3 * t.p_value) for t in found)
+
+
+def test_an_effect_is_seen_if_any_of_its_parameters_is_identified():
+    made = found_of({"yaw_bias": 100.0}, lambda names: 3.0)
+    fit = made.search.fits[frozenset(["yaw_bias"])]
+    for identified, seen in (((True, True), True), ((False, True), True), ((False, False), False)):
+        fit.parameters = [dict(name="yaw_bias.n%d" % i, identified=x) for i, x in enumerate(identified)]
+        fit.parameters.append(dict(name="k", identified=True))
+        found = made.trial_in(frozenset(["yaw_bias"]), "yaw_bias")
+        assert found.seen == seen and len(found.parameters) == 2
 
 
 def test_an_effect_that_was_not_refitted_has_the_step_of_its_test():
@@ -152,15 +174,109 @@ def test_what_was_refused_is_dropped_with_its_reason():
     one, both = frozenset(["yaw_bias"]), frozenset(["yaw_bias", "quadratic_drag"])
     made.budget, made.memory, made.search.test_beside = None, None, lambda names: None
     made.search.refused = lambda found: [both]
-    made.search.rivals = lambda names, name: []
+    made.search.rivals = lambda names, name: ["momentum_drag"]
     made.search.value = lambda names: 1.0
     made._likeliest_set = lambda: one
     made._refuted = lambda better, found: "refuted" if better == both and found == one else None
     made._with_memory = lambda found: found
     made.grow()
     assert [(d.trial.name, d.why) for d in made.dropped] == [("quadratic_drag", "refuted")]
-    assert made.names == one and [step.added for step in made.steps] == ["yaw_bias"]
+    assert made.names == one
+    assert [(step.added, step.group) for step in made.steps] == [("yaw_bias", ("yaw_bias", "momentum_drag"))]
     assert [t.name for t in made.tried] == ["yaw_bias", "quadratic_drag"] and made.slight is None
+
+
+# --- how a diagnosis begins
+
+
+def begun_with(monkeypatch, runs, cores=2, **options):
+    """A Diagnosis whose fits are stand-ins, and what these were asked."""
+    asked = types.SimpleNamespace(likelihoods=[], folds=[], searches=[], studies=[])
+
+    class Like:
+        def __init__(self, runs, craft, varying=None, threads=1):
+            self.runs, self.craft, self.varying, self.threads = runs, craft, varying, threads
+            asked.likelihoods.append(self)
+
+        def fit(self, craft, free, near=None):
+            return "first fit", tuple(free)
+
+    class Search:
+        def __init__(self, fitting, each, plan, kept, holds):
+            self.fitting, self.each, self.holds, self.fits = fitting, each, holds, {}
+            asked.searches.append(self)
+
+        def nominal(self, near):
+            self.near = near
+            self.fits[frozenset()] = types.SimpleNamespace(model=model())
+
+    def folds(*given):
+        asked.folds.append(given)
+        return types.SimpleNamespace(judge=lambda fit: "judged")
+
+    def of_runs(runs, **more):
+        asked.studies.append(more)
+        return types.SimpleNamespace(windows=["window"])
+
+    kinds = [types.SimpleNamespace(kind=varying.KINDS[i]) for i in (0, 3)]
+    monkeypatch.setattr(diagnosis, "Likelihood", Like)
+    monkeypatch.setattr(diagnosis, "Search", Search)
+    monkeypatch.setattr(diagnosis.held_out, "Folds", folds)
+    monkeypatch.setattr(diagnosis.study, "Study", of_runs)
+    monkeypatch.setattr(diagnosis.varying, "differences", lambda varied, fit: kinds)
+    monkeypatch.setattr(diagnosis.os, "sched_getaffinity", lambda _: set(range(cores)))
+    tried = [candidates.of_library("yaw_bias")]
+    return diagnosis.Diagnosis(runs, model(), tried, **options), asked
+
+
+def test_a_diagnosis_begins_with_all_differences_and_goes_on_with_those_found(monkeypatch):
+    runs = [types.SimpleNamespace(times=np.zeros(n)) for n in (40, 60)]
+    made, asked = begun_with(monkeypatch, runs, most=7)
+    all_of_them, found = asked.likelihoods
+    assert all_of_them.varying is None and found.varying == ["trim_X", "thrust"]
+    assert made.varied is all_of_them and made.likelihood is found
+    assert made.samples == 3 * 100  # of x, y and heading
+    assert asked.studies == [{"most": 7}] and made.cut == ["window"]
+    ((of, whole, craft, cut, each),) = asked.folds
+    assert (of, whole, cut) == (runs, found, ["window"]) and craft is made.given and each == made.each
+    (search,) = asked.searches
+    assert search.near == ("first fit", ("I_z", "X_u", "Y_v", "N_r", "k"))
+    assert list(search.fitting.candidates) == ["yaw_bias"] and made.nominal == "judged"
+    assert search.fitting.criteria.refitted == 4
+    made._refuted = lambda better, current: "why" if "bad" in better else None
+    assert search.holds({"good"}, {}) and not search.holds({"bad"}, {})
+    few, asked = begun_with(monkeypatch, runs, budget=2)
+    assert asked.searches[0].fitting.criteria.refitted == 2
+
+
+@pytest.mark.parametrize("cores,threads,workers,waiting,inside", [
+    (3, 0, 3, 4, 0), (1, 0, 1, 1, 0), (3, 1, 1, 1, 1), (3, 2, 2, 4, 1),
+])  # fmt: skip
+def test_a_diagnosis_uses_as_many_threads_as_it_may(monkeypatch, cores, threads, workers, waiting, inside):
+    """Fits alone use all cores (0) unless the threads are limited; one thread waits for one."""
+    run = types.SimpleNamespace(times=np.zeros(9))
+    made, asked = begun_with(monkeypatch, [run], cores, threads=threads)
+    assert made.pool._max_workers == workers and made.waiting._max_workers == waiting
+    assert made.threads == inside and {like.threads for like in asked.likelihoods} == {inside}
+    assert made.each == made.pool.map == made.inside and made.each_of_many == made.waiting.map
+
+    def each(function, items):
+        return map(function, items)
+
+    other, _ = begun_with(monkeypatch, [run], cores, threads=threads, each=each)
+    assert other.each is other.each_of_many is each and other.inside is map  # workers have no threads
+
+
+def test_the_influence_of_an_effect_is_relative_to_the_noise(monkeypatch):
+    made = diagnosis.Diagnosis.__new__(diagnosis.Diagnosis)
+    made.runs, made.cut = "runs", "cut"
+    monkeypatch.setattr(
+        diagnosis.study, "change",
+        lambda runs, cut, a, b: np.array([0.1, 0.2, 0.3]) if (a, b) == ("without", "with") else None,
+    )  # fmt: skip
+    monkeypatch.setattr(diagnosis.study, "noise_floor", lambda runs, craft: np.array([1.0, 0.5, 0.5]))
+    fits = [types.SimpleNamespace(model=name) for name in ("with", "without")]
+    assert made._influence(*fits) == pytest.approx(0.3)
 
 
 # --- the report
@@ -297,6 +413,57 @@ def test_what_is_unexplained_is_above_the_noise(monkeypatch):
         assert report == {"fraction": 0.0, "where": [], "proposal": proposal}
 
 
+@dataclasses.dataclass
+class Value:
+    """Something that reports give by its fields."""
+
+    share: float
+
+
+@pytest.mark.parametrize("verdict", ["missing", "varies", "unexplained", "memory", "misread"])
+def test_a_report_is_completed_with_what_its_verdict_needs(monkeypatch, verdict):
+    """Recordings that look misread show no effect that they could not show; what is left is described
+    where something is."""
+    staged, planned = [], []
+
+    def challenging(found, only_damping):
+        assert found is made and only_damping  # other effects are seldom imitated
+        return [Value(0.25)]
+
+    alike = [] if verdict == "misread" else ["alike"]
+    monkeypatch.setattr(diagnosis_report.challengers, "challengers", challenging)
+    monkeypatch.setattr(diagnosis_report.bands, "coverage", lambda bands: [bands])
+    monkeypatch.setattr(diagnosis_report, "_budget", lambda found: {"of": found})
+    monkeypatch.setattr(diagnosis_report, "_candidates", lambda *of: list(of[1:]))
+    monkeypatch.setattr(diagnosis_report, "_next_experiment", lambda *of: list(of[1:]))
+    monkeypatch.setattr(diagnosis_report, "_unexplained", lambda found, conclusion: {"left": conclusion})
+    made = types.SimpleNamespace(
+        unseen=lambda: ["alike"], plan=types.SimpleNamespace(planned=lambda: planned.append(1)),
+        work=types.SimpleNamespace(stage=lambda name: staged.append(name) or contextlib.nullcontext()),
+    )  # fmt: skip
+    for repeats in (None, Value(0.5)):
+        concluded = types.SimpleNamespace(verdict=verdict, budget="budget", repeats=repeats, bands="bands")
+        report = diagnosis_report.completed({"begun": 1}, made, concluded, True, "room")
+        left = {"fraction": 0.0, "where": [], "proposal": None}
+        assert report == {
+            "begun": 1, "challengers": [{"share": 0.25}], "candidates": [alike, True],
+            "budget": {"of": "budget"}, "repeats": repeats and {"share": 0.5}, "bands": ["bands"],
+            "next_experiment": [alike, True, "room"],
+            "unexplained": {"left": concluded} if verdict in ("unexplained", "memory") else left,
+        }  # fmt: skip
+    assert len(planned) == 2 and staged == [stages.ERRORS, stages.CHALLENGING] * 2
+    quick = diagnosis_report.completed({}, made, concluded)
+    assert quick["candidates"] == [alike, False] and quick["next_experiment"] == [alike, False, None]
+
+
+def test_parts_of_the_error_are_reported_with_their_shares():
+    found = Budget(1.0, 2.0, 2.5, 4.0)
+    assert diagnosis_report._budget(found) == {
+        "error": {"noise": 1.0, "disturbance": 2.0, "trim": 2.5, "measured": 4.0},
+        "share": {"noise": 1 / 16, "disturbance": 3 / 16, "trim": 2.25 / 16, "rest": 9.75 / 16},
+    }
+
+
 def test_the_best_three_effects_have_errors():
     names = [*NAMES]
     found = types.SimpleNamespace(
@@ -400,11 +567,12 @@ def test_calibrated_errors_are_those_of_trimmed_models():
 @pytest.mark.parametrize("ratio,short", [(0.98, True), (0.995, False), (1.2, False)])
 def test_shorter_windows_are_taken_if_they_lower_the_error_by_a_hundredth(monkeypatch, ratio, short):
     given = study.Study([run_data(9.0)], threads=1)
-    lengths = []
+    asked = []
     monkeypatch.setattr(given, "_best", lambda starts, free, **options: {"model": "near"})
     monkeypatch.setattr(
-        given, "_fit", lambda chosen, start, free, **more: lengths.append(given.length) or {"width": 2.0}
-    )
+        given, "_fit", lambda chosen, start, free, **more: asked.append((given.length, start, more["near"]))
+        or {"width": 2.0},
+    )  # fmt: skip
     errors = {windows.WINDOW: 1.0, windows.WINDOW / 3: ratio}
     monkeypatch.setattr(
         given, "_judged",
@@ -413,10 +581,43 @@ def test_shorter_windows_are_taken_if_they_lower_the_error_by_a_hundredth(monkey
     told = []
     work = types.SimpleNamespace(step=lambda: told.append(1))
     found = given.fit(model(), ["k"], work=work)
-    assert sorted(lengths) == pytest.approx([windows.WINDOW / 3, windows.WINDOW]) and len(told) == 3
-    assert lengths[0] == windows.WINDOW and given.width == 2.0
+    assert [one[1:] for one in asked] == [("near", True)] * 2  # from the best of all starts
+    assert [one[0] for one in asked] == pytest.approx([windows.WINDOW, windows.WINDOW / 3])
+    assert len(told) == 3 and given.width == 2.0
     assert given.length == pytest.approx(windows.WINDOW / 3 if short else windows.WINDOW)
     assert found.heldout[0] == (ratio if short else 1.0)
+
+
+def test_each_part_of_a_study_is_held_out_once(monkeypatch):
+    given = study.Study([run_data(9.0)], threads=1)
+    given.width = 2.5
+    fits = []
+
+    def fit(chosen, start, free, **options):
+        fits.append((list(chosen), start, options))
+        return {"model": len(fits)}
+
+    monkeypatch.setattr(given, "_fit", fit)
+    monkeypatch.setattr(
+        study, "window_errors",
+        lambda runs, tested, craft: np.array([[craft, given.windows.index(w), 0.5] for w in tested]),
+    )  # fmt: skip
+    monkeypatch.setattr(study, "channel_errors", lambda runs, cut, craft: (cut, craft))
+    states = ["state %d" % i for i in range(len(given.windows))]
+    parameters = [dict(name="k", value=1.0), dict(name="l", value=2.0)]
+    found = given._judged({"model": "whole", "initial": states, "parameters": parameters}, ["k"], 1)
+    assert (found.model, found.error) == ("whole", (given.windows, "whole"))
+    assert found.parameters == {p["name"]: p for p in parameters}
+    assert len(fits) == 4
+    for part, (chosen, start, options) in enumerate(fits):
+        rest = [i for i, other in enumerate(given.part_of) if other != part]
+        assert chosen == [given.windows[i] for i in rest] and start == "whole"
+        assert options["initial"] == [states[i] for i in rest]
+        assert (options["near"], options["threads"], options["width"]) == (True, 1, 2.5)
+    rows = np.array([[1 + part, i, 0.5] for i, part in enumerate(given.part_of)])
+    samples = [w.last - w.first + 1 for w in given.windows]
+    assert np.allclose(found.heldout, np.average(rows, axis=0, weights=samples))
+    assert np.allclose(found.by_window, rows.sum(axis=1))
 
 
 def test_the_best_start_is_kept_and_all_may_fail(monkeypatch):

@@ -1,4 +1,5 @@
 """Which sets of effects a search and a diagnosis keep: their rules on made-up likelihoods."""
+import dataclasses
 import itertools
 import types
 
@@ -287,6 +288,10 @@ def test_the_best_of_several_starts_is_kept():
     tried = [m.value("yaw_bias.n0") for m in given.likelihood.started]
     assert tried == pytest.approx([1e-3, 3e-4, 1e-4])
     given.likelihood.started.clear()
+    second = fitting(lambda m: 2.0 if m.value("yaw_bias.n0") == pytest.approx(3e-4) else -1.0)
+    second.likelihood.started.clear()
+    extended(second, Step({"yaw_bias.n0": 1e-3}))
+    assert len(second.likelihood.started) == 2
     good = fitting(lambda m: 2.0)
     good.likelihood.started.clear()
     extended(good, Step({"yaw_bias.n0": 1e-3}))
@@ -302,13 +307,60 @@ def test_an_effect_that_the_test_does_not_see_starts_at_some_sizes():
     assert found.model.value("yaw_bias.n0") == pytest.approx(-2e-4)
 
 
+def far(monkeypatch, errors, current=()):
+    """Where the fits of a single effect start from, given the errors of quick fits from its own starts in
+    turn (None: they fail); and what the quick fits were asked."""
+    asked, left, name = [], list(errors), "heading_offset"
+
+    class Quick:
+        def fit(self, start, free, threads):
+            asked.append((start, free, threads))
+            error = left.pop(0)
+            if error is None:
+                raise RuntimeError("it diverges")
+            found = start.copy()
+            found.set_value("k", 2.0)  # other parameters are far from the right ones, too
+            return {"objective": error, "model": found}
+
+    def spread(cut, most):
+        asked.append(most)
+        return cut
+
+    monkeypatch.setattr(refits.windows, "problem", lambda runs, cut: Quick())
+    monkeypatch.setattr(refits.windows, "cut", lambda runs: runs)
+    monkeypatch.setattr(refits.windows, "spread", spread)
+    given = fitting(lambda m: -m.value("heading_offset.psi0") if name in m.effects else 0.0)
+    known = {**given.candidates, name: candidates.of_library(name)}
+    given = dataclasses.replace(given, candidates=known)
+    given.likelihood.started, given.likelihood.runs = [], ["run"]
+    fit = types.SimpleNamespace(model=model(), free=(), log_posterior=0.0)
+    found = refits.Extension(given, frozenset(current), fit, Step({}))((name,))
+    return found, given.likelihood.started, asked
+
+
+def test_single_effects_start_far_off_as_well(monkeypatch):
+    """From what a quick fit, by simulation error, makes better by a fiftieth than from neutral values."""
+    found, started, asked = far(monkeypatch, [10.0, 9.7, None, 9.9])
+    angles = [round(m.value("heading_offset.psi0"), 3) for m in started]
+    starts = list(candidates.of_library("heading_offset").starts(model()))
+    expected = [round(starts[i].value("heading_offset.psi0"), 3) for i in (0, 1)]
+    assert angles == expected and started[1].value("k") == 2.0
+    assert found.model.value("heading_offset.psi0") == min(m.value("heading_offset.psi0") for m in started)
+    assert asked[0] == 40 and len(asked) == 1 + 4  # on forty windows
+    assert all("heading_offset" in free for _, free, _ in asked[1:])
+    assert all(threads == 1 for _, _, threads in asked[1:])  # such fits run beside each other
+    for second, count in ((9.79, 2), (9.81, 1)):
+        assert len(far(monkeypatch, [10.0, second, 10.0, 10.0])[1]) == count
+    assert len(far(monkeypatch, [None, 10.0, None, 3.0])[1]) == 1 + 2  # any is better than none
+    _, started, asked = far(monkeypatch, [], current=["yaw_bias"])
+    assert len(started) == 1 and asked == []  # beside others it starts near them
+
+
 def test_a_fit_that_diverges_everywhere_is_none():
     assert extended(fitting(lambda m: 0.0, fails=("yaw_bias",)), Step({"yaw_bias.n0": 1e-3})) is None
 
 
 def test_a_known_fit_is_where_the_next_begins():
-    import dataclasses
-
     @dataclasses.dataclass(frozen=True)
     class Known:
         model: object
@@ -434,7 +486,10 @@ def test_an_effect_matters_by_its_influence_or_by_its_power():
 def test_the_weakest_of_several_refuted_effects_goes_first():
     gains = {"yaw_bias": 100.0, "quadratic_drag": 60.0, "momentum_drag": 80.0}
     made = found_of(gains, lambda names: 3.0 + len(names))
+    told = []
+    made.plan.tested = lambda left, refused: told.append((left, refused))
     assert made._without_refuted(frozenset(gains)) == frozenset()
+    assert told == [(3, 3), (2, 2), (1, 1)]  # what is left is tested again
     assert [d.trial.name for d in made.dropped] == ["quadratic_drag", "momentum_drag", "yaw_bias"]
     made._drop(frozenset(["yaw_bias"]), "yaw_bias", "again")
     assert [d.why for d in made.dropped if d.trial.name == "yaw_bias"] == ["again"]
@@ -450,7 +505,10 @@ def test_effects_that_are_as_good_are_grouped():
         trials.trial(n, candidates.of_library(n).add(model()), (), g, True, True, 2, 100)
         for n, g in gains.items()
     ]
+    steps = []
+    made.work.step = lambda: steps.append(1)
     made._mark_equals()
+    assert len(steps) == 2  # one for each effect
     assert [step.group for step in made.steps] == [("yaw_bias", "momentum_drag"), ("quadratic_drag",)]
     assert [t.name for t in made.tried if t.equal] == ["yaw_bias"]
     assert made.tried[0].name == "yaw_bias" and sum(t.inclusion for t in made.tried) == pytest.approx(1)

@@ -22,6 +22,7 @@ from ground.analysis import (
     trials,
     validation,
 )
+from ground.errors import GroundError
 from ground.recordings import repair, windows
 
 
@@ -160,6 +161,29 @@ def test_quarters_of_a_run_hold_all_of_it_once():
     assert all(np.array_equal(np.array(p.inputs), np.array(run.inputs)) for (p,) in parts)
 
 
+def test_windows_belong_to_the_folds_of_their_runs():
+    for count in (2, 3):
+        folds = held_out.Folds.__new__(held_out.Folds)
+        folds.runs, folds.count = ["run"] * count, count
+        assert [folds._fold_of(_core.Window(i, 0, 9)) for i in range(count)] == list(range(count))
+
+
+def test_a_motion_that_is_not_finite_has_an_infinite_error(monkeypatch):
+    """The other folds keep theirs; a fold without windows has none."""
+    folds = held_out.Folds.__new__(held_out.Folds)
+    folds.runs, folds.whole, folds.cut = [], None, [_core.Window(i % 2, 0, 9) for i in range(4)]
+    folds.fold_of = np.array([0, 1, 0, 1])
+
+    def errors(runs, chosen, whole, fit):
+        assert {w.run for w in chosen} == {fit}
+        if fit == 1:
+            raise GroundError("not finite")
+        return np.full((len(chosen), 3), 0.5)
+
+    monkeypatch.setattr(study, "calibrated_errors", errors)
+    assert folds._errors([0, 1, 2]).tolist() == [[0.5] * 3, [np.inf] * 3] * 2
+
+
 # --- windows of runs
 
 
@@ -246,12 +270,22 @@ def test_an_artificial_recording_has_the_noise_and_the_motion_of_the_model():
 # --- blocks that are held out
 
 
+def test_blocks_last_six_seconds(monkeypatch):
+    monkeypatch.setattr(windows, "error", lambda runs, craft, cut: 1.0)
+    for duration, blocks in ((13.0, 2), (20.0, 3)):
+        found = validation.leave_blocks_out(
+            [run_data(duration)], [], lambda cut, initial: {"model": None, "initial": [None] * len(cut)}
+        )
+        assert found["blocks"] == blocks and found["heldout"] == 1.0
+
+
 def test_blocks_divide_each_run_evenly():
     runs = [run_data(12.0), run_data(7.0, seed=2)]
     blocks = validation._blocks(runs, 6.0, 1.5)
     assert [tested[0].run for _, tested in blocks] == [0, 0, 1]
     for _, tested in blocks:
         assert all(b.first >= a.last for a, b in zip(tested, tested[1:]))
+    assert blocks[0][1][0].first == blocks[2][1][0].first == 0  # nothing is left out
     first, second = blocks[0][1], blocks[1][1]
     middle = np.array(runs[0].times)[second[0].first]
     assert middle == pytest.approx(6.0, abs=0.05) and first[-1].last <= second[0].first
@@ -334,6 +368,7 @@ def test_predictions_are_tiled_without_overlap():
     spans = [(float(t[0]), float(t[-1])) for t, _, _ in tiles]
     assert np.allclose(spans, [(0, 1.5), (1.5, 3), (3, 4.5)], atol=0.011)
     assert all(len(t) == len(low) == len(high) and (low < high).all() for t, low, high in tiles)
+    assert all(t[-1] - t[0] <= 1.5 + 1e-9 for t, _, _ in tiles)
     short = [(float(t[0]), float(t[-1])) for t, _, _ in many.tiled(0.5)]
     assert np.allclose(short, [(0, 0.5), (0.5, 1.0), (1.0, 1.5), (1.5, 2.0), (3, 3.5)], atol=0.011)
 
@@ -366,6 +401,10 @@ def test_predictions_start_in_windows_but_not_at_the_first_pose_of_a_stretch():
     starts, horizons = bands._starts(times, cut)
     assert starts == [50, 100, 150, 200, 250, 650, 700]
     assert horizons == pytest.approx([1.0, 0.5, 4.0, 0.5, 0.5, 1.0, 0.5])
+    starts, horizons = bands._starts(times, [_core.Window(0, 601, 751)])
+    assert starts == [601, 651, 701] and horizons == pytest.approx([4.0, 0.5, 0.5])
+    starts, _ = bands._starts(times, [_core.Window(0, 1, 151)])
+    assert starts == [1, 51, 101]
 
 
 def test_the_expected_loudness_is_that_of_the_other_runs():
@@ -375,7 +414,69 @@ def test_the_expected_loudness_is_that_of_the_other_runs():
     assert bands._loudness(types.SimpleNamespace(loudness=())) == 0.0
 
 
+def of_folds(monkeypatch, runs, count):
+    """What bands.of_folds predicts: (run, model, windows, loudness) of each part."""
+    cut = windows.cut(runs)
+    fold_of = [w.run % count if len(runs) > 1 else i % count for i, w in enumerate(cut)]
+    folds = types.SimpleNamespace(
+        runs=runs, count=count, cut=cut, fold_of=fold_of, each=map,
+        models=lambda fit: ["without %d" % fold for fold in range(count)],
+    )  # fmt: skip
+    asked = []
+
+    def predict(task):
+        asked.append(task)
+        starts = [prediction(float(task[0].times[w.first]), 9.0) for w in task[2]]
+        return bands.Bands(None, tuple(starts))
+
+    monkeypatch.setattr(bands, "_predict", predict)
+    fit = types.SimpleNamespace(loudness=(1.0, 2.0, 6.0)[: len(runs)])
+    return bands.of_folds(folds, fit), asked, cut
+
+
+def test_bands_of_runs_are_by_models_without_them(monkeypatch):
+    runs = [run_data(5.0, seed=seed) for seed in (1, 2, 3)]
+    for count, loudness in ((3, [4.0, 3.5, 1.5]), (2, [2.0, 3.5, 2.0])):
+        found, asked, cut = of_folds(monkeypatch, runs, count)
+        assert [one.run for one in found] == runs and len(asked) == 3
+        for i, (run, craft, some, loud) in enumerate(asked):
+            assert run is runs[i] and craft == "without %d" % (i % count)
+            assert some == [w for w in cut if w.run == i] and loud == loudness[i]
+    two, asked, _ = of_folds(monkeypatch, runs[:2], 2)
+    assert [one.run for one in two] == runs[:2] and [task[3] for task in asked] == [2.0, 1.0]
+
+
+def test_bands_of_one_run_are_by_models_without_its_parts(monkeypatch):
+    run = run_data(9.0)
+    (found,), asked, cut = of_folds(monkeypatch, [run], 2)
+    assert found.run is run and [task[1] for task in asked] == ["without 0", "without 1"]
+    assert [task[2] for task in asked] == [cut[::2], cut[1::2]] and [task[3] for task in asked] == [1.0] * 2
+    begins = [float(one.times[0]) for one in found.predictions]
+    assert begins == [run.times[w.first] for w in cut]  # of all parts, in order
+
+
+def test_bands_of_other_runs_start_in_windows_of_their_own(monkeypatch):
+    runs = [run_data(9.0, seed=seed) for seed in (1, 2)]
+    asked = []
+
+    def predict(task):
+        asked.append(task)
+        return bands.Bands(None, ())
+
+    monkeypatch.setattr(bands, "_predict", predict)
+    fit = types.SimpleNamespace(loudness=(1.0, 4.0))
+    found = bands.of_others(runs, fit, 4)
+    assert [one.run for one in found] == [task[0] for task in asked] == runs
+    assert [{w.run for w in task[2]} for task in asked] == [{0}, {1}]
+    assert [len(task[2]) for task in asked] == [2, 2]
+    assert all(task[1] is fit and task[3] == 2.5 for task in asked)
+
+
 # --- parts of the error
+
+
+def test_artificial_recordings_differ():
+    assert len(set(budget.SEEDS)) == len(budget.SEEDS) == 3
 
 
 def test_parts_of_the_error_add_up_in_squares():
@@ -493,6 +594,8 @@ def test_a_step_stays_in_the_range_of_a_parameter():
     time = {"name": "tau", "neutral": np.inf, "lower": 0.1, "upper": np.inf}
     assert score_tests.moved(time, np.inf, 2.0) == pytest.approx(0.5)
     assert score_tests.moved(time, 0.5, 2.0) == pytest.approx(0.25)
+    assert score_tests.moved(time, 4.0, 0.25) == pytest.approx(2.0)
+    assert score_tests.moved(time, 2.0, -0.25) == pytest.approx(4.0)
     assert score_tests.moved(time, 0.5, -3.0) == np.inf
     assert score_tests.moved(time, 0.5, 1e6) == 0.1
     inertia = {"name": "I_z", "neutral": 0.0, "lower": 1e-6, "upper": 1.0}
@@ -698,6 +801,22 @@ def test_windows_of_repeated_commands_are_found():
     assert sorted((w.run, round(lag, 1)) for w, lag in both) == [(0, half), (1, 0.0), (1, half)]
 
 
+def test_the_error_of_a_repeated_share_is_that_of_a_jackknife(monkeypatch):
+    random = np.random.default_rng(3)
+    sums = [(a, b) for a, b in zip(random.normal(2, 1, 12), random.uniform(4, 6, 12))]
+    monkeypatch.setattr(repeats, "_repetitions", lambda runs, window: window % 4 and ["other"])
+    monkeypatch.setattr(repeats, "_products", lambda runs, craft, window, found: sums[window * 3 // 4])
+    found = repeats.repeats([], range(16), None)
+    used = [sums[i * 3 // 4] for i in range(16) if i % 4]
+
+    def share(some):
+        return sum(a for a, _ in some) / sum(b for _, b in some)
+
+    without = np.array([share(used[:i] + used[i + 1 :]) for i in range(12)])
+    assert found.share == pytest.approx(share(used)) and found.windows == 12
+    assert found.deviation == pytest.approx(np.sqrt(11 / 12 * ((without - without.mean()) ** 2).sum()))
+
+
 def test_an_error_that_depends_on_the_commands_repeats_wholly():
     """Without noise, the error of a wrong model is the same wherever the commands are."""
     runs = [run_data(8.0, seed=1, noise=0), run_data(8.0, seed=1, noise=0), run_data(8.0, seed=1, noise=0)]
@@ -708,6 +827,8 @@ def test_an_error_that_depends_on_the_commands_repeats_wholly():
     assert found.windows == len(cut) and found.share == pytest.approx(1, abs=0.02)
     assert found.deviation < 0.02
     assert repeats.repeats(runs[:1], cut[: len(cut) // 3], wrong) is None
+    assert repeats.repeats(runs, cut[:8], wrong).windows == 8
+    assert repeats.repeats(runs, cut[:7], wrong) is None
     noisy = []
     for seed, run in enumerate(runs):
         nu = np.array(run.nu) + np.random.default_rng(seed).normal(0, 1, run.nu.shape) * [0.3, 0.3, 5]

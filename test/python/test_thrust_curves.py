@@ -112,6 +112,7 @@ def test_a_draft_that_is_filled_in_has_the_levels_that_were_held(tmp_path):
         lines = thrust_bench.draft(held * rounds).splitlines()
         columns = lines[0].split(",")[1:]
         assert len(columns) == 3 * rounds and len(lines) == 3
+        assert all(line.count(",") == len(columns) for line in lines)
         filled = [line.split(",")[0] + ",0.1" * len(columns) for line in lines[1:]]
         found = thrust_bench.read(table(tmp_path, lines[0], *filled), ["left", "right"])
         rows = sorted(zip(found.inputs, *found.together.T))
@@ -304,6 +305,47 @@ def test_gains_that_no_column_separates_are_the_same():
     assert found.values["k"] == pytest.approx(0.2) and found.p_value < 1e-6
 
 
+@pytest.mark.parametrize("unit", [1e-4, 1e4])
+@pytest.mark.parametrize("noise", [0.0, 0.003])
+def test_nothing_but_sizes_depends_on_the_unit_of_force(unit, noise):
+    """Nor does the order of the rows matter."""
+    for given in (two_thrusters(1.1, noise=noise), two_thrusters(1.0, noise=noise), bent(0.1 * noise)):
+        names = ["a", "b"][: given.together.shape[1]]
+        order = np.random.default_rng(1).permutation(len(given.forces))
+        plain = thrust_bench.fit(given, names)
+        scaled = thrust_bench.Bench(
+            given.inputs[order], given.together[order], given.repetition[order], unit * given.forces[order]
+        )
+        found = thrust_bench.fit(scaled, names)
+        assert found.curve.words == plain.curve.words
+        assert found.gains == pytest.approx(plain.gains, rel=1e-6)
+        assert [p for _, p in found.rejected] == pytest.approx([p for _, p in plain.rejected], rel=1e-4)
+        if noise:
+            assert found.p_value == pytest.approx(plain.p_value, rel=1e-4)
+        assert set(found.values) == set(plain.values)
+        size = unit * plain.values["k"]
+        assert found.values["k"] == pytest.approx(size, rel=1e-6)
+        assert found.intervals["k"] == pytest.approx([unit * x for x in plain.intervals["k"]], rel=1e-4)
+        for name in ("residual", "scatter"):
+            expected = unit * getattr(plain, name)
+            assert getattr(found, name) == pytest.approx(expected, rel=1e-4, abs=1e-9 * size, nan_ok=True)
+
+
+def test_gains_of_exact_forces_are_certain_in_any_unit():
+    for unit in (1e-4, 1.0, 1e4):
+        given = two_thrusters(1.1, noise=0.0)
+        given = thrust_bench.Bench(given.inputs, given.together, given.repetition, unit * given.forces)
+        found = thrust_bench.fit(given, ["a", "b"])
+        assert found.gains == pytest.approx([1.1, 0.9]) and 0 < found.p_value < 1e-60
+
+
+def test_all_gains_are_given_if_any_is_not_one():
+    curve = thrust_curve.linear(np.array([0.5, 1.0]), np.ones(2), np.array([0.1, 0.2]))
+    found = thrust_bench._values(curve, np.array([0.9, 1.0, 1.1]), ["a", "b", "c"])
+    assert found == {"k": pytest.approx(0.2), "a": 0.9, "b": 1.0, "c": 1.1}
+    assert set(thrust_bench._values(curve, np.ones(3), ["a", "b", "c"])) == {"k"}
+
+
 # --- what a fit is worth
 
 
@@ -456,6 +498,18 @@ def test_a_table_continues_its_first_and_last_line():
     )
     assert begins.force(np.array([0.1, 0.2])) == pytest.approx([0, 0], abs=1e-12)
     assert begins.table() == [(0, 0), (0.2, 0), (0.6, pytest.approx(4 / 9, abs=1e-6)), (1, 1)]
+
+
+def test_a_table_has_lines_between_uneven_inputs():
+    levels = np.array([0.2, 0.25, 0.3, 0.5, 1.0])
+
+    def force(w):
+        return np.interp(w, [0.1, 0.3, 1.0], [0.0, 0.1, 0.8])
+
+    found = thrust_curve.table(2)(levels, np.ones(5), force(levels))
+    at = np.linspace(0.05, 1.0, 20)
+    assert found.force(at) == pytest.approx(force(at), abs=1e-6)
+    assert found.force(np.array([1.1])) == pytest.approx([0.9], abs=1e-6)
 
 
 def test_a_table_is_the_least_squares_one_that_does_not_fall():

@@ -63,6 +63,13 @@ def test_few_levels_have_bins_of_their_own():
         assert len(found.centres) == 10 and set(found.index) == set(range(10))
 
 
+def test_levels_are_apart_by_more_than_rounding():
+    values = np.repeat([0.5, 0.5 + 3e-7, 0.5 - 3e-7, 0.7, 0.700004], 20)
+    found = failure._binned("x", "x", "m", values)
+    assert found.centres == pytest.approx([0.5, 0.7, 0.700004], abs=1e-6)
+    assert found.index.tolist() == np.repeat([0, 0, 0, 1, 2], 20).tolist()
+
+
 def test_bins_of_a_hundredth_of_the_samples_are_kept():
     for rare, kept in ((10, True), (9, False)):
         index = np.repeat([0, 1], [1000 - rare, rare])
@@ -119,6 +126,14 @@ def test_means_in_bins_are_shrunk_by_three_thousandths():
         assert accounted["mean"][name] == pytest.approx((0.7 * expected).tolist())
         assert result[name]["standard_error"] == failure.regress(design, values, 0.003)[1].tolist()
         assert result[name]["share"] == failure.share_explained(design, values)
+
+
+def test_full_thrust_is_that_of_the_largest_inputs():
+    """The moment is that of one thruster at the largest input against the other at none, twice."""
+    craft = _core.load_model(str(ROOT / "cfg" / "hovercraft" / "mvwt.yaml"))
+    assert craft.input_max > 1
+    force, _, _ = craft.forces(np.full((1, 2), craft.input_max))[0] * craft.value("k")
+    assert failure.full_scale(craft) == pytest.approx([force, force, force * craft.value("l")])
 
 
 def test_disturbances_are_left_out_by_three_tenths_of_a_second():
@@ -378,6 +393,117 @@ def test_own_responses_are_derivatives_of_the_wrench(prepared):
         slope = (sides[0] - sides[1]) / (0.002 * craft.value(name))
         size = np.abs(slope).max(axis=0) + 1e-12
         assert (np.abs(found[:, :, i] - slope) < 0.02 * size + 1e-6 * np.abs(slope).max()).all(), name
+
+
+@pytest.mark.parametrize("value,side", [(0.5, 1), (2.0, -1)])
+def test_derivatives_stay_in_the_range_of_a_parameter(monkeypatch, value, side):
+    """A time constant of at most 2 s is changed by a thousandth, at its limit downwards."""
+    craft = model()
+    craft.add_effect("motor_lag")
+    craft.set_value("motor_lag.tau", value)
+    assert {p["name"]: p["upper"] for p in craft.parameters()}["motor_lag.tau"] == 2.0
+    seen = []
+
+    class Filter:
+        def __init__(self, moved, run, gap):
+            seen.append(moved.value("motor_lag.tau"))
+
+        def smooth(self, noise):
+            return {"wrench": np.full((5, 3), seen[-1])}
+
+    monkeypatch.setattr(unexplained._core, "WrenchFilter", Filter)
+    found = unexplained._own_responses(None, craft, None, np.full((5, 3), value))
+    assert sorted(set(seen)) == pytest.approx(sorted([value, value * (1 + side * 1e-3)]))
+    assert np.allclose(found[:, :, :-1], 0) and np.allclose(np.abs(found[:, :, -1]), 1)
+
+
+def exponents(unit):
+    """Powers of length and time in a unit such as m^2/s^2; angles have none."""
+    over, _, under = unit.partition("/")
+    powers = {"m": 0, "s": 0, "rad": 0}
+    for part, sign in ((over, 1), (under, -1)):
+        for factor in part.split():
+            if factor not in ("-", "1"):
+                name, _, power = factor.partition("^")
+                powers[name] += sign * int(power or 1)
+    return powers["m"], powers["s"]
+
+
+@pytest.mark.parametrize("of_four", [False, True])
+def test_formulas_have_their_units(of_four):
+    """In another unit of length or of time, the value of a formula is another as its unit says."""
+    run, craft = four_run() if of_four else (run_data(4.0), model())
+    sampled = unexplained.values(run, craft)
+    for length, time in ((3.0, 1.0), (1.0, 5.0)):
+        other = dict(sampled, t=sampled["t"] * time, r=sampled["r"] / time)
+        other.update({n: sampled[n] * length / time for n in "uv"}, x=sampled["x"] * length)
+        other["y"] = sampled["y"] * length
+        for term in unexplained.dictionary(craft):
+            if "pi" in term.formula:
+                continue  # a wavelength is in its formula
+            of_length, of_time = exponents(term.unit)
+            for formula in term.parts.values():
+                value = unexplained.evaluate(formula, sampled)
+                expected = value * length**of_length * time**of_time
+                assert np.allclose(unexplained.evaluate(formula, other), expected), term.formula
+
+
+def test_waves_are_periodic_in_their_wavelengths():
+    """Each has a sine and a cosine along both axes of the room, and its amplitude is the force."""
+    run, craft = run_data(4.0), model()
+    sampled = unexplained.values(run, craft)
+    seen = []
+    for term in unexplained.dictionary(craft):
+        if "pi" not in term.formula:
+            continue
+        (axis,) = term.variables
+        length = float(term.formula.split("/")[1].rstrip(")"))
+        seen.append((axis, length))
+        force = np.hypot(*(unexplained.evaluate(term.parts[c], sampled) for c in "XY"))
+        for part, factor in ((1.0, 1.0), (0.5, -1.0)):
+            moved = {**sampled, axis: sampled[axis] + part * length}
+            for formula in term.parts.values():
+                expected = factor * unexplained.evaluate(formula, sampled)
+                assert np.allclose(unexplained.evaluate(formula, moved), expected, atol=1e-6)
+        quarter = {**sampled, axis: sampled[axis] + 0.25 * length}
+        assert np.allclose(unexplained.evaluate(term.formula, quarter) ** 2, 1 - force**2, atol=1e-6)
+    assert sorted(seen) == sorted([(a, w) for a in "xy" for w in unexplained.WAVELENGTHS] * 4)
+
+
+def test_the_weight_of_a_constant_is_its_force():
+    run, craft = run_data(4.0), model()
+    sampled = unexplained.values(run, craft)
+    constant = [term for term in unexplained.dictionary(craft) if not term.variables]
+    for term in constant:
+        parts = [unexplained.evaluate(formula, sampled) for formula in term.parts.values()]
+        assert np.allclose(sum(part**2 for part in parts), 1)
+    assert len(constant) == 3 + 2  # of each channel, and along both axes of the room
+
+
+@pytest.mark.parametrize("unit", [1e-2, 1.0, 1e2])
+def test_a_term_has_a_twentieth_of_its_own(monkeypatch, unit):
+    """Of its value, in whatever unit: the model's own parameters can do the rest of it."""
+    random = np.random.default_rng(2)
+    own, new = random.normal(size=(1800, 1)), random.normal(size=(1800, 2))
+    new -= own @ np.linalg.lstsq(own, new, rcond=None)[0]
+    others, noise = random.normal(size=(1800, 4)), 0.02 * random.normal(size=1800)
+    design = unit * np.hstack([own + new * [0.04, 0.06], others])
+    monkeypatch.setattr(
+        unexplained, "dictionary",
+        lambda craft: [unexplained.Term(n, "m/s", {"X": n}) for n in "uvrxyt"],
+    )  # fmt: skip
+    groups = np.repeat(np.arange(20), 90)
+    for wrench, name in ((new[:, 0], None), (new[:, 1], "v")):
+        monkeypatch.setattr(
+            unexplained, "_prepare",
+            lambda run, craft, terms, scale, w=wrench + noise: (design, own, w + own[:, 0], groups, {}),
+        )  # fmt: skip
+        where, proposal = unexplained.explain(["run"], model())
+        assert (proposal is not None) == (name is not None)
+        if proposal:
+            assert proposal["expression"] == {"X": "c1*(v)"} and proposal["share"] > 0.99
+            assert proposal["parameters"]["c1"]["value"] == pytest.approx(1 / 0.06 / unit, rel=1e-2)
+            assert where[0]["variable"] == "v" and where[0]["share"] > 0.99
 
 
 def test_a_constant_may_be_a_term():

@@ -94,7 +94,7 @@ class Diagnosis:
         self.inside: Each = map
         if each is None:
             self.inside = self.pool.map
-        self.study = study.Study(runs, threads=1, most=most)
+        self.study = study.Study(runs, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
         self.chosen: List[Candidate] = []  # in the order of their choice

@@ -71,7 +71,7 @@ def differences(likelihood: Likelihood, fit: Fit) -> Tuple[Difference, ...]:
     for i, kind in enumerate(KINDS):
         if not (np.abs(sizes[:, i]) > doubts[:, i]).any():
             continue  # zero in all runs
-        chance = min(1.0, len(KINDS) * _chance_without(likelihood, full, kind, slow, slowest))
+        chance = len(KINDS) * _chance_without(likelihood, full, kind, slow, slowest)
         if chance < LEVEL:
             found.append(Difference(kind, chance))
     return tuple(found)

@@ -108,6 +108,7 @@ class Connection(NamedTuple):
 Claim = Tuple[Optional[str], ...]
 
 
+@enum.unique
 class State(enum.Enum):
     """Reliability of the contents of a chunk."""
 

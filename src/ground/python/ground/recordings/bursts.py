@@ -10,10 +10,10 @@ from typing import Tuple
 import numpy as np
 
 from ground.annotations import Array, Indices
+from ground.recordings.frame_clock import HEADING_NOISE, POSITION_NOISE
 
 APART = 1e-3  # stamps of a burst are not further apart [s]
 AROUND = 2  # poses before and after a burst that give its direction
-NOISE = (4e-4, 6e-3)  # standard deviations of a pose [m], [rad]
 MIN_WAY = 20.0  # shortest way along which a burst is sorted [standard deviations]
 MIN_GAIN = 50.0  # least fall of the roughness for a new order
 MAX_RATIO = 0.5  # largest roughness of a new order, relative to the old one
@@ -22,10 +22,8 @@ MAX_RATIO = 0.5  # largest roughness of a new order, relative to the old one
 def in_order(times: Array, eta: Array) -> Tuple[Indices, int]:
     """Indices that put poses eta (n, 3), with stamps (n,) [s] not descending, into the order in which
     they were measured; how many poses move."""
-    position, heading = NOISE
-    places = np.column_stack(
-        [eta[:, :2] / position, np.cos(eta[:, 2]) / heading, np.sin(eta[:, 2]) / heading]
-    )
+    heading = np.column_stack([np.cos(eta[:, 2]), np.sin(eta[:, 2])])
+    places = np.column_stack([eta[:, :2] / POSITION_NOISE, heading / HEADING_NOISE])
     order = np.arange(len(times))
     close = np.diff(times) < APART
     starts = np.flatnonzero(close & ~np.append(False, close[:-1]))

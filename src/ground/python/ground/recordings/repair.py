@@ -18,7 +18,8 @@ MAX_GAP = 0.1  # longest gap that is interpolated, or that a window spans [s]
 CLOCK_OFFSET = 0.05  # least offset between the topics' clocks that is corrected [s]
 FROZEN = 3  # least number of equal poses in a row that are a repeated sample, if the craft moves
 FLIP_COST = (3.0, 0.5)  # minus log-likelihood of a change of mirroring, and of a mirrored heading
-TYPICAL_NOISE = (4e-4, 6e-3)  # noise of poses [m], [rad], if the recording does not determine it
+# Noise of poses [m], [rad], if the recording does not determine it
+TYPICAL_NOISE = (frame_clock.POSITION_NOISE, frame_clock.HEADING_NOISE)
 POLLED_NOISE = (4e-3, 3e-2)  # the same for poses whose instants are known to some milliseconds only
 GATE = 8.0  # poses further off than this many standard deviations are spikes
 

@@ -78,9 +78,8 @@ def of_runs(runs: Sequence["Run"], thrusters: Sequence[Thruster]) -> Verdict:
     likeliest = int(np.argmin(logs))
     logs, errors = gathered.log_ratios(likeliest)
     open_still = [int(i) for i in np.flatnonzero(logs <= limit * errors)]
-    # Classes come in the order of their costs: the first one is that of what is recorded.
-    groups = gathered.classes
-    best = min(open_still, key=lambda i: (i != 0, groups[i].first.cost(names), float(logs[i])))
+    groups = gathered.classes  # the first one is that of what is recorded, and alone costs nothing
+    best = min(open_still, key=lambda i: (groups[i].first.cost(names), float(logs[i])))
     others = sorted(set(open_still) - {best}, key=lambda i: float(logs[i]))
     turned = _turned(gathered, best, thrusters, limit)
     most = groups[best].first.cost(names) + SAME_COST
