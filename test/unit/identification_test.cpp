@@ -275,6 +275,12 @@ TEST(Windows, CoverTheRunWithoutItsGaps) {
   EXPECT_EQ(cutWindows(run, 0, 0, 1e9, 1.0).size(), 4u);
   EXPECT_EQ(cutWindows(run, 0, 1.0, 3.0, 1.0).size(), 2u);
   EXPECT_TRUE(cutWindows(run, 0, 0, 0.02, 1.0).empty());
+  EXPECT_EQ(cutWindows(run, 0, 0, 1e9, 4.0)[0].first, 0);
+  // Five samples do not identify an initial velocity, six do.
+  for (const int samples : {5, 6}) {
+    const double last = run.times[static_cast<std::size_t>(samples - 1)];
+    EXPECT_EQ(cutWindows(run, 0, 0, last, last).size(), samples < 6 ? 0u : 1u);
+  }
   for (std::size_t i = 200; i < run.times.size(); ++i) run.times[i] += 0.5;
   for (const Window& w : cutWindows(run, 0, 0, 1e9, 1.0))
     EXPECT_FALSE(w.first < 200 && w.last >= 200);

@@ -127,6 +127,18 @@ TEST(PrbsFile, FindsTheRowsPerBit) {
             "900 rows, 3 rows per bit: a clock of 15 Hz plays 45 rows per second, all in 20 s");
 }
 
+TEST(PrbsFile, AsksEveryWholeRunForTheRowsPerBit) {
+  // The first and the last run may have been cut; all others count, wherever they are.
+  for (const std::size_t odd : {1, 15, 28}) {
+    PrbsBits rows;
+    for (std::size_t run = 0; run < 30; ++run) {
+      const bool cut = run == 0 || run == 29;
+      rows.insert(rows.end(), cut ? 1 : run == odd ? 3 : 4, {run % 2 == 0, run % 2 == 1});
+    }
+    EXPECT_EQ(rowsPerBit(rows), 1) << "run " << odd;
+  }
+}
+
 /// Shortest time between two changes of the inputs [s].
 double shortestHold(const PrbsSignal& signal, double until) {
   double shortest = until, last = 0;

@@ -148,6 +148,7 @@ TEST(RoomPlan, ClearanceOfAPathIsItsSmallestClearance) {
       ASSERT_NEAR(found, least, 0.005) << from.transpose() << " to " << to.transpose();
       EXPECT_DOUBLE_EQ(room.clearanceOfWay(from, from), room.clearance(from));
       const double ends = std::min(room.clearance(from), room.clearance(to));
+      EXPECT_LE(found, ends) << from.transpose() << " to " << to.transpose();
       narrower_than_its_ends += least < ends - 0.05;
     }
   }

@@ -187,6 +187,8 @@ TEST(ThrustersInModelFiles, ErrorsSayWhatIsWrong) {
       {"  thrusters:\n" + one + ", curve: {table: [[0, 0], [0.5, 1]]}}\n", "reach from 0 to 1"},
       {"  thrusters:\n" + one + ", curve: {table: [[0, 0.1], [1, 1]]}}\n", "no force at input 0"},
       {"  thrusters:\n" + one + ", curve: {table: [[0, 0], [1, 1], [0.5, 2]]}}\n", "must ascend"},
+      {"  thrusters:\n" + one + ", curve: {table: [[0, 0], [0.5, 0.9], [1, 0.8]]}}\n",
+       "forces must not fall, as they do at 1"},
       {"  thrusters:\n    - {position: [0, 1], direction: 0}\n", "line 11: a thruster has no name"},
       {"  thrusters:\n    - {name: a, direction: 0}\n", "has no position"},
       {"  thrusters:\n    - {name: a, position: [0, 1]}\n", "has no direction"},
