@@ -77,12 +77,15 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   }
 
   void linearize(int first);
+  template <class Of>
+  void keep(std::size_t k, int variable, const Of& of);
   bool backward();
   void moveLinearly();
   Thrusters<double> corrected(std::size_t k, Input input, const State& state) const;
   Thrusters<Lanes> correctedOfEach(std::size_t k, const Lanes& lengths,
                                    const Eigen::Matrix<Lanes, kStates, 1>& states) const;
   bool takeFirst(const Lanes& costs);
+  bool tryParts();
   void shiftPlan(double shift);
 
   Input low_, high_;     ///< ranges of the inputs
@@ -306,6 +309,19 @@ Thrusters<double> TrajectoryOptimizer::wanted() const {
   return wanted;
 }
 
+/// Keeps the derivatives of state j after step k by a variable, which of(j) gives.
+template <int N, int S>
+template <class Of>
+void SizedOptimizer<N, S>::keep(std::size_t k, int variable, const Of& of) {
+  Linear& linear = linear_[k];
+  for (int j = 0; j < S; ++j) {
+    if (variable < kStates)
+      linear.A(j, variable) = linear.transposed(variable, j) = of(j);
+    else
+      linear.B(j, variable - kStates) = of(j);
+  }
+}
+
 /// Derivatives of the states after up to eight steps of the plan, from `first` on, by the states
 /// before them and by the inputs: a step in each lane.
 template <int N, int S>
@@ -346,25 +362,15 @@ void SizedOptimizer<N, S>::linearize(int first) {
     const RigidState<LanesJet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
     const RigidState<LanesJet> body =
         drivenStep(derivatives_, t, before, command, lift_, missing, step_, &x[6], &turned);
-    for (int i = begin; i < end; ++i) {
-      const int column = variables_[static_cast<std::size_t>(i)];
-      for (int lane = 0; lane < lanes; ++lane) {
-        Linear& linear = linear_[stepOf(lane)];
-        Vector derivative = Vector::Zero();
-        for (int j = 0; j < 3; ++j) {
-          derivative(j) = body.eta(j).v[i - begin][lane];
-          derivative(3 + j) = body.nu(j).v[i - begin][lane];
-        }
-        for (int j = 6; j < S; ++j)
-          derivative(j) = x[static_cast<std::size_t>(j)].v[i - begin][lane];
-        if (column < kStates) {
-          linear.A.col(column) = derivative;
-          linear.transposed.row(column) = derivative.template head<S>();
-        } else {
-          linear.B.col(column - kStates) = derivative;
-        }
-      }
+    for (int i = 0; i < 3; ++i) {
+      x[static_cast<std::size_t>(i)] = body.eta(i);
+      x[static_cast<std::size_t>(3 + i)] = body.nu(i);
     }
+    for (int lane = 0; lane < lanes; ++lane)
+      for (int i = begin; i < end; ++i)
+        keep(stepOf(lane), variables_[static_cast<std::size_t>(i)], [&](int j) {
+          return x[static_cast<std::size_t>(j)].v[i - begin][lane];
+        });
   }
   if (dynamics_.usesPose()) return;
   for (int lane = 0; lane < lanes; ++lane) {
@@ -475,6 +481,16 @@ bool SizedOptimizer<N, S>::takeFirst(const Lanes& costs) {
   return true;
 }
 
+/// Makes the largest part of the last iteration's change that lowers the cost, if there is one.
+template <int N, int S>
+bool SizedOptimizer<N, S>::tryParts() {
+  Lanes lengths = kLengths.back();
+  for (std::size_t i = 0; i < kLengths.size(); ++i) lengths[static_cast<int>(i)] = kLengths[i];
+  return takeFirst(tryOut(dynamics_of_each_, each_, cost_, [&](std::size_t k, const auto& states) {
+    return correctedOfEach(k, lengths, states);
+  }));
+}
+
 /// Makes the last iteration's change of the plan, to first order.
 template <int N, int S>
 void SizedOptimizer<N, S>::moveLinearly() {
@@ -553,13 +569,7 @@ bool SizedOptimizer<N, S>::improve(double slight) {
       return true;
     }
     if (!timeFor(0)) return false;
-    Lanes lengths = kLengths.back();
-    for (std::size_t i = 0; i < kLengths.size(); ++i) lengths[static_cast<int>(i)] = kLengths[i];
-    const Lanes costs = tryOut(dynamics_of_each_, each_, cost_,
-                               [&](std::size_t k, const auto& states) {
-                                 return correctedOfEach(k, lengths, states);
-                               });
-    if (takeFirst(costs)) return true;
+    if (tryParts()) return true;
   }
   const bool is_interrupted = budget_ && budget_->isUp();
   if (!is_interrupted) damping_ = std::min(kMaxDamping, std::max(kMinDamping, 10 * damping_));
