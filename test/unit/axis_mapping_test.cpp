@@ -159,6 +159,7 @@ TEST(AxisMapping, RefusesAxesThatAreNotRightHanded) {
   }
   EXPECT_THROW(AxisMapping("x, z, -y", NAN), std::invalid_argument);
   EXPECT_TRUE(accepted("+x,z,-y"));
+  EXPECT_TRUE(accepted("  x , z , -y  "));
 }
 
 }  // namespace

@@ -4,7 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <random>
+#include <stdexcept>
+#include <string>
+#include <vector>
 
 #include "ground/model/effect_registry.h"
 #include "ground/model/lane_simulation.h"
@@ -77,6 +81,21 @@ TEST(ThrusterLayout, FullThrustIsAlongTheBestDirection) {
   EXPECT_DOUBLE_EQ(ThrusterLayout(thrusters).fullThrust(), 0.3);
   thrusters[1].least = -0.5;
   EXPECT_DOUBLE_EQ(ThrusterLayout(thrusters).fullThrust(), 0.45);
+}
+
+TEST(ThrusterLayout, RefusesCurvesThatAreNotFinite) {
+  for (const int column : {0, 1}) {
+    std::vector<Thruster> thrusters = listed(table()).thrusters->thrusters();
+    thrusters[0].curve.table = {{0, 0}, {1, 1}};
+    ThrusterLayout accepted(thrusters);
+    thrusters[0].curve.table[1][column] = std::numeric_limits<double>::quiet_NaN();
+    try {
+      ThrusterLayout layout(thrusters);
+      ADD_FAILURE() << "column " << column;
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(std::string(error.what()).find("is not finite"), std::string::npos) << error.what();
+    }
+  }
 }
 
 TEST(ThrusterLayout, LeverIsTheRootMeanSquare) {
@@ -457,6 +476,8 @@ TEST(EffectsOfOneThruster, GainIsThatOfTheLayout) {
 TEST(EffectsOfOneThruster, TiltIsADirectionOfTheLayout) {
   Model model = four();
   model.addEffect(makeEffect("thruster_tilt_back_left", *model.thrusters));
+  const std::string summary = model.effects.back().effect->info().summary;
+  EXPECT_NE(summary.find(" back_left"), std::string::npos) << summary;
   model.setValue("thruster_tilt_back_left.angle", 5 * M_PI / 180);
   std::vector<Thruster> thrusters = four().thrusters->thrusters();
   thrusters[0].direction += 5;
