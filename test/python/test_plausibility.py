@@ -60,7 +60,7 @@ def test_messages_that_overtook_each_other_have_correct_stamps():
     found = plausibility._overtaken(TIMES[order])
     assert np.flatnonzero(found).tolist() == [5, 6, 11, 12, 13]
     assert not plausibility._overtaken(TIMES[:20]).any()
-    for off in (0.7, -0.7):  # of a period
+    for off in (0.7, -0.7):  # periods
         wrong = TIMES[:20].copy()
         wrong[9] += off / 15
         assert not plausibility._overtaken(wrong)[:8].any() and not plausibility._overtaken(wrong)[9]

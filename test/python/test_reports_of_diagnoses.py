@@ -235,7 +235,7 @@ def test_a_diagnosis_begins_with_all_differences_and_goes_on_with_those_found(mo
     all_of_them, found = asked.likelihoods
     assert all_of_them.varying is None and found.varying == ["trim_X", "thrust"]
     assert made.varied is all_of_them and made.likelihood is found
-    assert made.samples == 3 * 100  # of x, y and heading
+    assert made.samples == 3 * 100  # 100 times x, y and heading
     assert asked.studies == [{"most": 7}] and made.cut == ["window"]
     ((of, whole, craft, cut, each),) = asked.folds
     assert (of, whole, cut) == (runs, found, ["window"]) and craft is made.given and each == made.each

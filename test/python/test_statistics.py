@@ -452,7 +452,7 @@ def test_bands_of_one_run_are_by_models_without_its_parts(monkeypatch):
     assert found.run is run and [task[1] for task in asked] == ["without 0", "without 1"]
     assert [task[2] for task in asked] == [cut[::2], cut[1::2]] and [task[3] for task in asked] == [1.0] * 2
     begins = [float(one.times[0]) for one in found.predictions]
-    assert begins == [run.times[w.first] for w in cut]  # of all parts, in order
+    assert begins == [run.times[w.first] for w in cut]  # the order of the parts
 
 
 def test_bands_of_other_runs_start_in_windows_of_their_own(monkeypatch):

@@ -477,7 +477,7 @@ def test_the_weight_of_a_constant_is_its_force():
     for term in constant:
         parts = [unexplained.evaluate(formula, sampled) for formula in term.parts.values()]
         assert np.allclose(sum(part**2 for part in parts), 1)
-    assert len(constant) == 3 + 2  # of each channel, and along both axes of the room
+    assert len(constant) == 3 + 2  # X, Y, N, and forces along both axes of the room
 
 
 @pytest.mark.parametrize("unit", [1e-2, 1.0, 1e2])

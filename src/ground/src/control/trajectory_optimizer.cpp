@@ -463,7 +463,7 @@ Thrusters<Lanes> SizedOptimizer<N, S>::correctedOfEach(
   return inputs;
 }
 
-/// Makes the first of eight simulated plans that costs less than the plan the plan.
+/// Replaces the plan by the first of the eight simulated ones that costs less, if there is one.
 template <int N, int S>
 bool SizedOptimizer<N, S>::takeFirst(const Lanes& costs) {
   int first = 0;
@@ -494,17 +494,17 @@ bool SizedOptimizer<N, S>::tryParts() {
 /// Makes the last iteration's change of the plan, to first order.
 template <int N, int S>
 void SizedOptimizer<N, S>::moveLinearly() {
-  Vector off = Vector::Zero();  // of the state from the plan
+  Vector deviation = Vector::Zero();  // of the new state from the planned one
   for (std::size_t k = 0; k < plan_.inputs.size(); ++k) {
     const Input before = vectorOf(plan_.inputs[k]);
-    const Input wanted = before + open_[k] + gains_[k].transpose() * off;
+    const Input wanted = before + open_[k] + gains_[k].transpose() * deviation;
     const Input after = wanted.cwiseMax(low_).cwiseMin(high_);
     asVector(plan_.inputs[k]) = after;
     Vector next = Vector::Zero();
-    addProduct(linear_[k].A, off, next);
+    addProduct(linear_[k].A, deviation, next);
     addProduct(linear_[k].B, after - before, next);
-    off = next;
-    plan_.states[k + 1].template head<S>() += off.template head<S>();
+    deviation = next;
+    plan_.states[k + 1].template head<S>() += deviation.template head<S>();
   }
   cost_ += predicted_;
   is_linear_ = is_simulated_ = false;

@@ -15,7 +15,7 @@ import numpy as np
 from ground.annotations import Array, Flags, Indices
 
 POSITION_NOISE, HEADING_NOISE = 4e-4, 6e-3  # usual standard deviations of a pose [m], [rad]
-NOISE = np.array([POSITION_NOISE, POSITION_NOISE, HEADING_NOISE])  # of x, y, psi
+NOISE = np.array([POSITION_NOISE, POSITION_NOISE, HEADING_NOISE])  # x, y [m], psi [rad]
 LATEST = 0.4  # largest delay of a frame after the first poll that might have fetched it [s]
 EARLIEST = 1e-3  # error of the clock itself [s]
 SCATTER = 0.25  # relative deviation of an interval from which it is irregular
