@@ -23,6 +23,16 @@ bool isZero(const Dual<V, N>& x) {
   return isZero(x.a) && x.isConstant();
 }
 
+/// Whether an effect with these coordinates changes nothing, nor any derivative. One without
+/// parameters always acts.
+template <typename T>
+bool isNeutral(const EffectInfo& info, const T* coordinates) {
+  const auto& all = info.parameters;
+  return !all.empty() && std::all_of(all.begin(), all.end(), [&](const ParameterInfo& one) {
+    return isZero(T(*coordinates++ - one.toCoordinate(one.neutral)));
+  });
+}
+
 /// Whether a mass matrix, including its derivatives, is not of the form diag(m, m, I_z).
 template <typename T>
 bool couples(const Matrix3<T>& mass) {
@@ -118,14 +128,20 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
   yaw_gain_ = body_.k * lever_;
 }
 
-/// Adds an effect whose parameters begin at `p`.
+/// Adds an effect whose parameters begin at `p`. One that changes nothing has states, but is not
+/// computed: scores differentiate by all effects that a model may lack, few at a time.
 template <typename T>
 void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
+  const int state = stateCount();
+  const EffectInfo& info = entry.effect->info();
+  initial_.insert(initial_.end(), info.initial.begin(), info.initial.end());
+  initial_.resize(static_cast<std::size_t>(state + info.stateCount(layout_->size())), T(0.0));
+  if (isNeutral(info, p)) return;
   instances_.push_back(entry.effect->forThread());
   const Effect& effect = *instances_.back();
   const EffectHooks<T>& hooks = effect;
   const unsigned has = effect.hooks();
-  const Active active{&hooks, p, stateCount()};
+  const Active active{&hooks, p, state};
   if (has & Effect::kDelay) hooks.delay(p, delay_);
   if (has & Effect::kAir) hooks.air(p, air_);
   if (has & Effect::kInertia) hooks.inertia(p, body_, mass_);
@@ -136,9 +152,6 @@ void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   if (has & Effect::kMeasure) measure_.push_back(active);
   uses_pose_ = uses_pose_ || (has & Effect::kPose);
   has_air_ = has_air_ || (has & Effect::kAir);
-  const EffectInfo& info = effect.info();
-  initial_.insert(initial_.end(), info.initial.begin(), info.initial.end());
-  initial_.resize(static_cast<std::size_t>(active.state + info.stateCount(layout_->size())), T(0.0));
 }
 
 template <typename T>

@@ -91,8 +91,9 @@ struct Measurement {
 
 /// The functions by which an effect can act on the model, for one scalar type. `p` is the effect's
 /// parameters in coordinates, in the order of EffectInfo::parameters. Each function adds to or
-/// changes its last argument, and must leave it exactly unchanged at the neutral parameters. One
-/// call evaluates eight lanes, so an effect branches on a value by choose() or blend(), not by if.
+/// changes its last argument, and must leave it exactly unchanged at the neutral parameters, at
+/// which it is not called: the effect's states then stay at their initial values. One call
+/// evaluates eight lanes, so an effect branches on a value by choose() or blend(), not by if.
 template <typename T>
 class EffectHooks {
  public:
