@@ -200,6 +200,29 @@ TEST(Linearisation, ReportsWindowsThatAreNotFinite) {
   }
 }
 
+TEST(WindowResiduals, AreNotFiniteIfADerivativeIsNot) {
+  // The derivative of the root of a parameter that is zero is infinite, its value is not.
+  const std::string text = formatModel(truth());
+  const Model model = parseModel(text.substr(0, text.find("effects:")) +
+                                     "effects:\n  - name: root\n    expression: {X: \"sqrt(c)\"}\n"
+                                     "    parameters:\n"
+                                     "      c: {value: 0, unit: N, lower: 0, upper: 1}\n",
+                                 "test");
+  const SimulationError p = problem(record(truth(), 2, 0.1, 4), 2);
+  const std::vector<int> others = {0, 1, 2, 3, 4, 5, 6};
+  const int root = model.index("root.c");
+  for (std::size_t place = 0; place <= others.size(); ++place) {
+    std::vector<int> free = others;
+    const auto finite = [&] {
+      return residualsOf(p, model, model.coordinates(), free, 0, Vector3<double>::Zero(), true)
+          .finite;
+    };
+    EXPECT_TRUE(finite());
+    free.insert(free.begin() + static_cast<std::ptrdiff_t>(place), root);
+    EXPECT_FALSE(finite()) << place;
+  }
+}
+
 }  // namespace
 }  // namespace ground::detail
 
