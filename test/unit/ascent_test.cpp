@@ -99,6 +99,27 @@ TEST(LevelPrior, FavoursNoDirection) {
   EXPECT_EQ(prior.deviation[9], prior.deviation[10]);
 }
 
+TEST(LevelPrior, IsBroadAboutSmallDisturbancesAndNarrowAboutTheNoise) {
+  const Model model = craft();
+  const LevelPrior prior(model.body);
+  const auto& names = DisturbanceLevels::names();
+  const auto median = prior.median.values();
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const std::string kind = names[i].substr(0, names[i].find('_'));
+    const bool moment = names[i].back() == 'N';
+    const double full = moment ? typical::moment(model.body) : typical::force(model.body);
+    // Median, and the factor of a standard deviation.
+    const auto [expected, factor] = kind == "sigma"    ? std::make_pair(0.02 * full, 4.5)
+                                    : kind == "white"  ? std::make_pair(0.001 * full, 4.5)
+                                    : kind == "trim"   ? std::make_pair(0.003 * full, 4.5)
+                                    : kind == "time"   ? std::make_pair(0.3, 2.7)
+                                    : kind == "thrust" ? std::make_pair(0.01, 2.0)
+                                                       : std::make_pair(1.0, 1.5);
+    EXPECT_NEAR(median[i] / expected, 1, 1e-9) << names[i];
+    EXPECT_NEAR(std::exp(prior.deviation[i]) / factor, 1, 0.02) << names[i];
+  }
+}
+
 TEST_F(Ascent, NoChangeOfLoudnessRaisesThePosterior) {
   GreyBoxOptions still = near({});
   still.max_iterations = 0;

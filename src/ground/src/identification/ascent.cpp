@@ -72,7 +72,6 @@ Eigen::VectorXd boundedStep(const Eigen::MatrixXd& information, const Eigen::Vec
         changed = held[at] = true;
     }
     if (!changed) break;
-    step.setZero();
   }
   return step;
 }
