@@ -4,6 +4,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
+#include <boost/math/distributions/students_t.hpp>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -224,6 +225,57 @@ TEST(GreyBox, IntervalsHoldTheTruth) {
   EXPECT_GE(held, 0.85 * count);
   EXPECT_GT(wider / count, 1.0);
   EXPECT_LT(wider / count, 1.5);
+}
+
+TEST(GreyBox, IntervalsAreThoseOfPattersonAndThompsonAndOfSatterthwaite) {
+  const Model model = craft();
+  const GreyBox box(disturbedRuns(model, 0.03, 2), model.body);
+  const GreyBoxOptions options = far({"k", "N_r"});
+  const GreyBoxFit fit = box.fit(box.start(model), options);
+  // Fits of no iterations give information and variances with known levels.
+  GreyBoxOptions still = options;
+  still.far = still.levels = false;
+  still.max_iterations = 0;
+  constexpr Eigen::Index kCount = DisturbanceLevels::kCount + 2;
+  const auto at = [&](const Eigen::VectorXd& away) {
+    GreyBoxPoint point = fit.point;
+    auto values = point.levels.values();
+    for (std::size_t i = 0; i < values.size(); ++i)
+      values[i] *= std::exp(away(static_cast<Eigen::Index>(i)));
+    point.levels = DisturbanceLevels::of(values);
+    for (std::size_t r = 0; r < 2; ++r)
+      point.loudness[r] += away(kCount - 2 + static_cast<Eigen::Index>(r));
+    return box.fit(point, still);
+  };
+  const auto variance = [](const GreyBoxFit& one) {
+    return Eigen::Vector2d(std::pow(one.parameters[0].deviation, 2),
+                           std::pow(one.parameters[1].deviation, 2));
+  };
+  Eigen::MatrixXd slopes(2, kCount);
+  Eigen::VectorXd lost(kCount);  // slope of the restricted likelihood's additional term
+  for (Eigen::Index c = 0; c < kCount; ++c) {
+    const Eigen::VectorXd step = 0.3 * Eigen::VectorXd::Unit(kCount, c);
+    const GreyBoxFit more = at(step), less = at(-step);
+    slopes.col(c) = (variance(more) - variance(less)) / 0.6;
+    lost(c) = -0.5 *
+              (std::log(more.information.determinant()) - std::log(less.information.determinant())) /
+              0.6;
+  }
+  const Eigen::MatrixXd covariance = fit.level_information.inverse();
+  const Eigen::Vector2d expected = variance(at(covariance * lost));
+  const auto found = box.intervals(fit, options);
+  ASSERT_EQ(found.size(), 2u);
+  for (Eigen::Index i = 0; i < 2; ++i) {
+    const FittedParameter& p = found[static_cast<std::size_t>(i)];
+    EXPECT_NEAR(p.deviation / std::sqrt(expected(i)), 1, 1e-4) << p.name;
+    const double doubt = slopes.row(i) * covariance * slopes.row(i).transpose();
+    const double freedom = 2 * expected(i) * expected(i) / doubt;
+    const double quantile =
+        boost::math::quantile(boost::math::students_t(std::max(3.0, freedom)), 0.975);
+    EXPECT_GT(quantile, 1.97);
+    EXPECT_NEAR((p.upper - p.value) / p.deviation, quantile, 1e-3) << p.name;
+    EXPECT_NEAR((p.value - p.lower) / p.deviation, quantile, 1e-3) << p.name;
+  }
 }
 
 TEST(GreyBox, IntervalsNeedFittedLevels) {
