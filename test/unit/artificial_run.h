@@ -64,6 +64,27 @@ inline RunData record(const Model& model, double duration, double epsilon, unsig
   return run;
 }
 
+/// A spin without thrust and with noise, which identifies only the ratio N_r / I_z in yaw.
+inline RunData spinningRun() {
+  RunData run = record(truth(), 4, 0, 1);
+  run.inputs = InputSequence();
+  run.inputs.add(0, 0, 0, 1);
+  const Model spinning = truth();
+  const Dynamics<double> dynamics(spinning);
+  RigidState<double> initial;
+  initial.nu << 0.5, 0.3, 6;
+  Simulation<double> simulation(dynamics, run.inputs, initial, 0);
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal(0, 0.01);
+  for (std::size_t i = 0; i < run.times.size(); ++i) {
+    simulation.advance(run.times[i]);
+    run.eta.row(static_cast<Eigen::Index>(i)) = simulation.measure().eta;
+    run.nu.row(static_cast<Eigen::Index>(i)) = simulation.measure().nu;
+    for (int c = 0; c < 3; ++c) run.nu(static_cast<Eigen::Index>(i), c) += normal(random);
+  }
+  return run;
+}
+
 inline SimulationError problem(const RunData& run, double window = 4.0) {
   return SimulationError({run}, cutWindows(run, 0, 0, 1e9, window));
 }

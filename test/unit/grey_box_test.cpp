@@ -2,7 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
+#include <boost/math/distributions/students_t.hpp>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -12,6 +14,29 @@
 
 namespace ground {
 namespace {
+
+/// The model with an effect that never acts.
+Model withIdleEffect(const Model& model) {
+  const std::string text = formatModel(model);
+  return parseModel(text.substr(0, text.find("effects:")) +
+                        "effects:\n  - name: idle\n    expression: {X: \"0*c*u\"}\n"
+                        "    parameters:\n      c: {value: 0.25, unit: N, lower: 0, upper: 1}\n",
+                    "test");
+}
+
+TEST(GreyBox, StartsWithADisturbanceOfATenthOfFullThrust) {
+  const Model model = craft();
+  const GreyBox box(disturbedRuns(model, 0.03, 1), model.body);
+  const GreyBoxPoint start = box.start(model);
+  EXPECT_NEAR(start.levels.sigma(0), 0.1 * typical::force(model.body), 1e-12);
+  EXPECT_NEAR(start.levels.sigma(2), 0.1 * typical::moment(model.body), 1e-12);
+  const DisturbanceLevels& median = LevelPrior(model.body).median;
+  EXPECT_EQ(start.levels.white, median.white);
+  EXPECT_EQ(start.levels.time, median.time);
+  EXPECT_EQ(start.levels.trim, median.trim);
+  EXPECT_EQ(start.levels.thrust, median.thrust);
+  EXPECT_TRUE(start.loudness.empty());
+}
 
 TEST(GreyBox, FindsParametersAndLevelsOfADisturbedCraft) {
   const Model truth = craft();
@@ -202,12 +227,87 @@ TEST(GreyBox, IntervalsHoldTheTruth) {
   EXPECT_LT(wider / count, 1.5);
 }
 
+TEST(GreyBox, IntervalsAreThoseOfPattersonAndThompsonAndOfSatterthwaite) {
+  const Model model = craft();
+  const GreyBox box(disturbedRuns(model, 0.03, 2), model.body);
+  const GreyBoxOptions options = far({"k", "N_r"});
+  const GreyBoxFit fit = box.fit(box.start(model), options);
+  // Fits of no iterations give information and variances with known levels.
+  GreyBoxOptions still = options;
+  still.far = still.levels = false;
+  still.max_iterations = 0;
+  constexpr Eigen::Index kCount = DisturbanceLevels::kCount + 2;
+  const auto at = [&](const Eigen::VectorXd& away) {
+    GreyBoxPoint point = fit.point;
+    auto values = point.levels.values();
+    for (std::size_t i = 0; i < values.size(); ++i)
+      values[i] *= std::exp(away(static_cast<Eigen::Index>(i)));
+    point.levels = DisturbanceLevels::of(values);
+    for (std::size_t r = 0; r < 2; ++r)
+      point.loudness[r] += away(kCount - 2 + static_cast<Eigen::Index>(r));
+    return box.fit(point, still);
+  };
+  const auto variance = [](const GreyBoxFit& one) {
+    return Eigen::Vector2d(std::pow(one.parameters[0].deviation, 2),
+                           std::pow(one.parameters[1].deviation, 2));
+  };
+  Eigen::MatrixXd slopes(2, kCount);
+  Eigen::VectorXd lost(kCount);  // slope of the restricted likelihood's additional term
+  for (Eigen::Index c = 0; c < kCount; ++c) {
+    const Eigen::VectorXd step = 0.3 * Eigen::VectorXd::Unit(kCount, c);
+    const GreyBoxFit more = at(step), less = at(-step);
+    slopes.col(c) = (variance(more) - variance(less)) / 0.6;
+    lost(c) = -0.5 *
+              (std::log(more.information.determinant()) - std::log(less.information.determinant())) /
+              0.6;
+  }
+  const Eigen::MatrixXd covariance = fit.level_information.inverse();
+  const Eigen::Vector2d expected = variance(at(covariance * lost));
+  const auto found = box.intervals(fit, options);
+  ASSERT_EQ(found.size(), 2u);
+  for (Eigen::Index i = 0; i < 2; ++i) {
+    const FittedParameter& p = found[static_cast<std::size_t>(i)];
+    EXPECT_NEAR(p.deviation / std::sqrt(expected(i)), 1, 1e-4) << p.name;
+    const double doubt = slopes.row(i) * covariance * slopes.row(i).transpose();
+    const double freedom = 2 * expected(i) * expected(i) / doubt;
+    const double quantile =
+        boost::math::quantile(boost::math::students_t(std::max(3.0, freedom)), 0.975);
+    EXPECT_GT(quantile, 1.97);
+    EXPECT_NEAR((p.upper - p.value) / p.deviation, quantile, 1e-3) << p.name;
+    EXPECT_NEAR((p.value - p.lower) / p.deviation, quantile, 1e-3) << p.name;
+  }
+}
+
 TEST(GreyBox, IntervalsNeedFittedLevels) {
   const GreyBox box(disturbedRuns(craft(), 0.03, 2), craft().body);
   GreyBoxOptions options = far();
   options.levels = false;
   const GreyBoxFit fit = box.fit(box.start(craft()), options);
   EXPECT_THROW(box.intervals(fit, options), std::invalid_argument);
+}
+
+TEST(GreyBox, IntervalsAreThoseWithoutAParameterThatHasNoInfluence) {
+  const Model model = craft();
+  const GreyBox box(disturbedRuns(model, 0.03, 2), model.body);
+  GreyBoxOptions options = far({"k", "N_r"});
+  const GreyBoxFit fit = box.fit(box.start(model), options);
+  const auto expected = box.intervals(fit, options);
+  GreyBoxFit more = fit;
+  more.point.model = withIdleEffect(model);
+  for (const std::string name : {"k", "N_r"})
+    more.point.model.setValue(name, fit.point.model.value(name));
+  options.free.push_back("idle.c");
+  const auto found = box.intervals(more, options);
+  ASSERT_EQ(found.size(), 3u);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_NEAR(found[i].lower, expected[i].lower, 1e-6 * expected[i].value);
+    EXPECT_NEAR(found[i].upper, expected[i].upper, 1e-6 * expected[i].value);
+    EXPECT_TRUE(found[i].identified);
+  }
+  EXPECT_FALSE(found[2].identified);
+  EXPECT_EQ(found[2].value, 0.25);
+  EXPECT_EQ(found[2].lower, 0);
+  EXPECT_EQ(found[2].upper, 1);
 }
 
 TEST(GreyBox, UnidentifiableParametersKeepTheirValues) {
@@ -443,6 +543,54 @@ TEST(GreyBoxForecast, EstimatesTheLoudnessOfARun) {
   EXPECT_LT(deviation(0, true), 1.35 * right);
 }
 
+TEST(GreyBoxForecast, TakesTheLoudestOrTheQuietestAlternativeIfTheRunIsBeyondAll) {
+  const Model model = craft();
+  const Disturbance disturbance = pushes(model, 0.03);
+  for (const double loudness : {-1.8, 1.8}) {
+    Disturbance other = disturbance;
+    other.sigma *= std::exp(loudness);
+    const RunData run = disturbedRun(model, other, 5, 6);
+    const GreyBox box({run}, model.body);
+    ForecastOptions options;
+    options.starts = {sampleAt(run, 5)};
+    options.horizons = {0.9};
+    options.draws = 999;
+    const auto at = [&](double given) {
+      return box.forecast({model, levelsOf(disturbance), {given}}, 0, options)
+          .at(0)
+          .deviation.bottomRows<1>()(2);
+    };
+    // Alternatives reach to two deviations of the prior, 0.5 each.
+    const double end = std::copysign(1.0, loudness), known = at(end), less = at(end / 1.5);
+    options.unknown_loudness = true;
+    EXPECT_NEAR(at(0) / known, 1, 0.1) << loudness;
+    EXPECT_GT(std::abs(less / known - 1), 0.2);
+  }
+}
+
+TEST(GreyBoxForecast, OfTwoMotionsHasTheirMeanAndTheirDistance) {
+  const Model model = craft();
+  const RunData run = disturbedRun(model, pushes(model, 0.02), 7, 3);
+  const GreyBox box({run}, model.body);
+  ForecastOptions options;
+  options.starts = {sampleAt(run, 1)};
+  options.horizons = {1};
+  options.draws = 2;
+  options.part = 0.5;
+  for (const bool uncertain : {false, true}) {
+    if (uncertain) {
+      options.free = {"k"};
+      options.scale = {model.value("k")};
+      options.information.setConstant(1, 1, 1e4);
+    }
+    const Forecast found = box.forecast(box.start(model), 0, options).at(0);
+    const Eigen::MatrixXd width = found.high - found.low;
+    EXPECT_GT(width.minCoeff(), 0);
+    EXPECT_LT((found.mean - 0.5 * (found.low + found.high)).norm(), 1e-9 * found.mean.norm());
+    EXPECT_LT((found.deviation - width / std::sqrt(2.0)).norm(), 1e-9 * width.norm());
+  }
+}
+
 TEST(GreyBoxForecast, IsAsUncertainAsItsParameters) {
   // A weak disturbance shows the influence of a parameter, also on the state at the start.
   const Model model = craft();
@@ -479,6 +627,55 @@ TEST(GreyBoxForecast, IsAsUncertainAsItsParameters) {
       matters = matters || expected > 2 * known.deviation(last, c);
     }
     EXPECT_TRUE(matters) << name;
+    // Without information, the deviation is 0.3 of the scale.
+    uncertain.scale[0] *= deviation / 0.3;
+    uncertain.information.setZero(1, 1);
+    const Forecast vague = box.forecast({model, levels, {}}, 0, uncertain).at(0);
+    for (int c = 0; c < 6; ++c)
+      EXPECT_NEAR(vague.deviation(last, c) / found.deviation(last, c), 1, 0.05) << name << ", " << c;
+  }
+}
+
+TEST(GreyBoxForecast, FollowsTheCorrelationOfItsParameters) {
+  const Model model = craft();
+  const RunData run = disturbedRun(model, pushes(model, 5e-4), 7, 4);
+  const GreyBox box({run}, model.body);
+  const DisturbanceLevels levels = levelsOf(pushes(model, 5e-4));
+  ForecastOptions options;
+  options.starts = {sampleAt(run, 1)};
+  options.horizons = {1.5};
+  options.draws = 999;
+  const std::vector<std::string> names = {"k", "N_r"};
+  const std::vector<double> scale = box.scores({model, levels, {}}, names, 25, 1, 1).scale;
+  const auto at = [&](const Model& one) {
+    return box.forecast({one, levels, {}}, 0, options).at(0);
+  };
+  const Forecast known = at(model);
+  const Eigen::Index last = known.mean.rows() - 1;
+  Eigen::Matrix<double, 6, 2> slope;
+  for (int i = 0; i < 2; ++i) {
+    Model lower = model, upper = model;
+    const double step = 0.02 * scale[static_cast<std::size_t>(i)], value = model.value(names[i]);
+    lower.setValue(names[i], value - step);
+    upper.setValue(names[i], value + step);
+    slope.col(i) = (at(upper).mean.row(last) - at(lower).mean.row(last)).transpose() / 0.04;
+  }
+  for (const double correlation : {-0.95, 0.95}) {
+    Eigen::Matrix2d covariance;
+    covariance << 1, correlation, correlation, 1;
+    covariance *= 0.03 * 0.03;
+    ForecastOptions uncertain = options;
+    uncertain.free = names;
+    uncertain.scale = scale;
+    uncertain.information = covariance.inverse();
+    const Forecast found = box.forecast({model, levels, {}}, 0, uncertain).at(0);
+    const Eigen::Matrix2d with_vague =
+        (uncertain.information + Eigen::Matrix2d::Identity() / 0.09).inverse();
+    for (int c = 0; c < 6; ++c) {
+      const double more = slope.row(c) * with_vague * slope.row(c).transpose();
+      const double expected = std::sqrt(std::pow(known.deviation(last, c), 2) + more);
+      EXPECT_NEAR(found.deviation(last, c) / expected, 1, 0.15) << correlation << ", " << c;
+    }
   }
 }
 

@@ -130,6 +130,29 @@ TEST(Linearisation, AgreesWithThatOfEachWindowAlone) {
   }
 }
 
+TEST(Linearisation, ResidualsAreThoseOfTheWindowsOneAfterTheOther) {
+  const Problem all;
+  for (const Target target : {Target::kVelocities, Target::kPoses}) {
+    const SimulationError problem(all.runs, all.windows, target);
+    auto initial = all.initial(problem);
+    initial[3](1) = std::nan("");  // a window that is not finite is left out
+    const std::vector<double> at = all.model.coordinates();
+    std::vector<double> expected;
+    for (std::size_t w = 0; w < all.windows.size(); ++w) {
+      const WindowResiduals alone =
+          residualsOf(problem, all.model, at, all.free, static_cast<int>(w), initial[w], false);
+      EXPECT_EQ(alone.finite, w != 3);
+      if (w != 3)
+        expected.insert(expected.end(), alone.residuals.begin(), alone.residuals.end());
+    }
+    const std::vector<double> found =
+        Linearisation(problem, all.model, 2).residuals({at, all.free, initial});
+    ASSERT_EQ(found.size(), expected.size());
+    for (std::size_t i = 0; i < found.size(); ++i)
+      EXPECT_NEAR(found[i], expected[i], 1e-9 * (1 + std::abs(expected[i]))) << i;
+  }
+}
+
 TEST(Linearisation, ReusesSimulationsOfTheSamePointOnly) {
   const Problem all;
   const SimulationError problem(all.runs, all.windows);
@@ -197,6 +220,29 @@ TEST(Linearisation, ReportsWindowsThatAreNotFinite) {
   for (std::size_t w = 0; w < losses.size(); ++w) {
     EXPECT_EQ(std::isfinite(losses[w]), w != 5) << w;
     EXPECT_EQ(finite[w], w != 5) << w;
+  }
+}
+
+TEST(WindowResiduals, AreNotFiniteIfADerivativeIsNot) {
+  // The acceleration's derivative by one parameter is infinite, all values are zero.
+  const std::string text = formatModel(truth());
+  const Model model = parseModel(text.substr(0, text.find("effects:")) +
+                                     "effects:\n  - name: steep\n    expression: {X: \"1e308*c\"}\n"
+                                     "    parameters:\n"
+                                     "      c: {value: 0, unit: N, lower: 0, upper: 1}\n",
+                                 "test");
+  const SimulationError p = problem(record(truth(), 2, 0.1, 4), 2);
+  const std::vector<int> others = {0, 1, 2, 3, 4, 5, 6};
+  const int steep = model.index("steep.c");
+  for (std::size_t place = 0; place <= others.size(); ++place) {
+    std::vector<int> free = others;
+    const auto finite = [&] {
+      return residualsOf(p, model, model.coordinates(), free, 0, Vector3<double>::Zero(), true)
+          .finite;
+    };
+    EXPECT_TRUE(finite());
+    free.insert(free.begin() + static_cast<std::ptrdiff_t>(place), steep);
+    EXPECT_FALSE(finite()) << place;
   }
 }
 

@@ -72,7 +72,6 @@ Eigen::VectorXd boundedStep(const Eigen::MatrixXd& information, const Eigen::Vec
         changed = held[at] = true;
     }
     if (!changed) break;
-    step.setZero();
   }
   return step;
 }
@@ -184,9 +183,7 @@ class Ascent {
       mean += filter.constants()(3) / count;
       square += std::pow(filter.constants()(3), 2) / count;
     }
-    if (std::abs(mean) < kMaxMeanThrust ||
-        std::abs(mean) < kMaxMeanThrust * point_.levels.thrust)
-      return false;
+    if (std::abs(mean) < kMaxMeanThrust) return false;
     const GreyBoxPoint before = point_;
     const std::vector<double> scaled = scaled_;
     const double best = best_;
@@ -346,6 +343,7 @@ class Ascent {
       const Eigen::Vector4d mean = filter.constants(), &sigma = filter.constantsSigma();
       fit.trims.push_back({mean.head<3>(), sigma.head<3>(), mean(3), sigma(3)});
     }
+    if (!scaled_.empty() && by_acceleration_.size() == 0) deriveParameters();  // after no step
     fit.information = by_acceleration_;
     fit.scale = free_.scale;
     if (!scaled_.empty())
@@ -366,11 +364,10 @@ class Ascent {
   Eigen::MatrixXd information_, by_acceleration_;
   Eigen::VectorXd level_score_;
   Eigen::MatrixXd level_information_;
-  double best_ = 0;
-  double min_gain_ = kMinGain;
   std::set<int> held_;  // levels
   int iterations_ = 0;
-  bool converged_ = false;
+  double best_, min_gain_;  // of the present climb, as is the next
+  bool converged_;
 };
 
 }  // namespace

@@ -41,7 +41,7 @@ struct WrenchStep {
   double dt;              ///< [s]
   Vector3<double> left;   ///< fraction of the Ornstein-Uhlenbeck wrench that remains
   Vector3<double> fresh;  ///< standard deviation of its random change [N], [N m]
-  Vector3<double> white;  ///< standard deviation of the white wrench's average [N], [N m]
+  Vector3<double> white;  ///< standard deviation of the white wrench's impulse [N s], [N m s]
 };
 
 /// The steps to the samples after `first`.
@@ -52,11 +52,10 @@ std::vector<WrenchStep> wrenchSteps(const RunData& run, const DisturbanceLevels&
     const auto at = static_cast<std::size_t>(k);
     WrenchStep step;
     step.dt = run.times[at + 1] - run.times[at];
-    const double root = step.dt > 0 ? 1 / std::sqrt(step.dt) : 0;
     for (int i = 0; i < 3; ++i) {
       step.left(i) = std::exp(-step.dt / levels.time(i));
       step.fresh(i) = levels.sigma(i) * std::sqrt(1 - step.left(i) * step.left(i));
-      step.white(i) = root * levels.white(i);
+      step.white(i) = std::sqrt(step.dt) * levels.white(i);
     }
     steps.push_back(step);
   }
@@ -82,10 +81,10 @@ void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& 
     const WrenchStep& step = steps[k];
     const Vector3<double> next =
         step.left.cwiseProduct(slow) + step.fresh.cwiseProduct(normal.vector<3>());
-    const Vector3<double> wrench = from.segment<3>(9) + 0.5 * (slow + next) +
-                                   step.white.cwiseProduct(normal.vector<3>());
+    const Vector3<double> impulse = step.dt * (from.segment<3>(9) + 0.5 * (slow + next)) +
+                                    step.white.cwiseProduct(normal.vector<3>());
     slow = next;
-    const Vector3<double> push = 0.5 * step.dt * (mobility * wrench);
+    const Vector3<double> push = 0.5 * mobility * impulse;
     simulation.state().nu += push;  // half of it before the step, half after
     simulation.advance(run.times[static_cast<std::size_t>(first) + k + 1]);
     simulation.state().nu += push;

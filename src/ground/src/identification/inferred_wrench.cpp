@@ -139,18 +139,14 @@ class WrenchFilter::Lineariser {
 
   /// Linearises the measurement at sample k.
   void see(std::size_t k, Sample& sample) const {
-    const Seeded here(along_[k], {0, 1, 2, 3, 4, 5});
+    const Seeded here(along_[k], {0, 1, 2});  // a measured pose does not depend on the velocity
     const Measurement<Jet> seen = dynamics_.measure(here.state);
-    sample.seen.setZero();
     for (int i = 0; i < 3; ++i) {
       sample.deviation(i) = poses_(k, i) - seen.eta(i).a;
-      sample.seen.row(i).head<6>() = seen.eta(i).v.head<6>();
+      sample.seen.row(i).head<3>() = seen.eta(i).v.head<3>();
     }
     sample.deviation(2) = wrapAngle(sample.deviation(2));
     sample.heading = along_[k].eta(2);
-    sample.transition.setIdentity();
-    sample.offset.setZero();
-    sample.dt = 0;
   }
 
   /// The wrench of the thrusters at sample k, body.

@@ -34,7 +34,7 @@ class WindowCosts : public ceres::EvaluationCallback {
   class SharedCost;
   /// Columns are the initial state, the free parameters, the residual.
   struct Share {
-    bool finite = false;
+    bool finite;
     Eigen::MatrixXd own;     ///< rows of the Cholesky factor, one for each initial state variable
     Eigen::MatrixXd shared;  ///< Schur complement: the rest of [J r]'[J r] in the other columns
   };
