@@ -249,6 +249,15 @@ TEST_F(Lifecycle, WithoutRecoveryTimeALostStateStopsIt) {
   expectStopped("the state is stale");
 }
 
+TEST_F(Lifecycle, ByDefaultALostStateStopsItAtOnce) {
+  LifecycleParams standard;
+  standard.require_armed = false;
+  life.setParams(standard);
+  drive();
+  pass(standard.state_timeout + 0.02, false);
+  expectStopped("the state is stale");
+}
+
 TEST_F(Lifecycle, OldOrInvalidStatesCountAsLost) {
   drive();
   measured.valid = false;

@@ -11,12 +11,14 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <regex>
 #include <sstream>
 
 #include "ground/model/effect_registry.h"
+#include "ground/model/expression_effect.h"
 #include "ground/model/plausibility.h"
 #include "ground/model/shortened.h"
 #include "ground/model/simulation.h"
@@ -426,6 +428,32 @@ TEST(ModelFile, LongTextsAreShortenedInMessages) {
             std::string::npos);
 }
 
+TEST(ModelFile, TheLimitOfAllFormulasTogetherIsAllowedItself) {
+  // Two effects of the library have no formulas, so that they need none of it.
+  for (const int over : {0, 1}) {
+    std::string all = replaced("  - name: washboard\n    expression: {X: \"a*sin(2*pi*x/w)*cos(psi)\", "
+                               "Y: \"-a*sin(2*pi*x/w)*sin(psi)\"}\n",
+                               "  - name: washboard\n    expression: {X: \"a*u/w - a*u/0.3\"}\n");
+    const Model few = parseModel(all, "few");
+    std::size_t length = 0;
+    for (const Model::Entry& entry : few.effects)
+      if (const ExpressionDefinition* own = expressionDefinition(*entry.effect))
+        length += own->formulaLength();
+    EXPECT_EQ(length, std::string("a*u/w - a*u/0.3").size());
+    for (int i = 0; length < 3000; ++i) {
+      std::string formula = "a*u";
+      const std::size_t wanted = std::min<std::size_t>(900, 3000 - length);
+      formula += std::string(wanted - formula.size(), ' ');
+      length += formula.size();
+      if (length == 3000 && over > 0) formula += ' ';
+      all += effectText("e" + std::to_string(i), formula);
+    }
+    const std::string message = complaint(all);
+    EXPECT_EQ(message.find("more than 3000") != std::string::npos, over > 0) << message;
+    EXPECT_EQ(message.empty(), over == 0) << message;
+  }
+}
+
 TEST(ModelFile, EffectsAndFormulasHaveLimits) {
   std::string many = kGood;
   for (int i = 0; i < 2000; ++i) many += effectText("e" + std::to_string(i), "a*u");
@@ -634,11 +662,17 @@ TEST(ModelFile, IsWrittenAndNotOverwrittenWithoutHardLinks) {
   ASSERT_NE(mkdtemp(folder), nullptr);
   const std::string path = std::string(folder) + "/model.yaml";
   Model model = parseModel(kGood, "good");
+  const auto openFiles = [] {
+    std::filesystem::directory_iterator files("/proc/self/fd");
+    return std::distance(begin(files), end(files));
+  };
+  const auto before = openFiles();
   link_fails = true;
   EXPECT_NO_THROW(saveModel(model, path));
   model.setValue("k", 0.05);
   EXPECT_THROW(saveModel(model, path), std::runtime_error);
   link_fails = false;
+  EXPECT_EQ(openFiles(), before) << "a file is left open";
   EXPECT_EQ(loadModel(path).value("k"), 0.06);
   int files = 0;
   for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(folder)) ++files;
