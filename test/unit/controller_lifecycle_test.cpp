@@ -327,6 +327,15 @@ TEST_F(Lifecycle, WaitsForTheSenderAndStopsWithIt) {
   expectStopped("the sender is not armed: disarmed by hand");
 }
 
+TEST_F(Lifecycle, AnArmedSenderMaySayItAgain) {
+  params.require_armed = true;
+  life.setParams(params);
+  life.sender(now(), true, "");
+  drive();
+  life.sender(now(), true, "");
+  EXPECT_EQ(life.current(), State::kRunning);
+}
+
 TEST_F(Lifecycle, WithoutAStateAnOpenLoopWaitsForTheSenderOnly) {
   params.require_state = false;
   params.require_armed = true;
