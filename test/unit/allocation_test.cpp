@@ -241,6 +241,10 @@ TEST(InputFor, InvertsForceCurves) {
     EXPECT_LT(inputFor(curve, -2), -1);
   }
   EXPECT_NEAR(inputFor(table, 1e-12), 0.2, 1e-9) << "the end of the dead zone";
+  ForceCurve forward;  // there is no input with a force backwards
+  forward.table = {{0, 0}, {0.2, 0}, {1, 1}};
+  EXPECT_EQ(inputFor(forward, -0.5), 0);
+  EXPECT_NEAR(inputFor(forward, 0.5), 0.6, 1e-12);
   table.table = {{-1, -0.7}, {-0.5, -0.7}, {0, 0}, {0.5, 0.5}, {0.75, 0.5}, {1, 1}};
   EXPECT_EQ(inputFor(table, 0.5), 0.5) << "the least input with that force";
 }

@@ -9,9 +9,12 @@
 #include "ground/control/predictive_control.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/tracking_law.h"
+#include "ground/estimation/model_monitor.h"
+#include "ground/estimation/obedience_monitor.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
+#include "ground/simulation/model_craft.h"
 
 namespace {
 std::atomic<long> allocations{0};
@@ -91,6 +94,27 @@ TEST(Allocations, NoneByControllersOfEightThrusters) {
   gains.k_z = 0.1;
   BacksteppingControl backstepping(model, gains);
   EXPECT_EQ(allocationsOf(backstepping, model, 200), 0);
+}
+
+TEST(Allocations, NoneByCommandsAfterHours) {
+  // What is kept for later is bounded: old commands make room for new ones.
+  const Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  ObedienceMonitor obedience(model);
+  ModelMonitor comparison(model, {});
+  ModelCraft craft(model, {});
+  const auto play = [&](int from, int to) {
+    for (int i = from; i < to; ++i) {
+      const double time = 0.02 * i;
+      obedience.command(time, {0.5, 0.4}, 1);
+      comparison.command(time, {0.5, 0.4}, 1);
+      if (i % 50 == 0) craft.advance(time);
+      craft.command({0.5, 0.4}, 1);
+    }
+  };
+  play(0, 50000);
+  const long before = allocations;
+  play(50000, 150000);
+  EXPECT_EQ(allocations, before);
 }
 
 }  // namespace

@@ -51,6 +51,15 @@ TEST(AxisMapping, OptiTrackIsTheDefault) {
   EXPECT_NEAR(eta->z(), 0.7, 1e-15);
 }
 
+TEST(AxisMapping, BlanksAroundAnAxisDoNotMatter) {
+  for (const char* axes : {"x,z,-y", "  x , z ,  -y  ", "+x,  +z,-y "})
+    EXPECT_EQ(AxisMapping(axes).toPlanar({1, 2, 3}, Quaterniond::Identity())->head<2>(),
+              Vector2<double>(1, 3))
+        << axes;
+  for (const char* axes : {"x,z,- y", "x z,-y", "x,z,-y y", "x, ,-y", " "})
+    EXPECT_FALSE(accepted(axes)) << axes;
+}
+
 TEST(AxisMapping, LeftThrustAloneTurnsClockwiseSeenFromAboveInOptiTrack) {
   const Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
   const Dynamics<double> dynamics(model);

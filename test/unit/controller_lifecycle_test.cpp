@@ -249,6 +249,15 @@ TEST_F(Lifecycle, WithoutRecoveryTimeALostStateStopsIt) {
   expectStopped("the state is stale");
 }
 
+TEST_F(Lifecycle, ByDefaultALostStateStopsItAtOnce) {
+  LifecycleParams standard;
+  standard.require_armed = false;
+  life.setParams(standard);
+  drive();
+  pass(standard.state_timeout + 0.02, false);
+  expectStopped("the state is stale");
+}
+
 TEST_F(Lifecycle, OldOrInvalidStatesCountAsLost) {
   drive();
   measured.valid = false;
@@ -316,6 +325,15 @@ TEST_F(Lifecycle, WaitsForTheSenderAndStopsWithIt) {
   EXPECT_EQ(life.current(), State::kRunning);
   life.sender(now(), false, "disarmed by hand");
   expectStopped("the sender is not armed: disarmed by hand");
+}
+
+TEST_F(Lifecycle, AnArmedSenderMaySayItAgain) {
+  params.require_armed = true;
+  life.setParams(params);
+  life.sender(now(), true, "");
+  drive();
+  life.sender(now(), true, "");
+  EXPECT_EQ(life.current(), State::kRunning);
 }
 
 TEST_F(Lifecycle, WithoutAStateAnOpenLoopWaitsForTheSenderOnly) {

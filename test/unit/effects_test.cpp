@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <map>
 #include <random>
 #include <regex>
@@ -208,6 +209,32 @@ TEST_P(EveryEffect, RangesFavourNoSideUnlessTheyBeginAtTheNeutralValue) {
       EXPECT_NEAR(info.lower * info.upper, info.neutral * info.neutral, 1e-12) << info.name;
     }
     EXPECT_LT(info.neutral + info.scale(tinyWhoover().body), info.upper) << info.name;
+  }
+}
+
+TEST_P(EveryEffect, LimitsAreThoseOfItsUnitAndAreAllowedThemselves) {
+  // Forces, masses and dampings up to 1000 SI units, and so on; model files rely on them.
+  const std::map<std::string, double> of_units = {{"m", 1}, {"rad", M_PI}, {"m/s", 20}};
+  const double infinity = std::numeric_limits<double>::infinity();
+  const std::map<std::string, double> of_names = {
+      {"battery_sag.tau", infinity},   {"differential_side_force.c", 10}, {"floor_tilt.sx", 0.5},
+      {"floor_tilt.sy", 0.5},          {"input_delay.delay", 1},          {"motor_lag.tau", 2},
+      {"thrust_asymmetry.a", 1},       {"thrust_curve.p", 5},             {"thrust_speed_loss.c", 5},
+      {"thrust_sway_moment.c", 10}};
+  for (const ParameterInfo& info : makeEffect(GetParam())->info().parameters) {
+    const std::string name = GetParam() + '.' + info.name;
+    const bool mechanical = info.unit[0] == 'N' || info.unit.substr(0, 2) == "kg";
+    const double upper = of_names.count(name)   ? of_names.at(name)
+                         : mechanical           ? 1000
+                         : of_units.count(info.unit) ? of_units.at(info.unit)
+                                                     : -1;
+    EXPECT_EQ(info.upper, upper) << name << ' ' << info.unit;
+    EXPECT_EQ(checkValue(info, info.upper), "") << name;
+    EXPECT_EQ(checkValue(info, info.lower), "") << name;
+    EXPECT_NE(checkValue(info, info.lower - 1e-3), "") << name;
+    if (std::isfinite(info.upper)) {
+      EXPECT_NE(checkValue(info, info.upper + 1e-3), "") << name;
+    }
   }
 }
 
@@ -597,6 +624,27 @@ TEST(StatesOfEffects, StartSettledToEarlierCommands) {
   const InputSequence none;
   const Simulation<double> simulation(from_half, none, {}, 0);
   EXPECT_NEAR(simulation.derivative().nu.x(), 0.5 * 0.02 / model.body.m, 1e-12);
+}
+
+TEST(StatesOfEffects, SettleToTheLaggedInputsOfEarlierCommands) {
+  // A lag behind the lag of the motors, in closed form, from a command some time before the start.
+  ExpressionDefinition behind = skirtPressure();
+  behind.states = {{"p", "(u_L - p)/tau", 0}};
+  Model model = withSkirt(behind, 0.02, 0.2);
+  model.addEffect(makeEffect("motor_lag"));
+  model.setValue("motor_lag.tau", 0.05);
+  model.setValue("X_u", 0);
+  const Dynamics<double> dynamics(model);
+  for (const double since : {0.013, 0.1, 0.4, 1.1}) {
+    InputSequence inputs;
+    inputs.add(-since, 0.7, 0, 1);
+    const Simulation<double> simulation(dynamics, inputs, {}, 0);
+    const double slow = 0.2, fast = 0.05;
+    const double wanted = 0.7 * (1 - (slow * std::exp(-since / slow) - fast * std::exp(-since / fast)) /
+                                         (slow - fast));
+    const double thrust = model.body.k * 0.7 * (1 - std::exp(-since / fast));
+    EXPECT_NEAR((simulation.derivative().nu.x() * model.body.m - thrust) / 0.02, wanted, 3e-6) << since;
+  }
 }
 
 /// A spring that motion ahead stretches: its state depends on the motion.

@@ -148,6 +148,39 @@ TEST(MotorLag, GivesTheExactImpulseForAnyTimeConstant) {
   }
 }
 
+TEST(MotorLag, NodesOfAStepHaveTheMomentsOfTheLag) {
+  // The parabola through the three nodes has the integral of the lag over the step, and those of its
+  // products with the time and its square; the difference that remains is exp(-h/tau) exactly.
+  const double h = 0.01;
+  for (double ratio = 0.021; ratio < 199; ratio *= 1.17) {
+    Model model = tinyWhoover();
+    model.addEffect(makeEffect("motor_lag"));
+    model.setValue("motor_lag.tau", ratio * h);
+    const Dynamics<double> dynamics(model);
+    double motors[2] = {1, 0.2};
+    const auto nodes = dynamics.actuate(Thrusters<double>{0.0, 0.6}, 1, h, motors).thrusters;
+    const double remains = std::exp(-1 / ratio);
+    EXPECT_NEAR(motors[0] / remains, 1, 1e-11) << ratio;
+    EXPECT_NEAR((motors[1] - 0.6) / -0.4, remains, 1e-14) << ratio;
+    double moments[3] = {0, 0, 0}, of_parabola[3] = {0, 0, 0};
+    constexpr int kPieces = 2000;
+    for (int i = 0; i < kPieces; ++i)
+      for (const double gauss : {-0.5 / std::sqrt(3.0), 0.5 / std::sqrt(3.0)}) {
+        const double x = (i + 0.5 + gauss) / kPieces;  // time over h
+        const double lag = std::exp(-x / ratio);
+        const double parabola = nodes[0](0) * (1 - x) * (1 - 2 * x) + nodes[1](0) * 4 * x * (1 - x) +
+                                nodes[2](0) * x * (2 * x - 1);
+        for (int power = 0; power < 3; ++power) {
+          moments[power] += 0.5 / kPieces * std::pow(x, power) * lag;
+          of_parabola[power] += 0.5 / kPieces * std::pow(x, power) * parabola;
+        }
+      }
+    for (int power = 0; power < 3; ++power)
+      EXPECT_NEAR(of_parabola[power], moments[power], 1e-8) << ratio << ' ' << power;
+    for (const Thrusters<double>& node : nodes) EXPECT_NEAR(0.6 - node(1), 0.4 * node(0), 1e-12);
+  }
+}
+
 TEST(MotorLag, IsSettledToEarlierCommandsAtTheStart) {
   Model model = tinyWhoover();
   model.addEffect(makeEffect("motor_lag"));

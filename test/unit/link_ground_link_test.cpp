@@ -658,6 +658,19 @@ TEST_F(GroundLinkTest, ParametersChangeLiveAndBadOnesAreRefused) {
     }
 }
 
+TEST_F(GroundLinkTest, ANewRateCountsFromTheLastPacket) {
+  armed();
+  for (const double rate : {200.0, 20.0, 100.0}) {
+    GroundLinkParams params;
+    params.keepalive_rate = rate;
+    command(kDrive);
+    wait(0.002);
+    const double sent = now_ - 0.002;
+    link().setParams(params);
+    EXPECT_NEAR(link().nextPacket() - sent, 1 / rate, 1e-9) << rate;
+  }
+}
+
 TEST_F(GroundLinkTest, RequiringStateWhileArmedWithoutOneIsAFault) {
   GroundLinkParams params;
   params.require_state = false;
@@ -673,6 +686,7 @@ TEST_F(GroundLinkTest, RequiringStateWhileArmedWithoutOneIsAFault) {
 
 TEST_F(GroundLinkTest, RevisionChangesWithEveryChange) {
   auto revision = link().revision();
+  EXPECT_EQ(revision, 0u) << "who has seen nothing has seen this one";
   const auto changed = [&] {
     const bool result = link().revision() != revision;
     revision = link().revision();

@@ -209,6 +209,23 @@ TEST(DroneState, RefusesGarbageWithAReason) {
   EXPECT_EQ(refused(encodeTelemetry(bad)), "an angle is not finite");
 }
 
+TEST(DroneState, IsAcceptedUpToItsLongestEncoding) {
+  CraftTelemetry longest, read;
+  longest.roll = longest.pitch = longest.yaw = -1.5f;
+  for (auto* axes : {&longest.acc, &longest.gyro, &longest.mag}) axes->fill(-1);  // ten bytes each
+  longest.commands = std::numeric_limits<std::uint32_t>::max();
+  std::string reason;
+  EXPECT_TRUE(decodeTelemetry(encodeTelemetry(longest), read, &reason)) << reason;
+  EXPECT_EQ(read.commands, longest.commands);
+  // Fields that are given twice make it longer than any craft needs.
+  longest.acc[0] = 300;
+  const std::string shorter = encodeTelemetry(longest);
+  const std::string roll = bytes({0x0d, 0x00, 0x00, 0x80, 0x3f}), acc = bytes({0x20, 0x01});
+  EXPECT_TRUE(decodeTelemetry(shorter + acc + acc + acc + acc, read, &reason)) << reason;
+  EXPECT_FALSE(decodeTelemetry(shorter + roll + acc + acc, read, &reason));
+  EXPECT_EQ(reason, "it is too long");
+}
+
 TEST(DroneState, TruncationInsideAFieldIsRefused) {
   CraftTelemetry plain;  // floats of five bytes, then fields of two
   const std::string whole = encodeTelemetry(plain);

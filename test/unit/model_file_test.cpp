@@ -11,12 +11,15 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <iterator>
 #include <limits>
 #include <map>
+#include <random>
 #include <regex>
 #include <sstream>
 
 #include "ground/model/effect_registry.h"
+#include "ground/model/expression_effect.h"
 #include "ground/model/plausibility.h"
 #include "ground/model/shortened.h"
 #include "ground/model/simulation.h"
@@ -426,6 +429,120 @@ TEST(ModelFile, LongTextsAreShortenedInMessages) {
             std::string::npos);
 }
 
+TEST(ModelFile, TheLimitOfAllFormulasTogetherIsAllowedItself) {
+  // Two effects of the library have no formulas, so that they need none of it.
+  for (const int over : {0, 1}) {
+    std::string all = replaced("  - name: washboard\n    expression: {X: \"a*sin(2*pi*x/w)*cos(psi)\", "
+                               "Y: \"-a*sin(2*pi*x/w)*sin(psi)\"}\n",
+                               "  - name: washboard\n    expression: {X: \"a*u/w - a*u/0.3\"}\n");
+    const Model few = parseModel(all, "few");
+    std::size_t length = 0;
+    for (const Model::Entry& entry : few.effects)
+      if (const ExpressionDefinition* own = expressionDefinition(*entry.effect))
+        length += own->formulaLength();
+    EXPECT_EQ(length, std::string("a*u/w - a*u/0.3").size());
+    for (int i = 0; length < 3000; ++i) {
+      std::string formula = "a*u";
+      const std::size_t wanted = std::min<std::size_t>(900, 3000 - length);
+      formula += std::string(wanted - formula.size(), ' ');
+      length += formula.size();
+      if (length == 3000 && over > 0) formula += ' ';
+      all += effectText("e" + std::to_string(i), formula);
+    }
+    const std::string message = complaint(all);
+    EXPECT_EQ(message.find("more than 3000") != std::string::npos, over > 0) << message;
+    EXPECT_EQ(message.empty(), over == 0) << message;
+  }
+}
+
+TEST(ModelFile, LimitsAreAllowedThemselves) {
+  const auto effects = [](int count) {
+    std::string all = kGood;  // which has three
+    for (int i = 3; i < count; ++i) all += effectText("e" + std::to_string(i), "a*u");
+    return all;
+  };
+  EXPECT_EQ(complaint(effects(64)), "");
+  EXPECT_NE(complaint(effects(65)).find("at most 64 effects"), std::string::npos);
+  const auto formula = [](std::size_t size) {
+    const std::string term = "a*u";
+    return std::string(kGood) + effectText("gust", term + std::string(size - term.size(), ' ') );
+  };
+  EXPECT_EQ(complaint(formula(1000)), "");
+  EXPECT_NE(complaint(formula(1001)).find("longer than 1000 characters"), std::string::npos);
+  const auto effectNamed = [](std::size_t size) {
+    return std::string(kGood) + effectText(std::string(size, 'g'), "a*u");
+  };
+  EXPECT_EQ(complaint(effectNamed(60)), "");
+  EXPECT_NE(complaint(effectNamed(61)).find("longer than 60 characters"), std::string::npos);
+  const auto parameterNamed = [](std::size_t size) {
+    const std::string name(size, 'g');
+    return std::string(kGood) + "  - name: gust\n    expression: {X: \"" + name +
+           "*u\"}\n    parameters: {" + name + ": {value: 0.01, unit: N}}\n";
+  };
+  EXPECT_EQ(complaint(parameterNamed(60)), "");
+  EXPECT_NE(complaint(parameterNamed(61)).find("longer than 60 characters"), std::string::npos);
+  const auto parameters = [](int count) {
+    std::string sum, list;
+    for (int i = 0; i < count; ++i) {
+      sum += "+a" + std::to_string(i) + "*u";
+      list += "      a" + std::to_string(i) + ": {value: 0.01, unit: N}\n";
+    }
+    return kGood + ("  - name: gust\n    expression: {X: \"" + sum + "\"}\n    parameters:\n" + list);
+  };
+  EXPECT_EQ(complaint(parameters(32)), "");
+  EXPECT_NE(complaint(parameters(33)).find("more than 32 parameters"), std::string::npos);
+  const auto states = [](int count) {
+    std::string list;
+    for (int i = 0; i < count; ++i) list += "      s" + std::to_string(i) + ": \"u - s0\"\n";
+    return kGood + ("  - name: gust\n    states:\n" + list +
+                    "    expression: {X: \"a*s0\"}\n    parameters: {a: {value: 0.01, unit: N}}\n");
+  };
+  EXPECT_EQ(complaint(states(8)), "");
+  EXPECT_NE(complaint(states(9)).find("more than 8 states"), std::string::npos);
+  const std::string path = testing::TempDir() + "large.yaml";
+  for (const std::size_t size : {1000000, 1000001}) {
+    std::string text = kGood;
+    text += '#' + std::string(size - text.size() - 2, 'x') + '\n';
+    std::ofstream(path) << text;
+    if (size == 1000000)
+      EXPECT_NO_THROW(loadModel(path));
+    else
+      EXPECT_THROW(loadModel(path), std::runtime_error);
+  }
+}
+
+TEST(ModelFile, NumbersAreWrittenExactlyAndAsShortAsPossible) {
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> mantissa(1, 10);
+  Model model = parseModel(kGood, "good");
+  for (int i = 0; i < 200; ++i) {
+    const double value = mantissa(random) * std::pow(10, i % 30 - 20);
+    model.setValue("N_r", value);
+    EXPECT_EQ(parseModel(formatModel(model), "written").value("N_r"), value);
+  }
+  for (const char* text : {"0.1", "0.3", "1e-05", "123456", "0.000123456", "2.5e-07"}) {
+    model.setValue("N_r", std::stod(text));
+    EXPECT_NE(formatModel(model).find(std::string("N_r: ") + text + "  #"), std::string::npos)
+        << formatModel(model);
+  }
+}
+
+TEST(ModelFile, AParameterWithoutScaleHasThatOfItsDistanceFromNeutral) {
+  const auto scale = [](const std::string& numbers) {
+    const std::string yaml = effectText("gust", "a*u - a*u");
+    std::string text = kGood + yaml;
+    const std::string from = "{value: 0.01, unit: N}";
+    text.replace(text.rfind(from), from.size(), "{unit: N, " + numbers + "}");
+    const Model model = parseModel(text, "good");
+    return model.effects.back().effect->info().parameters[0].scale(model.body);
+  };
+  EXPECT_EQ(scale("value: 0.4"), 0.4);
+  EXPECT_EQ(scale("value: -0.4"), 0.4);
+  EXPECT_EQ(scale("value: 0.5, neutral: 2"), 1.5);
+  EXPECT_EQ(scale("value: 0"), 1) << "without a distance";
+  EXPECT_EQ(scale("value: 0.4, scale: 7"), 7);
+}
+
 TEST(ModelFile, EffectsAndFormulasHaveLimits) {
   std::string many = kGood;
   for (int i = 0; i < 2000; ++i) many += effectText("e" + std::to_string(i), "a*u");
@@ -634,11 +751,17 @@ TEST(ModelFile, IsWrittenAndNotOverwrittenWithoutHardLinks) {
   ASSERT_NE(mkdtemp(folder), nullptr);
   const std::string path = std::string(folder) + "/model.yaml";
   Model model = parseModel(kGood, "good");
+  const auto openFiles = [] {
+    std::filesystem::directory_iterator files("/proc/self/fd");
+    return std::distance(begin(files), end(files));
+  };
+  const auto before = openFiles();
   link_fails = true;
   EXPECT_NO_THROW(saveModel(model, path));
   model.setValue("k", 0.05);
   EXPECT_THROW(saveModel(model, path), std::runtime_error);
   link_fails = false;
+  EXPECT_EQ(openFiles(), before) << "a file is left open";
   EXPECT_EQ(loadModel(path).value("k"), 0.06);
   int files = 0;
   for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(folder)) ++files;

@@ -587,6 +587,38 @@ TEST(PredictiveControl, ARunAfterATimeJumpIsAsAccurateAsTheFirst) {
   EXPECT_LT(errors[1], 1e-3);
 }
 
+/// Sum of the squares by which a plan comes too near to nearWalls().
+double excessOf(PredictiveControl& control) {
+  const ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.8);
+  RigidState<double> state;
+  state.eta << 1, 0, M_PI / 2;
+  state.nu << 0.8, 0, 0.8;
+  for (int i = 0; i < 10; ++i) control.decide({0, 0, state, circle.get(), 0, 1});
+  double sum = 0;
+  for (const State& at : control.plan().states()) {
+    Eigen::Matrix<double, 1, 5> unused;
+    sum += std::pow(nearWalls().fence.excess({at.head<3>(), at.segment<3>(3)}, 0.15, unused), 2);
+  }
+  return sum;
+}
+
+TEST(PredictiveControl, AvoidsWallsAtOnceAndAlsoAfterNewParameters) {
+  PredictiveParams params;
+  params.lost = 10;  // no other plans
+  PredictiveControl control(craft(), params), another(craft(), params);
+  const double near = excessOf(control);
+  EXPECT_GT(near, 0.05);
+  control.avoid(nearWalls());
+  EXPECT_LT(excessOf(control), 0.3 * near);
+  for (const double horizon : {2.0, 2.2}) {  // the same plans, and others
+    params.horizon = horizon;
+    another.setParams(params);
+    const double without = excessOf(another);
+    control.setParams(params);
+    EXPECT_LT(excessOf(control), 0.3 * without) << horizon;
+  }
+}
+
 /// Least cost of plans that begin with random inputs.
 double leastCost(const Model& model, const RigidState<double>& start, std::mt19937& random) {
   const auto plan = TrajectoryOptimizer::make(model, kSteps, kStep);

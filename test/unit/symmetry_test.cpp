@@ -61,6 +61,14 @@ RigidState<double> randomState(std::mt19937& random, double far) {
   return state;
 }
 
+TEST(Symmetry, AnglesAreWrappedToHalfATurnOnBothSides) {
+  EXPECT_EQ(wrapAngle(M_PI), M_PI);
+  EXPECT_EQ(wrapAngle(-M_PI), M_PI);
+  for (double angle = -3; angle < 3.1; angle += 0.1)
+    for (int turns = -3; turns <= 3; ++turns)
+      EXPECT_NEAR(wrapAngle(angle + 2 * M_PI * turns), angle, 1e-14) << turns;
+}
+
 TEST(Symmetry, TheTrackingLawIsTheSameInEveryWorld) {
   const TrackingLaw law(craft());
   const ReferencePtr rose = makeRhodonea({0, 0}, 1.5, 1.5, 0.4);

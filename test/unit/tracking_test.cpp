@@ -483,6 +483,32 @@ TEST(Feasibility, OfACircleDependsOnTheYawMomentBesideItsThrust) {
   EXPECT_GT(refused, 3);
 }
 
+TEST(Feasibility, AThrusterThatPushesAsideGivesNoMoment) {
+  // Its force to the side would have to be held by another thruster, which there is not.
+  Model pair = tinyWhoover();
+  pair.body.N_r *= 80;
+  std::vector<Thruster> thrusters;
+  for (int i = 0; i < 3; ++i) {
+    Thruster one;
+    one.name = one.channel = std::string(1, static_cast<char>('a' + i));
+    one.position = {0, i == 0 ? -pair.body.l : pair.body.l};
+    if (i == 2) one.position = {pair.body.l, 0};
+    if (i == 2) one.direction = 90;
+    thrusters.push_back(one);
+  }
+  Model with_side = pair;
+  with_side.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
+  const auto limit = [](const Model& model) {
+    const std::string said = infeasibility(*makeCircle({0, 0}, 1, 1.3), model);
+    double found = 0;
+    const std::size_t at = said.find("the limit is");
+    EXPECT_NE(at, std::string::npos) << said;
+    if (at != std::string::npos) std::sscanf(said.c_str() + at, "the limit is %lf", &found);
+    return found;
+  };
+  EXPECT_NEAR(limit(with_side), limit(pair), 0.01 * limit(pair));
+}
+
 TEST(Feasibility, OfALineDependsOnTheThrustForwardsAndBackwards) {
   Model pair = tinyWhoover();
   pair.setValue("X_u", pair.body.Y_v);
@@ -791,6 +817,27 @@ TEST(ControllerTable, DefaultsAndSearchedRangesAreInsideTheRanges) {
         }
     }
   }
+}
+
+TEST(ControllerTable, SearchedRangesReachFarBeyondTheDefaults) {
+  int searched = 0;
+  for (const ControllerInfo& info : controllerTable()) {
+    for (const TunableInfo& parameter : info.parameters) {
+      const SearchRange& range = parameter.search;
+      if (range.sign == 0) continue;
+      ++searched;
+      const double size = std::log10(range.sign * std::get<double>(parameter.standard));
+      EXPECT_LE(range.low, size - 1.3) << parameter.name;
+      EXPECT_GE(range.high, size + 1.3) << parameter.name;
+    }
+    if (info.name != "TrajectoryTracking") continue;
+    for (const TunableInfo& gain : info.parameters) {  // up to the largest gains of all
+      const double largest = gain.search.sign < 0 ? gain.low : gain.high;
+      if (gain.search.sign == 0) continue;
+      EXPECT_NEAR(gain.search.sign * std::pow(10, gain.search.high), largest, 1e-9) << gain.name;
+    }
+  }
+  EXPECT_EQ(searched, 10);
 }
 
 TEST(ControllerTable, EveryParameterIsReadSetAndChecked) {

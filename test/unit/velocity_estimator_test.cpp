@@ -5,6 +5,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <cstdio>
@@ -377,6 +378,101 @@ TEST_P(Estimators, UpdatesDoNotAllocate) {
   estimator->update(5.0, {9, 9, 0});
   feed(*estimator, 700, 800);
   EXPECT_EQ(allocations, before);
+}
+
+TEST(FiniteDifferenceEstimator, IsTheMedianOfDifferences) {
+  EstimatorParams params;
+  std::mt19937_64 random(8);
+  std::normal_distribution<double> normal;
+  const double noise[3] = {params.position_noise, params.position_noise, params.heading_noise};
+  for (const int median : {1, 5, 9}) {
+    params.median = median;
+    const auto estimator = makeFiniteDifferenceEstimator(params);
+    std::vector<double> times;
+    std::vector<Vector3<double>> eta, nu;
+    for (int k = 0; k < 60; ++k) {
+      times.push_back(times.empty() ? 0 : times.back() + (k % 3 ? 0.01 : 0.012));
+      Vector3<double> pose = circle(times.back());
+      for (int i = 0; i < 3; ++i) pose(i) += noise[i] * normal(random);
+      eta.push_back(pose);
+      const StateEstimate& found = estimator->update(times.back(), wrapped(pose));
+      const int n = std::min(k, median);
+      Vector3<double> velocity = Vector3<double>::Zero();
+      double mean = 0;
+      for (int i = 0; i < 3 && n > 0; ++i) {
+        std::vector<double> differences;
+        for (int j = k - n + 1; j <= k; ++j)
+          differences.push_back((eta[j](i) - eta[j - 1](i)) / (times[j] - times[j - 1]));
+        std::sort(differences.begin(), differences.end());
+        velocity(i) = differences[n / 2];
+        mean = (times[k] - times[k - n]) / n;
+      }
+      const double c = std::cos(pose.z()), s = std::sin(pose.z());
+      nu.emplace_back(c * velocity.x() + s * velocity.y(), c * velocity.y() - s * velocity.x(),
+                      velocity.z());
+      EXPECT_LT((found.nu - nu.back()).norm(), 1e-9) << k;
+      Vector3<double> nu_dot = Vector3<double>::Zero();
+      if (n > 1) nu_dot = (nu[k] - nu[k - n + 1]) / (times[k] - times[k - n + 1]);
+      EXPECT_LT((found.nu_dot - nu_dot).norm(), 1e-6) << k;
+      for (int i = 0; i < 3; ++i) {
+        const double variance = noise[i] * noise[i];
+        EXPECT_NEAR(found.eta_covariance(i, i), variance, 1e-15);
+        if (n == 1) {
+          EXPECT_NEAR(found.nu_covariance(i, i), 2 * variance / (mean * mean), 1e-9);
+        }
+        if (n == 0) {  // that of a craft of unknown motion
+          EXPECT_EQ(found.nu_covariance(i, i), i < 2 ? 9 : 400);
+        }
+      }
+    }
+  }
+}
+
+TEST(SameMotion, IsWithinNoiseAndTypicalSpeeds) {
+  EstimatorParams params;
+  params.stamp_noise = 2e-3;
+  params.gate = 4;
+  const Vector3<double> from(0.4, -1, 3.1);
+  const double noise[3] = {params.position_noise, params.position_noise, params.heading_noise};
+  const double speeds[3] = {3, 3, 20};
+  for (const double dt : {0.001, 0.02})
+    for (const double times : {1.0, 3.0})
+      for (int i = 0; i < 3; ++i)
+        for (const double side : {-1, 1}) {
+          // The noise of both poses, and the way during the interval between their true times.
+          const double limit = 4 * std::sqrt(2.0) * noise[i] + times * speeds[i] * (dt + 4 * 2e-3);
+          Vector3<double> to = from;
+          to(i) += side * limit * (1 - 1e-9);
+          if (i == 2) to(i) = wrapAngle(to(i));
+          EXPECT_TRUE(sameMotion(from, to, dt, times, params)) << i << ' ' << limit;
+          to(i) += side * 2e-9 * limit;
+          EXPECT_FALSE(sameMotion(from, to, dt, times, params)) << i << ' ' << limit;
+        }
+}
+
+TEST(IntervalScatter, IsTheNoiseOfStampsWhateverFramesAreLost) {
+  std::mt19937_64 random(4);
+  std::normal_distribution<double> normal;
+  for (const double lost : {0.0, 0.03}) {
+    double sum = 0;
+    for (int run = 0; run < 20; ++run) {
+      IntervalScatter scatter;
+      double before = 0;
+      int frame = 0;
+      for (int i = 0; i < 600; ++i) {
+        frame += 1 + (i > 20 && std::uniform_real_distribution<double>()(random) < lost ? 4 : 0);
+        const double stamp = 0.01 * frame + 1e-3 * normal(random);
+        if (i > 0) scatter.add(stamp - before);
+        before = stamp;
+      }
+      sum += scatter.stampNoise() / 20;
+    }
+    EXPECT_GT(sum, 0.9e-3) << lost;
+    EXPECT_LT(sum, lost > 0 ? 1.6e-3 : 1.1e-3) << lost;
+  }
+  IntervalScatter even;
+  for (int i = 0; i < 1000; ++i) even.add(0.01);
+  EXPECT_NEAR(even.stampNoise(), 0, 1e-12);
 }
 
 TEST(EstimatorParams, ValidateGivesTheReason) {

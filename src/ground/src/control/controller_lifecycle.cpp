@@ -186,7 +186,7 @@ bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
   if (!lost_since_) lost_since_ = now.steady;
   if (state_ == State::kRunning) {
     change(State::kRecovering, "no thrust until the state is back: " + problem);
-    send(now, {0, 0, params_.lift});
+    send(now, off(params_.lift));
   }
   return now.steady < *lost_since_ + params_.recovery_time;
 }

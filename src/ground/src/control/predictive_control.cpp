@@ -70,10 +70,10 @@ void PredictiveControl::setParams(const PredictiveParams& params) {
     for (Contender& other : others_) {
       other.plan = TrajectoryOptimizer::make(model_, params.steps, step);
       other.plan->setBudget(budget_);
-      other.has_plan = false;
+      other.time.reset();
     }
     references_.resize(static_cast<std::size_t>(params.steps));
-    has_plan_ = false;
+    plan_time_.reset();
   }
   plan_->setWeights(params.weights);
   plan_->setWalls(walls_);
@@ -93,7 +93,7 @@ void PredictiveControl::avoid(const PlanWalls& walls) {
 
 void PredictiveControl::reset() {
   observer_.reset();
-  has_plan_ = false;
+  plan_time_.reset();
   endSearch();
 }
 
@@ -102,14 +102,13 @@ void PredictiveControl::commanded(double time, const Thrusters<double>& thruster
 }
 
 void PredictiveControl::carryOn(double time) {
-  if (has_plan_) {
-    plan_->carryOn(std::max(0.0, time - plan_time_));
+  if (plan_time_) {
+    plan_->carryOn(std::max(0.0, time - *plan_time_));
   } else {
     std::vector<Thrusters<double>>& inputs = plan_->newInputs();
     std::fill(inputs.begin(), inputs.end(), Thrusters<double>(0.5 * asVector(forward_)));
     plan_->rollOut();
   }
-  has_plan_ = true;
   plan_time_ = time;
 }
 
@@ -145,16 +144,16 @@ double PredictiveControl::turnTime(double angle) const {
 }
 
 void PredictiveControl::makeSeeds(TrajectoryOptimizer& plan) {
-  seeds_[0] = {0, 0};
-  seeds_[1] = {0, 1};
-  std::size_t count = 2;
+  auto next = seeds_.begin();
+  *next++ = {0, 0};
+  *next++ = {0, 1};
   for (double turn : kTurns) {
-    seeds_[count++] = {turn, 1};
-    seeds_[count++] = {-turn, 1};
+    *next++ = {turn, 1};
+    *next++ = {-turn, 1};
   }
   // Turns from the end of a coasting motion towards the end of the reference, with the thrust that
   // reaches it.
-  follow(seeds_[0], plan);
+  follow(seeds_.front(), plan);
   plan.rollOut();
   const Vector2<double> way = references_.back().p - plan.states().back().head<2>();
   const double turn = wrapAngle(std::atan2(way.y(), way.x()) - start_.state.eta.z());
@@ -163,8 +162,8 @@ void PredictiveControl::makeSeeds(TrajectoryOptimizer& plan) {
     const double time = std::max(0.25 * params_.horizon, params_.horizon - turnTime(by));
     const double force = 2 * model_.body.m * way.norm() / (time * time);
     const double thrust = force < full_thrust_ ? force / full_thrust_ : 1;
-    seeds_[count++] = {by, thrust};
-    seeds_[count++] = {by, 0.5 * thrust};
+    *next++ = {by, thrust};
+    *next++ = {by, 0.5 * thrust};
   }
 }
 
@@ -227,22 +226,22 @@ void PredictiveControl::search(double time) {
   const int iterations = params_.search_iterations / static_cast<int>(others_.size());
   for (Contender& other : others_) {
     if (!budget_.left()) return;
-    if (other.has_plan) {
-      other.plan->carryOn(std::max(0.0, time - other.time));
+    if (other.time) {
+      other.plan->carryOn(std::max(0.0, time - *other.time));
     } else if (!beginAtSeed(*other.plan)) {
       continue;
     }
     other.time = time;
-    other.has_plan = improve(*other.plan, iterations);
+    if (!improve(*other.plan, iterations)) other.time.reset();
     if (!(other.plan->cost() < kMaxOtherCost * plan_->cost())) continue;
     std::swap(plan_, other.plan);
-    other.has_plan = false;
+    other.time.reset();
   }
 }
 
 void PredictiveControl::endSearch() {
   is_tried_.fill(false);
-  for (Contender& other : others_) other.has_plan = false;
+  for (Contender& other : others_) other.time.reset();
 }
 
 Vector2<double> PredictiveControl::position(const RigidState<double>& measured) const {
@@ -287,7 +286,7 @@ Thrusters<double> PredictiveControl::decide(const Observation& seen) {
     search(acts);
   }
   if (!std::isfinite(plan_->cost())) {
-    has_plan_ = false;
+    plan_time_.reset();
     return wanted_;
   }
   wanted_ = plan_->wanted();

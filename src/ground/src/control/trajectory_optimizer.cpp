@@ -21,6 +21,7 @@ constexpr double kMinDamping = 1e-4, kMaxDamping = 1e3;
 /// Parts of a change that are tried, side by side, if the whole change does not lower the cost. The
 /// largest one that does is taken. Smaller parts, or the cheapest one, lead to worse valleys.
 constexpr std::array<double, 3> kLengths = {0.5, 0.2, 0.05};
+static_assert(1 > kLengths[0] && kLengths[0] > kLengths[1] && kLengths[1] > kLengths[2]);
 
 constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 constexpr double kSmallForce = 0.05;  // relative force at which flat force curves are linearised
@@ -549,7 +550,7 @@ template <int N, int S>
 bool SizedOptimizer<N, S>::improve(double slight) {
   if (!is_simulated_) rollOut();
   for (int k = 0; k < steps() && !is_linear_; k += Lanes::kCount) {
-    if (!timeFor(0)) return false;
+    if (!timeLeft()) return false;
     linearize(k);
   }
   is_linear_ = true;
@@ -559,7 +560,7 @@ bool SizedOptimizer<N, S>::improve(double slight) {
       moveLinearly();
       return true;
     }
-    if (!timeFor(0)) return false;
+    if (!timeLeft()) return false;
     const double cost = tryOut(dynamics_, tried_, cost_, [&](std::size_t k, const State& state) {
       return corrected(k, vectorOf(plan_.inputs[k]) + open_[k], state);
     });
@@ -568,7 +569,7 @@ bool SizedOptimizer<N, S>::improve(double slight) {
       damping_ = damping_ / 5 < kMinDamping ? 0 : damping_ / 5;
       return true;
     }
-    if (!timeFor(0)) return false;
+    if (!timeLeft()) return false;
     if (tryParts()) return true;
   }
   const bool is_interrupted = budget_ && budget_->isUp();

@@ -11,8 +11,8 @@ namespace ground {
 namespace {
 
 constexpr int kOff = 1000, kRange = 1000;
-// A message has three floats, nine ints and a count: at most 120 bytes.
-constexpr std::size_t kLongestTelemetry = 128;
+// Three floats of five bytes with their keys, nine ints of eleven, and a count of six.
+constexpr std::size_t kLongestTelemetry = 120;
 
 unsigned toMotor(double value, double least, double most) {
   const auto share = static_cast<int>(std::lround(kRange * std::clamp(value, least, most)));

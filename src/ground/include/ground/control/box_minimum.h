@@ -35,7 +35,7 @@ class BoxMinimum {
     constexpr int kMaxChanges = 64;
     for (int change = 0; change < kMaxChanges; ++change) {
       moveFree(H, g, low, high);
-      if (!blocked_ && !release(H, g, low)) break;
+      if (!blocked_ && !release(H, g, low, high)) break;
     }
     factorFree(H);
     return true;
@@ -125,12 +125,12 @@ class BoxMinimum {
   }
 
   /// Frees the element whose bound holds it back most; returns whether there is one.
-  bool release(const Square& H, const Vector& g, const Vector& low) {
+  bool release(const Square& H, const Vector& g, const Vector& low, const Vector& high) {
     const Vector slope = g + H * minimum_;
     Eigen::Index most = -1;
     double least = 0;
     for (Eigen::Index i = 0; i < slope.size(); ++i) {
-      if (free_(i)) continue;
+      if (free_(i) || low(i) == high(i)) continue;
       // Positive if the function falls towards the inside; rounding errors do not count.
       const double gain = minimum_(i) == low(i) ? -slope(i) : slope(i);
       const double terms = std::abs(g(i)) + H.row(i).cwiseAbs().dot(minimum_.cwiseAbs());

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -76,8 +77,7 @@ class PredictiveControl : public TrackingController {
   /// A plan that may replace the one in use; it is continued and improved like that one.
   struct Contender {
     std::unique_ptr<TrajectoryOptimizer> plan;
-    bool has_plan = false;
-    double time = 0;  ///< start of the plan [s]
+    std::optional<double> time;  ///< start of the plan [s]; no value before it has one
   };
 
   void carryOn(double time);
@@ -110,8 +110,7 @@ class PredictiveControl : public TrackingController {
   std::array<Contender, 2> others_;
   std::vector<ReferencePoint> references_;
   DisturbanceObserver::Estimate start_;
-  bool has_plan_ = false;
-  double plan_time_ = 0;  ///< start of the plan [s]
+  std::optional<double> plan_time_;  ///< start of the plan [s]; no value before there is one
   std::array<Seed, kSeeds> seeds_;
   std::array<double, kSeeds> seed_costs_{};  ///< [m^2 s]
   bool has_seeds_ = false;                   ///< whether seeds and costs are this decision's

@@ -127,10 +127,12 @@ class TrajectoryOptimizer {
   T tryOut(const Dynamics<T>& dynamics, Trial<T>& trial, double limit, const Plan& plan) const;
   /// Makes the tried inputs the plan.
   void take(double cost);
+  /// Whether there is time for another piece of work.
+  bool timeLeft() { return !budget_ || budget_->left(); }
   /// Whether there is time for step k of a loop over the steps.
   bool timeFor(int k) {
     constexpr int kPiece = 8;  // steps in a piece of work; reading a clock takes time, too
-    return !budget_ || (k % kPiece == 0 ? budget_->left() : !budget_->isUp());
+    return k % kPiece == 0 ? timeLeft() : !budget_ || !budget_->isUp();
   }
 
   Dynamics<double> dynamics_;

@@ -123,7 +123,7 @@ class GroundLink {
   const MotorCommand& sent() const { return sent_; }
   /// Time of the next packet [s].
   double nextPacket() const { return next_packet_; }
-  /// Increases with every change of state, reason or craft.
+  /// Increases from 0 with every change of state, reason or craft.
   std::uint64_t revision() const { return revision_; }
 
  private:
