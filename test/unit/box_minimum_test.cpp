@@ -48,8 +48,12 @@ int boundsOfRandomProblems(int size, int problems) {
       }
       ++at_bounds;
       EXPECT_TRUE(d(i) == low(i) || d(i) == high(i));
-      if (d(i) < high(i)) EXPECT_GT(slope(i), -1e-9);
-      if (d(i) > low(i)) EXPECT_LT(slope(i), 1e-9);
+      if (d(i) < high(i)) {
+        EXPECT_GT(slope(i), -1e-9);
+      }
+      if (d(i) > low(i)) {
+        EXPECT_LT(slope(i), 1e-9);
+      }
       inside.row(i).setZero();
       inside.col(i).setZero();
       inside(i, i) = 1;
