@@ -167,7 +167,7 @@ class Tree:
             _copy_changed(self._pristine, self._build)
 
     def _judged(self, mutant, tests):
-        if mutant.path.endswith(".cpp") and not self._compiles(["../" + mutant.path + "^"]):
+        if mutant.path.endswith(".cpp") and not self._compiles([self._named(mutant.path) + "^"]):
             return {"outcome": "invalid"}
         if mutant.path.endswith(".cpp") and self._is_unchanged():
             return {"outcome": "equivalent", "why": "the same object code"}
@@ -188,8 +188,15 @@ class Tree:
                     return {"outcome": "killed", "by": failed.group(1) if failed else test}
         return {"outcome": "survived", "tests": len(tests)}
 
+    def _named(self, path):
+        """A source file as ninja calls it: CMake writes other paths when ninja runs it again."""
+        absolute = str(self._folder / path)
+        return absolute if absolute in (self._build / "build.ninja").read_text() else "../" + path
+
     def _compiles(self, targets):
         done = commands.run(["ninja", "-j1"] + targets, 3600, self._build)
+        if "ninja: error" in done.output:  # not of the compiler: every mutant would seem invalid
+            raise SystemExit(done.output)
         return done.status == 0
 
     def _is_unchanged(self):
