@@ -74,9 +74,10 @@ class Sensitivity {
     const Lanes mean[3] = {step.mean[0], step.mean[1], step.mean[2]};
     moveDeviation(s, left, mean, state_.data(), columns());
     const RigidState<Jet> here{s.filtered.eta.cast<Jet>(), s.filtered.nu.cast<Jet>()};
+    const Rotation<double> heading(s.filtered.eta.z());
     for (int g = 0; g < groups_; ++g) {
       simulations_[g].state() = here;
-      simulations_[g].advance(until);
+      simulations_[g].advance(until, heading);
       addMotion(s, simulations_[g].state(), mobility_[g] * s.push.cast<Jet>(), g);
     }
   }

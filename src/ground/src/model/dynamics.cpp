@@ -303,9 +303,10 @@ void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, 
 template <typename T>
 template <bool kPose, typename H>
 void Dynamics<T>::hold(T& t, RigidState<T>& state, const Thrusters<ValueOf<T>>& command,
-                       const ValueOf<T>& lift, const H& h, int count) const {
+                       const ValueOf<T>& lift, const H& h, int count,
+                       Rotation<ValueOf<T>>* heading) const {
   const Drive held(*this, command);
-  run<kPose, H>(t, state, {&held, &held, &held}, lift, nullptr, h, count, nullptr);
+  run<kPose, H>(t, state, {&held, &held, &held}, lift, nullptr, h, count, heading);
 }
 
 /// One stage of a Runge-Kutta step, `after` seconds from the beginning of the step.
@@ -376,9 +377,11 @@ template class Dynamics<LanesJet>;
   template void Dynamics<T>::step<false, H>(T&, RigidState<T>&, const StepInputs<T>&, const H&, \
                                             int, Rotation<ValueOf<T>>*) const;                  \
   template void Dynamics<T>::hold<true, H>(T&, RigidState<T>&, const Thrusters<ValueOf<T>>&,    \
-                                           const ValueOf<T>&, const H&, int) const;             \
+                                           const ValueOf<T>&, const H&, int,                    \
+                                           Rotation<ValueOf<T>>*) const;                        \
   template void Dynamics<T>::hold<false, H>(T&, RigidState<T>&, const Thrusters<ValueOf<T>>&,   \
-                                            const ValueOf<T>&, const H&, int) const;
+                                            const ValueOf<T>&, const H&, int,                   \
+                                            Rotation<ValueOf<T>>*) const;
 GROUND_INSTANTIATE_STEP(double, double)
 GROUND_INSTANTIATE_STEP(Jet, Jet)
 GROUND_INSTANTIATE_STEP(Jet, double)

@@ -147,6 +147,7 @@ template <typename T>
 LaneRun<T>::LaneRun(const Dynamics<T>& dynamics, const RigidState<T>& state, bool pose)
     : dynamics_(dynamics),
       state_(state),
+      heading_(valueOf(state.eta.z())),
       effect_states_(dynamics.initialStates()),
       pose_(pose) {}
 
@@ -167,15 +168,17 @@ template <typename T>
 template <typename H>
 void LaneRun<T>::takeOf(const LanePlan::Step& step, const H& h) {
   if (!dynamics_.hasMemory()) {
-    pose_ ? dynamics_.template hold<true>(t_, state_, step.command, step.lift, h, step.count)
-          : dynamics_.template hold<false>(t_, state_, step.command, step.lift, h, step.count);
+    pose_ ? dynamics_.template hold<true>(t_, state_, step.command, step.lift, h, step.count,
+                                          &heading_)
+          : dynamics_.template hold<false>(t_, state_, step.command, step.lift, h, step.count,
+                                           &heading_);
     return;
   }
   const Thrusters<T> held = step.command.template cast<T>();
   for (int i = 0; i < step.count; ++i) {
     const StepInputs<T> acting = dynamics_.actuate(held, step.lift, T(h), effect_states_.data());
-    pose_ ? dynamics_.template step<true>(t_, state_, acting, h)
-          : dynamics_.template step<false>(t_, state_, acting, h);
+    pose_ ? dynamics_.template step<true>(t_, state_, acting, h, 1, &heading_)
+          : dynamics_.template step<false>(t_, state_, acting, h, 1, &heading_);
   }
 }
 

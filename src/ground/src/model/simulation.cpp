@@ -31,31 +31,33 @@ void Simulation<T>::restart(const RigidState<T>& state) {
 }
 
 template <typename T>
-void Simulation<T>::advance(double time) {
+void Simulation<T>::advance(double time, Rotation<ValueOf<T>> heading) {
   Stretch stretch;
   while (stepping_.next(time, stretch)) {
     valueIn(t_) = stretch.t;
     if (stretch.by_delay == 0) {
-      pose_ ? step<true>(stretch.steps, stretch.h) : step<false>(stretch.steps, stretch.h);
+      pose_ ? step<true>(stretch.steps, stretch.h, heading)
+            : step<false>(stretch.steps, stretch.h, heading);
     } else {
       const T h = dynamics_.withDelay(stretch.h, stretch.by_delay);
-      pose_ ? step<true>(stretch.steps, h) : step<false>(stretch.steps, h);
+      pose_ ? step<true>(stretch.steps, h, heading) : step<false>(stretch.steps, h, heading);
     }
   }
 }
 
 template <typename T>
 template <bool kPose, typename H>
-void Simulation<T>::step(int steps, const H& h) {
+void Simulation<T>::step(int steps, const H& h, Rotation<ValueOf<T>>& heading) {
   if (!dynamics_.hasMemory()) {
-    dynamics_.template hold<kPose>(t_, state_, stepping_.thrusters(), stepping_.lift(), h,
-                                   steps);
+    dynamics_.template hold<kPose>(t_, state_, stepping_.thrusters(), stepping_.lift(), h, steps,
+                                   &heading);
     return;
   }
   const Thrusters<T> held = stepping_.thrusters().template cast<T>();
   for (int i = 0; i < steps; ++i)
     dynamics_.template step<kPose>(
-        t_, state_, dynamics_.actuate(held, stepping_.lift(), T(h), effect_states_.data()), h);
+        t_, state_, dynamics_.actuate(held, stepping_.lift(), T(h), effect_states_.data()), h, 1,
+        &heading);
 }
 
 template <typename T>

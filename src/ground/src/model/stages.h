@@ -68,7 +68,8 @@ struct Stages {
     nu = next.nu;
     if (kPose || uses_pose) eta = next.eta;
     // If the pose is constant, only effects need the heading.
-    if (!kPose && uses_pose) heading = Rotation<T>(eta.z());
+    if (!kPose && uses_pose)
+      heading = known ? Rotation<T>(eta.z(), known->c, known->s) : Rotation<T>(eta.z());
   }
 
   /// Computes the heading of the current stage.

@@ -78,7 +78,8 @@ class Dynamics {
   /// Like step(), for a held command that reaches the thrusters unchanged (see hasMemory()).
   template <bool kPose = true, typename H = T>
   void hold(T& t, RigidState<T>& state, const Thrusters<ValueOf<T>>& command,
-            const ValueOf<T>& lift, const H& h, int count = 1) const;
+            const ValueOf<T>& lift, const H& h, int count = 1,
+            Rotation<ValueOf<T>>* heading = nullptr) const;
   /// What the mocap measures at a state.
   Measurement<T> measure(const RigidState<T>& state) const;
   /// Whether the measurement differs from the state.

@@ -80,6 +80,7 @@ class LaneRun {
 
   const Dynamics<T>& dynamics_;
   RigidState<T> state_;
+  Rotation<Lanes> heading_;
   T t_{0.0};  ///< time since the drive began [s]
   std::vector<T> effect_states_;
   bool pose_;

@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include "ground/model/effect_registry.h"
+#include "small_angle.h"
 
 namespace ground {
 
@@ -19,9 +20,9 @@ struct ThrustMisalignment {
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
     const ThrusterLayout& layout = point.layout;
     const Vector3<T> total = layout.total(point.thrust);
-    T cosine, across;
-    cosSin(p[0], cosine, across);
-    const T lost = cosine - 1.0;
+    const Rotation<T> turned = turnedBy(p[0]);
+    const T lost = turned.c - 1.0;
+    const T& across = turned.s;
     wrench(0) += total(0) * lost;
     wrench(1) += total(0) * across;
     wrench(2) += point.body.l * total(2) * lost;

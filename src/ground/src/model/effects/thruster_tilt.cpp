@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include "ground/model/effect_registry.h"
+#include "small_angle.h"
 
 namespace ground {
 
@@ -18,10 +19,9 @@ struct ThrusterTilt {
   template <typename T>
   static void act(const T* p, const Point<T>& point, int thruster, Vector3<T>& wrench) {
     const ThrusterLayout& layout = point.layout;
-    T cosine, sine;
-    cosSin(p[0], cosine, sine);
-    const T along = point.thrust(thruster) * (cosine - 1.0);
-    const T across = point.thrust(thruster) * sine;
+    const Rotation<T> turned = turnedBy(p[0]);
+    const T along = point.thrust(thruster) * (turned.c - 1.0);
+    const T across = point.thrust(thruster) * turned.s;
     wrench(0) += layout.forward(thruster) * along - layout.starboard(thruster) * across;
     wrench(1) += layout.starboard(thruster) * along + layout.forward(thruster) * across;
     wrench(2) += point.body.l * (layout.lever(thruster) * along + layout.along(thruster) * across);
