@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
 #include <mutex>
 #include <numeric>
@@ -84,6 +85,26 @@ TEST(WindowResiduals, DerivativesAgreeWithFiniteDifferences) {
     const Eigen::VectorXd finite = (plus.residuals - minus.residuals) / (2 * h);
     EXPECT_LT((exact.derivatives.col(j) - finite).norm(), 1e-5 * finite.norm() + 1e-9) << j;
   }
+}
+
+TEST(Linearisation, ADelayThatBecomesFreeHasItsDerivative) {
+  const Problem all;
+  const SimulationError used(all.runs, all.windows), fresh(all.runs, all.windows);
+  const int delay = all.model.index("input_delay.delay");
+  std::vector<int> others = all.free;
+  others.erase(std::find(others.begin(), others.end(), delay));
+  const auto squares = [&](const SimulationError& problem, const std::vector<int>& free) {
+    double sum = 0;
+    Linearisation(problem, all.model, 1)
+        .normalEquations(
+            {all.model.coordinates(), free, all.initial(problem)}, RobustLoss{}.weighing(),
+            [](int) { return 1; },
+            [&](int, int, const NormalEquations& equations) { sum += equations.A(0, 0); });
+    return sum;
+  };
+  squares(used, others);
+  EXPECT_GT(squares(fresh, {delay}), 0);
+  EXPECT_EQ(squares(used, {delay}), squares(fresh, {delay}));
 }
 
 TEST(Linearisation, AgreesWithThatOfEachWindowAlone) {
