@@ -173,8 +173,11 @@ def solve(matrix: Array, right: Array) -> Array:
     """Solution of matrix x = right; zero in directions in which the matrix is singular."""
     if not len(matrix):
         return np.zeros((0,) + right.shape[1:])
-    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix / size / size[:, None]
-    right = right / (size if right.ndim == 1 else size[:, None])
-    solution = np.linalg.lstsq(scaled, right, rcond=1e-9)[0]
-    return np.asarray(solution / (size if right.ndim == 1 else size[:, None]))
+    # A direction without information, or whose information overflowed, tells nothing.
+    known = np.isfinite(np.diag(matrix)) & (np.diag(matrix) > 0)
+    size = np.sqrt(np.where(known, np.diag(matrix), 1.0))
+    scaled = np.where(known & known[:, None], matrix / size / size[:, None], 0.0)
+    shown = known if right.ndim == 1 else known[:, None]
+    size = size if right.ndim == 1 else size[:, None]
+    solution = np.linalg.lstsq(scaled, np.where(shown, right / size, 0.0), rcond=1e-9)[0]
+    return np.asarray(solution / size)
