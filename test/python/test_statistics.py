@@ -587,6 +587,17 @@ def test_singular_equations_have_no_step_where_nothing_is_known():
     assert np.allclose(score_tests.solve(matrix, right), np.linalg.solve(matrix, right))
 
 
+@pytest.mark.parametrize("information", [0.0, -1e-3, np.inf, np.nan])
+def test_directions_without_finite_information_tell_nothing(information):
+    matrix = np.array([[4.0, 1.0, 2.0, 3.0], [1.0, 9.0, 3.0, 2.0], [2.0, 3.0, 0, 0], [3.0, 2.0, 0, 0]])
+    matrix[2:, 2:] = [[information, 1e200], [1e200, information]]
+    right = np.array([6.0, 19.0, 5.0, -4.0])
+    expected = [*np.linalg.solve(matrix[:2, :2], right[:2]), 0, 0]
+    assert score_tests.solve(matrix, right) == pytest.approx(expected)
+    both = score_tests.solve(matrix, np.column_stack([right, 2 * right]))
+    assert both == pytest.approx(np.column_stack([expected, 2 * np.array(expected)]))
+
+
 def test_a_step_stays_in_the_range_of_a_parameter():
     plain = {"name": "c", "neutral": 0.0, "lower": -1.0, "upper": 2.0}
     assert score_tests.moved(plain, 0.5, 0.7) == pytest.approx(1.2)

@@ -150,8 +150,8 @@ TEST(Tables, DefaultsOfTheCoreAreThoseOfItsNodes) {
   EXPECT_EQ(plain.latency, room.latency);
 }
 
-/// Checks that the range in the message about a far too large number is the one that is accepted: both
-/// of its ends, and nothing beyond.
+/// Checks the range in the message about a far too large number: both ends are accepted, numbers
+/// outside it are refused.
 template <class Params, class Access>
 void expectRange(const std::string& name, const Params& good, Access access) {
   ASSERT_EQ(good.validate(), "") << name;

@@ -366,7 +366,8 @@ class Ascent {
   Eigen::MatrixXd level_information_;
   std::set<int> held_;  // levels
   int iterations_ = 0;
-  double best_, min_gain_;  // of the present climb, as is the next
+  // Each climb sets these:
+  double best_, min_gain_;
   bool converged_;
 };
 

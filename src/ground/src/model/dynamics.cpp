@@ -128,8 +128,9 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
   yaw_gain_ = body_.k * lever_;
 }
 
-/// Adds an effect whose parameters begin at `p`. One that changes nothing has states, but is not
-/// computed: scores differentiate by all effects that a model may lack, few at a time.
+/// Adds an effect whose parameters begin at `p`. One that changes nothing keeps its place among the
+/// states, but is never computed: a score test has a model with all effects that may be missing, and
+/// differentiates by the parameters of a few effects at a time.
 template <typename T>
 void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   const int state = stateCount();
