@@ -224,7 +224,7 @@ def beliefs(story: Story) -> Optional[Document]:
     caption = (
         "Probability [%] that each effect acts on the craft, after each diagnosis. Bold: present; ?: "
         "still open; ×: not identifiable, no flight in this room shows it or distinguishes it from "
-        "others; plain: absent."
+        "others; plain: absent, or visible but too small to matter."
     )
     rest = len(ranked(story)) - len(names)
     if rest:
