@@ -1,6 +1,5 @@
 #include "normal_equations.h"
 
-#include <cstring>
 
 namespace ground::detail {
 namespace {
@@ -52,16 +51,15 @@ NormalEquations normalEquations(const WindowResiduals& rows, int columns, int fi
       Vec8 sum[8] = {}, slope = {};
       for (int i = 0; i < count; ++i) {
         const double* left = &rows.derivatives(first + i, 8 * p);
-        Vec8 right;
-        std::memcpy(&right, &rows.derivatives(first + i, 8 * q), sizeof right);
+        Vec8 right = registers::load<Vec8>(&rows.derivatives(first + i, 8 * q));
         if (p == q) slope += product(i) * right;
         right *= weight(i);
         for (int k = 0; k < 8; ++k) sum[k] += left[k] * right;
       }
       for (int j = 0; j < 8 && 8 * q + j < columns; ++j) {
         for (int k = 0; k < 8 && 8 * p + k < columns; ++k)
-          result.A(8 * p + k, 8 * q + j) = result.A(8 * q + j, 8 * p + k) = sum[k][j];
-        if (p == q) result.b(8 * q + j) = slope[j];
+          result.A(8 * p + k, 8 * q + j) = result.A(8 * q + j, 8 * p + k) = registers::at(sum[k], j);
+        if (p == q) result.b(8 * q + j) = registers::at(slope, j);
       }
     }
   }
@@ -84,7 +82,8 @@ void LaneSums::add(const LaneRows& rows, int first, int last, const Weigh& weigh
     for (int q = 0; q < blocks_; ++q)
       for (int p = 0; p <= q; ++p, A += kBlock * kBlock) {
         Vec8 sum[kBlock][kBlock], slope[kBlock] = {};
-        std::memcpy(&sum, A, sizeof sum);
+        for (int k = 0; k < kBlock; ++k)
+          for (int j = 0; j < kBlock; ++j) sum[k][j] = A[kBlock * k + j].x;
         const Lanes* row = derivatives;
         for (int i = 0; i < count; ++i, row += rows.stride) {
           Vec8 right[kBlock];
@@ -96,7 +95,8 @@ void LaneSums::add(const LaneRows& rows, int first, int last, const Weigh& weigh
           for (int k = 0; k < kBlock; ++k)
             for (int j = 0; j < kBlock; ++j) sum[k][j] += row[kBlock * p + k].x * right[j];
         }
-        std::memcpy(A, &sum, sizeof sum);
+        for (int k = 0; k < kBlock; ++k)
+          for (int j = 0; j < kBlock; ++j) A[kBlock * k + j].x = sum[k][j];
         if (p == q)
           for (int j = 0; j < kBlock; ++j) b_[kBlock * q + j].x += slope[j];
       }

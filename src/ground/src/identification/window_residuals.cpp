@@ -62,13 +62,9 @@ struct Variables {
 bool allFinite(const Derivatives& rows) {
   Vec8 sum = {};
   for (Eigen::Index i = 0; i < rows.size(); i += 8) {
-    Vec8 part;
-    std::memcpy(&part, rows.data() + i, sizeof part);
-    sum += 0.0 * part;  // NaN if a number is not finite
+    sum += 0.0 * registers::load<Vec8>(rows.data() + i);  // NaN if a number is not finite
   }
-  for (int i = 0; i < 8; ++i)
-    if (sum[i] != 0) return false;
-  return true;
+  return registers::allOf(sum == Vec8{});
 }
 
 }  // namespace

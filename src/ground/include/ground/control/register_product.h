@@ -2,7 +2,7 @@
 
 #include <Eigen/Core>
 
-#include "ground/model/lanes.h"
+#include "ground/model/registers.h"
 
 namespace ground {
 
@@ -13,14 +13,12 @@ template <class Left, class Right, class Sum>
 GROUND_INLINE void addProduct(const Left& left, const Right& right, Sum& sum) {
   constexpr int kRows = Sum::RowsAtCompileTime, kRegister = 8;
   static_assert(kRows % kRegister == 0 && Left::RowsAtCompileTime == kRows, "whole registers");
-  using Register = double __attribute__((vector_size(64), aligned(8), may_alias));
   for (Eigen::Index j = 0; j < sum.cols(); ++j) {
     for (int i = 0; i < kRows; i += kRegister) {
-      Register& column = *reinterpret_cast<Register*>(&sum(i, j));
-      Vec8 total = column;
+      Vec8 total = registers::load<Vec8>(&sum(i, j));
       for (Eigen::Index k = 0; k < left.cols(); ++k)
-        total += *reinterpret_cast<const Register*>(&left(i, k)) * right(k, j);
-      column = total;
+        total += registers::load<Vec8>(&left(i, k)) * right(k, j);
+      registers::store(total, &sum(i, j));
     }
   }
 }

@@ -43,7 +43,7 @@ struct Directions<double, 8> {
   Vec8 x;
 
   double& operator[](int i) { return reinterpret_cast<double*>(&x)[i]; }
-  double operator[](int i) const { return x[i]; }
+  double operator[](int i) const { return registers::at(x, i); }
   template <int count>
   auto head() const {
     return Eigen::Map<const Eigen::Matrix<double, 8, 1>>(reinterpret_cast<const double*>(&x))

@@ -3,36 +3,22 @@
 #include <Eigen/Core>
 #include <cmath>
 
-// Vec8 and Bits8 are vectors of eight numbers by GCC's vector extension: one register with AVX-512,
-// several registers otherwise, the same layout in memory everywhere. How they are passed by value
-// depends on the processor, so functions that are not inlined take them by reference.
-#define GROUND_INLINE inline __attribute__((always_inline))
+#include "ground/model/registers.h"
 
 namespace ground {
-
-using Vec8 = double __attribute__((vector_size(64), aligned(64)));
-using Bits8 = long long __attribute__((vector_size(64), aligned(64)));
 
 /// The result of a comparison in each of eight lanes.
 struct Mask {
   Bits8 bits;  ///< all ones (true) or all zeros (false) in each lane
 
-  GROUND_INLINE bool operator[](int i) const { return bits[i] != 0; }
+  GROUND_INLINE bool operator[](int i) const { return registers::at(bits, i) != 0; }
   GROUND_INLINE Mask operator&&(const Mask& other) const { return {bits & other.bits}; }
 };
 
 GROUND_INLINE bool allOf(bool condition) { return condition; }
-GROUND_INLINE bool allOf(const Mask& m) {
-  long long all = -1;
-  for (int i = 0; i < 8; ++i) all &= m.bits[i];
-  return all != 0;
-}
+GROUND_INLINE bool allOf(const Mask& m) { return registers::allOf(m.bits); }
 GROUND_INLINE bool noneOf(bool condition) { return !condition; }
-GROUND_INLINE bool noneOf(const Mask& m) {
-  long long any = 0;
-  for (int i = 0; i < 8; ++i) any |= m.bits[i];
-  return any == 0;
-}
+GROUND_INLINE bool noneOf(const Mask& m) { return registers::noneOf(m.bits); }
 
 /// A scalar type of the model that holds one number of each of eight parallel simulations.
 ///
@@ -48,14 +34,14 @@ struct Lanes {
   Vec8 x;
 
   Lanes() = default;
-  GROUND_INLINE Lanes(double a) : x{a, a, a, a, a, a, a, a} {}  // NOLINT: as numbers do
+  GROUND_INLINE Lanes(double a) : x(registers::filled<Vec8>(a)) {}  // NOLINT: as numbers do
   GROUND_INLINE static Lanes of(const Vec8& x) {
     Lanes lanes;
     lanes.x = x;
     return lanes;
   }
   double& operator[](int i) { return reinterpret_cast<double*>(&x)[i]; }
-  double operator[](int i) const { return x[i]; }
+  double operator[](int i) const { return registers::at(x, i); }
 
   GROUND_INLINE Lanes operator-() const { return of(-x); }
   GROUND_INLINE Lanes& operator+=(const Lanes& b) { return x += b.x, *this; }
@@ -72,7 +58,7 @@ struct Lanes {
 };
 
 GROUND_INLINE Lanes blend(const Mask& mask, const Lanes& a, const Lanes& b) {
-  return Lanes::of(mask.bits ? a.x : b.x);
+  return Lanes::of(registers::blend(mask.bits, a.x, b.x));
 }
 
 /// The value of `a` if the condition is true, else of `b`; a Mask selects lane by lane.
@@ -95,12 +81,8 @@ GROUND_INLINE auto choose(const Mask& mask, const Then& then, const Otherwise& o
   return blend(mask, then(), otherwise());
 }
 
-GROUND_INLINE Lanes abs(const Lanes& a) { return Lanes::of(a.x < 0 ? -a.x : a.x); }
-GROUND_INLINE Lanes sqrt(const Lanes& a) {
-  Lanes root;
-  for (int i = 0; i < Lanes::kCount; ++i) root.x[i] = std::sqrt(a.x[i]);
-  return root;
-}
+GROUND_INLINE Lanes abs(const Lanes& a) { return blend(a < Lanes(0.0), -a, a); }
+GROUND_INLINE Lanes sqrt(const Lanes& a) { return Lanes::of(registers::sqrt(a.x)); }
 
 // Not inlined, so arguments and results are passed by reference.
 namespace lanes {
