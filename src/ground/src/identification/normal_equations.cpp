@@ -1,5 +1,6 @@
 #include "normal_equations.h"
 
+#include <algorithm>
 
 namespace ground::detail {
 namespace {
@@ -81,9 +82,9 @@ void LaneSums::add(const LaneRows& rows, int first, int last, const Weigh& weigh
     Lanes* A = A_.data();
     for (int q = 0; q < blocks_; ++q)
       for (int p = 0; p <= q; ++p, A += kBlock * kBlock) {
-        Vec8 sum[kBlock][kBlock], slope[kBlock] = {};
-        for (int k = 0; k < kBlock; ++k)
-          for (int j = 0; j < kBlock; ++j) sum[k][j] = A[kBlock * k + j].x;
+        Lanes sum[kBlock * kBlock];
+        Vec8 slope[kBlock] = {};
+        std::copy_n(A, kBlock * kBlock, sum);
         const Lanes* row = derivatives;
         for (int i = 0; i < count; ++i, row += rows.stride) {
           Vec8 right[kBlock];
@@ -93,10 +94,10 @@ void LaneSums::add(const LaneRows& rows, int first, int last, const Weigh& weigh
             right[j] *= weight[i].x;
           }
           for (int k = 0; k < kBlock; ++k)
-            for (int j = 0; j < kBlock; ++j) sum[k][j] += row[kBlock * p + k].x * right[j];
+            for (int j = 0; j < kBlock; ++j)
+              sum[kBlock * k + j].x += row[kBlock * p + k].x * right[j];
         }
-        for (int k = 0; k < kBlock; ++k)
-          for (int j = 0; j < kBlock; ++j) A[kBlock * k + j].x = sum[k][j];
+        std::copy_n(sum, kBlock * kBlock, A);
         if (p == q)
           for (int j = 0; j < kBlock; ++j) b_[kBlock * q + j].x += slope[j];
       }
