@@ -109,3 +109,8 @@ TEST(RegistersTest, EightNumbersHaveOneLayout) {
 
 }  // namespace
 }  // namespace ground
+
+int main(int argc, char** argv) {
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}

@@ -98,6 +98,30 @@ TEST(ThrusterLayout, RefusesCurvesThatAreNotFinite) {
   }
 }
 
+// Sums over the intervals of a table round, differently on each processor.
+TEST(ThrusterLayout, AnyTableThroughZeroHasNoForceThere) {
+  std::mt19937 random(4);
+  std::uniform_real_distribution<double> part(0.01, 0.4);
+  for (int i = 0; i < 1000; ++i) {
+    Thruster thruster;
+    thruster.name = thruster.channel = "one";
+    thruster.least = -1;
+    std::vector<std::array<double, 2>>& points = thruster.curve.table;
+    points = {{0, 0}};
+    while (points.front()[0] > -1)
+      points.insert(points.begin(), {points.front()[0] - part(random), points.front()[1] - part(random)});
+    while (points.back()[0] < 1)
+      points.push_back({points.back()[0] + part(random), points.back()[1] + part(random)});
+    EXPECT_NO_THROW(validate(thruster));
+    EXPECT_EQ(thruster.curve.at(0.0), 0);
+    EXPECT_NEAR(thruster.curve.at(points[1][0]), points[1][1], 1e-14);
+    points[0][1] -= 0.01;  // all other points stay the same
+    EXPECT_NO_THROW(validate(thruster));
+    for (auto& [input, force] : points) force += 1e-9;
+    EXPECT_THROW(validate(thruster), std::invalid_argument);
+  }
+}
+
 TEST(ThrusterLayout, LeverIsTheRootMeanSquare) {
   const Model model = four();
   const double c = std::cos(10 * M_PI / 180), s = std::sin(10 * M_PI / 180);

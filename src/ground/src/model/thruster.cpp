@@ -12,6 +12,7 @@
 namespace ground {
 namespace {
 
+constexpr double kSmallForce = 1e-12;  // relative to full force: that of rounding
 constexpr std::size_t kLongestThrusterName = 40;  // [characters]
 
 bool isIdentifier(const std::string& text) {
@@ -37,6 +38,16 @@ std::string text(double value) {
   return text.str();
 }
 
+/// The relative force that a table has at input 0, to the precision of its sum.
+double atZero(const std::vector<std::array<double, 2>>& table) {
+  double force = table.front()[1];
+  for (std::size_t i = 1; i < table.size(); ++i) {
+    const double width = table[i][0] - table[i - 1][0];
+    force += (table[i][1] - table[i - 1][1]) * std::clamp(-table[i - 1][0] / width, 0.0, 1.0);
+  }
+  return force;
+}
+
 void validateTable(const Thruster& thruster) {
   const auto& table = thruster.curve.table;
   if (table.empty()) return;
@@ -51,7 +62,7 @@ void validateTable(const Thruster& thruster) {
   if (table.front()[0] > thruster.least || table.back()[0] < thruster.most)
     fail(thruster, "the table of its curve must reach from " + text(thruster.least) + " to " +
                        text(thruster.most) + ", its range");
-  if (thruster.curve.at(0.0) != 0)
+  if (std::abs(atZero(table)) > kSmallForce)
     fail(thruster, "the table of its curve must have no force at input 0; add [0, 0]");
 }
 

@@ -9,9 +9,9 @@
 
 namespace ground {
 
-/// Reference position and its derivatives by time, world_ned.
+/// Reference position and its derivatives by time, world_ned: [m], [m/s], [m/s^2], [m/s^3].
 struct ReferencePoint {
-  Vector2<double> p, p_dot, p_ddot, p_dddot;  ///< [m], [m/s], [m/s^2], [m/s^3]
+  Vector2<double> p = {0, 0}, p_dot = {0, 0}, p_ddot = {0, 0}, p_dddot = {0, 0};
 };
 
 /// A path over time.

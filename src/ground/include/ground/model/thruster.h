@@ -37,15 +37,20 @@ struct ForceCurve {
  private:
   template <typename T>
   T between(const T& input) const {
-    T force(table.front()[1]);
+    // From input 0 on, so that the force there is exactly 0.
+    T force(0.0);
     for (std::size_t i = 1; i < table.size(); ++i) {
-      const double width = table[i][0] - table[i - 1][0];
-      const double slope = (table[i][1] - table[i - 1][1]) / width;
-      // Distance of the input from the start of this interval, clipped to 0..width.
-      const T into = width - notBelowZero(T(width - notBelowZero(T(input - table[i - 1][0]))));
-      force += slope * into;
+      const double slope = (table[i][1] - table[i - 1][1]) / (table[i][0] - table[i - 1][0]);
+      force += slope * (into(i, input) - into(i, 0.0));
     }
     return force;
+  }
+
+  /// Distance of an input from the start of the interval before point i, clipped to its width.
+  template <typename T>
+  T into(std::size_t i, const T& input) const {
+    const double width = table[i][0] - table[i - 1][0];
+    return width - notBelowZero(T(width - notBelowZero(T(input - table[i - 1][0]))));
   }
 };
 
