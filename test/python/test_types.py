@@ -3,6 +3,8 @@
 import ast
 import inspect
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -57,6 +59,12 @@ def test_classes_of_the_stub_have_the_members_of_the_core(stub):
             if hasattr(kind, "__members__"):
                 real -= ENUM_MEMBERS
             assert public(members(node.body)) == real, name
+
+
+def test_the_core_loads_without_numpy():
+    """Launch files start many programs that need the core alone; numpy would take most of their time."""
+    script = "import sys; from ground import _core; sys.exit('numpy' in sys.modules)"
+    assert subprocess.call([sys.executable, "-c", script]) == 0
 
 
 def test_functions_of_the_stub_have_the_arguments_of_the_core(stub):

@@ -88,9 +88,9 @@ def simulate(
     eta: ArrayLike,
     nu: ArrayLike,
     drives: ArrayLike = ...,
-    wrench: ArrayLike = ...,
+    wrench: Optional[ArrayLike] = ...,
 ) -> Motion: ...
-def drive_starts(times: ArrayLike, lift: ArrayLike, records: ArrayLike = ...) -> List[float]: ...
+def drive_starts(times: ArrayLike, lift: ArrayLike, records: Optional[ArrayLike] = ...) -> List[float]: ...
 
 # estimation
 
@@ -315,8 +315,8 @@ class RunData:
         eta: ArrayLike,
         nu: ArrayLike,
         inputs: ArrayLike,
-        poses: ArrayLike = ...,
-        noise: ArrayLike = ...,
+        poses: Optional[ArrayLike] = ...,
+        noise: Optional[ArrayLike] = ...,
         drives: ArrayLike = ...,
     ) -> None: ...
     @property
@@ -393,7 +393,7 @@ class WrenchFilter:
     def likeliest_noise(self, nature: WrenchNature) -> WrenchNoise: ...
     def innovations(self, nature: WrenchNature, noise: WrenchNoise) -> Innovations: ...
     def smooth(
-        self, noise: WrenchNoise, acting: ArrayLike = ..., channels: Sequence[int] = ...
+        self, noise: WrenchNoise, acting: Optional[ArrayLike] = ..., channels: Sequence[int] = ...
     ) -> InferredWrench: ...
     @property
     def model_thrust(self) -> Array: ...
@@ -452,7 +452,7 @@ class GreyBox:
         point: GreyBoxPoint,
         run: int,
         cap: float = 25.0,
-        acting: ArrayLike = ...,
+        acting: Optional[ArrayLike] = ...,
         channels: Sequence[int] = ...,
     ) -> Residuals: ...
     def forecast(
@@ -463,7 +463,7 @@ class GreyBox:
         horizons: Sequence[float],
         unknown_loudness: bool = False,
         free: Sequence[str] = ...,
-        information: ArrayLike = ...,
+        information: Optional[ArrayLike] = ...,
         scale: Sequence[float] = ...,
         part: float = 0.9,
         draws: int = 99,

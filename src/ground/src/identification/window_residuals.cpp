@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cstring>
 #include <sstream>
 #include <stdexcept>
 
@@ -133,7 +132,7 @@ void Evaluation::one(int window, const Eigen::VectorXd& initial, WindowResiduals
         result.residuals(3 * i + c) = (valueOf(seen(c)) - measured(span.first + i, c)) * weight(c);
         if constexpr (!std::is_same_v<T, double>) {
           const Lanes row = Lanes::of(seen(c).v.x) * Lanes(weight(c));
-          std::memcpy(&result.derivatives(3 * i + c, begin), &row.x, sizeof row.x);
+          registers::store(row.x, &result.derivatives(3 * i + c, begin));
         }
       }
     }

@@ -5,6 +5,7 @@
 #include <pybind11/stl.h>
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
 #include "ground/identification/simulation_error.h"
@@ -32,6 +33,13 @@ Eigen::RowVectorXd inputRow(double time, const Thrusters<double>& thrusters, dou
 /// A dictionary for each parameter: name, unit, start, value, ci95, deviation, at_bound,
 /// identified.
 pybind11::list toList(const std::vector<FittedParameter>& parameters);
+
+/// A matrix that need not be given. Its default is None, because an array as default would load numpy
+/// with the module, and launch files start programs that do not need it.
+using OptionalMatrix = std::optional<Eigen::MatrixXd>;
+inline Eigen::MatrixXd orEmpty(const OptionalMatrix& matrix) {
+  return matrix.value_or(Eigen::MatrixXd());
+}
 
 /// Matrix with one row fill(entry) for each entry.
 template <typename Entry, typename Fill>

@@ -87,8 +87,9 @@ py::dict scoresAt(const GreyBox& box, const GreyBoxPoint& point,
 }
 
 py::dict residualsAt(const GreyBox& box, const GreyBoxPoint& point, int run, double cap,
-                     const Eigen::MatrixXd& acting, const std::vector<int>& channels) {
-  const auto found = withoutGil([&] { return box.residuals(point, run, cap, acting, channels); });
+                     const OptionalMatrix& acting, const std::vector<int>& channels) {
+  const auto found =
+      withoutGil([&] { return box.residuals(point, run, cap, orEmpty(acting), channels); });
   py::dict d;
   d["whitened"] = found.whitened;
   d["scored"] = found.scored;
@@ -100,12 +101,12 @@ py::dict residualsAt(const GreyBox& box, const GreyBoxPoint& point, int run, dou
 
 py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run,
                       std::vector<int> starts, std::vector<double> horizons, bool unknown_loudness,
-                      std::vector<std::string> free, const Eigen::MatrixXd& information,
+                      std::vector<std::string> free, const OptionalMatrix& information,
                       std::vector<double> scale, double part, int draws,
                       const Vector3<double>& velocity_noise, double cap, unsigned seed) {
   const ForecastOptions options{
       std::move(starts), std::move(horizons), unknown_loudness, std::move(free),
-      information,       std::move(scale),    part,             draws,
+      orEmpty(information), std::move(scale), part,             draws,
       velocity_noise,    cap,                 seed};
   const auto found = withoutGil([&] { return box.forecast(point, run, options); });
   py::list result;
@@ -152,12 +153,12 @@ void bindGreyBox(py::module_& module) {
       .def("scores", &scoresAt, py::arg("point"), py::arg("parameters"), py::arg("cap") = 25.0,
            py::arg("block") = 1.0, py::arg("threads") = 1)
       .def("residuals", &residualsAt, py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,
-           py::arg("acting") = Eigen::MatrixXd(), py::arg("channels") = std::vector<int>())
+           py::arg("acting") = py::none(), py::arg("channels") = std::vector<int>())
       .def("forecast", &forecastFrom, py::arg("point"), py::arg("run"), py::arg("starts"),
            py::arg("horizons"), py::arg("unknown_loudness") = false,
-           py::arg("free") = std::vector<std::string>(), py::arg("information") = Eigen::MatrixXd(),
+           py::arg("free") = std::vector<std::string>(), py::arg("information") = py::none(),
            py::arg("scale") = std::vector<double>(), py::arg("part") = 0.9, py::arg("draws") = 99,
-           py::arg("velocity_noise") = Vector3<double>(0, 0, 0), py::arg("cap") = 25.0,
+           py::arg("velocity_noise") = py::make_tuple(0.0, 0.0, 0.0), py::arg("cap") = 25.0,
            py::arg("seed") = 1,
            "Predictions from samples of a run without later poses, each over a horizon [s]: first\n"
            "(sample), and mean, deviation, low and high (n, 6) of measured x, y [m], psi [rad],\n"

@@ -24,9 +24,11 @@ Eigen::MatrixXd fromInputs(const RunData& run) {
 
 RunData makeRun(const std::string& name, const std::vector<double>& times,
                 const Eigen::MatrixX3d& eta, const Eigen::MatrixX3d& nu,
-                const Eigen::Ref<const Eigen::MatrixXd>& inputs, const Eigen::MatrixX3d& poses,
-                const Vector3<double>& noise, const std::vector<double>& drives) {
-  RunData run{name, times, eta, nu, toInputs(inputs), poses, noise};
+                const Eigen::Ref<const Eigen::MatrixXd>& inputs,
+                const std::optional<Eigen::MatrixX3d>& poses,
+                const std::optional<Vector3<double>>& noise, const std::vector<double>& drives) {
+  RunData run{name, times, eta, nu, toInputs(inputs), poses.value_or(Eigen::MatrixX3d(0, 3)),
+              noise.value_or(RunData().noise)};
   if (!drives.empty()) run.inputs.drive = DriveClock(drives);
   return run;
 }
@@ -59,8 +61,8 @@ py::dict toDict(const FitResult& result) {
 void defRecording(py::module_& module) {
   py::class_<RunData>(module, "RunData", "A recording: measurements and commands on one clock.")
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
-           py::arg("inputs"), py::arg("poses") = RunData().poses,
-           py::arg("noise") = RunData().noise, py::arg("drives") = std::vector<double>())
+           py::arg("inputs"), py::arg("poses") = py::none(),
+           py::arg("noise") = py::none(), py::arg("drives") = std::vector<double>())
       .def_readonly("name", &RunData::name)
       .def_property_readonly("times", &timesOf, "Read-only view [s].")
       .def_readonly("eta", &RunData::eta)
@@ -196,17 +198,17 @@ void defWrenchFilter(py::module_& module) {
           py::arg("nature"), py::arg("noise"), "Ahead, to starboard, in heading; one row a sample.")
       .def(
           "smooth",
-          [](const WrenchFilter& filter, const WrenchNoise& noise, const Eigen::MatrixXd& acting,
+          [](const WrenchFilter& filter, const WrenchNoise& noise, const OptionalMatrix& acting,
              const std::vector<int>& channels) {
             const auto inferred =
-                withoutGil([&] { return filter.smooth(noise, acting, channels); });
+                withoutGil([&] { return filter.smooth(noise, orEmpty(acting), channels); });
             py::dict d;
             d["wrench"] = inferred.wrench;
             d["sigma"] = inferred.sigma;
             d["responses"] = inferred.responses;
             return d;
           },
-          py::arg("noise"), py::arg("acting") = Eigen::MatrixXd(),
+          py::arg("noise"), py::arg("acting") = py::none(),
           py::arg("channels") = std::vector<int>(),
           "X, Y [N], N [N m] and standard deviations, one row a sample; responses to the acting "
           "wrenches.")

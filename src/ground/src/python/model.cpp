@@ -40,11 +40,12 @@ py::list describe(const std::vector<ParameterInfo>& infos) {
 
 /// Starts of drives from the commands and from records, rows of began and as_of (DriveClock).
 std::vector<double> driveStarts(const std::vector<double>& times, const std::vector<double>& lift,
-                                const Eigen::Ref<const Eigen::MatrixX2d>& records) {
+                                const std::optional<Eigen::MatrixX2d>& records) {
   if (times.size() != lift.size()) throw std::invalid_argument("times and lift differ in length");
   DriveClock clock;
   for (std::size_t i = 0; i < times.size(); ++i) clock.command(times[i], lift[i]);
-  for (Eigen::Index i = 0; i < records.rows(); ++i) clock.record(records(i, 0), records(i, 1));
+  for (Eigen::Index i = 0; records && i < records->rows(); ++i)
+    clock.record((*records)(i, 0), (*records)(i, 1));
   return clock.starts();
 }
 
@@ -79,12 +80,13 @@ Eigen::MatrixX3d forcesOf(const Model& model, const Eigen::Ref<const Eigen::Matr
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
                      const std::vector<double>& times, const Vector3<double>& eta,
                      const Vector3<double>& nu, const std::vector<double>& drives,
-                     const Eigen::MatrixX3d& wrench) {
+                     const std::optional<Eigen::MatrixX3d>& wrench) {
   InputSequence inputs = toInputs(rows);
   if (!drives.empty()) inputs.drive = DriveClock(drives);
   if (times.empty()) throw std::invalid_argument("there is no time to simulate at");
   const auto count = static_cast<Eigen::Index>(times.size());
-  if (wrench.rows() != 0 && wrench.rows() != count)
+  const bool pushes = wrench && wrench->rows() > 0;
+  if (pushes && wrench->rows() != count)
     throw std::invalid_argument("the wrench needs a row for each time");
   Eigen::MatrixX3d eta_out(count, 3), nu_out(count, 3);
   {
@@ -95,8 +97,8 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
     for (Eigen::Index i = 0; i < count; ++i) {
       const double time = times[static_cast<std::size_t>(i)];
       Vector3<double> push = Vector3<double>::Zero();
-      if (i > 0 && wrench.rows() > 0)
-        push = 0.5 * (time - simulation.time()) * mobility * wrench.row(i - 1).transpose();
+      if (i > 0 && pushes)
+        push = 0.5 * (time - simulation.time()) * mobility * wrench->row(i - 1).transpose();
       simulation.state().nu += push;  // half of the impulse acts before the step, half after
       simulation.advance(time);
       simulation.state().nu += push;
@@ -245,13 +247,13 @@ void defSimulation(py::module_& module) {
   module.def(
       "simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"),
       py::arg("eta"), py::arg("nu"), py::arg("drives") = std::vector<double>(),
-      py::arg("wrench") = Eigen::MatrixX3d(0, 3),
+      py::arg("wrench") = py::none(),
       "Simulated measurements of pose and velocity at `times` [s] from a true initial state. "
       "`inputs`: rows of time, an input for each thruster, lift. `drives`: starts of drives [s]; if empty, they "
       "follow from the lift. `wrench`: additional X, Y [N], N [N m], each row until the next time; "
-      "none if empty.");
+      "none by default.");
   module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"),
-             py::arg("records") = Eigen::MatrixX2d(0, 2),
+             py::arg("records") = py::none(),
              "Starts of drives [s], the origins of the model's t, from commands in order of time "
              "and from records (k, 2): began and as_of, in order. Empty without any lift.");
 }
