@@ -299,8 +299,9 @@ std::vector<double> scaledStart(const Free& free) {
 
 TEST(Descent, OfNoIterationsEvaluatesEachLossOnceAndStays) {
   const SimulationError p = problem(noisyRun(), 1.25);
-  Linearisation windows(p, start(), 1);
-  const Free free = makeFree(start(), kNominal);
+  const Model model = start();
+  Linearisation windows(p, model, 1);
+  const Free free = makeFree(model, kNominal);
   FitOptions none = options();
   none.max_iterations = 0;
   const std::vector<double> scaled = scaledStart(free);

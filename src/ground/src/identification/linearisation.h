@@ -26,6 +26,7 @@ class Linearisation {
  public:
   /// Uses `threads` threads (0: all cores). Problem and model must outlive it.
   Linearisation(const SimulationError& problem, const Model& model, int threads);
+  Linearisation(const SimulationError& problem, Model&& temporary, int threads) = delete;
   ~Linearisation();
 
   /// Loss of each window; not finite if its simulation is not finite. With `derivatives` it also
