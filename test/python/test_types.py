@@ -62,7 +62,7 @@ def test_classes_of_the_stub_have_the_members_of_the_core(stub):
 
 
 def test_the_core_loads_without_numpy():
-    """Launch files start many programs that need the core alone; numpy would take most of their time."""
+    """Launch files start many programs that need the core alone; numpy would take half of their time."""
     script = "import sys; from ground import _core; sys.exit('numpy' in sys.modules)"
     assert subprocess.call([sys.executable, "-c", script]) == 0
 

@@ -105,9 +105,9 @@ py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run,
                       std::vector<double> scale, double part, int draws,
                       const Vector3<double>& velocity_noise, double cap, unsigned seed) {
   const ForecastOptions options{
-      std::move(starts), std::move(horizons), unknown_loudness, std::move(free),
-      orEmpty(information), std::move(scale), part,             draws,
-      velocity_noise,    cap,                 seed};
+      std::move(starts),    std::move(horizons), unknown_loudness, std::move(free),
+      orEmpty(information), std::move(scale),    part,             draws,
+      velocity_noise,       cap,                 seed};
   const auto found = withoutGil([&] { return box.forecast(point, run, options); });
   py::list result;
   for (const Forecast& forecast : found) {
