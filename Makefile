@@ -15,7 +15,7 @@ SEED ?= 1
 # CMake options in addition to the preset "default" (CMakePresets.json)
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
-.PHONY: build demo test lint sanitize fuzz mutants coverage bench bench-hidden bench-discover bench-tracking bench-scaling \
+.PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-discover bench-tracking bench-scaling \
   bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes bench-plans \
   bench-commands bench-diagnose docs install clean
 
@@ -30,6 +30,12 @@ test: $(configured)
 	@rm -rf build/test_results build/Testing  # ctest would use its own costs, not those of CMakeLists.txt
 	@status=0; $(in_workspace) .ci/test $(tests_at_once) || status=1; \
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
+
+# make test on what is committed, in a clean Debian 12, where nothing has been installed before: what CI runs.
+fresh:
+	@clone=$$(mktemp -d /var/tmp/ground-clone.XXXXXX) && trap 'rm -rf "$$clone"' EXIT && \
+	  git clone --quiet . "$$clone/ground" && ln -s "$$(realpath -m ../shared)" "$$clone/shared" && \
+	  "$$clone/ground/.ci/fresh" make test
 
 # Spelling, Python and its types, XML, catkin packages, long functions; TIDY=1: clang-tidy over all C++ as well, which is slow.
 lint: $(if $(TIDY),build)
