@@ -276,7 +276,7 @@ def test_messages_decoded_together_are_those_decoded_one_by_one(bag, monkeypatch
 def test_messages_that_differ_in_their_strings_are_decoded_one_by_one(tmp_path, monkeypatch):
     codec = codecs.installed()
     bag = write_bag(tmp_path / "run.bag")
-    decode = codec.known("geometry_msgs/PointStamped").decode
+    known = codec.known("geometry_msgs/PointStamped")
     with bag_reader.BagReader(str(bag)) as source:
         batch = source.batch("pose")
     assert len(batch.groups) == 1 and batch.values(["point.x", "nothing"]) is None
@@ -291,6 +291,6 @@ def test_messages_that_differ_in_their_strings_are_decoded_one_by_one(tmp_path, 
     times = np.arange(2)
     same, others = [message("one"), message("one")], [message("one"), message("two")]
     kind = "geometry_msgs/PointStamped"
-    assert batches.gathered(kind, decode, times, same) is not None
-    assert batches.gathered(kind, decode, times, others) is None
-    assert batches.gathered(kind, decode, times, [same[0], same[1][:-1]]) is None
+    assert batches.gathered(kind, known, times, same) is not None
+    assert batches.gathered(kind, known, times, others) is None
+    assert batches.gathered(kind, known, times, [same[0], same[1][:-1]]) is None

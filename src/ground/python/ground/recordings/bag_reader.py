@@ -32,7 +32,7 @@ import numpy as np
 
 from ground.annotations import Indices, Message, Time
 from ground.errors import GroundError
-from ground.recordings import batches, codecs
+from ground.recordings import batches, codecs, definitions
 
 MAGIC = b"#ROSBAG V2.0\n"
 ANY_MAGIC = MAGIC[:7]  # common to all formats
@@ -49,16 +49,6 @@ MESSAGE = re.compile(
     rb"\x26\0\0\0(?:\x09\0\0\0conn=(.{4})|\x04\0\0\0op=\x02|\x0d\0\0\0time=(.{8})){3}(.{4})", re.S
 )
 OP_FIELD = re.compile(rb"\x04\0\0\0op=([\x03-\x06])")  # in records outside of chunks
-# Allowed lines of a message's definition. The check is needed for safety, because codecs turn
-# definitions into Python code and run it, including the names of constants.
-DEFINITION = re.compile(
-    r"""(\#.*|=+|MSG:\s*\w+/\w+
-    |[a-zA-Z][\w/]*(\[\d*\])?\s+[a-zA-Z]\w*\s*(\#.*)?
-    |(bool|byte|char|u?int(8|16|32|64)|float(32|64))\s+[a-zA-Z]\w*\s*=\s*[-+.\w]+\s*(\#.*)?
-    |string\s+[a-zA-Z]\w*\s*=[^\x00-\x08\x0a-\x1f]*)?""",
-    re.ASCII | re.VERBOSE,
-)
-TYPE = re.compile(r"\w+/\w+", re.ASCII)
 MAX_HEADER = 1 << 16  # size of a record's header [bytes]
 MAX_BEFORE_OP = 120  # distance from the start of a record to its field op [bytes]
 MAX_OPEN = 192 << 20  # size of the chunks' contents that are kept in memory [bytes]
@@ -184,12 +174,13 @@ class BagReader:
         numbers = np.repeat(chosen, [len(t) for t in tables])
         rows = np.column_stack([np.concatenate(tables), numbers])
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        decode = {n: decoder(self._connections[n]) for n in chosen}
+        kinds = {n: kind_of(self._connections[n]) for n in chosen}
+        decode = {n: kind.decode for n, kind in kinds.items() if kind}
         unreadable = 0
         for time, chunk, offset, size, number in rows.tolist():
             try:
                 message = decode[number](self._contents(chunk)[offset : offset + size])
-            except Exception:  # decoders may raise anything
+            except Exception:  # decoders may raise anything, and some types have none
                 unreadable += 1
                 continue
             yield self._connections[number].topic, message, received(*divmod(time, 10**9))
@@ -202,16 +193,14 @@ class BagReader:
     def batch(self, topic: str) -> Optional[batches.Batch]:
         """See messages.MessageSource."""
         numbers = [n for n, c in self._connections.items() if c.topic == topic and n in self._found]
-        types = {(self._connections[n].msg_type, self._connections[n].md5sum) for n in numbers}
-        if len(types) != 1:
+        types = {self._connections[n]._replace(definition="") for n in numbers}
+        kind = kind_of(self._connections[numbers[0]]) if len(types) == 1 else None
+        if kind is None:
             return None
-        (kind, md5sum), rows = types.pop(), np.concatenate([self._found[n] for n in numbers])
-        known = codecs.installed().known(kind)
-        if known is None or known.md5sum != md5sum:
-            return None
+        rows = np.concatenate([self._found[n] for n in numbers])
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
         data = [self._contents(chunk)[at : at + size] for chunk, at, size in rows[:, 1:].tolist()]
-        return batches.gathered(kind, known.decode, rows[:, 0], data)
+        return batches.gathered(types.pop().msg_type, kind, rows[:, 0], data)
 
     def _scan(self) -> None:
         """Finds all chunks and their messages."""
@@ -458,29 +447,19 @@ def _by_connection(rows: List[Indices]) -> Dict[int, Indices]:
     return dict(zip(numbers.tolist(), np.split(every[:, 1:], firsts[1:])))
 
 
-def decoder(connection: Connection) -> codecs.Decode:
-    """A function that decodes the messages of a connection: by the installed type if it is the same, else
-    by the definition in the bag; if neither is possible, it raises ValueError."""
-    codec = codecs.installed()
-    known = codec.known(connection.msg_type)
+def kind_of(connection: Connection) -> Optional[codecs.Kind]:
+    """The type of a connection's messages: the installed one if it is the same, else that of the
+    definition in the bag; None if neither is possible."""
+    known = codecs.installed().known(connection.msg_type)
     if known and known.md5sum == connection.md5sum:
-        return known.decode
-    lines = connection.definition.split("\n")
-    if not all(DEFINITION.fullmatch(line.strip()) for line in lines) or not TYPE.fullmatch(
-        connection.msg_type
-    ):
-        return _undecodable
+        return known
     try:
-        defined = codec.defined(connection.msg_type, connection.definition)
-    except Exception:  # parsers may raise anything
-        return _undecodable
+        defined = definitions.kind(connection.msg_type, connection.definition)
+    except (ValueError, RecursionError):
+        return None
     if known and known.md5sum == defined.md5sum:
-        return known.decode
-    return defined.decode if defined.md5sum == connection.md5sum else _undecodable
-
-
-def _undecodable(_: bytes) -> Message:
-    raise ValueError("messages of an unknown type")
+        return known
+    return defined if defined.md5sum == connection.md5sum else None
 
 
 def _agreed(claims: Sequence[Claim]) -> Connection:

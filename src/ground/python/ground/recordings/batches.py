@@ -5,21 +5,20 @@ type that agree in these lengths are rows of one NumPy table. Where anything is 
 and the messages are decoded one by one.
 """
 
-import re
 from dataclasses import dataclass
-from typing import Any, Callable, List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground.annotations import Array, Indices, Message
-from ground.recordings import codecs
+from ground.recordings import codecs, definitions
 
 NUMBERS = {
     "int8": "i1", "uint8": "u1", "char": "u1", "int16": "<i2", "uint16": "<u2", "int32": "<i4",
     "uint32": "<u4", "int64": "<i8", "uint64": "<u8", "float32": "<f4", "float64": "<f8",
 }  # fmt: skip
-ARRAY = re.compile(r"(.+)\[(\d*)\]")
 LONGEST = 64  # elements of an array whose messages are laid out
+MOST_FIELDS = 10000  # of a message that is laid out
 MOST_GROUPS = 16  # layouts of a topic's messages
 STAMP = "header.stamp"
 SECONDS, NANOSECONDS = "/s", "/ns"  # ends of the names of a time's columns; no path has them
@@ -77,17 +76,17 @@ def in_seconds(seconds: Indices, nanoseconds: Indices) -> Array:
 
 
 def gathered(
-    kind: str, decode: codecs.Decode, received: Indices, messages: Sequence[bytes]
+    name: str, kind: codecs.Kind, received: Indices, messages: Sequence[bytes]
 ) -> Optional[Batch]:
-    """The Batch of serialized messages of an installed type, received at some times (n,) [ns]; None where
-    they have to be decoded one by one."""
+    """The Batch of serialized messages of a type and its name, received at some times (n,) [ns]; None
+    where they have to be decoded one by one."""
     sizes, which = np.unique([len(message) for message in messages], return_inverse=True)
     if not 0 < len(sizes) <= MOST_GROUPS:
         return None
     groups = []
     for number in range(len(sizes)):
         at = np.flatnonzero(which == number)
-        group = _group(kind, decode, at, [messages[i] for i in at])
+        group = _group(name, kind, at, [messages[i] for i in at])
         if group is None:
             return None
         groups.append(group)
@@ -96,13 +95,13 @@ def gathered(
 
 
 def _group(
-    kind: str, decode: codecs.Decode, at: Indices, messages: Sequence[bytes]
+    name: str, kind: codecs.Kind, at: Indices, messages: Sequence[bytes]
 ) -> Optional[Group]:
     size, first = len(messages[0]), messages[0]
-    layout = _Layout(codecs.installed().fields, first)
+    layout = _Layout(kind.fields, first)
     try:
-        sample = decode(first)
-        layout.add("", kind)
+        sample = kind.decode(first)
+        layout.add("", name)
     except Exception:  # decoders may raise anything
         return None
     if layout.size != size:
@@ -118,9 +117,7 @@ def _group(
 class _Layout:
     """Places of the numbers in a message and in those like it."""
 
-    def __init__(
-        self, fields: Callable[[str], Optional[Sequence[Tuple[str, str]]]], data: bytes
-    ) -> None:
+    def __init__(self, fields: codecs.Fields, data: bytes) -> None:
         self._fields = fields
         self._data = data
         self._names: List[str] = []
@@ -128,10 +125,14 @@ class _Layout:
         self._offsets: List[int] = []
         self.same: List[int] = []  # places of strings and of lengths, which are the same in all messages
         self.size = 0
+        self._count = 0  # of fields
 
     def add(self, path: str, kind: str) -> None:
         """Adds a field. Raises LookupError for types without a layout."""
-        array = ARRAY.fullmatch(kind)
+        self._count += 1
+        if self._count > MOST_FIELDS:
+            raise LookupError("the message has too many fields")
+        array = definitions.ARRAY.fullmatch(kind)
         if kind in NUMBERS:
             self._number(path, NUMBERS[kind])
         elif kind in ("time", "duration"):

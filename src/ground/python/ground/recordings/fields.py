@@ -1,7 +1,7 @@
 """Fields of messages and of the rows of tables, by their paths: "pose.position.x", "data[2]"."""
 
 import re
-from typing import Any, Callable, Dict, Iterator, List, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -65,10 +65,8 @@ def numbers(message: Message, path: str = "") -> Iterator[Tuple[str, float]]:
 
 
 def _names(message: Message) -> Sequence[str]:
-    """Names of a message's fields, by either codec."""
-    names: Sequence[str] = list(getattr(message, "__dataclass_fields__", []))
-    if not names:
-        names = list(getattr(message, "__slots__", []))
+    """Names of a message's fields, however it was decoded."""
+    names: Iterable[str] = getattr(message, "__slots__", None) or getattr(message, "__dict__", {})
     return [name for name in names if not name.startswith("_")]
 
 

@@ -14,16 +14,20 @@ from ground.annotations import Message, Time
 from ground.errors import GroundError
 
 Decode = Callable[[bytes], Message]  # may raise anything on bytes of another type
+# Names and types of the fields of a type, as definitions have them: "float64", "uint8[]",
+# "std_msgs/Header"; None for types that are not known.
+Fields = Callable[[str], Optional[Sequence[Tuple[str, str]]]]
 
 CODECS = ("with_ros", "with_rosbags")  # the first one whose modules are installed is used
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A message type as a codec knows it."""
+    """A message type."""
 
     md5sum: str
     decode: Decode
+    fields: Fields  #: of it and of the types that it contains
 
 
 class Codec(Protocol):
@@ -37,12 +41,8 @@ class Codec(Protocol):
     def known(self, kind: str) -> Optional[Kind]:
         """The Kind of a message type that is installed; None without it."""
 
-    def defined(self, kind: str, definition: str) -> Kind:
-        """The Kind of a type by the definition in a bag; may raise anything when that is wrong."""
-
     def fields(self, kind: str) -> Optional[Sequence[Tuple[str, str]]]:
-        """Names and types of the fields of a message type that is installed, as definitions have them:
-        "float64", "uint8[]", "std_msgs/Header"; None without it."""
+        """See Fields; of types that are installed."""
 
     def new(self, kind: str, **fields: Any) -> Message:
         """A message, its other fields empty or 0."""

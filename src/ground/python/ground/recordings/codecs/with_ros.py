@@ -32,20 +32,13 @@ def _kind(message_class: Any) -> codecs.Kind:
         message.deserialize(data)
         return message
 
-    return codecs.Kind(message_class._md5sum, decode)
+    return codecs.Kind(message_class._md5sum, decode, fields)
 
 
 def known(kind: str) -> Optional[codecs.Kind]:
     """See codecs.Codec."""
     found = _class(kind)
     return None if found is None else _kind(found)
-
-
-def defined(kind: str, definition: str) -> codecs.Kind:
-    """See codecs.Codec."""
-    import genpy.dynamic
-
-    return _kind(genpy.dynamic.generate_dynamic(kind, definition)[kind])
 
 
 def fields(kind: str) -> Optional[Sequence[Tuple[str, str]]]:

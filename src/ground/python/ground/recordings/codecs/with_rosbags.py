@@ -42,23 +42,11 @@ def _name(kind: str) -> str:
     return "/msg/".join(kind.split("/"))
 
 
-def _store(definitions: Mapping[str, Any]) -> Any:
-    """A Typestore of definitions as rosbags parses them."""
-    from rosbags.typesys import get_types_from_msg
-    from rosbags.typesys.store import Typestore
-
-    store, builtin = Typestore(), {}
-    for name, text in BUILTIN.items():
-        builtin.update(get_types_from_msg(text, name))
-    store.register({**definitions, **builtin})
-    store.types[TIME] = Time
-    return store
-
-
 @functools.lru_cache(maxsize=None)
 def _installed() -> Any:
     """The Typestore of ground's messages, which are in the wheel, and of those that they contain."""
     from rosbags.typesys import get_types_from_msg
+    from rosbags.typesys.store import Typestore
     from rosbags.typesys.stores import ros1_noetic
 
     definitions = {
@@ -70,26 +58,21 @@ def _installed() -> Any:
         name = "ground_msgs/msg/" + os.path.splitext(os.path.basename(path))[0]
         with open(path) as file:
             definitions.update(get_types_from_msg(file.read(), name))
-    return _store(definitions)
-
-
-def _kind(store: Any, kind: str) -> codecs.Kind:
-    name = _name(kind)
-    md5sum = store.generate_msgdef(name)[1]
-    return codecs.Kind(md5sum, lambda data: store.deserialize_ros1(data, name))
+    for name, text in BUILTIN.items():
+        definitions.update(get_types_from_msg(text, name))
+    store = Typestore()
+    store.register(definitions)
+    store.types[TIME] = Time
+    return store
 
 
 def known(kind: str) -> Optional[codecs.Kind]:
     """See codecs.Codec."""
-    store = _installed()
-    return _kind(store, kind) if _name(kind) in store.types else None
-
-
-def defined(kind: str, definition: str) -> codecs.Kind:
-    """See codecs.Codec."""
-    from rosbags.typesys import get_types_from_msg
-
-    return _kind(_store(get_types_from_msg(definition, _name(kind))), kind)
+    store, name = _installed(), _name(kind)
+    if name not in store.types:
+        return None
+    md5sum = store.generate_msgdef(name)[1]
+    return codecs.Kind(md5sum, lambda data: store.deserialize_ros1(data, name), fields)
 
 
 def fields(kind: str) -> Optional[Sequence[Tuple[str, str]]]:
@@ -98,10 +81,10 @@ def fields(kind: str) -> Optional[Sequence[Tuple[str, str]]]:
     if _name(kind) not in store.types:
         return None
     definition = store.get_msgdef(_name(kind))
-    return [(name, _type(*of)) for name, of in definition.fields]
+    return [(name, type_name(*of)) for name, of in definition.fields]
 
 
-def _type(node: Any, of: Any) -> str:
+def type_name(node: Any, of: Any) -> str:
     """Name of the type of a field; node, of: rosbags' description of it."""
     from rosbags.interfaces import Nodetype
 
@@ -111,7 +94,7 @@ def _type(node: Any, of: Any) -> str:
     if node == Nodetype.BASE:
         return str(of[0])
     inner, count = of
-    return "%s[%s]" % (_type(*inner), count if node == Nodetype.ARRAY else "")
+    return "%s[%s]" % (type_name(*inner), count if node == Nodetype.ARRAY else "")
 
 
 def new(kind: str, **fields: Any) -> Message:
