@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""Fuzzes the inputs of the identification tool: exports (csv), bags (bag), options (options).
+"""Fuzzes the inputs of the identification tool: exports (csv), bags (bag), options (options), definitions
+of messages (definitions).
 
 Every defect must be reported as a GroundError or as bad usage; anything else is a crash. The first
 argument chooses the input; the others are libFuzzer's.
@@ -16,7 +17,7 @@ import atheris
 with atheris.instrument_imports(include=["ground"]):
     from ground import cli
     from ground.errors import GroundError
-    from ground.recordings import csv_exports, quality, recording
+    from ground.recordings import csv_exports, definitions, quality, recording, ros2_reader
 
 FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
 ROOT = os.path.realpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../.."))
@@ -81,11 +82,45 @@ def options(data):
                 raise AssertionError("unknown exit status: %s" % words)
 
 
+RUNS_CODE = {"compile", "exec", "os.system", "os.exec", "os.posix_spawn", "subprocess.Popen"}
+is_watched = False
+
+
+def watch(event, _):
+    """An audit hook: while definitions are parsed and followed, nothing may become code."""
+    if is_watched and event in RUNS_CODE:
+        raise AssertionError("a definition led to " + event)
+
+
+def definition(data):
+    """Parses a definition of ROS 1, ROS 2 or IDL, and decodes the bytes after the first zero by it."""
+    global is_watched
+    text, _, message = data[1:].partition(b"\0")
+    text, kind = text.decode("utf-8", "replace"), data[:1]
+    is_watched = True
+    try:
+        if kind < b"U":
+            decode = definitions.kind("own_msgs/Pose", text).decode
+        else:
+            decode = ros2_reader.decoder("own_msgs/msg/Pose", text, kind >= b"\xaa")
+        decode(message)
+    except AssertionError as error:
+        if "led to" in str(error):
+            raise
+    except Exception:  # callers expect errors of any kind
+        pass
+    finally:
+        is_watched = False
+
+
 def main():
-    targets = {"csv": csv, "bag": bag, "options": options}
+    targets = {"csv": csv, "bag": bag, "options": options, "definitions": definition}
     if len(sys.argv) < 2 or sys.argv[1] not in targets:
         sys.exit("python_inputs: name one of %s" % ", ".join(targets))
     target = targets[sys.argv.pop(1)]
+    for kind in (b"1", b"a"):  # imports what definitions need
+        definition(kind + b"time stamp\0\0\1" + bytes(10))
+    sys.addaudithook(watch)
     atheris.Setup(sys.argv, lambda data: target(data) and None)
     atheris.Fuzz()
 

@@ -1,6 +1,8 @@
 """One experiment in eight containers and types, with other names, units and frames, is one experiment."""
 
+import contextlib
 import importlib.util
+import itertools
 import json
 import math
 
@@ -19,6 +21,7 @@ from containers import (
 )
 
 import ground
+from ground import _core
 
 HEAD = "schema: ground/mapping/1\n"
 
@@ -346,3 +349,102 @@ def test_a_file_without_poses_or_commands_has_no_draft(tmp_path):
     result = identify("info", path, "--write-mapping", tmp_path / "draft.yaml")
     assert result.returncode == 1 and "nothing in it has poses or numbers" in result.stderr
     assert not (tmp_path / "draft.yaml").exists()
+
+
+TWO = """
+poses:
+  position: {fields: [%s]}
+  %s
+  axes: "%s"
+  time: {field: t}
+commands:
+  channels: {left: {field: left}, right: {field: right}, lift: {field: lift}}
+  time: {field: t}
+"""
+ROTATION = {4: "orientation: [qx, qy, qz, qw]", 1: "heading: {field: angle}"}
+
+
+def all_axes():
+    """Every right-handed frame, as mappings write it."""
+    for order in itertools.permutations("xyz"):
+        for signs in itertools.product(("", "-"), repeat=3):
+            axes = ", ".join(sign + axis for sign, axis in zip(signs, order))
+            with contextlib.suppress(ValueError):
+                _core.AxisMapping(axes)
+                yield axes
+
+
+def horizontal_table(folder, axes, rotation):
+    """A table with the positions along the two horizontal axes of a frame; returns its mapping."""
+    poses, commands = experiment(3.0)
+    flat = [axis for axis in "xyz" if axis != axes[-1]]
+    sign = -1 if axes.rsplit(",", 1)[1].strip().startswith("-") else 1
+    rows, at = [], np.searchsorted([s for s, _ in commands], [s for s, _ in poses], "right") - 1
+    for (stamp, eta), number in zip(poses, at):
+        position, quaternion = in_mocap(eta, axes)
+        turn = list(quaternion) if rotation == 4 else [sign * eta[2]]
+        place = [position["xyz".index(axis)] for axis in flat]
+        rows.append([stamp / 1e9, *place, *turn, *commands[max(0, number)][1]])
+    names = ["qx", "qy", "qz", "qw"] if rotation == 4 else ["angle"]
+    write_csv(folder / "run.csv", ["t", *flat, *names, "left", "right", "lift"], rows)
+    return flat, np.array([eta for _, eta in poses])
+
+
+@pytest.mark.parametrize("axes", all_axes())
+@pytest.mark.parametrize("rotation", ROTATION)
+def test_two_columns_are_the_horizontal_axes(axes, rotation, tmp_path):
+    flat, eta = horizontal_table(tmp_path, axes, rotation)
+    mapping = tmp_path / "mapping.yaml"
+    for fields in (flat, flat[::-1]):  # as they are named, in any order
+        quoted = ", ".join("'%s'" % name for name in fields)
+        mapping.write_text(HEAD + TWO % (quoted, ROTATION[rotation], axes))
+        (run,) = ground.read(tmp_path / "run.csv", mapping=mapping)
+        off = run.eta - eta
+        assert np.abs(off[:, :2]).max() < 1e-9 and np.abs(np.sin(off[:, 2] / 2)).max() < 1e-9
+
+
+def test_columns_that_are_not_named_after_axes_are_taken_in_their_order(tmp_path):
+    _, eta = horizontal_table(tmp_path, OPTITRACK, 4)
+    file = tmp_path / "run.csv"
+    file.write_text(file.read_text().replace("t,x,z,", "t,first,second,", 1))
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text(HEAD + TWO % ("first, second", ROTATION[4], OPTITRACK))
+    (run,) = ground.read(file, mapping=mapping)
+    assert np.abs(run.eta[:, :2] - eta[:, :2]).max() < 1e-9
+
+
+@pytest.mark.parametrize("names", ["x,y", "px,py", "pos_x,pos_y", "X [m],Y [m]"])
+def test_axes_that_need_another_column_are_refused(names, tmp_path):
+    horizontal_table(tmp_path, Z_UP, 1)
+    file, mapping = tmp_path / "run.csv", tmp_path / "mapping.yaml"
+    file.write_text(file.read_text().replace("t,x,y,", "t,%s," % names, 1))
+    quoted = ", ".join("'%s'" % name for name in names.split(","))
+    mapping.write_text(HEAD + TWO % (quoted, ROTATION[1], OPTITRACK))
+    for verb in (["info"], ["fit", "--model", MODEL, "-o", tmp_path / "fitted.yaml"]):
+        result = identify(verb[0], file, "--mapping", mapping, *verb[1:])
+        assert result.returncode == 1 and result.stderr.count("\n") == 1
+        assert "need x and z" in result.stderr
+
+
+def test_a_message_with_two_of_three_coordinates_is_read(tmp_path):
+    """A type of its own in a bag, whose position has the horizontal coordinates only."""
+    from geometry_msgs.msg import Twist
+    from ground_msgs.msg import Controls
+
+    poses, commands = experiment(3.0)
+    messages = []
+    for stamp, eta in poses:
+        position, quaternion = in_mocap(eta, OPTITRACK)
+        message = Twist()
+        message.linear.x, message.linear.z = float(position[0]), float(position[2])
+        message.linear.y, message.angular.y = float(quaternion[3]), float(quaternion[1])
+        messages.append(("/craft", stamp, message))
+    for stamp, (left, right, lift) in commands:
+        messages.append(("/controls", stamp, Controls(left=left, right=right, lift=lift)))
+    bag, mapping = write_bag(tmp_path / "run.bag", messages), tmp_path / "mapping.yaml"
+    mapping.write_text(
+        HEAD + "poses:\n  topic: /craft\n  position: {fields: [linear.x, linear.z]}\n"
+        "  orientation: [angular.x, angular.y, angular.z, linear.y]\n"
+    )
+    (run,) = ground.read(bag, mapping=mapping)
+    assert np.abs(run.eta[:, :2] - [eta[:2] for _, eta in poses]).max() < 1e-9

@@ -1,6 +1,7 @@
 """Poses of messages of any type that carries them, and of tables, as x, y, psi in world_ned."""
 
 import math
+import re
 from dataclasses import dataclass, field
 from typing import Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
 
@@ -17,6 +18,7 @@ from ground.recordings.settings import Settings
 
 STATE = "ground_msgs/State"  # its poses were corrected when they were recorded
 TABLE = "table"
+WORD = re.compile(r"[A-Za-z]+")
 MOST_RAW = 2000  # poses as measured that are kept to judge the axes by
 
 Planar = Tuple[float, float, float]  # x, y [m], psi [rad]
@@ -134,6 +136,32 @@ class PoseReader:
             self._signs[-4:-1] = [-sign for sign in self._signs[-4:-1]]
         self._scale = LENGTHS[self.poses.unit] * self.poses.scale
         self._turn = ANGLES[self.poses.heading_unit] * self.poses.heading_sign
+        # the axes of the measuring frame that two fields of a position are along, by the vertical one
+        self._horizontal: Dict[int, Sequence[int]] = {}
+        if len(self._position) == 2 and "axes" in self.settings.taken:
+            for change in self.settings.changes:
+                self._horizontal[change.vertical] = self._along(change.axes, change.vertical)
+
+    def _along(self, axes: str, vertical: int) -> Sequence[int]:
+        """The horizontal axes that two fields are along: those that they are named after, else in the
+        order x, y, z. GroundError where they are named after other ones."""
+        horizontal = [axis for axis in range(3) if axis != vertical]
+        letters = [_axis(path) for path in self._position]
+        if "" in letters or letters[0] == letters[1]:
+            return horizontal
+        named = ["xyz".index(letter) for letter in letters]
+        if set(named) != set(horizontal):
+            raise GroundError(
+                "%s: the axes '%s' need %s, but the position has the fields %s and %s; name the field "
+                "that is missing in the mapping, or correct its axes"
+                % (
+                    self.where,
+                    axes,
+                    " and ".join("xyz"[axis] for axis in horizontal),
+                    *(path.lstrip("-") for path in self._position),
+                )
+            )
+        return named
 
     def _paths(self, found: Optional[Kind]) -> Tuple[Tuple[str, ...], Tuple[str, ...]]:
         poses = self.poses
@@ -180,6 +208,8 @@ class PoseReader:
         values = batch.values([path.lstrip("-") for path in self._position + self._rotation])
         if self.kind == STATE or self._kind.each or stamps is None or values is None:
             return None
+        if self._horizontal:
+            return None
         if self._kind.body:
             bodies = [getattr(group.sample, self._kind.body, "") for group in batch.groups]
             if not all([self._is_body(str(body)) for body in bodies]):
@@ -224,7 +254,11 @@ class PoseReader:
             rotation = _about(self.settings.vertical(stamp), heading)
         else:
             rotation = tuple(values[count:])
-        position += [0.0] * (3 - count)
+        if count == 2:
+            placed = [0.0] * 3
+            for axis, value in zip(self._horizontal[self.settings.vertical(stamp)], position):
+                placed[axis] = value
+            position = placed
         if len(self.raw) < MOST_RAW:
             self.raw.append((*position, *rotation))
         planar = self.settings.mapping(stamp).to_planar(position, rotation)
@@ -248,6 +282,14 @@ class PoseReader:
                 "%s: it has the poses of several bodies: %s; choose one by --body"
                 % (self.where, ", ".join(known))
             )
+
+
+def _axis(path: str) -> str:
+    """The axis that a field is named after, "x" for "position.x", "px" and "X [mm]"; empty: none."""
+    words = WORD.findall(path.rsplit(".", 1)[-1])
+    alone = [word for word in words if word in "xyzXYZ" and len(word) == 1]
+    last = (alone or words or [""])[0][-1:].lower()
+    return last if last and last in "xyz" else ""
 
 
 def _about(axis: int, angle: float) -> Tuple[float, ...]:

@@ -34,6 +34,11 @@ class Setting:
     axes: str  # world_ned x, y, z in the mocap's axes
     heading_offset: float  # measured minus true heading [rad]
 
+    @property
+    def vertical(self) -> int:
+        """Which of the mocap's axes, 0 to 2, is vertical."""
+        return "xyz".index(self.axes.strip()[-1])
+
 
 def _check(setting: Setting, source: str) -> _core.AxisMapping:
     """The _core.AxisMapping of a setting; for an invalid one GroundError names `source`."""
@@ -78,7 +83,7 @@ class Settings:
 
     def vertical(self, stamp: Time) -> int:
         """Which of the mocap's axes, 0 to 2, is vertical for a pose stamped `stamp`."""
-        return "xyz".index(self.changes[self._index(stamp)].axes.strip()[-1])
+        return self.changes[self._index(stamp)].vertical
 
     def heading(self, stamp: Time, measured: float) -> float:
         """True heading [rad] of a measured one, for poses that are planar already."""
