@@ -67,6 +67,15 @@ def refuse_existing(path: str, force: bool) -> None:
         raise GroundError("%s: the folder %s cannot be written to" % (path, folder))
 
 
+def temporary_file(folder: str, suffix: str = "", prefix: str = ".ground-") -> str:
+    """Path of a new empty file, with the permissions that the user's umask leaves. Raises OSError."""
+    handle, path = tempfile.mkstemp(suffix, prefix, folder)
+    os.close(handle)
+    os.unlink(path)  # only its owner may read it
+    os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    return path
+
+
 @contextlib.contextmanager
 def new_file(path: str, force: bool = False, again: bool = False) -> Iterator[str]:
     """Gives a temporary name beside `path`; the file becomes `path` when the block succeeds. again:
@@ -74,14 +83,12 @@ def new_file(path: str, force: bool = False, again: bool = False) -> Iterator[st
     refuse_existing(path, force)
     folder, name = os.path.split(os.path.abspath(path))
     try:
-        handle, temporary = tempfile.mkstemp(os.path.splitext(name)[1], ".ground-", folder)
+        temporary = temporary_file(folder, os.path.splitext(name)[1])
     except OSError as error:
         raise GroundError("%s: cannot be written (%s)" % (path, reason(error))) from error
     try:
-        os.close(handle)
         _forget(temporary)
         yield temporary
-        os.chmod(temporary, 0o644)
         if force:
             refuse_existing(path, force)  # may have changed since the first call, before long work
             os.replace(temporary, path)
@@ -108,7 +115,7 @@ def _move(temporary: str, path: str) -> None:
         except OSError:
             # A file system without hard links: reserve the name, which fails if it exists, and
             # rename over the empty file.
-            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644))
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
             try:
                 os.replace(temporary, path)
             except BaseException:

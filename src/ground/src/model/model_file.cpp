@@ -1,7 +1,6 @@
 #include "ground/model/model_file.h"
 
 #include <fcntl.h>
-#include <sys/stat.h>
 #include <unistd.h>
 #include <yaml-cpp/yaml.h>
 
@@ -582,6 +581,16 @@ std::runtime_error systemError(const std::string& path, const std::string& what)
   return std::runtime_error(path + ": " + what + ": " + std::strerror(errno));
 }
 
+/// Opens a new file with the permissions that the user's umask leaves, and replaces the six X at the
+/// end of its name. On failure returns -1 and sets errno.
+int newFile(std::string& name) {
+  const int unique = mkstemp(&name[0]);  // which only its owner may read
+  if (unique < 0) return -1;
+  close(unique);
+  unlink(name.c_str());
+  return open(name.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0666);
+}
+
 /// Renames a file to a name that must not exist. On failure returns false and sets errno (EEXIST if
 /// the name exists).
 bool moveToNewName(const std::string& temporary, const std::string& path) {
@@ -590,7 +599,7 @@ bool moveToNewName(const std::string& temporary, const std::string& path) {
   if (errno == EEXIST) return false;
   // A file system without hard links: reserve the name, which fails if it exists, and rename over
   // the empty file.
-  const int reserved = open(path.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0644);
+  const int reserved = open(path.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0666);
   if (reserved < 0) return false;
   close(reserved);
   if (rename(temporary.c_str(), path.c_str()) == 0) return true;
@@ -689,10 +698,10 @@ std::string formatModel(const Model& model) {
 void saveModel(const Model& model, const std::string& path, bool overwrite) {
   const std::string text = formatModel(model);
   std::string temporary = path + ".XXXXXX";
-  const int file = mkstemp(&temporary[0]);
+  const int file = newFile(temporary);
   if (file < 0) throw systemError(path, "cannot write the model file");
-  const bool written = write(file, text.data(), text.size()) == ssize_t(text.size()) &&
-                       fchmod(file, 0644) == 0 && fsync(file) == 0;
+  const bool written =
+      write(file, text.data(), text.size()) == ssize_t(text.size()) && fsync(file) == 0;
   const int write_error = errno;
   close(file);
   const bool moved = written && (overwrite ? rename(temporary.c_str(), path.c_str()) == 0

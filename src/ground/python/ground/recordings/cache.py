@@ -12,13 +12,12 @@ import hashlib
 import io
 import os
 import re
-import tempfile
 import time
 from typing import Dict, Iterable, Iterator, List, Optional, Tuple, Union
 
 import numpy as np
 
-from ground import _core
+from ground import _core, files
 from ground.recordings.columns import Columns
 
 FOLDER = ".ground_cache"
@@ -102,11 +101,10 @@ def save(folder: str, path: str, stage: str, key: str, columns: Columns) -> None
 
 def _write(path: str, content: Union[bytes, memoryview]) -> None:
     """Writes a file completely, or not at all and raises OSError."""
-    handle, temporary = tempfile.mkstemp("", TEMPORARY, os.path.dirname(path))
+    temporary = files.temporary_file(os.path.dirname(path), prefix=TEMPORARY)
     try:
-        with os.fdopen(handle, "wb") as file:
+        with open(temporary, "wb") as file:
             file.write(content)
-        os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except BaseException:
         os.unlink(temporary)

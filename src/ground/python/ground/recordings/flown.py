@@ -3,12 +3,12 @@
 import hashlib
 import json
 import os
-import tempfile
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import yaml
 
+from ground import files
 from ground.errors import GroundError, reason
 from ground.recordings import run_parameters
 from ground.recordings.messages import MessageSource
@@ -70,9 +70,10 @@ class RunFile:
         folder = os.path.dirname(path)
         try:
             os.makedirs(folder, exist_ok=True)
-            with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as file:
+            temporary = files.temporary_file(folder)
+            with open(temporary, "w") as file:
                 file.write(self.text)
-            os.replace(file.name, path)
+            os.replace(temporary, path)
         except OSError as error:
             raise GroundError("%s: cannot be written (%s)" % (path, reason(error)))
         return path
