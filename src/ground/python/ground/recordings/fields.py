@@ -1,7 +1,7 @@
 """Fields of messages and of the rows of tables, by their paths: "pose.position.x", "data[2]"."""
 
 import re
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Sequence, Tuple, Union
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -16,7 +16,12 @@ Values = Tuple[Any, ...]
 
 
 class Row(Dict[str, Any]):
-    """A row of a table: values by the names of its columns."""
+    """A row of a table: values by the names of its columns, or by what follows their headings."""
+
+    short: Mapping[str, str] = {}  #: names of columns by their last parts
+
+    def __missing__(self, key: str) -> Any:
+        return self[self.short[key]]
 
 
 def getter(paths: Sequence[str]) -> Callable[[Message], Values]:

@@ -1,7 +1,8 @@
 """Reads CSV and Parquet files: each file is a topic, each row a message.
 
 In exports of bags a column without values heads those that follow: `position,x,y,z,orientation,x,y,z,w`
-is read as position.x, position.y and so on.
+is read as position.x, position.y and so on. A name that is there once needs no heading: it may be a column
+that just has no values.
 """
 
 import csv
@@ -55,8 +56,11 @@ class TableReader:
                 continue
             frame = self._tables[name]
             columns = [frame[column].tolist() for column in frame.columns]
+            short = _short(frame.columns)
             for values in zip(*columns):
-                yield name, Row(zip(frame.columns, values)), None
+                row = Row(zip(frame.columns, values))
+                row.short = short
+                yield name, row, None
 
 
 def table(path: str) -> "pandas.DataFrame":
@@ -70,8 +74,10 @@ def table(path: str) -> "pandas.DataFrame":
                     "%s: Parquet takes the Python module pyarrow: pip install pyarrow" % path
                 )
             return pandas.read_parquet(path)
-        names = _names(path)
-        frame = pandas.read_csv(path, header=None, skiprows=1, names=names, skipinitialspace=True)
+        names, more = _names(path)
+        frame = pandas.read_csv(
+            path, header=None, skiprows=1, names=names, skipinitialspace=True, index_col=False
+        )
     except OSError as error:
         raise GroundError("%s: %s" % (path, reason(error)))
     except (ValueError, csv.Error, pandas.errors.ParserError, pandas.errors.EmptyDataError) as error:
@@ -79,16 +85,34 @@ def table(path: str) -> "pandas.DataFrame":
     if frame.empty:
         raise GroundError("%s: a table without rows" % path)
     empty = frame.isna().all().tolist()
-    return frame.set_axis(_grouped(names, empty), axis=1).loc[:, [not e for e in empty]]
+    if not all(empty[len(names) - more :]):
+        raise GroundError("%s: its rows have more values than its first line names columns" % path)
+    useless = [e or name.startswith("\n") for name, e in zip(names, empty)]
+    frame = frame.set_axis(_grouped(names, empty), axis=1).loc[:, [not u for u in useless]]
+    again = frame.columns[frame.columns.duplicated()]
+    if len(again):
+        raise GroundError("%s: two columns are named %s; rename one" % (path, again[0]))
+    return frame
 
 
-def _names(path: str) -> List[str]:
-    """Names of a CSV file's columns, made distinct by their numbers."""
+def _names(path: str) -> Tuple[List[str], int]:
+    """Names of a CSV file's columns, made distinct by their numbers, and how many more columns than names
+    its rows have."""
     with open(path, newline="", encoding="utf-8-sig") as file:
-        header: List[str] = next(csv.reader(file, skipinitialspace=True), [])
+        rows = csv.reader(file, skipinitialspace=True)
+        header: List[str] = next(rows, [])
+        first: List[str] = next(rows, [])
     if len(header) < 2:
         raise GroundError("%s: its first line does not name columns, separated by commas" % path)
-    return ["%s\n%d" % (name.strip(), number) for number, name in enumerate(header)]
+    more = max(0, len(first) - len(header))
+    header += [""] * more
+    return ["%s\n%d" % (name.strip(), number) for number, name in enumerate(header)], more
+
+
+def _short(columns: Sequence[str]) -> Dict[str, str]:
+    """Columns by the part of their names after the heading, where it is theirs only."""
+    parts = [column.rsplit(".", 1)[-1] for column in columns]
+    return {part: column for part, column in zip(parts, columns) if parts.count(part) == 1}
 
 
 def _grouped(names: Sequence[str], empty: Sequence[bool]) -> List[str]:
