@@ -11,7 +11,7 @@ import time
 import pytest
 from conftest import MODEL, process, write_bag
 
-from ground import workers
+from ground import _core, workers
 from ground.errors import GroundError
 from ground.simulation import tracking
 from test_launch import free_port
@@ -88,6 +88,11 @@ def test_parameters_can_be_pickled():
     back = pickle.loads(pickle.dumps(task))
     assert back.reference.kind == "rhodonea" and back.reference.size == 1.25
     assert back.reference.petals == task.reference.petals and back.settled == task.settled
+    params = _core.TrackingParams()
+    params.duration, params.start, params.life.lift, params.controller.kind = 33, 7, 0.3, "ilqr"
+    back = pickle.loads(pickle.dumps(params))
+    assert (back.duration, back.start, back.life.lift, back.controller.kind) == (33, 7, 0.3, "ilqr")
+    assert back.tail == params.tail and back.room is None
 
 
 def test_a_search_on_a_cluster_finds_the_same_gains(two_workers, tmp_path):

@@ -143,7 +143,8 @@ def _restore(kind: Type[_T], values: Dict[str, Any]) -> _T:
 
 def _reduce(params: object) -> Tuple[Callable[..., Any], Tuple[Any, ...]]:
     kind = type(params)
-    names = [n for n, v in vars(kind).items() if isinstance(v, property) and v.fset]
+    fields = [(name, getattr(kind, name)) for name in dir(kind)]  # inherited ones, too
+    names = [name for name, value in fields if isinstance(value, property) and value.fset]
     return _restore, (kind, {name: getattr(params, name) for name in names})
 
 
@@ -152,6 +153,8 @@ for _kind in (
     _core.MocapParams,
     _core.ReferenceParams,
     _core.ControllerChoice,
+    _core.LifecycleParams,
+    _core.RoomPlan,
     _core.TrackingParams,
 ):
     copyreg.pickle(_kind, _reduce)

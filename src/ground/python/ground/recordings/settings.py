@@ -68,6 +68,9 @@ class Settings:
         object.__setattr__(self, "_mappings", mappings)
         object.__setattr__(self, "_sinces", [s.since for s in self.changes])
 
+    def __reduce__(self) -> Tuple[Any, ...]:
+        return Settings, (self.changes, self.sources, self.taken)  # mappings cannot be pickled
+
     def _index(self, stamp: Time) -> int:
         return max(0, bisect.bisect_left(self._sinces, stamp.to_nsec()) - 1)
 
