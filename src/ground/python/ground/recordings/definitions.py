@@ -172,7 +172,9 @@ class _Readers:
     def _time(self, kind: str) -> Read:
         unpack = struct.Struct(self._order + self._times[kind]).unpack_from
         step = 4 if self._ros2 else 1
-        new = codecs.installed().Time if kind == "time" and not self._ros2 else Time
+        new: Callable[..., Any] = Time
+        if kind == "time" and not self._ros2:
+            new = codecs.installed().Time
 
         def read(data: bytes, at: int) -> Tuple[Any, int]:
             at += -at % step

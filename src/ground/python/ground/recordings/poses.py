@@ -286,7 +286,7 @@ class PoseReader:
 
 def _axis(path: str) -> str:
     """The axis that a field is named after, "x" for "position.x", "px" and "X [mm]"; empty: none."""
-    words = WORD.findall(path.rsplit(".", 1)[-1])
+    words: List[str] = WORD.findall(path.rsplit(".", 1)[-1])
     alone = [word for word in words if word in "xyzXYZ" and len(word) == 1]
     last = (alone or words or [""])[0][-1:].lower()
     return last if last and last in "xyz" else ""
