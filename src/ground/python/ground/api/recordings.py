@@ -43,7 +43,7 @@ def read(
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
     ('run', 3, 3)
     >>> list(run.to_frame().columns)
-    ['t', 'x', 'y', 'psi', 'left', 'right', 'lift']
+    ['t', 'x', 'y', 'psi', 'u', 'v', 'r', 'left', 'right', 'lift']
     """
     paths = [bags] if isinstance(bags, (str, os.PathLike)) else list(bags)
     if mapping is None:

@@ -104,18 +104,31 @@ class Recording:
             )
         return np.asarray(self.controls[:, [self.channels.index(name) for name in names]])
 
-    def to_frame(self) -> "pandas.DataFrame":
-        """Poses and the commands held at their times: columns t [s] since the first pose, x, y [m],
-        psi [rad], and a column for each channel (NaN before the first command)."""
+    def to_frame(self, raw: bool = False) -> "pandas.DataFrame":
+        """The repaired motion and the commands held at its times: columns t [s] since the first pose, x,
+        y [m], psi [rad], u, v [m/s], r [rad/s], and a column for each channel (NaN before the first
+        command; named command.r where a channel is named r). raw: the poses as they were measured, in
+        order of time and without velocities. Both are on the clock of the commands. GroundError when
+        poses cannot be repaired."""
         import pandas
 
-        order = np.argsort(self.pose_times, kind="stable")
-        times, eta = self.pose_times[order], self.eta[order]
+        from ground.recordings import repair  # slow to load
+
+        if raw:
+            times = repair.pose_times(self)
+            order = np.argsort(times, kind="stable")
+            times, motion, names = times[order], self.eta[order], ["x", "y", "psi"]
+        else:
+            found = self.repaired.motion
+            times, names = found.times, ["x", "y", "psi", "u", "v", "r"]
+            eta = np.where(found.spikes[:, None], found.eta, found.measured)
+            motion = np.column_stack([eta[:, :2], repair.wrap(eta[:, 2]), found.nu])
         at = np.searchsorted(self.control_times, times, side="right") - 1
         commands = np.where((at < 0)[:, None], np.nan, self.controls[np.maximum(at, 0)])
-        columns = ["t", "x", "y", "psi", *self.channels]
-        rows = np.column_stack([times - times[0], eta, commands])
-        return pandas.DataFrame(rows, columns=columns)
+        taken = ["t", *names]
+        channels = ["command." + name if name in taken else name for name in self.channels]
+        rows = np.column_stack([times - times[0], motion, commands])
+        return pandas.DataFrame(rows, columns=taken + channels)
 
     def __repr__(self) -> str:
         return "<%s %s: %.2f s, %d poses, %d commands>" % (

@@ -45,12 +45,17 @@ def wrap(angle: ArrayLike) -> Array:
     return np.asarray(np.angle(np.exp(1j * np.asarray(angle))))
 
 
+def pose_times(recording: "Recording") -> Array:
+    """Stamps of the poses as recorded [s], on the clock of the commands."""
+    shift = recording.clock_offset if abs(recording.clock_offset) > CLOCK_OFFSET else 0.0
+    return recording.pose_times + shift
+
+
 def repair(recording: "Recording") -> Motion:
     """The recording's repaired motion; raises GroundError when too little of it is left."""
     repairs = {}
-    times = recording.pose_times
+    times = pose_times(recording)
     if abs(recording.clock_offset) > CLOCK_OFFSET:
-        times = times + recording.clock_offset
         repairs["poses shifted to the clock of the commands [s]"] = recording.clock_offset
     repairs["stamps put in order"] = int((np.diff(times) < 0).sum())
     order = np.argsort(times, kind="stable")
