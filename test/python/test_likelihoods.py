@@ -105,6 +105,68 @@ def test_constants_of_a_run_are_estimated_from_its_poses():
     assert fit.trims[0]["wrench"][:2] == pytest.approx([0.005, -0.003], abs=1.5e-3)
 
 
+ROOT_OF_SPEED = """{name: root, expression: {X: "c*sqrt(w - abs(u))"}, parameters: {
+    c: {value: 0.01, unit: N, lower: -1}, w: {value: 0.1, unit: m/s, neutral: 0.1}}}"""
+
+
+def test_a_model_whose_motion_is_not_finite_is_refused_and_never_wins():
+    """An effect of a user that is not defined at the speeds of the runs: no density is better than any
+    honest one, and no residuals are whiter than zeros."""
+    runs, like, fit = fitted(sigma=0.004)
+    assert max(np.abs(run.nu[:, 0]).max() for run in runs) > 0.15
+    odd = dataclasses.replace(fit, model=_core.with_effect(fit.model, ROOT_OF_SPEED, "root"))
+    for use in (
+        lambda: like.fit(odd.model, FREE),
+        lambda: like.blocks(odd),
+        lambda: like.constants(odd, 0),
+        lambda: like.intervals(odd),
+        lambda: like.scores(odd, odd.model, FREE),
+        lambda: remains.of_state(like, odd),
+        lambda: next_experiment._cost(next_experiment.Rival("odd", odd), runs, False),
+        lambda: study.calibrated_errors(runs, windows.cut(runs), like, odd),
+    ):
+        with pytest.raises(GroundError, match="not finite"):
+            use()
+    folds = held_out.Folds(runs, like, model(), windows.cut(runs))
+    assert np.isinf(folds.nested(lambda _: odd)).all() and np.isfinite(folds.nested(lambda _: fit)).all()
+    assert held_out._blocks(folds.tested, [odd, odd, odd], 0) == [-np.inf]
+    rivals = [next_experiment.Rival("odd", odd), next_experiment.Rival("fit", fit)]
+    spin = next(next_experiment.choices()).schedule()
+    assert next_experiment._disagreement(rivals, spin, NOISE) is None
+
+
+MEMORY = """{name: wake, states: {s: "(v - s)/tau"}, expression: {Y: "c*s"}, parameters: {
+    c: {value: %g, unit: N s/m, lower: 0}, tau: {value: 2, unit: s, neutral: 2, lower: 0.01}}}"""
+
+
+def test_the_same_wrench_has_the_same_effect_whenever_it_acts():
+    """At rest nothing changes over time, not even with a strong slow effect; the responses predict
+    what the innovations of such a push are."""
+    craft = _core.with_effect(model(), MEMORY % (50 * model().value("m")), "wake")
+    times, still = np.arange(400) / 100, np.zeros((400, 3))
+    inputs = np.array([[0.0, 0.0, 0.0, 1.0]])
+    pushes = {at: np.zeros((400, 3)) for at in (100, 200, 300)}
+    for at, push in pushes.items():
+        push[at, 1] = 0.01
+
+    def box(wrench):
+        eta = _core.simulate(craft, inputs, times, np.zeros(3), np.zeros(3), [0.0], wrench)["eta"]
+        run = _core.RunData("rest", times, eta, still, inputs, eta, NOISE)
+        return _core.GreyBox([run], craft)
+
+    rest = box(still)
+    point = rest.start(craft)
+    acting = np.column_stack([push[:, 1] for push in pushes.values()])
+    found = rest.residuals(point, 0, acting=acting, channels=[1] * len(pushes))
+    responses = np.array(found["responses"]).reshape(400, 3, len(pushes))
+    first = responses[100:150, 1, 0]
+    assert np.abs(first).max() > 0.1
+    for i, (at, push) in enumerate(pushes.items()):
+        assert responses[at : at + 50, 1, i] == pytest.approx(first, rel=0.02, abs=1e-3), at
+        pushed = np.array(box(push).residuals(point, 0)["whitened"])[at : at + 7, 1]
+        assert -responses[at : at + 7, 1, i] == pytest.approx(pushed, rel=0.1, abs=0.02), at
+
+
 # --- differences between runs
 
 

@@ -9,6 +9,8 @@ from conftest import MODEL, ROOT, identify, process
 from test_identify import fails
 from test_simulate import TRUTH, digest_of_messages, messages, simulate
 
+from ground import _core
+
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
 BURSTS = "/bursts"
 
@@ -162,6 +164,62 @@ def test_a_reference_too_large_for_the_room_is_refused_with_one_line(tmp_path):
         assert words in last and "does not fit" in last
     shifted = ["--input", "tracking", "--room", ROOM, "--size", 1.5, "--origin", 0.6, 0]
     fails(refused(tmp_path, *shifted), "the reference does not fit into", status=2)
+
+
+# Fine and coarse files, in time or as waypoints. The craft circles slowly in the room, and once goes
+# 0.3 m out of it and back.
+@pytest.mark.parametrize("duration", [30, 600, 3600])
+@pytest.mark.parametrize("spacing", [0.05, 0.4])
+@pytest.mark.parametrize("timed", [True, False])
+def test_a_poke_out_of_the_room_is_seen_wherever_it_is(tmp_path, duration, spacing, timed):
+    room = _core.load_room(str(ROOM))
+
+    def objection(name, at, length):
+        times = np.arange(0, duration + spacing / 2, spacing)
+        out = np.clip(1 - np.abs(times - at) / (length / 2), 0, 1)
+        out[np.argmin(np.abs(times - at))] = 1
+        angle = 2 * np.pi * times / 60
+        rows = np.column_stack([times, np.cos(angle) + out * (2.3 - np.cos(angle)), np.sin(angle) * (1 - out)])
+        path = tmp_path / name
+        columns, header = (rows, "time,x,y") if timed else (rows[:, 1:], "x,y")
+        np.savetxt(path, columns, "%.6g", ",", header=header, comments="")
+        reference = _core.ReferenceParams()
+        reference.kind, reference.file, reference.speed = "file", str(path), 0.5
+        reference.smooth = False
+        return _core.leaves_room(reference, room)
+
+    assert objection("inside.csv", -100, 1.0) == ""
+    for i, at in enumerate(np.random.default_rng(duration).uniform(2, duration - 2, 4)):
+        assert "leaves the room" in objection("poke.csv", at, 0.4 + 0.3 * i), (at, 0.4 + 0.3 * i)
+
+
+def test_a_file_with_a_poke_out_of_the_room_is_refused(tmp_path):
+    times = np.arange(0, 600, 0.1)
+    x = 0.5 + 1.8 * np.exp(-(((times - 317.3) / 0.3) ** 2))
+    path = tmp_path / "poke.csv"
+    np.savetxt(path, np.column_stack([times, x, np.zeros_like(x)]), "%.6g", ",", header="time,x,y", comments="")
+    result = refused(
+        tmp_path, "--input", "tracking", "--room", ROOM, "--reference", "file", "--file", path
+    )
+    fails(result, "the reference does not fit into", "it leaves the room by 0.3", "after 317.", status=2)
+
+
+@pytest.mark.parametrize("duration", [20, 600, 3600])
+def test_a_jump_of_a_long_file_is_seen(tmp_path, duration):
+    """The path turns back within a tenth of a second, somewhere."""
+    model = _core.load_model(str(MODEL))
+
+    def objection(name, bend):
+        times = np.arange(0, duration, 0.5)
+        x = 0.02 * (times - 2 * bend * np.clip(times - 0.613 * duration, 0, None))
+        path = tmp_path / name
+        np.savetxt(path, np.column_stack([times, x, 0.3 * x]), "%.8g", ",", header="time,x,y", comments="")
+        reference = _core.ReferenceParams()
+        reference.kind, reference.file = "file", str(path)
+        return reference.infeasibility(model)
+
+    assert objection("straight.csv", 0) == ""
+    assert objection("back.csv", 1) != ""
 
 
 @pytest.mark.parametrize(

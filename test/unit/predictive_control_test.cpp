@@ -227,6 +227,25 @@ INSTANTIATE_TEST_SUITE_P(Plans, Continued,
                                          Planned{"memory", craftWithMemory()}),
                          [](const auto& test) { return test.param.name; });
 
+TEST(TrajectoryOptimizer, ANewSeedCostsWhatItCostsAloneHoweverTheOneBeforeFailed) {
+  std::mt19937 random(5);
+  const State start = near(0.5, random);
+  const auto improvedSeed = [](TrajectoryOptimizer& plan) {
+    for (auto& input : plan.newInputs()) input = {0.3, 0.9};
+    plan.rollOut();
+    return improved(plan, 3);
+  };
+  const auto alone = TrajectoryOptimizer::make(craft(), kSteps, kStep);
+  const auto used = TrajectoryOptimizer::make(craft(), kSteps, kStep);
+  for (TrajectoryOptimizer* plan : {alone.get(), used.get()})
+    plan->setProblem(0, start, 1, {0, 0, 0}, ahead(0));
+  for (auto& input : used->newInputs()) input = {1, 0.2};
+  used->rollOut();
+  improved(*used, 60);  // until every further iteration fails
+  EXPECT_FALSE(used->improve());
+  EXPECT_DOUBLE_EQ(improvedSeed(*used), improvedSeed(*alone));
+}
+
 TEST(TrajectoryOptimizer, CarriesOnWhenTheHeadingWasWrapped) {
   std::mt19937 random(1);
   const State begin = near(0.02, random);

@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <vector>
 
 #include "ground/control/allocation.h"
 
 namespace ground {
 namespace {
 
-constexpr int kInstants = 4000;
 constexpr double kTolerance = 0.01;   // relative to full thrust and to full moment
 constexpr double kHeldFirst = 1e-5;   // weight of the moment if the thrust must hold
 constexpr int kDirections = 72;       // directions of a thrust that are tried
@@ -121,13 +121,13 @@ void judgeMoment(const Limits& limits, double moment, double surge, double t, Wo
 std::string infeasibility(const ReferenceTrajectory& reference, const Model& model) {
   const Body<double>& body = model.body;
   const Limits limits(model);
-  const double h = reference.extent() / kInstants;
+  const std::vector<double> times = checkTimes(reference, 1);
   Worst worst;
   Demand last;
   double last_time = 0;
   bool backwards = false;
-  for (int i = 0; i < kInstants; ++i) {
-    const double t = (i + 0.5) * h;
+  for (std::size_t i = 1; i < times.size(); ++i) {
+    const double h = times[i] - times[i - 1], t = times[i - 1] + 0.5 * h;
     const Demand now = demand(reference.at(t), body);
     if (now.thrust < kNegligible * limits.thrust()) continue;
     if (limits.sways()) {

@@ -3,13 +3,13 @@
 #include <algorithm>
 #include <cstdio>
 #include <limits>
+#include <stdexcept>
 
 #include "ground/model/simulation.h"
 
 namespace ground {
 namespace {
 
-constexpr int kSamplesOfReference = 5000;
 constexpr double kExtents = 10;  // checked multiple of the extent, because a sinusoid is unlimited
 
 }  // namespace
@@ -66,10 +66,11 @@ std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& roo
       if (other < clearance) *this = {other, t};
     }
   };
+  const std::string wrong = room.validate();
+  if (!wrong.empty()) throw std::invalid_argument(wrong);
   const Fence fence(room, room.margin);
   Least there, stopped;
-  for (int i = 0; i <= kSamplesOfReference; ++i) {
-    const double t = kExtents * reference.extent() * i / kSamplesOfReference;
+  for (const double t : checkTimes(reference, kExtents)) {
     const ReferencePoint point = reference.at(t);
     RigidState<double> state{Vector3<double>::Zero(), Vector3<double>::Zero()};
     state.eta.head<2>() = point.p;

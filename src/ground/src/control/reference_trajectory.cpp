@@ -73,6 +73,17 @@ class Pace {
     duration_ = length / speed * (smooth ? 35.0 / 16.0 : 1.0);
   }
   double duration() const { return duration_; }
+  /// When the progress is s [s].
+  double timeAt(double s) const {
+    if (s >= 1) return duration_;
+    if (!smooth_) return s * duration_;
+    double early = 0, late = duration_;
+    while (late - early > 1e-9 * duration_) {
+      const double middle = 0.5 * (early + late);
+      (at(middle).s < s ? early : late) = middle;
+    }
+    return late;
+  }
   Progress at(double t) const {
     if (t >= duration_) return {1, 0, 0, 0};
     const double x = t / duration_, d = 1 / duration_;
@@ -222,22 +233,26 @@ class Curve {
 class TimedSpline : public ReferenceTrajectory {
  public:
   TimedSpline(const std::vector<double>& times, const std::vector<Vector2<double>>& points)
-      : curve_(times, points) {}
+      : curve_(times, points), times_(times) {}
   ReferencePoint at(double t) const override {
     const ReferencePoint point = curve_.at(t);
     return t < curve_.length() ? point : ground::at(point.p);
   }
   double extent() const override { return curve_.length(); }
+  std::vector<double> points() const override { return times_; }
 
  private:
   Curve curve_;
+  std::vector<double> times_;
 };
 
 class Waypoints : public ReferenceTrajectory {
  public:
   Waypoints(const std::vector<double>& distances, const std::vector<Vector2<double>>& points,
             double speed, bool smooth)
-      : curve_(distances, points), pace_(curve_.length(), speed, smooth) {}
+      : curve_(distances, points),
+        distances_(distances),
+        pace_(curve_.length(), speed, smooth) {}
   ReferencePoint at(double t) const override {
     const Progress on = pace_.at(t);
     const double length = curve_.length();
@@ -247,9 +262,15 @@ class Waypoints : public ReferenceTrajectory {
             s3 * by.p_dot + 3 * s1 * s2 * by.p_ddot + s1 * s1 * s1 * by.p_dddot};
   }
   double extent() const override { return pace_.duration(); }
+  std::vector<double> points() const override {
+    std::vector<double> times;
+    for (const double distance : distances_) times.push_back(pace_.timeAt(distance / curve_.length()));
+    return times;
+  }
 
  private:
   Curve curve_;
+  std::vector<double> distances_;
   Pace pace_;
 };
 
@@ -362,6 +383,20 @@ struct PointRows {
 };
 
 }  // namespace
+
+std::vector<double> checkTimes(const ReferenceTrajectory& reference, double extents) {
+  constexpr double kLongestStep = 0.05, kFewest = 5000, kMost = 400000;
+  std::vector<double> marks = reference.points();
+  if (marks.empty()) marks = {0, extents * reference.extent()};
+  const double end = marks.back(), step = end / std::clamp(end / kLongestStep, kFewest, kMost);
+  std::vector<double> times = {marks.front()};
+  for (std::size_t i = 1; i < marks.size(); ++i) {
+    const double begin = marks[i - 1], length = marks[i] - begin;
+    const double pieces = std::max(1.0, std::ceil(length / step - 1e-9));
+    for (double k = 1; k <= pieces; ++k) times.push_back(begin + length * k / pieces);
+  }
+  return times;
+}
 
 ReferencePtr makePoint(const Vector2<double>& point) { return std::make_shared<StandingStill>(point); }
 

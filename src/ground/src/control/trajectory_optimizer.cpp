@@ -97,7 +97,6 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   BoxMinimum<N> box_;
   /// What the steps are differentiated by: indices of states, then of inputs (from kStates on).
   std::vector<int> variables_;
-  double damping_ = 0;
   double predicted_ = 0;  ///< change of the cost that the last quadratic problem predicts [m^2 s]
 };
 

@@ -86,12 +86,7 @@ class Ascent {
     for (std::size_t i = 0; i < free_.index.size(); ++i)
       scaled_.push_back(free_.base[free_.index[i]] / free_.scale[i]);
     if (point_.loudness.empty()) point_.loudness.assign(search.filters().size(), 0.0);
-    const auto& names = DisturbanceLevels::names();
-    for (const std::string& name : options.held) {
-      const auto at = std::find(names.begin(), names.end(), name);
-      if (at == names.end()) throw std::invalid_argument("there is no level '" + name + "'");
-      held_.insert(static_cast<int>(at - names.begin()));
-    }
+    held_ = levelIndices(options.held);
   }
 
   GreyBoxFit run() {
@@ -203,9 +198,7 @@ class Ascent {
   /// one that gains far more than the other takes several steps in turn.
   void climb(double cap, double min_gain = kMinGain) {
     min_gain_ = min_gain;
-    best_ = value(point_, cap);
-    if (!std::isfinite(best_))
-      throw std::runtime_error("the model's motion along the recordings is not finite");
+    best_ = requireFinite(value(point_, cap));
     // Damped, because slow and white wrench substitute for each other and steps would oscillate.
     Turn parameters{scaled_.empty(), 1e-3, 1e-6, 0.1}, levels{!options_.levels, 0.5, 1e-3, 0.5};
     int i = 0;
@@ -375,9 +368,10 @@ class Ascent {
 
 void setCoordinates(Model& model, const std::vector<double>& coordinates) {
   const auto infos = model.parameters();
+  const std::vector<double> before = model.coordinates();
   std::vector<double> values = model.values();
   for (std::size_t i = 0; i < values.size(); ++i)
-    if (coordinates[i] != model.coordinates()[i])
+    if (coordinates[i] != before[i])
       values[i] = std::clamp(infos[i].fromCoordinate(coordinates[i]), infos[i].lower, infos[i].upper);
   model.setValues(values);
 }

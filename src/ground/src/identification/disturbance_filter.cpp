@@ -6,6 +6,7 @@
 #include <limits>
 #include <stdexcept>
 
+#include "checks.h"
 #include "filter_steps.h"
 
 namespace ground::detail {
@@ -82,7 +83,7 @@ class Pass {
 
   /// Kalman prediction to the time of the next sample, s.dt later.
   void move(double until, FilterSample& s) {
-    simulation_.state() = seeded();
+    simulation_.restart(seeded());
     simulation_.advance(until);
     const RigidState<Jet>& to = simulation_.state();
     linearise(to, s);
@@ -188,20 +189,12 @@ class Pass {
 
 DisturbanceFilter::DisturbanceFilter(const RunData& run, double max_gap)
     : run_(run), poses_(run.poses.rows() == 0 ? run.eta : run.poses) {
+  checkRun(run);
+  checkGap(max_gap);
   const std::size_t count = run.times.size();
-  if (count == 0 || static_cast<std::size_t>(run.eta.rows()) != count ||
-      static_cast<std::size_t>(run.nu.rows()) != count ||
-      static_cast<std::size_t>(poses_.rows()) != count)
-    throw std::invalid_argument(run.name + ": times, eta, nu and poses differ in length");
-  if (!run.eta.allFinite() || !run.nu.allFinite() || !poses_.allFinite())
-    throw std::invalid_argument(run.name + ": a measurement is not finite");
   starts_.assign(count, false);
   starts_[0] = true;
-  for (std::size_t k = 1; k < count; ++k) {
-    const double dt = run.times[k] - run.times[k - 1];
-    if (!(dt >= 0)) throw std::invalid_argument(run.name + ": times descend");
-    starts_[k] = dt > max_gap;
-  }
+  for (std::size_t k = 1; k < count; ++k) starts_[k] = run.times[k] - run.times[k - 1] > max_gap;
   samples_.resize(count);
   wrench_.resize(static_cast<Eigen::Index>(count), 3);
   constants_.resize(static_cast<Eigen::Index>(count), 4);
@@ -236,6 +229,12 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
   return likelihood;
 }
 
+double requireFinite(double log_likelihood) {
+  if (!std::isfinite(log_likelihood))
+    throw std::runtime_error("the model's motion along the recordings is not finite");
+  return log_likelihood;
+}
+
 std::size_t DisturbanceFilter::lastOfStretch(std::size_t sample) const {
   const auto next = std::find(starts_.begin() + static_cast<std::ptrdiff_t>(sample) + 1,
                               starts_.end(), true);
@@ -243,8 +242,10 @@ std::size_t DisturbanceFilter::lastOfStretch(std::size_t sample) const {
 }
 
 int DisturbanceFilter::blockCount(double block) const {
+  if (!(block > 0)) throw std::invalid_argument("blocks of time must be longer than 0 s");
   const double duration = run_.times.back() - run_.times.front();
-  return std::max(1, static_cast<int>(std::lround(duration / block)));
+  const auto most = static_cast<double>(samples_.size());
+  return static_cast<int>(std::clamp(std::round(duration / block), 1.0, most));
 }
 
 int DisturbanceFilter::blockOf(std::size_t sample, int blocks) const {

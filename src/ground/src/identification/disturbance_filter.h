@@ -77,14 +77,18 @@ struct RunLevelScores {
   Eigen::MatrixXd information;
 };
 
+/// Returns the log-likelihood of a run or of several. Throws std::runtime_error if it is not finite.
+double requireFinite(double log_likelihood);
+
 class DisturbanceFilter {
  public:
   /// The run must outlive the filter.
   DisturbanceFilter(const RunData& run, double max_gap);
 
-  /// Filters the run; returns the log-likelihood, NaN if the motion is not finite. `levels` are
-  /// those of this run. Fills in the beliefs in `kept`, whose samples are given in ascending order.
-  double run(const Model& model, const DisturbanceLevels& levels, double cap,
+  /// Filters the run; returns the log-likelihood, which is not finite if the motion is not. Then all
+  /// other functions are undefined; see requireFinite(). `levels` are those of this run. Fills in
+  /// the beliefs in `kept`, whose samples are given in ascending order.
+  [[nodiscard]] double run(const Model& model, const DisturbanceLevels& levels, double cap,
              std::vector<FilterBelief>* kept = nullptr);
 
   /// Derivatives at the last call of run(), by coordinates over scale. Fills in the sensitivity of
@@ -96,7 +100,7 @@ class DisturbanceFilter {
   /// Response of the whitened innovations to wrenches held from sample to sample, (3 n, columns).
   Eigen::MatrixXd responses(const Eigen::MatrixXd& acting, const std::vector<int>& channels) const;
 
-  /// The log-likelihood of blocks of time; not finite if the motion is not finite.
+  /// The log-likelihood of blocks of time [s], at most one block a sample.
   Eigen::VectorXd densities(double block) const;
 
   const std::vector<FilterSample>& samples() const { return samples_; }

@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "checks.h"
 #include "descent.h"
 #include "estimates.h"
 #include "linearisation.h"
@@ -117,9 +118,11 @@ double thesisObjective(const SimulationError& problem, const Model& model,
   double sum = 0;
   int samples = 0;
   for (std::size_t w = 0; w < sums.size(); ++w) {
-    if (!std::isfinite(sums[w])) throw std::runtime_error(notFinite(problem, static_cast<int>(w)));
+    const Window& window = problem.windows()[w];
+    if (!std::isfinite(sums[w]))
+      throw std::runtime_error(notFinite(problem.runs()[window.run], window));
     sum += sums[w];
-    samples += problem.windows()[w].last - problem.windows()[w].first + 1;
+    samples += window.last - window.first + 1;
   }
   return sum / samples;
 }
@@ -130,6 +133,7 @@ double thesisObjective(const SimulationError& problem, const Model& model,
 FitResult SimulationError::fit(const Model& model, const FitOptions& options) const {
   if (options.free.empty()) throw std::invalid_argument("no parameter is free");
   if (options.starts < 1) throw std::invalid_argument("a fit needs at least one start");
+  if (!(options.width >= 0)) throw std::invalid_argument("the width of the loss is negative or NaN");
   if (!options.initial.empty()) detail::checkInitials(*this, options.initial);
   const detail::Free free = detail::makeFree(model, options.free);
   detail::Linearisation windows(*this, model, options.threads);

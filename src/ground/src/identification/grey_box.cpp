@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "ascent.h"
+#include "checks.h"
 #include "dense_algebra.h"
 #include "estimates.h"
 #include "forecast.h"
@@ -35,8 +36,18 @@ void checkForecast(const ForecastOptions& options, std::size_t samples) {
     throw std::invalid_argument("each uncertain parameter needs its information and scale");
   if (options.horizons.size() != options.starts.size())
     throw std::invalid_argument("each start of a forecast needs a horizon");
-  if (!(options.part > 0 && std::lround(0.5 * (1 - options.part) * (options.draws + 1)) >= 1))
+  for (const double horizon : options.horizons)
+    if (!(horizon >= 0)) throw std::invalid_argument("the horizon of a forecast is negative or NaN");
+  for (const double scale : options.scale)
+    if (!(scale > 0 && std::isfinite(scale)))
+      throw std::invalid_argument("the scale of an uncertain parameter must be positive");
+  if (!options.information.allFinite())
+    throw std::invalid_argument("the information about uncertain parameters is not finite");
+  if (!(options.draws >= 2 && options.part > 0 &&
+        std::lround(0.5 * (1 - options.part) * (options.draws + 1.0)) >= 1))
     throw std::invalid_argument("too few draws for the ends of the band");
+  if (!(options.velocity_noise.minCoeff() >= 0 && options.velocity_noise.allFinite()))
+    throw std::invalid_argument("the noise of velocities is negative or not finite");
 }
 
 /// Values of a run's loudness to average over, relative to the expected one.
@@ -56,6 +67,8 @@ std::vector<DrawnModel> drawModels(const Model& model, const ForecastOptions& op
   Eigen::MatrixXd information = options.information;
   information.diagonal().array() += 1 / (kVagueDeviation * kVagueDeviation);
   const Eigen::LLT<Eigen::MatrixXd> root(information);
+  if (root.info() != Eigen::Success)
+    throw std::invalid_argument("the information about uncertain parameters is not that of any data");
   std::normal_distribution<double> normal;
   std::vector<DrawnModel> models;
   for (int i = 0; i < options.draws; ++i) {
@@ -87,7 +100,21 @@ void normaliseWeights(std::vector<Alternative>& alternatives) {
 
 GreyBox::GreyBox(std::vector<RunData> runs, const Body<double>& craft, double max_gap)
     : runs_(std::move(runs)), prior_(craft), max_gap_(max_gap) {
+  if (runs_.empty()) throw std::invalid_argument("there is no run");
   for (const RunData& run : runs_) DisturbanceFilter(run, max_gap_);
+}
+
+void GreyBox::check(const GreyBoxPoint& point, double cap) const {
+  if (!point.loudness.empty() && point.loudness.size() != runs_.size())
+    throw std::invalid_argument("each run needs its loudness");
+  const auto& levels = point.levels;
+  if (!(levels.time.minCoeff() > 0 && levels.position > 0 && levels.heading > 0))
+    throw std::invalid_argument("correlation times and the noise of poses must be positive");
+  for (std::size_t run = 0; run < runs_.size(); ++run)
+    for (const double level : levelsOf(point, run).values())
+      if (!(level >= 0 && std::isfinite(level)))
+        throw std::invalid_argument("a level of the disturbance is negative or not finite");
+  if (!(cap > 0)) throw std::invalid_argument("the cap of distances must be positive");
 }
 
 GreyBox::~GreyBox() = default;
@@ -99,6 +126,11 @@ GreyBoxPoint GreyBox::start(const Model& model) const {
 }
 
 GreyBoxFit GreyBox::fit(const GreyBoxPoint& start, const GreyBoxOptions& options) const {
+  check(start, options.cap);
+  const auto levels = start.levels.values();
+  if (*std::min_element(levels.begin(), levels.end()) == 0)
+    throw std::invalid_argument("a fit begins at positive levels of the disturbance");
+  if (options.max_iterations < 0) throw std::invalid_argument("a fit has 0 or more iterations");
   RunFilters search(runs_, max_gap_, options.threads);
   return ascend(search, prior_, start, options);
 }
@@ -108,8 +140,11 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
   if (options.free.empty()) return {};
   const auto runs = static_cast<Eigen::Index>(runs_.size());
   const Eigen::Index count = fit.level_information.rows();  // levels, then the loudness of each run
-  if (count != kLevels + runs)
+  if (count != kLevels + runs || fit.level_information.cols() != count ||
+      !fit.level_information.allFinite())
     throw std::invalid_argument("intervals need a fit of these runs and of their levels");
+  check(fit.point, options.cap);
+  const std::set<int> held = levelIndices(options.held);
   RunFilters search(runs_, max_gap_, options.threads);
   const Free free = makeFree(fit.point.model, options.free);
   std::vector<double> scaled;
@@ -122,16 +157,15 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
     point.loudness.resize(runs_.size(), 0.0);
     for (std::size_t r = 0; r < runs_.size(); ++r)
       point.loudness[r] += away(kLevels + static_cast<Eigen::Index>(r));
-    search.evaluate(point, options.cap);
+    requireFinite(search.evaluate(point, options.cap));
     return knownBy(search.scores(point, free).by_acceleration);
   };
-  const auto& names = DisturbanceLevels::names();
   Eigen::MatrixXd slopes =
       Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(free.index.size()), count);
   Eigen::VectorXd lost = Eigen::VectorXd::Zero(count);
   for (int c = 0; c < count; ++c) {
     constexpr double kStep = 0.3;  // of a logarithm: averages the slope over the likely range
-    if (c < kLevels && std::count(options.held.begin(), options.held.end(), names[c])) continue;
+    if (held.count(c)) continue;
     const Eigen::VectorXd away = kStep * Eigen::VectorXd::Unit(count, c);
     const Known more = at(away), less = at(-away);
     slopes.col(c) = (more.variance - less.variance) / (2 * kStep);
@@ -155,8 +189,9 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
 
 std::vector<Eigen::VectorXd> GreyBox::likelihood(const GreyBoxPoint& point, double cap,
                                                  double block, int threads) const {
+  check(point, cap);
   RunFilters search(runs_, max_gap_, threads);
-  search.evaluate(point, cap);
+  requireFinite(search.evaluate(point, cap));
   std::vector<Eigen::VectorXd> result;
   for (const DisturbanceFilter& filter : search.filters()) result.push_back(filter.densities(block));
   return result;
@@ -164,10 +199,10 @@ std::vector<Eigen::VectorXd> GreyBox::likelihood(const GreyBoxPoint& point, doub
 
 GreyBoxScores GreyBox::scores(const GreyBoxPoint& point, const std::vector<std::string>& parameters,
                               double cap, double block, int threads) const {
+  check(point, cap);
   RunFilters search(runs_, max_gap_, threads);
   const Free free = makeFree(point.model, parameters);
-  if (!std::isfinite(search.evaluate(point, cap)))
-    throw std::runtime_error("the model's motion along the recordings is not finite");
+  requireFinite(search.evaluate(point, cap));
   std::vector<RunScores> found(runs_.size());
   inParallel(runs_.size(), threads, [&](std::size_t i) {
     found[i] = search.filters()[i].scores(point.model, free, block);
@@ -194,14 +229,11 @@ GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double c
                                     const Eigen::MatrixXd& acting,
                                     const std::vector<int>& channels) const {
   const std::size_t at = indexOf(run);
+  check(point, cap);
+  checkActing(acting, channels, runs_[at].times.size());
   DisturbanceFilter filter(runs_[at], max_gap_);
-  filter.run(point.model, levelsOf(point, at), cap);
+  requireFinite(filter.run(point.model, levelsOf(point, at), cap));
   const auto count = static_cast<Eigen::Index>(filter.samples().size());
-  if (acting.cols() != static_cast<Eigen::Index>(channels.size()) ||
-      (acting.cols() > 0 && acting.rows() != count))
-    throw std::invalid_argument("acting wrenches need a row a sample and a channel a column");
-  for (const int channel : channels)
-    if (channel < 0 || channel > 2) throw std::invalid_argument("channels are 0, 1 and 2");
   GreyBoxResiduals result;
   result.whitened.resize(count, 3);
   for (std::size_t k = 0; k < filter.samples().size(); ++k) {
@@ -219,6 +251,7 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
   const std::size_t at = indexOf(run);
   const RunData& data = runs_[at];
   checkForecast(options, data.times.size());
+  check(point, options.cap);
   DisturbanceFilter filter(data, max_gap_);
   const std::vector<double> about = loudnessAbout(options.unknown_loudness);
   std::vector<std::vector<Alternative>> alternatives(options.starts.size());
@@ -229,8 +262,7 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
     const DisturbanceLevels levels = levelsOf(other, at);
     std::vector<FilterBelief> kept(options.starts.size());
     for (std::size_t i = 0; i < kept.size(); ++i) kept[i].sample = options.starts[i];
-    if (!std::isfinite(filter.run(other.model, levels, options.cap, &kept)))
-      throw std::runtime_error("the model's motion along the recordings is not finite");
+    requireFinite(filter.run(other.model, levels, options.cap, &kept));
     const double prior = -0.5 * std::pow(more / kLoudness, 2);
     for (std::size_t i = 0; i < kept.size(); ++i)
       alternatives[i].push_back({levels, kept[i], prior + kept[i].log_likelihood});
@@ -249,7 +281,7 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
     const auto likeliest = std::max_element(
         ended.begin(), ended.end(),
         [](const Alternative& a, const Alternative& b) { return a.weight < b.weight; });
-    filter.run(point.model, likeliest->levels, options.cap);
+    requireFinite(filter.run(point.model, likeliest->levels, options.cap));
     filter.scores(point.model, free, 1e9, &sensitive);
   }
   std::vector<Forecast> result;

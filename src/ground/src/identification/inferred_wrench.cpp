@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "checks.h"
 #include "ground/model/columns.h"
 #include "ground/model/measurement.h"
 #include "ground/model/typical.h"
@@ -80,6 +81,14 @@ Vector3<double> thrustWrench(const Dynamics<Jet>& dynamics, OutsideWrench& outsi
   return mobility.inverse() * change;
 }
 
+/// Throws std::invalid_argument on noise levels with which the filter is not defined.
+void checkNoise(const WrenchNoise& noise) {
+  const Eigen::Vector4d levels(noise.force, noise.moment, noise.position, noise.heading);
+  if (!(levels.allFinite() && levels.minCoeff() >= 0 && levels.tail<2>().minCoeff() > 0))
+    throw std::invalid_argument(
+        "noise levels must be finite: of poses positive, of force and moment not negative");
+}
+
 double liftAt(const InputSequence& inputs, double t) {
   const auto next = std::upper_bound(inputs.times.begin(), inputs.times.end(), t);
   return next == inputs.times.begin() ? 0.0 : inputs.lift[next - inputs.times.begin() - 1];
@@ -104,20 +113,14 @@ struct WrenchFilter::Pass {
 
 WrenchFilter::WrenchFilter(const Model& model, const RunData& run, double max_gap)
     : force_scale_(typical::force(model.body)), moment_scale_(typical::moment(model.body)) {
-  const auto count = static_cast<Eigen::Index>(run.times.size());
-  const Eigen::MatrixX3d& poses = run.poses.rows() == 0 ? run.eta : run.poses;
-  if (count == 0 || run.eta.rows() != count || run.nu.rows() != count || poses.rows() != count)
-    throw std::invalid_argument(run.name + ": times, eta, nu and poses differ in length");
-  if (!run.eta.allFinite() || !run.nu.allFinite() || !poses.allFinite())
-    throw std::invalid_argument(run.name + ": a measurement is not finite");
+  checkRun(run);
+  detail::checkGap(max_gap);
+  const int count = static_cast<int>(run.times.size());
   stretches_.push_back(0);
-  for (int k = 1; k < count; ++k) {
-    const double dt = run.times[k] - run.times[k - 1];
-    if (!(dt >= 0)) throw std::invalid_argument(run.name + ": times descend");
-    if (dt > max_gap) stretches_.push_back(k);
-  }
-  stretches_.push_back(static_cast<int>(count));
-  linearise(model, run, poses);
+  for (int k = 1; k < count; ++k)
+    if (run.times[k] - run.times[k - 1] > max_gap) stretches_.push_back(k);
+  stretches_.push_back(count);
+  linearise(model, run, run.poses.rows() == 0 ? run.eta : run.poses);
 }
 
 /// Simulations from sample to sample along the measured motion, with derivatives.
@@ -300,6 +303,7 @@ Innovations WrenchFilter::filter(WrenchNature nature, const WrenchNoise& noise, 
 }
 
 Innovations WrenchFilter::innovations(WrenchNature nature, const WrenchNoise& noise) const {
+  checkNoise(noise);
   return filter(nature, noise, nullptr);
 }
 
@@ -345,11 +349,8 @@ WrenchNoise WrenchFilter::likeliestNoise(WrenchNature nature) const {
 InferredWrench WrenchFilter::smooth(const WrenchNoise& noise, const Eigen::MatrixXd& acting,
                                     const std::vector<int>& channels) const {
   const auto count = static_cast<Eigen::Index>(samples_.size());
-  if (acting.cols() != static_cast<Eigen::Index>(channels.size()) ||
-      (acting.cols() > 0 && acting.rows() != count))
-    throw std::invalid_argument("acting wrenches need a row a sample and a channel a column");
-  for (const int channel : channels)
-    if (channel < 0 || channel > 2) throw std::invalid_argument("channels are 0, 1 and 2");
+  checkNoise(noise);
+  detail::checkActing(acting, channels, samples_.size());
   Pass pass(samples_.size());
   filter(WrenchNature::kRandomWalk, noise, &pass);
 

@@ -5,6 +5,9 @@
 
 #include <algorithm>
 #include <atomic>
+#include <exception>
+#include <mutex>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -43,20 +46,43 @@ class BusyThreads {
 
 /// Calls `work(i)` for i = 0 … count - 1 from several threads. `threads` is their number; 0 means
 /// the calling thread and one for each core that no other call uses, so that calls from several
-/// threads share the cores.
+/// threads share the cores. If calls throw, no further ones begin, and the exception of the first
+/// in order is thrown after all threads have ended, as in a loop.
 template <class Work>
 void inParallel(std::size_t count, int threads, const Work& work) {
   std::atomic<std::size_t> next{0};
-  const auto take = [&] {
+  std::mutex mutex;  // guards the next two
+  std::exception_ptr failure;
+  std::size_t failed = count;
+  const auto run = [&] {
     const BusyThreads::Leave leave;
-    for (std::size_t i = next++; i < count; i = next++) work(i);
+    std::size_t i = next++;
+    try {
+      for (; i < count; i = next++) work(i);
+    } catch (...) {
+      next = count;
+      const std::lock_guard<std::mutex> lock(mutex);
+      if (i < failed) {
+        failed = i;
+        failure = std::current_exception();
+      }
+    }
   };
   const std::size_t wanted = std::min<std::size_t>(threadCount(threads), count);
   std::vector<std::thread> others;
+  others.reserve(wanted);
   BusyThreads::add(true);
-  while (others.size() + 1 < wanted && BusyThreads::add(threads > 0)) others.emplace_back(take);
-  take();
+  while (others.size() + 1 < wanted && BusyThreads::add(threads > 0)) {
+    try {
+      others.emplace_back(run);
+    } catch (const std::system_error&) {  // the system has no more threads: fewer do the work
+      const BusyThreads::Leave leave;
+      break;
+    }
+  }
+  run();
   for (std::thread& thread : others) thread.join();
+  if (failure) std::rethrow_exception(failure);
 }
 
 }  // namespace ground::detail

@@ -2,14 +2,17 @@
 
 #include <stdexcept>
 
+#include "checks.h"
 #include "ground/model/measurement.h"
 
 namespace ground {
 
 WindowSimulation predict(const Model& model, const RunData& run, const std::vector<Window>& windows,
                          const Eigen::MatrixX3d& initial_nu) {
+  checkRun(run);
   if (initial_nu.rows() != static_cast<Eigen::Index>(windows.size()))
     throw std::invalid_argument("there must be as many initial velocities as windows");
+  if (!initial_nu.allFinite()) throw std::invalid_argument("an initial velocity is not finite");
   const Dynamics<double> dynamics(model);
   const Dynamics<Jet> differentiable(model);
   WindowSimulation result;
@@ -27,6 +30,8 @@ WindowSimulation predict(const Model& model, const RunData& run, const std::vect
       eta.row(i - first) = seen.eta;
       nu.row(i - first) = seen.nu;
     }
+    if (!eta.allFinite() || !nu.allFinite())
+      throw std::runtime_error(detail::notFinite(run, windows[w]));
     result.eta.push_back(std::move(eta));
     result.nu.push_back(std::move(nu));
   }

@@ -1,13 +1,65 @@
 #include "ground/identification/run_data.h"
 
 #include <algorithm>
+#include <cmath>
+#include <sstream>
 #include <stdexcept>
+
+#include "checks.h"
 
 namespace ground {
 
+void checkRun(const RunData& run) {
+  const auto require = [&run](bool good, const char* wrong) {
+    if (!good) throw std::invalid_argument(run.name + ": " + wrong);
+  };
+  const auto count = static_cast<Eigen::Index>(run.times.size());
+  require(count > 0, "it has no samples");
+  require(run.eta.rows() == count && run.nu.rows() == count &&
+              (run.poses.rows() == count || run.poses.rows() == 0),
+          "times, eta, nu and poses differ in length");
+  require(run.eta.allFinite() && run.nu.allFinite() && run.poses.allFinite(),
+          "a measurement is not finite");
+  require(std::is_sorted(run.times.begin(), run.times.end()) &&
+              std::all_of(run.times.begin(), run.times.end(), [](double t) { return std::isfinite(t); }),
+          "times descend or are not finite");
+  require(run.noise.allFinite() && run.noise.minCoeff() > 0,
+          "the noise of poses must be positive and finite");
+}
+
+namespace detail {
+
+void checkGap(double max_gap) {
+  if (!(max_gap > 0)) throw std::invalid_argument("the longest gap must be positive");
+}
+
+void checkActing(const Eigen::MatrixXd& acting, const std::vector<int>& channels,
+                 std::size_t samples) {
+  if (acting.cols() != static_cast<Eigen::Index>(channels.size()) ||
+      (acting.cols() > 0 && acting.rows() != static_cast<Eigen::Index>(samples)))
+    throw std::invalid_argument("acting wrenches need a row a sample and a channel a column");
+  if (!acting.allFinite()) throw std::invalid_argument("an acting wrench is not finite");
+  for (const int channel : channels)
+    if (channel < 0 || channel > 2) throw std::invalid_argument("channels are 0, 1 and 2");
+}
+
+std::string notFinite(const RunData& run, const Window& window) {
+  std::ostringstream out;
+  out << "the model's motion is not finite in " << run.name << " from "
+      << run.times[static_cast<std::size_t>(window.first)] << " to "
+      << run.times[static_cast<std::size_t>(window.last)] << " s";
+  return out.str();
+}
+
+}  // namespace detail
+
 std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to,
                                double length, double max_gap) {
+  checkRun(run);
+  detail::checkGap(max_gap);
   if (!(length > 0)) throw std::invalid_argument("the length of windows must be positive");
+  if (std::isnan(from) || std::isnan(to))
+    throw std::invalid_argument("windows need a start and an end");
   constexpr int kMinSamples = 6;  // enough to identify an initial velocity
   std::vector<Window> windows;
   const auto add = [&](int first, int last) {

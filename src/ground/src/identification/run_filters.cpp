@@ -1,7 +1,9 @@
 #include "run_filters.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <stdexcept>
 
 #include "parallel.h"
 
@@ -18,6 +20,17 @@ DisturbanceLevels fromLogs(const LevelVector& logs) {
   std::array<double, kLevels> values;
   for (int i = 0; i < kLevels; ++i) values[i] = std::exp(logs(i));
   return DisturbanceLevels::of(values);
+}
+
+std::set<int> levelIndices(const std::vector<std::string>& names) {
+  const auto& known = DisturbanceLevels::names();
+  std::set<int> found;
+  for (const std::string& name : names) {
+    const auto at = std::find(known.begin(), known.end(), name);
+    if (at == known.end()) throw std::invalid_argument("there is no level '" + name + "'");
+    found.insert(static_cast<int>(at - known.begin()));
+  }
+  return found;
 }
 
 DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run) {

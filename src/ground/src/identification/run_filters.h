@@ -2,6 +2,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <set>
+#include <string>
 #include <vector>
 
 #include "disturbance_filter.h"
@@ -17,6 +19,9 @@ constexpr double kLoudness = 0.5;  // standard deviation of the prior of loudnes
 LevelVector logs(const DisturbanceLevels& levels);
 DisturbanceLevels fromLogs(const LevelVector& logs);
 
+/// Indices of levels by their names. Throws std::invalid_argument on an unknown name.
+std::set<int> levelIndices(const std::vector<std::string>& names);
+
 /// The levels of one run, including its loudness.
 DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run);
 
@@ -27,7 +32,7 @@ class RunFilters {
   RunFilters(const std::vector<RunData>& runs, double max_gap, int threads);
 
   /// The log-likelihood of all runs; not finite if the motion is not finite.
-  double evaluate(const GreyBoxPoint& point, double cap);
+  [[nodiscard]] double evaluate(const GreyBoxPoint& point, double cap);
 
   /// Sums over the runs, one block each; the information includes the prior of the parameters.
   RunScores scores(const GreyBoxPoint& point, const Free& free) const;

@@ -14,12 +14,8 @@ std::shared_ptr<const SimulationError::Data> SimulationError::prepare(std::vecto
                                                                       Target target) {
   auto data = std::make_shared<Data>();
   for (RunData& run : runs) {
+    checkRun(run);
     if (run.poses.rows() == 0) run.poses = run.eta;
-    const auto count = static_cast<Eigen::Index>(run.times.size());
-    if (run.eta.rows() != count || run.nu.rows() != count || run.poses.rows() != count)
-      throw std::invalid_argument(run.name + ": times, eta, nu and poses differ in length");
-    if (!run.eta.allFinite() || !run.nu.allFinite() || !run.poses.allFinite())
-      throw std::invalid_argument(run.name + ": a measurement is not finite");
     const Vector3<double> mean = run.nu.colwise().mean();
     const Vector3<double> sigma =
         (run.nu.rowwise() - mean.transpose()).array().square().colwise().mean().sqrt();
@@ -28,8 +24,6 @@ std::shared_ptr<const SimulationError::Data> SimulationError::prepare(std::vecto
     data->sigma.push_back(sigma);
     data->measured.push_back(target == Target::kPoses ? run.poses : run.nu);
     data->weight.push_back((target == Target::kPoses ? run.noise : sigma).cwiseInverse());
-    if (!(run.noise.minCoeff() > 0))
-      throw std::invalid_argument(run.name + ": the noise of poses must be positive");
   }
   data->runs = std::move(runs);
   return data;
@@ -54,7 +48,11 @@ SimulationError::SimulationError(std::shared_ptr<const Data> data, std::vector<W
   }
 }
 
-const Vector3<double>& SimulationError::sigma(int run) const { return data_->sigma[run]; }
+const Vector3<double>& SimulationError::sigma(int run) const {
+  if (run < 0 || run >= static_cast<int>(data_->sigma.size()))
+    throw std::out_of_range("there is no such run");
+  return data_->sigma[static_cast<std::size_t>(run)];
+}
 const std::vector<RunData>& SimulationError::runs() const { return data_->runs; }
 
 SimulationError::~SimulationError() = default;

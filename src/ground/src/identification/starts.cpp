@@ -6,6 +6,7 @@
 #include <random>
 #include <stdexcept>
 
+#include "checks.h"
 #include "descent.h"
 #include "parallel.h"
 #include "window_residuals.h"
@@ -25,8 +26,10 @@ double squaresOf(Linearisation& windows, const Free& free, const std::vector<dou
   const std::vector<double> losses = windows.losses(
       {free.coordinates(scaled.data()), free.index, initial}, RobustLoss().weighing(), derivatives);
   for (std::size_t w = 0; w < losses.size(); ++w)
-    if (!std::isfinite(losses[w]))
-      throw std::runtime_error(notFinite(windows.problem(), static_cast<int>(w)));
+    if (!std::isfinite(losses[w])) {
+      const Window& window = windows.problem().windows()[w];
+      throw std::runtime_error(notFinite(windows.problem().runs()[window.run], window));
+    }
   return std::accumulate(losses.begin(), losses.end(), 0.0);
 }
 

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <array>
-#include <sstream>
 #include <stdexcept>
 
+#include "checks.h"
 #include "simulation_error_data.h"
 
 namespace ground::detail {
@@ -174,15 +174,6 @@ void Evaluation::together(const WindowPlans::Group& group,
   });
 }
 
-std::string notFinite(const SimulationError& problem, int window) {
-  const Window& w = problem.windows()[window];
-  const RunData& run = problem.runs()[w.run];
-  std::ostringstream out;
-  out << "the model's motion is not finite in " << run.name << " from " << run.times[w.first]
-      << " to " << run.times[w.last] << " s";
-  return out.str();
-}
-
 WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
                             const std::vector<double>& coordinates, const std::vector<int>& free,
                             int window, const Eigen::VectorXd& initial, bool derivatives) {
@@ -213,7 +204,7 @@ WindowSimulation simulateFrom(const SimulationError& problem, const Model& model
       nu.row(i) = seen.nu;
     }
     if (!eta.allFinite() || !nu.allFinite())
-      throw std::runtime_error(notFinite(problem, static_cast<int>(w)));
+      throw std::runtime_error(notFinite(run, window));
     result.eta.push_back(std::move(eta));
     result.nu.push_back(std::move(nu));
   }

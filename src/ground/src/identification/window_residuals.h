@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <string>
 #include <vector>
 
 #include "ground/identification/simulation_error.h"
@@ -11,9 +10,6 @@
 #include "window_plans.h"
 
 namespace ground::detail {
-
-/// Error message "the model's motion is not finite in …".
-std::string notFinite(const SimulationError& problem, int window);
 
 /// Weighted residuals of one window at coordinates of the model and an initial state; with
 /// `derivatives` also their derivatives by the parameters with indices `free` and by the initial

@@ -6,6 +6,8 @@
 
 #include <Eigen/Core>
 #include <optional>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "ground/identification/simulation_error.h"
@@ -39,6 +41,16 @@ pybind11::list toList(const std::vector<FittedParameter>& parameters);
 using OptionalMatrix = std::optional<Eigen::MatrixXd>;
 inline Eigen::MatrixXd orEmpty(const OptionalMatrix& matrix) {
   return matrix.value_or(Eigen::MatrixXd());
+}
+
+inline Eigen::Map<const Eigen::VectorXd> asColumn(const std::vector<double>& values) {
+  return {values.data(), static_cast<Eigen::Index>(values.size())};
+}
+
+/// Throws std::invalid_argument if a number is not finite; `what` names it.
+template <class Numbers>
+void requireFinite(const Eigen::DenseBase<Numbers>& numbers, const std::string& what) {
+  if (!numbers.allFinite()) throw std::invalid_argument(what + " is not finite");
 }
 
 /// Matrix with one row fill(entry) for each entry.

@@ -79,6 +79,7 @@ void defReferences(py::module_& module) {
           "sample",
           [](const ReferenceParams& params, const std::vector<double>& times) {
             const ReferencePtr path = makeReference(params);
+            requireFinite(asColumn(times), "a time");
             return toRows(times, 2, [&](double t) {
               return Eigen::RowVector2d(path->at(std::max(0.0, t)).p.transpose());
             });
@@ -130,7 +131,12 @@ void defRoom(py::module_& module) {
       .def_readwrite("latency", &RoomPlan::latency)
       .def("validate", &RoomPlan::validate)
       .def("clearance",
-           py::overload_cast<const Vector2<double>&>(&RoomPlan::clearance, py::const_),
+           [](const RoomPlan& room, const Vector2<double>& point) {
+             const std::string wrong = room.validate();
+             if (!wrong.empty()) throw std::invalid_argument(wrong);
+             requireFinite(point, "the point");
+             return room.clearance(point);
+           },
            py::arg("point"), "Distance from the nearest wall [m], negative outside.");
   module.def("load_room", &loadRoomPlan, py::arg("path"));
   module.def("parse_room", &parseRoomPlan, py::arg("yaml"), py::arg("source"));

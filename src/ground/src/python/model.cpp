@@ -42,6 +42,8 @@ py::list describe(const std::vector<ParameterInfo>& infos) {
 std::vector<double> driveStarts(const std::vector<double>& times, const std::vector<double>& lift,
                                 const std::optional<Eigen::MatrixX2d>& records) {
   if (times.size() != lift.size()) throw std::invalid_argument("times and lift differ in length");
+  requireFinite(asColumn(times), "a time");
+  requireFinite(asColumn(lift), "the lift");
   DriveClock clock;
   for (std::size_t i = 0; i < times.size(); ++i) clock.command(times[i], lift[i]);
   for (Eigen::Index i = 0; records && i < records->rows(); ++i)
@@ -70,6 +72,7 @@ py::list describeThrusters(const Model& model) {
 Eigen::MatrixX3d forcesOf(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& inputs) {
   const ThrusterLayout& layout = *model.thrusters;
   Dynamics<double>(model).requireThrusters(static_cast<int>(inputs.cols()));
+  requireFinite(inputs, "an input");
   Eigen::MatrixX3d wrench(inputs.rows(), 3);
   for (Eigen::Index i = 0; i < inputs.rows(); ++i)
     wrench.row(i) =
@@ -88,6 +91,10 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
   const bool pushes = wrench && wrench->rows() > 0;
   if (pushes && wrench->rows() != count)
     throw std::invalid_argument("the wrench needs a row for each time");
+  requireFinite(asColumn(times), "a time");
+  requireFinite(eta, "the initial pose");
+  requireFinite(nu, "the initial velocity");
+  if (pushes) requireFinite(*wrench, "the wrench");
   Eigen::MatrixX3d eta_out(count, 3), nu_out(count, 3);
   {
     const py::gil_scoped_release release;
@@ -106,6 +113,8 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
       nu_out.row(i) = simulation.measure().nu;
     }
   }
+  if (!eta_out.allFinite() || !nu_out.allFinite())
+    throw std::runtime_error("the model's motion is not finite");
   py::dict d;
   d["eta"] = eta_out;
   d["nu"] = nu_out;
@@ -248,7 +257,8 @@ void defSimulation(py::module_& module) {
       "simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"),
       py::arg("eta"), py::arg("nu"), py::arg("drives") = std::vector<double>(),
       py::arg("wrench") = py::none(),
-      "Simulated measurements of pose and velocity at `times` [s] from a true initial state. "
+      "Simulated measurements of pose and velocity at `times` [s] from a true initial state. Raises "
+      "RuntimeError if the motion is not finite. "
       "`inputs`: rows of time, an input for each thruster, lift. `drives`: starts of drives [s]; if empty, they "
       "follow from the lift. `wrench`: additional X, Y [N], N [N m], each row until the next time; "
       "none by default.");
@@ -265,7 +275,7 @@ InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows) {
   if (count < 1 || count > kMaxThrusters)
     throw std::invalid_argument("inputs need columns time, one for each of 1 to " +
                                 std::to_string(kMaxThrusters) + " thrusters, lift");
-  if (!rows.allFinite()) throw std::invalid_argument("an input is not finite");
+  requireFinite(rows, "an input");
   InputSequence inputs(count);
   for (Eigen::Index i = 0; i < rows.rows(); ++i)
     inputs.add(rows(i, 0), Thrusters<double>(rows.row(i).segment(1, count).transpose()),

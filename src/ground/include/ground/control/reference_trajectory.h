@@ -22,7 +22,14 @@ class ReferenceTrajectory {
   virtual ReferencePoint at(double t) const = 0;
   /// Time after which the path repeats or ends [s]; for drawing.
   virtual double extent() const = 0;
+  /// Times of the points of a file [s], from 0 to the extent; empty for other paths.
+  virtual std::vector<double> points() const { return {}; }
 };
+
+/// Times at which to check a path [s], ascending from 0: of a file until its end, of other paths for
+/// `extents` times their extent. They include those of all points of a file. Up to 20,000 s they are
+/// at most 0.05 s apart. They are at least 5000, and at most 400,000 besides the points.
+std::vector<double> checkTimes(const ReferenceTrajectory& reference, double extents);
 
 using ReferencePtr = std::shared_ptr<const ReferenceTrajectory>;
 

@@ -62,6 +62,7 @@ class TrajectoryOptimizer {
   /// The same, to set another plan. Call rollOut() afterwards.
   std::vector<Thrusters<double>>& newInputs() {
     has_gains_ = false;
+    damping_ = 0;
     return plan_.inputs;
   }
   /// Simulates the plan; returns its cost [m^2 s].
@@ -156,6 +157,7 @@ class TrajectoryOptimizer {
   bool is_linear_ = false;  ///< whether the derivatives are those of the plan
   bool is_simulated_ = true;  ///< whether states and cost are those of a simulation
   bool has_gains_ = false;  ///< whether the gains are those of the plan
+  double damping_ = 0;      ///< of the next iteration of this plan
   /// First inputs of the last iteration without bounds; NaN before it.
   Thrusters<double> unbounded_;
 };

@@ -68,7 +68,7 @@ class ObedienceMonitor {
     Evidence others;
   };
   struct Sample {
-    double time;
+    double time = 0;
     RigidState<double> state;
     Vector3<double> nu_variance;
   };

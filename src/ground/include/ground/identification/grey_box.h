@@ -112,7 +112,8 @@ struct Forecast {
 class GreyBox {
  public:
   /// The priors of the levels are relative to the craft's full thrust. Throws std::invalid_argument
-  /// if arrays differ in length, a value is not finite or times descend.
+  /// if there is no run, checkRun() refuses one, or the gap is not positive. All functions throw it
+  /// on invalid arguments, and std::runtime_error if the model's motion along a run is not finite.
   GreyBox(std::vector<RunData> runs, const Body<double>& craft, double max_gap = 0.1);
   ~GreyBox();
 
@@ -120,8 +121,7 @@ class GreyBox {
   /// levels start low, the filter trusts the model too much and diverges.
   GreyBoxPoint start(const Model& model) const;
 
-  /// Maximises the posterior from a start. Throws std::invalid_argument on unknown parameters or
-  /// levels, std::runtime_error if the model's motion is not finite at the start.
+  /// Maximises the posterior from a start, which must have positive levels.
   GreyBoxFit fit(const GreyBoxPoint& start, const GreyBoxOptions& options) const;
 
   /// The free parameters of a fit under the same options, with 95% intervals that include the
@@ -148,8 +148,7 @@ class GreyBox {
   /// filtered state at the start is the Gaussian of motion, wrench and trims given the poses so
   /// far. Motions of the stochastic model are drawn from it, because a linearised covariance is too
   /// large once the heading is uncertain by a radian (2.6 times in position after 4 s on real
-  /// runs). Uncertain parameters are drawn, too, and shift the filtered state. Throws
-  /// std::invalid_argument on bad options, std::runtime_error if a motion is not finite.
+  /// runs). Uncertain parameters are drawn, too, and shift the filtered state.
   std::vector<Forecast> forecast(const GreyBoxPoint& point, int run,
                                  const ForecastOptions& options) const;
 
@@ -158,6 +157,8 @@ class GreyBox {
  private:
   /// Throws std::invalid_argument if there is no such run.
   std::size_t indexOf(int run) const;
+  /// Throws std::invalid_argument unless the levels of all runs and the cap are valid.
+  void check(const GreyBoxPoint& point, double cap) const;
 
   std::vector<RunData> runs_;
   LevelPrior prior_;

@@ -47,15 +47,16 @@ struct InferredWrench {
 class WrenchFilter {
  public:
   /// Uses the run's measured poses, with headings wrapped or not. Throws std::invalid_argument if
-  /// lengths differ, a value is not finite or times descend, std::runtime_error if the model's
-  /// motion is not finite.
+  /// checkRun() refuses the run or the gap is not positive, std::runtime_error if the model's motion
+  /// is not finite.
   WrenchFilter(const Model& model, const RunData& run, double max_gap = 0.1);
 
   /// Maximum-likelihood noise levels (innovation form of the likelihood), within a factor of about
   /// 1.3. The noise of outliers is increased, which limits their influence.
   WrenchNoise likeliestNoise(WrenchNature nature) const;
 
-  /// Innovations of the filter at given noise levels.
+  /// Innovations of the filter at given noise levels. Throws std::invalid_argument if a level is not
+  /// finite, the noise of poses is not positive or another one negative; so does smooth().
   Innovations innovations(WrenchNature nature, const WrenchNoise& noise) const;
 
   /// The random-walk wrench from all poses. `acting`: a column for each wrench whose response to

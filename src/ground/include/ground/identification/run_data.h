@@ -20,6 +20,10 @@ struct RunData {
   Vector3<double> noise = {4e-4, 4e-4, 6e-3};  ///< standard deviations of the poses [m], [rad]
 };
 
+/// Throws std::invalid_argument unless a run has samples, arrays of equal length, finite measurements
+/// at finite ascending times, and a positive noise.
+void checkRun(const RunData& run);
+
 /// A stretch of a run that is simulated from its own initial state.
 struct Window {
   int run;          ///< index into the runs of a problem
@@ -28,8 +32,8 @@ struct Window {
 
 /// Cuts the part [from, to] s of a run into windows of `length` seconds that share their end
 /// points. Drops a last piece of half a window or less. Windows do not contain gaps longer than
-/// `max_gap` seconds in the measurements. Throws std::invalid_argument if the length is not
-/// positive.
+/// `max_gap` seconds in the measurements. Throws std::invalid_argument if checkRun(run) does, a time
+/// is NaN, or the length or the gap is not positive.
 std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to,
                                double length, double max_gap = 0.1);
 

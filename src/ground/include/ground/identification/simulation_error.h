@@ -68,8 +68,8 @@ class WindowPlans;
 /// target.
 class SimulationError {
  public:
-  /// Throws std::invalid_argument if there is no window, the craft does not move in a run, arrays
-  /// differ in length, a value is not finite or a noise is not positive.
+  /// Throws std::invalid_argument if there is no window, the craft does not move in a run, or
+  /// checkRun() refuses one.
   SimulationError(std::vector<RunData> runs, std::vector<Window> windows,
                   Target target = Target::kVelocities);
   ~SimulationError();
@@ -89,7 +89,8 @@ class SimulationError {
   /// |e_u|/s_u + |e_v|/s_v + |e_r|/s_r.
   double objective(const WindowSimulation& simulation) const;
 
-  /// Standard deviations of u, v [m/s], r [rad/s] in a run.
+  /// Standard deviations of u, v [m/s], r [rad/s] in a run. Throws std::out_of_range if there is no
+  /// such run.
   const Vector3<double>& sigma(int run) const;
   const std::vector<RunData>& runs() const;
   const std::vector<Window>& windows() const { return windows_; }

@@ -124,9 +124,9 @@ def _blocks(tested: Sequence[Likelihood], fits: Sequence[Fit], fold: int) -> Arr
     likelihood, fit = tested[fold], fits[fold]
     try:
         own = likelihood.fit(fit.model, [], near=dataclasses.replace(fit, loudness=()))
+        return np.concatenate(likelihood.blocks(own, own.loudness))
     except GroundError:
         return np.array([-np.inf])
-    return np.concatenate(likelihood.blocks(own, own.loudness))
 
 
 def gain(better: Judged, worse: Judged) -> Tuple[float, float]:

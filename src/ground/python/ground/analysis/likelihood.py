@@ -15,7 +15,7 @@ from ground import _core
 from ground.analysis.thinning import thinned
 from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array
-from ground.core_types import FittedParameter, ModelParameter, RunTrim
+from ground.core_types import FittedParameter, ModelParameter, Residuals, RunTrim
 from ground.errors import GroundError
 
 _T = TypeVar("_T")
@@ -138,7 +138,8 @@ class Likelihood:
     def intervals(self, fit: Fit) -> List[FittedParameter]:
         """The fitted parameters, with 95% intervals that include the uncertainty of the levels: a
         list of dictionaries as Fit has them."""
-        return self.box.intervals(
+        return call(
+            self.box.intervals,
             fit.point,
             fit.level_information,
             list(fit.free),
@@ -148,16 +149,21 @@ class Likelihood:
         )
 
     def blocks(self, fit: Fit, loudness: Sequence[float] = ()) -> List[Array]:
-        """Log-likelihood of blocks of time under another fit, one array per run."""
+        """Log-likelihood of blocks of time under another fit, one array per run. Raises GroundError
+        when the motion is not finite."""
         point = _core.GreyBoxPoint(fit.model, fit.levels, list(loudness))
-        return self.box.likelihood(point, cap=CAP, block=BLOCK, threads=self.threads)
+        return call(self.box.likelihood, point, cap=CAP, block=BLOCK, threads=self.threads)
 
     def constants(self, fit: Fit, run: int) -> Tuple[Array, Array]:
         """Wrench X, Y [N], N [N m] and relative change of thrust that are constant in a run, as
         estimated from its poses up to each time under another fit: times [s], (times, 4)."""
         point = _core.GreyBoxPoint(fit.model, fit.levels, [])
-        found = self.box.residuals(point, run, cap=CAP)["constants"]
+        found = self.residuals(point, run)["constants"]
         return np.array(self.runs[run].times), np.array(found)
+
+    def residuals(self, point: _core.GreyBoxPoint, run: int, **acting: Any) -> Residuals:
+        """GreyBox.residuals; GroundError when the motion is not finite."""
+        return call(self.box.residuals, point, run, cap=CAP, **acting)
 
     def scores(self, fit: Fit, model: _core.Model, names: Sequence[str]) -> Dict[str, Array]:
         """Derivatives of the log-likelihood at a fit with respect to parameters of an extended

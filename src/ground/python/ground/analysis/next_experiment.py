@@ -9,7 +9,7 @@ from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Unio
 import numpy as np
 
 from ground import _core
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Fit, Likelihood, call
 from ground.analysis.thinning import thinned
 from ground.annotations import Array, Document, Each
 from ground.errors import GroundError
@@ -223,9 +223,7 @@ def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _c
     end = inputs[off, 0].min() if off.any() else schedule.end
     times = np.arange(experiments.LEAD, end, 1 / RATE)
     inputs[:, 1:3] *= model.input_max
-    found = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
-    if not np.isfinite(found["eta"]).all():
-        raise GroundError("the motion is not finite")
+    found = call(_core.simulate, model, inputs, times, np.zeros(3), np.zeros(3))
     return _core.RunData("new", times, found["eta"], found["nu"], inputs, found["eta"], noise)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import residuals
 from ground.analysis.distributions import chi_squared_limit, mean_not_above_zero
-from ground.analysis.likelihood import CAP, Fit, Likelihood
+from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array, Flags
 from ground.recordings import windows
@@ -65,7 +65,7 @@ def _explained(
     designs, targets = [], []
     for i, run in enumerate(likelihood.runs):
         acting, channels, owner = _acting(features(run, fit.model), fit)
-        left = likelihood.box.residuals(fit.point, i, cap=CAP, acting=acting, channels=channels)
+        left = likelihood.residuals(fit.point, i, acting=acting, channels=channels)
         scored = np.repeat(np.array(left["scored"]), 3)
         designs.append(np.array(left["responses"])[scored] @ owner)
         targets.append(np.array(left["whitened"]).reshape(-1)[scored])

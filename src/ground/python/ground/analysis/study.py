@@ -294,12 +294,13 @@ def recorded(
     breaks = np.flatnonzero(np.diff(times) > repair.MAX_GAP) + 1
     for stretch in np.split(np.arange(len(times)), breaks):
         start = stretch[0]
-        found = _core.simulate(
-            model, inputs, times[stretch], eta[start], nu[start], run.drives, wrench[stretch]
-        )
+        try:
+            found = _core.simulate(
+                model, inputs, times[stretch], eta[start], nu[start], run.drives, wrench[stretch]
+            )
+        except RuntimeError:
+            raise GroundError("the model's motion along %s is not finite" % run.name)
         poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
-    if not np.isfinite(poses).all():
-        raise GroundError("the model's motion along %s is not finite" % run.name)
     smoothed = repair.smooth(times, poses, (noise[0], noise[2]))
     return _core.RunData(
         run.name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, run.drives

@@ -103,8 +103,9 @@ def motion(
         at = np.arange(0, SECONDS - played, 1 / RATE)
         scaled = rows.copy()
         scaled[:, 1:-1] *= model.input_max
-        found = _core.simulate(model, scaled, at, home, np.zeros(3))
-        if not (np.isfinite(found["eta"]).all() and np.isfinite(found["nu"]).all()):
+        try:
+            found = _core.simulate(model, scaled, at, home, np.zeros(3))
+        except RuntimeError:  # its motion is not finite
             break
         kept = max(10, _inside(found, home, reach))
         times.append(began + at[:kept])
