@@ -481,7 +481,10 @@ def cases_of_experiments():
             lambda n=name, v=value, c=changes: excite(design={**c, n: v})
     yield "an unknown controller", lambda: _core.effect_use("magic", craft())
     yield "an axis mapping of nothing", lambda: _core.AxisMapping("")
-    yield "an axis mapping with offset NaN", lambda: _core.AxisMapping("x,y", NAN)
+    yield "an axis mapping with offset NaN", lambda: _core.AxisMapping("x, z, -y", NAN)
+    for value in (NAN, INF):
+        yield "a pose of %s to the mocap" % value, \
+            lambda v=value: _core.AxisMapping().to_mocap(np.array([v, 0, 0]), 0.0)
     yield "poses and quaternions of other lengths", lambda: _core.AxisMapping().to_planar_rows(
         np.zeros((2, 3)), np.zeros((3, 4)))
 

@@ -105,16 +105,13 @@ def test_constants_of_a_run_are_estimated_from_its_poses():
     assert fit.trims[0]["wrench"][:2] == pytest.approx([0.005, -0.003], abs=1.5e-3)
 
 
-ROOT_OF_SPEED = """{name: root, expression: {X: "c*sqrt(w - abs(u))"}, parameters: {
-    c: {value: 0.01, unit: N, lower: -1}, w: {value: 0.1, unit: m/s, neutral: 0.1}}}"""
+BLAST = '{name: blast, expression: {X: "c*u*u*u"}, parameters: {c: {value: 1e9, unit: N s^3/m^3}}}'
 
 
 def test_a_model_whose_motion_is_not_finite_is_refused_and_never_wins():
-    """An effect of a user that is not defined at the speeds of the runs: no density is better than any
-    honest one, and no residuals are whiter than zeros."""
+    """A log-density of 0 would be better than any honest one, and residuals of 0 would look white."""
     runs, like, fit = fitted(sigma=0.004)
-    assert max(np.abs(run.nu[:, 0]).max() for run in runs) > 0.15
-    odd = dataclasses.replace(fit, model=_core.with_effect(fit.model, ROOT_OF_SPEED, "root"))
+    odd = dataclasses.replace(fit, model=_core.with_effect(fit.model, BLAST, "blast"))
     for use in (
         lambda: like.fit(odd.model, FREE),
         lambda: like.blocks(odd),
@@ -147,7 +144,7 @@ def test_the_same_wrench_has_the_same_effect_whenever_it_acts():
     inputs = np.array([[0.0, 0.0, 0.0, 1.0]])
     pushes = {at: np.zeros((400, 3)) for at in (100, 200, 300)}
     for at, push in pushes.items():
-        push[at, 1] = 0.01
+        push[at, 1] = 0.1
 
     def box(wrench):
         eta = _core.simulate(craft, inputs, times, np.zeros(3), np.zeros(3), [0.0], wrench)["eta"]
@@ -160,11 +157,11 @@ def test_the_same_wrench_has_the_same_effect_whenever_it_acts():
     found = rest.residuals(point, 0, acting=acting, channels=[1] * len(pushes))
     responses = np.array(found["responses"]).reshape(400, 3, len(pushes))
     first = responses[100:150, 1, 0]
-    assert np.abs(first).max() > 0.1
+    assert np.abs(first).max() > 0.05
     for i, (at, push) in enumerate(pushes.items()):
         assert responses[at : at + 50, 1, i] == pytest.approx(first, rel=0.02, abs=1e-3), at
         pushed = np.array(box(push).residuals(point, 0)["whitened"])[at : at + 7, 1]
-        assert -responses[at : at + 7, 1, i] == pytest.approx(pushed, rel=0.1, abs=0.02), at
+        assert responses[at : at + 7, 1, i] == pytest.approx(pushed, rel=0.05, abs=0.01), at
 
 
 # --- differences between runs

@@ -68,7 +68,7 @@ std::vector<DrawnModel> drawModels(const Model& model, const ForecastOptions& op
   information.diagonal().array() += 1 / (kVagueDeviation * kVagueDeviation);
   const Eigen::LLT<Eigen::MatrixXd> root(information);
   if (root.info() != Eigen::Success)
-    throw std::invalid_argument("the information about uncertain parameters is not that of any data");
+    throw std::invalid_argument("the information about uncertain parameters is not positive definite");
   std::normal_distribution<double> normal;
   std::vector<DrawnModel> models;
   for (int i = 0; i < options.draws; ++i) {

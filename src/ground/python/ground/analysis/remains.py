@@ -15,7 +15,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import residuals
 from ground.analysis.distributions import chi_squared_limit, mean_not_above_zero
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Fit, Likelihood, call
 from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array, Flags
 from ground.recordings import windows
@@ -174,7 +174,7 @@ def _simulated(run: _core.RunData, model: _core.Model) -> Tuple[Array, Array, Fl
     cut = windows.cut([run])
     eta, nu = np.zeros((len(run.times), 3)), np.zeros((len(run.times), 3))
     inside = np.zeros(len(run.times), bool)
-    found = windows.problem([run], cut).simulate(model)
+    found = call(windows.problem([run], cut).simulate, model)
     for i, window in enumerate(cut):
         span = slice(window.first, window.last + 1)
         eta[span], nu[span], inside[span] = found["eta"][i], found["nu"][i], True
