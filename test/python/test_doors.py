@@ -43,6 +43,12 @@ def run(count=200, dt=0.01, **other):
     return _core.RunData(**given)
 
 
+def changed_fields(params, **changes):
+    for name, value in changes.items():
+        setattr(params, name, value)
+    return params
+
+
 def changed(rows, value):
     rows = np.array(rows, float)
     rows[len(rows) // 2] = value
@@ -102,51 +108,34 @@ NOISE = _core.WrenchFilter(craft(), GOOD).likeliest_noise(_core.WrenchNature.ran
 
 
 def wrench_noise(**changes):
-    noise = _core.WrenchNoise()
-    for name in ("force", "moment", "position", "heading"):
-        setattr(noise, name, changes.get(name, getattr(NOISE, name)))
-    return noise
+    usual = {name: getattr(NOISE, name) for name in ("force", "moment", "position", "heading")}
+    return changed_fields(_core.WrenchNoise(), **{**usual, **changes})
 
 
 def tracking(model=None, believed=None, eta=(0, 0, 0), mocap=None, **changes):
-    params = _core.TrackingParams()
-    params.duration = 1.0
-    for name, value in changes.items():
-        setattr(params, name, value)
+    params = changed_fields(_core.TrackingParams(), **{"duration": 1.0, **changes})
     return _core.track_reference(model or craft(), believed or craft(), params, np.array(eta, float),
                                  np.zeros(3), mocap or _core.MocapParams(), 1)
 
 
 def excite(model=None, believed=None, duration=1.0, room=None, design=None, **returns):
-    params = _core.ExcitationParams()
-    params.duration, params.room = duration, room
-    for name, value in (design or {}).items():
-        setattr(params.design, name, value)
-    for name, value in returns.items():
-        setattr(params.returns, name, value)
+    params = changed_fields(_core.ExcitationParams(), duration=duration, room=room)
+    changed_fields(params.design, **(design or {}))
+    changed_fields(params.returns, **returns)
     return _core.excite(model or craft(), believed or craft(), params, np.zeros(3), np.zeros(3),
                         _core.MocapParams(), 1)
 
 
 def mocap(**changes):
-    params = _core.MocapParams()
-    for name, value in changes.items():
-        setattr(params, name, value)
-    return params
+    return changed_fields(_core.MocapParams(), **changes)
 
 
 def room(**changes):
-    plan = _core.RoomPlan()
-    for name, value in changes.items():
-        setattr(plan, name, value)
-    return plan
+    return changed_fields(_core.RoomPlan(), **changes)
 
 
 def reference(**changes):
-    params = _core.ReferenceParams()
-    for name, value in changes.items():
-        setattr(params, name, value)
-    return params
+    return changed_fields(_core.ReferenceParams(), **changes)
 
 
 def forecast(model=None, **changes):
@@ -158,10 +147,13 @@ def uncertain(information, scale=(1.0,)):
     return forecast(free=["k"], information=np.array([[information]]), scale=list(scale))
 
 
-def play(rows=((0, 1, 1, 1),), duration=1.0, eta=(0, 0, 0), nu=(0, 0, 0), params=None, model=None):
+def play(
+    rows=((0, 1, 1, 1),), duration=1.0, eta=(0, 0, 0), nu=(0, 0, 0), params=None, model=None,
+    disturbance=None,
+):
     return _core.play_schedule(model or craft(), np.array(rows, float), duration,
                                np.array(eta, float), np.array(nu, float),
-                               params or _core.MocapParams(), 1)
+                               params or _core.MocapParams(), 1, disturbance or _core.Disturbance())
 
 
 def simulate(model=None, inputs=GOOD.inputs, times=GOOD.times, eta=(0, 0, 0), nu=(0, 0, 0), **other):
@@ -197,8 +189,9 @@ def estimators(runs, threads):
 
 
 def error(runs, target=_core.Target.velocities):
-    windows = [_core.Window(i, first, first + 49) for i in range(len(runs)) for first in (0, 49, 98, 149)]
-    return simulation_error(runs, windows, target)
+    firsts = (0, 49, 98, 149)
+    spans = [_core.Window(i, first, first + 49) for i in range(len(runs)) for first in firsts]
+    return simulation_error(runs, spans, target)
 
 
 def cases_of_runs():
@@ -265,8 +258,8 @@ def cases_of_indices():
     yield "a forecast from sample -1", lambda: forecast(starts=[-1])
     yield "a forecast from behind the end", lambda: forecast(starts=[200])
     yield "descending starts of forecasts", lambda: forecast(starts=[60, 50], horizons=[1, 1])
+    acting = np.ones((200, 1))
     for channel in (-1, 3, 50):
-        acting = np.ones((200, 1))
         yield "residuals on channel %d" % channel, \
             lambda c=channel: box().residuals(point(), 0, acting=acting, channels=[c])
         yield "smooth on channel %d" % channel, lambda c=channel: _core.WrenchFilter(
@@ -430,7 +423,7 @@ def cases_of_inputs():
         [0, 0.1, 0.2], np.zeros((4, 3)), _core.EstimatorParams())
 
 
-def cases_of_experiments():
+def cases_of_places():
     bad_rooms = {"no corners": room(corners=[]), "two corners": room(corners=[(0, 0), (1, 1)]),
                  "a NaN corner": room(corners=[(0, 0), (1, 0), (NAN, 1)]),
                  "NaN margin": room(margin=NAN), "no braking": room(braking=0.0)}
@@ -453,6 +446,17 @@ def cases_of_experiments():
     for value in (NAN, INF, -INF):
         yield "clearance of %s" % value, lambda v=value: room().clearance((v, 0.0))
         yield "a reference at %s s" % value, lambda v=value: reference().sample([0.0, v])
+    yield "a NaN home", lambda: _core.leaves_room(reference(), room(home=(NAN, 0)))
+    yield "an axis mapping of nothing", lambda: _core.AxisMapping("")
+    yield "an axis mapping with offset NaN", lambda: _core.AxisMapping("x, z, -y", NAN)
+    for value in (NAN, INF):
+        yield "a pose of %s to the mocap" % value, \
+            lambda v=value: _core.AxisMapping().to_mocap(np.array([v, 0, 0]), 0.0)
+    yield "poses and quaternions of other lengths", lambda: _core.AxisMapping().to_planar_rows(
+        np.zeros((2, 3)), np.zeros((3, 4)))
+
+
+def cases_of_experiments():
     for value in (NAN, INF, -1.0, 0.0):
         yield "play for %s s" % value, lambda v=value: play(duration=v)
         yield "track for %s s" % value, lambda v=value: tracking(duration=v)
@@ -469,6 +473,25 @@ def cases_of_experiments():
         yield "play from eta %s" % value, lambda v=value: play(eta=(0, v, 0))
         yield "play from nu %s" % value, lambda v=value: play(nu=(0, v, 0))
         yield "track from eta %s" % value, lambda v=value: tracking(eta=(0, v, 0))
+        for name in ("sigma", "time", "white", "trim"):
+            yield "play with a disturbance of %s %s" % (name, value), \
+                lambda n=name, v=value: play(disturbance=changed_fields(
+                    _core.Disturbance(), **{"sigma": np.ones(3), n: np.array([v, 1, 1])}))
+        for name in ("lift", "lift_time", "state_timeout", "recovery_time", "rate"):
+            yield "track with %s %s" % (name, value), lambda n=name, v=value: tracking(
+                life=changed_fields(_core.LifecycleParams(), **{n: v}))
+        for name in ("start", "tail", "max_error"):
+            if (name, value) != ("max_error", INF):
+                yield "track with %s %s" % (name, value), \
+                    lambda n=name, v=value: tracking(**{n: v})
+        for name in ("position_noise", "linear_jerk", "max_gap"):
+            yield "smooth with %s %s" % (name, value), lambda n=name, v=value: _core.smooth(
+                [0, 0.1, 0.2], np.zeros((3, 3)), changed_fields(_core.EstimatorParams(), **{n: v}))
+    yield "an unknown controller flies", lambda: tracking(
+        controller=changed_fields(_core.ControllerChoice(), kind="magic"))
+    yield "a controller with a gain of NaN", lambda: tracking(
+        controller=changed_fields(_core.ControllerChoice(), values={"k_e": NAN}))
+    yield "windows of run -1", lambda: _core.cut_windows(GOOD, -1, 0.0, 2.0, 1.0)
     yield "play an input of 2", lambda: play(rows=[(0, 2, 1, 1)])
     yield "play for three thrusters", lambda: play(rows=[(0, 1, 1, 1, 1)])
     yield "play no input", lambda: play(rows=np.zeros((0, 1)))
@@ -480,18 +503,12 @@ def cases_of_experiments():
         yield "a design with %s %s" % (name, value), \
             lambda n=name, v=value, c=changes: excite(design={**c, n: v})
     yield "an unknown controller", lambda: _core.effect_use("magic", craft())
-    yield "an axis mapping of nothing", lambda: _core.AxisMapping("")
-    yield "an axis mapping with offset NaN", lambda: _core.AxisMapping("x, z, -y", NAN)
-    for value in (NAN, INF):
-        yield "a pose of %s to the mocap" % value, \
-            lambda v=value: _core.AxisMapping().to_mocap(np.array([v, 0, 0]), 0.0)
-    yield "poses and quaternions of other lengths", lambda: _core.AxisMapping().to_planar_rows(
-        np.zeros((2, 3)), np.zeros((3, 4)))
 
 
 CASES = dict(pair for make in (
     cases_of_runs, cases_of_models, cases_of_indices, cases_of_likelihood, cases_of_forecasts,
-    cases_of_wrenches, cases_of_simulation_error, cases_of_inputs, cases_of_experiments,
+    cases_of_wrenches, cases_of_simulation_error, cases_of_inputs, cases_of_places,
+    cases_of_experiments,
 ) for pair in make())
 
 

@@ -181,7 +181,8 @@ def test_a_poke_out_of_the_room_is_seen_wherever_it_is(tmp_path, duration, spaci
             out = np.clip(1 - np.abs(times - at) / (length / 2), 0, 1)
             out[np.argmin(np.abs(times - at))] = 1
         angle = 2 * np.pi * times / 60
-        rows = np.column_stack([times, np.cos(angle) + out * (2.3 - np.cos(angle)), np.sin(angle) * (1 - out)])
+        x, y = np.cos(angle), np.sin(angle)
+        rows = np.column_stack([times, x + out * (2.3 - x), y - out * y])
         path = tmp_path / name
         columns, header = (rows, "time,x,y") if timed else (rows[:, 1:], "x,y")
         np.savetxt(path, columns, "%.6g", ",", header=header, comments="")

@@ -23,6 +23,19 @@ namespace {
 // Standard deviation of parameters without information, in coordinates over scale.
 constexpr double kVagueDeviation = 0.3;
 
+/// Throws std::invalid_argument on bad information about uncertain parameters.
+void checkUncertainty(const ForecastOptions& options) {
+  const auto free = static_cast<Eigen::Index>(options.free.size());
+  if (options.information.rows() != free || options.information.cols() != free ||
+      options.scale.size() != options.free.size())
+    throw std::invalid_argument("each uncertain parameter needs its information and scale");
+  for (const double scale : options.scale)
+    if (!(scale > 0 && std::isfinite(scale)))
+      throw std::invalid_argument("the scale of an uncertain parameter must be positive");
+  if (!options.information.allFinite())
+    throw std::invalid_argument("the information about uncertain parameters is not finite");
+}
+
 /// Throws std::invalid_argument on bad options.
 void checkForecast(const ForecastOptions& options, std::size_t samples) {
   for (std::size_t i = 0; i < options.starts.size(); ++i) {
@@ -30,19 +43,11 @@ void checkForecast(const ForecastOptions& options, std::size_t samples) {
     if (start < 0 || start >= static_cast<int>(samples) || (i > 0 && start < options.starts[i - 1]))
       throw std::invalid_argument("forecasts start at ascending samples of the run");
   }
-  const auto free = static_cast<Eigen::Index>(options.free.size());
-  if (options.information.rows() != free || options.information.cols() != free ||
-      options.scale.size() != options.free.size())
-    throw std::invalid_argument("each uncertain parameter needs its information and scale");
+  checkUncertainty(options);
   if (options.horizons.size() != options.starts.size())
     throw std::invalid_argument("each start of a forecast needs a horizon");
   for (const double horizon : options.horizons)
     if (!(horizon >= 0)) throw std::invalid_argument("the horizon of a forecast is negative or NaN");
-  for (const double scale : options.scale)
-    if (!(scale > 0 && std::isfinite(scale)))
-      throw std::invalid_argument("the scale of an uncertain parameter must be positive");
-  if (!options.information.allFinite())
-    throw std::invalid_argument("the information about uncertain parameters is not finite");
   if (!(options.draws >= 2 && options.part > 0 &&
         std::lround(0.5 * (1 - options.part) * (options.draws + 1.0)) >= 1))
     throw std::invalid_argument("too few draws for the ends of the band");

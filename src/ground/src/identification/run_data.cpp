@@ -58,6 +58,7 @@ std::vector<Window> cutWindows(const RunData& run, int run_index, double from, d
   checkRun(run);
   detail::checkGap(max_gap);
   if (!(length > 0)) throw std::invalid_argument("the length of windows must be positive");
+  if (run_index < 0) throw std::invalid_argument("the index of a run is negative");
   if (std::isnan(from) || std::isnan(to))
     throw std::invalid_argument("windows need a start and an end");
   constexpr int kMinSamples = 6;  // enough to identify an initial velocity

@@ -38,6 +38,7 @@ void bindEstimation(py::module_& module) {
       .def(
           "to_mocap",
           [](const AxisMapping& mapping, const Vector3<double>& eta, double height) {
+            requireFinite(Eigen::Vector4d(eta(0), eta(1), eta(2), height), "the pose");
             Eigen::Vector3d p;
             Eigen::Quaterniond q;
             mapping.toMocap(eta, height, p, q);
