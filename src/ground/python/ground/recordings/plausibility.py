@@ -1,91 +1,109 @@
 """Implausible data: single stamps and commands that damage to a file has changed.
 
 A bag without compression has no checksum. A flipped bit shows only where the file says the same thing
-twice, or where one message is unlike all others.
+twice: a stamp and its time of receipt, a command and its repetition. Something is called damaged if it is
+exactly one bit away from what is expected, and nothing else in the recording is as far from it.
 """
 
-from typing import Iterator, Sequence, Tuple
+from typing import Dict, Iterator, Sequence, Set, Tuple
 
 import numpy as np
 
 from ground.annotations import Array, ArrayLike, Flags, Indices
 
-MIN_STAMP_ERROR = 1e-3  # least error of a stamp against the recorder's clock if delays are exact [s]
-MIN_LIVE_ERROR = (
-    0.015  # the same if delays scatter; a busy recorder is late by up to half of it [s]
-)
-MIN_SCATTERS = 20  # least error in multiples of the typical scatter of delays
-EXACT = 1e-4  # scatter of delays below which no message is ever late [s]
-REGULAR = 0.25  # largest unevenness of receipts and delays around, relative to the error
+BITS = 32  # of the nanoseconds of a stamp, and of its seconds
+STAMP_BITS = np.outer([1e-9, 1.0], 2.0 ** np.arange(BITS)).ravel()  # what each is worth [s]
+MIN_STAMP_ERROR = 1e-3  # least error of a stamp that is replaced [s]
+RESOLUTION = 1e-6  # of a stamp as a floating-point number of seconds [s]
+REGULAR = 0.25  # largest range of the delays of the neighbours, relative to the error
+APART = 2.0  # least error relative to the largest one that no flipped bit explains
 MAX_SHARE = 0.01  # largest share of wrong stamps; more are no damage but the system's behaviour
 NEIGHBOURS = 2  # messages on each side that a message is compared with
-MAX_LEVELS = 8  # number of levels between which commands switch
-LEVEL_SHARE = 0.98  # least share of commands at a level
+MIN_CHANGE = 1e-6  # least change of a command that matters
+REPEATED = 10  # number of commands before and after a damaged one that must all be repeated
 
 
 def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, float]:
-    """Replaces single stamps [s] that contradict the recorder's clock while their neighbours agree with
-    it. Returns the stamps, the number replaced, and the largest error [s].
+    """Undoes single flipped bits of stamps [s], by the recorder's clock. Returns the stamps, the number
+    of those mended, and the largest error [s].
 
-    stamps, received: (n,) in the order of receipt, on clocks that may differ by a constant or drift.
+    stamps, received: (n,) in the order of receipt, on clocks that may differ by a constant or drift. A
+    message that a busy computer stamps or receives late is off by any time; a flipped bit puts the
+    stamp off by a power of two, and flipped back, its delay is like those of its neighbours.
     """
     stamps, received = np.array(stamps, float), np.asarray(received, float)
     if len(stamps) < 2 * NEIGHBOURS + 2:
         return stamps, 0, 0.0
     delays = received - stamps
     around = delays[_neighbours(len(delays))]
-    typical = np.median(around, axis=1)
-    error = np.abs(delays - typical)
-    steps = np.diff(received)
-    uneven = np.abs(np.diff(steps))  # deviation of a receipt from the middle of its neighbours
-    uneven = 0.5 * np.concatenate([uneven[:1], uneven, uneven[-1:]])
-    scatter = np.median(error)
-    # A late message looks like a stamp that is too early; no message comes too soon.
-    punctual = (uneven < REGULAR * error) | (delays < typical) | (scatter < EXACT)
-    alike = np.ptp(around, axis=1) < REGULAR * error
-    least = MIN_STAMP_ERROR if scatter < EXACT else MIN_LIVE_ERROR
-    wrong = (error > max(least, MIN_SCATTERS * scatter)) & alike & punctual
-    wrong &= ~_overtaken(stamps)
+    late = np.median(around, axis=1) - delays  # of the stamps
+    error, spread = np.abs(late), np.ptp(around, axis=1)
+    bit = np.argmin(np.abs(error[:, None] - STAMP_BITS), axis=1)
+    mended = stamps - np.sign(late) * STAMP_BITS[bit]
+    flipped = np.abs(error - STAMP_BITS[bit]) <= spread + RESOLUTION
+    flipped &= _bits(mended, bit) == (late < 0)
+    least = max(MIN_STAMP_ERROR, APART * float(error[~flipped].max(initial=0.0)))
+    wrong = flipped & (error > least) & (spread < REGULAR * error)
     count = int(wrong.sum())
     if count == 0 or count > max(2, MAX_SHARE * len(stamps)):
         return stamps, 0, 0.0
-    stamps[wrong] = (received - typical)[wrong]
-    return stamps, count, float(error[wrong].max())
+    return np.where(wrong, mended, stamps), count, float(error[wrong].max())
 
 
-def lone_commands(
-    times: Array, controls: Array, channels: Sequence[str]
-) -> Iterator[str]:
-    """Sentences about commands with a unique value if all others switch between a few levels. times:
-    (m,) [s]; controls: (m, c) by `channels`."""
-    for channel, values in zip(channels, controls.T):
-        levels, counts = np.unique(values, return_counts=True)
-        often = counts > 2
-        inside = np.isin(levels, values[1:-1])  # a run may begin or end with a command of its own
-        lone = levels[(counts == 1) & inside]
-        if (
-            0 < len(lone) <= 2
-            and often.sum() <= MAX_LEVELS
-            and counts[often].sum() >= LEVEL_SHARE * len(values)
-        ):
-            at = [int(np.flatnonzero(values == value)[0]) for value in lone]
-            yield "the command %s is %s, a value that no other command has: the bag may be damaged" % (
-                channel,
-                " and ".join("%g at %.2f s" % (values[i], times[i] - times[0]) for i in at),
-            )
+def lone_commands(times: Array, controls: Array, channels: Sequence[str]) -> Iterator[str]:
+    """Sentences about commands with a flipped bit. times: (m,) [s]; controls: (m, c) by `channels`, as
+    they are in the file.
+
+    Such a command has a value that no other command has, and is the message before or after it but for
+    one bit. That alone also happens to a coarse controller; but where every other command is repeated,
+    a single message is odd.
+    """
+    before, channel = _one_bit_apart(controls)
+    found: Dict[int, Set[int]] = {}  # by channel
+    for i, c in zip(before.tolist(), channel.tolist()):
+        for at, repeats in ((i, i + 1), (i + 1, i)):
+            lone = (controls[:, c] == controls[at, c]).sum() == 1
+            if lone and _repeated_around(controls, at, repeats):
+                found.setdefault(c, set()).add(at)
+    for c, places in sorted(found.items()):
+        yield "the command %s is %s, one bit away from its repetition: the bag may be damaged" % (
+            channels[c],
+            " and ".join(
+                "%g at %.2f s" % (controls[at, c], times[at] - times[0]) for at in sorted(places)
+            ),
+        )
 
 
-def _overtaken(stamps: Array) -> Flags:
-    """Which messages arrived in the wrong order with correct stamps: sorted, each is about a period
-    from the one before and the one after. stamps: (n,) [s]."""
-    order = np.argsort(stamps, kind="stable")
-    steps = np.diff(stamps[order])
-    period = np.median(steps)
-    even = np.abs(steps - period) < 0.5 * period
-    placed = np.append(even, False) & np.append(False, even)
-    found = np.zeros(len(stamps), bool)
-    found[order] = placed & (order != np.arange(len(stamps)))
-    return found
+def _one_bit_apart(controls: Array) -> Tuple[Indices, Indices]:
+    """Messages that differ from the next one by one bit of a channel, and so much that it matters: their
+    indices and those of the channels."""
+    bits = np.ascontiguousarray(controls, float).view(np.uint64)
+    differ = bits[1:] ^ bits[:-1]
+    one = (differ & (differ - np.uint64(1))) == 0
+    one &= np.abs(np.diff(controls, axis=0)) > MIN_CHANGE
+    alone = (differ != 0).sum(axis=1) == 1
+    before, channel = np.nonzero(one & alone[:, None])
+    return before, channel
+
+
+def _repeated_around(controls: Array, at: int, repeats: int) -> bool:
+    """Whether all commands around one of them are held for several messages, if this one repeats its
+    neighbour; a recording may begin and end with any."""
+    mended = controls.copy()
+    mended[at] = controls[repeats]
+    changes = np.flatnonzero((mended[1:] != mended[:-1]).any(axis=1)) + 1
+    held = np.diff(changes)
+    place = int(np.searchsorted(changes, at, side="right")) - 1
+    near = held[max(place - REPEATED, 0) : place + REPEATED + 1]
+    return len(near) > 0 and bool(near.min() > 1)
+
+
+def _bits(stamps: Array, bit: Indices) -> Flags:
+    """Whether each stamp (n,) [s] has its bit, an index of STAMP_BITS, set."""
+    seconds = np.floor(stamps + 0.5 * RESOLUTION).astype(np.int64)
+    nanoseconds = np.round(1e9 * np.maximum(stamps - seconds, 0)).astype(np.int64)
+    part = np.where(bit < BITS, nanoseconds, seconds)
+    return np.asarray(part >> (bit % BITS) & 1 == 1)
 
 
 def _neighbours(count: int) -> Indices:

@@ -184,7 +184,8 @@ def read_source(source: MessageSource, path: str, mapping: FieldMapping) -> Reco
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     names = [channel.name for channel in channels]
-    warnings += plausibility.lone_commands(controls[:, 0], controls[:, 1:], names)
+    sent = rows.rows["controls"]
+    warnings += plausibility.lone_commands(sent[:, 0], sent[:, 1:], names)
     found = checked(
         path,
         _shifted(rows.rows["poses"], mapping),
