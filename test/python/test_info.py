@@ -266,3 +266,70 @@ def test_a_gap_in_a_fast_spin_adds_no_turns():
         )
         nu = repair(recording).nu
         assert np.abs(nu[:, 2] - rate[seen]).max() < 3, "at phase %.1f" % phase
+
+
+def alarms(path):
+    """Lines of info about a contact or damage."""
+    result = identify("info", path)
+    assert result.returncode == 0, result.stderr
+    text = result.stdout + result.stderr
+    return [line for line in text.splitlines() if "wall or hand" in line or "damaged" in line]
+
+
+FAST = ("prbs", "spin", "coast-down", "multilevel-prbs")  # inputs that end while the craft moves
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("craft", ["hovercraft/tiny_whoover", "hovercraft/mvwt", "craft/air_table"])
+def test_a_sound_simulation_that_ends_on_the_floor_has_no_alarm(craft, seed, tmp_path):
+    model = MODEL.parents[1] / (craft + ".yaml")
+    for kind in FAST:
+        bag = tmp_path / (kind + ".bag")
+        options = ("--input", kind, "--seed", seed, "--duration", 10)
+        assert identify("simulate", "--model", model, *options, "-o", bag).returncode == 0
+        assert alarms(bag) == [], kind
+
+
+@pytest.mark.parametrize("levels", [3, 5, 9])
+def test_a_sound_run_of_a_coarse_controller_has_no_alarm(levels, tmp_path):
+    random = np.random.default_rng(levels)
+    wanted = 0.5 + np.sin(np.cumsum(random.normal(0, 0.3, (500, 2)), axis=0))
+    coarse = np.round(np.clip(wanted, 0, 1) * (levels - 1)) / (levels - 1)
+    often = np.where(coarse == coarse[100], 1.0, coarse)
+    often[100] = coarse[100]  # the only command with these levels
+    rows = "".join("%.2f,%r,%r,1\n" % (0.02 * i, *map(float, row)) for i, row in enumerate(often))
+    (tmp_path / "inputs.csv").write_text("time,left,right,lift\n" + rows)
+    options = ("--input", tmp_path / "inputs.csv", "-o", tmp_path / "run.bag")
+    assert identify("simulate", "--model", MODEL, *options).returncode == 0
+    assert alarms(tmp_path / "run.bag") == []
+
+
+def test_a_run_of_a_busy_recorder_has_no_alarm(tmp_path):
+    import genpy
+    import rosbag
+
+    assert not alarms(write_bag(tmp_path / "run.bag", duration=8))
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        busy = tmp_path / ("busy%d.bag" % seed)
+        with rosbag.Bag(str(tmp_path / "run.bag")) as source, rosbag.Bag(str(busy), "w") as out:
+            for topic, message, at in source.read_messages():
+                late = random.uniform(5e-3, 0.2) if random.random() < 0.005 else 3e-4 * random.random()
+                out.write(topic, message, at + genpy.Duration.from_sec(late))
+        assert alarms(busy) == []
+
+
+def test_a_pause_of_the_lift_is_left_out_and_no_wall(tmp_path):
+    times = np.arange(0, 16, 0.1)
+    bits = np.random.default_rng(1).integers(0, 2, (len(times), 2))
+    lift = (times < 7) | (times > 9)
+    rows = "".join("%.1f,%d,%d,%d\n" % row for row in zip(times, *bits.T, lift))
+    (tmp_path / "inputs.csv").write_text("time,left,right,lift\n" + rows)
+    options = ("--input", tmp_path / "inputs.csv", "-o", tmp_path / "run.bag")
+    assert identify("simulate", "--model", MODEL, *options).returncode == 0
+    assert alarms(tmp_path / "run.bag") == []
+    found = info(tmp_path / "run.bag")
+    (pause,) = found["without_lift"]
+    assert pause["end"] - pause["start"] == pytest.approx(2.0, abs=0.15)
+    (first, second) = found["usable"]["spans"]
+    assert first[1] <= pause["start"] and second[0] >= pause["end"]

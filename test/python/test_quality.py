@@ -1,10 +1,12 @@
 """Usable parts, contacts and numbers of made-up recordings."""
+import dataclasses
 import types
 
 import numpy as np
 import pytest
 from conftest import MODEL, recording_of
 
+import ground
 from ground import _core
 from ground.errors import GroundError
 from ground.recordings import quality
@@ -167,6 +169,16 @@ def test_a_free_flight_has_no_contact():
     for seed in (1, 2, 3):
         run = run_of(*flown([(6.0, True)], seed=seed))
         assert run.contacts == [] and run.reply is not None
+
+
+@pytest.mark.parametrize("seed", [2, 6])  # the craft is fast when the lift ends
+def test_the_floor_is_no_wall_even_if_the_lift_was_not_recorded(seed):
+    run = ground.simulate(MODEL, "prbs", duration=10, seed=seed)
+    controls = run.controls * [1, 1, 0]
+    found = quality.Run(dataclasses.replace(run, controls=controls))
+    assert found.contacts == []
+    last = run.control_times[np.flatnonzero(run.thrust.any(axis=1))[-1]] - found.zero
+    assert found.active[1] < last + 0.1
 
 
 def test_a_craft_that_is_carried_away_without_commands_is_noticed():

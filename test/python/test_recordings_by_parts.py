@@ -493,18 +493,6 @@ def test_a_pose_that_is_too_far_in_one_coordinate_is_lost(tmp_path):
     assert sound.warnings == [] and sound.clock_offset == pytest.approx(0, abs=1e-6)
 
 
-def test_a_lone_command_is_named_with_its_time(tmp_path):
-    def change(times, eta, inputs):
-        inputs[17, 1] = 0.37
-        return times, eta, inputs
-
-    found = recording.read_bag(str(write_bag(tmp_path / "run.bag", duration=6, change=change)))
-    assert found.warnings == [
-        "the command left is 0.37 at %.2f s, a value that no other command has: the bag may be damaged"
-        % (17 / 15)
-    ]
-
-
 def test_drives_come_in_the_order_of_their_last_messages(tmp_path):
     import genpy
     import rosbag

@@ -143,9 +143,11 @@ def findings(d: Document) -> Iterator[str]:
         yield "no lift, or the craft rests, for %.2f s at the end, left out (--all takes it in)" % (
             d["rest_at_end"]
         )
+    if d["without_lift"]:
+        yield "no lift, left out: %s" % _named(d["without_lift"], _span)
     if d["contacts"]:
         yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
-            d["contacts"], lambda c: "%.2f to %.2f s" % (c["start"], c["end"])
+            d["contacts"], _span
         )
     yield from _changes(d["changes"])
     if d["same_inputs_as"]:
@@ -222,6 +224,10 @@ def _changes(changes: List[Document]) -> Iterator[str]:
         )
     if len(changes) > MAX_CHANGES:
         yield "%d more live changes (info --json lists them)" % (len(changes) - MAX_CHANGES)
+
+
+def _span(d: Document) -> str:
+    return "%.2f to %.2f s" % (d["start"], d["end"])
 
 
 def _named(items: Sequence[_T], name: Callable[[_T], str]) -> str:

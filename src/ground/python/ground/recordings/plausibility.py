@@ -40,7 +40,7 @@ def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, flo
     error, spread = np.abs(late), np.ptp(around, axis=1)
     bit = np.argmin(np.abs(error[:, None] - STAMP_BITS), axis=1)
     mended = stamps - np.sign(late) * STAMP_BITS[bit]
-    flipped = np.abs(error - STAMP_BITS[bit]) <= spread + RESOLUTION
+    flipped = np.abs(error - STAMP_BITS[bit]) <= spread + np.median(spread) + RESOLUTION
     flipped &= _bits(mended, bit) == (late < 0)
     least = max(MIN_STAMP_ERROR, APART * float(error[~flipped].max(initial=0.0)))
     wrong = flipped & (error > least) & (spread < REGULAR * error)

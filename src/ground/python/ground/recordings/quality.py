@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Iterator, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document, Indices
+from ground.annotations import Array, Document, Flags, Indices
 from ground.errors import GroundError
 from ground.recordings import frame_clock, reply, suspicions
 from ground.recordings.repair import Motion, repair, wrap
@@ -22,6 +22,7 @@ IDLE = 1.0  # longest rest at the end that is used [s]
 MOVED = 0.01  # largest movement of a craft at rest [m]
 CONTACT = (1.0, 1.5)  # excess over any input, relative to the largest thrust and yaw moment
 CONTACT_NOISE = 6.0  # least excess in multiples of its noise
+AT_ONCE = 1e-6  # stamps of one instant differ by less [s]
 CONTACT_MARGIN = 0.1  # time left out before and after a contact [s]
 MOST_LEVELS = {1: 6, 2: 6, 3: 4, 4: 3}  # levels of each thruster in a grid, by their number; else 2
 
@@ -54,9 +55,12 @@ class Run:
         self.drives, self.drives_by = self._drives()
         found = reply.find(recording, motion)
         contacts = _contacts(recording, motion, found)
+        landing = _landing(recording, contacts)
         self.reply = None if found is None else {"lag": found["lag"], "share": found["share"]}
-        self.contacts = [(float(a - self.zero), float(b - self.zero)) for a, b in contacts]
-        self.active = self._active()
+        self.contacts = [
+            (float(a - self.zero), float(b - self.zero)) for a, b in contacts if a < landing
+        ]
+        self.active = self._active(landing)
         self.spans = self._spans()
         self.suspicions = suspicions.of(self)
 
@@ -77,11 +81,12 @@ class Run:
             return starts, "record"
         return starts, "first command" if lift[0] > 0 else "lift"
 
-    def _active(self) -> Span:
-        """From just before the first thrust or motion to the end of lift and overlap [s]."""
+    def _active(self, landing: float) -> Span:
+        """From just before the first thrust or motion to the end of lift and overlap [s]. landing: when
+        the floor begins to brake the craft [s, clock of the stamps]."""
         recording, motion = self.recording, self.motion
         thrust, lift, times = recording.thrust, recording.lift, recording.control_times
-        start, end = self.zero, self.zero + self.end
+        start, end = self.zero, min(self.zero + self.end, landing - CONTACT_MARGIN)
         moved = np.linalg.norm(motion.eta[:, :2] - motion.eta[0, :2], axis=1) > MOVED
         turned = np.abs(motion.eta[:, 2] - motion.eta[0, 2]) > 0.1
         begins = [times[np.argmax(thrust.any(axis=1))]] if thrust.any() else []
@@ -113,7 +118,7 @@ class Run:
         start, end = self.active
         cuts = [(a - CONTACT_MARGIN, b + CONTACT_MARGIN) for a, b in self.contacts]
         times = self.motion.times - self.zero
-        inside = (times >= start) & (times <= end)
+        inside = (times >= start) & (times <= end) & _lifted(self.recording, self.motion.times)
         for a, b in cuts:
             inside &= (times < a) | (times > b)
         spans = []
@@ -182,6 +187,9 @@ class Run:
         """Contents of `info`, as a dictionary of plain values; times are on the run's clock [s]."""
         recording = self.recording
         stamps, controls = recording.pose_times, recording.control_times
+        times = self.motion.times - self.zero
+        grounded = (times > self.active[0]) & (times < self.active[1])
+        grounded &= ~_lifted(recording, self.motion.times)
         return {
             "name": recording.name,
             "source": recording.source,
@@ -199,6 +207,10 @@ class Run:
             },
             "rest": float(self.active[0]),
             "rest_at_end": float(self.end - self.active[1]),
+            "without_lift": [
+                {"start": float(times[s[0]]), "end": float(times[s[-1]])}
+                for s in reply.stretches(times, grounded)
+            ],
             "drives": {"begin": [float(t) for t in self.drives], "by": self.drives_by},
             "poses": self._describe_poses(),
             "controls": self._describe_controls(),
@@ -386,8 +398,29 @@ def _contacts(
         beyond = np.minimum(beyond, np.maximum(force / CONTACT[0], moment / CONTACT[1]))
     # A contact lasts for several frames; a single one is noise.
     beyond = np.min([np.roll(beyond, s) for s in (-1, 0, 1)], axis=0)
-    hit = ((beyond > 1) & reply.middle(motion.times)) | motion.jumps
+    floats = _lifted(recording, motion.times)  # without lift the floor brakes it
+    floats[floats] = reply.middle(motion.times[floats])
+    hit = ((beyond > 1) & floats) | motion.jumps
     return [(motion.times[s[0]], motion.times[s[-1]]) for s in reply.stretches(motion.times, hit)]
+
+
+def _landing(recording: "Recording", contacts: Sequence[Span]) -> float:
+    """When the floor begins to brake a craft whose lift was not recorded [s, clock of the stamps]: the first
+    of some contacts after the last thrust, because the lift may end with it. Infinite without one."""
+    driven = np.flatnonzero(recording.thrust.any(axis=1))
+    if (recording.lift > 0).any() or not len(driven) or driven[-1] + 1 == len(recording.thrust):
+        return np.inf
+    last = recording.control_times[driven[-1] + 1]
+    return min((start for start, _ in contacts if start > last), default=np.inf)
+
+
+def _lifted(recording: "Recording", times: Array) -> Flags:
+    """Whether the lift is on at some times (n,) [s], or was until then; where it was not recorded, it
+    counts as on."""
+    if not (recording.lift > 0).any():
+        return np.ones(len(times), bool)
+    around = times + np.array([[-AT_ONCE], [AT_ONCE]])
+    return np.asarray(reply.held(recording, recording.lift, around).max(axis=0) > 0)
 
 
 def _levels(recording: "Recording") -> Array:

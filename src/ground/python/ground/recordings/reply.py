@@ -48,15 +48,15 @@ def stretches(times: Array, inside: Flags) -> List[Indices]:
 
 def commands_at(recording: "Recording", times: Array) -> Array:
     """Commands of the thrusters that hold at some times (n,) [s]; 0 before the first one."""
-    return _held(recording, recording.thrust, times)
+    return held(recording, recording.thrust, times)
 
 
-def _held(recording: "Recording", values: Array, times: Array) -> Array:
-    """Values (m, k) of the commands that hold at some times (n,) [s]; 0 before the first one."""
+def held(recording: "Recording", values: Array, times: Array) -> Array:
+    """Those of some values (m, ...) of the commands that hold at some times (n,) [s]; 0 before the first one."""
     at = np.searchsorted(recording.control_times, times, side="right") - 1
-    held = np.asarray(values[np.maximum(at, 0)])
-    held[at < 0] = 0
-    return held
+    found = np.asarray(values[np.maximum(at, 0)])
+    found[at < 0] = 0
+    return found
 
 
 def accelerations(motion: Motion) -> Array:
@@ -312,7 +312,7 @@ def rest(
         wanted, nu = (_turned(v, -2 * psi) * signs for v in (wanted, nu))
     level = np.column_stack([np.cos(psi), np.sin(psi)])  # a slope in the body's frame
     base = np.linalg.qr(np.column_stack([smooth_terms(nu), level]))[0]
-    commands = _held(recording, recording.commands_of(names), times - lag)
+    commands = held(recording, recording.commands_of(names), times - lag)
     found = np.column_stack([_clipped(wanted), commands])
     found = found - base @ (base.T @ found)
     return Rest(times, found[:, :3], found[:, 3:])
