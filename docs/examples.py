@@ -160,7 +160,8 @@ def _cut(before: str, now: str) -> str:
     if not before.endswith(REST):
         return now
     words = len(before[: -len(REST)].split())
-    return re.match(r"(\s*\S+){0,%d}" % words, now).group() + REST  # type: ignore[union-attr]
+    kept = re.match(r"(?:\s*\S+){%d}" % words, now)
+    return kept.group() + REST if kept else now
 
 
 def checked(path: pathlib.Path, update: bool = False) -> List[str]:

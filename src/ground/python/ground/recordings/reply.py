@@ -52,7 +52,7 @@ def commands_at(recording: "Recording", times: Array) -> Array:
 
 
 def held(recording: "Recording", values: Array, times: Array) -> Array:
-    """Those of some values (m, ...) of the commands that hold at some times (n,) [s]; 0 before the first one."""
+    """The values (m, ...) of the commands that hold at some times [s]; 0 before the first command."""
     at = np.searchsorted(recording.control_times, times, side="right") - 1
     found = np.asarray(values[np.maximum(at, 0)])
     found[at < 0] = 0
