@@ -56,7 +56,10 @@ def finding(after, probabilities, states, **changes):
         "verdict": "missing" if effects else "complete",
         "effects": effects,
         "groups": {name: [name] for name in effects},
-        "beliefs": [Belief(*row, 4.0 * after) for row in zip(EFFECTS, probabilities, states)],
+        "beliefs": [
+            Belief(*row, 4.0 * after, 0.012 if row[2] == tale.SLIGHT else 0.4)
+            for row in zip(EFFECTS, probabilities, states)
+        ],
         "label": "after flight %d" % after,
         "sentences": ["the error falls from 1.92 to 0.31"],
         "open": ["whether wind or floor_tilt acts"],
@@ -103,14 +106,14 @@ def whole():
         finding(
             2,
             [0.999, 0.01, 0.98, 0.02, 0.005, 0.001, 0.0],
-            [present, absent, present, absent, absent, absent, tale.HIDDEN],
+            [present, tale.SLIGHT, present, absent, absent, absent, tale.HIDDEN],
             open=[],
         ),
     ]
     made.in_use = "after flight 2"
     made.activity = ""
     sentence = "Flight 3, which neither fit nor choice has seen, confirms it: 1.750 falls to 0.221"
-    made.confirmation = Confirmation(3, 1.75, 0.221, 0.21, True, sentence)
+    made.confirmation = Confirmation(3, 1.75, 0.221, 0.21, True, sentence, 1.31, 0.24)
     check = "the error on a rhodonea falls from 31.0 to 12.0 mm"
     made.tracking = TrackingCheck("rhodonea", 0.031, 0.012, False, check, labels[-1])
     made.ended = made.sure = True

@@ -16,7 +16,7 @@ from ground.discovery.campaign import PAIRS, Discovery, Settings
 from ground.discovery.journal import Journal
 from ground.discovery.laboratory import Landed
 from ground.discovery.simulated import SimulatedLaboratory
-from ground.discovery.story import ABSENT, CONFIRM, GIVEN, OPEN, PRESENT, TRACK, Story
+from ground.discovery.story import ABSENT, CONFIRM, GIVEN, OPEN, PRESENT, SLIGHT, TRACK, Story
 from ground.errors import GroundError
 from ground.simulation import experiments
 
@@ -161,7 +161,11 @@ def test_it_finds_the_hidden_effect_and_confirms_it(curved):
     assert (story.verdict, story.findings[-1].effects) == ("missing", ["thrust_curve"])
     excited = [f.seconds for f in story.flights if f.flight.purpose != TRACK]
     assert story.sure and story.ended and sum(excited) < 80 and story.flown < story.budget
-    assert story.confirmation.holds
+    confirmation = story.confirmation
+    assert confirmation.holds and confirmation.final <= confirmation.most
+    assert "%.3f" % confirmation.most in confirmation.sentence
+    # What the given model can do without the effect, fitted to the same flights, is the honest "before".
+    assert confirmation.final < confirmation.refitted < confirmation.given
     assert story.confirmation.final < 0.5 * story.confirmation.given
     last = story.flights[-1]
     assert last.flight.purpose == CONFIRM
@@ -186,6 +190,22 @@ def test_beliefs_start_equal_and_end_decided(curved):
     others = [belief for name, belief in last.items() if name != "thrust_curve"]
     assert all(belief.state == ABSENT for belief in others)
     assert np.median([belief.probability for belief in others]) < 0.02
+
+
+def test_what_acts_and_is_too_small_to_matter_is_not_believed_in(tmp_path):
+    # With a short dead time, delay and lags act for certain, and move the craft by less than the noise.
+    truth = craft(com_offset={"xg": 0.006, "yg": 0.0}, input_delay={"delay": 0.0008})
+    settings = Settings(track=False)
+    calm = SimulatedLaboratory(truth, given(), room(), folder=str(tmp_path))
+    story = Discovery(given(), calm, settings, threads=1).run()
+    finding = story.findings[-1]
+    assert finding.effects == ["com_offset"] and story.sure
+    believed = {b.effect for b in finding.beliefs if b.probability > 0.5}
+    assert believed == {"com_offset"}
+    states = {b.effect: b.state for b in finding.beliefs}
+    assert states["input_delay"] == SLIGHT
+    shares = {b.effect: b.share for b in finding.beliefs}
+    assert shares["input_delay"] < 0.05 < shares["com_offset"]
 
 
 def test_the_controllers_have_the_final_model_only_if_it_tracks_better(curved):

@@ -56,6 +56,17 @@ def test_the_page_tells_the_whole_story(whole, browser):
         assert part in text, part
 
 
+def test_what_is_too_small_to_matter_has_a_size_and_no_probability(whole, browser):
+    open_page(browser, whole)
+    text = browser.execute_script("return document.body.textContent")
+    assert "too small to matter" in text and "1.2%" in text
+    beliefs = stories.whole().findings[-1].beliefs
+    (slight,) = [b.effect for b in beliefs if b.state == tale.SLIGHT]
+    figure = discovery_figures.beliefs(stories.whole())
+    cells = [a["text"] for a in figure["layout"]["annotations"] if a["y"] == slight]
+    assert not any(c.isdigit() for c in cells[-1])
+
+
 def test_the_error_falls_from_flight_to_flight_in_the_figure(whole, browser):
     open_page(browser, whole)
     traces = browser.execute_script(

@@ -139,7 +139,8 @@ class Analyst:
         self.measure(basis, known)
         offers = self.offers(basis, found.fit.levels, seed, found.likelihood.varying)
         later = information.mean_rate(offers) * reachable
-        state = beliefs.after(found, basis, known, self.sizes, later)
+        noise = conclusion.noise_floor / conclusion.heldout[0]
+        state = beliefs.after(found, basis, known, self.sizes, later, noise)
         return Found(found, conclusion, state, offers)
 
     def offers(

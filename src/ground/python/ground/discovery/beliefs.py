@@ -8,17 +8,20 @@ in these units, the fitted parameters projected out, the flights raise the odds 
 
 (the likelihood ratio of two normal models). For an effect that was fitted, the exponent is half of
 its log-likelihood ratio. Flights that do not show an effect leave the belief as it was.
+
+What is told is the probability that an effect acts and matters: of its parameters' distribution after the
+flights, normal with mean (I + A)^-1 s and covariance (I + A)^-1, the part beyond the size that matters.
 """
 
 from dataclasses import dataclass
-from typing import Dict, List, Mapping, Sequence
+from typing import Dict, List, Mapping, NamedTuple, Sequence
 
 import numpy as np
 
 from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Array
 from ground.discovery.information import DECIDED, Basis, Information, Question, Questions
-from ground.discovery.story import ABSENT, HIDDEN, OPEN, PRESENT, Belief
+from ground.discovery.story import ABSENT, HIDDEN, OPEN, PRESENT, SLIGHT, Belief
 from ground.analysis.score_tests import solve
 
 PRIOR = 0.05  # probability that an effect acts, before the first flight
@@ -28,6 +31,8 @@ DOUBTFUL = 0.2  # belief above which an effect that was not found is still open
 # Visibility, relative to DECIDED, from which an effect that was not found is too small to matter
 # even where the belief in it is large.
 GLARING = 4.0
+LIKELY = 0.5  # probability above which an effect acts that is too small to matter
+DRAWS = 2000  # of the parameters of an effect, for the probability that it matters
 PARTLY = 0.3  # doubt about a parameter's value, which is worth less than one about an effect
 
 
@@ -41,12 +46,21 @@ class State:
     open: List[Question]  # those of `questions` that more flights can decide
 
 
+class Test(NamedTuple):
+    """What flights tell of an effect that a model does not have."""
+
+    acts: float  # probability that it acts
+    matters: float  # probability that it matters, if it acts
+    size: float  # estimate, in sizes that matter
+
+
 def before(basis: Basis, information: Information, sizes: Mapping[str, float]) -> State:
     """The State before the first flight; information: without any."""
     asked = [Question(name, doubt=_doubt(PRIOR)) for name in basis.columns]
     asked += [Question(name, doubt=PARTLY) for name in basis.free]
     questions = Questions(basis, information.scale, sizes, {}, asked)
-    beliefs = [Belief(name, PRIOR, OPEN, 0.0) for name in basis.columns]
+    tests = _tests(basis, information, sizes)
+    beliefs = [Belief(name, PRIOR * test.matters, OPEN, 0.0) for name, test in tests.items()]
     return State(questions, information, beliefs, asked)
 
 
@@ -56,12 +70,15 @@ def after(
     information: Information,
     sizes: Mapping[str, float],
     reachable: Array,
+    noise: float,
 ) -> State:
     """The State after a Diagnosis of all flights. basis: of the grown model and the effects that it
     does not have; information: of all flights, at the grown model; reachable: information matrix of
-    the flights that may still come."""
+    the flights that may still come; noise: error that the poses' noise leaves, relative to that of the
+    model without effects."""
     groups = {step.added: list(step.group) for step in found.steps}
-    probability = _probabilities(found, groups, basis, information, sizes)
+    tests = _tests(basis, information, sizes)
+    probability = _probabilities(found, groups, tests, basis, information, sizes)
     questions = _questions(found, groups, probability, basis, information, sizes)
     now = questions.visibility(information.matrix)
     later = questions.visibility(information.matrix + reachable)
@@ -77,28 +94,33 @@ def after(
         if is_effect:
             doubtful = probability[name] > DOUBTFUL and name not in small
             decided &= not doubtful or seen >= GLARING * DECIDED
-            state = ABSENT if decided else OPEN if could >= DECIDED else HIDDEN
-            beliefs.append(Belief(name, probability[name], state, float(seen)))
+            test = tests[name]
+            state = OPEN if could >= DECIDED else HIDDEN
+            if decided:
+                state = SLIGHT if test.acts > LIKELY else ABSENT
+            matters, share = probability[name] * test.matters, min(1.0, noise * test.size)
+            beliefs.append(Belief(name, matters, state, float(seen), share))
         if not decided and could >= DECIDED:
             still_open.append(question)
     for name, group in groups.items():
         undecided = any(q.about == name and q.rival for q in still_open)
         state = OPEN if undecided else HIDDEN if len(group) > 1 else PRESENT
         seen = found.search.ratio(found.names, found.search.without(found.names, name))
-        beliefs += [Belief(member, probability[member], state, float(seen)) for member in group]
+        share = min(1.0, noise * _size(found, name, basis, sizes))
+        beliefs += [Belief(m, probability[m], state, float(seen), share) for m in group]
     return State(questions, information, sorted(beliefs, key=lambda b: -b.probability), still_open)
 
 
 def _probabilities(
     found: Diagnosis,
     groups: Mapping[str, Sequence[str]],
+    tests: Mapping[str, Test],
     basis: Basis,
     information: Information,
     sizes: Mapping[str, float],
 ) -> Dict[str, float]:
     """Probability that each effect acts. The members of a group share that of the found one."""
-    odds = _odds(basis, information, sizes)
-    probability = {name: _probability(x) for name, x in odds.items()}
+    probability = {name: test.acts for name, test in tests.items()}
     for name, group in groups.items():
         one_of_them = _probability(_found_odds(found, name, basis, information, sizes))
         for member, share in _shares(found, name, group).items():
@@ -123,8 +145,10 @@ def _questions(
     return Questions(basis, information.scale, sizes, acting, asked)
 
 
-def _odds(basis: Basis, information: Information, sizes: Mapping[str, float]) -> Dict[str, float]:
-    """Log odds of each effect that a Basis tests."""
+def _tests(
+    basis: Basis, information: Information, sizes: Mapping[str, float]
+) -> Dict[str, Test]:
+    """The Test of each effect of a Basis."""
     count = len(basis.free)
     A, s = information.matrix, information.score
     onto = solve(A[:count, :count], A[:count, count:])
@@ -136,8 +160,12 @@ def _odds(basis: Basis, information: Information, sizes: Mapping[str, float]) ->
         unit = SPREAD * np.array([sizes[basis.names[i]] / information.scale[i] for i in columns])
         a = np.eye(len(at)) + left[np.ix_(at, at)] * np.outer(unit, unit)
         b = score[at] * unit
-        gain = 0.5 * b @ np.linalg.solve(a, b) - 0.5 * np.linalg.slogdet(a)[1]
-        found[name] = float(np.log(PRIOR / (1 - PRIOR)) + gain)
+        mean, covariance = np.linalg.solve(a, b), np.linalg.inv(a)
+        gain = 0.5 * b @ mean - 0.5 * np.linalg.slogdet(a)[1]
+        acts = _probability(float(np.log(PRIOR / (1 - PRIOR)) + gain))
+        drawn = np.random.default_rng(0).multivariate_normal(mean, covariance, DRAWS)
+        matters = float(np.mean(SPREAD * np.linalg.norm(drawn, axis=1) >= 1))
+        found[name] = Test(acts, matters, float(SPREAD * np.linalg.norm(mean)))
     return found
 
 
@@ -172,6 +200,12 @@ def _shares(found: Diagnosis, name: str, group: Sequence[str]) -> Dict[str, floa
     weights = {member: np.exp(0.5 * (v - best)) for member, v in values.items()}
     total = sum(weights.values())
     return {member: float(weights.get(member, 0.0) / total) for member in group}
+
+
+def _size(found: Diagnosis, name: str, basis: Basis, sizes: Mapping[str, float]) -> float:
+    """Size of a found effect, in sizes that matter; very large where these are not known."""
+    own = [n for n in basis.free if n.split(".")[0] == name]
+    return float(np.linalg.norm([_coordinate(found, n) / sizes.get(n, 1e-9) for n in own]))
 
 
 def _coordinate(found: Diagnosis, name: str) -> float:

@@ -254,20 +254,37 @@ class Discovery:
         varies = bool(self.found.conclusion.varies)
         expected = analyst.expected_errors(run, fit, trimmed=varies)
         flown.floor = float(np.mean(expected))
-        given = flown.errors.get(GIVEN)
+        given, refitted = flown.errors.get(GIVEN), self._refitted_error(run)
         final = analyst.error(run, self.found.model)
-        most = TOLERANCE * max(expected)
-        holds = final is not None and final <= most and (given is None or final <= TOLERANCE * given)
+        known = [error for error in (given, refitted) if error is not None]
+        most = TOLERANCE * min([max(expected), *known])
+        holds = final is not None and final <= most
         noise = float(study.noise_floor([run], self.found.model).sum())
-        told = (
-            "error %s with the given model, %s with the final one; %.3f to %.3f is expected of it, and "
-            "%.3f by the noise of the poses alone"
-            % (_number(given), _number(final), min(expected), max(expected), noise)
-        )
-        sentence = "The final model %s: %s." % (
-            "predicts the flight" if holds else "does not predict the flight", told,
+        sentence = (
+            "The final model %s: its error is %s, and at most %.3f confirms it; the noise of the poses alone "
+            "leaves %.3f. The given model's is %s, refitted to the same flights %s."
+            % (
+                "predicts the flight" if holds else "does not predict the flight",
+                _number(final), most, noise, _number(given), _number(refitted),
+            )
         )  # fmt: skip
-        return Confirmation(flown.flight.number, given, final, flown.floor, holds, sentence)
+        return Confirmation(
+            flown.flight.number, given, final, flown.floor, holds, sentence, refitted, most
+        )
+
+    def _refitted_error(self, run: _core.RunData) -> Optional[float]:
+        """Error on a run of the given model, fitted to the flights that the final one is fitted to: the
+        smaller of a fit by simulation error and one by likelihood."""
+        assert self.found is not None
+        runs = [self._recordings[n].repaired.data(self.given) for n in self._data()]
+        models = [fit.model for names, fit in self.found.diagnosis.search.fits.items() if not names]
+        try:
+            tool = study.Study(runs, self._threads)
+            models.append(tool.fit(self.given, study.free_parameters(self.given)).model)
+        except GroundError:
+            pass  # the model's motion is not finite
+        errors = [analyst.error(run, model) for model in models]
+        return min((error for error in errors if error is not None), default=None)
 
     def _check_tracking(self, final: str) -> None:
         """Flies the reference once more, or decides whether the controllers keep a final model."""

@@ -20,6 +20,7 @@ TRACK = "track"  # a reference, to see whether a model makes tracking better
 # States of the belief in an effect
 OPEN, PRESENT, ABSENT = "open", "present", "absent"
 HIDDEN = "not identifiable"  # no flight in this room shows it or distinguishes it from others
+SLIGHT = "too small to matter"  # it acts, but moves the craft by less than the poses' noise
 
 GIVEN = "given"  # label of the model that a discovery begins with
 
@@ -32,9 +33,11 @@ class Belief:
     """Belief in an effect after some flights."""
 
     effect: str
-    probability: float  # that it acts on the craft
-    state: str  # OPEN, PRESENT, ABSENT or HIDDEN
+    probability: float  # that it acts on the craft and matters
+    state: str  # OPEN, PRESENT, ABSENT, HIDDEN or SLIGHT
     visibility: float  # expected 2 ln L of the effect at the size that matters, in all flights so far
+    # Change of the motion by the effect, as it is estimated, relative to the error without effects
+    share: Optional[float] = None  # None: not known
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,8 @@ class Confirmation:
     floor: float
     holds: bool
     sentence: str
+    refitted: Optional[float] = None  # with the given model, fitted to the same flights; None: not known
+    most: Optional[float] = None  # largest error of the final model that confirms it
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ground import _core
 from ground.annotations import Array, Message
-from ground.discovery.story import ABSENT, HIDDEN, OPEN, PRESENT
+from ground.discovery.story import ABSENT, HIDDEN, OPEN, PRESENT, SLIGHT
 from ground.reports import appearance
 
 GAP = 0.35  # between the room and the markers [m]
@@ -35,7 +35,12 @@ MAX_LINES = 5  # lines of text over the room
 LETTERS = 62  # longest line over the room
 HEADROOM = 1.1  # end of the axis, relative to the largest error
 BACK, FRONT = -0.02, -0.03  # z of what is behind and in front, above the floor, world_ned [m]
-COLORS = {PRESENT: appearance.GOOD, ABSENT: appearance.LESS, HIDDEN: appearance.LINES}
+COLORS = {
+    PRESENT: appearance.GOOD,
+    HIDDEN: appearance.LINES,
+    SLIGHT: appearance.LESS,
+    ABSENT: appearance.LESS,
+}
 OPEN_COLOR = appearance.MISSING
 
 
@@ -125,7 +130,7 @@ def _draw_beliefs(sheet: _Sheet, status: Message) -> None:
     """Names and bars, the most probable effect first."""
     if not status.belief_effects:
         return
-    sheet.text("probability that it acts", 0.0, 0.0, TITLE)
+    sheet.text("probability that it acts and matters", 0.0, 0.0, TITLE)
     rows = sorted(
         zip(status.beliefs, status.belief_effects, status.belief_states),
         key=lambda row: (-row[0], row[1]),

@@ -18,11 +18,11 @@ BAR = 15  # height of an effect [pixels]
 NAME = 185  # width of the names of effects [pixels]
 VALUE = 135  # width of a probability and its state [pixels]
 MARGIN = 4  # [pixels]
-ORDER = [story.PRESENT, story.OPEN, story.HIDDEN, story.ABSENT]  # states of effects, from top
 COLORS = {  # as rviz has them
     story.PRESENT: appearance.GOOD,
     story.OPEN: appearance.MISSING,
     story.HIDDEN: appearance.LINES,
+    story.SLIGHT: appearance.LESS,
     story.ABSENT: appearance.LESS,
 }
 SYMBOLS = ["o", "s", "d", "t1"]  # for models, as appearance.MARKS
@@ -44,8 +44,8 @@ class Bar:
 def bars(message: Message) -> List[Bar]:
     """The beliefs of a DiscoveryStatus: by state, then by probability."""
     found = map(Bar, message.belief_effects, message.beliefs, message.belief_states)
-    places = {state: place for place, state in enumerate(ORDER)}
-    return sorted(found, key=lambda b: (places.get(b.state, len(ORDER)), -b.probability))
+    places = {state: place for place, state in enumerate(discovery_figures.STATES)}
+    return sorted(found, key=lambda b: (places.get(b.state, len(places)), -b.probability))
 
 
 def errors(message: Message) -> List[Tuple[str, List[float]]]:
@@ -117,7 +117,8 @@ class Beliefs(QtWidgets.QWidget):
         color = QtGui.QColor(COLORS.get(bar.state, appearance.LESS))
         painter.fillRect(NAME, top + 2, width, BAR - 4, color)
         value = QtCore.QRect(NAME + whole + MARGIN, top, VALUE - MARGIN, BAR)
-        text = "%.0f%% %s" % (100 * bar.probability, bar.state)
+        is_slight = bar.state == story.SLIGHT
+        text = bar.state if is_slight else "%.0f%% %s" % (100 * bar.probability, bar.state)
         painter.drawText(value, QtCore.Qt.AlignVCenter, text)
 
 

@@ -42,8 +42,13 @@ MOST = 8  # diagnoses, or numbers of flights, that there is room for beside each
 SMALL = 0.005  # probability up to which an effect that was always absent is not drawn
 FEWEST = 8  # effects that are drawn in any case
 ROW = 26  # height of an effect [pixels]
-STATES = [tale.PRESENT, tale.OPEN, tale.HIDDEN, tale.ABSENT]  # from top
-CELLS = {tale.PRESENT: "<b>%s</b>", tale.OPEN: "%s ?", tale.HIDDEN: "×"}  # text of a probability
+STATES = [tale.PRESENT, tale.OPEN, tale.HIDDEN, tale.SLIGHT, tale.ABSENT]  # from top
+CELLS = {  # text of a probability
+    tale.PRESENT: "<b>%s</b>",
+    tale.OPEN: "%s ?",
+    tale.HIDDEN: "×",
+    tale.SLIGHT: "○",
+}
 
 
 def errors(story: Story) -> Optional[Document]:
@@ -59,6 +64,7 @@ def errors(story: Story) -> Optional[Document]:
     _add_newest(figure, story, flights)
     for count, version in enumerate(shown(story)):
         _add_model(figure, flights, count, version, top)
+    _add_refitted(figure, story)
     _add_floor(figure, flights)
     for flown in flights:
         if flown.flight.purpose == tale.CONFIRM:
@@ -172,6 +178,14 @@ def _add_model(
     figure.add(dict(trace, hovertemplate="%{customdata}<extra></extra>"))
 
 
+def _add_refitted(figure: panels.Figure, story: Story) -> None:
+    """The error of the given model on the confirming flight, fitted to the flights before it."""
+    found = story.confirmation
+    if found is not None and found.refitted is not None:
+        marker = {"size": 9, "symbol": MARKS[0] + "-open", "color": model_color(0)}
+        figure.add(points([found.flight], [found.refitted], marker, name="given, refitted"))
+
+
 def _add_floor(figure: panels.Figure, flights: Sequence[Flown]) -> None:
     """A level at each flight that has one."""
     at: List[float] = []
@@ -195,9 +209,7 @@ def beliefs(story: Story) -> Optional[Document]:
     table = [{belief.effect: belief for belief in finding.beliefs} for finding in findings]
     names = _considered(story)
     columns = ["%d" % finding.after for finding in findings]
-    percent = [
-        [100 * column[n].probability if n in column else None for column in table] for n in names
-    ]
+    percent = [[_percent(column[n]) if n in column else None for column in table] for n in names]
     figure = panels.Figure()
     figure.add(
         {
@@ -222,9 +234,9 @@ def beliefs(story: Story) -> Optional[Document]:
     figure.update_xaxes(title="after flight", type="category")
     figure.update_yaxes(autorange="reversed", automargin=True, type="category", tickvals=names)
     caption = (
-        "Probability [%] that each effect acts on the craft, after each diagnosis. Bold: present; ?: "
-        "still open; ×: not identifiable, no flight in this room shows it or distinguishes it from "
-        "others; plain: absent, or visible but too small to matter."
+        "Probability [%] that each effect acts on the craft and matters, after each diagnosis. Bold: "
+        "present; ?: still open; ×: not identifiable, no flight in this room shows it or distinguishes "
+        "it from others; ○: it acts, and is too small to matter; plain: absent."
     )
     rest = len(ranked(story)) - len(names)
     if rest:
@@ -234,6 +246,11 @@ def beliefs(story: Story) -> Optional[Document]:
     area = ROW * len(names)
     margin = {"t": 40, "b": 50, "l": 20}
     return finish(figure, area + 90, caption, margin, blocks=[panels.Block((1,), area)])
+
+
+def _percent(belief: tale.Belief) -> float:
+    """Probability that is drawn [%]; 0 for what is too small to matter."""
+    return 0.0 if belief.state == tale.SLIGHT else 100 * belief.probability
 
 
 def _considered(story: Story) -> List[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import candidates
 from ground.annotations import Array
-from ground.discovery.story import CONFIRM, TRACK, Finding, Flight, Flown, Story
+from ground.discovery.story import CONFIRM, PRESENT, SLIGHT, TRACK, Finding, Flight, Flown, Story
 from ground.reports import appearance, discovery_figures, discovery_words, page, report
 from ground.reports.discovery_words import PURPOSES, error, millimetres
 from ground.reports.words import number, sentence
@@ -47,7 +47,7 @@ class _StoryPage:
     def sheet(self) -> page.Page:
         """The page."""
         story, sheet = self._story, self._sheet
-        sheet.add("<h1>Which physics does %s have?</h1>" % page.text(story.craft or "the craft"))
+        sheet.add("<h1>Missing physics of %s</h1>" % page.text(story.craft or "the craft"))
         sheet.paragraph(" ".join(discovery_words.summary(story, self._given)), "verdict")
         if story.activity and not story.ended:
             sheet.paragraph("Now: %s." % story.activity.rstrip("."))
@@ -127,7 +127,8 @@ class _StoryPage:
             [
                 candidates.in_words(b.effect, self._given),
                 b.state,
-                "%.1f%%" % (100 * b.probability),
+                "" if b.state == SLIGHT else "%.1f%%" % (100 * b.probability),
+                "" if b.share is None or b.state not in (PRESENT, SLIGHT) else _percent(b.share),
                 "%.3g" % b.visibility,
             ]
             for b in ranked
@@ -136,9 +137,13 @@ class _StoryPage:
         sheet.fold("The effects in words", ", ".join(counts), False)
         found = set(self._story.findings[-1].effects)
         chosen = [i for i, b in enumerate(ranked) if b.effect in found]
-        sheet.table(["effect", "=state", "#probability", "#visibility"], rows, chosen)
+        heads = ["effect", "=state", "#acts and matters", "#share of the error", "#visibility"]
+        sheet.table(heads, rows, chosen)
         sheet.paragraph(
-            "Visibility: expected 2 ln L of the effect, at the size that matters, in all flights so far.",
+            "Share of the error: change of the predicted motion by the effect, as it is estimated, relative "
+            "to the error of the model without effects. Matters: it changes the motion by more than the "
+            "noise of the poses. Visibility: expected 2 ln L of the effect, at the size that matters, in "
+            "all flights so far.",
             "caption",
         )
         sheet.end_fold()
@@ -228,9 +233,10 @@ class _StoryPage:
             found = story.confirmation
             sheet.heading("Confirmation")
             sheet.paragraph(sentence(found.sentence))
-            row = [found.flight, error(found.given), error(found.final), number(found.floor)]
-            head = ["#flight", "#error, given model", "#error, final model", "#floor", "=holds"]
-            sheet.table(head, [[*row, "yes" if found.holds else "no"]])
+            errors = (found.given, found.refitted, found.final, found.most)
+            row = [found.flight, *map(error, errors), "yes" if found.holds else "no"]
+            head = ["#flight", "#error, given model", "#given, refitted", "#final model"]
+            sheet.table([*head, "#at most", "=holds"], [row])
         if story.tracking:
             check = story.tracking
             sheet.heading("Tracking")
@@ -293,6 +299,10 @@ class _StoryPage:
         new = [i for i, row in enumerate(rows) if row[0] not in old]
         self._sheet.table(["parameter", "#given", "#" + final, "unit"], rows, new)
         self._sheet.paragraph("Bold: parameters of effects that were added.", "caption")
+
+
+def _percent(share: float) -> str:
+    return "%.1f%%" % (100 * share) if share < 0.1 else "%.0f%%" % (100 * share)
 
 
 def _values(model: _core.Model) -> Dict[str, float]:
