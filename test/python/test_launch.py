@@ -17,6 +17,7 @@ from conftest import MODEL, ROOT, free_port, identify, located, wait_for, write_
 
 from ground import _core
 
+RUNNING = 3  # ControllerStatus
 LAUNCH = sorted(p.name for p in (ROOT / "launch").glob("*.launch"))
 
 
@@ -395,6 +396,140 @@ def test_a_wrong_argument_ends_a_launch_before_anything_starts():
     assert "reference:=circel: it must be one of" in result.stdout
     for word in ("started with pid", "FATAL", "Traceback"):
         assert word not in result.stdout, result.stdout
+
+
+def output_of(*words, **environment):
+    """Exit status and output of roslaunch."""
+    result = subprocess.run(
+        ["roslaunch"] + [str(word) for word in words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        universal_newlines=True,
+        timeout=60,
+        env=dict(os.environ, **environment),
+    )
+    return result.returncode, result.stdout
+
+
+@pytest.mark.parametrize("name", LAUNCH)
+def test_a_misspelt_argument_ends_a_launch_before_anything_starts(tmp_path, name):
+    given = []
+    if name == "replay.launch":
+        given = ["bag:=%s" % write_bag(tmp_path / "run.bag", duration=1.0)]
+    declared = xml.etree.ElementTree.parse(str(ROOT / "launch" / name)).getroot().findall("arg")
+    argument = next(a.get("name") for a in reversed(declared) if len(a.get("name")) > 3)
+    wrong = argument[:-1] + "%s%s:=1" % (argument[-1], argument[-1])
+    status, output = output_of("ground", name, wrong, *given)
+    assert status == 1
+    (line,) = [line for line in output.splitlines() if line.startswith(wrong)]
+    assert "no argument %s; did you mean %s?" % (wrong[:-3], argument) in line
+    assert "started with pid" not in output and "Traceback" not in output, output
+
+
+def test_a_users_own_launch_file_passes_its_arguments_to_ours(tmp_path):
+    mine = tmp_path / "mine.launch"
+    mine.write_text(
+        """<launch>
+          <arg name="colour" default="red"/>
+          <arg name="seed" default="7"/>
+          <group ns="mine">
+            <include file="$(find ground)/launch/sim_tracking.launch">
+              <arg name="manager_of_mine" value="$(arg colour)" if="false"/>
+              <arg name="seed" value="$(arg seed)"/>
+            </include>
+          </group>
+          <include file="$(find ground)/launch/record.launch" pass_all_args="true"/>
+        </launch>"""
+    )
+    # experiment is an argument of record.launch, which gets all that are given.
+    for right in (["colour:=blue", "seed:=3", "experiment:=own"], []):
+        status, output = output_of("--nodes", mine, *right)
+        assert status == 0, output
+        assert {"/mine/ground_manager", "/mine/controller", "/record"} <= set(output.split())
+    # trueth is nobody's argument; truth is one of sim_tracking.launch, to which it is not passed.
+    for wrong in ("colours:=blue", "truth:=x.yaml"):
+        status, output = output_of("--nodes", mine, wrong)
+        assert status == 1 and "no argument " + wrong.split(":")[0] in output, output
+    several = ["--nodes", ROOT / "launch/sim_prbs.launch", ROOT / "launch/identification.launch"]
+    status, output = output_of(*several, "burst:=2", "last:=10")
+    assert status == 0, output
+
+
+def test_a_second_launch_is_refused_and_the_first_one_drives_on(tmp_path):
+    port = "port:=%d" % free_port(socket.SOCK_DGRAM)
+    driving = ["rostopic", "echo", "-n", "1", "controller/status/state"]
+    with roslaunch(tmp_path / "log", "sim_tracking.launch", port) as launch:
+
+        def drives():
+            heard = subprocess.run(
+                driving,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                universal_newlines=True,
+                env=launch.env,
+                timeout=30,
+            )
+            return heard.stdout.startswith("%d" % RUNNING)
+
+        wait_for(drives, 40, "the craft to drive")
+        master = {"ROS_MASTER_URI": launch.env["ROS_MASTER_URI"]}
+        for second in ("sim_prbs.launch", "discover.launch", "bench.launch"):
+            status, output = output_of("ground", second, **master)
+            assert status == 1
+            (line,) = [line for line in output.splitlines() if line.startswith("/ground_manager")]
+            assert "runs already" in line and "sim_tracking.launch" in line
+            assert "started with pid" not in output and "Traceback" not in output, output
+        # On a master of its own, only the port is shared.
+        alone = str(free_port())
+        status, output = output_of("-p", alone, "ground", "sim_prbs.launch", port)
+        assert status == 1 and "another port:=" in output and "started with pid" not in output, output
+        assert output_of("--nodes", "ground", "sim_prbs.launch", port, **master)[0] == 0
+
+        # What is meant to run beside it does.
+        beside = [
+            subprocess.Popen(
+                ["roslaunch", "ground", name] + more,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env=launch.env,
+            )
+            for name, more in (
+                ("record.launch", ["bag_dir:=%s" % tmp_path]),
+                ("identification.launch", ["output:=%s" % tmp_path]),
+            )
+        ]
+        try:
+            wait_for(lambda: list(tmp_path.glob("*.bag.active")), 30, "the recording")
+            status, output = output_of("ground", "record.launch", **master)
+            assert status == 1 and "/record runs already" in output, output
+        finally:
+            for process in beside:
+                process.send_signal(signal.SIGINT)
+            assert [process.wait(timeout=30) for process in beside] == [0, 0]
+        assert launch.poll() is None and drives()
+    assert "has died" not in (tmp_path / "log").read_text()
+
+
+def test_a_launch_replaces_nodes_that_were_killed(tmp_path):
+    """The master still knows them."""
+    import rosgraph
+
+    port = free_port()
+    uri = "http://localhost:%d" % port
+    core = subprocess.Popen(
+        ["rosmaster", "--core", "-p", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        wait_for(lambda: rosgraph.is_master_online(uri), 20, "a master")
+        dead = "http://localhost:%d" % free_port()
+        rosgraph.Master("/ground_manager", uri).registerService("/x/y", "rosrpc://localhost:1", dead)
+        port = "port:=%d" % free_port(socket.SOCK_DGRAM)
+        checked = [port, "duration:=0.2", "lift_time:=0", "exit_when_done:=true"]
+        status, output = output_of("ground", "sim_prbs.launch", *checked, ROS_MASTER_URI=uri)
+        assert status == 0 and "the controller is done" in output, output
+    finally:
+        core.terminate()
+        core.wait()
 
 
 RELATIVE = [
