@@ -1,6 +1,7 @@
 #include "ground/control/fence.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <limits>
 #include <stdexcept>
@@ -11,6 +12,12 @@ namespace ground {
 namespace {
 
 constexpr double kExtents = 10;  // checked multiple of the extent, because a sinusoid is unlimited
+
+bool takesSize(const std::string& kind) {
+  for (const ReferenceInfo& info : referenceTable())
+    if (info.name == kind) return std::count(info.takes.begin(), info.takes.end(), "size") > 0;
+  return false;
+}
 
 }  // namespace
 
@@ -93,6 +100,25 @@ std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& roo
                   stopped.clearance < 0 ? "outside" : "from the wall");
   }
   return text;
+}
+
+std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference,
+                       const RoomPlan& room) {
+  std::string reason = leavesRoom(reference, room);
+  if (reason.empty() || !takesSize(params.kind)) return reason;
+  const auto fits = [&](int hundredths) {
+    ReferenceParams smaller = params;
+    smaller.size = 0.01 * hundredths;
+    return leavesRoom(*makeReference(smaller), room).empty();
+  };
+  int good = 0, bad = static_cast<int>(std::ceil(100 * params.size));
+  while (bad - good > 1) {
+    const int middle = (good + bad) / 2;
+    (fits(middle) ? good : bad) = middle;
+  }
+  char text[40] = "; no size fits";
+  if (good > 0) std::snprintf(text, sizeof text, "; size=%.2f fits", 0.01 * good);
+  return reason + text;
 }
 
 std::string leavesRoom(const Model& model, const InputSequence& inputs, double end,

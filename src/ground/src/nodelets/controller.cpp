@@ -48,7 +48,6 @@ void Controller::shutdown() {
 void Controller::onInit() {
   name_ = getName();
   try {
-    const std::lock_guard lock(mutex_);
     ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
     ros::NodeHandle services = service_callbacks_.handle(getPrivateNodeHandle());
     ros::NodeHandle topics = this->topics();
@@ -60,7 +59,8 @@ void Controller::onInit() {
     params.require_armed = optionalParameter<bool>(nh, "require_armed", true);
     params.require_state = require_state_ = optionalParameter<bool>(nh, "require_state", true);
     life_.setParams(params);
-    const auto room = optionalParameter<std::string>(nh, "room", "");
+    auto room = optionalParameter<std::string>(nh, "room", "");
+    if (room.empty()) room = optionalParameter<std::string>(topics, "sender/room", "");
     if (!room.empty() && !require_state_)
       throw std::runtime_error("the room needs the state (require_state): leave out room");
     if (!room.empty()) {
@@ -76,7 +76,10 @@ void Controller::onInit() {
     sender_subscriber_ = topics.subscribe("sender/status", 4, &Controller::onSender, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Controller::onControls, this, hints);
     state_subscriber_ = topics.subscribe("state", 1, &Controller::onState, this, hints);
-    publishStatus();  // whoever hears it finds the services
+    {
+      const std::lock_guard lock(mutex_);
+      publishStatus();  // whoever hears it finds the services
+    }
     thread_ = std::thread([this] { run(); });
   } catch (const std::exception& error) {
     NODELET_FATAL("%s: %s", name_.c_str(), error.what());

@@ -134,7 +134,10 @@ class Sender : public nodelet::Nodelet {
     state_subscriber_ = topics.subscribe("state", 1, &Sender::onState, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Sender::onControls, this, hints);
     endTidilyOnSignals();
-    statuses_.push_back(status());
+    {
+      const std::lock_guard lock(mutex_);
+      statuses_.push_back(status());
+    }
     report_thread_ = std::thread([this] { report(); });
     link_thread_ = std::thread([this] { run(); });
     arm_service_ = arm_callbacks_.handle(nh).advertiseService("arm", &Sender::onArm, this);
@@ -217,11 +220,14 @@ class Sender : public nodelet::Nodelet {
 
   void onState(const ground_msgs::State::ConstPtr& state) {
     const std::lock_guard lock(mutex_);
-    link_->state(steadyNow(), age(state->header), state->valid, state->status);
     RigidState<double> measured;
     std::copy(state->eta.begin(), state->eta.end(), measured.eta.data());
     std::copy(state->nu.begin(), state->nu.end(), measured.nu.data());
-    if (state->valid && measured.eta.allFinite() && measured.nu.allFinite()) {
+    const bool finite = measured.eta.allFinite() && measured.nu.allFinite();
+    const bool valid = state->valid && finite;
+    link_->state(steadyNow(), age(state->header), valid,
+                 state->valid && !finite ? "the state is not finite" : state->status);
+    if (valid) {
       if (fence_) link_->confine(steadyNow(), fence_->objection(measured, age(state->header)));
       watchMotion(*state, measured);
     }

@@ -143,10 +143,10 @@ void defRoom(py::module_& module) {
   module.def(
       "leaves_room",
       [](const ReferenceParams& params, const RoomPlan& room) {
-        return leavesRoom(*makeReference(params), room);
+        return leavesRoom(params, *makeReference(params), room);
       },
       py::arg("reference"), py::arg("room"),
-      "Why a reference does not fit into a room; empty if it does.");
+      "Why a reference does not fit into a room, and which size does; empty if it fits.");
 }
 
 void defDesigns(py::module_& module) {

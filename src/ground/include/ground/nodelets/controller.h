@@ -32,9 +32,8 @@ namespace ground {
 ///
 /// Parameters: real_time (false: ordinary priority; see wantsRealTime), auto_start (false),
 /// require_armed (true: wait for the sender), require_state (true; false only on a bench, where the
-/// craft is fastened), room (file of the room in which the craft is kept; empty: no bounds). They
-/// cannot be changed at run time. Subscribes: state,
-/// sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in
+/// craft is fastened), room (file of the room in which the craft is kept; empty: that of the sender,
+/// if it has one). They cannot be changed at run time. Subscribes: state, sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in
 /// their own thread.
 class Controller : public nodelet::Nodelet {
  public:
@@ -46,7 +45,8 @@ class Controller : public nodelet::Nodelet {
   /// Ends thread and callbacks, and sends zero inputs. Every child's destructor must call it first,
   /// because thread and callbacks use its pilot.
   void shutdown();
-  /// Loads parameters and advertises; throws if anything is missing or wrong.
+  /// Loads parameters and advertises; throws if anything is missing or wrong. Called without mutex(),
+  /// which callbacks of LiveParameters lock after its own.
   virtual void load(ros::NodeHandle& nh) = 0;
   /// Handle for topics.
   ros::NodeHandle topics() { return callbacks_.handle(getNodeHandle()); }

@@ -73,7 +73,8 @@ class LiveParameters {
   /// Error message for values that are finite and inside the ranges of the .cfg file; empty if they
   /// are valid.
   using Validate = std::function<std::string(const Config&)>;
-  /// Applies valid values; called once from the constructor and at every accepted change.
+  /// Applies valid values; called once from the constructor and at every accepted change. Values at
+  /// which it throws are refused.
   using Apply = std::function<void(const Config&)>;
 
   /// Throws std::runtime_error if the values on the parameter server are bad.
@@ -168,10 +169,14 @@ class LiveParameters {
 
   void change(Config& config) {
     refusal_ = wrong(config);
+    try {
+      if (refusal_.empty()) apply_(config);
+    } catch (const std::exception& error) {
+      refusal_ = error.what();
+    }
     if (refusal_.empty()) {
       const auto changes = differences(current_, config);
       current_ = config;
-      apply_(config);
       if (live_) changes_.report(changes);
     } else {
       if (live_)

@@ -29,6 +29,8 @@ namespace ground {
 /// fields of cfg/tracking_parameters.py and the parameters of this kind in controllerTable().
 ///
 /// Parameters: model (model file, required) and those of Config, which can be changed at run time.
+/// Those that are not given are those of the node `controller` beside it, if that follows a
+/// reference, so that a controller which is loaded later takes over its reference.
 /// A change of the reference restarts it. New controllers and references, which may take long to
 /// build from a large file, are built first and then swapped in; until then the controller uses the
 /// old ones. It stops if the craft does not follow the reference (TrackingWatch, max_error).
@@ -60,6 +62,7 @@ class ReferenceTracking : public Controller {
  private:
   void load(ros::NodeHandle& nh) override {
     refuseForeign(nh);
+    adopt(nh);
     const std::string file = requiredParameter<std::string>(nh, "model");
     model_ = loadModelAndWarn(file);
     const std::string refusal = kind_.effectUse(model_).refusal;
@@ -91,6 +94,17 @@ class ReferenceTracking : public Controller {
               "(rosparam delete " + nh.getNamespace() + ")");
   }
 
+  /// Takes parameters that are not given from the node `controller`.
+  void adopt(ros::NodeHandle& nh) {
+    const ros::NodeHandle station(getNodeHandle(), "controller");
+    if (station.getNamespace() == nh.getNamespace() || !station.hasParam("reference")) return;
+    for (const auto& field : Config::__getParamDescriptions__()) {
+      XmlRpc::XmlRpcValue value;
+      if (!nh.hasParam(field->name) && station.getParam(field->name, value))
+        nh.setParam(field->name, value);
+    }
+  }
+
   static ReferenceParams reference(const Config& c) {
     ReferenceParams params;
     params.kind = c.reference;
@@ -114,6 +128,7 @@ class ReferenceTracking : public Controller {
   /// Validates a change and builds what apply() needs. LiveParameters then calls apply() if the
   /// message is empty, one change at a time.
   std::string wrong(const Config& c) {
+    const std::lock_guard<std::mutex> one(changing_);
     built_.reset();
     std::string reason = choice(c).validate();
     if (!reason.empty() || (pilot_.reference() && reference(c) == reference(config_)))
@@ -121,7 +136,7 @@ class ReferenceTracking : public Controller {
     try {
       if (!pilot_.controller()) first_ = made(model_, c);
       built_ = makeReference(reference(c));
-      const std::string leaves = room() ? leavesRoom(*built_, *room()) : "";
+      const std::string leaves = room() ? leavesRoom(reference(c), *built_, *room()) : "";
       if (!leaves.empty()) reason = "reference " + c.reference + ": " + leaves;
     } catch (const std::exception& error) {
       reason = error.what();
