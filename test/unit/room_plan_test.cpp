@@ -457,6 +457,26 @@ TEST(LeavesRoom, JudgesACircleByItsRadius) {
   EXPECT_EQ(leavesRoom(*makeCircle({-1, -1}, 0.7, 0.6), lShaped()), "");
 }
 
+TEST(LeavesRoom, GivesTheLargestSizeThatFits) {
+  const auto answer = [](const std::string& kind, double size) {
+    ReferenceParams params;
+    params.kind = kind;
+    params.size = size;
+    return leavesRoom(params, *makeReference(params), square());
+  };
+  for (const char* kind : {"circle", "rhodonea"}) {
+    const std::string message = answer(kind, 3);
+    const double fitting = std::stod(message.substr(message.find("; size=") + 7));
+    EXPECT_GT(fitting, 1) << message;
+    EXPECT_EQ(answer(kind, fitting), "") << message;
+    EXPECT_NE(answer(kind, fitting + 0.01), "") << message;
+  }
+  const std::string endless = answer("sinusoid", 0.5), line = answer("line", 0.5);
+  EXPECT_NE(endless.find("; no size fits"), std::string::npos) << endless;
+  ASSERT_NE(line, "");
+  EXPECT_EQ(line.find("size"), std::string::npos) << line << ", which has no size";
+}
+
 TEST(LeavesRoom, ASinusoidLeavesEveryRoomInTheEnd) {
   const std::string message = leavesRoom(*makeSinusoid({-1.5, 0}, 0.5, 1, 0.6), square());
   EXPECT_EQ(message.rfind("it leaves the room by ", 0), 0u) << message;
