@@ -144,12 +144,12 @@ class Simulator : public nodelet::Nodelet {
 
   void apply(const Config& c) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    room_->setMocap(params(c));
-    room_->setWatchdog(c.watchdog);
     if (factors(c) != factors_) {
-      room_->setModel(scaled(loaded_, factors(c)));
+      room_->setModel(scaled(loaded_, factors(c)));  // throws if the craft cannot go on by it
       factors_ = factors(c);
     }
+    room_->setMocap(params(c));
+    room_->setWatchdog(c.watchdog);
     wall_origin_ = last_turn_ = SteadyClock::now();
     time_origin_ = room_->time();
     real_time_factor_ = c.real_time_factor;
