@@ -96,6 +96,7 @@ TEST(ModelFile, RoundTrip) {
   model.provenance.date = "2026-01-02T03:04:05Z";
   model.provenance.command = "identify fit \"a b.bag\"";
   model.provenance.bags = {"a b.bag", "c.bag"};
+  model.provenance.digests = {"0a1b", "2c3d"};
   model.provenance.error_before = {{"fit", 0.9}, {"heldout", 1.0}};
   model.provenance.error_after = {{"fit", 0.5}};
   model.provenance.confidence_95 = {
@@ -111,6 +112,7 @@ TEST(ModelFile, RoundTrip) {
   EXPECT_EQ(back.provenance.date, model.provenance.date);
   EXPECT_EQ(back.provenance.command, model.provenance.command);
   EXPECT_EQ(back.provenance.bags, model.provenance.bags);
+  EXPECT_EQ(back.provenance.digests, model.provenance.digests);
   EXPECT_EQ(back.provenance.error_before, model.provenance.error_before);
   EXPECT_EQ(back.provenance.error_after, model.provenance.error_after);
   EXPECT_EQ(back.provenance.not_identified, model.provenance.not_identified);
@@ -322,6 +324,8 @@ TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
       {"neutral: 0.3, lower: 0.1", "neutral: 0.05, lower: 0.1",
        "line 13: neutral value of w = 0.05 m is outside [0.1, 1]"},
       {"effects:\n", "provenance: {bags: 3}\neffects:\n", "line 4: bags must be a list"},
+      {"effects:\n", "provenance: {bags: [a, b], digests: [c]}\neffects:\n",
+       "line 4: provenance must have one digest for each of its bags, or none"},
       {"effects:\n", "provenance: {confidence_95: {k: 3}}\neffects:\n",
        "line 4: k must be [lower, upper]"},
       {"effects:\n", "provenance: {confidence_95: {k: [1, 2, 3]}}\neffects:\n",

@@ -35,6 +35,7 @@ class Provenance:
     date: str
     command: str
     bags: List[str]
+    digests: List[str]
     error_before: Dict[str, float]
     error_after: Dict[str, float]
     confidence_95: Dict[str, Tuple[float, float]]

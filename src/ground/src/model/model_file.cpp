@@ -380,14 +380,21 @@ void readProvenance(const YamlReader& reader, const YAML::Node& node, Provenance
     });
     return result;
   };
+  const auto texts = [&](const YAML::Node& list, const std::string& what) {
+    if (!list.IsSequence()) reader.fail(list, what + " must be a list");
+    std::vector<std::string> result;
+    for (const auto& item : list) result.push_back(reader.text(item, what));
+    return result;
+  };
   reader.each(node, "provenance", [&](const std::string& key, const YAML::Node& value) {
     if (key == "date") {
       provenance.date = reader.text(value, key);
     } else if (key == "command") {
       provenance.command = reader.text(value, key);
     } else if (key == "bags") {
-      if (!value.IsSequence()) reader.fail(value, "bags must be a list");
-      for (const auto& bag : value) provenance.bags.push_back(reader.text(bag, key));
+      provenance.bags = texts(value, key);
+    } else if (key == "digests") {
+      provenance.digests = texts(value, key);
     } else if (key == "error_before") {
       provenance.error_before = numbers(value, key);
     } else if (key == "error_after") {
@@ -400,15 +407,15 @@ void readProvenance(const YamlReader& reader, const YAML::Node& node, Provenance
                                                reader.number(interval[1], parameter)};
       });
     } else if (key == "not_identified") {
-      if (!value.IsSequence()) reader.fail(value, "not_identified must be a list");
-      for (const auto& name : value)
-        provenance.not_identified.push_back(reader.text(name, key));
+      provenance.not_identified = texts(value, key);
     } else {
       reader.unknown(value, key, "provenance",
-                     "date, command, bags, error_before, error_after, confidence_95, "
+                     "date, command, bags, digests, error_before, error_after, confidence_95, "
                      "not_identified");
     }
   });
+  if (!provenance.digests.empty() && provenance.digests.size() != provenance.bags.size())
+    reader.fail(node, "provenance must have one digest for each of its bags, or none");
 }
 
 /// Shortest text that parses as the same number.
@@ -556,9 +563,13 @@ void emitProvenance(YAML::Emitter& out, const Provenance& provenance) {
   out << YAML::Key << "provenance" << YAML::Value << YAML::BeginMap;
   out << YAML::Key << "date" << YAML::Value << YAML::DoubleQuoted << provenance.date;
   out << YAML::Key << "command" << YAML::Value << YAML::DoubleQuoted << provenance.command;
-  out << YAML::Key << "bags" << YAML::Value << YAML::BeginSeq;
-  for (const std::string& bag : provenance.bags) out << YAML::DoubleQuoted << bag;
-  out << YAML::EndSeq;
+  const auto texts = [&out](const char* key, const std::vector<std::string>& list) {
+    out << YAML::Key << key << YAML::Value << YAML::BeginSeq;
+    for (const std::string& text : list) out << YAML::DoubleQuoted << text;
+    out << YAML::EndSeq;
+  };
+  texts("bags", provenance.bags);
+  if (!provenance.digests.empty()) texts("digests", provenance.digests);
   numbers("error_before", provenance.error_before);
   numbers("error_after", provenance.error_after);
   if (!provenance.confidence_95.empty()) {

@@ -127,6 +127,7 @@ void defProvenance(py::module_& module) {
       .def_readwrite("date", &Provenance::date)
       .def_readwrite("command", &Provenance::command)
       .def_readwrite("bags", &Provenance::bags)
+      .def_readwrite("digests", &Provenance::digests)
       .def_readwrite("error_before", &Provenance::error_before)
       .def_readwrite("error_after", &Provenance::error_after)
       .def_readwrite("confidence_95", &Provenance::confidence_95)

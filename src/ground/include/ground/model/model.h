@@ -16,6 +16,7 @@ struct Provenance {
   std::string date;                                                ///< ISO 8601
   std::string command;                                             ///< command line
   std::vector<std::string> bags;                                   ///< recordings of the fit
+  std::vector<std::string> digests;  ///< of what the bags contain, in their order; may be unknown
   std::map<std::string, double> error_before, error_after;         ///< by kind of runs
   std::map<std::string, std::pair<double, double>> confidence_95;  ///< by parameter name
   std::vector<std::string> not_identified;  ///< parameters that are not identifiable from the bags

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, study
+from ground.analysis import candidates, distributions, study
 from ground.annotations import Array, Document, Path
 from ground.api.models import (
     Model,
@@ -59,6 +59,23 @@ class Pair:
         return self.after.error / self.before.error - 1
 
 
+@dataclass(frozen=True)
+class Verdict:
+    """Whether an effect helps: its parameters are identifiable and differ from those at which it does nothing,
+    and the error on data that the model was not fitted to falls by more than chance explains."""
+
+    helps: bool
+    change: float  #: relative change of the held-out error: -0.1 is 10% less
+    ci95: Tuple[float, float]  #: 95% interval of that change, from window to window
+    reason: str
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        advice = "it helps" if self.helps else "it does not help: keep the model without it"
+        return "%s (%s)" % (advice, self.reason)
+
+
 @dataclass(frozen=True, repr=False)
 class Addition(Shown):
     """A model with an added effect. The models with and without it are refitted."""
@@ -70,6 +87,7 @@ class Addition(Shown):
     error: Dict[str, Pair]  #: by kind of runs: fit, heldout, and holdout where some were given
     noise_floor: ChannelErrors  #: error that the noise of the poses alone would leave
     folds: str  #: what was held out
+    verdict: Verdict
 
     def to_dict(self) -> Document:
         """Plain values, as `identify add --json` prints them."""
@@ -78,6 +96,7 @@ class Addition(Shown):
             "parameters": {name: asdict(p) for name, p in self.parameters.items()},
             "error": {name: asdict(pair) for name, pair in self.error.items()},
             "noise_floor": asdict(self.noise_floor),
+            "verdict": {**asdict(self.verdict), "sentence": self.verdict.sentence},
         }
 
     def to_frame(self) -> "pandas.DataFrame":
@@ -96,9 +115,10 @@ class Addition(Shown):
         return self.model.save(path, force)
 
     def _table(self) -> Tuple[str, Row, List[Row]]:
-        title = "%s with %s; noise of the poses alone: error %.3f" % (
+        title = "%s with %s: %s; noise of the poses alone: error %.3f" % (
             self.model.name,
             self.effect,
+            self.verdict.sentence,
             self.noise_floor.error,
         )
         rows = [
@@ -134,8 +154,8 @@ def add(
     >>> low, high = found.parameters["yaw_bias.n0"].ci95
     >>> low < 2e-5 < high  # [N m], the moment that turns it
     True
-    >>> found.error["heldout"].change < -0.4
-    True
+    >>> found.error["heldout"].change < -0.4, found.verdict.helps
+    (True, True)
     """
     work = Work.of(progress)
     given, part = Model.of(model), Part(start, end, everything)
@@ -192,6 +212,7 @@ def _result(
         parameters,
     )
     several = len(seen.data) > 1
+    own = candidates.parameters_of(after.model, effect)
     return Addition(
         effect=effect,
         model=model,
@@ -200,4 +221,42 @@ def _result(
         error=errors,
         noise_floor=ChannelErrors.of(study.noise_floor(seen.data, after.model)),
         folds="each run by a fit to the others" if several else "each quarter by a fit to the rest",
+        verdict=_verdict(parameters, {p["name"]: p["neutral"] for p in own}, before, after, errors),
     )
+
+
+def _verdict(
+    parameters: Dict[str, Parameter],
+    neutral: Dict[str, float],
+    before: study.Fit,
+    after: study.Fit,
+    errors: Dict[str, Pair],
+) -> Verdict:
+    """The Verdict on an effect; neutral: values of its parameters at which it does nothing."""
+    change, ci95 = errors["heldout"].change, _interval(before.by_window, after.by_window)
+    told = "the error on held-out data changes by %+.1f%%, 95%%: %+.1f%% to %+.1f%%" % (
+        100 * change,
+        *(100 * bound for bound in ci95),
+    )
+    own = [parameters[name] for name in neutral]
+    tested = errors.get("holdout")
+    if not any(p.identified for p in own):
+        helps, reason = False, "its parameters are not identifiable from these data"
+    elif change >= 0 or ci95[1] >= 0:
+        helps, reason = False, told
+    elif all(p.ci95[0] <= neutral[p.name] <= p.ci95[1] for p in own if p.identified):
+        helps, reason = False, "its 95% intervals contain the values at which it does nothing"
+    elif tested and tested.change > 0:
+        percent = 100 * tested.change
+        helps, reason = False, "the error on the runs given as holdout rises by %.1f%%" % percent
+    else:
+        helps, reason = True, told
+    return Verdict(helps, change, ci95, reason)
+
+
+def _interval(before: Array, after: Array) -> Tuple[float, float]:
+    """95% interval of the relative change of the mean error of windows, by Student's t."""
+    change = (after - before) / before.mean()
+    limit = distributions.student_limit(0.025, len(change) - 1)
+    half = limit * float(change.std(ddof=1)) / np.sqrt(len(change))
+    return float(change.mean() - half), float(change.mean() + half)

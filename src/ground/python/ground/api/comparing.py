@@ -1,8 +1,8 @@
 """compare: models against recordings, and where they fail."""
 
 import os
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence, Tuple, Union
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 from ground import workers
 from ground.analysis import comparison
@@ -10,6 +10,7 @@ from ground.analysis.study import noise_floor
 from ground.annotations import Document, Path
 from ground.api.models import Model, ModelLike
 from ground.api.recordings import (
+    NO_RECORDING,
     Part,
     Recordings,
     note_differences,
@@ -18,7 +19,7 @@ from ground.api.recordings import (
     repaired,
     taken,
 )
-from ground.api.values import Row, Shown, number
+from ground.api.values import Row, Shown, distinct_labels, number
 from ground.errors import GroundError
 from ground.progress import Progress, Work
 from ground.recordings.recording import Recording
@@ -28,10 +29,11 @@ if TYPE_CHECKING:
     import pandas
 
 SCHEMA = "ground/compare/1"
-ROLES = ("fit", "held_out")
+# Whether a model was fitted to a run: it was, it was not, or its file does not tell
+ROLES = ("fit", "held_out", "unknown")
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
 COST = 0.03  # usual time to compare a second of a recording with a model [s]
-Models = Union[ModelLike, Sequence[ModelLike]]
+Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
 Files = Optional[Document]  # files of one run: pictures and series, by their subject
 
 
@@ -84,24 +86,36 @@ class RunComparison(Shown):
         return self.name, HEAD, rows
 
 
+@dataclass(frozen=True)
+class Ranking:
+    """Models by their error, the least first. It says which one predicts best only where no model was
+    fitted to the runs."""
+
+    role: str  #: "held_out": no model was fitted to the runs; "fit": one was; "unknown"
+    runs: List[str]  #: all that no model was fitted to; where there are none, all runs
+    errors: Dict[str, float]  #: by label, over these runs
+    fitted: List[str]  #: labels of models that were fitted to any of them, or that may have been
+
+
 @dataclass(frozen=True, repr=False)
 class Comparison(Shown):
     """Models against recordings."""
 
     models: Dict[str, Model]  #: by label
     runs: List[RunComparison]
-    pooled: Dict[str, Document]  #: by label: error numbers over all, fit and held_out runs
-    noise_floor: float  #: error that the noise of the poses alone would leave
+    pooled: Dict[str, Document]  #: by label: error numbers over all, fit, held_out and unknown runs
+    ranking: Ranking
+    noise_floor: float  #: error that the noise of the poses alone would leave on the ranking's runs
 
     @property
     def best(self) -> str:
-        """Label of the model that predicts best."""
-        return _best(self.pooled)
+        """Label of the model with the least error; `ranking` says whether it was fitted to the runs."""
+        return next(iter(self.ranking.errors))
 
     @property
     def sentence(self) -> str:
-        """Which model predicts best, in words."""
-        return str(words.comparison({"pooled": self.pooled, "noise_floor": self.noise_floor}))
+        """Which model predicts or fits best, in words."""
+        return str(words.comparison(asdict(self.ranking), self.noise_floor))
 
     def to_dict(self, files: Optional[Sequence[Files]] = None) -> Document:
         """Plain values, as compare.json has them; files: the files of each run."""
@@ -118,6 +132,7 @@ class Comparison(Shown):
             },
             "runs": [run.to_dict(of_run) for run, of_run in zip(self.runs, named)],
             "pooled": self.pooled,
+            "ranking": asdict(self.ranking),
             "noise_floor": self.noise_floor,
         }
 
@@ -156,9 +171,12 @@ class Comparison(Shown):
 
         kept = comparison_files.Folder(os.fspath(folder), list(self.models), pictures, form, force)
         kept.prepare([run.name for run in self.runs])
-        for run in self.runs:
-            kept.write_run(run)
-        kept.write(self)
+        with kept.replaced():
+            for run in self.runs:
+                kept.write_run(run)
+            numbers = kept.write_numbers(self)
+        if pictures:
+            kept.write_page(self, numbers)
         return kept.to_look_at
 
     def _table(self) -> Tuple[str, Row, List[Row]]:
@@ -197,7 +215,7 @@ def compare(
 ) -> Comparison:
     """Models against recordings: errors, and where they come from.
 
-    models: one or several; recordings: recordings or bags. start, end: the part of every run, on the
+    models: one or several, or {label: model}; recordings: recordings or bags. start, end: the part of every run, on the
     run's clock [s]; everything: includes parts that are not usable. scheduler: address of a Dask
     cluster to work on, tcp://HOST:PORT, in a network you trust; None: all cores of this computer.
     progress: called with a ground.progress.Report at each step. GroundError when a file
@@ -213,27 +231,46 @@ def compare(
     FrozenList(['run', 'model'])
     """
     named, given, part = labelled(models), taken(recordings), Part(start, end, everything)
+    if not given:
+        raise GroundError(NO_RECORDING)
     note_differences(given)
     return conclude(named, list(each_run(named, given, part, scheduler, progress)))
 
 
 def labelled(models: Models) -> Dict[str, Model]:
-    """Models by their names in tables. GroundError when one is given twice."""
-    given = [models] if isinstance(models, (Model, str, os.PathLike)) else list(models)
-    loaded = [Model.of(model) for model in given]
-    labels = [_label(model, loaded) for model in loaded]
-    if len(set(labels)) < len(loaded):
-        raise GroundError("the same model is given twice")
-    return dict(zip(labels, loaded))
+    """Models by their names in tables: the given ones, else a file's name, or the title and the effects.
+    GroundError when there is none, or one is given twice."""
+    if isinstance(models, Mapping):
+        named = {label: Model.of(model) for label, model in models.items()}
+    else:
+        given = [models] if isinstance(models, (Model, str, os.PathLike)) else list(models)
+        loaded = [Model.of(model) for model in given]
+        labels = distinct_labels([_label(m) for m in loaded], [m.path for m in loaded])
+        named = dict(zip(labels, loaded))
+    if not named:
+        raise GroundError("no models are given")
+    first: Dict[str, str] = {}
+    for label, model in named.items():
+        other = first.setdefault(model.format(), label)
+        if other != label:
+            names = dict.fromkeys(named[one].path or one for one in (other, label))
+            raise GroundError("the same model is given twice: %s" % " and ".join(names))
+    return named
 
 
-def _label(model: Model, others: Sequence[Model]) -> str:
-    """A model's name in tables: its file's, with the folder where two files share it; of a model
-    without a file its title and effects."""
-    if not model.path:
-        return " with ".join(filter(None, (model.name, ", ".join(model.effects))))
-    shared = sum(other.label == model.label for other in others) > 1
-    return os.path.splitext(model.path)[0] if shared else model.label
+def _label(model: Model) -> str:
+    """A model's name in tables, which others may share."""
+    return model.label if model.path else " with ".join(
+        filter(None, (model.name, ", ".join(model.effects)))
+    )
+
+
+def _role(model: Model, recording: Recording) -> str:
+    """One of ROLES."""
+    provenance = model.core.provenance
+    if provenance.bags and not provenance.digests:
+        return "unknown"  # the file is older than digests
+    return "fit" if recording.identity in provenance.digests else "held_out"
 
 
 def each_run(
@@ -257,9 +294,9 @@ def each_run(
     last = list(models.values())[-1].core if len(models) > 1 else None
     tasks = []
     for run in runs:
-        bag, task = run.recording.bag, []
+        task = []
         for count, (label, model) in enumerate(models.items()):
-            role = "fit" if bag in model.core.provenance.bags else "held_out"
+            role = _role(model, run.recording)
             other = last if count == 0 else None
             task.append((part.of(run, model), model.core, label, role, other))
         tasks.append(task)
@@ -279,16 +316,37 @@ def conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison:
     """The Comparison over all runs."""
     pooled: Dict[str, Document] = {}
     for label in models:
-        of_model = [s for run in runs for s in run.studies if s["label"] == label]
+        of_model = _studies(runs, label)
         groups = {role: [s["evaluation"] for s in of_model if s["role"] == role] for role in ROLES}
         pooled[label] = {
-            "all": comparison.numbers(groups["fit"] + groups["held_out"]),
+            "all": comparison.numbers([s["evaluation"] for s in of_model]),
             **{role: comparison.numbers(groups[role]) if groups[role] else None for role in ROLES},
         }
-    best = _best(pooled)
-    data = [s["run"] for run in runs for s in run.studies if s["label"] == best]
-    return Comparison(models, runs, pooled, float(noise_floor(data, models[best].core).sum()))
+    held_out = [run for run in runs if all(s["role"] == "held_out" for s in run.studies)]
+    ranked = held_out or runs
+    ranking = _ranking(list(models), ranked)
+    best = next(iter(ranking.errors))
+    data = [s["run"] for s in _studies(ranked, best)]
+    floor = float(noise_floor(data, models[best].core).sum())
+    return Comparison(models, runs, pooled, ranking, floor)
 
 
-def _best(pooled: Dict[str, Document]) -> str:
-    return min(pooled, key=lambda label: float(pooled[label]["all"]["error"]))
+def _studies(runs: Sequence[RunComparison], label: str) -> List[Document]:
+    """Studies of a model against runs."""
+    return [s for run in runs for s in run.studies if s["label"] == label]
+
+
+def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
+    """Models by their error over runs."""
+    errors, roles = {}, {}
+    for label in labels:
+        studies = _studies(runs, label)
+        errors[label] = float(comparison.numbers([s["evaluation"] for s in studies])["error"])
+        roles[label] = {s["role"] for s in studies}
+    worst = next(role for role in ("fit", "unknown", "held_out") if any(role in r for r in roles.values()))
+    return Ranking(
+        role=worst,
+        runs=[run.name for run in runs],
+        errors={label: errors[label] for label in sorted(errors, key=errors.__getitem__)},
+        fitted=[label for label in labels if worst != "held_out" and worst in roles[label]],
+    )

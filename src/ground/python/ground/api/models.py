@@ -69,7 +69,7 @@ def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Shown):
     """A craft: a rigid body and the effects that act on it. It is immutable: methods that change it
-    return a copy.
+    return a copy, without what its file says of a fit (recordings, errors, intervals).
 
     >>> craft = Model.load(model_file)
     >>> craft["m"], craft.unit("m"), craft.effects
@@ -142,7 +142,7 @@ class Model(Shown):
                 core.set_value(name, value)
         except ValueError as error:
             raise GroundError(str(error)) from error
-        return Model(core)
+        return _changed(core)
 
     def with_effect(self, effect: Path, **values: float) -> "Model":
         """A copy with an effect: a name of the library, or a YAML file with one effect; values: those
@@ -150,7 +150,7 @@ class Model(Shown):
         from ground.analysis import candidates
 
         candidate = candidates.named(os.fspath(effect), self.core)
-        extended = Model(candidate.add(self.core))
+        extended = _changed(candidate.add(self.core))
         return extended.with_values({"%s.%s" % (candidate.name, n): v for n, v in values.items()})
 
     def without_effect(self, name: str) -> "Model":
@@ -159,7 +159,7 @@ class Model(Shown):
             raise GroundError("%s has no effect %s" % (self.name, name))
         core = self.core.copy()
         core.remove_effect(name)
-        return Model(core)
+        return _changed(core)
 
     def format(self) -> str:
         """The text of its file."""
@@ -190,6 +190,12 @@ class Model(Shown):
 
 
 ModelLike = Union[Model, Path]
+
+
+def _changed(core: _core.Model) -> Model:
+    """The model of a core whose values are no longer those of the fit that its provenance is about."""
+    core.provenance = _core.Provenance()
+    return Model(core)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -269,16 +275,17 @@ def with_provenance(
     after: Mapping[str, float],
     intervals: Mapping[str, Tuple[float, float]],
     not_identified: Sequence[str],
+    digests: Sequence[str],
 ) -> Model:
     """A fitted model with its provenance.
 
-    bags: names of the files fitted to; before, after: errors by kind of runs; intervals: 95%
+    bags: names of the files fitted to; digests: of what recordings contain, in that order; before, after: errors by kind of runs; intervals: 95%
     intervals by parameter.
     """
     core = core.copy()
     provenance = core.provenance
     provenance.date, provenance.command = origin.now(), origin.command()
-    provenance.bags = list(bags)
+    provenance.bags, provenance.digests = list(bags), list(digests)
     provenance.error_before, provenance.error_after = dict(before), dict(after)
     provenance.confidence_95 = dict(intervals)
     provenance.not_identified = list(not_identified)
@@ -300,4 +307,5 @@ def fitted_model(
         after,
         {name: p.ci95 for name, p in parameters.items()},
         [name for name, p in parameters.items() if not p.identified],
+        [recording.identity for recording in recordings],
     )

@@ -1,15 +1,15 @@
 """Recordings: reading them, and choosing the part that models are compared with."""
 
 import os
-from collections import Counter
 from dataclasses import dataclass, replace
-from typing import Iterable, Iterator, List, Optional, Sequence, Tuple, Union
+from typing import Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from ground import _core
 from ground.annotations import Path
 from ground.api.models import Model
+from ground.api.values import distinct_labels
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.progress import Work
 from ground.recordings import cache, findings, many, quality, readers, settings, suspicions
@@ -17,6 +17,7 @@ from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.recording import Recording
 
 Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
+NO_RECORDING = "no recordings are given"
 
 
 def read(
@@ -37,7 +38,8 @@ def read(
     was recorded with the run. mapping: a mapping file, or its content; pose_topic, command_topic and
     body (child frame, or part of the topic's name) replace its own. cached: whether what is read and
     repaired is kept in the folder .ground_cache beside a bag, to be read from there next time.
-    GroundError when a bag cannot be read or is given twice; anything odd in a bag gives a GroundWarning.
+    Runs are told by what their files contain; where names are the same, folders are added to them.
+    GroundError when a bag cannot be read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -89,19 +91,41 @@ def reading(
                 warn("%s: %s" % (path, warning), RecordingWarning)
     for folder in {recording.cache for recording in found if recording.cache}:
         cache.tidy(folder)
-    names = [r.name for r in found]
-    counts = Counter(names)
-    for i, path in enumerate(bags):
-        if counts[names[i]] > 1:
-            name = os.path.splitext(path)[0].strip("./").replace(os.sep, "_")
-            found[i] = replace(found[i], name=name)
-    if len({r.name for r in found}) < len(found):
-        raise GroundError("the same bag is given twice")
-    yield from found
+    yield from distinct(found)
+
+
+def distinct(found: Sequence[Recording], others: Sequence[Recording] = ()) -> List[Recording]:
+    """Recordings with names that differ from each other and from those of others. GroundError when two
+    are the same run, by their contents."""
+    first: Dict[str, Recording] = {}
+    for one in found:
+        same = first.setdefault(one.identity, one)
+        if same is not one:
+            raise GroundError("the same %s is given twice: %s" % (_KIND[bool(one.path)], _both(same, one)))
+    names = distinct_labels(
+        [one.name for one in found],
+        [one.path for one in found],
+        [one.name for one in others],
+        "_",
+    )
+    return [
+        one if one.name == name else replace(one, name=name, digest=one.identity)
+        for one, name in zip(found, names)
+    ]
+
+
+_KIND = {True: "bag", False: "recording"}
+
+
+def _both(one: Recording, other: Recording) -> str:
+    """Two recordings of the same run."""
+    names = [recording.path or recording.name for recording in (one, other)]
+    return " and ".join(dict.fromkeys(names))
 
 
 def taken(given: Recordings) -> List[Recording]:
-    """The given recordings, and those in the given bags."""
+    """The given recordings, and those in the given bags, with names of their own. GroundError when one is
+    given twice."""
     if isinstance(given, Recording):
         return [given]
     if isinstance(given, (str, os.PathLike)):
@@ -118,9 +142,7 @@ def taken(given: Recordings) -> List[Recording]:
             found += [next(from_bags) for _ in inside]
         else:
             found.append(next(from_bags))
-    if len({r.name for r in found}) < len(found):
-        raise GroundError("two recordings have the same name")
-    return found
+    return distinct(found)
 
 
 def repaired(found: Sequence[Recording], work: Work) -> List[quality.Run]:
@@ -210,6 +232,8 @@ def measured(
     if not model.core.input_max > 0:
         raise GroundError("the model's input_max is not positive")
     found = [recording.with_lift_of(model.core) for recording in taken(given)]
+    if not found:
+        raise GroundError(NO_RECORDING)
     note_differences(found, others)
     runs = repaired(found, work)
     for run in runs:
@@ -226,10 +250,15 @@ def measured(
 def held_out(
     given: Recordings, model: Model, part: Part, work: Work, fitted: Measured
 ) -> Measured:
-    """Recordings to test on, measured; work: told of what is done. GroundError when one
-    of them is fitted to as well."""
-    found = measured(given, model, part, work, fitted.recordings)
-    names = {recording.name for recording in fitted.recordings}
-    if names & {recording.name for recording in found.recordings}:
-        raise GroundError("a run is given both to fit to and to hold out")
-    return found
+    """Recordings to test on, measured; work: told of what is done. There may be none. GroundError when
+    one of them is fitted to as well, also under another name."""
+    found = taken(given)
+    if not found:
+        return Measured([], [], [])
+    known = {recording.identity: recording for recording in fitted.recordings}
+    for one in found:
+        if one.identity in known:
+            raise GroundError(
+                "a run is given both to fit to and to hold out: %s" % _both(known[one.identity], one)
+            )
+    return measured(distinct(found, fitted.recordings), model, part, work, fitted.recordings)

@@ -49,12 +49,30 @@ def key_of_files(paths: Iterable[str], *facts: str) -> str:
     digest = _begin(*facts)
     for path in paths:
         _add(digest, os.path.basename(path).encode())
-        inner = hashlib.blake2b(digest_size=32)
-        with open(path, "rb") as file:
-            for block in iter(functools.partial(file.read, BLOCK), b""):
-                inner.update(block)
-        _add(digest, inner.digest())
+        _add(digest, _digest_of_file(path))
     return digest.hexdigest()
+
+
+def content_of_files(paths: Iterable[str]) -> str:
+    """A digest of what files contain, whatever their names and order. Unlike a key it stays the same when
+    this package changes. Raises OSError when a file cannot be read."""
+    return content_of(sorted(_digest_of_file(path) for path in paths))
+
+
+def content_of(parts: Iterable[bytes]) -> str:
+    """A digest of parts, in their order."""
+    digest = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        _add(digest, part)
+    return digest.hexdigest()
+
+
+def _digest_of_file(path: str) -> bytes:
+    digest = hashlib.blake2b(digest_size=32)
+    with open(path, "rb") as file:
+        for block in iter(functools.partial(file.read, BLOCK), b""):
+            digest.update(block)
+    return digest.digest()
 
 
 def key_of_columns(columns: Columns) -> str:

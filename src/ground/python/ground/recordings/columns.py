@@ -20,7 +20,7 @@ from ground.recordings.settings import Setting, Settings
 from ground.recordings.suspicions import Suspicion
 
 RECORDED = ("pose_times", "eta", "control_times", "controls", "drives")
-NAMED = ("name", "source", "clock_offset", "warnings", "flown_by", "channels", "lift_channel")
+NAMED = ("name", "source", "clock_offset", "warnings", "flown_by", "channels", "lift_channel", "digest")
 MOVED = ("times", "measured", "eta", "nu", "nu_dot", "spikes", "jumps")
 FOUND = ("zero", "end", "drives", "drives_by", "reply", "contacts", "active", "spans")
 

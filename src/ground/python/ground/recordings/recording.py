@@ -10,7 +10,7 @@ import numpy as np
 from ground import _core
 from ground.annotations import Array, ArrayLike, Flags, Time
 from ground.errors import GroundError
-from ground.recordings import commands, flown, live_changes, messages, plausibility, poses, units
+from ground.recordings import cache, commands, flown, live_changes, messages, plausibility, poses, units
 from ground.recordings import settings as measured
 from ground.recordings.bag_reader import BagReader, Topic
 from ground.recordings.commands import CHANNELS
@@ -52,6 +52,16 @@ class Recording:
     channels: Tuple[str, ...] = CHANNELS  #: names of the commands
     lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
     cache: str = ""  #: folder of the cache for what is found from it; empty: none
+    digest: str = ""  #: of the content of the files that it was read from; empty: none
+
+    @functools.cached_property
+    def identity(self) -> str:
+        """What tells the run from others, whatever its name and place: a digest of the files that it was
+        read from, or of the numbers of a recording in memory."""
+        if self.digest:
+            return self.digest
+        arrays = (self.pose_times, self.eta, self.control_times, self.controls)
+        return cache.content_of(np.asarray(array, float).tobytes() for array in arrays)
 
     @functools.cached_property
     def repaired(self) -> "quality.Run":

@@ -1,15 +1,17 @@
 """The folder of a comparison: compare.json, wrenches over time as CSV, pictures and the page."""
 
+import contextlib
 import os
-from typing import TYPE_CHECKING, Dict, List, Optional, Sequence
+from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence
 
 import numpy as np
 
 from ground import files
 from ground.annotations import Document
-from ground.errors import GroundError
+from ground.api.comparing import SCHEMA
+from ground.api.values import distinct_labels
 from ground.recordings import quality
-from ground.reports import report
+from ground.reports import report, result_folder
 
 if TYPE_CHECKING:
     from ground.api.comparing import Comparison, RunComparison
@@ -19,7 +21,8 @@ HEADER = "t [s],X [N],Y [N],N [N m],sigma X [N],sigma Y [N],sigma N [N m]"
 
 
 class Folder:
-    """Where the results of one comparison go; `prepare` comes before the runs, `write` after them.
+    """Where the results of one comparison go: `prepare`, then in `replaced` the runs and the numbers, then the
+    page.
 
     labels: the models'; form: format of pictures, "png" or "svg"; force: overwrites files.
     """
@@ -34,7 +37,8 @@ class Folder:
         self.force = force
         self.numbers = os.path.join(path, "compare.json")
         self.page = os.path.join(path, "report.html")
-        self._names: Dict[str, Document] = {}  # names of the files of each run
+        self._names: Dict[str, Document] = {}  # paths of the files of each run
+        self._new = path  # where files are written
 
     @property
     def to_look_at(self) -> str:
@@ -44,18 +48,30 @@ class Folder:
     def prepare(self, runs: Sequence[str]) -> None:
         """Makes the folder. GroundError when it cannot, or when a file exists and `force` is not
         set."""
-        try:
-            os.makedirs(self.path, exist_ok=True)
-        except OSError as error:
-            raise GroundError("%s: cannot be made a folder (%s)" % (self.path, error))
-        self._names = {run: self._files_of(run) for run in runs}
+        stems = distinct_labels([_stem(run) for run in runs], [""] * len(runs))
+        self._names = {run: self._files_of(stem) for run, stem in zip(runs, stems)}
         paths = [self.numbers] + ([self.page] if self.pictures else [])
         for named in self._names.values():
-            paths += [named[kind] for kind in KINDS]
-            paths += [path for of_model in named["models"].values() for path in of_model.values()]
-        for path in paths:
-            if path:
-                files.refuse_existing(path, self.force)
+            paths += _paths(named)
+        result_folder.prepare(self.path, paths, self.force)
+
+    @contextlib.contextmanager
+    def replaced(self) -> Iterator[None]:
+        """Wraps a block that writes all files except the page. They take the place of those of an older
+        comparison when it succeeds."""
+        older = result_folder.older(self.numbers, SCHEMA)
+        stale = [os.path.basename(self.page)] if older else []
+        for run in older.get("runs", []):
+            named = dict(run.get("pictures") or {}, comparison=run.get("picture"))
+            named["models"] = {label: m.get("files") for label, m in run["models"].items()}
+            stale += [os.path.basename(path) for path in _paths(named)]
+        with result_folder.replaced(self.path, stale, self.force) as folder:
+            self._new = folder
+            yield
+
+    def _place(self, path: Optional[str]) -> str:
+        """Where a file is written."""
+        return os.path.join(self._new, os.path.basename(path or ""))
 
     def _files_of(self, run: str) -> Document:
         """Names of all files of one run; None for pictures that are not drawn."""
@@ -70,8 +86,9 @@ class Folder:
             "residuals": picture(run + ".residuals"),
             "models": {},
         }
-        for label in self.labels:
-            stem = "%s.wrench.%s" % (run, label.strip("./").replace(os.sep, "_"))
+        stems = distinct_labels([_stem(label) for label in self.labels], [""] * len(self.labels))
+        for label, stem in zip(self.labels, stems):
+            stem = "%s.wrench.%s" % (run, stem)
             named["models"][label] = {
                 "wrench_picture": picture(stem),
                 "wrench_csv": os.path.join(self.path, "%s.csv" % stem),
@@ -82,21 +99,19 @@ class Folder:
         """Writes the files of one run."""
         named = self._names[run.name]
         for study in run.studies:
-            _write_wrench(named["models"][study["label"]]["wrench_csv"], study, self.force)
+            _write_wrench(self._place(named["models"][study["label"]]["wrench_csv"]), study)
         if self.pictures:
-            _draw(run.studies, named, self.force)
-
-    def write(self, found: "Comparison") -> Document:
-        """Writes compare.json and the page; returns the contents of the former."""
-        result = self.write_numbers(found)
-        if self.pictures:
-            self.write_page(found, result)
-        return result
+            places: Document = {kind: self._place(named[kind]) for kind in KINDS}
+            places["models"] = {
+                label: self._place(of_model["wrench_picture"])
+                for label, of_model in named["models"].items()
+            }
+            _draw(run.studies, places)
 
     def write_numbers(self, found: "Comparison") -> Document:
         """Writes compare.json; returns its contents."""
         result: Document = found.to_dict([self._names[run.name] for run in found.runs])
-        files.write_json(self.numbers, result, self.force)
+        files.write_json(self._place(self.numbers), result)
         return result
 
     def write_page(self, found: "Comparison", result: Document) -> None:
@@ -113,22 +128,36 @@ class Folder:
         )
 
 
-def _draw(studies: List[Document], named: Document, force: bool) -> None:
+def _stem(label: str) -> str:
+    """A run's or model's name as a part of names of files."""
+    return label.replace(os.sep, "_").lstrip(".") or "unnamed"
+
+
+def _paths(named: Document) -> List[str]:
+    """Paths of all files of one run."""
+    paths = [named.get(kind) for kind in KINDS]
+    for of_model in named["models"].values():
+        paths += (of_model or {}).values()
+    return [path for path in paths if path]
+
+
+def _draw(studies: List[Document], places: Document) -> None:
+    """Draws one run; places: by kind, or by model's label."""
     from ground.reports import figures, picture, wrench_figures
 
-    picture.write(named["comparison"], [figures.motion(studies)], force)
-    picture.write(named["where"], [figures.where(studies)], force)
-    picture.write(named["residuals"], [figures.residual_correlation(studies)], force)
+    picture.write(places["comparison"], [figures.motion(studies)])
+    picture.write(places["where"], [figures.where(studies)])
+    picture.write(places["residuals"], [figures.residual_correlation(studies)])
     winner = studies[-1]["label"]
     for place, study in enumerate(studies):
         over_time = wrench_figures.wrench_over_time([study], place)
         drawn = [over_time, wrench_figures.wrench([study], winner, place)]
-        picture.write(named["models"][study["label"]]["wrench_picture"], drawn, force)
+        picture.write(places["models"][study["label"]], drawn)
 
 
-def _write_wrench(path: str, study: Document, force: bool) -> None:
+def _write_wrench(path: str, study: Document) -> None:
     missing = study["missing"]
-    with files.new_file(path, force) as temporary:
+    with files.new_file(path) as temporary:
         np.savetxt(
             temporary,
             np.column_stack([missing.times, missing.wrench, missing.sigma]),

@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING
 from ground import files
 from ground.analysis import diagnosis_report
 from ground.analysis.conclusion import MISREAD
-from ground.errors import GroundError
 from ground.recordings import quality
-from ground.reports import report
+from ground.reports import report, result_folder
 
 if TYPE_CHECKING:
     from ground.api.diagnosing import Diagnosis
@@ -39,29 +38,33 @@ class Folder:
     def prepare(self) -> None:
         """Makes the folder. GroundError when it cannot, or when a file exists and `force` is not
         set."""
-        try:
-            os.makedirs(self.path, exist_ok=True)
-        except OSError as error:
-            raise GroundError("%s: cannot be made a folder (%s)" % (self.path, error))
-        for path in self.written:
-            files.refuse_existing(path, self.force)
+        result_folder.prepare(self.path, self.written, self.force)
 
     def write_numbers(self, found: "Diagnosis") -> None:
-        """Writes all files except the page."""
+        """Writes all files except the page, in place of those of an older diagnosis."""
+        own = [os.path.basename(path) for path in self.written]
+        stale = own if result_folder.older(self.numbers, diagnosis_report.SCHEMA) else []
+        with result_folder.replaced(self.path, stale, self.force) as folder:
+            self._write(found, folder)
+
+    def _write(self, found: "Diagnosis", folder: str) -> None:
+        """Writes all files except the page into a folder."""
+
+        def inside(path: str) -> str:
+            return os.path.join(folder, os.path.basename(path))
+
         if found.verdict == MISREAD:
             self.written.remove(self.improved)
         else:
-            found.improved.save(self.improved, self.force)
+            found.improved.save(inside(self.improved))
         if found.next_inputs is not None:
-            rows = found.next_inputs
-            files.write_csv(self.next_experiment, "time,left,right", rows, self.force)
+            files.write_csv(inside(self.next_experiment), "time,left,right", found.next_inputs)
         else:
             self.written.remove(self.next_experiment)
-        files.write_json(self.numbers, found.report, self.force)
+        files.write_json(inside(self.numbers), found.report)
         proposal = found.report["unexplained"]["proposal"]
         if proposal:
-            entry = diagnosis_report.effect_entry(proposal)
-            files.write_yaml(self.proposal, entry, self.force)
+            files.write_yaml(inside(self.proposal), diagnosis_report.effect_entry(proposal))
         else:
             self.written.remove(self.proposal)
 

@@ -148,9 +148,11 @@ def comparison(
             + (" fails" if len(result["models"]) == 1 else " fail")
         )
     )
-    sheet.paragraph(words.comparison(result), "verdict")
-    errors = {label: groups["all"]["error"] for label, groups in result["pooled"].items()}
-    sheet.figure(figures.fall(list(errors.items()), result["noise_floor"], "all runs"))
+    ranking = result["ranking"]
+    sheet.paragraph(words.comparison(ranking, result["noise_floor"]), "verdict")
+    errors = [(label, ranking["errors"][label]) for label in result["pooled"]]
+    runs = {"held_out": "held-out runs", "fit": "runs used for fitting"}.get(ranking["role"], "all runs")
+    sheet.figure(figures.fall(errors, result["noise_floor"], runs))
     _numbers(sheet, result["pooled"])
     _measured_against(sheet, inspected, described, list(result["models"])[-1])
     _quality(sheet, described)
@@ -161,14 +163,15 @@ def comparison(
 def _numbers(sheet: page.Page, pooled: Mapping[str, Document]) -> None:
     sheet.subheading("All runs together")
     rows = [
-        appearance.numbers_row(label, role, groups[role])
+        appearance.numbers_row(label, role, numbers)
         for label, groups in pooled.items()
-        for role in ("fit", "held_out")
-        if groups[role]
+        for role, numbers in groups.items()
+        if role != "all" and numbers
     ]
     sheet.table(NUMBERS, rows)
     sheet.paragraph(
-        "Runs a model was fitted to, and held-out ones, by its provenance. Prediction error: initial "
+        "fit: the model file says that it was fitted to this recording; held out: that it was not; unknown: "
+        "the file has names of recordings only. Prediction error: initial "
         "velocities from the first 0.4 s of a window, the rest scored. (3.4): the thesis's objective.",
         "caption",
     )

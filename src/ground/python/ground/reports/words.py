@@ -156,20 +156,34 @@ def off_after_a_second(numbers: Document) -> str:
     return "%.0f mm %.0f deg" % (after["position_mm"]["median"], after["heading_deg"]["median"])
 
 
-def comparison(result: Document) -> str:
-    """One sentence that says which of the models compared predicts best, and how well."""
-    errors = {}
-    for label, groups in result["pooled"].items():
-        errors[label] = groups["all"]["error"]
-    ranked = sorted(errors, key=errors.__getitem__)
-    best = ranked[0]
-    floor = "the noise of the poses alone would leave %.3f." % result["noise_floor"]
-    if len(ranked) == 1:
-        text = "%s has an error of %.3f; " % (best, errors[best])
-    else:
-        others = listed(["%s %.3f" % (label, errors[label]) for label in ranked[1:]])
-        text = "%s predicts best: its error is %.3f, that of %s; " % (best, errors[best], others)
-    return text + floor
+def comparison(ranking: Document, noise_floor: float) -> str:
+    """One sentence on the error of the models compared: which predicts best, or that errors do not say so
+    because models were fitted to the runs."""
+    errors, held_out = ranking["errors"], ranking["role"] == "held_out"
+    (best, least), *others = errors.items()
+    text = "%s has an error of %.3f" % (best, least)
+    if others:
+        text = "%s %s best: its error is %.3f, that of %s" % (
+            best,
+            "predicts" if held_out else "fits",
+            least,
+            listed(["%s %.3f" % other for other in others]),
+        )
+    floor = "the noise of the poses alone would leave %.3f." % noise_floor
+    return "%s; %s%s" % (text, floor, "" if held_out else " " + _used(ranking))
+
+
+def _used(ranking: Document) -> str:
+    """What errors on runs that models were fitted to do not say."""
+    names = listed(ranking["fitted"])
+    if ranking["role"] == "unknown":
+        return (
+            "Whether %s was fitted to these data is not known, because the file of an older version has only "
+            "names of recordings: fit again, or compare on new recordings." % names
+        )
+    were = "These runs were" if len(ranking["runs"]) > 1 else "This run was"
+    what = "which model predicts best" if len(ranking["errors"]) > 1 else "how well it predicts"
+    return "%s used for fitting %s: compare on other recordings to learn %s." % (were, names, what)
 
 
 def listed(names: List[str]) -> str:

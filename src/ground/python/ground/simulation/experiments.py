@@ -4,7 +4,9 @@ An input schedule is an array of rows time [s], left, right, lift (0..1), each h
 Everything runs in process, without ROS, and depends only on its arguments.
 """
 
+import functools
 import os
+import tempfile
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 
@@ -14,6 +16,7 @@ from ground import _core, core_types
 from ground.annotations import Array
 from ground.errors import GroundError
 from ground.progress import Progress, Work
+from ground.recordings import cache
 from ground.recordings.recording import Recording
 from ground.recordings.settings import AXES
 
@@ -56,6 +59,16 @@ class SimulatedRun(Recording):
     heading_offset: float = 0.0  # heading of the rigid body minus the craft's [rad]
     sequence: str = ""  # how a file of bits was played
     disturbance: Optional[_core.Disturbance] = None  # the one that acted
+
+    @functools.cached_property
+    def identity(self) -> str:
+        """See Recording; that of the bag which it saves."""
+        if self.digest:
+            return self.digest
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "run.bag")
+            self.save(path)
+            return cache.content_of_files([path])
 
     @property
     def frames_not_delivered(self) -> int:

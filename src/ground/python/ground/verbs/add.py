@@ -69,6 +69,7 @@ def _lines(arguments: argparse.Namespace, found: adding.Addition) -> Iterator[st
         yield "  %-46s %35s" % ("", "%+.0f%%" % (100 * pair.change))
     yield _row("noise of the poses alone", found.noise_floor, "")
     yield "written to %s" % arguments.output
+    yield found.verdict.sentence
 
 
 def _row(name: str, errors: adding.ChannelErrors, indent: str = "  ") -> str:

@@ -4,7 +4,8 @@ compare.json, schema ground/compare/1 (SI units; null for a value that is not a 
 
 models    by label: file, effects, fitted_to (names of bags, from its provenance)
 runs      name, bag, picture (motion), pictures (where, residuals; null if not drawn), models: by label
-  role              fit or held_out, by the bag's file name in the model's provenance
+  role              fit or held_out, by the digests of recordings in the model's provenance; unknown where
+                    its file has names only
   error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of 1.5 s; error_by_channel
   prediction_error  the same with initial velocities from the first 0.4 s, of the rest
   thesis_objective  (3.4) over the first 4 s
@@ -23,8 +24,10 @@ runs      name, bag, picture (motion), pictures (where, residuals; null if not d
                     thrust: direction in the model's body axes and size of the force that follows
                     the command, by model and as measured; body_axes_differ. Over time in the CSV.
   files, summary    picture and series of the wrench; the sentences of the terminal
-pooled    by label: the numbers over all, fit and held_out runs
-noise_floor  error that the noise of the poses alone would leave, if the best model were true
+pooled    by label: the numbers over all, fit, held_out and unknown runs
+ranking   errors by label, the least first, over runs: those that no model was fitted to (role held_out),
+          or all where there are none (role fit or unknown; fitted: by which models)
+noise_floor  error that the noise of the poses alone would leave there, if the best model were true
 """
 
 import argparse
@@ -73,17 +76,18 @@ def run(arguments: argparse.Namespace) -> Document:
         arguments.work.expect(DRAWING, len(recordings), 1.5 * (1 + len(models)))
         arguments.work.expect(common.PAGE, 1, 2.0)
     runs = []
-    for compared in comparing.each_run(
-        models, recordings, part, arguments.scheduler, arguments.work
-    ):
-        with arguments.work.unit(DRAWING):
-            folder.write_run(compared)
-        _say_run(arguments, compared)
-        runs.append(compared)
-    found = comparing.conclude(models, runs)
-    if len(runs) > 1:
-        _say_pooled(arguments, found.pooled)
-    result = folder.write_numbers(found)
+    with folder.replaced():
+        for compared in comparing.each_run(
+            models, recordings, part, arguments.scheduler, arguments.work
+        ):
+            with arguments.work.unit(DRAWING):
+                folder.write_run(compared)
+            _say_run(arguments, compared)
+            runs.append(compared)
+        found = comparing.conclude(models, runs)
+        if len(runs) > 1:
+            _say_pooled(arguments, found.pooled)
+        result = folder.write_numbers(found)
     common.say(arguments, found.sentence)
     if arguments.numbers:
         common.say(arguments, "written to %s" % folder.numbers)
@@ -139,6 +143,6 @@ def _say_pooled(arguments: argparse.Namespace, pooled: Mapping[str, Document]) -
     common.say(arguments, "all runs")
     _say_header(arguments, width)
     for label, groups in pooled.items():
-        for role in ("fit", "held_out"):
+        for role in comparing.ROLES:
             if groups[role]:
                 _say_row(arguments, width, label, role, groups[role])

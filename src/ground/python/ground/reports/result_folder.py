@@ -1,0 +1,53 @@
+"""A folder of results: what a run does not write is not there after it, and a run that fails changes nothing."""
+
+import contextlib
+import json
+import os
+import tempfile
+from typing import Iterable, Iterator
+
+from ground import files
+from ground.annotations import Document
+from ground.errors import GroundError
+
+
+def prepare(folder: str, paths: Iterable[str], force: bool) -> None:
+    """Makes a folder. GroundError when it cannot, or when one of the files in it cannot be written, as
+    files.refuse_existing says."""
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError as error:
+        raise GroundError("%s: cannot be made a folder (%s)" % (folder, error))
+    for path in paths:
+        files.refuse_existing(path, force)
+
+
+def older(path: str, schema: str) -> Document:
+    """The numbers that an older run of the same kind has left; empty where there are none."""
+    with contextlib.suppress(OSError, ValueError):
+        with open(path) as file:
+            found = json.load(file)
+        if isinstance(found, dict) and found.get("schema") == schema:
+            return found
+    return {}
+
+
+@contextlib.contextmanager
+def replaced(folder: str, stale: Iterable[str], force: bool) -> Iterator[str]:
+    """Gives a temporary folder. When the block succeeds, its files become those of the folder, and stale
+    files that it has not written are removed; else all stays as it was. stale: their names."""
+    with tempfile.TemporaryDirectory(prefix=".ground-", dir=folder) as temporary:
+        try:
+            yield temporary
+        except GroundError as error:
+            raise GroundError(str(error).replace(temporary, folder)) from error
+        written = sorted(os.listdir(temporary))
+        for name in written:
+            files.refuse_existing(os.path.join(folder, name), force)
+        for name in written:
+            os.replace(os.path.join(temporary, name), os.path.join(folder, name))
+        for path in [os.path.join(folder, name) for name in set(stale) - set(written)]:
+            # a folder, or an input of this command, is not of the older run
+            with contextlib.suppress(FileNotFoundError, GroundError):
+                files.refuse_existing(path, force=True)
+                os.unlink(path)
