@@ -35,6 +35,7 @@ def test_the_error_falls_to_the_noise(tmp_path, lagging):
     report = json.loads(result.stdout)
     tau = report["parameters"]["motor_lag.tau"]
     assert tau["value"] == pytest.approx(0.06, abs=0.002)
+    assert report["verdict"]["helps"] is True
     floor = report["noise_floor"]["error"]
     for kind in ("fit", "heldout", "holdout"):
         error = report["error"][kind]
@@ -71,6 +72,20 @@ def test_an_absent_effect_does_not_lower_the_error(tmp_path, lagging):
     for name in ("sx", "sy"):
         low, high = report["parameters"]["floor_tilt." + name]["ci95"]
         assert low < 0.002 and high > -0.002
+    assert report["verdict"]["helps"] is False
+    said = identify("add", "floor_tilt", *lagging, "--model", truth, "-o", out, "--force")
+    assert "does not help: keep the model without it" in said.stdout.splitlines()[-1]
+
+
+def test_an_effect_that_is_not_identifiable_does_not_help(tmp_path):
+    bag, effect = write_bag(tmp_path / "run.bag", duration=10), tmp_path / "nothing.yaml"
+    effect.write_text(
+        "{name: nothing, expression: {Y: '0*a*x'}, "
+        "parameters: {a: {value: 0.1, unit: N, lower: -1, upper: 1}}}"
+    )
+    result = identify("add", effect, bag, "--model", MODEL, "-o", tmp_path / "x.yaml")
+    assert result.returncode == 0, result.stderr
+    assert "does not help: keep the model without it" in result.stdout.splitlines()[-1]
 
 
 def test_a_heading_offset_is_found_from_zero(tmp_path):

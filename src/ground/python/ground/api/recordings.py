@@ -99,9 +99,10 @@ def distinct(found: Sequence[Recording], others: Sequence[Recording] = ()) -> Li
     are the same run, by their contents."""
     first: Dict[str, Recording] = {}
     for one in found:
-        same = first.setdefault(one.identity, one)
-        if same is not one:
-            raise GroundError("the same %s is given twice: %s" % (_KIND[bool(one.path)], _both(same, one)))
+        if one.identity in first:
+            what, names = "bag" if one.path else "recording", _both(first[one.identity], one)
+            raise GroundError("the same %s is given twice: %s" % (what, names))
+        first[one.identity] = one
     names = distinct_labels(
         [one.name for one in found],
         [one.path for one in found],
@@ -112,9 +113,6 @@ def distinct(found: Sequence[Recording], others: Sequence[Recording] = ()) -> Li
         one if one.name == name else replace(one, name=name, digest=one.identity)
         for one, name in zip(found, names)
     ]
-
-
-_KIND = {True: "bag", False: "recording"}
 
 
 def _both(one: Recording, other: Recording) -> str:

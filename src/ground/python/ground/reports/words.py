@@ -182,7 +182,7 @@ def _used(ranking: Document) -> str:
             "names of recordings: fit again, or compare on new recordings." % names
         )
     were = "These runs were" if len(ranking["runs"]) > 1 else "This run was"
-    what = "which model predicts best" if len(ranking["errors"]) > 1 else "how well it predicts"
+    what = "which model predicts better" if len(ranking["errors"]) > 1 else "how well it predicts"
     return "%s used for fitting %s: compare on other recordings to learn %s." % (were, names, what)
 
 
