@@ -59,7 +59,9 @@ def refuse_existing(path: str, force: bool) -> None:
         if not os.path.isfile(path) and not os.path.islink(path):
             raise GroundError("%s is not a regular file; choose another name" % path)
         if not force:
-            raise GroundError("%s exists; choose another name, or --force (force=True in Python) to overwrite it" % path)
+            raise GroundError(
+                "%s exists; choose another name, or --force (force=True in Python) to overwrite it" % path
+            )
     folder = os.path.dirname(os.path.abspath(path))
     if not os.path.isdir(folder):
         raise GroundError("%s: there is no folder %s" % (path, folder))

@@ -61,8 +61,8 @@ class Pair:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether an effect helps: its parameters are identifiable and differ from those at which it does nothing,
-    and the error on data that the model was not fitted to falls by more than chance explains."""
+    """Whether an effect helps. Its parameters must be identifiable, and differ from the values at which it
+    does nothing; the error on held-out data must fall by more than chance explains."""
 
     helps: bool
     change: float  #: relative change of the held-out error: -0.1 is 10% less

@@ -215,11 +215,11 @@ def compare(
 ) -> Comparison:
     """Models against recordings: errors, and where they come from.
 
-    models: one or several, or {label: model}; recordings: recordings or bags. start, end: the part of every run, on the
-    run's clock [s]; everything: includes parts that are not usable. scheduler: address of a Dask
-    cluster to work on, tcp://HOST:PORT, in a network you trust; None: all cores of this computer.
-    progress: called with a ground.progress.Report at each step. GroundError when a file
-    cannot be read or a model cannot be simulated.
+    models: one or several, or {label: model}; recordings: recordings or bags. start, end: the part
+    of every run, on the run's clock [s]; everything: includes parts that are not usable. scheduler:
+    address of a Dask cluster to work on, tcp://HOST:PORT, in a network you trust; None: all cores of
+    this computer. progress: called with a ground.progress.Report at each step. GroundError when a
+    file cannot be read, a model cannot be simulated, or a run or model is given twice.
 
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.compare([craft, craft.with_effect("yaw_bias", n0=2e-5)], bag)

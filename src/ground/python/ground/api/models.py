@@ -279,8 +279,8 @@ def with_provenance(
 ) -> Model:
     """A fitted model with its provenance.
 
-    bags: names of the files fitted to; digests: of what recordings contain, in that order; before, after: errors by kind of runs; intervals: 95%
-    intervals by parameter.
+    bags: names of the files fitted to; before, after: errors by kind of runs; intervals: 95%
+    intervals by parameter; digests: of what the files contain, in the order of bags.
     """
     core = core.copy()
     provenance = core.provenance

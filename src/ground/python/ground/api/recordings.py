@@ -38,8 +38,8 @@ def read(
     was recorded with the run. mapping: a mapping file, or its content; pose_topic, command_topic and
     body (child frame, or part of the topic's name) replace its own. cached: whether what is read and
     repaired is kept in the folder .ground_cache beside a bag, to be read from there next time.
-    Runs are told by what their files contain; where names are the same, folders are added to them.
-    GroundError when a bag cannot be read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
+    Runs of the same name get the names of their folders in front. GroundError when a bag cannot be
+    read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -100,8 +100,9 @@ def distinct(found: Sequence[Recording], others: Sequence[Recording] = ()) -> Li
     first: Dict[str, Recording] = {}
     for one in found:
         if one.identity in first:
-            what, names = "bag" if one.path else "recording", _both(first[one.identity], one)
-            raise GroundError("the same %s is given twice: %s" % (what, names))
+            what = "bag" if one.path else "recording"
+            same = _both(first[one.identity], one)
+            raise GroundError("the same %s is given twice: %s" % (what, same))
         first[one.identity] = one
     names = distinct_labels(
         [one.name for one in found],

@@ -21,8 +21,8 @@ HEADER = "t [s],X [N],Y [N],N [N m],sigma X [N],sigma Y [N],sigma N [N m]"
 
 
 class Folder:
-    """Where the results of one comparison go: `prepare`, then in `replaced` the runs and the numbers, then the
-    page.
+    """Where the results of one comparison go. Call `prepare`; write runs and numbers within `replaced`; then
+    write the page.
 
     labels: the models'; form: format of pictures, "png" or "svg"; force: overwrites files.
     """

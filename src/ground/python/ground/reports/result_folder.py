@@ -1,4 +1,4 @@
-"""A folder of results: what a run does not write is not there after it, and a run that fails changes nothing."""
+"""A folder of results. A run replaces all that an older run of its kind wrote, or nothing if it fails."""
 
 import contextlib
 import json
