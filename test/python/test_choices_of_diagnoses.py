@@ -504,47 +504,6 @@ def test_play_is_taken_up_within_a_step_and_kept(monkeypatch):
 # --- conclusions
 
 
-def test_effects_go_from_the_last_on_while_they_raise_the_error(monkeypatch):
-    class Found:
-        def __init__(self, names):
-            self.chosen = [types.SimpleNamespace(name=n) for n in names]
-            self.steps, self.dropped = list(names), []
-
-        names = property(lambda self: frozenset(c.name for c in self.chosen))
-
-        def trial_in(self, names, name):
-            return sorted(names), name
-
-    for errors, left in (([3, 2, 1, 1], 3), ([3, 2, 1, 1.01], 2), ([1, 2, 3, 4], 0), ([2, 3, 1, 2], 2)):
-        found = Found("abc")
-        monkeypatch.setattr(
-            conclusion, "_held_out", lambda f, heldout, errors=errors: errors[: len(f.chosen) + 1]
-        )
-        conclusion._drop_refuted(found, ["run"])
-        assert found.names == frozenset("abc"[:left]) and found.steps == list("abc"[:left])
-        assert [d.trial[1] for d in found.dropped] == list("cba")[: 3 - left]
-        for dropped in found.dropped:
-            assert dropped.trial[0] == sorted("abc"[: "abc".index(dropped.trial[1]) + 1])
-            assert dropped.why == "it raises the error on the runs held out"
-
-
-def test_errors_on_runs_held_out_are_those_of_each_step():
-    def judged(*heldout):
-        return types.SimpleNamespace(heldout=np.array(heldout))
-
-    steps = [types.SimpleNamespace(fit=judged(1.0, 0.5, 0.25)), types.SimpleNamespace(fit=judged(0, 0, 1))]
-    found = types.SimpleNamespace(nominal=judged(1.0, 2.0, 3.0), steps=steps, chosen=[])
-    assert conclusion._held_out(found, ()) == [6.0, 1.75, 1.0]
-    assert conclusion._nested(found, ()) == 1.0  # nothing was chosen that could be chosen again
-
-
-def test_the_nested_error_is_that_of_the_runs_held_out_if_there_are_any(monkeypatch):
-    found = types.SimpleNamespace(chosen=["a"])
-    monkeypatch.setattr(conclusion, "_held_out", lambda found, heldout: [3.0, 2.0])
-    assert conclusion._nested(found, ["run"]) == 2.0
-    assert conclusion._nested(types.SimpleNamespace(chosen=[]), ["run"]) == 2.0
-
-
 def test_parts_of_the_data_may_prefer_a_rival_that_is_not_far_behind(monkeypatch):
     """By a log-likelihood ratio of 35, five times the one that excludes a rival."""
     gains = dict(zip(MANY, (200.0, 200.0 - 34, 200.0 - 36)))
@@ -562,7 +521,7 @@ def test_parts_of_the_data_may_prefer_a_rival_that_is_not_far_behind(monkeypatch
         search=search, chosen=["effect"], names=names, fit="grown", inside="inside",
         each_of_many="many", folds=types.SimpleNamespace(nested=nested),
     )  # fmt: skip
-    assert conclusion._nested(found, ()) == 6.0
+    assert conclusion._nested(found) == 6.0
     ((choice, each),) = asked
     assert choice.swapped == {MANY[0]: [MANY[1]]} and (choice.each, each) == ("inside", "many")
     assert choice.fitting.known == search.fits and choice.found == "grown"
@@ -623,9 +582,9 @@ def test_a_model_explains_errors_up_to_a_seventh_above_the_noise(monkeypatch, er
     monkeypatch.setattr(conclusion.study, "noise_floor", floor)
     monkeypatch.setattr(conclusion, "_left_by", lambda like, fit, what: what.__name__)
     monkeypatch.setattr(conclusion, "_with_slight", lambda found: None)
-    monkeypatch.setattr(conclusion, "_drop_refuted", lambda found, heldout: None)
     monkeypatch.setattr(conclusion, "_varies", lambda found: [])
-    monkeypatch.setattr(conclusion, "_held_out", lambda found, heldout: [1.0])
+    monkeypatch.setattr(conclusion, "_steps", lambda found, heldout: [])
+    monkeypatch.setattr(conclusion.baseline, "refits", lambda found, heldout: ())
     said = []
     monkeypatch.setattr(conclusion, "_verdict", lambda *of: said.append(of[1:]) or "said")
     found = types.SimpleNamespace(

@@ -16,6 +16,7 @@ import ground
 from ground import _core
 from ground.analysis import candidates, next_experiment
 from ground.errors import GroundError
+from ground.reports import words as said_of
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
 import mistakes
@@ -61,6 +62,16 @@ def whole(tmp_path_factory, lagging):
     result = diagnose(*lagging, *THREE, "-o", out)
     assert result.returncode == 0, result.stderr
     return out, result.stdout
+
+
+def bags_of_day(folder, recordings, day):
+    """Bags of the real recordings of a day."""
+    bags = []
+    for stamp in [s for s in recordings if s.startswith(day)]:
+        bags.append(folder / (stamp + ".bag"))
+        files = [SHARED / ("%s_%s.csv" % (kind, stamp)) for kind in ("controls", "pose")]
+        assert identify("import", *files, "-o", bags[-1]).returncode == 0
+    return bags
 
 
 @pytest.fixture
@@ -117,6 +128,30 @@ def test_a_lag_is_found_and_its_model_can_be_used(tmp_path, lagging):
     # Existing results are not overwritten.
     again = diagnose(*lagging, "--model", MODEL, "-o", out)
     assert again.returncode == 1 and "--force" in again.stderr
+
+
+def test_an_improvement_is_that_over_what_a_fit_reaches(tmp_path, lagging, unplanned):
+    """A fit without the effect predicts as well as `identify fit` says; the gain begins there."""
+    out = tmp_path / "out"
+    result = diagnose(*lagging, "--model", MODEL, "--only", "motor_lag", "-o", out)
+    report = json.loads(result.stdout)
+    before, after = (report[name]["error"]["heldout"] for name in ("nominal", "improved"))
+    assert after < before <= ground.fit(MODEL, lagging).error.heldout_runs * 1.001
+    assert before == min(error["heldout"] for error in report["nominal"]["refits"].values())
+    fall = "falls from %.3f to %.3f" % (before, after)
+    assert fall in (out / "report.html").read_text()
+    improved = yaml.safe_load((out / "improved.yaml").read_text())["provenance"]
+    assert improved["error_before"] == report["nominal"]["error"]
+    assert improved["error_after"] == report["improved"]["error"]
+
+
+def test_an_improvement_on_real_runs_is_that_over_what_a_fit_reaches(
+    tmp_path, recordings, unplanned
+):
+    """These runs differ from one another, too; estimates of what differs may help a fit."""
+    bags = bags_of_day(tmp_path, recordings, "2019-04-16")
+    found = ground.diagnose(MODEL, bags, only=["motor_lag"])
+    assert found.error[-1] < found.error[0] <= ground.fit(MODEL, bags).error.heldout_runs * 1.001
 
 
 def test_the_same_input_gives_the_same_answer(tmp_path, lagging, whole):
@@ -277,6 +312,26 @@ def test_runs_can_be_held_out(tmp_path, lagging, unplanned):
     assert report["nominal"]["error"]["heldout"] > 2 * report["improved"]["error"]["heldout"]
 
 
+def test_runs_that_are_held_out_judge_and_do_not_choose(tmp_path, lagging, unplanned):
+    """What was found stays, and the verdict says that a run of a craft without it contradicts."""
+    other = bags_of(tmp_path, MODEL, seeds=(90,))
+    options = ["--model", MODEL, "--only", "motor_lag", "input_delay"]
+    found = {}
+    for name, more in (("alone", []), ("tested", ["--holdout", *other])):
+        result = diagnose(*lagging, *options, "-o", tmp_path / name, *more)
+        assert result.returncode == 0, result.stderr
+        found[name] = json.loads(result.stdout)
+    for what in ("effects", "parameters"):
+        assert found["tested"]["improved"][what] == found["alone"]["improved"][what]
+    assert found["tested"]["dropped"] == found["alone"]["dropped"]
+    errors = [found["tested"][kind]["error"]["heldout"] for kind in ("nominal", "improved")]
+    assert errors[0] < errors[1]
+    said = said_of.verdict(found["tested"])
+    assert "falls" not in said and "motor_lag" in said.split("contradict")[1]
+    assert said in html.unescape((tmp_path / "tested" / "report.html").read_text())
+    assert "contradict" not in said_of.verdict(found["alone"])
+
+
 @pytest.mark.parametrize(
     "options, words",
     [
@@ -301,11 +356,7 @@ def test_an_unbounded_interval_is_printed():
 
 
 def test_real_runs_of_one_day(tmp_path, recordings, unplanned):
-    bags = []
-    for stamp in [s for s in recordings if s.startswith("2019-04-11")]:
-        bags.append(tmp_path / (stamp + ".bag"))
-        files = [SHARED / ("%s_%s.csv" % (kind, stamp)) for kind in ("controls", "pose")]
-        assert identify("import", *files, "-o", bags[-1]).returncode == 0
+    bags = bags_of_day(tmp_path, recordings, "2019-04-11")
     options = ["--only", "heading_offset", "motor_lag", "floor_tilt", "body_force_bias"]
     result = diagnose(*bags, "--model", MODEL, "-o", tmp_path / "out", *options)
     assert result.returncode == 0, result.stderr

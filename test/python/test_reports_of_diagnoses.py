@@ -212,7 +212,7 @@ def begun_with(monkeypatch, runs, cores=2, **options):
 
     def folds(*given):
         asked.folds.append(given)
-        return types.SimpleNamespace(judge=lambda fit: "judged")
+        return types.SimpleNamespace(judge=lambda fit: "judged", fold_of="folds")
 
     def of_runs(runs, **more):
         asked.studies.append(more)
@@ -236,7 +236,8 @@ def test_a_diagnosis_begins_with_all_differences_and_goes_on_with_those_found(mo
     assert all_of_them.varying is None and found.varying == ["trim_X", "thrust"]
     assert made.varied is all_of_them and made.likelihood is found
     assert made.samples == 3 * 100  # 100 times x, y and heading
-    assert asked.studies == [{"most": 7}] and made.cut == ["window"]
+    assert asked.studies == [{"most": 7, "threads": 1}] and made.cut == ["window"]
+    assert made.study.part_of == "folds"  # errors of all fits are over the same folds
     ((of, whole, craft, cut, each),) = asked.folds
     assert (of, whole, cut) == (runs, found, ["window"]) and craft is made.given and each == made.each
     (search,) = asked.searches
@@ -379,10 +380,14 @@ def test_a_proposal_has_to_lower_the_error_on_held_out_data(monkeypatch):
         "name": "odd", "expression": {"X": "c*u"}, "share": 0.5,
         "parameters": {"c": dict(value=0.1, unit="N s/m", neutral=0.0, lower=-9.0, upper=9.0)},
     }  # fmt: skip
-    for heldout, kept in ((1.9, True), (2.1, False), (None, False)):
+    for heldout, without, kept in (
+        (1.9, 2.0, True), (2.1, 2.2, False), (None, 2.0, False), (1.9, 1.8, False),
+    ):  # fmt: skip
 
-        def refit(models, free, heldout=heldout):
-            assert "odd" in models[0].effects and "odd.c" in free
+        def refit(models, free, heldout=heldout, without=without):
+            assert ("odd" in models[0].effects) == ("odd.c" in free)
+            if "odd" not in models[0].effects:
+                return judged(1.0, without)
             if heldout is None:
                 raise GroundError("diverges")
             return judged(1.5, heldout)

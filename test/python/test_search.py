@@ -62,33 +62,6 @@ def test_a_trim_that_differs_between_runs_is_reported_and_an_effect_beside_it_fo
     assert "yaw moment" in [v["parameter"] for v in conclusion.varies]
 
 
-def test_an_effect_that_raises_the_held_out_error_is_reported_but_not_added(monkeypatch):
-    from ground.analysis import study
-
-    import hidden_cases
-    from ground.analysis import candidates, diagnosis
-    from ground.analysis.conclusion import conclude
-
-    case = hidden_cases.make("disturbed_single", 8)
-    fitted, held = hidden_cases.record(case)
-    model = hidden_cases.given_model(case)
-    found = diagnosis.Diagnosis(fitted, model, candidates.library(model))
-    found.grow()
-    assert names(found) == case.hidden
-    calibrated_errors = study.calibrated_errors
-
-    def worse(runs, cut, likelihood, fit):
-        factor = 2.0 if runs is held and case.hidden[0] in fit.model.effects else 1.0
-        return factor * calibrated_errors(runs, cut, likelihood, fit)
-
-    monkeypatch.setattr(study, "calibrated_errors", worse)
-    conclusion = conclude(found, held)
-    assert names(found) == [] and conclusion.verdict != "missing"
-    (dropped,) = found.dropped
-    assert dropped.trial.name == case.hidden[0] and "runs held out" in dropped.why
-    assert conclusion.heldout == conclusion.heldout[:1]
-
-
 def test_p_values_allow_for_bounds():
     from ground.analysis.trials import p_value
     from scipy import stats

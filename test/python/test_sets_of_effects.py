@@ -517,20 +517,6 @@ def test_effects_that_are_as_good_are_grouped():
 # --- the conclusion
 
 
-def test_effects_that_raise_the_error_of_given_runs_are_taken_out_from_the_last_on(monkeypatch):
-    made = found_of({"yaw_bias": 100.0, "quadratic_drag": 60.0, "momentum_drag": 50.0}, lambda names: 3.0)
-    made._order(frozenset(["yaw_bias", "quadratic_drag", "momentum_drag"]))
-    errors = [3.0, 2.0, 2.5, 2.4]  # the model as it is, then after each step
-    monkeypatch.setattr(conclusion, "_held_out", lambda found, _: errors[: len(found.chosen) + 1])
-    conclusion._drop_refuted(made, ["a run"])
-    assert [c.name for c in made.chosen] == ["yaw_bias"] == [step.added for step in made.steps]
-    assert [d.trial.name for d in made.dropped] == ["momentum_drag", "quadratic_drag"]
-    assert {d.why for d in made.dropped} == {conclusion.REFUSED}
-    errors[:] = [1.0, 2.0]
-    conclusion._drop_refuted(made, ["a run"])
-    assert made.chosen == [] and len(made.dropped) == 3
-
-
 def test_differences_between_runs_are_given_by_run():
     trims = [
         dict(wrench=[0.1, 0.2, 0.3], thrust=0.01), dict(wrench=[0.3, 0.2, 0.1], thrust=0.05),

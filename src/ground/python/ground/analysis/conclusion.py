@@ -3,24 +3,31 @@
 import functools
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Callable, List, Mapping, Optional, Sequence
+from typing import Callable, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.analysis import bands, budget, memory, remains, repeats, stages, study, varying
+from ground.analysis import (
+    bands,
+    baseline,
+    budget,
+    memory,
+    remains,
+    repeats,
+    stages,
+    study,
+    varying,
+)
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.search import Search
-from ground.analysis.trials import Dropped
 from ground.annotations import Document, Each
 from ground.core_types import FittedParameter
-from ground.recordings import windows
 
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
-REFUSED = "it raises the error on the runs held out"
 # Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in
 # multiples of the one from which it is excluded.
 CLOSE = 5.0
@@ -35,8 +42,9 @@ class Conclusion:
     improved: _core.Model  # refitted
     parameters: List[FittedParameter]  # the improved model's: name, unit, value, ci95, ...
     noise_floor: float
-    heldout: List[float]  # error on held-out runs: nominal, then after each step
-    heldout_floor: float  # noise floor of the runs on which heldout is measured
+    refits: Tuple[baseline.Refit, ...]  # the model as it is
+    steps: List[float]  # error on held-out runs after each step
+    heldout_floor: float  # noise floor of the runs on which steps are measured
     varies: List[Document]  # what differs between runs
     memory: Optional[memory.Memory]
     history: remains.Remains
@@ -44,12 +52,25 @@ class Conclusion:
     diagnosis: Diagnosis  # its basis
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
+    @property
+    def before(self) -> baseline.Refit:
+        """The refit that predicts best without further effects."""
+        return min(self.refits, key=lambda refit: refit.heldout)
+
+    @property
+    def heldout(self) -> List[float]:
+        """Error on held-out runs: the best without further effects, then after each step."""
+        return [self.before.heldout, *self.steps]
+
     # The verdict does not need these: they are computed on first use.
 
     @cached_property
     def nested(self) -> float:
-        """The last of `heldout`, with the choice of effects repeated in each fold."""
-        return _nested(self.diagnosis, self.tested)
+        """Error of the improved model on held-out runs, with the choice of effects repeated in each
+        fold."""
+        if self.tested or not self.steps:
+            return [self.refits[0].heldout, *self.steps][-1]
+        return _nested(self.diagnosis)
 
     @cached_property
     def budget(self) -> budget.Budget:
@@ -74,9 +95,8 @@ def conclude(
     """Draws the Conclusion of a Diagnosis. misread: no effect was looked for, because the recordings
     look misread.
 
-    heldout: _core.RunData of runs to test on; an effect that raises the error there is taken
-    out and listed as dropped. Without them, each run (each quarter of a single run) is tested by a
-    fit to the others.
+    heldout: _core.RunData of runs to test on, which decide nothing. Without them, each run (each
+    quarter of a single run) is tested by a fit to the others.
     """
     with found.work.stage(stages.LEAVING):
         return _conclude(found, heldout, misread)
@@ -89,8 +109,6 @@ def _conclude(
     history, state = found.pool.map(
         functools.partial(_left_by, found.likelihood, fullest), (remains.of_history, remains.of_state)
     )
-    if heldout:
-        _drop_refuted(found, heldout)
 
     def floor_of(seed: int) -> float:
         return float(study.noise_floor(found.runs, found.best.model, seed).sum())
@@ -104,7 +122,8 @@ def _conclude(
         found.model,
         found.likelihood.intervals(found.fit),
         floor,
-        _held_out(found, heldout),
+        baseline.refits(found, heldout),
+        _steps(found, heldout),
         reached,
         varies,
         found.memory,
@@ -128,12 +147,10 @@ def _with_slight(found: Diagnosis) -> Fit:
     return found.fit
 
 
-def _nested(found: Diagnosis, heldout: Sequence[_core.RunData]) -> float:
+def _nested(found: Diagnosis) -> float:
     """Error of windows held out from both choice and fit. Each fold repeats the choice, beginning
     with the effects found; each of them has to reach the threshold there again, and may be replaced by
     those that all parts together hardly distinguish from it."""
-    if heldout or not found.chosen:
-        return _held_out(found, heldout)[-1]
     whole, close = found.search, CLOSE * found.search.criteria.exclusion
     swapped = {name: whole.rivals(found.names, name, close) for name in found.names}
     fitting = replace(whole.fitting, known=whole.fits)
@@ -190,7 +207,7 @@ def _verdict(
 ) -> str:
     if found.memory or (history.found and history.gain > state.gain):
         return "memory"
-    # An effect that the likelihood prefers and held-out runs refute leaves open what is missing.
+    # An effect that the likelihood prefers and held-out parts refute leaves open what is missing.
     open_still = found.dropped and not found.chosen and not varies
     if not explained and (state.found or open_still):
         return "unexplained"
@@ -199,28 +216,10 @@ def _verdict(
     return "varies" if varies else "complete"
 
 
-def _drop_refuted(found: Diagnosis, heldout: Sequence[_core.RunData]) -> None:
-    """Takes out the last effect as long as it raises the error on runs that the user held out."""
-    while found.chosen:
-        errors = _held_out(found, heldout)
-        if errors[-1] <= min(errors):
-            return
-        last = found.chosen.pop()
-        names = found.names | {last.name}
-        found.dropped.append(Dropped(found.trial_in(names, last.name), REFUSED))
-        found.steps.pop()
-
-
-def _held_out(found: Diagnosis, heldout: Sequence[_core.RunData]) -> List[float]:
-    """Errors on runs held out, of the nominal model and after each step. Differences between
-    runs are estimated from the poses before each window, as in the folds."""
+def _steps(found: Diagnosis, heldout: Sequence[_core.RunData]) -> List[float]:
+    """Error on runs held out after each step."""
     if not heldout:
-        judged = [found.nominal] + [step.fit for step in found.steps]
-        return [float(fit.heldout.sum()) for fit in judged]
-    cut = windows.cut(heldout)
-    likelihood = Likelihood(heldout, found.given, found.likelihood.varying)
-    samples = [w.last - w.first + 1 for w in cut]
+        return [float(step.fit.heldout.sum()) for step in found.steps]
     names = [c.name for c in found.chosen]
-    fits = [found.search.fits[frozenset(names[:i])] for i in range(len(names) + 1)]
-    errors = [study.calibrated_errors(heldout, cut, likelihood, fit) for fit in fits]
-    return [float(np.average(e, axis=0, weights=samples).sum()) for e in errors]
+    fits = [found.search.fits[frozenset(names[: i + 1])] for i in range(len(names))]
+    return baseline.errors_on(found, heldout, fits)

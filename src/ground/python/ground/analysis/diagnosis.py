@@ -94,7 +94,7 @@ class Diagnosis:
         self.inside: Each = map
         if each is None:
             self.inside = self.pool.map
-        self.study = study.Study(runs, most=most)
+        self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
         self.chosen: List[Candidate] = []  # in the order of their choice
@@ -118,6 +118,7 @@ class Diagnosis:
         levels = [d.kind.level for d in differences]
         self.likelihood = Likelihood(self.runs, self.given, levels, self.threads)
         self.folds = held_out.Folds(self.runs, self.likelihood, self.given, self.cut, self.each)
+        self.study.part_of = self.folds.fold_of
         fitting = Fitting(
             self.likelihood,
             self.given,

@@ -39,21 +39,23 @@ def begun(
 ) -> Document:
     """The part of the report that the verdict needs, of a Diagnosis and its Conclusion; heldout: the runs
     that it was judged on; findings: mistakes that the recordings look like."""
-    nominal = diagnosis.nominal
+    before = conclusion.before
     names = [run.name for run in diagnosis.runs]
     with diagnosis.work.stage(stages.REPEATING):
         nested = conclusion.nested
     return {
         "schema": SCHEMA,
         "model": model_name,
-        "means": {n: e["summary"] for n, e in candidates.effects(nominal.model).items()},
+        "means": {n: e["summary"] for n, e in candidates.effects(before.model).items()},
         "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},
         "windows": {"used": len(diagnosis.cut), "available": diagnosis.study.available},
         "verdict": conclusion.verdict,
         "findings": list(findings),
         "nominal": {
-            "parameters": _parameters(nominal.parameters.values()),
-            "error": _errors(nominal, conclusion.heldout[0]),
+            "parameters": _parameters(before.parameters),
+            "error": {"fit": before.error, "heldout": before.heldout},
+            "by": before.by,
+            "refits": {r.by: {"fit": r.error, "heldout": r.heldout} for r in conclusion.refits},
         },
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
@@ -63,7 +65,7 @@ def begun(
         "noise_floor": conclusion.heldout_floor,
         "steps": [
             {"added": step.added, "error": _errors(step.fit, error), "group": list(step.group)}
-            for step, error in zip(diagnosis.steps, conclusion.heldout[1:])
+            for step, error in zip(diagnosis.steps, conclusion.steps)
         ],
         "slight": _slight(diagnosis),
         "dropped": _dropped(diagnosis),
@@ -292,14 +294,19 @@ def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
 def _tested(diagnosis: Diagnosis, proposal: Document) -> Optional[Document]:
     """The proposal with its errors; None if it does not lower the error on held-out runs, or if runs
     cannot be simulated with it."""
-    candidate = candidates.from_entry(effect_entry(proposal), "the proposal", diagnosis.best.model)
-    extended = candidate.add(diagnosis.best.model)
+    grown = diagnosis.best.model
+    candidate = candidates.from_entry(effect_entry(proposal), "the proposal", grown)
+
+    def refitted(model: _core.Model) -> study.Fit:
+        return diagnosis.study.refit([model], study.free_parameters(model))
+
     try:
-        fit = diagnosis.study.refit([extended], study.free_parameters(extended))
+        without, fit = refitted(grown), refitted(candidate.add(grown))
     except GroundError:
         return None  # the simulation diverges
     proposal["error"] = _errors(fit)
-    return proposal if fit.heldout.sum() < diagnosis.best.heldout.sum() else None
+    least = min(without.heldout.sum(), diagnosis.best.heldout.sum())
+    return proposal if fit.heldout.sum() < least else None
 
 
 def effect_entry(proposal: Document) -> Document:

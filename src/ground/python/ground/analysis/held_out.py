@@ -82,7 +82,7 @@ class Folds:
             fit.model,
             {p["name"]: p for p in fit.parameters},
             study.channel_errors(self.runs, self.cut, fit.model),
-            np.average(heldout, axis=0, weights=self._samples()),
+            self._mean(heldout),
             heldout.sum(axis=1),
             tuple(self.each(functools.partial(_blocks, self.tested, refitted), range(self.count))),
         )
@@ -90,8 +90,11 @@ class Folds:
     def nested(self, choose: Callable[[Likelihood], Fit], each: Each = map) -> Array:
         """Mean |e|/s (3,) over windows, each by a model that was chosen and fitted without it.
         choose(likelihood) returns the Fit for the Likelihood of the other parts; `each` maps it."""
-        chosen = each(choose, self.fitted)
-        return np.asarray(np.average(self._errors(list(chosen)), axis=0, weights=self._samples()))
+        return self.error(list(each(choose, self.fitted)))
+
+    def error(self, fits: Sequence[Fit]) -> Array:
+        """Mean |e|/s (3,) over windows, each by the Fit to the parts without it."""
+        return self._mean(self._errors(fits))
 
     def _errors(self, fits: Sequence[Fit]) -> Array:
         """Errors (windows, 3), each window by the Fit to the parts without it."""
@@ -106,8 +109,9 @@ class Folds:
                     heldout[inside] = np.inf
         return heldout
 
-    def _samples(self) -> List[int]:
-        return [w.last - w.first + 1 for w in self.cut]
+    def _mean(self, errors: Array) -> Array:
+        samples = [w.last - w.first + 1 for w in self.cut]
+        return np.asarray(np.average(errors, axis=0, weights=samples))
 
 
 def _refitted(fitted: Sequence[Likelihood], fit: Fit, fold: int) -> Fit:

@@ -40,13 +40,14 @@ class Fit:
     error: Array  # (3,) mean |e|/s of u, v, r over the windows fitted to
     heldout: Array  # (3,) the same over all windows, each by a fit to the other parts
     by_window: Array  # (windows,) sum of the held-out errors of u, v, r in each window
+    by_part: Dict[int, _core.Model]  # the model refitted without each part
 
 
 class Study:
     """Runs (_core.RunData), their windows, and the folds that are held out together.
 
     Folds are runs (with more than FOLDS runs, every FOLDS-th one together), or quarters of a
-    single run. Of long runs about `most` windows are used, spread evenly, so that the work does
+    single run; `part_of` may be set to other ones. Of long runs about `most` windows are used, spread evenly, so that the work does
     not grow with them. Raises GroundError when runs are too short.
     """
 
@@ -129,10 +130,11 @@ class Study:
         heldout = np.zeros((len(self.windows), 3))
         initial = iter(result["initial"])
         states = [list(itertools.islice(initial, len(self._pieces(w)))) for w in self.windows]
-        for part in np.unique(self.part_of):
+        by_part: Dict[int, _core.Model] = {}
+        for part in np.unique(self.part_of).tolist():
             inside = self.part_of == part
             rest = np.flatnonzero(~inside)
-            refitted = self._fit(
+            by_part[part] = self._fit(
                 [self.windows[i] for i in rest],
                 fitted,
                 free,
@@ -142,7 +144,7 @@ class Study:
                 initial=[state for i in rest for state in states[i]],
             )["model"]
             tested = [self.windows[i] for i in np.flatnonzero(inside)]
-            heldout[inside] = window_errors(self.runs, tested, refitted)
+            heldout[inside] = window_errors(self.runs, tested, by_part[part])
         samples = [w.last - w.first + 1 for w in self.windows]
         return Fit(
             fitted,
@@ -150,6 +152,7 @@ class Study:
             channel_errors(self.runs, self.windows, fitted),
             np.average(heldout, axis=0, weights=samples),
             heldout.sum(axis=1),
+            by_part,
         )
 
     def _pieces(self, window: _core.Window) -> List[_core.Window]:

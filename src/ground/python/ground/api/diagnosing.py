@@ -44,7 +44,7 @@ class Diagnosis(Shown):
     parameters: Dict[str, Parameter]  #: its parameters, by name
     error: Tuple[
         float, ...
-    ]  #: held-out error of the model as it was, then after each effect
+    ]  #: held-out error of the best refit without the effects, then after each effect
     noise_floor: float  #: error there that the noise of the poses alone would leave
     next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: the proposed experiment
     report: Document  #: everything, as diagnosis.json has it
@@ -186,8 +186,8 @@ def diagnose(
 ) -> Diagnosis:
     """Which physical effects are missing in a model, with evidence, and the model with them.
 
-    recordings, holdout: recordings or bags to fit to and to test on; without holdout, parts of
-    recordings are held out. only, exclude: names of effects to try and not to try (by default all of
+    recordings, holdout: recordings or bags to fit to and to test on; holdout judges what is found and
+    decides nothing. Without it, parts of recordings are held out. only, exclude: names of effects to try and not to try (by default all of
     the library, except those that are tried on request). effects: further effects to try, as names
     or as YAML files with one effect each. budget: number of effects that are refitted in each step,
     best by a score test first. thorough: uses all of long recordings. room: for the next experiment.

@@ -70,10 +70,10 @@ def diagnosis(
 def _inspected(
     found: Diagnosis, conclusion: Conclusion, runs: Sequence[Tuple[_core.RunData, str]]
 ) -> List[List[Document]]:
-    """Studies of each run: the refitted nominal model and, where effects were added, the improved
+    """Studies of each run: the nominal model as its best refit and, where effects were added, the improved
     one."""
     winner = conclusion.improved if found.chosen else None
-    models = [(found.nominal.model, NOMINAL, winner)]
+    models = [(conclusion.before.model, NOMINAL, winner)]
     if winner is not None:
         models.append((winner, IMPROVED, None))
 
@@ -228,7 +228,9 @@ def _run(
 def _evidence(sheet: page.Page, report: Document) -> None:
     sheet.heading("Evidence")
     sheet.paragraph(
-        "Each effect added to the refitted nominal model. p: probability of as much evidence without the "
+        "Each effect added to the nominal model, and refitted by likelihood; without an effect its error on "
+        "held-out runs is then %s." % number(report["nominal"]["refits"]["likelihood"]["heldout"])
+        + " p: probability of as much evidence without the "
         "effect, corrected for the number of effects tried. ΔBIC: below 0 favours the effect. Inclusion: its "
         "weight by likelihood among the effects that were refitted. Brackets: 95% intervals. Bold: "
         "chosen.",

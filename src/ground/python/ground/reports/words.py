@@ -12,6 +12,7 @@ from ground.recordings.windows import WINDOW
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 EXCLUDED = Criteria.exclusion  # log-likelihood ratio from which a rival is excluded
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
+FITTED = {"likelihood": "", "simulation": " by simulation error"}  # by what a model was refitted
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 
 
@@ -193,7 +194,11 @@ def listed(names: List[str]) -> str:
 
 def steps(report: Document) -> List[Tuple[str, float]]:
     """The steps of a diagnosis and the error on held-out runs after each: a list of pairs."""
-    found = [("refitted as it is", report["nominal"]["error"]["heldout"])]
+    nominal = report["nominal"]
+    found = [("refitted as it is" + FITTED[nominal["by"]], nominal["error"]["heldout"])]
+    if nominal["by"] != "likelihood" and len(report["steps"]) > 1:
+        # models between the first and the last were refitted by likelihood
+        found.append(("refitted by likelihood", nominal["refits"]["likelihood"]["heldout"]))
     found += [("+ " + effect(report, step["added"]), step["error"]["heldout"]) for step in report["steps"]]
     kind, proposal = report["memory"]["kind"], report["unexplained"]["proposal"]
     if kind and proposal:
@@ -202,17 +207,15 @@ def steps(report: Document) -> List[Tuple[str, float]]:
 
 
 def verdict(report: Document) -> str:
-    """The verdict of a diagnosis in one sentence."""
-    before = report["nominal"]["error"]["heldout"]
-    after, floor = report["improved"]["error"]["heldout"], report["noise_floor"]
+    """The verdict of a diagnosis in one sentence, and what contradicts it in another one."""
+    return " ".join([_verdict(report), *_contradiction(report)])
+
+
+def _verdict(report: Document) -> str:
     names = report["improved"]["effects"]
     one, chosen = len(names) == 1, _capital(effects(report, names))
-    fall = "with %s the error on held-out runs falls from %.3f to %.3f" % (
-        "it" if one else "them",
-        before,
-        after,
-    )
-    leaves = "the noise of the poses alone leaves %.3f." % floor
+    fall = _fall(report, "it" if one else "them")
+    leaves = "the noise of the poses alone leaves %.3f." % report["noise_floor"]
     if report["verdict"] == "misread":
         return (
             "The recordings look misread, so no effect is blamed: mend them first, or diagnose them as they "
@@ -222,14 +225,14 @@ def verdict(report: Document) -> str:
         small = report["slight"]
         visible = "; %s is visible and does not matter" % _sized(report, small) if small else ""
         return (
-            "Nothing is missing%s: refitted, the model's error on held-out runs is %.3f, and "
-            % (visible, before)
+            "Nothing is missing%s: refitted, the model's error on held-out runs is %s, and "
+            % (visible, _without(report))
             + leaves
         )
     if report["verdict"] == "varies":
-        return "No effect is missing, but %s; the error on held-out runs is %.3f, %s" % (
+        return "No effect is missing, but %s; the error on held-out runs is %s, %s" % (
             listed([_varying(v) for v in report["varies"]]),
-            before,
+            _without(report),
             leaves,
         )
     if report["verdict"] == "missing":
@@ -239,9 +242,42 @@ def verdict(report: Document) -> str:
         kind = report["memory"]["kind"]
         rest = "missing that depends on the past" + (" (%s)" % kind["means"] if kind else "")
     if not names:
-        return "Something is %s: the error on held-out runs is %.3f, %s" % (rest, before, leaves)
+        return "Something is %s: the error on held-out runs is %s, %s" % (rest, _without(report), leaves)
     improves = chosen + (" improves" if one else " improve")
     return "%s the model: %s. But something else is %s: %s" % (improves, fall, rest, leaves)
+
+
+def _fall(report: Document, them: str) -> str:
+    """How the error changes from the best refit without the effects to the improved model."""
+    before, after = (report[kind]["error"]["heldout"] for kind in ("nominal", "improved"))
+    changes = "falls" if after < before else "does not fall: it goes"
+    return "with %s the error on held-out runs %s from %.3f to %.3f" % (them, changes, before, after)
+
+
+def _without(report: Document) -> str:
+    """The error of the model that is written where no effect is missing; the other refit is named if
+    it predicts better."""
+    best, written = report["nominal"]["error"]["heldout"], report["improved"]["error"]["heldout"]
+    if number(best) == number(written):
+        return number(written)
+    return "%s (%s refitted%s)" % (number(written), number(best), FITTED[report["nominal"]["by"]])
+
+
+def _contradiction(report: Document) -> Iterator[str]:
+    """Effects with which the runs that the user held out are predicted worse than without them."""
+    if report["runs"]["heldout"] == report["runs"]["fit"] or not report["steps"]:
+        return
+    errors = [report["nominal"]["error"]["heldout"]]
+    errors += [step["error"]["heldout"] for step in report["steps"]]
+    best = errors.index(min(errors))
+    names = [step["added"] for step in report["steps"][best:]]
+    if names:
+        yield "But the held-out runs contradict: %s %s predictions of them worse (%s without, %s with)." % (
+            effects(report, names),
+            "makes" if len(names) == 1 else "make",
+            number(errors[best]),
+            number(errors[-1]),
+        )
 
 
 def findings(report: Document) -> Iterator[str]:
@@ -497,6 +533,8 @@ def described(report: Document) -> Iterator[str]:
         )
     yield ""
     yield "%4s %9s %9s %9s  %s" % ("rank", "p", "dBIC", "held out", "effect: parameters [95%]")
+    alone = number(report["nominal"]["refits"]["likelihood"]["heldout"])
+    yield "%4s %9s %9s %9s  %s" % ("-", "-", "-", alone, "none, refitted by likelihood as all below")
     for c in report["candidates"][:8]:
         yield "%4d %9.1g %9.0f %9s  %s%s: %s" % (
             c["rank"],
