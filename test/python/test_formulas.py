@@ -1,5 +1,6 @@
 """Formulas for what is missing, experiments, memory, and curves of thrust, each with plain numbers."""
 import dataclasses
+import json
 import types
 
 import numpy as np
@@ -94,6 +95,51 @@ def test_formulas_of_other_thrusters_have_their_names():
     thrusters = [one["name"] for one in four().thrusters]
     assert {"u_" + name for name in thrusters} | {"u_%s^2" % name for name in thrusters} <= names
     assert not any("u_L" in name for name in names) and "abs(r)*r" in names
+
+
+def four_at_right_angles():
+    """A craft with thrusters f1 to f4 that push ahead, back and to both sides."""
+    text = MODEL.read_text()
+    places = [(-0.03, -0.03, 0), (-0.03, 0.03, 0), (0.04, -0.03, 90), (-0.04, 0.03, -90)]
+    thrusters = "".join(
+        "    - {name: f%d, position: [%g, %g], direction: %g, range: [0, 1]}\n" % (i, *place)
+        for i, place in enumerate(places, 1)
+    )
+    lines = [line for line in text.splitlines() if not line.strip().startswith(("l:", "input_max:"))]
+    at = next(i for i, line in enumerate(lines) if line.startswith("effects"))
+    text = "\n".join([*lines[:at], "  thrusters:", thrusters.rstrip("\n"), *lines[at:]])
+    return _core.parse_model(text, "four.yaml")
+
+
+@pytest.mark.parametrize("channel, formula", [("X", "u_f1*v"), ("N", "u_f3*r"), ("Y", "u_f2*u_f4")])
+def test_a_force_of_one_thruster_of_four_and_the_motion_is_proposed(channel, formula):
+    """The command of a thruster beside a velocity, or of two thrusters: none of the library's effects."""
+    entry = (
+        "name: odd\nexpression: {%s: c*%s}\nparameters: {c: {value: %g, unit: N, neutral: 0.0, "
+        "lower: -9, upper: 9}}\n"
+    )
+    craft = four_at_right_angles()
+    size = -3e-5 if channel == "N" else 0.08
+    truth = _core.with_effect(craft, entry % (channel, formula, size), "odd.yaml")
+    runs = []
+    for seed in (1, 2):
+        random = np.random.default_rng(seed)
+        times = np.arange(0, 12, 0.01)
+        drive = random.integers(0, 2, (120, 4)) * np.array([0.9, 0.8, 0.7, 0.8])
+        inputs = np.column_stack([np.arange(120) / 10, drive, np.ones(120)])
+        eta = _core.simulate(truth, inputs, times, np.zeros(3), np.zeros(3))["eta"]
+        eta = eta + random.normal(0, [3e-4, 3e-4, 5e-3], eta.shape)
+        found = repair.smooth(times, eta, (3e-4, 5e-3))
+        levels = np.array([3e-4, 3e-4, 5e-3])
+        runs.append(_core.RunData("run", times, found["eta"], found["nu"], inputs, eta, levels))
+    _, proposal = unexplained.explain(runs, craft)
+    assert proposal is not None and "(%s)" % formula in proposal["expression"][channel]
+    extended = _core.with_effect(craft, json.dumps(proposal_entry(proposal)), "proposal.yaml")
+    assert "proposed" in extended.effects
+
+
+def proposal_entry(proposal):
+    return {key: proposal[key] for key in ("name", "expression", "parameters")}
 
 
 # --- the choice of formulas

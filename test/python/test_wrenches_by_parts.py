@@ -7,8 +7,9 @@ from conftest import ROOT
 from test_missing_wrench import model, pushed, rotated, run_data, smooth_series
 
 from ground import _core
-from ground.analysis import comparison, failure, remains, residuals, unexplained
+from ground.analysis import candidates, comparison, failure, remains, residuals, unexplained
 from ground.recordings import repair, windows
+from ground.reports import figures, inspection
 
 
 def four():
@@ -42,6 +43,32 @@ def test_variables_of_other_crafts_are_those_of_their_thrusters():
         one = found[name]
         for i, centre in enumerate(one.centres):
             assert centre == pytest.approx(np.median(values[one.index == i]), abs=1e-5), name
+
+
+def test_residuals_of_other_crafts_do_not_follow_inputs_that_they_do_not_have():
+    """Motors lag, which the model does not know."""
+    _, craft = four_run()
+    random = np.random.default_rng(1)
+    edges = np.arange(150) / 15
+    rows = np.column_stack([edges, 0.3 * random.integers(0, 2, (150, 4)), np.ones(150)])
+    times, levels = np.arange(0, 10, 0.01), np.array([3e-4, 3e-4, 5e-3])
+    truth = candidates.of_library("motor_lag").neutral(without_effects(craft))
+    truth.set_value("motor_lag.tau", 0.15)
+    eta = np.array(_core.simulate(truth, rows, times, np.zeros(3), np.zeros(3))["eta"])
+    eta += random.normal(0, levels, eta.shape)
+    found = repair.smooth(times, eta, (3e-4, 5e-3))
+    run = _core.RunData("four", times, found["eta"], found["nu"], rows, eta, levels)
+    study = inspection.inspect(run, without_effects(craft), "four")
+    titles = str(figures.residual_correlation([study]))
+    assert any("still follow the commanded" in sentence for sentence in study["summary"])
+    assert "u_L" not in " ".join(study["summary"]) + titles and "moment" in titles
+
+
+def without_effects(craft):
+    plain = craft.copy()
+    for name in craft.effects:
+        plain.remove_effect(name)
+    return plain
 
 
 def test_headings_have_bins_of_thirty_degrees():

@@ -7,7 +7,7 @@ spacing of the stamps, and independent of the inputs.
 """
 
 from statistics import NormalDist
-from typing import Optional, Sequence
+from typing import Dict, Optional, Sequence
 
 import numpy as np
 
@@ -58,6 +58,14 @@ def analyse(
         result["channels"][name] = entry
     result["white"] = all(c["autocorrelation"]["accepted"] for c in result["channels"].values())
     return result
+
+
+def commands(model: _core.Model) -> Dict[str, str]:
+    """The commands that `analyse` correlates residuals with, in words by their keys."""
+    names = ("u_L+u_R", "u_L-u_R")
+    if not model.is_pair:
+        names = ("the commanded thrust ahead", "the commanded moment")
+    return dict(zip(("input_sum", "input_difference"), names))
 
 
 def noise_levels(noise: _core.WrenchNoise, force_unit: str, moment_unit: str) -> Document:

@@ -47,8 +47,8 @@ class Study:
     """Runs (_core.RunData), their windows, and the folds that are held out together.
 
     Folds are runs (with more than FOLDS runs, every FOLDS-th one together), or quarters of a
-    single run; `part_of` may be set to other ones. Of long runs about `most` windows are used, spread evenly, so that the work does
-    not grow with them. Raises GroundError when runs are too short.
+    single run; `part_of` may be set to other ones. Of long runs about `most` windows are used,
+    spread evenly, so that the work does not grow with them. Raises GroundError when runs are too short.
     """
 
     def __init__(

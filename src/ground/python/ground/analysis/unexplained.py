@@ -7,6 +7,7 @@ formula is therefore passed through the same smoother. Orthogonal matching pursu
 error of the best.
 """
 
+import itertools
 import re
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
@@ -23,12 +24,13 @@ STRETCH = 2.0  # length of a stretch of time that is held out together [s]
 FOLDS = 6
 MAX_TERMS = 4  # terms of a proposal
 MIN_NEW = 0.05  # least part of a term that the model's own parameters cannot imitate
+TINY = 1e-6  # part of full thrust below which a thruster does not push in a direction
 STEP = 1e-3  # relative step of a parameter, for its finite difference
 MIN_SHARE = (
     0.02  # share of the wrench's variance on held-out stretches that a proposal has to explain
 )
 NAMES = ("u", "v", "r", "x", "y", "psi", "lift", "t")
-# Formulas of the body's frame, and the units of their values.
+# Formulas of the body's frame without commands, and the units of their values.
 BODY = {
     "1": "-",
     "u": "m/s",
@@ -50,18 +52,6 @@ BODY = {
     "abs(r)*v": "m/s^2",
     "abs(u)*r": "m/s^2",
     "abs(v)*r": "m/s^2",
-    "u_L": "-",
-    "u_R": "-",
-    "u_L*u_R": "-",
-    "u_L^2": "-",
-    "u_R^2": "-",
-    "(u_L-u_R)*(u_L+u_R)": "-",
-    "u_L*u": "m/s",
-    "u_R*u": "m/s",
-    "(u_L+u_R)*v": "m/s",
-    "(u_L-u_R)*v": "m/s",
-    "(u_L+u_R)*r": "rad/s",
-    "(u_L-u_R)*r": "rad/s",
     "t": "s",
 }
 # Formulas of forces along world x and world y.
@@ -103,12 +93,34 @@ def _inputs(model: _core.Model) -> List[str]:
     return ["u_" + thruster["name"] for thruster in model.thrusters]
 
 
+def _together(model: _core.Model) -> List[str]:
+    """Commands of several thrusters in one formula: those that push the craft ahead, to a side and
+    around, with their signs, and all of them."""
+    names = _inputs(model)
+    full = np.diag([thruster["range"][1] for thruster in model.thrusters])
+    pushes = np.where(np.abs(model.forces(full)) > TINY, np.sign(model.forces(full)), 0.0)
+    found = []
+    for signs in [*pushes.T, np.ones(len(names))]:
+        parts = ["%s%s" % ("-" if sign < 0 else "+", n) for sign, n in zip(signs, names) if sign]
+        if len(parts) > 1:
+            found.append("(%s)" % "".join(parts).lstrip("+"))
+    return list(dict.fromkeys(found))
+
+
+def _commanded(model: _core.Model) -> Dict[str, str]:
+    """Formulas of the commands, alone and with a velocity, and the units of their values."""
+    single, together = _inputs(model), _together(model)
+    products = [*itertools.combinations(single, 2), *itertools.combinations(together, 2)]
+    found = {formula: "-" for name in single for formula in (name, name + "^2")}
+    found.update({"*".join(pair): "-" for pair in products})
+    for velocity in "uvr":
+        found.update({"%s*%s" % (f, velocity): BODY[velocity] for f in single + together})
+    return found
+
+
 def dictionary(model: _core.Model) -> List[Term]:
     """All Terms that are tried for a model's craft."""
-    body = BODY
-    if not model.is_pair:
-        body = {f: unit for f, unit in BODY.items() if "u_" not in f}
-        body.update({f: "-" for name in _inputs(model) for f in (name, name + "^2")})
+    body = {**BODY, **_commanded(model)}
     terms = [Term(f, unit, {c: f}) for c in CHANNELS for f, unit in body.items()]
     for f, unit in WORLD.items():
         terms.append(Term(f, unit, {"X": "(%s)*cos(psi)" % f, "Y": "-(%s)*sin(psi)" % f}))

@@ -187,8 +187,8 @@ def diagnose(
     """Which physical effects are missing in a model, with evidence, and the model with them.
 
     recordings, holdout: recordings or bags to fit to and to test on; holdout judges what is found and
-    decides nothing. Without it, parts of recordings are held out. only, exclude: names of effects to try and not to try (by default all of
-    the library, except those that are tried on request). effects: further effects to try, as names
+    decides nothing. Without it, parts of recordings are held out. only, exclude: names of effects to
+    try and not to try (by default all of the library, except those that are tried on request). effects: further effects to try, as names
     or as YAML files with one effect each. budget: number of effects that are refitted in each step,
     best by a score test first. thorough: uses all of long recordings. room: for the next experiment.
     start, end: the part of every run, on the run's clock [s]; everything: includes parts that are

@@ -289,20 +289,16 @@ def _around(values: Array) -> List[float]:
 
 def residual_correlation(studies: Sequence[Document]) -> Document:
     """Correlation of one-step residuals of every model with themselves and with the commands."""
-    columns = [
-        ("autocorrelation", "with itself, earlier"),
-        ("input_sum", "with u_L+u_R, earlier"),
-        ("input_difference", "with u_L-u_R, earlier"),
-    ]
+    columns = {"autocorrelation": "itself", **residuals.commands(studies[0]["model"])}
     figure = panels.Figure(
         rows=3,
         cols=len(columns),
         horizontal_spacing=0.045,
         vertical_spacing=0.05,
-        titles=[title for _, title in columns],
+        titles=["with %s, earlier" % name for name in columns.values()],
     )
     for row, channel in enumerate(residuals.CHANNELS):
-        for column, (kind, _) in enumerate(columns):
+        for column, kind in enumerate(columns):
             for count, study in enumerate(studies):
                 entry = study["residuals"]["channels"][channel][kind]
                 _add_correlation(figure, row, column, entry, study["label"], count)

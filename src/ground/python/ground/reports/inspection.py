@@ -42,5 +42,7 @@ def inspect(
         "where": where,
         "residuals": correlation,
         "missing": missing,
-        "summary": words.summary(numbers, where, correlation, missing.numbers),
+        "summary": words.summary(
+            numbers, where, correlation, missing.numbers, residuals.commands(model)
+        ),
     }

@@ -43,9 +43,14 @@ def sentence(text: str) -> str:
 
 
 def summary(
-    numbers: Document, where: Document, correlation: Document, missing: Document
+    numbers: Document,
+    where: Document,
+    correlation: Document,
+    missing: Document,
+    commands: Mapping[str, str],
 ) -> List[str]:
-    """A few sentences: axes that differ, the missing wrench, residuals, the error."""
+    """A few sentences: axes that differ, the missing wrench, residuals, the error. commands: names of
+    what the residuals are correlated with."""
     found = []
     thrust = missing["thrust"]
     if thrust and thrust["body_axes_differ"]:
@@ -53,7 +58,7 @@ def summary(
     if missing["disturbances"]:
         found.append(disturbances(missing["disturbances"]))
     found.append(missing_wrench(missing["channels"]))
-    followed = followed_input(correlation["channels"])
+    followed = followed_input(correlation["channels"], commands)
     if followed:
         found.append(followed)
     found.append(error(numbers["error_by_channel"], where))
@@ -112,11 +117,11 @@ def missing_wrench(channels: Document) -> str:
     )
 
 
-def followed_input(channels: Document) -> Optional[str]:
+def followed_input(channels: Document, commands: Mapping[str, str]) -> Optional[str]:
     """The command that the residuals follow most, and with which delay; None without one."""
     strongest, text = 0.0, None
     for channel, entry in channels.items():
-        for kind, name in (("input_sum", "u_L+u_R"), ("input_difference", "u_L-u_R")):
+        for kind, name in commands.items():
             if entry[kind] is None or entry[kind]["accepted"]:
                 continue
             after = [i for i, lag in enumerate(entry[kind]["lag_seconds"]) if lag > -1e-9]
