@@ -300,7 +300,8 @@ class Diagnosis:
             return found
         self.work.note("%s: %s" % (remembered.kind.name, remembered.means))
         self.memory, self.dropped = remembered, self.dropped + stand_ins
-        return rest
+        # Others may have been of use only beside those, or beside the memory.
+        return self._without_refuted(rest) if stand_ins else rest
 
     def _order(self, found: FrozenSet[str]) -> None:
         """Orders the effects into steps, from the last to the first: the effect that the set can
