@@ -8,6 +8,7 @@ import pytest
 from conftest import MODEL, identify, write_bag
 
 import ground
+from ground.api import comparing
 
 FREE = ["k"]
 
@@ -271,14 +272,20 @@ def test_a_comparison_leaves_no_file_of_the_one_before(here, tmp_path):
     assert set(files_in(out)) - set(files_in(fresh)) == {"notes.csv"}
 
 
-def test_a_comparison_that_fails_keeps_the_one_before(here, tmp_path):
-    out = tmp_path / "out"
-    ground.compare(MODEL, "train/run1.bag").save(out, pictures=False)
+def test_an_interrupted_comparison_keeps_the_one_before(here, tmp_path, monkeypatch):
+    out, runs = tmp_path / "out", ["train/run1.bag", "test/run1.bag"]
+    ground.compare(MODEL, runs).save(out, pictures=False)
     before = files_in(out)
-    stiff = tmp_path / "stiff.yaml"
-    stiff.write_text(MODEL.read_text().replace("4.62e-5", "1e300").replace("8.8e-5", "1e-300"))
-    arguments = "--model", MODEL, "--model", stiff, "--numbers", "--force", "-o", out
-    assert identify("compare", "train/run1.bag", *arguments).returncode == 1
+    other = ground.Model.load(MODEL).with_values({"k": 0.07}).save(tmp_path / "tiny_whoover.yaml")
+    compared = comparing.each_run
+
+    def interrupted(*arguments):
+        yield next(compared(*arguments))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(comparing, "each_run", interrupted)
+    arguments = "--model", other.path, "--numbers", "--force", "-o", out
+    assert identify("compare", *runs, *arguments).returncode == 1
     assert files_in(out) == before
 
 

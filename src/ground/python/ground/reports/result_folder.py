@@ -8,7 +8,7 @@ from typing import Iterable, Iterator
 
 from ground import files
 from ground.annotations import Document
-from ground.errors import GroundError
+from ground.errors import GroundError, reason
 
 
 def prepare(folder: str, paths: Iterable[str], force: bool) -> None:
@@ -36,7 +36,11 @@ def older(path: str, schema: str) -> Document:
 def replaced(folder: str, stale: Iterable[str], force: bool) -> Iterator[str]:
     """Gives a temporary folder. When the block succeeds, its files become those of the folder, and stale
     files that it has not written are removed; else all stays as it was. stale: their names."""
-    with tempfile.TemporaryDirectory(prefix=".ground-", dir=folder) as temporary:
+    try:
+        new = tempfile.TemporaryDirectory(prefix=".ground-", dir=folder)
+    except OSError as error:
+        raise GroundError("%s: cannot be written to (%s)" % (folder, reason(error))) from error
+    with new as temporary:
         try:
             yield temporary
         except GroundError as error:
