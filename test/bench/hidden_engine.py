@@ -52,7 +52,7 @@ def _answer(found, conclusion):
         "first": [t.name for t in found.tried[:3]],
         "p_values": {t.name: t.p_value for t in found.tried},
         "errors": {
-            "fit": [float(found.nominal.error.sum()), float(found.best.error.sum())],
+            "fit": [conclusion.before.error, float(found.best.error.sum())],
             "steps": [float(error) for error in conclusion.heldout],
         },
         "floor": float(conclusion.noise_floor),

@@ -186,18 +186,18 @@ def diagnose(
 ) -> Diagnosis:
     """Which physical effects are missing in a model, with evidence, and the model with them.
 
-    recordings, holdout: recordings or bags to fit to and to test on; holdout judges what is found and
-    decides nothing. Without it, parts of recordings are held out. only, exclude: names of effects to
-    try and not to try (by default all of the library, except those that are tried on request). effects: further effects to try, as names
-    or as YAML files with one effect each. budget: number of effects that are refitted in each step,
-    best by a score test first. thorough: uses all of long recordings. room: for the next experiment.
-    start, end: the part of every run, on the run's clock [s]; everything: includes parts that are
-    not usable. as_recorded: diagnoses recordings that look misread (swapped channels, wrong signs, units
-    or clocks), too; otherwise the verdict says so and no effect is blamed. resume: a folder that keeps
-    finished parts, so that an interrupted diagnosis can be resumed. scheduler: of a Dask cluster that
-    does the fits, as for `compare`. progress: called with a
-    ground.progress.Report at each step. GroundError when a file cannot be read, there is no such
-    effect or the recordings are too short.
+    recordings, holdout: recordings or bags to fit to and to test on; holdout judges what is found
+    and decides nothing. Without it, parts of recordings are held out. only, exclude: names of
+    effects to try and not to try (by default all of the library, except those that are tried on
+    request). effects: further effects to try, as names or as YAML files with one effect each.
+    budget: number of effects that are refitted in each step, best by a score test first. thorough:
+    uses all of long recordings. room: for the next experiment. start, end: the part of every run,
+    on the run's clock [s]; everything: includes parts that are not usable. as_recorded: diagnoses
+    recordings that look misread (swapped channels, wrong signs, units or clocks), too; otherwise
+    the verdict says so and no effect is blamed. resume: a folder that keeps finished parts, so that
+    an interrupted diagnosis can be resumed. scheduler: of a Dask cluster that does the fits, as for
+    `compare`. progress: called with a ground.progress.Report at each step. GroundError when a file
+    cannot be read, there is no such effect or the recordings are too short.
 
     >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "quadratic_drag"])
     >>> found.verdict, found.effects  # this craft turns by itself
