@@ -1,7 +1,10 @@
 """A simulated craft finds its own physics: information, beliefs, and the steps of a discovery."""
 
+import contextlib
 import dataclasses
 import json
+import pathlib
+import types
 
 import numpy as np
 import pytest
@@ -58,6 +61,13 @@ def plain(story):
 
 
 CURVED = {"thrust_curve": {"p": 1.4}}
+SIDE_FORCE = {
+    "name": "side_force_in_turns",
+    "expression": {"Y": "a*r*u"},
+    "parameters": {
+        "a": {"value": 0.0047, "unit": "N s^2/m", "neutral": 0.0, "lower": -1, "upper": 1}
+    },
+}
 
 
 @pytest.fixture(scope="module")
@@ -292,19 +302,160 @@ def test_the_folder_of_another_model_is_refused(curved, tmp_path):
         Discovery(given(), lab, folder=str(tmp_path), threads=1)
 
 
-def test_proposed_effects_are_tried_again_after_an_interruption():
-    entry = {
-        "name": "proposed",
-        "expression": {"Y": "a*r*u"},
-        "parameters": {"a": {"value": 0.005, "unit": "N s^2/m", "neutral": 0.0, "lower": -1, "upper": 1}},
-    }
-    model = candidates.from_entry(entry, "the proposal").add(craft(**CURVED))
-    again = Analyst(given(), room(), 1)
-    again.adopt(model)
-    again.adopt(model)  # it is in several models of a story
-    assert [c.name for c in again.own] == ["proposed"]
-    assert again.formulas["proposed"] == {"Y": "a*r*u"}
-    assert again.own[0].add(given()).effects == ["proposed"]
+# --- Interruptions
+
+
+class Killed(BaseException):
+    """Ends a session as a loss of power does."""
+
+
+class Power:
+    """Lasts for some events of a session: before and after each change of the folder, of the controllers,
+    or of what is told."""
+
+    def __init__(self, events=10**9):
+        self.left, self.used = events, 0
+
+    def spend(self):
+        if self.used == self.left:
+            raise Killed
+        self.used += 1
+
+    def cuts(self, patch, kind, *names):
+        """Patches methods of a class so that they need power."""
+        for name in names:
+            patch.setattr(kind, name, self.around(getattr(kind, name)))
+
+    def around(self, method):
+        def call(*arguments, **options):
+            self.spend()
+            result = method(*arguments, **options)
+            self.spend()
+            return result
+
+        return call
+
+
+def contents(folder):
+    """What is in the folder of a discovery, without its recordings' and page's contents."""
+    kept = {path.name: path.read_text() for path in folder.glob("*.[cyj]*")}
+    return {**dict.fromkeys(path.name for path in folder.iterdir()), **kept}
+
+
+def interrupted(begin, folder, lasts, kind=SimulatedLaboratory):
+    """The story of a discovery whose power lasts for some events in each session; begin: makes it."""
+    for events in lasts:
+        power = Power(events)
+        with pytest.MonkeyPatch.context() as patch:
+            power.cuts(patch, Journal, "begin", "keep", "keep_inputs", "keep_model")
+            power.cuts(patch, kind, "fly", "load")
+            with contextlib.suppress(Killed):
+                discovery = begin(folder)
+                discovery.told = lambda _: power.spend()
+                discovery.run()
+    return power
+
+
+FLOWN = {}  # (bag, Landed, pose after it) of flights of SwiftLaboratory
+
+
+class SwiftLaboratory(SimulatedLaboratory):
+    """Does not simulate the same flight twice."""
+
+    def fly(self, flight, inputs):
+        which = (flight.number, flight.reference, inputs.tobytes(), self.pose.tobytes())
+        which += (self.believed.format(),)
+        if which not in FLOWN:
+            landed = super().fly(flight, inputs)
+            bag = pathlib.Path(self.folder, landed.file).read_bytes()
+            FLOWN[which] = bag, landed, self.pose
+        bag, landed, self.pose = FLOWN[which]
+        pathlib.Path(self.folder, landed.file).write_bytes(bag)
+        return landed
+
+
+class RoughAnalyst:
+    """Finds something that depends on the flights, the time that is left, and its earlier diagnoses, as an
+    Analyst does, but at once."""
+
+    def __init__(self, *_):
+        self.start, self.first_offers, self.formulas, self.depends = None, [], {}, ""
+        self.past = 0.0
+
+    def misread(self, _):
+        return []
+
+    def propose(self, _):
+        self.past += 0.1
+
+    def diagnose(self, recordings, reachable, seed):
+        moved = sum(float(np.ptp(recording.eta[:, 0])) for recording in recordings)
+        self.past = 0.5 * self.past + moved
+        model = craft(yaw_bias={"n0": 1e-6 * self.past + 1e-8 * reachable + 1e-9 * seed})
+        count = len(recordings)
+        conclusion = types.SimpleNamespace(varies=[], memory=None, heldout=[0.1, 0.05])
+        fit = types.SimpleNamespace(expected=10.0 if count > 4 else 1e-3)
+        found = types.SimpleNamespace(
+            fit=fit, chosen=[types.SimpleNamespace(name="yaw_bias")], steps=[]
+        )
+        state = types.SimpleNamespace(open=[], beliefs=[])
+        return types.SimpleNamespace(
+            diagnosis=found, conclusion=conclusion, state=state, offers=[], model=model,
+            verdict="unexplained", asked=[], is_left_open=False,
+        )  # fmt: skip
+
+
+class ShortChooser:
+    """Chooses one piece for each flight."""
+
+    def choose(self, state, offers, longest, seed):
+        return choice.Chosen(choice.confirming(given(), seed)[:1], "It is short.")
+
+
+@pytest.mark.parametrize("track", [True, False])
+def test_a_discovery_killed_anywhere_ends_as_if_it_had_not_been(tmp_path, monkeypatch, track):
+    monkeypatch.setattr(campaign.analyst, "Analyst", RoughAnalyst)
+    monkeypatch.setattr(campaign.analyst, "expected_errors", lambda _, fit, *__, **___: [fit.expected])
+
+    def begin(folder):
+        folder.mkdir(exist_ok=True)
+        lab = laboratory(craft(), folder, kind=SwiftLaboratory)
+        settings = Settings(track=track, budget=250.0)
+        return Discovery(given(), lab, settings, str(folder), chooser=ShortChooser(), threads=1)
+
+    events = interrupted(begin, tmp_path / "whole", [10**9], SwiftLaboratory).used
+    whole = contents(tmp_path / "whole")
+    story = Journal(str(tmp_path / "whole")).story()
+    assert story.sure and len(story.findings) > 2 and events > 50
+    assert len([f for f in story.flights if f.flight.purpose == CONFIRM]) == 2  # the first one failed
+    assert (story.tracking is not None) == track
+    for last in range(events):
+        folder = tmp_path / str(last)
+        interrupted(begin, folder, [last, last % 13, 10**9], SwiftLaboratory)
+        assert contents(folder) == whole, last
+
+
+def test_what_was_proposed_before_an_interruption_is_tried_after_it(tmp_path):
+    truth = candidates.from_entry(SIDE_FORCE, "the truth").add(craft())
+
+    def begin(folder, told=lambda _: None):
+        folder.mkdir(exist_ok=True)
+        lab = laboratory(truth, folder, seed=3)
+        return Discovery(given(), lab, Settings(track=False), str(folder), told, threads=1)
+
+    whole = begin(tmp_path / "whole").run()
+    assert whole.findings[-1].effects == ["proposed"] and len(whole.findings) > 1
+
+    def kill(story):
+        if len(story.findings) == len(whole.findings) - 1 and "diagnoses" in story.activity:
+            raise Killed
+
+    with pytest.raises(Killed):
+        begin(tmp_path / "killed", kill).run()
+    again = begin(tmp_path / "killed")
+    assert plain(again.run()) == plain(whole)
+    assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
+    assert again.models[again.story.versions[-1].label].format() == again.found.model.format()
 
 
 # --- Crafts and rooms that do not go as planned
@@ -489,14 +640,7 @@ def test_a_story_is_read_as_it_was_written(curved):
 
 
 def test_a_force_that_no_effect_explains_becomes_a_formula():
-    entry = {
-        "name": "side_force_in_turns",
-        "expression": {"Y": "a*r*u"},
-        "parameters": {
-            "a": {"value": 0.0047, "unit": "N s^2/m", "neutral": 0.0, "lower": -1, "upper": 1}
-        },
-    }
-    truth = candidates.from_entry(entry, "the truth").add(craft())
+    truth = candidates.from_entry(SIDE_FORCE, "the truth").add(craft())
     lab = laboratory(truth, seed=3)
     story = Discovery(given(), lab, Settings(track=False), threads=1).run()
     last = story.findings[-1]

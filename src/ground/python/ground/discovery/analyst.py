@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import Dict, Iterable, List, Mapping, Optional, Sequence
 
 import numpy as np
-import yaml
 
 from ground import _core
 from ground.analysis import budget, candidates, challengers, diagnosis, memory, study, unexplained
@@ -173,14 +172,6 @@ class Analyst:
         run, seconds = motion
         likelihood = Likelihood([run], self.given, varying)
         return Offer(piece, information.of_runs(basis, likelihood, levels).matrix, seconds)
-
-    def adopt(self, model: _core.Model) -> None:
-        """Goes on to try the effects of a model that were proposed before an interruption."""
-        for entry in yaml.safe_load(model.format())["effects"] or []:
-            name = str(entry["name"])
-            known = name in self.formulas or name in self.given.effects
-            if "expression" in entry and not known:
-                self._add(entry, name)
 
     def _challenge(self, found: diagnosis.Diagnosis) -> bool:
         """Adds the best formula that may act in the place of effects to those that are tried; returns

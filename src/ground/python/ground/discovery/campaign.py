@@ -1,6 +1,7 @@
 """A discovery: flights, a diagnosis after each of them, and the choice of the next one.
 
-What comes next follows from the story alone, so that an interrupted discovery goes on from its folder:
+What comes next follows from the story and the recordings alone. An interrupted discovery repeats its
+diagnoses, then the step that was interrupted, and ends as if nothing had happened. The steps:
 
 1. a reference is tracked with the given model (if asked for),
 2. flights look at all effects, then decide what is open, each followed by a diagnosis of all flights
@@ -23,7 +24,7 @@ from ground.analysis.conclusion import MISREAD
 from ground.annotations import Array
 from ground.discovery import analyst, choice, pieces, tracking
 from ground.discovery.analyst import Found
-from ground.discovery.journal import Journal
+from ground.discovery.journal import FIRST, Journal
 from ground.discovery.laboratory import Laboratory
 from ground.discovery.story import (
     CONFIRM,
@@ -59,6 +60,7 @@ PATIENCE = 3  # flights in a row that show nothing
 LASTING = 2  # findings in a row that leave a verdict unexplained before it is sure
 TOLERANCE = 1.1  # largest ratio of a final model's error to those that are expected of it
 PATH_STEP = 0.1  # between points of a path [s]
+REFUSED = "the controllers refuse the model %s: %s"
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,6 @@ class Discovery:
         self._diagnosed = 0
         self._stop = ""
         self._recordings: Dict[int, Recording] = {}  # by number of the flight
-        self._before = 0  # flights of the folder
         self.story = self._continued() or self._begun()
 
     @functools.cached_property
@@ -125,16 +126,19 @@ class Discovery:
     def _step(self) -> None:
         story = self.story
         waiting = max(self._excitations(), default=0)
+        known = story.findings[-1].after if story.findings else 0
         if self._stop:
             self._end(self._stop)
         elif self._failed() >= PATIENCE:
             self._end("%d flights in a row could not be used: %s" % (
                 PATIENCE, story.flights[-1].stopped or "they were too short",
             ))  # fmt: skip
+        elif known > self._diagnosed:
+            self._repeat_diagnosis()
         elif self.settings.track and not self._tracked(GIVEN):
             self._track(GIVEN)
         elif waiting > self._diagnosed:
-            self._diagnose()
+            self._diagnose(waiting)
         elif story.verdict == MISREAD:
             self._end("the recordings look misread: %s" % story.findings[-1].sentences[0])
         elif not self._sure():
@@ -149,27 +153,25 @@ class Discovery:
     def _left(self) -> float:
         return self.story.budget - self.story.flown
 
-    def _data(self) -> List[int]:
-        """Numbers of the flights that are fitted to."""
+    def _excitations(self) -> List[int]:
+        """Numbers of the excitations that are fitted to: not the flight that confirms the result."""
         confirmed = self.story.confirmation
         kept = confirmed.flight if confirmed is not None and confirmed.holds else 0
-        return [n for n in sorted(self._recordings) if n != kept]
-
-    def _excitations(self) -> List[int]:
-        """Numbers of the excitations that are fitted to."""
         tracked = [f.flight.number for f in self.story.flights if f.flight.purpose == TRACK]
-        return [n for n in self._data() if n not in tracked]
+        return [n for n in self._recordings if n not in (kept, *tracked)]
 
     def _failed(self) -> int:
-        """Number of flights in a row without a usable recording, since it was begun or gone on with."""
-        latest = reversed(self.story.flights[self._before :])
+        """Number of flights in a row without a usable recording, since it was begun or continued after
+        an end."""
+        latest = reversed(self.story.flights[self.story.flights_before :])
         return len(
             list(itertools.takewhile(lambda f: f.flight.number not in self._recordings, latest))
         )
 
-    def _tracked(self, label: str) -> bool:
+    def _tracked(self, label: str) -> int:
+        """Number of flights along the reference with a model."""
         flights = self.story.flights
-        return any(f.flight.purpose == TRACK and f.controlled_by == label for f in flights)
+        return sum(f.flight.purpose == TRACK and f.controlled_by == label for f in flights)
 
     def _contender(self) -> str:
         """Label of a model whose tracking has to be compared with the given one's; empty: none."""
@@ -205,16 +207,17 @@ class Discovery:
         state, offers = (
             (first.start, first.first_offers) if found is None else (found.state, found.offers)
         )
-        chosen = self.chooser.choose(state, offers, left, self._seed())
+        seed = self._seed(len(self.story.flights))
+        chosen = self.chooser.choose(state, offers, left, seed)
         if found is not None and found.is_left_open and not found.asked:
-            chosen = choice.rest(self.given, self._seed())
+            chosen = choice.rest(self.given, seed)
         purpose = LOOK if self.found is None else DECIDE
         if self._excite(purpose, chosen.pieces, chosen.why) is None:
             self._out_of_time()
 
-    def _seed(self) -> int:
-        """Seed of the next flight's random inputs."""
-        return 1000 * self.settings.seed + len(self.story.flights) + 1
+    def _seed(self, flown: int) -> int:
+        """Seed of the random inputs of the next flight after some have been flown."""
+        return 1000 * self.settings.seed + flown + 1
 
     def _out_of_time(self) -> None:
         """Ends when the budget is used up; confirms what was found, if there is time for it."""
@@ -237,7 +240,7 @@ class Discovery:
         assert self.found is not None
         flown = self._excite(
             CONFIRM,
-            choice.confirming(self.given, self._seed()),
+            choice.confirming(self.given, self._seed(len(self.story.flights))),
             "Neither fit nor choice has seen it: both models predict it beforehand.",
         )
         if flown is None:
@@ -255,11 +258,12 @@ class Discovery:
         expected = analyst.expected_errors(run, fit, trimmed=varies)
         flown.floor = float(np.mean(expected))
         given, refitted = flown.errors.get(GIVEN), self._refitted_error(run)
-        final = analyst.error(run, self.found.model)
+        model = self.models[self.story.findings[-1].label]
+        final = analyst.error(run, model)
         known = [error for error in (given, refitted) if error is not None]
         most = TOLERANCE * min([max(expected), *known])
         holds = final is not None and final <= most
-        noise = float(study.noise_floor([run], self.found.model).sum())
+        noise = float(study.noise_floor([run], model).sum())
         sentence = (
             "The final model %s: its error is %s, and at most %.3f confirms it; the noise of the poses alone "
             "leaves %.3f. The given model's is %s, refitted to the same flights %s."
@@ -276,10 +280,9 @@ class Discovery:
         """Error on a run of the given model, fitted to the flights that the final one is fitted to: the
         smaller of a fit by simulation error and one by likelihood."""
         assert self.found is not None
-        runs = [self._recordings[n].repaired.data(self.given) for n in self._data()]
         models = [fit.model for names, fit in self.found.diagnosis.search.fits.items() if not names]
         try:
-            tool = study.Study(runs, self._threads)
+            tool = study.Study(self.found.diagnosis.runs, self._threads)
             models.append(tool.fit(self.given, study.free_parameters(self.given)).model)
         except GroundError:
             pass  # the model's motion is not finite
@@ -289,7 +292,7 @@ class Discovery:
     def _check_tracking(self, final: str) -> None:
         """Flies the reference once more, or decides whether the controllers keep a final model."""
         flown = {label: self._tracks(label) for label in (GIVEN, final)}
-        counts = [len(flights) for flights in flown.values()]
+        counts = [self._tracked(label) for label in flown]
         verdict = 0.0
         if min(counts) == max(counts):
             verdict = _better(flown[GIVEN], flown[final])
@@ -301,12 +304,12 @@ class Discovery:
         elif min(counts) == max(counts):
             self._track(self.story.in_use)  # what is in use need not be loaded
         else:
-            self._track(min(flown, key=lambda label: len(flown[label])))
+            self._track(min(flown, key=self._tracked))
 
     def _tracks(self, label: str) -> List[Flown]:
-        """Flights along the reference with a model that can be compared."""
+        """Flights along the reference with a model that show how well it tracks."""
         flights = [f for f in self.story.flights if f.flight.purpose == TRACK]
-        known = [f for f in flights if f.tracking_parts or f.tracking_error is None]
+        known = [f for f in flights if f.tracking_parts or f.stopped]
         return [f for f in known if f.controlled_by == label]
 
     def _track(self, label: str) -> None:
@@ -316,7 +319,7 @@ class Discovery:
             return
         refused = self._load(label) if label != self.story.in_use else ""
         if refused:
-            raise GroundError("the controllers refuse the model %s: %s" % (label, refused))
+            raise GroundError(REFUSED % (label, refused))
         number = len(self.story.flights) + 1
         size = SIZE * self.laboratory.room.clearance(self.laboratory.room.home)
         which = "given" if label == GIVEN else "final"
@@ -347,13 +350,15 @@ class Discovery:
         kept = final if verdict > 0 else GIVEN
         refused = self._load(kept) if kept != self.story.in_use else ""
         sentence = "Tracking error of the %s: %s with the given model, %s with the final one." % (
-            REFERENCE, _millimetres(old, flown[GIVEN]), _millimetres(new, flown[final]),
+            REFERENCE, self._tracking_in_words(GIVEN, old), self._tracking_in_words(final, new),
         )  # fmt: skip
         if not verdict:
             sentence += " It cannot be decided which of them tracks better: %s." % (
                 "the difference is not clear beside its spread along %d flights with each"
                 % len(flown[final])
                 if flown[final] and flown[GIVEN]
+                else "a tracking error could not be measured"
+                if self._tracked(final) and self._tracked(GIVEN)
                 else "no time of flight is left"
             )
         if verdict <= 0:
@@ -363,6 +368,13 @@ class Discovery:
         self.story.tracking = TrackingCheck(
             REFERENCE, old, new, verdict <= 0, sentence, final, bool(verdict)
         )
+
+    def _tracking_in_words(self, label: str, error: Optional[float]) -> str:
+        if error is not None:
+            return "%.1f mm" % (1e3 * error)
+        if self._tracks(label):
+            return "stopped"
+        return "not measured" if self._tracked(label) else "not flown"
 
     def _excite(self, purpose: str, chosen: List[pieces.Piece], why: str) -> Optional[Flown]:
         """Flies as many of the pieces as the budget has time for; None if there is no time for one."""
@@ -397,6 +409,7 @@ class Discovery:
         self._tell("flies: %s" % flight.why)
         landed = self.laboratory.fly(flight, inputs)
         flown = Flown(flight, landed.file, landed.seconds, story.in_use, landed.stopped)
+        flown.rest = list(landed.rest)
         flown.tracking_parts = list(landed.tracking_parts)
         flown.tracking_error = tracking.overall([flown.tracking_parts])
         if landed.recording is not None and self._take(flown, landed.recording):
@@ -415,37 +428,54 @@ class Discovery:
             if len(windows.cut([run])) < FEWEST_WINDOWS:
                 raise GroundError("too short: %.1f s are usable" % recording.repaired.usable())
         except GroundError as error:
-            flown.stopped = flown.stopped or str(error)
+            if flown.flight.purpose != TRACK:  # its error is unknown: only what stopped it counts
+                flown.stopped = flown.stopped or str(error)
             return False
         self._recordings[flown.flight.number] = recording
         return True
 
     # Diagnoses
 
-    def _diagnose(self) -> None:
-        self._tell("diagnoses flights 1 to %d" % len(self.story.flights))
-        misread = self.analyst.misread([self._recordings[n] for n in self._data()])
+    def _diagnose(self, last: int) -> None:
+        """Diagnoses all flights until the last one."""
+        self._tell("diagnoses flights 1 to %d" % last)
+        if self.story.confirmation is not None and self.story.confirmation.holds:
+            self.story.confirmation = None  # it was another model's
+        misread = self.analyst.misread(self._until(last))
         if misread:
-            self._diagnosed = self._data()[-1]
+            self._diagnosed = last
             nothing = Finding(self._diagnosed, MISREAD, [], {}, [], GIVEN, misread, [])
             self.story.findings.append(nothing)
             return
-        found = self._analysed()
-        label = "after flight %d" % self._diagnosed
-        if not any(version.label == label for version in self.story.versions):
-            self._add_version(label, found.model)
-            self.story.findings.append(self._finding(found, label))
+        found = self._analysed(last)
+        label = "after flight %d" % last
+        self._add_version(label, found.model)
+        self.story.findings.append(self._finding(found, label))
         self._judge_flights(found)
         refused = self._load(label)
         if refused:
             self._tell("the controllers keep the model %s: %s" % (self.story.in_use, refused))
 
-    def _analysed(self) -> Found:
-        data = self._data()
-        reachable = max(0.0, self._left() - RESERVED)
-        recordings = [self._recordings[n] for n in data]
-        self.found = found = self.analyst.diagnose(recordings, reachable, self._seed())
-        self._diagnosed = data[-1]
+    def _repeat_diagnosis(self) -> None:
+        """Repeats the next diagnosis of an earlier session: all that follow depend on it."""
+        finding = next(f for f in self.story.findings if f.after > self._diagnosed)
+        if finding.verdict == MISREAD:
+            self._diagnosed = finding.after
+            return
+        self._tell("repeats the diagnosis of flights 1 to %d" % finding.after)
+        self._analysed(finding.after)
+
+    def _until(self, last: int) -> List[Recording]:
+        """Usable recordings of flights 1 to the last one."""
+        return [self._recordings[n] for n in sorted(self._recordings) if n <= last]
+
+    def _analysed(self, last: int) -> Found:
+        flown = [f.seconds for f in self.story.flights if f.flight.number <= last]
+        reachable = max(0.0, self.story.budget - sum(flown) - RESERVED)
+        self.found = found = self.analyst.diagnose(
+            self._until(last), reachable, self._seed(len(flown))
+        )
+        self._diagnosed = last
         if found.verdict in LEAVES:
             self.analyst.propose(found)
         return found
@@ -488,16 +518,18 @@ class Discovery:
 
     def _begun(self) -> Story:
         self.story = Story(self.given.name, self.laboratory.room.name, self.settings.budget)
-        self._add_version(GIVEN, self.given)
+        self.journal.begin(self.given)
+        self.story.versions.append(Version(GIVEN, FIRST, list(self.given.effects), 0))
+        self.journal.keep(self.story)
         return self.story
 
     def _continued(self) -> Optional[Story]:
-        """The story of the folder; reads its recordings and models."""
+        """The story of the folder; reads its recordings and models. GroundError when the controllers
+        refuse the model that was in use."""
         story = self.journal.story()
         if story is None:
             return None
         self.story = story
-        self._before = len(story.flights)
         for version in story.versions:
             self.models[version.label] = self.journal.model(version.file)
         if self.models[GIVEN].format() != self.given.format():
@@ -510,13 +542,15 @@ class Discovery:
         for flown in story.flights:
             if flown.recording:
                 self._take(flown, readers.read(self.journal.path(flown.recording)))
-        story.ended, story.reason, story.needed = False, "", ""  # stopped, or out of time
-        for model in self.models.values():
-            self.analyst.adopt(model)
-        if self._excitations() and story.findings:
-            self._analysed()
-        if story.in_use != GIVEN:
-            self._load(story.in_use)
+        if story.ended:  # stopped, or out of time
+            story.flights_before = len(story.flights)
+        story.ended, story.reason, story.needed, story.planned = False, "", "", None
+        if story.flights:
+            self.laboratory.resume(story.flights[-1].rest)
+        if len(self.models) > 1:  # the last one that was loaded may not be in the story
+            refused = self._load(story.in_use)
+            if refused and story.in_use != GIVEN:
+                raise GroundError(REFUSED % (story.in_use, refused))
         return story
 
     def _tell(self, activity: str) -> None:
@@ -575,9 +609,9 @@ def _better(given: Sequence[Flown], final: Sequence[Flown]) -> float:
     not show it. A flight that was stopped decides."""
     if not given or not final:
         return 0.0
-    if any(f.tracking_error is None for f in final):
+    if any(f.stopped for f in final):
         return -1.0
-    if any(f.tracking_error is None for f in given):
+    if any(f.stopped for f in given):
         return 1.0
     clear = tracking.evidence(
         [f.tracking_parts for f in given], [f.tracking_parts for f in final]
@@ -586,13 +620,8 @@ def _better(given: Sequence[Flown], final: Sequence[Flown]) -> float:
 
 
 def _tracking_error(flights: Sequence[Flown]) -> Optional[float]:
-    """Root mean square error of flights along the reference [m]; None where one was stopped."""
-    if any(f.tracking_error is None for f in flights):
+    """Root mean square error of flights along the reference [m]; None where one was stopped, or
+    nothing was measured."""
+    if any(f.stopped for f in flights):
         return None
     return tracking.overall([f.tracking_parts for f in flights])
-
-
-def _millimetres(value: Optional[float], flights: Sequence[Flown]) -> str:
-    if value is None:
-        return "stopped" if flights else "not flown"
-    return "%.1f mm" % (1e3 * value)

@@ -1,8 +1,12 @@
-"""The folder of a discovery: its story, inputs, recordings and models. Nothing in it is overwritten
-except the story, which is replaced as a whole."""
+"""The folder of a discovery: its story, inputs, recordings and models.
+
+A step writes its files first, then the story, which is replaced as a whole. What the story does not have
+did not happen: an interrupted step is repeated, and replaces its files.
+"""
 
 import json
 import os
+import re
 from typing import List, Optional
 
 from ground import _core, files
@@ -11,6 +15,8 @@ from ground.discovery.story import SCHEMA, Story
 from ground.errors import GroundError
 
 STORY = "journal.json"
+FIRST = "model-00.yaml"  # the only file that is written before there is a story
+_TEMPORARY = re.compile(r"\.ground-.*|model-\d+\.yaml\.\w{6}")  # of a process that was killed
 
 
 class Journal:
@@ -26,21 +32,36 @@ class Journal:
             os.makedirs(self.folder, exist_ok=True)
         except OSError as error:
             raise GroundError("%s: cannot be created (%s)" % (folder, error.strerror))
+        if set(self._files()) <= {FIRST} or os.path.exists(self.path(STORY)):
+            for name in filter(_TEMPORARY.fullmatch, os.listdir(self.folder)):
+                os.unlink(os.path.join(self.folder, name))
+
+    def _files(self) -> List[str]:
+        """Names in the folder, without temporary files."""
+        return [name for name in os.listdir(self.folder) if not _TEMPORARY.fullmatch(name)]
 
     def path(self, name: str) -> str:
         """Path of a file in the folder; empty without a folder or a name."""
         return os.path.join(self.folder, name) if self.folder and name else ""
 
+    def begin(self, given: _core.Model) -> None:
+        """Writes the given model into a folder without a story. GroundError when the folder has other
+        files than those of an interrupted beginning."""
+        if not self.folder:
+            return
+        names = self._files()
+        if names and (names != [FIRST] or self.model(FIRST).format() != given.format()):
+            raise GroundError(
+                "%s has files, but no %s: name a new folder, or that of a discovery"
+                % (self.folder, STORY)
+            )
+        self.keep_model(FIRST, given)
+
     def story(self) -> Optional[Story]:
-        """The story that the folder keeps; None when it is empty. GroundError when it cannot be read,
-        or when the folder has other files."""
+        """The story that the folder keeps; None when there is none. GroundError when it cannot be
+        read."""
         path = self.path(STORY)
         if not path or not os.path.exists(path):
-            if path and os.listdir(self.folder):
-                raise GroundError(
-                    "%s has files, but no %s: name a new folder, or that of a discovery"
-                    % (self.folder, STORY)
-                )
             return None
         try:
             with open(path) as file:

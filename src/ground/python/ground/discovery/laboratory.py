@@ -19,6 +19,8 @@ class Landed:
     stopped: str  # why it ended early; empty if it did not
     # root mean square errors in parts of the reference [m]; empty unless it tracked to the end
     tracking_parts: Sequence[float] = ()
+    # x, y [m], psi [rad] at which a simulated craft rests; empty for a real one
+    rest: Sequence[float] = ()
 
 
 class Laboratory(Protocol):
@@ -31,6 +33,9 @@ class Laboratory(Protocol):
         """Flies and returns when the craft rests again. inputs: (n, 2 + thrusters) time [s], inputs of
         the thrusters (of full scale), lift, played in bursts between returns home; empty when a
         reference is tracked. Raises GroundError when it cannot be flown at all."""
+
+    def resume(self, rest: Sequence[float]) -> None:
+        """Continues after flights of an earlier session. rest: of the last one's Landed."""
 
     def load(self, model: _core.Model, label: str) -> str:
         """Gives the controllers another model. Returns why it was refused; empty if it was not."""

@@ -3,7 +3,7 @@
 import contextlib
 import os
 import tempfile
-from typing import Iterator, List, Optional, Sequence
+from typing import Iterator, List, Optional, Sequence, cast
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from ground.discovery import tracking
 from ground.discovery.laboratory import Landed
 from ground.discovery.story import Flight, Point
 from ground.errors import GroundError
+from ground.recordings import readers
+from ground.recordings.recording import Recording
 from ground.simulation import experiments, gains
 
 MOST = 4.0  # longest flight, in lengths of its inputs
@@ -50,11 +52,19 @@ class SimulatedLaboratory:
         self.pose = run.truth_eta[-1].copy()
         if run.stopped:
             self.carry_home()
-        file = ""
+        file, recording = "", cast(Recording, run)
         if self.folder:
             file = name + ".bag"
-            run.save(os.path.join(self.folder, file), True)
-        return Landed(run, file, lifted(run), run.stopped, tracking_parts(run))
+            path = os.path.join(self.folder, file)
+            run.save(path, True)
+            recording = readers.read(path)  # to the last digit as a later session reads it
+        rest = self.pose.tolist()
+        return Landed(recording, file, lifted(run), run.stopped, tracking_parts(run), rest)
+
+    def resume(self, rest: Sequence[float]) -> None:
+        """See Laboratory."""
+        if rest:
+            self.pose = np.array(rest)
 
     def carry_home(self) -> None:
         """Carries the craft home, as a person does before arming again: near a wall the room would not

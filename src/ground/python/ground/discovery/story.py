@@ -67,8 +67,9 @@ class Flown:
     # Mean |e|/s of the models that were there before the flight, by label; None: not finite
     errors: Dict[str, Optional[float]] = field(default_factory=dict)
     floor: Optional[float] = None  # the error that noise of poses and disturbance leave
-    tracking_error: Optional[float] = None  # root mean square, when tracking [m]; None: stopped
+    tracking_error: Optional[float] = None  # root mean square, when tracking [m]; None: not measured
     tracking_parts: List[float] = field(default_factory=list)  # the same in parts of the reference
+    rest: List[float] = field(default_factory=list)  # as in Landed
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ class TrackingCheck:
     """Tracking with the given and with the final model."""
 
     reference: str
-    before: Optional[float]  # root mean square error [m]; None: it was stopped
+    before: Optional[float]  # root mean square error [m]; None: stopped or not measured
     after: Optional[float]
     taken_back: bool  # whether the controller has the given model again
     sentence: str
@@ -141,6 +142,7 @@ class Story:
     sure: bool = False  # whether nothing is open that a flight could show
     reason: str = ""  # why it ended
     needed: str = ""  # what would be needed to go on; empty if nothing
+    flights_before: int = 0  # number of flights when it was last continued after its end
 
     @property
     def flown(self) -> float:
