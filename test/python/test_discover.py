@@ -1,9 +1,12 @@
 """identify discover as users run it: a simulated craft finds its own physics."""
 import dataclasses
 import json
+import signal
+import subprocess
+import time
 
 import pytest
-from conftest import MODEL, identify
+from conftest import MODEL, identify, located
 from test_diagnose import with_effect
 from test_identify import fails
 
@@ -112,6 +115,39 @@ def test_an_interrupted_discovery_is_continued(folder, truth, monkeypatch):
     assert story.ended
     again = dataclasses.replace(story.flights[0], floor=None)  # known after the diagnosis
     assert again == first.flights[0]
+
+
+def kill_when(arguments, out, happens):
+    """Starts the tool in a process of its own, and ends it as a loss of power does."""
+    with subprocess.Popen([located("identify"), *map(str, arguments)], stdout=subprocess.DEVNULL) as process:
+        deadline = time.monotonic() + 240
+        while not happens() and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.005)
+        process.kill()
+    assert process.returncode == -signal.SIGKILL
+
+
+def test_a_killed_discovery_ends_with_the_model_of_one_that_was_not(folder, truth, discovered):
+    _, whole = discovered
+    out = folder / "killed"
+    arguments = ["discover", "--model", MODEL, "--truth", truth, "-o", out, *OPTIONS]
+
+    def begun():
+        return out.is_dir() and any(out.iterdir())
+
+    def diagnoses_again():
+        return (out / "journal.json").exists() and (
+            story_of(out).findings and story_of(out).activity.startswith("diagnoses")
+        )
+
+    kill_when(arguments, out, begun)
+    kill_when(arguments, out, diagnoses_again)
+    result = identify(*arguments)
+    assert result.returncode == 0, result.stderr
+    assert story_of(out) == story_of(whole)
+    for version in story_of(whole).versions:
+        assert (out / version.file).read_text() == (whole / version.file).read_text()
+    assert sorted(p.name for p in out.iterdir()) == sorted(p.name for p in whole.iterdir())
 
 
 @pytest.mark.parametrize(
