@@ -349,7 +349,7 @@ def interrupted(begin, folder, lasts, kind=SimulatedLaboratory):
             power.cuts(patch, kind, "fly", "load")
             with contextlib.suppress(Killed):
                 discovery = begin(folder)
-                discovery.told = lambda _: power.spend()
+                discovery.told = lambda _, power=power: power.spend()
                 discovery.run()
     return power
 

@@ -105,6 +105,9 @@ class FlyingLaboratory:
             bag = recorder.close()
         return _landed(bag, stopped, bool(flight.reference))
 
+    def resume(self, rest: Sequence[float]) -> None:
+        """See Laboratory: the mocap sees where the craft is."""
+
     def load(self, model: _core.Model, label: str) -> str:
         """Gives the model to the controllers, and to live_comparison beside the given one. Returns why
         a controller refused it; then all have the model that they had."""
