@@ -6,7 +6,7 @@ import math
 import os
 import threading
 import time
-from typing import List
+from typing import List, Sequence
 
 import numpy as np
 import rospy
