@@ -589,7 +589,10 @@ def _sentences(found: Found, formulas: Mapping[str, Mapping[str, str]]) -> List[
         names = [str(v["parameter"]) for v in found.conclusion.varies]
         said.append("Differs from flight to flight: %s." % ", ".join(names))
     if chosen:
-        said.append("The error on held-out flights falls from %.3f to %.3f." % (errors[0], errors[-1]))
+        said.append(
+            "The error on held-out flights is %.3f with what was found, and %.3f with the given model, "
+            "refitted." % (errors[-1], errors[0])
+        )
     return said
 
 

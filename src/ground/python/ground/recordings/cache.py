@@ -19,13 +19,13 @@ import numpy as np
 
 from ground import _core, files
 from ground.recordings.columns import Columns
+from ground.recordings.digest import add, of_file
 
 FOLDER = ".ground_cache"
 OFF = "GROUND_NO_CACHE"  # environment variable; any value but the empty one switches the cache off
 FORMAT = 1  # version of the entries; another one makes all of them useless
 KEPT = 4  # newest entries that are kept of a recording and stage
 ABANDONED = 3600.0  # age of a temporary file whose writer is gone [s]
-BLOCK = 1 << 20  # bytes that are hashed at a time
 READING, REPAIR = "reading", "repair"  # stages
 ENTRY = re.compile(r"(.+)\.(%s|%s)\.[0-9a-f]{32}\.npz" % (READING, REPAIR))
 TEMPORARY = ".tmp-"
@@ -48,39 +48,17 @@ def key_of_files(paths: Iterable[str], *facts: str) -> str:
     """The key of what follows from files and facts. Raises OSError when a file cannot be read."""
     digest = _begin(*facts)
     for path in paths:
-        _add(digest, os.path.basename(path).encode())
-        _add(digest, _digest_of_file(path))
+        add(digest, os.path.basename(path).encode())
+        add(digest, of_file(path))
     return digest.hexdigest()
-
-
-def content_of_files(paths: Iterable[str]) -> str:
-    """A digest of what files contain, whatever their names and order. Unlike a key it stays the same when
-    this package changes. Raises OSError when a file cannot be read."""
-    return content_of(sorted(_digest_of_file(path) for path in paths))
-
-
-def content_of(parts: Iterable[bytes]) -> str:
-    """A digest of parts, in their order."""
-    digest = hashlib.blake2b(digest_size=16)
-    for part in parts:
-        _add(digest, part)
-    return digest.hexdigest()
-
-
-def _digest_of_file(path: str) -> bytes:
-    digest = hashlib.blake2b(digest_size=32)
-    with open(path, "rb") as file:
-        for block in iter(functools.partial(file.read, BLOCK), b""):
-            digest.update(block)
-    return digest.digest()
 
 
 def key_of_columns(columns: Columns) -> str:
     """The key of what follows from Columns."""
     digest = _begin(columns.facts)
     for name, array in sorted(columns.arrays.items()):
-        _add(digest, ("%s %s %s" % (name, array.dtype.str, array.shape)).encode())
-        _add(digest, array.tobytes())
+        add(digest, ("%s %s %s" % (name, array.dtype.str, array.shape)).encode())
+        add(digest, array.tobytes())
     return digest.hexdigest()
 
 
@@ -159,14 +137,8 @@ def _entry(folder: str, path: str, stage: str, key: str) -> str:
 def _begin(*facts: str) -> "hashlib._Hash":
     digest = hashlib.blake2b(digest_size=16)
     for fact in (str(FORMAT), _code(), *facts):
-        _add(digest, fact.encode("utf-8", "surrogateescape"))
+        add(digest, fact.encode("utf-8", "surrogateescape"))
     return digest
-
-
-def _add(digest: "hashlib._Hash", part: bytes) -> None:
-    """Adds a part and its length, so that parts cannot be mistaken for others."""
-    digest.update(b"%d:" % len(part))
-    digest.update(part)
 
 
 @functools.lru_cache(maxsize=None)

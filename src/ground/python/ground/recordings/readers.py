@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import ContextManager, Dict, Iterable, List, Optional, Protocol, Tuple
 
 from ground.errors import GroundError
-from ground.recordings import bag_reader, cache, drafts, run_parameters
+from ground.recordings import bag_reader, digest, drafts, run_parameters
 from ground.recordings.bag_reader import BagReader
 from ground.recordings.mapping import DEFAULT, FieldMapping
 from ground.recordings.messages import MessageSource, Tell, Told
@@ -158,7 +158,7 @@ def read(path: str, mapping: FieldMapping = DEFAULT, tell: Optional[Tell] = None
         found, read_from = reader.read(path, mapping), [path] if os.path.isfile(path) else []
     # The description of a folder is not part of a run: the same run may be given without it.
     measured = [name for name in read_from if os.path.basename(name) != METADATA]
-    return replace(found, digest=cache.content_of_files(measured) if measured else "")
+    return replace(found, digest=digest.of_files(measured) if measured else "")
 
 
 def files(path: str, mapping: FieldMapping = DEFAULT) -> List[str]:

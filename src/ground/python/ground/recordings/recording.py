@@ -10,7 +10,7 @@ import numpy as np
 from ground import _core
 from ground.annotations import Array, ArrayLike, Flags, Time
 from ground.errors import GroundError
-from ground.recordings import cache, commands, flown, live_changes, messages, plausibility, poses, units
+from ground.recordings import commands, digest, flown, live_changes, messages, plausibility, poses, units
 from ground.recordings import settings as measured
 from ground.recordings.bag_reader import BagReader, Topic
 from ground.recordings.commands import CHANNELS
@@ -61,7 +61,7 @@ class Recording:
         if self.digest:
             return self.digest
         arrays = (self.pose_times, self.eta, self.control_times, self.controls)
-        return cache.content_of(np.asarray(array, float).tobytes() for array in arrays)
+        return digest.of_parts(np.asarray(array, float).tobytes() for array in arrays)
 
     @functools.cached_property
     def repaired(self) -> "quality.Run":

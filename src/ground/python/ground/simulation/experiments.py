@@ -16,7 +16,7 @@ from ground import _core, core_types
 from ground.annotations import Array
 from ground.errors import GroundError
 from ground.progress import Progress, Work
-from ground.recordings import cache
+from ground.recordings import digest
 from ground.recordings.recording import Recording
 from ground.recordings.settings import AXES
 
@@ -68,7 +68,7 @@ class SimulatedRun(Recording):
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "run.bag")
             self.save(path)
-            return cache.content_of_files([path])
+            return digest.of_files([path])
 
     @property
     def frames_not_delivered(self) -> int:
