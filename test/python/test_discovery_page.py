@@ -165,7 +165,7 @@ SAYS = {
     empty: ["No flight has been diagnosed yet.", "Nothing has been flown yet."],
     planned: ["Now: chooses the first flight.", "Next: flight 1"],
     stopped: ["Stopped early: no pose for 0.5 s.", "It was not recorded.", "looks at everything"],
-    unfinished: ["So far: first-order lag", "not finite", "stopped", "Now: diagnoses", "Next: flight 5"],
+    unfinished: ["So far: first-order lag", "not finite", "Now: diagnoses", "Next: flight 5"],
     long: ["Open a flight to see it", "8 of 18 diagnoses are shown", "the newest of all"],
     unconfirmed: [
         "something is missing that no effect tried explains",

@@ -110,8 +110,8 @@ def error(value: Optional[float]) -> str:
 
 
 def millimetres(metres: Optional[float]) -> str:
-    """A tracking error [m]; None: it was stopped."""
-    return "stopped" if metres is None else "%.1f mm" % (1e3 * metres)
+    """A tracking error [m]; None: not known."""
+    return "-" if metres is None else "%.1f mm" % (1e3 * metres)
 
 
 class Teller:
