@@ -280,13 +280,7 @@ class Discovery:
         """Error on a run of the given model, fitted to the flights that the final one is fitted to: the
         smaller of a fit by simulation error and one by likelihood."""
         assert self.found is not None
-        models = [fit.model for names, fit in self.found.diagnosis.search.fits.items() if not names]
-        try:
-            tool = study.Study(self.found.diagnosis.runs, self._threads)
-            models.append(tool.fit(self.given, study.free_parameters(self.given)).model)
-        except GroundError:
-            pass  # the model's motion is not finite
-        errors = [analyst.error(run, model) for model in models]
+        errors = [analyst.error(run, refit.model) for refit in self.found.conclusion.refits]
         return min((error for error in errors if error is not None), default=None)
 
     def _check_tracking(self, final: str) -> None:
