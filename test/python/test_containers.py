@@ -194,8 +194,6 @@ def csv_pair(folder):
 
 
 def parquet(folder):
-    if not importlib.util.find_spec("pyarrow"):
-        pytest.skip("Parquet takes the Python module pyarrow, which is not installed")
     import pandas
 
     path, mapping = csv_pair(folder)
@@ -212,8 +210,7 @@ KINDS = [
     ros2_sqlite3,
     mcap,
     csv_pair,
-    parquet,
-]
+] + [parquet] * bool(importlib.util.find_spec("pyarrow"))
 
 
 def written(make, folder):
@@ -225,6 +222,17 @@ def written(make, folder):
     file = folder.parent / (folder.name + ".yaml")
     file.write_text(HEAD + mapping)
     return path, (["--mapping", file] if mapping else [])
+
+
+@pytest.mark.skipif(bool(importlib.util.find_spec("pyarrow")), reason="Parquet is read then")
+def test_parquet_without_its_module_is_refused_with_what_to_install(tmp_path):
+    path, mapping = csv_pair(tmp_path)
+    for name in ("poses", "commands"):
+        (path / (name + ".csv")).rename(path / (name + ".parquet"))
+    (tmp_path / "mapping.yaml").write_text(HEAD + mapping.replace(".csv", ".parquet"))
+    result = identify("info", path, "--mapping", tmp_path / "mapping.yaml")
+    assert result.returncode == 1 and "Traceback" not in result.stderr
+    assert "pip install pyarrow" in result.stderr
 
 
 def fitted(path, options, folder):

@@ -374,27 +374,6 @@ def test_headers_have_64_kib_at_most():
         assert (bag_reader._record(data, 0, len(data)) is not None) == read_
 
 
-BUILT_IN = ["bool", "byte", "char", "float32", "float64"] + [
-    sign + "int%d" % bits for sign in ("", "u") for bits in (8, 16, 32, 64)
-]
-
-
-def test_constants_of_definitions_are_of_the_types_of_ros():
-    """Names of other types would become code."""
-    allowed = bag_reader.DEFINITION.fullmatch
-    for kind in BUILT_IN:
-        for line in ("%s A=1", "%s A = -1.5e+3 # why", "%s A_1=0x1F", "%s a", "%s[] a", "%s[3] a_b # c"):
-            assert allowed(line % kind), line % kind
-        assert not allowed(kind + " A=f(1)") and not allowed(kind + " A=") and not allowed(kind + " 1a")
-    for bits in (7, 9, 15, 17, 31, 33, 63, 65):
-        for kind in ("int%d", "uint%d", "float%d"):
-            assert not allowed(kind % bits + " A=1")
-    for line in ("float16 A=1", "float8 A=1", "Header A=1", "a/B A=1", "int32 a; b", "a b c"):
-        assert not allowed(line), line
-    for line in ("", "# any (thing)", "=" * 80, "MSG: a/B", "string A=any (thing) # is text", "a/B c"):
-        assert allowed(line), line
-
-
 def test_numbers_of_a_known_type_are_read_at_once(tmp_path):
     import rosbag
     from geometry_msgs.msg import PointStamped

@@ -650,11 +650,11 @@ def left(design, target, scored=None):
     count = len(target) // 3
     scored = np.ones(count, bool) if scored is None else scored
 
-    def residuals_of(point, i, cap, acting, channels):
+    def residuals_of(point, i, acting, channels):
         assert acting.shape[0] == count
         return {"scored": scored, "responses": design @ np.eye(len(channels)), "whitened": target}
 
-    return types.SimpleNamespace(runs=[None], box=types.SimpleNamespace(residuals=residuals_of))
+    return types.SimpleNamespace(runs=[None], residuals=residuals_of)
 
 
 def test_the_better_of_two_regressions_counts_twice():
