@@ -31,8 +31,8 @@ DOUBTFUL = 0.2  # belief above which an effect that was not found is still open
 # Visibility, relative to DECIDED, from which an effect that was not found is too small to matter
 # even where the belief in it is large.
 GLARING = 4.0
-LIKELY = 0.5  # probability above which an effect acts that is too small to matter
-DRAWS = 2000  # of the parameters of an effect, for the probability that it matters
+LIKELY = 0.5  # probability above which something is taken for true in the state of an effect
+DRAWS = 2000  # number of random parameters that give the probability that an effect matters
 PARTLY = 0.3  # doubt about a parameter's value, which is worth less than one about an effect
 
 
@@ -97,7 +97,7 @@ def after(
             test = tests[name]
             state = OPEN if could >= DECIDED else HIDDEN
             if decided:
-                state = SLIGHT if test.acts > LIKELY else ABSENT
+                state = _decided_state(test)
             matters, share = probability[name] * test.matters, min(1.0, noise * test.size)
             beliefs.append(Belief(name, matters, state, float(seen), share))
         if not decided and could >= DECIDED:
@@ -109,6 +109,13 @@ def after(
         share = min(1.0, noise * _size(found, name, basis, sizes))
         beliefs += [Belief(m, probability[m], state, float(seen), share) for m in group]
     return State(questions, information, sorted(beliefs, key=lambda b: -b.probability), still_open)
+
+
+def _decided_state(test: Test) -> str:
+    """State of an effect that the flights so far would show, and that the diagnosis did not choose."""
+    if test.acts <= LIKELY:
+        return ABSENT
+    return SLIGHT if test.matters <= LIKELY else HIDDEN  # something else explains as much
 
 
 def _probabilities(

@@ -16,7 +16,7 @@ from ground.errors import GroundError
 
 STORY = "journal.json"
 FIRST = "model-00.yaml"  # the only file that is written before there is a story
-_TEMPORARY = re.compile(r"\.ground-.*|model-\d+\.yaml\.\w{6}")  # of a process that was killed
+_TEMPORARY = re.compile(r"\.ground-.*|model-\d+\.yaml\.\w{6}")  # files of a process that was killed
 
 
 class Journal:

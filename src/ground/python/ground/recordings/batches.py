@@ -18,7 +18,7 @@ NUMBERS = {
     "uint32": "<u4", "int64": "<i8", "uint64": "<u8", "float32": "<f4", "float64": "<f8",
 }  # fmt: skip
 LONGEST = 64  # elements of an array whose messages are laid out
-MOST_FIELDS = 10000  # of a message that is laid out
+MOST_FIELDS = 10000  # largest number of fields of a message that is decoded in batches
 MOST_GROUPS = 16  # layouts of a topic's messages
 STAMP = "header.stamp"
 SECONDS, NANOSECONDS = "/s", "/ns"  # ends of the names of a time's columns; no path has them
@@ -125,7 +125,7 @@ class _Layout:
         self._offsets: List[int] = []
         self.same: List[int] = []  # places of strings and of lengths, which are the same in all messages
         self.size = 0
-        self._count = 0  # of fields
+        self._count = 0  # number of fields
 
     def add(self, path: str, kind: str) -> None:
         """Adds a field. Raises LookupError for types without a layout."""

@@ -11,10 +11,10 @@ import numpy as np
 
 from ground.annotations import Array, ArrayLike, Flags, Indices
 
-BITS = 32  # of the nanoseconds of a stamp, and of its seconds
+BITS = 32  # size of the nanoseconds of a stamp, and of its seconds [bits]
 STAMP_BITS = np.outer([1e-9, 1.0], 2.0 ** np.arange(BITS)).ravel()  # what each is worth [s]
 MIN_STAMP_ERROR = 1e-3  # least error of a stamp that is replaced [s]
-RESOLUTION = 1e-6  # of a stamp as a floating-point number of seconds [s]
+RESOLUTION = 1e-6  # rounding of a stamp as a floating-point number of seconds [s]
 REGULAR = 0.25  # largest range of the delays of the neighbours, relative to the error
 APART = 2.0  # least error relative to the largest one that no flipped bit explains
 MAX_SHARE = 0.01  # largest share of wrong stamps; more are no damage but the system's behaviour
@@ -36,7 +36,7 @@ def mend_stamps(stamps: ArrayLike, received: ArrayLike) -> Tuple[Array, int, flo
         return stamps, 0, 0.0
     delays = received - stamps
     around = delays[_neighbours(len(delays))]
-    late = np.median(around, axis=1) - delays  # of the stamps
+    late = np.median(around, axis=1) - delays  # how late each stamp is [s]
     error, spread = np.abs(late), np.ptp(around, axis=1)
     bit = np.argmin(np.abs(error[:, None] - STAMP_BITS), axis=1)
     mended = stamps - np.sign(late) * STAMP_BITS[bit]
