@@ -187,6 +187,7 @@ class Residuals(TypedDict):
 
     whitened: Array  #: (n, 3)
     scored: List[bool]
+    states: Array  #: (n, 6) filtered x, y [m], psi [rad], u, v [m/s], r [rad/s]
     wrench: Array  #: (n, 3) X, Y [N], N [N m]
     constants: Array  #: (n, 4) X, Y [N], N [N m], thrust
     responses: Array  #: (3 n, k)

@@ -9,6 +9,8 @@
 
 namespace ground::detail {
 
+/// checkRun() for estimators that take no known wrench.
+void checkFree(const RunData& run);
 /// Throws std::invalid_argument unless the longest gap within a stretch is positive.
 void checkGap(double max_gap);
 /// Throws std::invalid_argument unless acting wrenches are finite and have a row a sample and a

@@ -81,14 +81,16 @@ class Pass {
       for (int j = 0; j < kN; ++j) belief.covariance(i, j) = covariance_.P[i][j];
   }
 
-  /// Kalman prediction to the time of the next sample, s.dt later.
-  void move(double until, FilterSample& s) {
+  /// Kalman prediction from sample k to the next, s.dt later.
+  void move(std::size_t k, FilterSample& s) {
+    const double until = run_.times[k + 1];
     simulation_.restart(seeded());
     simulation_.advance(until);
     const RigidState<Jet>& to = simulation_.state();
     linearise(to, s);
     const Random<double>::Step step = random_.over(s.dt);
     for (int i = 0; i < 3; ++i) s.push(i) = step.mean[i] * push_(i) + constant_(i);
+    if (run_.wrench.rows() > 0) s.push += run_.wrench.row(static_cast<Eigen::Index>(k)).transpose();
     covariance_.move(s, step);
     for (int i = 0; i < 3; ++i) {
       at_.eta(i) = to.eta(i).a + s.by_thrust[i] * constant_(3);
@@ -220,7 +222,7 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
     const bool last = k + 1 == samples_.size() || starts_[k + 1];
     s.dt = last ? 0 : run_.times[k + 1] - run_.times[k];
     if (s.dt <= 0) continue;
-    pass.move(run_.times[k + 1], s);
+    pass.move(k, s);
     if (!std::isfinite(likelihood) || !pass.finite())
       return std::numeric_limits<double>::quiet_NaN();
   }

@@ -113,7 +113,7 @@ struct WrenchFilter::Pass {
 
 WrenchFilter::WrenchFilter(const Model& model, const RunData& run, double max_gap)
     : force_scale_(typical::force(model.body)), moment_scale_(typical::moment(model.body)) {
-  checkRun(run);
+  detail::checkFree(run);
   detail::checkGap(max_gap);
   const int count = static_cast<int>(run.times.size());
   stretches_.push_back(0);

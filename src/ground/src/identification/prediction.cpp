@@ -9,7 +9,7 @@ namespace ground {
 
 WindowSimulation predict(const Model& model, const RunData& run, const std::vector<Window>& windows,
                          const Eigen::MatrixX3d& initial_nu) {
-  checkRun(run);
+  detail::checkFree(run);
   if (initial_nu.rows() != static_cast<Eigen::Index>(windows.size()))
     throw std::invalid_argument("there must be as many initial velocities as windows");
   if (!initial_nu.allFinite()) throw std::invalid_argument("an initial velocity is not finite");

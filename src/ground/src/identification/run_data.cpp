@@ -25,9 +25,17 @@ void checkRun(const RunData& run) {
           "times descend or are not finite");
   require(run.noise.allFinite() && run.noise.minCoeff() > 0,
           "the noise of poses must be positive and finite");
+  require((run.wrench.rows() == count || run.wrench.rows() == 0) && run.wrench.allFinite(),
+          "the known wrench is not finite or has not a row a sample");
 }
 
 namespace detail {
+
+void checkFree(const RunData& run) {
+  checkRun(run);
+  if (run.wrench.rows() > 0)
+    throw std::invalid_argument(run.name + ": only GreyBox takes a known wrench");
+}
 
 void checkGap(double max_gap) {
   if (!(max_gap > 0)) throw std::invalid_argument("the longest gap must be positive");

@@ -2,6 +2,7 @@
 
 #include <stdexcept>
 
+#include "checks.h"
 #include "descent.h"
 #include "initial_states.h"
 #include "parallel.h"
@@ -14,7 +15,7 @@ std::shared_ptr<const SimulationError::Data> SimulationError::prepare(std::vecto
                                                                       Target target) {
   auto data = std::make_shared<Data>();
   for (RunData& run : runs) {
-    checkRun(run);
+    detail::checkFree(run);
     if (run.poses.rows() == 0) run.poses = run.eta;
     const Vector3<double> mean = run.nu.colwise().mean();
     const Vector3<double> sigma =

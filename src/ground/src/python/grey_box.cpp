@@ -93,6 +93,7 @@ py::dict residualsAt(const GreyBox& box, const GreyBoxPoint& point, int run, dou
   py::dict d;
   d["whitened"] = found.whitened;
   d["scored"] = found.scored;
+  d["states"] = found.states;
   d["wrench"] = found.wrench;
   d["constants"] = found.constants;
   d["responses"] = found.responses;

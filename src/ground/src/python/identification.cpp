@@ -26,9 +26,10 @@ RunData makeRun(const std::string& name, const std::vector<double>& times,
                 const Eigen::MatrixX3d& eta, const Eigen::MatrixX3d& nu,
                 const Eigen::Ref<const Eigen::MatrixXd>& inputs,
                 const std::optional<Eigen::MatrixX3d>& poses,
-                const std::optional<Vector3<double>>& noise, const std::vector<double>& drives) {
+                const std::optional<Vector3<double>>& noise, const std::vector<double>& drives,
+                const std::optional<Eigen::MatrixX3d>& wrench) {
   RunData run{name, times, eta, nu, toInputs(inputs), poses.value_or(Eigen::MatrixX3d(0, 3)),
-              noise.value_or(RunData().noise)};
+              noise.value_or(RunData().noise), wrench.value_or(Eigen::MatrixX3d(0, 3))};
   if (!drives.empty()) run.inputs.drive = DriveClock(drives);
   return run;
 }
@@ -62,13 +63,15 @@ void defRecording(py::module_& module) {
   py::class_<RunData>(module, "RunData", "A recording: measurements and commands on one clock.")
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
            py::arg("inputs"), py::arg("poses") = py::none(),
-           py::arg("noise") = py::none(), py::arg("drives") = std::vector<double>())
+           py::arg("noise") = py::none(), py::arg("drives") = std::vector<double>(),
+           py::arg("wrench") = py::none())
       .def_readonly("name", &RunData::name)
       .def_property_readonly("times", &timesOf, "Read-only view [s].")
       .def_readonly("eta", &RunData::eta)
       .def_readonly("nu", &RunData::nu)
       .def_readonly("poses", &RunData::poses)
       .def_readonly("noise", &RunData::noise)
+      .def_readonly("wrench", &RunData::wrench)
       .def_property_readonly("inputs", &fromInputs, "Rows of time, an input for each thruster, lift.")
       .def_property_readonly(
           "drives", [](const RunData& run) { return run.inputs.drive.starts(); },
@@ -85,13 +88,13 @@ void defRecording(py::module_& module) {
       .def(py::pickle(
           [](const RunData& r) {
             return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
-                                  r.inputs.drive.starts());
+                                  r.inputs.drive.starts(), r.wrench);
           },
           [](const py::tuple& t) {
             return makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
                            t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
                            t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
-                           t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>());
+                           t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(), t[8].cast<Eigen::MatrixX3d>());
           }));
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) {

@@ -64,6 +64,7 @@ struct GreyBoxScores {
 struct GreyBoxResiduals {
   Eigen::MatrixX3d whitened;  ///< innovations; independent, of variance one if the model is true
   std::vector<bool> scored;   ///< false at the first pose of a stretch
+  Eigen::MatrixXd states;     ///< filtered x, y [m], psi [rad], u, v [m/s], r [rad/s], (n, 6)
   Eigen::MatrixX3d wrench;    ///< filtered disturbance without trim [N], [N m]
   Eigen::MatrixX4d constants; ///< filtered trim: X, Y [N], N [N m], relative change of thrust
   Eigen::MatrixXd responses;  ///< response of the 3 n whitened innovations to given wrenches

@@ -18,10 +18,13 @@ struct RunData {
   InputSequence inputs;       ///< in the model's units; its drive clock gives the model's t
   Eigen::MatrixX3d poses;     ///< eta as measured, not smoothed; empty: eta is used instead
   Vector3<double> noise = {4e-4, 4e-4, 6e-3};  ///< standard deviations of the poses [m], [rad]
+  /// Known wrench X, Y [N], N [N m], body, that acts beside the model, each row until the next sample;
+  /// empty: none. Only GreyBox takes one.
+  Eigen::MatrixX3d wrench = {};
 };
 
 /// Throws std::invalid_argument unless a run has samples, arrays of equal length, finite measurements
-/// at finite ascending times, and a positive noise.
+/// at finite ascending times, a positive noise, and no known wrench or a finite one.
 void checkRun(const RunData& run);
 
 /// A stretch of a run that is simulated from its own initial state.

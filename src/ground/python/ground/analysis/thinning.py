@@ -42,6 +42,7 @@ def thinned(run: _core.RunData) -> _core.RunData:
         poses,
         noise,
         run.drives,
+        mean(run.wrench) if len(run.wrench) else None,
     )
 
 
