@@ -15,8 +15,11 @@ import time
 import hidden_cases
 import hidden_craft
 import hidden_engine
+import hidden_grammar
 import hidden_noise
+import hidden_pilot
 import hidden_score
+import hidden_share
 import hidden_table
 import hidden_visibility
 import hidden_white as white
@@ -27,8 +30,8 @@ from ground.errors import GroundError
 
 COUNTS = {**{kind: count for kind, (_, count) in hidden_cases.KINDS.items()}, **white.KINDS}
 # Modules that a cluster's workers need, in the order of their imports.
-MODULES = (white, hidden_craft, hidden_noise, hidden_cases, hidden_visibility, hidden_engine)
-MODULES += (hidden_score, hidden_table, resumed)
+MODULES = (white, hidden_grammar, hidden_craft, hidden_noise, hidden_pilot, hidden_share, hidden_cases)
+MODULES += (hidden_visibility, hidden_engine, hidden_score, hidden_table, resumed)
 
 
 def run_case(job):
@@ -45,7 +48,13 @@ def run_case(job):
     found = hidden_engine.diagnose(fitted, heldout, hidden_cases.given_model(case))
     _add_truth(found, functools.partial(hidden_cases.true_value, case))
     visibility = hidden_visibility.visibility(case)
-    return dict(case.describe(), visibility=visibility, seconds_of_data=made, found=found)
+    result = dict(case.describe(), visibility=visibility, seconds_of_data=made, found=found)
+    if "nameless" in case.effects:
+        result["formula"] = hidden_grammar.text(case.effects["nameless"])
+        result["explained_true"], *result["errors_true"] = hidden_cases.true_share(case, fitted)
+        repeats = case.effects["nameless"]["repeats"]
+        result["learnable_true"] = result["explained_true"] if repeats else 0.0
+    return result
 
 
 def run_white(case):

@@ -4,15 +4,20 @@ A case follows from its kind and seed alone. hidden_craft moves it, hidden_noise
 measures it: the estimator shares neither equations nor integrator nor noise with the truth. The
 poses then take the path of a user's bag: they are repaired, smoothed and cut to the usable spans.
 """
+import copy
 import hashlib
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 import hidden_craft
+import hidden_grammar
 import hidden_noise
+import hidden_pilot
+import hidden_share
 import hidden_white
 from ground import _core
+from ground.errors import GroundError
 from ground.recordings import quality
 from ground.recordings.recording import Recording
 from ground.simulation import experiments
@@ -34,6 +39,9 @@ HISTORY = {
     "thrust_backlash": {"width": 0.2},
     "warm_up": {"part": 0.25, "use": 3.0},
 }
+EXCESS = (1.5, 12.0)  # range of a nameless effect's excess
+MAX_BY_LIBRARY = 0.6  # share of a nameless effect that effects of the library may explain
+FRAMES = ("body", "room", "both")
 SIZE_FACTOR = 1.3  # sizes are drawn between median / SIZE_FACTOR and median * SIZE_FACTOR
 
 
@@ -52,6 +60,8 @@ class Case:
     mocap: dict = field(default_factory=dict)
     jitter: float = 0.0  # largest delay of single commands [s]
     level: float = 0.0  # sigma of the disturbance, relative to full thrust
+    frame: str = "body"  # in which the disturbance keeps its direction: body, room or both
+    excess: float = 0.0  # error that a nameless effect causes, relative to the noise floor
 
     def describe(self):
         """The case as a dictionary for a line of JSON."""
@@ -82,7 +92,11 @@ def plain(kind, seed, excitation="varied", mocap=None):
 
 def _drives(random, excitation):
     """Drives of the runs. `thesis`: a PRBS as in the recordings of 2019; `levels`: many levels in every
-    run; `varied`: clocks, levels and lift differ from run to run, every eighth case is `thesis`."""
+    run; `piloted`: by hand; `varied`: clocks, levels and lift differ from run to run, every eighth case
+    is `thesis`."""
+    if excitation == "piloted":
+        lifts = random.choice([1.0, 1.0, 0.85, 0.7], FITTED + HELD_OUT).tolist()
+        return [{"input": "pilot", "lift": lift, "number": _number(random)} for lift in lifts]
     if excitation == "thesis" or (excitation == "varied" and random.uniform() < 1 / 8):
         return [_prbs(random, 10, (0.0, 1.0), 1.0) for _ in range(FITTED + HELD_OUT)]
     lifts = list(random.permutation([1.0, 1.0, 0.85, 0.7])) + [1.0, 0.85]
@@ -109,8 +123,10 @@ def _number(random):
 
 
 def schedule(drive):
-    """The experiments.Schedule of a drive."""
-    if drive["input"] == "prbs":
+    """The experiments.Schedule of a drive; a pilot's has the lift alone."""
+    if drive["input"] == "pilot":
+        rows = np.zeros((1, 3))
+    elif drive["input"] == "prbs":
         clock, levels = drive["clock"], drive["levels"]
         rows = experiments.rows("prbs", DRIVEN, clock=clock, levels=levels, seed=drive["number"])
     else:
@@ -120,14 +136,14 @@ def schedule(drive):
     return experiments.with_lift(rows, DRIVEN, drive["lift"])
 
 
-def push(case, low, high):
+def push(case, low, high, frame="body"):
     """Adds a random wrench with a level in [low, high], relative to the full wrench.
 
-    It is an Ornstein-Uhlenbeck process with a correlation time of 0.1 to 3 s. In half of the cases level
+    Its force keeps its direction in the body, in the room, or has a part in both. It is an Ornstein-Uhlenbeck process with a correlation time of 0.1 to 3 s. In half of the cases level
     and time differ from run to run; a quarter of the cases has a white part, too.
     """
     random = random_of(case.kind, case.seed, "push")
-    case.level = _between(random, low, high)
+    case.level, case.frame = _between(random, low, high), frame
     full = full_wrench(case)
     differ, white = random.uniform() < 0.5, random.uniform() < 0.25
     level, times = case.level, _times(random)
@@ -138,7 +154,19 @@ def push(case, low, high):
         run["push"]["time"] = times
         if white:  # the density at low frequency equals that of a correlation time of 10 ms
             run["push"]["white"] = (level * full * np.sqrt(0.02)).tolist()
+        if frame != "body":
+            _turn_to_room(run["push"], random, frame)
     return case
+
+
+def _turn_to_room(push, random, frame):
+    """Moves the force of a disturbance, or a random part of it (`both`), from the body to the room."""
+    share = np.sqrt(random.uniform(0.2, 0.8)) if frame == "both" else 1.0
+    left = np.sqrt(1 - share**2)
+    push["room"] = {"time": push["time"][:2], "trim": [0.0, 0.0]}
+    for part in ("sigma", "white"):
+        push["room"][part] = [share * size for size in push[part][:2]]
+        push[part] = [left * size for size in push[part][:2]] + push[part][2:]
 
 
 def full_wrench(case):
@@ -172,18 +200,88 @@ def hide(case, names, low, high):
 
 
 def trim(case, what):
-    """Makes yaw moment, side force or thrust differ from run to run."""
+    """Makes yaw moment, side force, thrust or a constant draught in the room differ from run to run."""
     random = random_of(case.kind, case.seed, "trim")
     for run in case.runs:
         size = float(TRIM * random.normal())
         if what == "thrust":
             run["thrust"] = size
+        elif what == "draught":
+            calm = {"sigma": [0.0] * 2, "white": [0.0] * 2, "time": [1.0] * 2}
+            force = float(full_wrench(case)[0]) * np.array([size, TRIM * random.normal()])
+            run["push"].setdefault("room", calm)["trim"] = force.tolist()
         else:
             channel = {"side": 1, "yaw": 2}[what]
             run["push"]["trim"][channel] = size * float(full_wrench(case)[channel])
     # The mean over the runs acts as a constant effect, which is a right answer.
-    case.allowed = {"yaw": ["yaw_bias"], "side": ["body_force_bias"], "thrust": []}[what]
+    means = {"yaw": ["yaw_bias"], "side": ["body_force_bias"], "draught": ["floor_tilt", "wind"]}
+    case.allowed = means.get(what, [])
     return case
+
+
+def hide_nameless(case, local=False):
+    """Adds an effect that the grammar draws, of a size at which the refitted nominal model's error is a
+    random multiple of the noise floor. Draws again what cannot reach it, or what the library explains."""
+    random = random_of(case.kind, case.seed, "nameless")
+    wanted = _between(random, *EXCESS)
+    motions = [flight(calmed(case), i)[1] for i in range(len(case.runs))]
+    columns = zip(*(hidden_grammar.columns(m, experiments.LEAD) for m in motions))
+    sample = dict(zip(hidden_grammar.VARIABLES, map(np.concatenate, columns)))
+    sample = {name: values[sample["t"] > 1][::10] for name, values in sample.items()}
+    while True:
+        effect = hidden_grammar.draw(random, sample, case.body, local)
+        wrenches = _along(effect, motions)
+        size = np.sqrt(np.mean((np.concatenate(wrenches) / full_wrench(case)) ** 2))
+        if not 1e-9 < size < 1e9:
+            continue
+        if hidden_share.by_library(case.body, motions, wrenches) < MAX_BY_LIBRARY:
+            sized = hidden_grammar.scaled(effect, 0.002 * wanted / size)
+            if _reach(case, sized, wanted, motions):
+                return case
+
+
+def _along(effect, motions):
+    """Wrenches (n, 3) of a nameless effect along the motions of the runs."""
+    along = hidden_grammar.along
+    return [along(effect, i, motion, experiments.LEAD) for i, motion in enumerate(motions)]
+
+
+def _reach(case, effect, wanted, motions):
+    """Gives a nameless effect to the case at the size whose excess is the wanted one; whether it succeeded."""
+    fastest = 2.5 * np.max([np.abs(motion.nu).max(axis=0) for motion in motions], axis=0)
+    size, low, high = effect["constants"]["a"], 0.0, np.inf
+    for _ in range(10):
+        case.effects["nameless"] = hidden_grammar.scaled(effect, size)
+        case.excess = _excess(calmed(case), fastest)
+        if abs(np.log(case.excess / wanted)) < 0.07:
+            case.excess = round(case.excess, 3)
+            return True
+        low, high = (size, high) if case.excess < wanted else (low, size)
+        grow = np.sqrt((wanted**2 - 1) / max(case.excess**2 - 1, 0.02))
+        size *= np.clip(grow, 0.1, 10)  # the excess grows as the square at first
+        if not low < size < high:
+            size = np.sqrt(low * high) if low else high / 5
+    return False
+
+
+def _excess(case, fastest):
+    """The excess of a case without disturbance; infinite if the craft runs away."""
+    try:
+        runs = [record_run(case, i) for i in range(FITTED)]
+        if any((np.abs(run.nu).max(axis=0) > fastest).any() for run in runs):
+            return np.inf
+        return hidden_share.excess(runs, given_model(case))
+    except (ArithmeticError, ValueError, GroundError):
+        return np.inf
+
+
+def calmed(case):
+    """The case without disturbance, differences between runs, and jitter."""
+    calm = copy.deepcopy(case)
+    calm.jitter = 0.0
+    for run in calm.runs:
+        run.update(thrust=0.0, push={n: [0.0] * 3 for n in ("sigma", "white", "trim")})
+    return calm
 
 
 # --- The kinds
@@ -293,15 +391,36 @@ def unequal_delays(kind, seed):
     return case
 
 
-def floor_field(kind, seed):
-    case, random = _calm_or_not(kind, seed), random_of(kind, seed, "floor")
-    case.effects["floor_field"] = {
-        "force": 2 * case.body["k"] * random.uniform(0.03, 0.08),
-        "length": random.uniform(1.0, 2.5),
-        "phase": random.uniform(0, 2 * np.pi),
-    }
-    case.allowed = ["floor_friction_map"]
+def nameless(local):
+    """A maker of cases with an effect from the grammar, a third of them without a disturbance."""
+
+    def make(kind, seed):
+        random = random_of(kind, seed, "circumstances")
+        case = plain(kind, seed, "piloted" if random.uniform() < 0.25 else "varied")
+        if random.uniform() > 1 / 3:
+            push(case, 0.005, 0.02, FRAMES[random.integers(2)])
+        return hide_nameless(case, local)
+
+    return make
+
+
+def null(kind, seed):
+    """Nothing is missing, whatever disturbs, differs between runs, drives the craft or measures it."""
+    random = random_of(kind, seed, "circumstances")
+    mocap = {}
+    if random.uniform() < 0.2:
+        mocap = {"kind": "coloured", "time": _between(random, 0.03, 0.1)}
+    case = plain(kind, seed, "piloted" if random.uniform() < 0.4 else "varied", mocap)
+    push(case, 0.005, 0.05, FRAMES[random.integers(3)])
+    if random.uniform() < 0.3:
+        trim(case, (*TRIMS, "draught")[random.integers(4)])
     return case
+
+
+def draught(kind, seed):
+    """A tilted floor or a wind under a disturbance that keeps its direction in the room."""
+    name, _ = in_turn(seed, ("floor_tilt", "wind"))
+    return hide(push(plain(kind, seed), 0.005, 0.03, "room"), [name], 1.5, 2.5)
 
 
 # The maker of the cases of each kind, and their default number.
@@ -320,7 +439,10 @@ KINDS = {
     "triples": (several(3), 200),
     "history": (history, 100),
     "unequal_delays": (unequal_delays, 60),
-    "floor_field": (floor_field, 60),
+    "nameless": (nameless(False), 100),
+    "local": (nameless(True), 60),
+    "null": (null, 200),
+    "draught": (draught, 60),
 }
 
 
@@ -340,8 +462,8 @@ def record(case):
 
 def record_run(case, i):
     """One run of a case as _core.RunData."""
-    plan, random = schedule(case.runs[i]["drive"]), random_of(case.kind, case.seed, "noise", i)
-    motion = moved(case, i, plan, random)
+    random = _noise(case, i)
+    plan, motion = flight(case, i, random)
     taken, stamps = hidden_noise.frames(random, plan.end, case.mocap)
     poses = motion.poses(np.maximum(taken, motion.times[0]))
     eta = hidden_noise.measured(random, hidden_craft.seen(case.effects, poses), case.mocap)
@@ -356,25 +478,52 @@ def record_run(case, i):
     return quality.Run(recording).data(given_model(case))
 
 
-def moved(case, i, plan, random=None, effects=None):
-    """The hidden_craft.Motion of a run, from the first lift on. Without `random` there is no
-    disturbance and no jitter; `effects` replaces the effects of the truth."""
+def _noise(case, i):
+    """The random generator of a run's disturbance and measurement."""
+    return random_of(case.kind, case.seed, "noise", i)
+
+
+def flight(case, i, random=None, effects=None):
+    """The commands of a run (experiments.Schedule), and its hidden_craft.Motion from the first lift on.
+    Without `random` there is no disturbance and no jitter; `effects` replaces the effects of the truth."""
     run, effects = case.runs[i], case.effects if effects is None else effects
     if run["thrust"]:
         effects = {**effects, "thrust_scale": {"a": run["thrust"]}}
+    if "nameless" in effects:
+        effects = {**effects, "nameless": {**effects["nameless"], "run": i}}
+    plan, pilot = schedule(run["drive"]), None
+    if run["drive"]["input"] == "pilot":
+        steers = random_of("pilot", run["drive"]["number"])
+        pilot = hidden_pilot.Pilot(steers, *plan.rows[-2:, 0])
     began = plan.rows[np.argmax(plan.rows[:, 3] > 0), 0]
     sent, wrench = plan.rows, None
     if random is not None and case.jitter:
         late = random.uniform(0, case.jitter, len(sent))
         arrive = np.maximum.accumulate(sent[:, 0] + late)
         sent = [(arrive, sent[:, column]) for column in (1, 2, 3)]
-    if random is not None and any(map(any, (run["push"][n] for n in ("sigma", "white", "trim")))):
+    if random is not None and _pushes(run["push"]):
         count = int(np.ceil((plan.end - began) / hidden_craft.GRID)) + 1
         wrench = hidden_noise.wrench(random, count, hidden_craft.GRID, run["push"])
     craft = hidden_craft.Craft(case.body, effects)
     commands = hidden_craft.acting(effects, sent)
     pose = (0.0, 0.0, run["heading"])
-    return hidden_craft.simulate(craft, commands, plan.end, pose, began, wrench=wrench)
+    motion = hidden_craft.simulate(craft, commands, plan.end, pose, began, wrench, pilot=pilot)
+    if pilot:
+        steered = np.insert(pilot.rows, 3, run["drive"]["lift"], axis=1)
+        plan.rows = np.vstack([plan.rows[:-2], steered, plan.rows[-1:]])
+    return plan, motion
+
+
+def _pushes(push):
+    return "room" in push or any(map(any, (push[name] for name in ("sigma", "white", "trim"))))
+
+
+def true_share(case, runs):
+    """Share of the error in runs to fit to that the true nameless effect explains; see hidden_share."""
+    effect = case.effects["nameless"]
+    motions = [flight(case, i, _noise(case, i))[1] for i in range(len(runs))]
+    wrenches = _along(effect, motions)
+    return hidden_share.explained(runs, given_model(case), motions, wrenches)
 
 
 def given_model(case):

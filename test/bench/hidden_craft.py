@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+import hidden_grammar
+
 GRID = 1e-3  # interval over which a disturbance is constant [s]
 COARSE = 4e-3  # longest step without a disturbance [s]
 GRAVITY = 9.81  # [m/s^2]
@@ -23,7 +25,7 @@ DRY_SPEED, DRY_RATE = 0.01, 0.1  # below them dry friction is proportional to sp
 @dataclass
 class Craft:
     """Parameters in SI units: body has m, l, I_z, X_u, Y_v, N_r, k; effects {name: {parameter: value}}
-    come from the library or from OUTSIDE_LIBRARY."""
+    come from the library or from OUTSIDE_LIBRARY, or are a hidden_grammar effect under "nameless"."""
 
     body: dict
     effects: dict = field(default_factory=dict)
@@ -37,6 +39,7 @@ class Motion:
     eta: np.ndarray  # (n, 3) true pose
     nu: np.ndarray  # (n, 3) true velocities
     nu_dot: np.ndarray  # (n, 3) their derivatives just after each instant
+    inputs: np.ndarray  # (n, 3) left, right and lift just after each instant
 
     def poses(self, times):
         """Poses (m, 3) at given times, by cubic Hermite interpolation."""
@@ -240,11 +243,12 @@ class Channel:
         return time + self.delay, self.reached
 
 
-def simulate(craft, commands, end, pose, began, wrench=None, max_step=COARSE):
+def simulate(craft, commands, end, pose, began, wrench=None, max_step=COARSE, pilot=None):
     """The Motion from rest at `pose`, from the begin of the drive at `began` [s] to `end` [s].
 
-    commands: from `acting`. wrench: disturbance (n, 3) in the body frame [N, N, N m], one row for each
-    GRID from `began` on. max_step: longest step without a disturbance [s].
+    commands: from `acting`. wrench: disturbance [N, N, N m] in the body frame (n, 3), or with forces x, y in
+    the room's frame appended (n, 5); one row for each GRID from `began` on. max_step: longest step without
+    a disturbance [s]. pilot: called with time and pose, gives left and right instead of the commands.
     """
     step = max_step if wrench is None else GRID
     count = math.ceil((end - began) / step - 1e-9)
@@ -261,9 +265,11 @@ def simulate(craft, commands, end, pose, began, wrench=None, max_step=COARSE):
         pushes = wrench[cell]
     rows = np.empty((len(times), 9))  # pose, velocities, their derivatives
     steps = np.append(np.diff(times), 0.0).tolist()
-    for i, now in enumerate(zip(times.tolist(), steps, held.tolist(), pushes.tolist())):
-        rows[i] = mover.step(*now)
-    return Motion(times, rows[:, :3], rows[:, 3:6], rows[:, 6:])
+    for i, (t, h, inputs, push) in enumerate(zip(times.tolist(), steps, held.tolist(), pushes.tolist())):
+        if pilot:
+            inputs[:2] = held[i, :2] = pilot(t, mover.state[:3])
+        rows[i] = mover.step(t, h, inputs, push)
+    return Motion(times, rows[:, :3], rows[:, 3:6], rows[:, 6:], held)
 
 
 class Mover:
@@ -284,8 +290,8 @@ class Mover:
             self.state[at] = 0.0
 
     def step(self, t, h, inputs, push):
-        """Moves it from t by h [s] under inputs left, right, lift and a wrench (3) [N, N, N m]. Returns pose,
-        velocities and accelerations at t."""
+        """Moves it from t by h [s] under inputs left, right, lift and a wrench (see `simulate`) [N, N, N m].
+        Returns pose, velocities and accelerations at t."""
         first = self._rates(t, self.state, inputs, push)
         row = self.state[:6] + first[3:6]
         self.state = _kutta(self._rates, t, self.state, h, inputs, push, first)
@@ -329,6 +335,11 @@ class _Rates:
             does = [table.get(name) for table in (INPUT_OF, THRUST_OF, WRENCH_OF)]
             self.states.append((effects[name], span, rate, *does))
             self.count += count
+        self.nameless = None
+        if "nameless" in effects:
+            self.nameless = hidden_grammar.Nameless(effects["nameless"], math)
+            self.nameless_span = slice(6 + self.count, 6 + self.count + self.nameless.count)
+            self.count += self.nameless.count
         wind = effects.get("wind", {"wx": 0.0, "wy": 0.0})
         self.wind = (wind["wx"], wind["wy"])
         self._set_inertia(effects)
@@ -360,6 +371,8 @@ class _Rates:
             rates += rate(p, at, z)
             if gives:
                 at.left, at.right = gives(p, z)
+        if self.nameless:
+            rates += self.nameless.rates(at, state[self.nameless_span])
         X, Y, N = self._wrench(state, push)
         # momentum p = M nu; p' + r x p = (X, Y), and the moment of the momentum (Kirchhoff)
         mass = self.mass
@@ -384,6 +397,9 @@ class _Rates:
                 left, right = left * a, right * b
         at.force_left, at.force_right = left, right
         X, Y, N = left + right + push[0], push[1], at.l * (left - right) + push[2]
+        if len(push) > 3:
+            X += at.c * push[3] + at.s * push[4]
+            Y += at.c * push[4] - at.s * push[3]
         if self.braking and at.lift == 0:
             most = at.m * self.braking
             dX, dY, dN = _dry(at, most, most * at.l)
@@ -395,6 +411,9 @@ class _Rates:
             if force:
                 dX, dY, dN = force(p, at, state[span])
                 X, Y, N = X + dX, Y + dY, N + dN
+        if self.nameless:
+            dX, dY, dN = self.nameless.wrench(at, state[self.nameless_span])
+            X, Y, N = X + dX, Y + dY, N + dN
         return X, Y, N
 
 

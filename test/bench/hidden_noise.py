@@ -20,13 +20,15 @@ def wrench(random, count, step, push):
     """Disturbance (count, 3) in the body's frame [N, N, N m], constant over each `step` [s].
 
     push: `sigma` (3) [N, N, N m] and `time` (3) [s] of its Ornstein-Uhlenbeck part, `white` (3)
-    [N sqrt(s), N m sqrt(s)], constant `trim` (3) [N, N, N m].
+    [N sqrt(s), N m sqrt(s)], constant `trim` (3) [N, N, N m]. If it has a part `room`, likewise for x, y,
+    forces in the room's frame [N] are appended (count, 5).
     """
     columns = []
     for sigma, time, white, trim in zip(push["sigma"], push["time"], push["white"], push["trim"]):
         slow = sigma * ornstein_uhlenbeck(random, count, step, time)
         columns.append(trim + slow + white / np.sqrt(step) * random.normal(size=count))
-    return np.column_stack(columns)
+    body = np.column_stack(columns)
+    return np.hstack([body, wrench(random, count, step, push["room"])]) if "room" in push else body
 
 
 def frames(random, end, mocap):

@@ -68,7 +68,7 @@ def _rows():
     for name in hidden_craft.MEMORY:
         yield Row("- " + name, ("history",), score.says_memory, None, _has(name))
     yield Row("history: flagged falsely, all other cases", (), score.false_memory, ("<=", 0.05))
-    for kind in ("jittered_link", "unequal_delays", "floor_field"):
+    for kind in ("jittered_link", "unequal_delays"):
         yield Row(kind + ": a false effect", (kind,), score.has_false_effect)
         yield Row(kind + ": not `unexplained`", (kind,), score.not_unexplained)
     yield Row("intervals of hidden effects hold", (), score.intervals, ("in", 0.95))

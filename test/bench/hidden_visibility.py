@@ -38,8 +38,8 @@ def _noncentrality(case, effects):
 def _spectra(case, i, effects):
     """Spectra of one run: of the missing wrench (f, 3), and of the wrench's derivatives by the nominal
     parameters (f, 3, 5); and the weights (f, 3) that turn squares into log-likelihood ratios."""
-    plan, body = cases.schedule(case.runs[i]["drive"]), case.body
-    motion = cases.moved(case, i, plan, effects=effects)
+    body = case.body
+    plan, motion = cases.flight(case, i, effects=effects)
     times = motion.times[motion.times <= plan.rows[-1, 0]]  # until the lift is off
     nu, nu_dot = (series[: len(times)] for series in hidden_craft.seen_motion(effects, motion))
     left, right = (hidden_craft.held_at((plan.rows[:, 0], plan.rows[:, c]), times) for c in (1, 2))
@@ -79,7 +79,14 @@ def _density(push, mocap, inertia, frequency, length):
     """Two-sided spectral density (f, 3) of the random wrench plus the pose noise, expressed as a wrench;
     length of the run in s."""
     omega = 2 * np.pi * np.maximum(frequency, 0.5 / length)[:, None]
-    sigma, time = np.array(push["sigma"]), np.array(push["time"])
-    slow = 2 * sigma**2 * time / (1 + (omega * time) ** 2) + np.array(push["white"]) ** 2
+    slow = _slow(push, omega)
+    if "room" in push:
+        slow[:, :2] += _slow(push["room"], omega)
     noise = mocap["level"] * hidden_noise.NOISE * inertia * omega**2
     return slow + noise**2 / hidden_noise.RATE
+
+
+def _slow(push, omega):
+    """Spectral density of a random wrench (f, channels)."""
+    sigma, time = np.array(push["sigma"]), np.array(push["time"])
+    return 2 * sigma**2 * time / (1 + (omega * time) ** 2) + np.array(push["white"]) ** 2
