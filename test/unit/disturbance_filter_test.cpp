@@ -516,18 +516,19 @@ TEST_P(Filtered, LevelScoresAreThoseOfFiniteDifferences) {
 TEST_P(Filtered, ResponsesAreThoseOfFiniteDifferencesWithFixedGains) {
   const std::vector<int> channels = {2, 0, 1};
   const auto samples = static_cast<Eigen::Index>(seen_.size());
-  Eigen::MatrixXd acting(samples, 3);
+  Eigen::MatrixXd acting = Eigen::MatrixXd::Zero(samples, 9);  // three wrenches, a channel each
   const Vector3<double> size(typical::moment(model_.body), typical::force(model_.body),
                              typical::force(model_.body));
   for (Eigen::Index k = 0; k < samples; ++k)
-    for (int c = 0; c < 3; ++c) acting(k, c) = size(c) * std::sin((3 + c) * 0.05 * k);
-  const Eigen::MatrixXd found = filter_.responses(acting, channels);
+    for (int c = 0; c < 3; ++c)
+      acting(k, 3 * c + channels[static_cast<std::size_t>(c)]) = size(c) * std::sin((3 + c) * 0.05 * k);
+  const Eigen::MatrixXd found = filter_.responses(acting);
   const FixedGains fixed(run_, filter_, levels_);
   const Dynamics<double> dynamics(model_);
   for (int c = 0; c < 3; ++c) {
     constexpr double kChange = 1e-4;
     Eigen::MatrixX3d up = Eigen::MatrixX3d::Zero(samples, 3);
-    up.col(channels[static_cast<std::size_t>(c)]) = kChange * acting.col(c);
+    up.col(channels[static_cast<std::size_t>(c)]) = kChange * acting.col(3 * c + channels[static_cast<std::size_t>(c)]);
     const Eigen::MatrixX3d down = -up;
     const Matrix3<double> mobility = dynamics.mass().inverse();
     // Minus the change of the innovations: the wrench that a model without it leaves unexplained.

@@ -457,7 +457,6 @@ class GreyBox:
         run: int,
         cap: float = 25.0,
         acting: Optional[ArrayLike] = ...,
-        channels: Sequence[int] = ...,
     ) -> Residuals: ...
     def forecast(
         self,

@@ -262,9 +262,9 @@ Eigen::VectorXd DisturbanceFilter::densities(double block) const {
   return sums;
 }
 
-Eigen::MatrixXd DisturbanceFilter::responses(const Eigen::MatrixXd& acting,
-                                             const std::vector<int>& channels) const {
-  const int count = static_cast<int>(channels.size());
+Eigen::MatrixXd DisturbanceFilter::responses(const Eigen::MatrixXd& acting) const {
+  const int count = static_cast<int>(acting.cols() / 3);
+  const Eigen::MatrixXd by_sample = acting.transpose();  // a sample's wrenches are neighbours
   Eigen::MatrixXd result = Eigen::MatrixXd::Zero(3 * static_cast<Eigen::Index>(samples_.size()), count);
   std::vector<double> x(kN * count, 0.0), white(3 * count);
   const Random<double> random = randomOf(levels_, run_.noise);
@@ -279,10 +279,11 @@ Eigen::MatrixXd DisturbanceFilter::responses(const Eigen::MatrixXd& acting,
     if (s.dt <= 0) continue;
     const Random<double>::Step step = random.over(s.dt);
     moveDeviation(s, step.left, step.mean, x.data(), count);
-    for (int j = 0; j < count; ++j)
-      for (int i = 0; i < 6; ++i)
-        x[i * count + j] +=
-            s.response[i][channels[j]] * acting(static_cast<Eigen::Index>(k), j);
+    const double* const now = by_sample.col(static_cast<Eigen::Index>(k)).data();
+    for (int i = 0; i < 6; ++i)
+      for (int j = 0; j < count; ++j)
+        x[i * count + j] += s.response[i][0] * now[3 * j] + s.response[i][1] * now[3 * j + 1] +
+                            s.response[i][2] * now[3 * j + 2];
   }
   return result;
 }

@@ -98,7 +98,8 @@ class DisturbanceFilter {
   /// Derivatives by the logarithms of the levels, over all samples.
   RunLevelScores levelScores(const DisturbanceLevels& levels) const;
   /// Response of the whitened innovations to wrenches held from sample to sample, (3 n, columns).
-  Eigen::MatrixXd responses(const Eigen::MatrixXd& acting, const std::vector<int>& channels) const;
+  /// Three columns of `acting` a wrench: X, Y, N.
+  Eigen::MatrixXd responses(const Eigen::MatrixXd& acting) const;
 
   /// The log-likelihood of blocks of time [s], at most one block a sample.
   Eigen::VectorXd densities(double block) const;

@@ -231,11 +231,13 @@ GreyBoxScores GreyBox::scores(const GreyBoxPoint& point, const std::vector<std::
 }
 
 GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double cap,
-                                    const Eigen::MatrixXd& acting,
-                                    const std::vector<int>& channels) const {
+                                    const Eigen::MatrixXd& acting) const {
   const std::size_t at = indexOf(run);
   check(point, cap);
-  checkActing(acting, channels, runs_[at].times.size());
+  if (acting.cols() % 3 != 0 ||
+      (acting.cols() > 0 && acting.rows() != static_cast<Eigen::Index>(runs_[at].times.size())) ||
+      !acting.allFinite())
+    throw std::invalid_argument("acting wrenches need a finite row a sample and three columns each");
   DisturbanceFilter filter(runs_[at], max_gap_);
   requireFinite(filter.run(point.model, levelsOf(point, at), cap));
   const auto count = static_cast<Eigen::Index>(filter.samples().size());
@@ -251,7 +253,7 @@ GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double c
   }
   result.wrench = filter.wrench();
   result.constants = filter.constantsSoFar();
-  if (acting.cols() > 0) result.responses = filter.responses(acting, channels);
+  if (acting.cols() > 0) result.responses = filter.responses(acting);
   return result;
 }
 

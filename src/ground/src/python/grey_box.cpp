@@ -87,9 +87,9 @@ py::dict scoresAt(const GreyBox& box, const GreyBoxPoint& point,
 }
 
 py::dict residualsAt(const GreyBox& box, const GreyBoxPoint& point, int run, double cap,
-                     const OptionalMatrix& acting, const std::vector<int>& channels) {
+                     const OptionalMatrix& acting) {
   const auto found =
-      withoutGil([&] { return box.residuals(point, run, cap, orEmpty(acting), channels); });
+      withoutGil([&] { return box.residuals(point, run, cap, orEmpty(acting)); });
   py::dict d;
   d["whitened"] = found.whitened;
   d["scored"] = found.scored;
@@ -154,7 +154,7 @@ void bindGreyBox(py::module_& module) {
       .def("scores", &scoresAt, py::arg("point"), py::arg("parameters"), py::arg("cap") = 25.0,
            py::arg("block") = 1.0, py::arg("threads") = 1)
       .def("residuals", &residualsAt, py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,
-           py::arg("acting") = py::none(), py::arg("channels") = std::vector<int>())
+           py::arg("acting") = py::none())
       .def("forecast", &forecastFrom, py::arg("point"), py::arg("run"), py::arg("starts"),
            py::arg("horizons"), py::arg("unknown_loudness") = false,
            py::arg("free") = std::vector<std::string>(), py::arg("information") = py::none(),

@@ -141,9 +141,9 @@ class GreyBox {
                        double cap, double block, int threads) const;
 
   /// Filters one run. `acting`: wrenches over time whose responses to compute, a column each, held
-  /// from each sample to the next. `channels`: on which of X, Y, N (0, 1, 2) each acts.
+  /// from each sample to the next. Each wrench has three columns of `acting`: X, Y [N], N [N m], body.
   GreyBoxResiduals residuals(const GreyBoxPoint& point, int run, double cap,
-                             const Eigen::MatrixXd& acting, const std::vector<int>& channels) const;
+                             const Eigen::MatrixXd& acting) const;
 
   /// Predicts one run from each start to the horizon, the next gap or the end of the run. The
   /// filtered state at the start is the Gaussian of motion, wrench and trims given the poses so

@@ -1,6 +1,5 @@
 """Conclusion of a diagnosis: the verdict, the improved model, and how well it predicts."""
 
-import functools
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Callable, List, Mapping, Optional, Sequence, Tuple
@@ -11,14 +10,14 @@ from ground import _core
 from ground.analysis import (
     bands,
     baseline,
-    budget,
     memory,
-    remains,
-    repeats,
+    naming,
     stages,
     study,
     varying,
 )
+from ground.analysis.agreement import Agreement, agreement
+from ground.analysis.ceiling import Ceiling
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
@@ -28,6 +27,8 @@ from ground.core_types import FittedParameter
 
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
+# Largest share of the error that a smooth function of one kind may have beside `complete`
+SMALL = 0.35
 # Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in
 # multiples of the one from which it is excluded.
 CLOSE = 5.0
@@ -38,7 +39,7 @@ FLOORS = 5  # simulations over which the noise floor is averaged
 class Conclusion:
     """What a diagnosis concludes."""
 
-    verdict: str  # complete, missing, varies, memory, unexplained or misread
+    verdict: str  # complete, missing, varies, memory, unexplained, undecided or misread
     improved: _core.Model  # refitted
     parameters: List[FittedParameter]  # the improved model's: name, unit, value, ci95, ...
     noise_floor: float
@@ -47,8 +48,9 @@ class Conclusion:
     heldout_floor: float  # noise floor of the runs on which steps are measured
     varies: List[Document]  # what differs between runs
     memory: Optional[memory.Memory]
-    history: remains.Remains
-    state: remains.Remains
+    ceiling: Ceiling
+    agreement: Agreement
+    formula: Optional[naming.Formula]  # for what is learnable and has no name
     diagnosis: Diagnosis  # its basis
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
@@ -73,17 +75,6 @@ class Conclusion:
         return _nested(self.diagnosis)
 
     @cached_property
-    def budget(self) -> budget.Budget:
-        """budget.Budget of the grown model's error."""
-        found = self.diagnosis
-        return budget.budget(found.runs, found.cut, found.fit, found.pool.map)
-
-    @cached_property
-    def repeats(self) -> Optional[repeats.Repeats]:
-        """repeats.Repeats of the improved model's error."""
-        return repeats.repeats(self.diagnosis.runs, self.diagnosis.cut, self.improved)
-
-    @cached_property
     def bands(self) -> List[bands.Bands]:
         """bands.Bands of the grown model, one for each run held out."""
         return _bands(self.diagnosis, self.tested)
@@ -105,10 +96,8 @@ def conclude(
 def _conclude(
     found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool
 ) -> Conclusion:
-    fullest = _with_slight(found)
-    history, state = found.pool.map(
-        functools.partial(_left_by, found.likelihood, fullest), (remains.of_history, remains.of_state)
-    )
+    left = found.ceiling_of()
+    agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
 
     def floor_of(seed: int) -> float:
         return float(study.noise_floor(found.runs, found.best.model, seed).sum())
@@ -117,8 +106,12 @@ def _conclude(
     reached = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
     varies = _varies(found)
     explained = found.best.error.sum() < EXPLAINED * floor
+    verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees)
+    formula = None
+    if verdict == "unexplained" and left.found is not None:
+        formula = naming.formula(found.likelihood, found.fit, left.found)
     return Conclusion(
-        MISREAD if misread else _verdict(found, explained, varies, history, state),
+        verdict,
         found.model,
         found.likelihood.intervals(found.fit),
         floor,
@@ -127,24 +120,12 @@ def _conclude(
         reached,
         varies,
         found.memory,
-        history,
-        state,
+        left,
+        agrees,
+        formula,
         found,
         heldout,
     )
-
-
-def _left_by(
-    likelihood: Likelihood, fit: Fit, what: Callable[[Likelihood, Fit], remains.Remains]
-) -> remains.Remains:
-    return what(likelihood, fit)
-
-
-def _with_slight(found: Diagnosis) -> Fit:
-    """Fit of the grown model with the slight effect: too small to matter, but detectable."""
-    if found.slight and found.slight_sets[1] == found.names:
-        return found.search.fits[found.slight_sets[0]]
-    return found.fit
 
 
 def _nested(found: Diagnosis) -> float:
@@ -202,18 +183,22 @@ def _verdict(
     found: Diagnosis,
     explained: bool,
     varies: Sequence[Document],
-    history: remains.Remains,
-    state: remains.Remains,
+    left: Ceiling,
+    agrees: Agreement,
 ) -> str:
-    if found.memory or (history.found and history.gain > state.gain):
+    if found.memory:
         return "memory"
-    # An effect that the likelihood prefers and held-out parts refute leaves open what is missing.
-    open_still = found.dropped and not found.chosen and not varies
-    if not explained and (state.found or open_still):
-        return "unexplained"
+    if left.said and not explained:
+        return "memory" if left.of_the_past else "unexplained"
     if found.chosen:
         return "missing"
-    return "varies" if varies else "complete"
+    if varies:
+        return "varies"
+    # An effect that the likelihood prefers and held-out parts refute leaves open what is missing.
+    open_still = bool(found.dropped) or left.found is not None or not agrees.holds
+    if not explained and (open_still or left.bound > SMALL):
+        return "undecided"
+    return "complete"
 
 
 def _steps(found: Diagnosis, heldout: Sequence[_core.RunData]) -> List[float]:

@@ -3,7 +3,7 @@
 A search (ground.analysis.search) finds the set of effects under which the recorded poses are
 likeliest; a random disturbance is part of the model. Each effect also has to raise the likelihood
 of held-out data (ground.analysis.held_out), must not raise the error there, and has to be large
-enough to matter. The last step tests what the grown model leaves (ground.analysis.remains).
+enough to matter. The last step measures what the grown model leaves (ground.analysis.ceiling).
 """
 
 import os
@@ -13,6 +13,7 @@ from typing import Dict, FrozenSet, List, Optional, Sequence, Tuple
 
 from ground import _core
 from ground.analysis import (
+    ceiling,
     held_out,
     look_alikes,
     memory,
@@ -105,6 +106,7 @@ class Diagnosis:
         self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # the sets with and without it
         self.tried: List[trials.Trial] = []  # each effect added to the nominal model, best first
         self.memory: Optional[memory.Memory] = None  # added to the grown model
+        self.ceilings: Dict[FrozenSet[str], ceiling.Ceiling] = {}  # by set of effects
         self.plan.begin()
         with self.work.stage(stages.FITTING):
             # everything that may differ between runs does
@@ -156,6 +158,20 @@ class Diagnosis:
     def best(self) -> held_out.Judged:
         """held_out.Judged of the grown model."""
         return self.judged[self.names]
+
+    def ceiling_of(self, found: Optional[FrozenSet[str]] = None) -> ceiling.Ceiling:
+        """ceiling.Ceiling of a set of effects that was fitted (default: of the grown model), with an effect that is
+        too small to matter."""
+        names = self.names if found is None else found
+        if names not in self.ceilings:
+            fullest = names
+            if self.slight and self.slight_sets[1] == names:
+                fullest = self.slight_sets[0]
+            fit, before = self.search.fits[fullest], self.search.fits[frozenset()].model
+            self.ceilings[names] = ceiling.ceiling(
+                self.likelihood, fit, self.runs, self.cut, before
+            )
+        return self.ceilings[names]
 
     def judge(self, names: FrozenSet[str]) -> held_out.Judged:
         """held_out.Judged of a set of effects that was fitted."""
@@ -276,7 +292,9 @@ class Diagnosis:
 
     def _with_memory(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """Searches for memory; the set without effects that only imitated it."""
-        fit = self.search.fits[found]
+        fit, left = self.search.fits[found], self.ceiling_of(found)
+        if not (left.said and left.of_the_past):
+            return found
         remembered = memory.find(self.likelihood, fit)
         if remembered is None:
             return found

@@ -1,28 +1,24 @@
 """What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
-import dataclasses
-from typing import Dict, Iterable, List, Optional, Sequence, Union
+from typing import Dict, Iterable, List, Optional, Sequence, Tuple, Union
 
 from ground import _core
 from ground.analysis import (
     bands,
-    budget,
     candidates,
-    challengers,
     held_out,
     likelihood,
     look_alikes,
     next_experiment,
-    remains,
     stages,
     study,
-    unexplained,
 )
+from ground.analysis.agreement import Agreement
+from ground.analysis.ceiling import Ceiling, Share
 from ground.analysis.conclusion import MISREAD, Conclusion
 from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Document
 from ground.core_types import Estimate
-from ground.errors import GroundError
 
 SCHEMA = "ground/diagnosis/1"
 # Refits for the report alone are bounded, so that its cost grows linearly with the data.
@@ -71,7 +67,8 @@ def begun(
         "dropped": _dropped(diagnosis),
         "varies": conclusion.varies,
         "memory": _memory(conclusion),
-        "state": _remains(conclusion.state),
+        "ceiling": _ceiling(conclusion.ceiling),
+        "agreement": _agreement(conclusion.agreement),
         "disturbance": _disturbance(diagnosis.fit),
     }
 
@@ -91,10 +88,7 @@ def completed(
     """
     with diagnosis.work.stage(stages.ERRORS):
         alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
-        budget_of_error, described = conclusion.budget, _candidates(diagnosis, alike, thorough)
-        repeated, banded = conclusion.repeats, bands.coverage(conclusion.bands)
-    with diagnosis.work.stage(stages.CHALLENGING):
-        found = challengers.challengers(diagnosis, only_damping=True)
+        described, banded = _candidates(diagnosis, alike, thorough), bands.coverage(conclusion.bands)
     proposed = _next_experiment(diagnosis, alike, thorough, room)
     diagnosis.plan.planned()
     left: Document = {"fraction": 0.0, "where": [], "proposal": None}
@@ -102,10 +96,7 @@ def completed(
         left = _unexplained(diagnosis, conclusion)
     return {
         **report,
-        "challengers": [dataclasses.asdict(challenger) for challenger in found],
         "candidates": described,
-        "budget": _budget(budget_of_error),
-        "repeats": repeated and dataclasses.asdict(repeated),
         "bands": banded,
         "next_experiment": proposed,
         "unexplained": left,
@@ -133,17 +124,8 @@ def _parameters(parameters: Iterable[Estimate], prefix: str = "") -> Document:
     }
 
 
-def _remains(found: remains.Remains) -> Document:
-    return {
-        "found": found.found,
-        "p_value": found.p_value,
-        "gain": found.gain,
-        "share": found.share,
-    }
-
-
 def _memory(conclusion: Conclusion) -> Document:
-    """What a flexible function of the past explains, and the kind of memory that was found."""
+    """Whether the past matters, and the kind of memory that was found."""
     found, kind = conclusion.memory, None
     if found:
         constants = zip(found.kind.constants, found.constants)
@@ -153,14 +135,36 @@ def _memory(conclusion: Conclusion) -> Document:
             "constants": [{"name": c.name, "value": at, "unit": c.unit} for c, at in constants],
             "p_value": found.p_value,
         }
-    past = _remains(conclusion.history)
-    return dict(past, found=bool(found) or past["found"], kind=kind)
+    return {"found": conclusion.verdict == "memory", "kind": kind}
 
 
-def _budget(found: budget.Budget) -> Document:
-    """Errors with the parts added one after the other, and their shares of the squared error."""
-    error = {"noise": found.noise, "disturbance": found.disturbance, "trim": found.trim}
-    return {"error": dict(error, measured=found.measured), "share": found.parts()}
+def _share(share: Share) -> Document:
+    return {"share": share.value, "ci95": [share.low, share.high]}
+
+
+def _ceiling(left: Ceiling) -> Document:
+    """Shares of the squared error: named, learnable, chance; and what the learnable part depends on."""
+    found = left.found
+    terms = [] if found is None else [term.name for term in found.terms]
+    return {
+        "named": _share(left.named),
+        "learnable": _share(left.learnable),
+        "chance": _share(left.chance),
+        "of_left": _share(left.left),
+        "bound": left.bound,
+        "said": left.said,
+        "arguments": left.arguments,
+        "terms": terms,
+        "error": left.errors,
+    }
+
+
+def _agreement(found: Agreement) -> Document:
+    return {
+        "error": {"measured": found.error, "expected": found.expected, "noise": found.noise},
+        "deviations": found.deviations,
+        "holds": found.holds,
+    }
 
 
 def _disturbance(fit: likelihood.Fit) -> Document:
@@ -267,46 +271,29 @@ def _next_experiment(
     return None
 
 
-def where_of(diagnosis: Diagnosis) -> List[Document]:
-    """What the missing wrench of the grown model depends on, strongest first."""
-    return unexplained.explain(diagnosis.runs, diagnosis.best.model)[0]
-
-
 def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
-    """How much of the error is above the noise, where it is, and a term that would lower it on
-    held-out runs."""
+    """How much of the error is above the noise, what it depends on, and an effect that would lower it on held-out
+    runs."""
     error = float(diagnosis.best.error.sum())
+    proposed: List[Tuple[Document, likelihood.Fit]] = []
     if conclusion.memory:
-        judged = diagnosis.folds.judge(conclusion.memory.fit)
-        lower = judged.heldout.sum() < diagnosis.best.heldout.sum()
-        proposal = dict(conclusion.memory.entry, error=_errors(judged)) if lower else None
-        return {"fraction": 0.0, "where": [], "proposal": proposal}
-    where, proposal = unexplained.explain(diagnosis.runs, diagnosis.best.model)
-    if proposal is not None:
-        proposal = _tested(diagnosis, proposal)
+        proposed.append((conclusion.memory.entry, conclusion.memory.fit))
+    elif conclusion.formula:
+        entry = dict(conclusion.formula.entry, means=conclusion.formula.means)
+        proposed.append((entry, conclusion.formula.fit))
+    proposal = None
+    for entry, fit in proposed:
+        judged = diagnosis.folds.judge(fit)
+        if judged.heldout.sum() < diagnosis.best.heldout.sum():
+            proposal = dict(entry, error=_errors(judged))
     return {
         "fraction": max(0.0, 1 - (conclusion.noise_floor / error) ** 2),
-        "where": where,
+        "where": [
+            {"variable": name, "share": share}
+            for name, share in conclusion.ceiling.arguments.items()
+        ],
         "proposal": proposal,
     }
-
-
-def _tested(diagnosis: Diagnosis, proposal: Document) -> Optional[Document]:
-    """The proposal with its errors; None if it does not lower the error on held-out runs, or if runs
-    cannot be simulated with it."""
-    grown = diagnosis.best.model
-    candidate = candidates.from_entry(effect_entry(proposal), "the proposal", grown)
-
-    def refitted(model: _core.Model) -> study.Fit:
-        return diagnosis.study.refit([model], study.free_parameters(model))
-
-    try:
-        without, fit = refitted(grown), refitted(candidate.add(grown))
-    except GroundError:
-        return None  # the simulation diverges
-    proposal["error"] = _errors(fit)
-    least = min(without.heldout.sum(), diagnosis.best.heldout.sum())
-    return proposal if fit.heldout.sum() < least else None
 
 
 def effect_entry(proposal: Document) -> Document:

@@ -12,7 +12,6 @@ REMEMBERING = "testing whether the motion depends on the past"
 ORDERING = "ordering the effects"  # unit: an effect
 RIVALS = "looking for effects that could replace them"  # unit: an effect
 LEAVING = "testing what the model leaves"
-CHALLENGING = "trying formulas in the place of damping"
 ERRORS = "errors of the best effects"
 REPEATING = "repeating the search without each part of the data"
 
@@ -25,7 +24,6 @@ COSTS = {
     ORDERING: 0.15,
     RIVALS: 0.35,
     LEAVING: 1.4,
-    CHALLENGING: 1.0,
     ERRORS: 2.0,
     CHOOSING: 0.06,
     REFITTING: 0.8,
@@ -88,7 +86,6 @@ class Plan:
             REMEMBERING: 1,
             ORDERING: count,
             RIVALS: count,
-            CHALLENGING: min(1, count),
             CHOOSING: len(list(choices())) if count else 0,
             REFITTING: MAX_REFITTED if count else 0,
         }

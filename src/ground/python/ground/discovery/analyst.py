@@ -6,9 +6,8 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import budget, candidates, challengers, diagnosis, memory, study, unexplained
+from ground.analysis import artificial, candidates, diagnosis, memory, naming, study
 from ground.analysis.conclusion import EXPLAINED, Conclusion, conclude
-from ground.analysis.diagnosis_report import effect_entry
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Document
 from ground.discovery import beliefs, information, pieces
@@ -21,8 +20,6 @@ from ground.recordings.recording import Recording
 # Expected before the first flight: noise of the poses and random wrench
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]
 DISTURBANCE = 0.05  # relative to the level that fits start from
-NAMED = 3  # variables that are named
-UNCLEAR = 0.2  # p-value below which a test of what is left asks for more flight
 SIMULATIONS = 20  # artificial flights that give the distribution of an error
 
 
@@ -54,11 +51,11 @@ class Found:
     @property
     def is_left_open(self) -> bool:
         """Whether something may be left that the random wrench only stands in for: the noise of poses
-        does not explain the error, and the tests of what is left are not clear yet."""
+        does not explain the error, and what is left is not shown to be chance."""
         explained = self.diagnosis.best.error.sum() < EXPLAINED * self.conclusion.noise_floor
-        remains = (self.conclusion.state, self.conclusion.history)
-        unclear = any(r.p_value < UNCLEAR and not r.found for r in remains)
-        return self.verdict in ("complete", "missing", "varies") and not explained and unclear
+        found = self.conclusion
+        unclear = found.ceiling.found is not None or not found.agreement.holds or self.verdict == "undecided"
+        return self.verdict in ("complete", "missing", "varies", "undecided") and not explained and unclear
 
 
 class Analyst:
@@ -123,9 +120,6 @@ class Analyst:
         for the next one. GroundError when they are too short."""
         runs = [recording.repaired.data(self.given) for recording in recordings]
         found = self._diagnosed(runs, reachable, seed)
-        # What the library does not have may be imitated by its effects, which then leave no question.
-        if found.diagnosis.chosen and not found.asked and self._challenge(found.diagnosis):
-            found = self._diagnosed(runs, reachable, seed)
         return found
 
     def _diagnosed(self, runs: Sequence[_core.RunData], reachable: float, seed: int) -> Found:
@@ -173,16 +167,6 @@ class Analyst:
         likelihood = Likelihood([run], self.given, varying)
         return Offer(piece, information.of_runs(basis, likelihood, levels).matrix, seconds)
 
-    def _challenge(self, found: diagnosis.Diagnosis) -> bool:
-        """Adds the best formula that may act in the place of effects to those that are tried; returns
-        whether there is a new one."""
-        known = list(self.formulas.values())
-        new = [c for c in challengers.challengers(found) if dict(c.entry["expression"]) not in known]
-        for challenger in new[:1]:
-            number = "_%d" % (len(known) + 1) if known else ""
-            self._add(challenger.entry, unexplained.PROPOSED + number)
-        return bool(new)
-
     def _add(self, entry: Document, name: str) -> None:
         """Tries an effect from now on."""
         self.formulas[name] = dict(entry["expression"])
@@ -196,11 +180,9 @@ class Analyst:
             entry: Optional[Document] = remembered.entry
             self.depends = "depends on the past (%s)" % remembered.means
         else:
-            where, proposed = unexplained.explain(found.diagnosis.runs, found.model)
-            entry = proposed and effect_entry(proposed)
-            names = ", ".join(str(w["variable"]) for w in where[:NAMED]) or "what is not measured"
-            past = "the past and on " if found.verdict == "memory" else ""
-            self.depends = "depends on %s%s" % (past, names)
+            formula, shares = found.conclusion.formula, found.conclusion.ceiling.arguments
+            entry = formula and formula.entry
+            self.depends = "depends on " + naming.in_words(list(shares)[:2] or [])
         if entry is None:
             return
         name = str(entry["name"])
@@ -227,7 +209,7 @@ def expected_errors(
     cut, errors = windows.cut([run]), []
     for seed in range(count):
         random = np.random.default_rng(seed)
-        wrench = budget.wrench_of(run, fit.levels, random)
+        wrench = artificial.wrench_of(run, fit.levels, random)
         thrust = 0.0
         if trimmed:
             wrench = wrench + [fit.levels["trim_" + c] * random.normal() for c in "XYN"]

@@ -19,6 +19,7 @@ COLORS = {
     "varies": appearance.MODELS[2],
     "memory": appearance.MODELS[0],
     "unexplained": appearance.MODELS[0],
+    "undecided": appearance.MODELS[0],
     "misread": appearance.WARNING,
 }
 NUMBERS = ["#" * (i > 1) + name for i, name in enumerate(appearance.NUMBERS)]
@@ -93,9 +94,7 @@ def _verdict(sheet: page.Page, report: Document) -> None:
         sheet.points(list(words.findings(report)))
     if report["verdict"] == "misread":
         return
-    for sentence in words.challenged(report):
-        sheet.paragraph(sentence)
-    sheet.paragraph(words.budget(report))
+    sheet.paragraph(words.ceiling(report))
     bands = words.bands(report)
     if bands:
         sheet.paragraph(bands)

@@ -242,7 +242,9 @@ def _verdict(report: Document) -> str:
         )
     if report["verdict"] == "missing":
         return "%s missing: %s; %s" % (chosen + (" is" if one else " are"), fall, leaves)
-    rest = "missing that no effect tried explains"
+    if report["verdict"] == "undecided":
+        return _undecided(report)
+    rest = "missing that depends on %s and has no name in the library" % arguments(report)
     if report["verdict"] == "memory":
         kind = report["memory"]["kind"]
         rest = "missing that depends on the past" + (" (%s)" % kind["means"] if kind else "")
@@ -250,6 +252,33 @@ def _verdict(report: Document) -> str:
         return "Something is %s: the error on held-out runs is %s, %s" % (rest, _without(report), leaves)
     improves = chosen + (" improves" if one else " improve")
     return "%s the model: %s. But something else is %s: %s" % (improves, fall, rest, leaves)
+
+
+def _undecided(report: Document) -> str:
+    """Why runs cannot decide whether something is missing."""
+    found, agrees = report["ceiling"], report["agreement"]
+    leaves = "the error on held-out runs is %s, the noise of the poses alone leaves %.3f" % (
+        _without(report),
+        report["noise_floor"],
+    )
+    if found["terms"]:
+        why = (
+            "it depends on %s, but what these runs teach of that does not predict other runs: record more runs, with "
+            "other commands, over the same places" % arguments(report)
+        )
+    elif not agrees["holds"]:
+        why = (
+            "what is left is no steady random push: it acts at some times or places only. Record more runs over the same "
+            "places, or look for a draught, a cable or a bad patch of floor"
+        )
+    elif report["dropped"]:
+        why = "effects that fit these runs do not predict the others: record more runs, with other commands"
+    else:
+        why = (
+            "a random push explains it as well as a smooth function of what was recorded (up to %.0f%% of it). Record "
+            "more runs, longer ones and over the same places" % (100 * found["bound"])
+        )
+    return "These runs cannot decide whether something is missing: %s; %s." % (leaves, why)
 
 
 def _fall(report: Document, them: str) -> str:
@@ -364,23 +393,29 @@ def apart(report: Document) -> Iterator[str]:
         )
 
 
-def challenged(report: Document) -> Iterator[str]:
-    """The formula that may act in the place of effects that were found, if there is one."""
-    for found in report["challengers"][:1]:
-        ((channel, formula),) = found["entry"]["expression"].items()
-        term, (weight,) = "%s = %s" % (channel, formula), found["entry"]["parameters"]
-        replaced = effects(report, found["replaced"])
-        if found["lead"] < EXCLUDED:
-            yield "These runs cannot distinguish %s from a term outside the library, %s." % (
-                replaced,
-                term,
-            )
-            return
-        yield (
-            "But a term outside the library explains these runs better than %s: %s, with %s fitted "
-            "(log-likelihood ratio %.0f). What was found may only imitate it: diagnose again with the term "
-            "as an effect (--effects)." % (replaced, term, weight, found["lead"])
-        )
+ARGUMENTS = {
+    "heading": "the heading",
+    "place": "the place",
+    "velocity": "the velocity",
+    "command": "the commands",
+    "past": "the past",
+    "time": "the time since the drive began",
+}
+MIN_ARGUMENT = 0.1  # least share of an argument that is named
+
+
+def arguments(report: Document) -> str:
+    """What the learnable part depends on, in words."""
+    shares = report["ceiling"]["arguments"]
+    most = max(shares.values(), default=0.0)
+    named = [ARGUMENTS[name] for name, share in shares.items() if share >= MIN_ARGUMENT * most]
+    return listed(named) if named else "what was recorded"
+
+
+def part(share: Document) -> str:
+    """A share with its 95% interval."""
+    low, high = (100 * max(0.0, min(1.0, end)) for end in share["ci95"])
+    return "%.0f%% (%.0f to %.0f%%)" % (100 * max(0.0, share["share"]), low, high)
 
 
 def slight(report: Document) -> Iterator[str]:
@@ -400,27 +435,26 @@ def slight(report: Document) -> Iterator[str]:
         )
 
 
-def budget(report: Document) -> str:
-    """Parts of the improved model's error."""
-    error, share = report["budget"]["error"], report["budget"]["share"]
-    parts = ["noise of the poses %d%%" % round(100 * share["noise"])]
-    parts.append("a random wrench %d%%" % round(100 * share["disturbance"]))
-    if abs(share["trim"]) >= 0.005:
-        parts.append("differences between runs %d%%" % round(100 * share["trim"]))
-    rest = "%.0f%% is left" if share["rest"] >= 0 else "together %.0f%% more than measured"
-    parts_of_it = "Parts of its squared error (%.3f on the runs fitted to): %s; %s." % (
-        error["measured"],
-        listed(parts),
-        rest % (100 * abs(share["rest"])),
+def ceiling(report: Document) -> str:
+    """How much of the error is named, how much could be learned, and how much is chance."""
+    found, agrees = report["ceiling"], report["agreement"]
+    sentence = "Of the squared error on runs not fitted to: %s" % listed(
+        ["named %s" % part(found["named"])] * bool(report["improved"]["effects"])
+        + ["learnable %s" % part(found["learnable"]), "chance %s" % part(found["chance"])]
     )
-    again = report["repeats"]
-    if again:
-        parts_of_it += (
-            " Where commands repeat (%d windows), %.0f%% of it repeats (standard error %.0f%%): no "
-            "effect of the commands alone explains more."
-            % (again["windows"], 100 * max(0.0, again["share"]), 100 * again["deviation"])
+    if found["said"]:
+        sentence += "; the learnable part depends on %s" % arguments(report)
+    sentence += "."
+    if not agrees["holds"]:
+        error = agrees["error"]
+        worst = max(agrees["deviations"], key=lambda name: abs(agrees["deviations"][name]))
+        sentence += (
+            " What is left is not the random push that the model claims: the error is %.3f where that push leaves %.3f."
+            % (error["measured"], error["expected"])
+            if worst == "error"
+            else " What is left is not the random push that the model claims: it is much stronger at some times."
         )
-    return parts_of_it
+    return sentence
 
 
 def bands(report: Document) -> Optional[str]:
@@ -462,7 +496,8 @@ def left(report: Document) -> Iterator[str]:
             found["p_value"],
             found["why"],
         )
-    if report["budget"]["share"]["disturbance"] < MIN_SHARE:
+    error = report["agreement"]["error"]
+    if error["expected"] ** 2 - error["noise"] ** 2 < MIN_SHARE * error["measured"] ** 2:
         return  # levels this low are determined by their priors, not by the data
     levels = report["disturbance"]
     yield (
@@ -477,24 +512,19 @@ def left(report: Document) -> Iterator[str]:
 
 
 def unexplained(report: Document) -> Iterator[str]:
-    """What the unexplained error depends on, and a term that would lower it."""
+    """An effect that would lower what is left."""
     rest = report["unexplained"]
-    if rest["where"]:
-        named = [w for w in rest["where"] if w["by"] == "terms"] or rest["where"]
-        yield (
-            "%.0f%% of the squared error is above the noise; the missing wrench depends most on %s."
-            % (100 * rest["fraction"], listed([w["variable"] for w in named[:2]]))
-        )
     proposal = rest["proposal"]
     if proposal:
-        terms = ["%s = %s" % item for item in proposal["expression"].items()]
         values = [
             "%s = %.4g %s" % (n, p["value"], p["unit"]) for n, p in proposal["parameters"].items()
         ]
-        yield (
-            "A term that would lower the error on held-out runs to %.3f: %s with %s. It is in "
-            "proposal.yaml, ready for identify add."
-            % (proposal["error"]["heldout"], "; ".join(terms), ", ".join(values))
+        terms = ["%s = %s" % item for item in proposal["expression"].items()]
+        yield "%s would lower the error on held-out runs to %.3f (%s with %s). It is in proposal.yaml, ready for identify add." % (
+            _capital(proposal.get("means", "a term")),
+            proposal["error"]["heldout"],
+            "; ".join(terms),
+            ", ".join(values),
         )
     elif report["memory"]["kind"]:
         yield (
@@ -529,8 +559,7 @@ def described(report: Document) -> Iterator[str]:
     """The rest of these lines."""
     if report["verdict"] == "misread":
         return
-    yield from challenged(report)
-    yield budget(report)
+    yield ceiling(report)
     poses = _held_poses(report)
     if poses:
         yield "90%% prediction bands hold on held-out runs, of the poses: %s" % ", ".join(

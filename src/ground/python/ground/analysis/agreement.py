@@ -1,0 +1,106 @@
+"""Whether what a model leaves is the disturbance that its likelihood claims.
+
+Recordings are made by the model and the fitted levels, as often as it takes for a spread. The errors of the real
+ones and the shape of the wrench that the filter sees must be among theirs: a push that is stronger in some
+places or at some times than a stationary one gives a wrench with heavier tails.
+"""
+
+from dataclasses import dataclass
+from typing import Dict, List, Sequence, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.analysis import study
+from ground.analysis.artificial import wrench_of
+from ground.analysis.ceiling import squared_errors
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.unfinished import can_be_kept
+from ground.annotations import Array, Each, Random
+from ground.errors import GroundError
+
+DRAWS = 10
+FAR = 4.5  # standard deviations of the artificial recordings
+
+
+@can_be_kept
+@dataclass(frozen=True)
+class Agreement:
+    """Real recordings beside those that the model and its levels make."""
+
+    error: float  # root mean square error of the real ones
+    expected: float  # of the artificial ones
+    noise: float  # of artificial ones with the poses' noise alone
+    deviations: Dict[str, float]  # of the real ones from the artificial ones, in standard deviations
+
+    @property
+    def holds(self) -> bool:
+        """Whether the real recordings are like the artificial ones."""
+        return all(abs(d) < FAR for d in self.deviations.values())
+
+
+def agreement(
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+    likelihood: Likelihood,
+    fit: Fit,
+    each: Each = map,
+) -> Agreement:
+    """The Agreement of a Fit on runs over windows of them; each: maps over artificial recordings."""
+
+    def made(seed: int) -> Tuple[float, List[float]]:
+        random = np.random.default_rng(seed)
+        artificial = [_recorded(run, fit, i, random, True) for i, run in enumerate(runs)]
+        error = float(squared_errors(artificial, cut, fit.model, scale=runs).mean())
+        others = Likelihood(artificial, likelihood.craft, likelihood.varying)
+        return error, _tails(others, fit)
+
+    drawn = [d for d in each(_or_none(made), range(1, DRAWS + 1)) if d is not None]
+    quiet = [_recorded(run, fit, i, np.random.default_rng(0), False) for i, run in enumerate(runs)]
+    noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
+    error = float(squared_errors(runs, cut, fit.model).mean())
+    expected = np.array([d[0] for d in drawn])
+    deviations = {"error": _deviation(np.log(error), np.log(expected))}
+    shapes = np.array([d[1] for d in drawn])
+    for channel, value, others in zip("XYN", _tails(likelihood, fit), shapes.T):
+        deviations["tails of " + channel] = max(0.0, _deviation(value, others))
+    return Agreement(
+        float(np.sqrt(error)), float(np.sqrt(expected.mean())), float(np.sqrt(noise)), deviations
+    )
+
+
+def _or_none(made):  # type: ignore[no-untyped-def]
+    def tried(seed: int):  # type: ignore[no-untyped-def]
+        try:
+            return made(seed)
+        except GroundError:
+            return None
+
+    return tried
+
+
+def _deviation(value: float, others: Array) -> float:
+    if len(others) < 3:
+        return 0.0
+    return float((value - others.mean()) / max(others.std(ddof=1), 1e-3))
+
+
+def _recorded(
+    run: _core.RunData, fit: Fit, i: int, random: Random, disturbed: bool
+) -> _core.RunData:
+    """An artificial recording of a run, with or without the disturbance and its trim."""
+    if not disturbed:
+        return study.recorded(run, fit.model, random)
+    factor, trim = np.exp(fit.loudness[i]) if fit.loudness else 1.0, fit.trims[i]
+    wrench = factor * wrench_of(run, fit.levels, random) + np.array(trim["wrench"])
+    return study.recorded(run, fit.model, random, wrench, trim["thrust"])
+
+
+def _tails(likelihood: Likelihood, fit: Fit) -> List[float]:
+    """Logarithm of the kurtosis of the wrench X, Y, N that the filter sees, over each run's own level."""
+    seen = []
+    for i in range(len(likelihood.runs)):
+        wrench = np.array(likelihood.residuals(fit.point, i)["wrench"])
+        seen.append(wrench / np.maximum(np.sqrt((wrench**2).mean(axis=0)), 1e-30))
+    every = np.concatenate(seen)
+    return list(np.log((every**4).mean(axis=0)))

@@ -1,0 +1,326 @@
+"""The ceiling of a model: how much of its error any function of what was recorded could still explain.
+
+A regression of the innovations (ground.analysis.regression) finds what they depend on. Its wrench for each run is
+estimated from the other runs (from the other quarters of a single run) and handed to the filter as a known input;
+levels and parameters are fitted again, and the regression repeated: a large wrench is hidden in the levels of the
+disturbance at first. A round is kept if the likelihood of the poses rises.
+
+Shares are of the squared error of simulated velocities over windows, each relative to its standard deviation in
+the run: *named* by the effects that were found, *learnable*, and *chance*, which nothing recorded predicts.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.analysis import dictionary
+from ground.analysis.dictionary import ARGUMENTS, PAST, Feature, Scales
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.regression import SIZES, Regression, Term
+from ground.annotations import Array, Indices
+from ground.errors import GroundError
+
+ROUNDS = 4
+ENOUGH = 20.0  # ... and from which another follows
+PROMISING = 200  # single features of the second and later rounds
+RISE = 2.0  # of the log-likelihood, from which a round is kept
+DEVIATIONS = 1.96
+BEHIND = 3.84  # log-likelihood ratio of the largest size of a wrench that the data do not exclude
+DRAWS = 4  # of weights, for the upper bound
+MOSTLY = 0.5  # part of what is learnable
+MIN_SHARE = 0.02  # least share that is worth saying
+
+
+@dataclass(frozen=True)
+class Share:
+    """Part of the squared error, with its 95% interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the innovations depend on, after the last round that was kept."""
+
+    regression: Regression
+    terms: List[Term]
+    fit: Fit  # with the wrench as a known input
+    wrenches: List[Array]  # of each run (thinned), predicted from the others [N], [N m]
+    gain: float  # log-likelihood that it gains on runs that it was not fitted to
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """What could still be explained."""
+
+    named: Share
+    learnable: Share
+    chance: Share
+    left: Share  # learnable part of what the grown model leaves
+    arguments: Dict[str, float]  # part of the learnable share that each accounts for
+    found: Optional[Found]
+    bound: float  # largest share of what is left that the data allow a function of one kind, if none was found
+    errors: Dict[str, float]  # root mean square of e/s: before, with the effects, with the wrench too
+
+    @property
+    def of_the_past(self) -> bool:
+        """Whether most of it depends on the past."""
+        shares = list(self.arguments.items())
+        return bool(shares) and shares[0][0] == PAST and shares[0][1] > MOSTLY
+
+    @property
+    def said(self) -> bool:
+        """Whether something learnable is left."""
+        return self.found is not None and self.left.value > MIN_SHARE
+
+
+def ceiling(
+    likelihood: Likelihood,
+    fit: Fit,
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+    before: _core.Model,
+) -> Ceiling:
+    """The Ceiling of a Fit to runs. cut: windows of the runs; before: the model without the effects found."""
+    sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(runs))]
+    features = dictionary.dictionary(fit.model, Scales.of(sampled))
+    acting = [dictionary.wrenches(features, fit.model, s) for s in sampled]
+    followed = [dictionary.followed(fit.model, s) for s in sampled]
+    first = Regression(likelihood, fit, features, acting, followed)
+    found = _rounds(likelihood, fit, features, acting, followed, first)
+    start = squared_errors(runs, cut, before)
+    now = squared_errors(runs, cut, fit.model) if before is not fit.model else start
+    if found is None:
+        after, arguments = now, {}
+    else:
+        after = squared_errors(runs, cut, found.fit.model, known_wrenches(found, runs, likelihood))
+        arguments = _arguments(found)
+    left = _share(now, after, now)
+    bound = max(left.high, 0.0 if found else _bound(first, likelihood, fit, runs, cut, now))
+    whole = start.sum()
+    learnable = _share(now, after, start)
+    return Ceiling(
+        _share(start, now, start),
+        replace(learnable, high=max(learnable.high, bound * now.sum() / whole)),
+        _share(after, np.zeros_like(after), start),
+        replace(left, high=min(1.0, bound)),
+        arguments,
+        found,
+        bound,
+        {"before": _root(start), "now": _root(now), "after": _root(after)},
+    )
+
+
+def _root(errors: Array) -> float:
+    return float(np.sqrt(errors.mean()))
+
+
+def _share(worse: Array, better: Array, whole: Array) -> Share:
+    """Fall of the mean error of windows over the whole, with a jackknife over windows."""
+    fall, total, count = worse - better, whole.sum(), len(whole)
+    value = float(fall.sum() / total)
+    others = (fall.sum() - fall) / (total - whole)
+    deviation = float(np.sqrt((count - 1) / count * ((others - others.mean()) ** 2).sum()))
+    return Share(value, value - DEVIATIONS * deviation, min(1.0, value + DEVIATIONS * deviation))
+
+
+# Rounds
+
+
+def _rounds(
+    likelihood: Likelihood,
+    fit: Fit,
+    features: Sequence[Feature],
+    acting: Sequence[Array],
+    followed: Sequence[Array],
+    regression: Regression,
+) -> Optional[Found]:
+    best: Optional[Found] = None
+    current = likelihood
+    for _ in range(ROUNDS):
+        parts = regression.parts()
+        terms = regression.choose(parts)
+        if not terms:
+            break
+        gain, wrenches = regression.gain(terms, parts), regression.predicted(terms, parts)
+        current = Likelihood(
+            [with_known(run, w) for run, w in zip(likelihood.runs, wrenches)],
+            likelihood.craft,
+            likelihood.varying,
+            likelihood.threads,
+        )
+        near = fit if best is None else best.fit
+        try:
+            refitted = current.fit(near.model, fit.free, near=replace(near, loudness=()))
+        except GroundError:
+            break
+        rise = refitted.log_posterior - near.log_posterior
+        if rise < RISE:
+            break
+        if best is None:
+            kept, tested = regression.promising(PROMISING), regression.tested
+            features, acting = [features[j] for j in kept], [wrench[:, :, kept] for wrench in acting]
+        best = Found(regression, terms, refitted, wrenches, gain)
+        if rise < ENOUGH:
+            break
+        regression = Regression(current, refitted, features, acting, followed, tested)
+    return best
+
+
+def with_known(run: _core.RunData, wrench: Array) -> _core.RunData:
+    """A run on which a known wrench (n, 3) acts."""
+    return _core.RunData(
+        run.name, run.times, run.eta, run.nu, run.inputs, run.poses, run.noise, run.drives, wrench
+    )
+
+
+def known_wrenches(
+    found: Found, runs: Sequence[_core.RunData], likelihood: Likelihood
+) -> List[Array]:
+    """The predicted wrench of each run, at all of its samples, with the mean constant wrench of the others."""
+    trims = np.array([trim["wrench"] for trim in found.fit.trims])
+    others = max(1, len(runs) - 1)
+    result = []
+    for i, (run, thin) in enumerate(zip(runs, likelihood.runs)):
+        at = np.searchsorted(np.array(thin.times), np.array(run.times), side="right") - 1
+        constant = (trims.sum(axis=0) - trims[i]) / others
+        result.append(found.wrenches[i][np.clip(at, 0, len(thin.times) - 1)] + constant)
+    return result
+
+
+# Errors
+
+
+def squared_errors(
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+    model: _core.Model,
+    known: Optional[Sequence[Array]] = None,
+    scale: Optional[Sequence[_core.RunData]] = None,
+) -> Array:
+    """Mean of the squared error of u, v, r over its standard deviation in the run, summed over the channels, of
+    each window (windows,), simulated from the initial velocity that suits best. known: (n, 3) wrench of each run;
+    scale: runs whose standard deviations count. Raises GroundError where the motion is not finite."""
+    sigma = [np.array(run.nu).std(axis=0) for run in scale or runs]
+    errors = np.empty(len(cut))
+    for i, window in enumerate(cut):
+        run, s = runs[window.run], sigma[window.run]
+        span = slice(window.first, window.last + 1)
+        times, measured = run.times[span], np.array(run.nu)[span]
+        wrench = None if known is None else known[window.run][span]
+
+        def error(nu: Array) -> Array:
+            found = _core.simulate(model, run.inputs, times, run.eta[window.first], nu, run.drives, wrench)
+            return np.asarray((found["nu"] - measured) / s)
+
+        start = measured[0]
+        try:
+            e = error(start)
+            steps = np.diag(0.02 * s)
+            slopes = np.column_stack([(error(start + h) - e).ravel() for h in steps])
+            move = np.linalg.lstsq(slopes, -e.ravel(), rcond=None)[0]
+            moved = error(start + move @ steps)
+        except RuntimeError as failure:
+            raise GroundError(str(failure))
+        errors[i] = min((e**2).mean(), (moved**2).mean()) * 3
+    return errors
+
+
+# Arguments
+
+
+def _arguments(found: Found) -> Dict[str, float]:
+    """Part of the explained variance that is lost without the terms of each argument, relative to the whole."""
+    regression, terms = found.regression, found.terms
+    shares: Dict[str, float] = {}
+    whole = _explained(regression, terms, terms)
+    for name in ARGUMENTS:
+        without = [t for t in terms if name not in arguments_of(regression, t)]
+        if len(without) < len(terms):
+            part = 1 - _explained(regression, terms, without) / max(whole, 1e-300)
+            shares[name] = float(np.clip(part, 0, 1))
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def arguments_of(regression: Regression, term: Term) -> Sequence[str]:
+    """What a term depends on."""
+    return sorted(regression.features[int(term.columns[0])].family.arguments)
+
+
+def _explained(regression: Regression, terms: Sequence[Term], of: Sequence[Term]) -> float:
+    """Squared change of the innovations by some of the terms, without what the parameters can follow."""
+    at, _, weights = regression.posterior(terms)
+    kept = np.isin(at, np.concatenate([t.columns for t in of])) if of else np.zeros(len(at), bool)
+    return float(((regression.D[:, at[kept]] @ weights[kept]) ** 2).sum())
+
+
+# The upper bound where nothing was found
+
+
+def _bound(
+    regression: Regression,
+    likelihood: Likelihood,
+    fit: Fit,
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+    now: Array,
+) -> float:
+    """Largest share of the error that a family of features may explain without contradicting the data."""
+    random = np.random.default_rng(1)
+    bounds = [0.0]
+    for family in regression.terms:
+        size = _largest(regression, family)
+        if size <= SIZES[0]:
+            continue
+        term = replace(family, variance=size)
+        at, covariance, mean = regression.posterior([term])
+        root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(at) * np.eye(len(at)))
+        shares = []
+        for _ in range(DRAWS):
+            weights = mean + root @ random.normal(size=len(at))
+            shares.append(_moved(regression, likelihood, fit, runs, cut, at, weights) / now.sum())
+        bounds.append(float(np.mean(shares)))
+    return min(1.0, max(bounds))
+
+
+def _largest(regression: Regression, family: Term) -> float:
+    """Largest variance of a family's wrench that the data do not exclude."""
+    D = regression.D[:, family.columns]
+    values, vectors = np.linalg.eigh(D.T @ D)
+    kept = values > max(1e-9 * values.max(), 1e-12)
+    values, z = values[kept], (vectors[:, kept].T @ regression.b[family.columns]) ** 2 / values[kept]
+    shares = [size / len(family.columns) * values for size in SIZES]
+    ratios = np.array([float(-np.log1p(s).sum() + z @ (s / (1 + s))) for s in shares])
+    allowed = np.flatnonzero(ratios > max(0.0, ratios.max()) - BEHIND)
+    return float(SIZES[allowed[-1]]) if len(allowed) else 0.0
+
+
+def _moved(
+    regression: Regression,
+    likelihood: Likelihood,
+    fit: Fit,
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+    at: Indices,
+    weights: Array,
+) -> float:
+    """Squared change of the motion over windows by weighted features."""
+    total = 0.0
+    for window in cut:
+        run, thin = runs[window.run], likelihood.runs[window.run]
+        span = slice(window.first, window.last + 1)
+        place = np.searchsorted(np.array(thin.times), np.array(run.times)[span], side="right") - 1
+        wrench = regression.wrench(window.run, at, weights)[np.clip(place, 0, len(thin.times) - 1)]
+        arguments = (fit.model, run.inputs, run.times[span], run.eta[window.first], run.nu[window.first], run.drives)
+        try:
+            with_it, without = _core.simulate(*arguments, wrench)["nu"], _core.simulate(*arguments)["nu"]
+        except RuntimeError:
+            return float("inf")
+        change = (with_it - without) / np.array(run.nu).std(axis=0)
+        change = change - change.mean(axis=0)  # the initial velocity takes up a constant
+        total += float((change**2).mean() * 3)
+    return total

@@ -1,0 +1,338 @@
+"""A name for what is learnable and has none: a formula with units, or a learned wrench.
+
+Features whose formulas mean something by themselves are chosen one after the other in the last regression of the
+ceiling. Their constants (phases, wavelengths, points) become parameters, and the likelihood fits all of them in
+the model. A formula is an effect as model files list it.
+"""
+
+import re
+from dataclasses import dataclass, field
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ground.analysis import candidates
+from ground.analysis.ceiling import Found
+from ground.analysis.dictionary import HEADING, PLACE, Feature
+from ground.analysis.distributions import chi_squared_above
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.regression import LEVEL, Regression, Term
+from ground.analysis.unfinished import can_be_kept
+from ground.annotations import Array, Document
+from ground.errors import GroundError
+
+NAME = "proposed"
+MOST = 3  # features of a formula
+TRIED = 12  # most significant features that are compared in each step
+MIN_RATIO = 12.0  # of the likelihoods with and without a feature
+EXPLAINED = 0.97  # part of the terms' gain from which a formula needs no further feature
+WAVE = re.compile(r"^(sin|cos)\(([-\d.e+]+)\*([xy])\)$")
+TURN = re.compile(r"^(sin|cos)\((?:(\d)\*)?psi\)$")
+
+
+@can_be_kept
+@dataclass(frozen=True)
+class Formula:
+    """A proposal: an effect that the library does not have."""
+
+    entry: Document  # as model files list effects, its parameters fitted
+    means: str  # in words
+    fit: Fit  # of the model with it
+    ratio: float  # of the likelihoods with and without it, 2 ln
+
+
+@dataclass
+class _Piece:
+    """A part of a formula, by channel, and its parameters: value, unit, lower and upper bound."""
+
+    key: Tuple[str, ...]  # features with the same key are one piece
+    parts: Dict[str, str]
+    parameters: Dict[str, Tuple[float, str, float, float]]
+    neutral: Dict[str, float]  # at which it does nothing
+    means: str
+    states: Mapping[str, str] = field(default_factory=dict)
+
+
+def formula(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]:
+    """The Formula of what was found beside a Fit; None if none is significant."""
+    regression = found.regression
+    chosen = _chosen(regression)
+    if not chosen:
+        return None
+    at, _, weights = regression.posterior(chosen)
+    pieces: Dict[Tuple[str, ...], _Piece] = {}
+    for j, weight in zip(at, weights):
+        piece = _piece(regression, int(j), float(weight), len(pieces) + 1)
+        pieces.setdefault(piece.key, piece)
+    while pieces:
+        made = _fitted(likelihood, fit, list(pieces.values()))
+        if made is not None:
+            return made
+        pieces.popitem()  # a shorter formula may be fitted
+    return None
+
+
+def _chosen(regression: Regression) -> List[Term]:
+    """Significant single features that mean something, likeliest first."""
+    named = np.array([f.family.named for f in regression.features]) & regression.active
+    terms: List[Term] = []
+    while len(terms) < MOST:
+        information, score = regression.single(terms)
+        seen = named & (information > 1e-3 * regression.information) & (information > 0)
+        z = np.where(seen, score**2 / np.where(seen, information, 1.0), 0.0)
+        best = np.argsort(-z)[:TRIED]
+        tried = [regression.test(np.array([j]), terms, "feature %d" % j) for j in best if z[j] > 0]
+        tried = [
+            t
+            for t in tried
+            if t.ratio > MIN_RATIO
+            and chi_squared_above(float(z[t.columns[0]]), 1) * named.sum() < LEVEL
+        ]
+        if not tried:
+            break
+        likeliest = max(tried, key=lambda t: t.ratio)
+        if terms and likeliest.ratio < (1 - EXPLAINED) * sum(t.ratio for t in terms):
+            break
+        terms.append(likeliest)
+    return terms
+
+
+# Pieces
+
+
+def _piece(regression: Regression, j: int, weight: float, number: int) -> _Piece:
+    """The piece of a weighted feature; weight: relative to full thrust at the feature's scale."""
+    feature = regression.features[j]
+    size = weight * regression.scale[j]
+    if not set(feature.parts) <= {"X", "Y", "N"} or set(feature.parts) == {"N"}:
+        pass
+    size *= regression.full[2] if set(feature.parts) == {"N"} else regression.full[0]
+    for special in (_turning, _waving, _pulling):
+        piece = special(regression, feature, j, size, number)
+        if piece is not None:
+            return piece
+    name = "c%d" % number
+    unit = feature.weight_unit
+    return _Piece(
+        ("feature", *sorted(feature.parts.items())[0]),
+        {c: "%s*(%s)" % (name, f) for c, f in feature.parts.items()},
+        {name: (size, unit, -np.inf, np.inf)},
+        {name: 0.0},
+        "%s that depends on %s" % (_what(feature), in_words(sorted(feature.family.arguments))),
+        feature.states,
+    )
+
+
+def _partner(regression: Regression, feature: Feature, formula: str, other: str) -> Optional[int]:
+    """The feature that has `other` where a feature has `formula`."""
+    wanted = {c: f.replace(formula, other) for c, f in feature.parts.items()}
+    for j, candidate in enumerate(regression.features):
+        if candidate.parts == wanted and regression.active[j]:
+            return j
+    return None
+
+
+def _two(regression: Regression, j: int, other: Optional[int], is_sine: bool, full: float) -> Tuple[float, float]:
+    """Amplitude and phase of a*sin(w+p) from the sine and cosine features together."""
+    columns = np.array([j] if other is None else [j, other])
+    D = regression.D[:, columns]
+    A = D.T @ D + 1e-9 * np.eye(len(columns))
+    weights = np.linalg.solve(A, D.T @ regression.y) * regression.scale[columns] * full
+    first, second = float(weights[0]), float(weights[1]) if len(columns) > 1 else 0.0
+    sine, cosine = (first, second) if is_sine else (second, first)
+    return float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine))
+
+
+def _turning(
+    regression: Regression, feature: Feature, j: int, size: float, number: int
+) -> Optional[_Piece]:
+    """a*sin(n*psi+p) on one channel."""
+    if feature.family.arguments != {HEADING} or len(feature.parts) != 1:
+        return None
+    ((channel, text),) = feature.parts.items()
+    found = TURN.match(text)
+    if not found:
+        return None
+    kind, times = found.group(1), found.group(2) or "1"
+    other = text.replace(kind, "cos" if kind == "sin" else "sin")
+    full = regression.full["XYN".index(channel)]
+    a, p = _two(regression, j, _partner(regression, feature, text, other), kind == "sin", full)
+    unit = "N m" if channel == "N" else "N"
+    name, phase = "a%d" % number, "p%d" % number
+    turns = "once" if times == "1" else "%s times" % times
+    return _Piece(
+        ("turn", channel, times),
+        {channel: "%s*sin(%s*psi+%s)" % (name, times, phase)},
+        {name: (a, unit, -np.inf, np.inf), phase: (p, "rad", p - np.pi, p + np.pi)},
+        {name: 0.0, phase: p},
+        "%s that depends on the heading, with %s {%s} %s a turn"
+        % (_what(feature), "up to", name, turns),
+    )
+
+
+def _waving(
+    regression: Regression, feature: Feature, j: int, size: float, number: int
+) -> Optional[_Piece]:
+    """A force that repeats along an axis of the room."""
+    if feature.family.name != "waves of force":
+        return None
+    found = re.search(r"\((sin|cos)\(([-\d.e+]+)\*([xy])\)\)", feature.parts["X"])
+    if not found:
+        return None
+    kind, number_of_waves, axis = found.group(1), float(found.group(2)), found.group(3)
+    text = found.group(0)
+    other = text.replace(kind, "cos" if kind == "sin" else "sin")
+    a, p = _two(regression, j, _partner(regression, feature, text, other), kind == "sin", regression.full[0])
+    name, phase, length = "a%d" % number, "p%d" % number, "w%d" % number
+    new = "(%s*sin(2*pi*%s/%s+%s))" % (name, axis, length, phase)
+    along = "x" if "%s*cos(psi)" % text in feature.parts["X"] else "y"
+    wave = 2 * np.pi / number_of_waves
+    return _Piece(
+        ("wave", axis, along, "%.2f" % np.log(wave)),
+        {c: f.replace(text, new) for c, f in feature.parts.items()},
+        {
+            name: (a, "N", -np.inf, np.inf),
+            phase: (p, "rad", p - 2 * np.pi, p + 2 * np.pi),
+            length: (wave, "m", wave / 1.3, wave * 1.3),
+        },
+        {name: 0.0, phase: p, length: wave},
+        "a force along the room's %s that repeats every {%s} along %s, up to {%s}"
+        % (along, length, axis, name),
+    )
+
+
+def _pulling(
+    regression: Regression, feature: Feature, j: int, size: float, number: int
+) -> Optional[_Piece]:
+    """A force towards or away from a point of the room that grows with the distance."""
+    if feature.family.name != "force by place" or feature.unit != "m" or set(feature.parts) != {"X", "Y"}:
+        return None
+    found = re.findall(r"\(([xy])-\(([-\d.e+]+)\)\)", feature.parts["X"])
+    if [axis for axis, _ in found] != ["x", "y"] or "-(y" in feature.parts["X"][:3]:
+        return None
+    if not feature.parts["X"].startswith("((x-"):
+        return None
+    k, x0, y0 = "k%d" % number, "x%d" % number, "y%d" % number
+    (_, cx), (_, cy) = found
+    X = "%s*((%s-x)*cos(psi)+(%s-y)*sin(psi))" % (k, x0, y0)
+    Y = "%s*((%s-y)*cos(psi)-(%s-x)*sin(psi))" % (k, y0, x0)
+    far = 100.0 * (abs(float(cx)) + abs(float(cy)) + 1.0)
+    return _Piece(
+        ("pull",),
+        {"X": X, "Y": Y},
+        {
+            k: (-size, "N/m", -np.inf, np.inf),
+            x0: (float(cx), "m", -far, far),
+            y0: (float(cy), "m", -far, far),
+        },
+        {k: 0.0, x0: float(cx), y0: float(cy)},
+        "a force {towards:%s} the point ({%s}, {%s}), {%s} of distance" % (k, x0, y0, k),
+    )
+
+
+def _what(feature: Feature) -> str:
+    """What a feature acts as, in words."""
+    parts = set(feature.parts)
+    if parts == {"N"}:
+        return "a moment"
+    if all(p.startswith("thrust_") for p in parts):
+        if len(parts) > 1:
+            return "thrust"
+        return "thrust of %s" % next(iter(parts))[len("thrust_") :]
+    if parts == {"X"}:
+        return "a force ahead"
+    if parts == {"Y"}:
+        return "a force to the side"
+    return "a force in the room" if PLACE in feature.family.arguments else "a force"
+
+
+WORDS = {
+    "heading": "the heading",
+    "place": "the place",
+    "velocity": "the velocity",
+    "command": "the commands",
+    "past": "the past",
+    "time": "the time since the drive began",
+}
+
+
+def in_words(arguments: Sequence[str]) -> str:
+    """Arguments of a dependence, in words."""
+    words = [WORDS[name] for name in arguments]
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+# The formula in the model
+
+
+def _fitted(likelihood: Likelihood, fit: Fit, pieces: Sequence[_Piece]) -> Optional[Formula]:
+    """The Formula of pieces, fitted in the model; None where that fails or helps nothing."""
+    values: Dict[str, float] = {}
+    entry = _entry(pieces, fit)
+    model = fit.model
+    try:
+        start = candidates.from_entry(entry, "the formula", model).neutral(model)
+        for piece in pieces:
+            for name, (value, _, _, _) in piece.parameters.items():
+                values[name] = value
+                start.set_value("%s.%s" % (entry["name"], name), value)
+        free = tuple("%s.%s" % (entry["name"], name) for name in values)
+        fitted = likelihood.fit(start, fit.free + free, near=fit)
+        if not np.isfinite(fitted.log_posterior):
+            return None
+    except GroundError:
+        return None
+    ratio = 2 * (fitted.log_posterior - fit.log_posterior)
+    if ratio < MIN_RATIO:
+        return None
+    for name in values:
+        values[name] = fitted.model.value("%s.%s" % (entry["name"], name))
+        entry["parameters"][name]["value"] = values[name]
+    means = "; ".join(_told(piece, values) for piece in pieces)
+    return Formula(entry, means, fitted, ratio)
+
+
+def _entry(pieces: Sequence[_Piece], fit: Fit) -> Document:
+    expression: Dict[str, str] = {}
+    states: Dict[str, str] = {}
+    parameters: Document = {}
+    for piece in pieces:
+        for channel, text in piece.parts.items():
+            expression[channel] = "+".join(filter(None, [expression.get(channel), text]))
+        states.update(piece.states)
+        for name, (value, unit, lower, upper) in piece.parameters.items():
+            scale = max(abs(value), 1e-12)
+            if not np.isfinite(lower):
+                lower, upper = -1e3 * scale, 1e3 * scale
+            parameters[name] = {
+                "value": value, "unit": unit, "neutral": piece.neutral[name],
+                "scale": 0.3 * scale, "lower": lower, "upper": upper,
+            }  # fmt: skip
+    name = NAME
+    while name in fit.model.effects:
+        name += "_"
+    entry: Document = {"name": name, "expression": expression, "parameters": parameters}
+    return {"name": name, "states": states, **entry} if states else entry
+
+
+def _told(piece: _Piece, values: Mapping[str, float]) -> str:
+    """A piece in words, with its values."""
+    def put(found: "re.Match[str]") -> str:
+        name = found.group(1)
+        if name.startswith("towards:"):
+            return "towards" if values[name[len("towards:") :]] > 0 else "away from"
+        return quantity(abs(values[name]) if name[0] in "akw" else values[name], piece.parameters[name][1])
+
+    text = re.sub(r"\{([\w:]+)\}", put, piece.means)
+    if text != piece.means:
+        return text
+    ((name, (_, unit, _, _)),) = piece.parameters.items()
+    formula = "; ".join("%s = %s" % part for part in piece.parts.items())
+    return "%s (%s, with %s = %s)" % (text, formula, name, quantity(values[name], unit))
+
+
+def quantity(value: float, unit: str) -> str:
+    """A number with its unit, in mN and mN m where that is shorter."""
+    if unit.startswith("N") and abs(value) < 0.1:
+        return "%.3g m%s" % (1e3 * value, unit)
+    return "%.3g %s" % (value, unit)

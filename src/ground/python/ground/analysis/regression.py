@@ -1,0 +1,353 @@
+"""What the whitened innovations of a filter still depend on: a linear regression with white noise.
+
+    e = D a + J t + n,  n ~ N(0, I)
+
+e: innovations of the fitted grey-box filter. D: their responses to the wrenches of features. J: their derivatives by
+the free parameters, and by a delay of all commands, which are projected out of both. The weights a of a term, one
+feature or a family of them, are normal with a common size; the ratio of marginal likelihoods with and without a
+term is the test of it. Its distribution without an effect follows from the eigenvalues of the term's information.
+"""
+
+from dataclasses import dataclass, replace
+from typing import AbstractSet, Dict, List, Optional, Sequence, Set, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.analysis.dictionary import Feature
+from ground.analysis.distributions import chi_squared_above
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.annotations import Array, Flags, Indices
+
+LEVEL = 0.01  # probability that a term is chosen where nothing is missing
+STEP = 1e-3  # relative step of a parameter, for finite differences
+DELAY = 1e-3  # delay of all commands that counts as a change of a parameter [s]
+SIZES = np.geomspace(1e-4, 1.0, 17) ** 2  # variances of a term's wrench, over full thrust squared
+DRAWS = 2000
+LEAST = 8.0  # ratio below which a family is not worth its draws
+SEEN = 0.03  # least share of a feature's information that the parameters leave
+MOST = 4  # terms
+REFUSED = 3  # terms that held-out parts may refuse
+PARTS = 4  # of a single run
+KEPT_FAMILIES = 6
+WIDEST = 130  # features of a family that is tested as a whole
+
+
+@dataclass(frozen=True)
+class Term:
+    """One feature, or several with a common size."""
+
+    name: str
+    columns: Indices
+    variance: float = 0.0  # of its wrench, over full thrust squared
+    ratio: float = 0.0  # of the marginal likelihoods, 2 ln
+    p_value: float = 1.0
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the runs that is predicted from the others."""
+
+    run: int
+    rows: Indices  # of the regression
+    span: slice  # samples of the run
+
+
+class Regression:
+    """The regression of a Fit's innovations on features. acting: their wrenches (n, 3, features) along each run; followed:
+    wrenches (n, 3, k) that the model's parameters can follow; tested: number of features that these were chosen from."""
+
+    def __init__(
+        self, likelihood: Likelihood, fit: Fit, features: Sequence[Feature],
+        acting: Sequence[Array], followed: Sequence[Array], tested: Optional[int] = None,
+    ) -> None:
+        self.likelihood, self.fit, self.features = likelihood, fit, features
+        model = fit.model
+        self.full = 2 * model.value("k") * np.array([1.0, 1.0, model.value("l")])
+        self.wrenches, kept = _without(
+            [wrench / self.full[:, None] for wrench in acting],
+            [wrench / self.full[:, None] for wrench in followed],
+        )
+        count = sum(len(w) for w in self.wrenches)
+        power = sum((w**2).sum(axis=(0, 1)) for w in self.wrenches) / count
+        # of each feature, so that its wrench has a mean square of 1
+        self.scale = 1 / np.sqrt(np.maximum(power, 1e-30))
+        self.active: Flags = kept
+        made = [self._run(i) for i in range(len(self.wrenches))]
+        self.rows = np.cumsum([0] + [len(y) for _, y, _ in made])
+        J = np.vstack([j for _, _, j in made])
+        self.D = np.vstack([d for d, _, _ in made])
+        self.y = np.concatenate([y for _, y, _ in made])
+        raw = (self.D**2).sum(axis=0)
+        J = J / np.maximum(np.sqrt((J**2).sum(axis=0)), 1e-300)
+        left, sizes, _ = np.linalg.svd(J, full_matrices=False)
+        left = left[:, sizes > 1e-6 * sizes.max()]
+        self.D -= left @ (left.T @ self.D)
+        self.y = self.y - left @ (left.T @ self.y)
+        self.information = (self.D**2).sum(axis=0)
+        self.active &= self.information > np.maximum(SEEN * raw, 1e-9)
+        self.D[:, ~self.active] = 0.0
+        self.information[~self.active] = 0.0
+        self.b = self.D.T @ self.y
+        self.tested = int(self.active.sum()) if tested is None else tested
+        self._grams: Dict[bytes, Array] = {}
+        self._known: Dict[int, int] = {}
+        self._products = np.empty((0, len(features)))
+        self.terms = self._families()
+
+    # The linear system
+
+    def _run(self, i: int) -> Tuple[Array, Array, Array]:
+        """D, e and J of a run."""
+        run, wrench = self.likelihood.runs[i], self.wrenches[i] * self.full[:, None] * self.scale
+        if len(run.wrench):
+            wrench = np.concatenate([wrench, np.array(run.wrench)[:, :, None]], axis=2)
+        acting = wrench.transpose(0, 2, 1).reshape(len(wrench), -1)
+        left = self.likelihood.residuals(self.fit.point, i, acting=acting)
+        scored = np.repeat(np.array(left["scored"]), 3)
+        responses = left["responses"][scored]
+        count = len(self.features)
+        innovations = left["whitened"].reshape(-1)[scored]
+        # what the known wrench explains is to be explained again
+        target = innovations + responses[:, count:].sum(axis=1)
+        return responses[:, :count], target, self._jacobian(i, innovations)
+
+    def _jacobian(self, i: int, innovations: Array) -> Array:
+        fit, run = self.fit, self.likelihood.runs[i]
+        described = {p["name"]: p for p in fit.model.parameters()}
+        columns = []
+        for name in fit.free:
+            value, p = fit.model.value(name), described[name]
+            if not np.isfinite(value):
+                continue
+            step = STEP * (abs(value) or p["scale"])
+            moved = fit.model.copy()
+            moved.set_value(name, value + step if value + step <= p["upper"] else value - step)
+            columns.append(self._innovations(self.likelihood, replace(fit, model=moved), i))
+        rows = np.array(run.inputs)
+        rows[:, 0] += DELAY
+        late = _core.RunData(
+            run.name, run.times, run.eta, run.nu, rows, run.poses, run.noise, run.drives,
+            run.wrench if len(run.wrench) else None,
+        )  # fmt: skip
+        alone = replace(fit, loudness=fit.loudness[i : i + 1])
+        columns.append(self._innovations(Likelihood([late], self.likelihood.craft), alone, 0))
+        return np.column_stack([innovations - column for column in columns])
+
+    @staticmethod
+    def _innovations(likelihood: Likelihood, fit: Fit, run: int) -> Array:
+        left = likelihood.residuals(fit.point, run)
+        return np.array(left["whitened"]).reshape(-1)[np.repeat(np.array(left["scored"]), 3)]
+
+    def _families(self) -> List[Term]:
+        """Families, and their parts that act on the same channels."""
+        by_family: Dict[str, List[int]] = {}
+        for j, feature in enumerate(self.features):
+            if self.active[j]:
+                by_family.setdefault(feature.family.name, []).append(j)
+        found = []
+        for name, columns in by_family.items():
+            by_channels: Dict[Tuple[str, ...], List[int]] = {}
+            for j in columns:
+                by_channels.setdefault(tuple(self.features[j].parts), []).append(j)
+            parts = [(name, columns)] + [
+                ("%s (%s)" % (name, ", ".join(c)), part)
+                for c, part in by_channels.items()
+                if len(part) < len(columns)
+            ]
+            found += [Term(label, np.array(part)) for label, part in parts if 1 < len(part) <= WIDEST]
+        return found
+
+    # Tests
+
+    def _cross(self, columns: Sequence[int]) -> Array:
+        """Products of columns of D with all columns, computed once."""
+        new = [j for j in columns if j not in self._known]
+        if new:
+            self._known.update(zip(new, range(len(self._known), len(self._known) + len(new))))
+            self._products = np.vstack([self._products, self.D[:, new].T @ self.D])
+        return np.asarray(self._products[[self._known[j] for j in columns]])
+
+    def _columns(self, terms: Sequence[Term]) -> Tuple[Indices, Array]:
+        """Columns of terms, and the variances of their weights."""
+        variance: Dict[int, float] = {}
+        for term in terms:
+            for j in term.columns.tolist():
+                variance[j] = variance.get(j, 0.0) + term.variance / len(term.columns)
+        at = np.array(sorted(variance))
+        return at, np.array([variance[j] for j in at])
+
+    def posterior(self, terms: Sequence[Term]) -> Tuple[Indices, Array, Array]:
+        """Columns of terms, covariance and mean of their weights."""
+        at, variances = self._columns(terms)
+        inverse = np.linalg.inv(self._cross(at.tolist())[:, at] + np.diag(1 / variances))
+        return at, inverse, inverse @ self.b[at]
+
+    def single(self, beside: Sequence[Term] = ()) -> Tuple[Array, Array]:
+        """Information and score of each feature beside chosen terms."""
+        if not beside:
+            return self.information, self.b
+        at, inverse, mean = self.posterior(beside)
+        cross = self._cross(at.tolist())
+        return self.information - ((inverse @ cross) * cross).sum(axis=0), self.b - cross.T @ mean
+
+    def test(self, columns: Indices, beside: Sequence[Term] = (), name: str = "") -> Term:
+        """The Term of some columns, beside chosen terms."""
+        key = columns.tobytes()
+        if key not in self._grams:
+            self._grams[key] = self.D[:, columns].T @ self.D[:, columns]
+        G, b = self._grams[key], self.b[columns]
+        if beside:
+            at, inverse, mean = self.posterior(beside)
+            cross = self._cross(at.tolist())[:, columns]
+            G, b = G - cross.T @ inverse @ cross, b - cross.T @ mean
+        values, vectors = np.linalg.eigh(G)
+        kept = values > max(1e-9 * values.max(), 1e-12)
+        values, z = values[kept], (vectors[:, kept].T @ b) ** 2 / values[kept]
+        if not len(values):
+            return Term(name, columns)
+        shares = [size / len(columns) * values for size in SIZES]
+        ratios = [float(-np.log1p(s).sum() + z @ (s / (1 + s))) for s in shares]
+        best = int(np.argmax(ratios))
+        ratio = max(0.0, ratios[best])
+        return Term(name, columns, float(SIZES[best]), ratio, _chance(ratio, shares))
+
+    def choose(self, parts: Sequence["Part"]) -> List[Term]:
+        """Terms that are significant, each beside the others, and that raise the likelihood of parts which they were
+        not fitted to."""
+        terms: List[Term] = []
+        refused: Set[str] = set()
+        gain = 0.0
+        while len(terms) < MOST and len(refused) < REFUSED:
+            best = self._best(terms, refused)
+            if best is None:
+                break
+            longer = self._resized([*terms, best])
+            reached = self.gain(longer, parts)
+            if reached > gain:
+                terms, gain = longer, reached
+            else:
+                refused.add(best.name)
+        return terms
+
+    def _best(self, terms: Sequence[Term], refused: AbstractSet[str]) -> Optional[Term]:
+        """The likeliest significant term beside others; None without one. Half of the level is for single
+        features."""
+        information, score = self.single(terms)
+        seen = self.active & (information > SEEN * self.information) & (information > 0)
+        z = np.where(seen, score**2 / np.where(seen, information, 1.0), 0.0)
+        limit = LEVEL / 2 / max(1, self.tested)
+        found = []
+        for j in np.argsort(-z)[: len(refused) + 1].tolist():
+            if self.label(j) not in refused:
+                if chi_squared_above(float(z[j]), 1) < limit:
+                    found.append(self.test(np.array([j]), terms, self.label(j)))
+                break
+        for family in self.terms:
+            if family.name not in refused:
+                tested = self.test(family.columns, terms, family.name)
+                if tested.ratio > LEAST and tested.p_value < LEVEL / 2 / len(self.terms):
+                    found.append(tested)
+        return max(found, key=lambda t: t.ratio, default=None)
+
+    def _resized(self, terms: Sequence[Term]) -> List[Term]:
+        """Terms with their sizes and ratios beside the others; without those that do nothing there."""
+        kept = list(terms)
+        for _ in range(2):
+            for term in list(kept):
+                rest = [t for t in kept if t is not term]
+                tested = self.test(term.columns, rest, term.name)
+                at = kept.index(term)
+                if tested.ratio > LEAST or len(kept) == 1:
+                    kept[at] = tested
+                else:
+                    kept.pop(at)
+        return kept
+
+    # Predictions
+
+    def _of_part(self, part: "Part", terms: Sequence[Term]) -> Tuple[Indices, Array, Array, Array]:
+        """Columns of terms, their weights from all other parts, and the part's own products."""
+        at, variances = self._columns(terms)
+        D, y = self.D[np.ix_(part.rows, at)], self.y[part.rows]
+        own, b = D.T @ D, D.T @ y
+        rest = self._cross(at.tolist())[:, at] - own + np.diag(1 / variances)
+        return at, np.linalg.solve(rest, self.b[at] - b), own, b
+
+    def gain(self, terms: Sequence[Term], parts: Sequence["Part"]) -> float:
+        """Log-likelihood that terms gain on each part, fitted to the others, together."""
+        total = 0.0
+        for part in parts:
+            _, weights, own, b = self._of_part(part, terms)
+            total += float(weights @ b - 0.5 * weights @ own @ weights)
+        return total
+
+    def predicted(self, terms: Sequence[Term], parts: Sequence["Part"]) -> List[Array]:
+        """Wrench (n, 3) along each run, each part predicted from the others [N], [N m]."""
+        wrenches = [np.zeros((len(w), 3)) for w in self.wrenches]
+        for part in parts:
+            at, weights, _, _ = self._of_part(part, terms)
+            wrenches[part.run][part.span] = self.wrench(part.run, at, weights)[part.span]
+        return wrenches
+
+    def parts(self) -> List["Part"]:
+        """Each run, or the quarters of a single run."""
+        if len(self.wrenches) > 1:
+            rows = [np.arange(a, b) for a, b in zip(self.rows[:-1], self.rows[1:])]
+            return [Part(i, r, slice(None)) for i, r in enumerate(rows)]
+        edges = np.linspace(0, len(self.wrenches[0]), PARTS + 1).astype(int)
+        rows = np.array_split(np.arange(len(self.y)), PARTS)
+        return [Part(0, r, slice(a, b)) for r, a, b in zip(rows, edges[:-1], edges[1:])]
+
+    def wrench(self, i: int, at: Indices, weights: Array) -> Array:
+        """Wrench (n, 3) of weighted features along a run [N], [N m]."""
+        return np.asarray((self.wrenches[i][:, :, at] * self.scale[at]) @ weights * self.full)
+
+    def promising(self, most: int) -> Indices:
+        """Columns of the families that may act, and the most significant others."""
+        families = [self.test(t.columns, (), t.name) for t in self.terms]
+        best = sorted((t for t in families if t.ratio > 0), key=lambda t: -t.ratio)[:KEPT_FAMILIES]
+        whole = {j for term in best for j in term.columns.tolist()}
+        z = self.b**2 / np.maximum(self.information, 1e-300)
+        z[~self.active] = 0.0
+        return np.array(sorted(whole | set(np.argsort(-z)[:most].tolist())))
+
+    def label(self, j: int) -> str:
+        """A feature in words of its formulas."""
+        return ", ".join("%s: %s" % part for part in self.features[j].parts.items())
+
+
+def _without(
+    acting: Sequence[Array], followed: Sequence[Array]
+) -> Tuple[List[Array], Flags]:
+    """Features (n, 3, m) of each run without what is followed, and which of them are left. Their weights would run
+    away with the parameters."""
+    size = len(followed[0][0, 0])
+    W = np.concatenate([w.reshape(-1, size) for w in followed])
+    A = np.concatenate([a.reshape(-1, a.shape[2]) for a in acting])
+    before = (A**2).sum(axis=0)
+    left, sizes, _ = np.linalg.svd(W, full_matrices=False)
+    left = left[:, sizes > 1e-9 * sizes.max()]
+    A = A - left @ (left.T @ A)
+    kept = ((A**2).sum(axis=0) > SEEN * before) & (before > 0)
+    A[:, ~kept] = 0.0
+    edges = np.cumsum([0] + [3 * len(a) for a in acting])
+    return [A[i:j].reshape(-1, 3, A.shape[1]) for i, j in zip(edges[:-1], edges[1:])], kept
+
+
+def _chance(ratio: float, shares: Sequence[Array]) -> float:
+    """Probability of so large a ratio without an effect."""
+    if ratio <= LEAST:
+        return 1.0
+    random = np.random.default_rng(len(shares[0]))
+    drawn = random.chisquare(1, size=(DRAWS, len(shares[0])))
+    null = np.max([drawn @ (s / (1 + s)) - np.log1p(s).sum() for s in shares], axis=0)
+    null = np.maximum(null, 0.0)
+    above = int((null >= ratio).sum())
+    if above > 20:
+        return above / DRAWS
+    # beyond the draws, an exponential tail through the largest 5%
+    start = np.quantile(null, 0.95)
+    tail = null[null > start] - start
+    mean = max(2.0, float(tail.mean())) if len(tail) else 2.0
+    return float(0.05 * np.exp(-max(0.0, ratio - start) / mean))
