@@ -18,7 +18,7 @@ from ground import _core
 from ground.analysis import dictionary
 from ground.analysis.dictionary import ARGUMENTS, PAST, Feature, Scales
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.regression import SIZES, Regression, Term
+from ground.analysis.regression import Regression, Term
 from ground.annotations import Array, Indices
 from ground.errors import GroundError
 
@@ -28,7 +28,6 @@ PROMISING = 200  # single features of the second and later rounds
 RISE = 2.0  # of the log-likelihood, from which a round is kept
 DEVIATIONS = 1.96
 BEHIND = 3.84  # log-likelihood ratio of the largest size of a wrench that the data do not exclude
-DRAWS = 4  # of weights, for the upper bound
 MOSTLY = 0.5  # part of what is learnable
 MIN_SHARE = 0.02  # least share that is worth saying
 
@@ -100,7 +99,7 @@ def ceiling(
         after = squared_errors(runs, cut, found.fit.model, known_wrenches(found, runs, likelihood))
         arguments = _arguments(found)
     left = _share(now, after, now)
-    bound = max(left.high, 0.0 if found else _bound(first, likelihood, fit, runs, cut, now))
+    bound = max(left.high, 0.0 if found else _bound(first, likelihood, fit, _spans(runs, cut), now))
     whole = start.sum()
     learnable = _share(now, after, start)
     return Ceiling(
@@ -261,66 +260,52 @@ def _explained(regression: Regression, terms: Sequence[Term], of: Sequence[Term]
 # The upper bound where nothing was found
 
 
+_Span = Tuple[int, float, float]  # run, start and end [s]
+
+
+def _spans(runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> List[_Span]:
+    """Windows as runs of another rate have them."""
+    return [(w.run, runs[w.run].times[w.first], runs[w.run].times[w.last]) for w in cut]
+
+
 def _bound(
-    regression: Regression,
-    likelihood: Likelihood,
-    fit: Fit,
-    runs: Sequence[_core.RunData],
-    cut: Sequence[_core.Window],
-    now: Array,
+    regression: Regression, likelihood: Likelihood, fit: Fit, cut: Sequence[_Span], now: Array
 ) -> float:
-    """Largest share of the error that a family of features may explain without contradicting the data."""
-    random = np.random.default_rng(1)
-    bounds = [0.0]
+    """Largest share of the error that a family of features may explain without contradicting the data: that of its
+    largest size that the likelihood does not exclude."""
+    moved = _moved(regression, likelihood, fit, cut)
+    shares = [0.0]
     for family in regression.terms:
-        size = _largest(regression, family)
-        if size <= SIZES[0]:
-            continue
-        term = replace(family, variance=size)
-        at, covariance, mean = regression.posterior([term])
-        root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(at) * np.eye(len(at)))
-        shares = []
-        for _ in range(DRAWS):
-            weights = mean + root @ random.normal(size=len(at))
-            shares.append(_moved(regression, likelihood, fit, runs, cut, at, weights) / now.sum())
-        bounds.append(float(np.mean(shares)))
-    return min(1.0, max(bounds))
-
-
-def _largest(regression: Regression, family: Term) -> float:
-    """Largest variance of a family's wrench that the data do not exclude."""
-    D = regression.D[:, family.columns]
-    values, vectors = np.linalg.eigh(D.T @ D)
-    kept = values > max(1e-9 * values.max(), 1e-12)
-    values, z = values[kept], (vectors[:, kept].T @ regression.b[family.columns]) ** 2 / values[kept]
-    shares = [size / len(family.columns) * values for size in SIZES]
-    ratios = np.array([float(-np.log1p(s).sum() + z @ (s / (1 + s))) for s in shares])
-    allowed = np.flatnonzero(ratios > max(0.0, ratios.max()) - BEHIND)
-    return float(SIZES[allowed[-1]]) if len(allowed) else 0.0
+        size = regression.largest(family.columns, BEHIND)
+        if size > 0:
+            at, covariance, mean = regression.posterior([replace(family, variance=size)])
+            S = moved[:, at] * regression.scale[at]
+            power = ((S @ mean) ** 2).sum() + ((S @ covariance) * S).sum()
+            shares.append(float(power / now.sum()))
+    return min(1.0, max(shares))
 
 
 def _moved(
-    regression: Regression,
-    likelihood: Likelihood,
-    fit: Fit,
-    runs: Sequence[_core.RunData],
-    cut: Sequence[_core.Window],
-    at: Indices,
-    weights: Array,
-) -> float:
-    """Squared change of the motion over windows by weighted features."""
-    total = 0.0
-    for window in cut:
-        run, thin = runs[window.run], likelihood.runs[window.run]
-        span = slice(window.first, window.last + 1)
-        place = np.searchsorted(np.array(thin.times), np.array(run.times)[span], side="right") - 1
-        wrench = regression.wrench(window.run, at, weights)[np.clip(place, 0, len(thin.times) - 1)]
-        arguments = (fit.model, run.inputs, run.times[span], run.eta[window.first], run.nu[window.first], run.drives)
-        try:
-            with_it, without = _core.simulate(*arguments, wrench)["nu"], _core.simulate(*arguments)["nu"]
-        except RuntimeError:
-            return float("inf")
-        change = (with_it - without) / np.array(run.nu).std(axis=0)
-        change = change - change.mean(axis=0)  # the initial velocity takes up a constant
-        total += float((change**2).mean() * 3)
-    return total
+    regression: Regression, likelihood: Likelihood, fit: Fit, cut: Sequence[_Span]
+) -> Array:
+    """Change of the velocities over windows, relative to their standard deviations, by each feature of size one.
+    The motion is that of a damped mass in each direction."""
+    from scipy.signal import lfilter  # slow to load
+
+    model, rows = fit.model, []
+    inertia = np.array([model.value("m"), model.value("m"), model.value("I_z")])
+    rates = np.array([model.value(name) for name in ("X_u", "Y_v", "N_r")]) / inertia
+    for i, start, end in cut:
+        run = likelihood.runs[i]
+        times = np.array(run.times)
+        first, last = np.searchsorted(times, [start, end])
+        step = float(np.median(np.diff(times)))
+        wrench = regression.wrenches[i][first:last] * regression.full[:, None]
+        sigma = np.array(run.nu).std(axis=0)
+        change = np.empty_like(wrench)
+        for c in range(3):
+            keep = np.exp(-rates[c] * step)
+            change[:, c] = lfilter([step / inertia[c] / sigma[c]], [1.0, -keep], wrench[:, c], axis=0)
+        change -= change.mean(axis=0)  # the initial velocity takes up a constant
+        rows.append(change.reshape(-1, change.shape[2]) / np.sqrt(max(1, len(change))))
+    return np.vstack(rows)

@@ -193,6 +193,26 @@ class Regression:
 
     def test(self, columns: Indices, beside: Sequence[Term] = (), name: str = "") -> Term:
         """The Term of some columns, beside chosen terms."""
+        values, z = self._spectrum(columns, beside)
+        if not len(values):
+            return Term(name, columns)
+        shares = [size / len(columns) * values for size in SIZES]
+        ratios = _ratios(values, z, len(columns))
+        best = int(np.argmax(ratios))
+        ratio = max(0.0, ratios[best])
+        return Term(name, columns, float(SIZES[best]), ratio, _chance(ratio, shares))
+
+    def largest(self, columns: Indices, behind: float) -> float:
+        """Largest variance of columns' wrench whose log-likelihood ratio is not `behind` the best one; 0 if all are."""
+        values, z = self._spectrum(columns, ())
+        if not len(values):
+            return 0.0
+        ratios = np.array(_ratios(values, z, len(columns)))
+        allowed = np.flatnonzero(ratios > max(0.0, float(ratios.max())) - behind)
+        return float(SIZES[allowed[-1]]) if len(allowed) else 0.0
+
+    def _spectrum(self, columns: Indices, beside: Sequence[Term]) -> Tuple[Array, Array]:
+        """Eigenvalues of the information of columns beside terms, and the squares of their scores over them."""
         key = columns.tobytes()
         if key not in self._grams:
             self._grams[key] = self.D[:, columns].T @ self.D[:, columns]
@@ -203,14 +223,7 @@ class Regression:
             G, b = G - cross.T @ inverse @ cross, b - cross.T @ mean
         values, vectors = np.linalg.eigh(G)
         kept = values > max(1e-9 * values.max(), 1e-12)
-        values, z = values[kept], (vectors[:, kept].T @ b) ** 2 / values[kept]
-        if not len(values):
-            return Term(name, columns)
-        shares = [size / len(columns) * values for size in SIZES]
-        ratios = [float(-np.log1p(s).sum() + z @ (s / (1 + s))) for s in shares]
-        best = int(np.argmax(ratios))
-        ratio = max(0.0, ratios[best])
-        return Term(name, columns, float(SIZES[best]), ratio, _chance(ratio, shares))
+        return values[kept], (vectors[:, kept].T @ b) ** 2 / values[kept]
 
     def choose(self, parts: Sequence["Part"]) -> List[Term]:
         """Terms that are significant, each beside the others, and that raise the likelihood of parts which they were
@@ -333,6 +346,12 @@ def _without(
     A[:, ~kept] = 0.0
     edges = np.cumsum([0] + [3 * len(a) for a in acting])
     return [A[i:j].reshape(-1, 3, A.shape[1]) for i, j in zip(edges[:-1], edges[1:])], kept
+
+
+def _ratios(values: Array, z: Array, count: int) -> List[float]:
+    """Ratio of marginal likelihoods, 2 ln, for each of SIZES."""
+    shares = [size / count * values for size in SIZES]
+    return [float(-np.log1p(s).sum() + z @ (s / (1 + s))) for s in shares]
 
 
 def _chance(ratio: float, shares: Sequence[Array]) -> float:
