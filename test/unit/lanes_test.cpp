@@ -8,6 +8,7 @@
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
 #include "ground/model/lane_simulation.h"
+#include "ground/model/learned_wrench.h"
 #include "ground/model/model_file.h"
 
 namespace ground {
@@ -46,6 +47,16 @@ EffectPtr made(const std::string& name) {
     return makeExpressionEffect({name, "c*p", "c*q*v", "", {c}, {1e-2}, "-c*p*u_L", "",
                                  {{"p", "(lift*u_L + u + 0.1*t - p)/0.1", 0.2},
                                   {"q", "p - 3*q + 0.1*x + sin(psi)", 0}}});
+  if (name == "learned") {
+    LearnedTerm place{{"x", "psi", "u"}, {0.5, 1, 0.4}, true, Eigen::MatrixXd(11, 3), {}};
+    LearnedTerm input{{"u_L", "t"}, {0.4, 1}, false, Eigen::MatrixXd(11, 2), {}};
+    for (LearnedTerm* term : {&place, &input})
+      for (int i = 0; i < 11; ++i) {
+        for (int j = 0; j < term->centres.cols(); ++j) term->centres(i, j) = std::sin(i + 4 * j);
+        for (auto& weights : term->weights) weights.push_back(1e-3 * std::cos(i));
+      }
+    return makeLearnedWrench({name, {place, input}});
+  }
   return makeEffect(name);
 }
 
@@ -191,8 +202,7 @@ TEST(Lanes, AgreeWithSingleSimulations) { compareAll(craftWith({})); }
 
 TEST(Lanes, AgreeWithSingleSimulationsOfEveryEffect) {
   std::vector<std::string> names = effectNames();
-  names.push_back("expression");
-  names.push_back("memory");
+  for (const char* own : {"expression", "memory", "learned"}) names.push_back(own);
   for (const std::string& name : names) {
     SCOPED_TRACE(name);
     compareAll(craftWith({name}), name == "memory" ? kDifferencesTolerance : 1e-12);

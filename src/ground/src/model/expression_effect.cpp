@@ -9,29 +9,11 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "arguments.h"
 #include "ground/model/shortened.h"
 
 namespace ground {
 namespace {
-
-constexpr int kFirstInput = 6;  ///< among the variables
-
-/// Names of each variable of a formula, in the order of their values; states and parameters follow.
-std::vector<std::vector<std::string>> variablesOf(const ThrusterLayout& layout) {
-  std::vector<std::vector<std::string>> names = {{"u"}, {"v"}, {"r"}, {"x"}, {"y"}, {"psi"}};
-  for (int i = 0; i < layout.size(); ++i) {
-    names.push_back({"u_" + layout[i].name, "u_" + std::to_string(i + 1)});
-    if (layout.isPair()) names.back().push_back(i == 0 ? "u_L" : "u_R");
-  }
-  names.push_back({"lift"});
-  names.push_back({"t"});
-  return names;
-}
-
-bool isIdentifier(const std::string& text) {
-  static const std::regex identifier("[A-Za-z][A-Za-z0-9_]*");
-  return text.size() <= kLongestName && std::regex_match(text, identifier);
-}
 
 /// One formula bound to the values of an ExpressionEffect.
 struct Formula {
@@ -44,9 +26,8 @@ struct Formula {
 class ExpressionEffect final : public Effect {
  public:
   ExpressionEffect(const ExpressionDefinition& definition, const ThrusterLayout& layout)
-      : definition_(definition), layout_(layout), variables_(variablesOf(layout)) {
+      : definition_(definition), layout_(layout), variables_(argumentNames(layout)) {
     info_.name = definition.name;
-    info_.summary = "expression";
     info_.parameters = definition.parameters;
     for (std::size_t i = 0; i < info_.parameters.size(); ++i) {
       const double scale = definition.typical.at(i);
@@ -135,15 +116,6 @@ class ExpressionEffect final : public Effect {
     return all;
   }
 
-  template <typename T>
-  T variable(const Point<T>& point, int i) const {
-    if (i < 3) return point.nu(i);
-    if (i < kFirstInput) return point.eta(i - 3);
-    const int input = i - kFirstInput;
-    if (input < layout_.size()) return point.input(input);
-    return input == layout_.size() ? T(point.lift) : point.t;
-  }
-
   /// Adds the values of `count` formulas to `sums`.
   template <typename T>
   void add(const T* p, const Point<T>& point, const Formula* formulas, int count, T* sums) const {
@@ -171,7 +143,7 @@ class ExpressionEffect final : public Effect {
   }
   template <typename T>
   T argument(const T* p, const Point<T>& point, int j) const {
-    if (j < variableCount()) return variable(point, j);
+    if (j < variableCount()) return argumentOf(point, j);
     return j < firstParameter() ? point.states[j - variableCount()] : p[j - firstParameter()];
   }
 
@@ -239,7 +211,7 @@ class ExpressionEffect final : public Effect {
   /// Sets the variables and states to the values of a trial, away from the special points 0 and 1.
   void tryAt(int trial, const std::vector<double>& parameters) const {
     for (int i = 0; i < firstParameter(); ++i) {
-      const bool input = i >= kFirstInput && i < variableCount();
+      const bool input = i >= kFirstInputArgument && i < variableCount();
       const double wave = std::sin(1.0 + 3.7 * trial + 1.3 * i);
       values_[i] = input ? 0.5 + 0.5 * wave : wave;
     }
@@ -304,7 +276,7 @@ EffectPtr makeExpressionEffect(const ExpressionDefinition& definition,
     throw std::invalid_argument("effect '" + definition.name + "' has more than " +
                                 std::to_string(kMaxEffectStates) + " states");
   std::set<std::string> names = {"pi"};
-  for (const auto& variable : variablesOf(layout)) names.insert(variable.begin(), variable.end());
+  for (const auto& variable : argumentNames(layout)) names.insert(variable.begin(), variable.end());
   const auto take = [&](const std::string& what, const std::string& name) {
     if (!isIdentifier(name) || !names.insert(name).second)
       throw std::invalid_argument("effect '" + definition.name + "': " + what + " name '" +

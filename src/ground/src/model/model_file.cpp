@@ -4,6 +4,7 @@
 #include <unistd.h>
 #include <yaml-cpp/yaml.h>
 
+#include <array>
 #include <cerrno>
 #include <cmath>
 #include <cstdlib>
@@ -15,6 +16,7 @@
 
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
+#include "ground/model/learned_wrench.h"
 #include "ground/model/plausibility.h"
 #include "ground/model/shortened.h"
 #include "ground/model/text_file.h"
@@ -307,6 +309,107 @@ void readExpression(const YamlReader& reader, const std::string& name, const YAM
   model.effects.back().values = values;
 }
 
+/// Reads the values of an effect's parameters. The effect may have one other key than its name.
+void readParameters(const YamlReader& reader, const YAML::Node& node, Model::Entry& entry,
+                    const std::string& other = "name") {
+  const EffectInfo& info = entry.effect->info();
+  const auto& parameters = info.parameters;
+  std::vector<bool> given(parameters.size(), false);
+  reader.each(node, "effect " + info.name, [&](const std::string& key, const YAML::Node& value) {
+    if (key == "name" || key == other) return;
+    for (std::size_t i = 0; i < parameters.size(); ++i) {
+      if (parameters[i].name != key) continue;
+      entry.values[i] = reader.number(value, parameters[i]);
+      given[i] = true;
+      return;
+    }
+    reader.unknown(value, key, "effect " + info.name,
+                   names(parameters) + (other == "name" ? "" : other + ", ") + "name");
+  });
+  for (std::size_t i = 0; i < given.size(); ++i)
+    if (!given[i])
+      reader.fail(node, "effect " + info.name + " has no " + parameters[i].name + " (" +
+                            parameters[i].doc + ", " + parameters[i].unit + ")");
+}
+
+/// Reads rows of so many numbers.
+Eigen::MatrixXd readRows(const YamlReader& reader, const YAML::Node& node, const std::string& what,
+                         std::size_t columns) {
+  if (!node.IsSequence()) reader.fail(node, what + " must be a list");
+  if (node.size() > kMaxCentres)
+    reader.fail(node, what + " has more than " + std::to_string(kMaxCentres) + " rows");
+  Eigen::MatrixXd rows(node.size(), columns);
+  Eigen::Index next = 0;
+  for (const auto& row : node)
+    rows.row(next++) = Eigen::RowVectorXd::Map(
+        readNumbers(reader, row, "a row of " + what, columns).data(),
+        static_cast<Eigen::Index>(columns));
+  return rows;
+}
+
+/// Whether the axes of X and Y are those of the world.
+bool readFrame(const YamlReader& reader, const YAML::Node& node) {
+  const std::string frame = reader.text(node, "frame");
+  if (frame != "world" && frame != "body")
+    reader.fail(node, "frame must be world or body, not '" + shortened(frame) + "'");
+  return frame == "world";
+}
+
+LearnedTerm readTerm(const YamlReader& reader, const YAML::Node& node,
+                     const ThrusterLayout& layout) {
+  const std::string what = "a term of a learned wrench";
+  std::map<std::string, YAML::Node> given;
+  reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
+    for (const char* known : {"arguments", "widths", "frame", "centres", "weights"})
+      if (key == known) given[key] = value;
+    if (!given.count(key))
+      reader.unknown(value, key, what, "arguments, widths, frame, centres, weights");
+  });
+  for (const char* key : {"arguments", "widths", "centres", "weights"})
+    if (!given.count(key)) reader.fail(node, what + " has no " + key);
+  LearnedTerm term;
+  if (!given["arguments"].IsSequence() || given["arguments"].size() == 0 ||
+      given["arguments"].size() > kMaxArguments)
+    reader.fail(given["arguments"], "arguments must be a list of one to " +
+                                        std::to_string(kMaxArguments) + " names, such as [x, y]");
+  for (const auto& name : given["arguments"])
+    term.arguments.push_back(reader.text(name, "an argument"));
+  const std::size_t arguments = term.arguments.size();
+  term.widths = readNumbers(reader, given["widths"], "widths", arguments);
+  if (given.count("frame")) term.world = readFrame(reader, given["frame"]);
+  term.centres = readRows(reader, given["centres"], "centres", arguments);
+  const auto centres = static_cast<std::size_t>(term.centres.rows());
+  reader.each(given["weights"], "weights", [&](const std::string& key, const YAML::Node& value) {
+    const std::size_t channel = std::string("XYN").find(key);
+    if (key.size() != 1 || channel == std::string::npos)
+      reader.unknown(value, key, "weights", "X, Y, N");
+    term.weights[channel] =
+        readNumbers(reader, value, "weights " + key + " (one for each centre)", centres);
+  });
+  try {
+    validate(term, layout);
+  } catch (const std::invalid_argument& error) {
+    reader.fail(node, error.what());
+  }
+  return term;
+}
+
+void readLearnedWrench(const YamlReader& reader, const std::string& name, const YAML::Node& node,
+                       Model& model) {
+  LearnedWrench definition{name, {}};
+  const YAML::Node terms = node["terms"];
+  if (!terms || !terms.IsSequence())
+    reader.fail(node, "effect " + name + " must have a list of terms");
+  for (const auto& term : terms)
+    definition.terms.push_back(readTerm(reader, term, *model.thrusters));
+  try {
+    model.addEffect(makeLearnedWrench(definition, *model.thrusters));
+  } catch (const std::invalid_argument& error) {
+    reader.fail(node, error.what());
+  }
+  readParameters(reader, node, model.effects.back(), "terms");
+}
+
 void readEffect(const YamlReader& reader, const YAML::Node& node, Model& model) {
   if (!node.IsMap() || !node["name"]) reader.fail(node, "an effect must be a map with its name");
   const std::string name = reader.text(node["name"], "name");
@@ -314,28 +417,14 @@ void readEffect(const YamlReader& reader, const YAML::Node& node, Model& model) 
     reader.fail(node,
                 "the effect's name is longer than " + std::to_string(kLongestName) + " characters");
   if (node["expression"]) return readExpression(reader, name, node, model);
+  if (node["terms"] || name == LearnedWrench().name)
+    return readLearnedWrench(reader, name, node, model);
   try {
     model.addEffect(makeEffect(name, *model.thrusters));
   } catch (const std::invalid_argument& error) {
     reader.fail(node, error.what());
   }
-  Model::Entry& entry = model.effects.back();
-  const auto& parameters = entry.effect->info().parameters;
-  std::vector<bool> given(parameters.size(), false);
-  reader.each(node, "effect " + name, [&](const std::string& key, const YAML::Node& value) {
-    if (key == "name") return;
-    for (std::size_t i = 0; i < parameters.size(); ++i) {
-      if (parameters[i].name != key) continue;
-      entry.values[i] = reader.number(value, parameters[i]);
-      given[i] = true;
-      return;
-    }
-    reader.unknown(value, key, "effect " + name, names(parameters) + "name");
-  });
-  for (std::size_t i = 0; i < given.size(); ++i)
-    if (!given[i])
-      reader.fail(node, "effect " + name + " has no " + parameters[i].name + " (" +
-                            parameters[i].doc + ", " + parameters[i].unit + ")");
+  readParameters(reader, node, model.effects.back());
 }
 
 /// Reads numbers by channel; missing ones stay zero. `thrust`: if not null, "thrust" is a channel.
@@ -439,9 +528,17 @@ std::string comment(const ParameterInfo& parameter) {
   return parameter.doc.empty() ? parameter.unit : parameter.unit + ", " + parameter.doc;
 }
 
+/// A list in one line.
+template <class Numbers>
+void emitNumbers(YAML::Emitter& out, const Numbers& numbers) {
+  out << YAML::Flow << YAML::BeginSeq;
+  for (const double number : numbers) out << format(number);
+  out << YAML::EndSeq;
+}
+
 void emitPair(YAML::Emitter& out, const char* key, double first, double second) {
-  out << YAML::Key << key << YAML::Value << YAML::Flow << YAML::BeginSeq << format(first)
-      << format(second) << YAML::EndSeq;
+  out << YAML::Key << key << YAML::Value;
+  emitNumbers(out, std::array<double, 2>{first, second});
 }
 
 /// A thruster; positions are multiplied by `scale`.
@@ -458,8 +555,7 @@ void emitThruster(YAML::Emitter& out, const Thruster& one, double scale) {
     if (one.curve.table.empty()) emitNumber(out, "power", one.curve.power, "");
     if (!one.curve.table.empty()) {
       out << YAML::Key << "table" << YAML::Value << YAML::Flow << YAML::BeginSeq;
-      for (const auto& row : one.curve.table)
-        out << YAML::Flow << YAML::BeginSeq << format(row[0]) << format(row[1]) << YAML::EndSeq;
+      for (const auto& row : one.curve.table) emitNumbers(out, row);
       out << YAML::EndSeq;
     }
     out << YAML::EndMap;
@@ -533,6 +629,26 @@ void emitExpression(YAML::Emitter& out, const ExpressionDefinition& definition,
     out << YAML::EndMap;
   }
   out << YAML::EndMap;
+}
+
+void emitTerm(YAML::Emitter& out, const LearnedTerm& term) {
+  out << YAML::BeginMap << YAML::Key << "arguments" << YAML::Value << YAML::Flow << term.arguments;
+  out << YAML::Key << "widths" << YAML::Value;
+  emitNumbers(out, term.widths);
+  out << YAML::Key << "frame" << YAML::Value << (term.world ? "world" : "body");
+  out << YAML::Key << "centres" << YAML::Value << YAML::Flow << YAML::BeginSeq;
+  for (Eigen::Index i = 0; i < term.centres.rows(); ++i) {
+    const Eigen::VectorXd centre = term.centres.row(i);
+    emitNumbers(out, std::vector<double>(centre.data(), centre.data() + centre.size()));
+  }
+  out << YAML::EndSeq << YAML::Key << "weights" << YAML::Comment("N, N, N m")
+      << YAML::Value << YAML::BeginMap;
+  for (std::size_t channel = 0; channel < 3; ++channel) {
+    if (term.weights[channel].empty()) continue;
+    out << YAML::Key << std::string(1, "XYN"[channel]) << YAML::Value;
+    emitNumbers(out, term.weights[channel]);
+  }
+  out << YAML::EndMap << YAML::EndMap;
 }
 
 void emitDisturbance(YAML::Emitter& out, const Disturbance& disturbance) {
@@ -696,6 +812,11 @@ std::string formatModel(const Model& model) {
       out << YAML::Comment(info.summary);
       for (std::size_t i = 0; i < info.parameters.size(); ++i)
         emitNumber(out, info.parameters[i].name, entry.values[i], comment(info.parameters[i]));
+    }
+    if (const LearnedWrench* learned = learnedWrench(*entry.effect)) {
+      out << YAML::Key << "terms" << YAML::Value << YAML::BeginSeq;
+      for (const LearnedTerm& term : learned->terms) emitTerm(out, term);
+      out << YAML::EndSeq;
     }
     out << YAML::EndMap;
   }

@@ -12,6 +12,7 @@
 #include "bindings.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/effect_registry.h"
+#include "ground/model/learned_wrench.h"
 #include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
 #include "ground/model/simulation.h"
@@ -165,6 +166,15 @@ void defModel(py::module_& module) {
                                  names.push_back(e.effect->info().name);
                                return names;
                              })
+      .def_property_readonly(
+          "summaries",
+          [](const Model& m) {
+            py::dict all;
+            for (const auto& e : m.effects)
+              all[py::str(e.effect->info().name)] = e.effect->info().summary;
+            return all;
+          },
+          "What each effect is, by name; empty for formulas of the model file.")
       .def_property_readonly("thrusters", &describeThrusters,
                              "Name, channel, position [m], direction [deg], range and gain of each.")
       .def_property_readonly(
@@ -231,6 +241,16 @@ void defFiles(py::module_& module) {
              py::arg("overwrite") = false);
 }
 
+/// Bells of a learned wrench (LearnedTerm) at rows of arguments: (rows, centres).
+Eigen::MatrixXd bellsAt(const std::vector<std::string>& arguments,
+                        const std::vector<double>& widths, const Eigen::MatrixXd& centres,
+                        const Eigen::MatrixXd& rows, const Model* model) {
+  LearnedTerm term{arguments, widths, false, centres, {}};
+  term.weights[0].assign(static_cast<std::size_t>(centres.rows()), 1.0);
+  requireFinite(rows, "an argument");
+  return bells(term, rows, model ? *model->thrusters : *thrusterPair());
+}
+
 void defEffects(py::module_& module) {
   module.def(
       "effects",
@@ -251,6 +271,10 @@ void defEffects(py::module_& module) {
       py::arg("model") = py::none(),
       "The effects of the library by name; with a model also those of its single thrusters. A diagnosis tries those with `opt_in` only if the user "
       "names them.");
+  module.def("bells", &bellsAt, py::arg("arguments"), py::arg("widths"), py::arg("centres"),
+             py::arg("rows"), py::arg("model") = py::none(),
+             "Values of the bells of a learned wrench, by which its weights are multiplied, at rows of "
+             "its arguments: (rows, centres). Thrusters are a left and a right one, or the model's.");
 }
 
 void defSimulation(py::module_& module) {

@@ -65,11 +65,26 @@ def effects(model: Optional[_core.Model] = None) -> Dict[str, EffectInfo]:
         raise GroundError(str(error))
 
 
+def summaries(model: Optional[_core.Model] = None) -> Dict[str, str]:
+    """What each effect is: those of the library and of a model. A user's formula has none."""
+    known = {name: effect["summary"] for name, effect in effects(model).items()}
+    known.update(model.summaries if model else {})
+    return {name: summary for name, summary in known.items() if summary}
+
+
 def in_words(name: str, model: Optional[_core.Model] = None) -> str:
-    """An effect's description with its name beside; the name alone for a user's own effect. Effects
-    of single thrusters need a model that lists them."""
-    known = effects(model).get(name)
-    return "%s (%s)" % (known["summary"], name) if known else name
+    """An effect's description with its name beside; the name alone for a user's own formula. Effects
+    of single thrusters need a model that lists them, a stand-in a model that has it."""
+    summary = summaries(model).get(name)
+    return "%s (%s)" % (summary, name) if summary else name
+
+
+def listed(model: _core.Model) -> str:
+    """Names of a model's effects; with a stand-in it says so."""
+    return ", ".join(
+        "%s (%s)" % (name, summary) if summary.startswith("a stand-in") else name
+        for name, summary in model.summaries.items()
+    )
 
 
 def on_request() -> List[str]:

@@ -42,7 +42,7 @@ def begun(
     return {
         "schema": SCHEMA,
         "model": model_name,
-        "means": {n: e["summary"] for n, e in candidates.effects(before.model).items()},
+        "means": candidates.summaries(before.model),
         "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},
         "windows": {"used": len(diagnosis.cut), "available": diagnosis.study.available},
         "verdict": conclusion.verdict,

@@ -1,0 +1,43 @@
+#pragma once
+
+#include <regex>
+#include <string>
+#include <vector>
+
+#include "ground/model/effect.h"
+#include "ground/model/expression_effect.h"
+
+namespace ground {
+
+/// What formulas and learned wrenches of a model file may depend on: u, v, r, x, y, psi, the input
+/// of each thruster, lift, t. Each entry has all names of one argument.
+inline std::vector<std::vector<std::string>> argumentNames(const ThrusterLayout& layout) {
+  std::vector<std::vector<std::string>> names = {{"u"}, {"v"}, {"r"}, {"x"}, {"y"}, {"psi"}};
+  for (int i = 0; i < layout.size(); ++i) {
+    names.push_back({"u_" + layout[i].name, "u_" + std::to_string(i + 1)});
+    if (layout.isPair()) names.back().push_back(i == 0 ? "u_L" : "u_R");
+  }
+  names.push_back({"lift"});
+  names.push_back({"t"});
+  return names;
+}
+
+constexpr int kHeadingArgument = 5;     ///< place of psi in argumentNames
+constexpr int kFirstInputArgument = 6;  ///< place of the first input in argumentNames
+
+/// The value of argument number i of argumentNames.
+template <typename T>
+T argumentOf(const Point<T>& point, int i) {
+  if (i < 3) return point.nu(i);
+  if (i < kFirstInputArgument) return point.eta(i - 3);
+  const int input = i - kFirstInputArgument, inputs = point.layout.size();
+  if (input < inputs) return point.input(input);
+  return input == inputs ? T(point.lift) : point.t;
+}
+
+inline bool isIdentifier(const std::string& text) {
+  static const std::regex identifier("[A-Za-z][A-Za-z0-9_]*");
+  return text.size() <= kLongestName && std::regex_match(text, identifier);
+}
+
+}  // namespace ground
