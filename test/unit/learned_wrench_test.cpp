@@ -206,7 +206,7 @@ TEST(LearnedWrench, BadInputNamesTheLineAndTheReason) {
   } cases[] = {
       {"[x, psi]", "[x, height]", "unknown argument 'height'; known are u, v, r, x, y, psi", 8},
       {"[x, psi]", "[x, u, v, r]", "arguments must be a list of one to 3", 8},
-      {"[u_L]", "[]", "arguments must be a list of one to 3", 14},
+      {"[u_L]", "[]", "arguments must be a list of one to 3", 13},
       {"[x, psi]", "[x, x]", "argument 'x' is repeated", 8},
       {"[u_L]", "[u_L, u_1]", "widths must be a list of 2", 14},
       {"[x, psi]", "x", "arguments must be a list", 8},

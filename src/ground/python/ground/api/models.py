@@ -183,7 +183,9 @@ class Model(Shown):
         return pandas.DataFrame(rows, index=index, columns=["value", "unit", "meaning"])
 
     def _table(self) -> Tuple[str, Row, List[Row]]:
-        title = "%s, effects: %s" % (self.name, ", ".join(self.effects) or "none")
+        from ground.analysis import candidates
+
+        title = "%s, effects: %s" % (self.name, candidates.listed(self.core) or "none")
         described = self.core.parameters()
         rows = [[p["name"], "%.4g" % self.core.value(p["name"]), p["unit"]] for p in described]
         return title, ["parameter", "value", "unit"], list(rows)
