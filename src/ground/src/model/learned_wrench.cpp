@@ -15,10 +15,12 @@ constexpr double kReach = 3.0;  ///< where a bell ends, in widths
 constexpr double kOverReach2 = 1 / (kReach * kReach);
 constexpr int kMaxCoordinates = kMaxArguments + 1;  ///< the heading has two
 
-/// Base of the fourth power that is the bell, at a squared distance in widths.
+/// Base of the fourth power that is the bell, at a squared distance in widths. To ask whether all
+/// lanes are zero would take longer than the powers.
 template <typename V>
 GROUND_INLINE V bellBase(const V& square) {
-  return notBelowZero(V(V(1.0) - V(kOverReach2) * square));
+  const V base = V(1.0) - V(kOverReach2) * square;
+  return blend(base > V(0.0), base, V(0.0));
 }
 
 /// Place in argumentNames, or -1.
@@ -202,7 +204,6 @@ class Bells {
       away[i] = at[i] - bell[i];
       square += away[i] * away[i];
     }
-    if (noneOf(square < Lanes(kReach * kReach))) return;
     const Lanes base = bellBase(square), base2 = base * base, height = base2 * base2;
     const Lanes slope = Lanes(-8 * kOverReach2) * base2 * base;  // times away
     for (std::size_t c = 0; c < 3; ++c) {
