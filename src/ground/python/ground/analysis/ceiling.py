@@ -50,6 +50,7 @@ class Found:
     fit: Fit  # with the wrench as a known input
     wrenches: List[Array]  # of each run (thinned), predicted from the others [N], [N m]
     gain: float  # log-likelihood that it gains on runs that it was not fitted to
+    arguments: Dict[str, float]  # part of it that each accounts for, largest first
 
 
 @dataclass(frozen=True)
@@ -94,10 +95,9 @@ def ceiling(
     start = squared_errors(runs, cut, before)
     now = squared_errors(runs, cut, fit.model) if before is not fit.model else start
     if found is None:
-        after, arguments = now, {}
+        after = now
     else:
         after = squared_errors(runs, cut, found.fit.model, known_wrenches(found, runs, likelihood))
-        arguments = _arguments(found)
     left = _share(now, after, now)
     bound = max(left.high, 0.0 if found else _bound(first, likelihood, fit, _spans(runs, cut), now))
     whole = start.sum()
@@ -107,7 +107,7 @@ def ceiling(
         replace(learnable, high=max(learnable.high, bound * now.sum() / whole)),
         _share(after, np.zeros_like(after), start),
         replace(left, high=min(1.0, bound)),
-        arguments,
+        found.arguments if found else {},
         found,
         bound,
         {"before": _root(start), "now": _root(now), "after": _root(after)},
@@ -163,7 +163,7 @@ def _rounds(
         if best is None:
             kept, tested = regression.promising(PROMISING), regression.tested
             features, acting = [features[j] for j in kept], [wrench[:, :, kept] for wrench in acting]
-        best = Found(regression, terms, refitted, wrenches, gain)
+        best = Found(regression, terms, refitted, wrenches, gain, _arguments(regression, terms))
         if rise < ENOUGH:
             break
         regression = Regression(current, refitted, features, acting, followed, tested)
@@ -232,9 +232,8 @@ def squared_errors(
 # Arguments
 
 
-def _arguments(found: Found) -> Dict[str, float]:
+def _arguments(regression: Regression, terms: Sequence[Term]) -> Dict[str, float]:
     """Part of the explained variance that is lost without the terms of each argument, relative to the whole."""
-    regression, terms = found.regression, found.terms
     shares: Dict[str, float] = {}
     whole = _explained(regression, terms, terms)
     for name in ARGUMENTS:

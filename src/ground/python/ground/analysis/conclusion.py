@@ -27,6 +27,9 @@ from ground.core_types import FittedParameter
 
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
+NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave something without a name
+ENOUGH = 0.6  # of the error on parts held out: with a formula that leaves less, nothing else is tried
+BETTER = 0.9  # of the error with a formula: a learned wrench has to leave less
 # Largest share of the error that a smooth function of one kind may have beside `complete`
 SMALL = 0.35
 # Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in
@@ -107,9 +110,7 @@ def _conclude(
     varies = _varies(found)
     explained = found.best.error.sum() < EXPLAINED * floor
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees)
-    formula = None
-    if verdict == "unexplained" and left.found is not None:
-        formula = naming.formula(found.likelihood, found.fit, left.found)
+    formula = _name(found, left) if verdict in NAMELESS else None
     return Conclusion(
         verdict,
         found.model,
@@ -177,6 +178,21 @@ def _varies(found: Diagnosis) -> List[Document]:
         for d in found.differences
         for i in [varying.KINDS.index(d.kind)]
     ]
+
+
+def _name(found: Diagnosis, left: Ceiling) -> Optional[naming.Formula]:
+    """A formula or a learned wrench for what is learnable: that with which parts held out are predicted better."""
+    if left.found is None:
+        return None
+    named = naming.formula(found.likelihood, found.fit, left.found)
+    before = float(found.best.heldout.sum())
+    after = before if named is None else float(found.folds.judge(named.fit).heldout.sum())
+    if after < ENOUGH * before:
+        return named
+    learned = naming.learned(found.likelihood, found.fit, left.found)
+    if learned is not None and found.folds.judge(learned.fit).heldout.sum() < BETTER * after:
+        return learned
+    return named
 
 
 def _verdict(

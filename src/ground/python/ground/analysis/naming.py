@@ -11,9 +11,18 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.analysis import candidates
+from ground.analysis import candidates, dictionary
 from ground.analysis.ceiling import Found
-from ground.analysis.dictionary import HEADING, PLACE, Feature
+from ground.analysis.dictionary import (
+    COMMAND,
+    HEADING,
+    PLACE,
+    TIME,
+    VELOCITY,
+    Family,
+    Feature,
+    Samples,
+)
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import LEVEL, Regression, Term
@@ -22,6 +31,10 @@ from ground.annotations import Array, Document
 from ground.errors import GroundError
 
 NAME = "proposed"
+LEARNED = "learned_wrench"
+BELLS = 60  # most of them
+WIDTH = 0.6  # of a bell, over the standard deviation of its argument
+TURN_WIDTH = 0.5  # the same of the heading [rad]
 MOST = 3  # features of a formula
 TRIED = 12  # most significant features that are compared in each step
 MIN_RATIO = 12.0  # of the likelihoods with and without a feature
@@ -104,8 +117,6 @@ def _piece(regression: Regression, j: int, weight: float, number: int) -> _Piece
     """The piece of a weighted feature; weight: relative to full thrust at the feature's scale."""
     feature = regression.features[j]
     size = weight * regression.scale[j]
-    if not set(feature.parts) <= {"X", "Y", "N"} or set(feature.parts) == {"N"}:
-        pass
     size *= regression.full[2] if set(feature.parts) == {"N"} else regression.full[0]
     for special in (_turning, _waving, _pulling):
         piece = special(regression, feature, j, size, number)
@@ -260,6 +271,123 @@ def in_words(arguments: Sequence[str]) -> str:
     """Arguments of a dependence, in words."""
     words = [WORDS[name] for name in arguments]
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+# A learned wrench
+
+
+def learned(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]:
+    """A smooth function of what was found to matter, by bells on the arguments that the craft visited; None where
+    it depends on the past or does not help."""
+    variables = _variables(found, fit)
+    if not variables:
+        return None
+    sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(likelihood.runs))]
+    values = np.concatenate([np.column_stack([s.values[v] for v in variables]) for s in sampled])
+    widths = np.array([TURN_WIDTH if v == "psi" else WIDTH * values[:, i].std() for i, v in enumerate(variables)])
+    if not (widths > 0).all():
+        return None
+    centres = _spread(values, widths, variables)
+    is_world = "x" in variables or "y" in variables
+    acting = [_bells(s, variables, widths, centres, is_world) for s in sampled]
+    family = Family("bells", frozenset([PLACE]), False)
+    features = [Feature({c: "bell"}, "-", family) for _ in centres for c in "XYN"]
+    followed = [dictionary.followed(fit.model, s) for s in sampled]
+    basis = found.regression
+    regression = Regression(basis.likelihood, basis.fit, features, acting, followed)
+    columns = np.flatnonzero(regression.active)
+    if not len(columns):
+        return None
+    term = regression.test(columns, name="bells")
+    if term.variance <= 0 or term.ratio < MIN_RATIO:
+        return None
+    at, _, mean = regression.posterior([term])
+    weights = np.zeros(len(features))
+    weights[at] = mean * regression.scale[at]
+    by_channel = weights.reshape(-1, 3) * regression.full
+    entry: Document = {
+        "name": LEARNED,
+        "scale": 1.0,
+        "terms": [
+            {
+                "arguments": variables,
+                "widths": [float("%.4g" % w) for w in widths],
+                "frame": "world" if is_world else "body",
+                "centres": [[float("%.5g" % c) for c in centre] for centre in centres],
+                "weights": {
+                    c: [float("%.5g" % w) for w in by_channel[:, i]] for i, c in enumerate("XYN")
+                },
+            }
+        ],
+    }
+    try:
+        start = candidates.from_entry(entry, "the learned wrench", fit.model).add(fit.model)
+        fitted = likelihood.fit(start, fit.free + (LEARNED + ".scale",), near=fit)
+    except GroundError:
+        return None
+    ratio = 2 * (fitted.log_posterior - fit.log_posterior)
+    if ratio < MIN_RATIO:
+        return None
+    entry["scale"] = fitted.model.value(LEARNED + ".scale")
+    means = "a wrench learned from data, zero outside them, that depends on %s" % in_words(
+        [name for name in found.arguments if name in WORDS and found.arguments[name] > 0.1] or ["place"]
+    )
+    return Formula(entry, means, fitted, ratio)
+
+
+def _variables(found: Found, fit: Fit) -> List[str]:
+    """Up to three variables that most of what was found depends on; none if it is the past."""
+    regression = found.regression
+    total: Dict[str, float] = {}
+    for term in found.terms:
+        for j in term.columns[:1].tolist():
+            feature = regression.features[j]
+            if feature.states:
+                return []
+            text = " ".join(feature.parts.values())
+            names = ["x", "y"] if PLACE in feature.family.arguments else []
+            if HEADING in feature.family.arguments:
+                names.append("psi")
+            if VELOCITY in feature.family.arguments:
+                names += [v for v in "uvr" if re.search(r"\b%s\b" % v, text)]
+            if COMMAND in feature.family.arguments:
+                names += [v for v in dictionary.inputs(fit.model) if re.search(r"\b%s\b" % v, text)]
+            if TIME in feature.family.arguments:
+                names.append("t")
+            for name in names:
+                total[name] = total.get(name, 0.0) + term.ratio
+    return sorted(total, key=lambda name: -total[name])[:3]
+
+
+def _distance(values: Array, centre: Array, widths: Array, variables: Sequence[str]) -> Array:
+    away = values - centre
+    if "psi" in variables:
+        at = list(variables).index("psi")
+        away[:, at] = 2 * np.sin(away[:, at] / 2)
+    return np.asarray(((away / widths) ** 2).sum(axis=1))
+
+
+def _spread(values: Array, widths: Array, variables: Sequence[str]) -> Array:
+    """Centres that are spread over the values, the farthest first, until all are near one."""
+    centres = [values[len(values) // 2]]
+    nearest = _distance(values, centres[0], widths, variables)
+    while len(centres) < BELLS and nearest.max() > 1.0:
+        centres.append(values[int(np.argmax(nearest))])
+        nearest = np.minimum(nearest, _distance(values, centres[-1], widths, variables))
+    return np.array(centres)
+
+
+def _bells(
+    sampled: Samples, variables: Sequence[str], widths: Array, centres: Array, is_world: bool
+) -> Array:
+    """Wrenches (n, 3, 3 centres) of a bell on each channel; X and Y along the room's axes if is_world."""
+    values = np.column_stack([sampled.values[v] for v in variables])
+    psi = sampled.values["psi"]
+    c, s = (np.cos(psi), np.sin(psi)) if is_world else (np.ones_like(psi), np.zeros_like(psi))
+    turn = np.zeros((len(psi), 3, 3))  # body wrench by channel
+    turn[:, 0, 0], turn[:, 1, 0], turn[:, 0, 1], turn[:, 1, 1], turn[:, 2, 2] = c, -s, s, c, 1.0
+    bells = [np.exp(-0.5 * _distance(values, centre, widths, variables)) for centre in centres]
+    return np.concatenate([turn * bell[:, None, None] for bell in bells], axis=2)
 
 
 # The formula in the model
