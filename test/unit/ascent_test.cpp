@@ -93,10 +93,10 @@ TEST(LevelPrior, FavoursNoDirection) {
   EXPECT_EQ(prior.median.time.maxCoeff(), prior.median.time.minCoeff());
   EXPECT_EQ(prior.median.position, 1);  // the noise that is known of the runs
   EXPECT_EQ(prior.median.heading, 1);
-  for (const std::size_t first : {0u, 3u, 6u, 11u})  // sigma, time, white, trim
+  for (const std::size_t first : {0u, 4u, 8u, 13u})  // sigma, time, white, trim
     for (const std::size_t i : {1u, 2u})
       EXPECT_EQ(prior.deviation[first + i], prior.deviation[first]);
-  EXPECT_EQ(prior.deviation[9], prior.deviation[10]);
+  EXPECT_EQ(prior.deviation[11], prior.deviation[12]);
 }
 
 TEST(LevelPrior, IsBroadAboutSmallDisturbancesAndNarrowAboutTheNoise) {
@@ -109,7 +109,10 @@ TEST(LevelPrior, IsBroadAboutSmallDisturbancesAndNarrowAboutTheNoise) {
     const bool moment = names[i].back() == 'N';
     const double full = moment ? typical::moment(model.body) : typical::force(model.body);
     // Median, and the factor of a standard deviation.
-    const auto [expected, factor] = kind == "sigma"    ? std::make_pair(0.02 * full, 4.5)
+    const bool room = names[i] == "sigma_room" || names[i] == "time_room";
+    const auto [expected, factor] = room && kind == "sigma" ? std::make_pair(0.003 * full, 4.5)
+                                    : room             ? std::make_pair(1.0, 2.7)
+                                    : kind == "sigma"  ? std::make_pair(0.02 * full, 4.5)
                                     : kind == "white"  ? std::make_pair(0.001 * full, 4.5)
                                     : kind == "trim"   ? std::make_pair(0.003 * full, 4.5)
                                     : kind == "time"   ? std::make_pair(0.3, 2.7)
@@ -160,7 +163,7 @@ TEST_F(Ascent, InformationAboutLoudnessIsThatAboutTheLevelsThatItScales) {
   for (Eigen::Index i = 0; i < kCount; ++i)
     levels(i, i) -= std::pow(prior.deviation[static_cast<std::size_t>(i)], -2);
   Eigen::VectorXd scaled = Eigen::VectorXd::Zero(kCount);  // sigma and white
-  for (const Eigen::Index i : {0, 1, 2, 6, 7, 8}) scaled(i) = 1;
+  for (const Eigen::Index i : {0, 1, 2, 3, 8, 9, 10}) scaled(i) = 1;
   const Eigen::MatrixXd across = information.block<kCount, 3>(0, kCount);
   EXPECT_LT((across.rowwise().sum() - levels * scaled).norm(), 1e-9 * across.norm());
   for (Eigen::Index r = 0; r < 3; ++r)

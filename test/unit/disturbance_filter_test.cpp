@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -68,6 +69,8 @@ DisturbanceLevels someLevels(const Model& model) {
   DisturbanceLevels levels;
   levels.sigma << 0.05 * force, 0.03 * force, 0.04 * moment;
   levels.time << 0.3, 0.2, 0.5;
+  levels.sigma_room = 0.06 * force;
+  levels.time_room = 0.7;
   levels.white << 0.004 * force, 0.003 * force, 0.002 * moment;
   levels.position = 1.3;
   levels.heading = 0.8;
@@ -80,8 +83,8 @@ DisturbanceLevels someLevels(const Model& model) {
 struct Seen {
   Vector3<double> innovation, white;
   Matrix3<double> S;
-  Vector13 mean, predicted;
-  Matrix13 covariance;
+  FilterVector mean, predicted;
+  FilterMatrix covariance;
   double density = 0;
   bool capped = false, starts = false;
 };
@@ -106,8 +109,8 @@ class PlainFilter {
     Simulation<double> middle(dynamics_, run_.inputs, rest, run_.times[0], kStep);
     Simulation<double> slow(slow_, run_.inputs, rest, run_.times[0], kStep);
     Simulation<double> fast(fast_, run_.inputs, rest, run_.times[0], kStep);
-    Vector13 x = Vector13::Zero();
-    Matrix13 P = Matrix13::Zero();
+    FilterVector x = FilterVector::Zero();
+    FilterMatrix P = FilterMatrix::Zero();
     std::vector<Seen> found;
     for (std::size_t k = 0; k < run_.times.size(); ++k) {
       const double now = run_.times[k];
@@ -129,7 +132,7 @@ class PlainFilter {
       if (k + 1 == run_.times.size()) break;
       const double next = run_.times[k + 1], dt = next - now;
       if (dt == 0 || dt > kMaxGap) continue;
-      Matrix13 F = Matrix13::Identity(), Q = Matrix13::Zero();
+      FilterMatrix F = FilterMatrix::Identity(), Q = FilterMatrix::Zero();
       Eigen::Matrix<double, 6, 6> motion;
       for (int i = 0; i < 6; ++i) {
         Eigen::Matrix<double, 6, 1> up = x.head<6>(), down = up;
@@ -154,18 +157,38 @@ class PlainFilter {
         added(i) = std::pow(levels.sigma(i), 2) * (1 - left(i) * left(i));
         density(i) = std::pow(levels.white(i), 2) / dt;
       }
+      const double part = dt / levels.time_room, room_left = std::exp(-part);
+      const double room_mean = (1 - room_left) / part;
+      const double room_added = std::pow(levels.sigma_room, 2) * (1 - room_left * room_left);
+      const Vector2<double> force = room_mean * x.segment<2>(9);
+      const auto pushed = [&](const Eigen::Matrix<double, 6, 1>& from) {  // by the force in the room
+        const double heading = from(2) + 0.5 * dt * from(5);
+        return Eigen::Matrix<double, 6, 1>(response.leftCols<2>() * worldToBody(heading, force));
+      };
+      const Eigen::Rotation2Dd back(-here(2) - 0.5 * dt * here(5));
+      const Eigen::Matrix<double, 6, 2> room = response.leftCols<2>() * back.toRotationMatrix();
       F.topLeftCorner<6, 6>() = motion;
+      for (const int i : {2, 5}) {
+        const Eigen::Matrix<double, 6, 1> step = kChange * Eigen::Matrix<double, 6, 1>::Unit(i);
+        F.block<6, 1>(0, i) += (pushed(here + step) - pushed(here - step)) / (2 * kChange);
+      }
       F.block<6, 3>(0, 6) = response * mean.asDiagonal();
-      F.block<6, 3>(0, 9) = response;
-      F.block<6, 1>(0, 12) = by_thrust;
+      F.block<6, 2>(0, 9) = room * room_mean;
+      F.block<6, 3>(0, 11) = response;
+      F.block<6, 1>(0, 14) = by_thrust;
       F.block<3, 3>(6, 6) = left.asDiagonal();
+      F.block<2, 2>(9, 9) *= room_left;
       Q.topLeftCorner<6, 6>() =
-          response * Vector3<double>(added / 3 + density).asDiagonal() * response.transpose();
+          response * Vector3<double>(added / 3 + density).asDiagonal() * response.transpose() +
+          room * room_added / 3 * room.transpose();
       Q.block<6, 3>(0, 6) = response * Vector3<double>(added / 2).asDiagonal();
-      Q.block<3, 6>(6, 0) = Q.block<6, 3>(0, 6).transpose();
+      Q.block<6, 2>(0, 9) = room * room_added / 2;
+      Q.block<5, 6>(6, 0) = Q.block<6, 5>(0, 6).transpose();
       Q.block<3, 3>(6, 6) = added.asDiagonal();
+      Q(9, 9) = Q(10, 10) = room_added;
+      const FilterVector before = x;
       x = F * x;
-      x.head<6>() += motionOf(middle.state()) - motion * here;
+      x.head<6>() += motionOf(middle.state()) - F.topLeftCorner<6, 6>() * before.head<6>();
       P = F * P * F.transpose() + Q;
     }
     return found;
@@ -195,14 +218,15 @@ class PlainFilter {
     return Dynamics<double>(model);
   }
 
-  void start(std::size_t k, const DisturbanceLevels& levels, Vector13& x, Matrix13& P) const {
+  void start(std::size_t k, const DisturbanceLevels& levels, FilterVector& x, FilterMatrix& P) const {
     const auto row = static_cast<Eigen::Index>(k);
     const Dynamics<Jet> exact(model_);
     x.head<6>() =
         motionOf(stateSeenAs(exact, {run_.eta.row(row).transpose(), run_.nu.row(row).transpose()}));
-    x.segment<3>(6).setZero();
-    Vector13 variance = Vector13::Zero();
+    x.segment<5>(6).setZero();
+    FilterVector variance = FilterVector::Zero();
     variance.head<9>() << 0.01, 0.01, 0.25, 0.09, 0.09, 9, levels.sigma.array().square();
+    variance.segment<2>(9).setConstant(std::pow(levels.sigma_room, 2));
     if (k == 0) {
       variance.tail<4>() << levels.trim.array().square(), levels.thrust * levels.thrust;
       P = variance.asDiagonal();
@@ -218,8 +242,8 @@ class PlainFilter {
   }
 
   void correct(std::size_t k, const DisturbanceLevels& levels, double cap,
-               const std::vector<FilterSample>* known, Vector13& x, Matrix13& P, Seen& seen) const {
-    Eigen::Matrix<double, 3, 13> H = Eigen::Matrix<double, 3, 13>::Zero();
+               const std::vector<FilterSample>* known, FilterVector& x, FilterMatrix& P, Seen& seen) const {
+    Eigen::Matrix<double, 3, 15> H = Eigen::Matrix<double, 3, 15>::Zero();
     for (int i = 0; i < 3; ++i) {
       Eigen::Matrix<double, 6, 1> up = x.head<6>(), down = up;
       up(i) += kChange;
@@ -242,10 +266,10 @@ class PlainFilter {
     seen.density = seen.starts ? 0
                                : -std::log(root.diagonal().prod()) - 1.5 * std::log(inflation) -
                                      0.5 * distance / inflation;
-    Eigen::Matrix<double, 13, 3> gain = P * H.transpose() * seen.S.inverse() / inflation;
+    Eigen::Matrix<double, 15, 3> gain = P * H.transpose() * seen.S.inverse() / inflation;
     if (known && seen.capped)
       for (int a = 0; a < 3; ++a)
-        for (int i = 0; i < 13; ++i) gain(i, a) = (*known)[k].gain[a][i];
+        for (int i = 0; i < 15; ++i) gain(i, a) = (*known)[k].gain[a][i];
     x += gain * seen.innovation;
     P -= gain * H * P;
     P.triangularView<Eigen::StrictlyLower>() = P.transpose();
@@ -293,21 +317,23 @@ TEST_P(Filtered, AgreesWithAPlainKalmanFilter) {
     EXPECT_LT((filter_.whitened(k) - seen.white).norm(), 1e-5 * (1 + seen.white.norm())) << k;
     EXPECT_LT((s.innovation - seen.innovation).norm(), 1e-7) << k;
     const auto row = static_cast<Eigen::Index>(k);
-    const Vector13 deviation = seen.covariance.diagonal().cwiseSqrt();
+    const FilterVector deviation = seen.covariance.diagonal().cwiseSqrt();
     const auto near = [&](const Vector3<double>& found, int at) {
       const Vector3<double> error = found - seen.mean.segment<3>(at);
       return (error.array() / deviation.segment<3>(at).array()).matrix().norm() < 1e-4;
     };
     EXPECT_TRUE(near(s.filtered.eta, 0)) << k;
     EXPECT_TRUE(near(s.filtered.nu, 3)) << k;
-    EXPECT_TRUE(near(filter_.wrench().row(row), 6)) << k;
-    EXPECT_TRUE(near(filter_.constantsSoFar().row(row).head<3>(), 9)) << k;
-    EXPECT_NEAR(filter_.constantsSoFar()(row, 3), seen.mean(12), 1e-4 * deviation(12)) << k;
+    Vector3<double> wrench = filter_.wrench().row(row).transpose();
+    wrench.head<2>() -= worldToBody(seen.mean(2), Vector2<double>(seen.mean.segment<2>(9)));
+    EXPECT_TRUE(near(wrench, 6)) << k;
+    EXPECT_TRUE(near(filter_.constantsSoFar().row(row).head<3>(), 11)) << k;
+    EXPECT_NEAR(filter_.constantsSoFar()(row, 3), seen.mean(14), 1e-4 * deviation(14)) << k;
     if (belief == kept_.size() || kept_[belief].sample != static_cast<int>(k)) continue;
     const FilterBelief& kept = kept_[belief++];
     EXPECT_LT(((kept.mean - seen.mean).array() / deviation.array()).matrix().norm(), 1e-4) << k;
-    const Matrix13 error = kept.covariance - seen.covariance;
-    const Vector13 over = deviation.cwiseInverse();
+    const FilterMatrix error = kept.covariance - seen.covariance;
+    const FilterVector over = deviation.cwiseInverse();
     EXPECT_LT((over.asDiagonal() * error * over.asDiagonal()).norm(), 1e-5) << k;
     EXPECT_EQ(kept.covariance, kept.covariance.transpose());
     EXPECT_NEAR(kept.log_likelihood, sum, 1e-5 * std::abs(sum)) << k;
@@ -316,7 +342,7 @@ TEST_P(Filtered, AgreesWithAPlainKalmanFilter) {
   EXPECT_EQ(starts, 2);
   EXPECT_EQ(capped > 0, std::isfinite(GetParam()));
   EXPECT_NEAR(likelihood_, sum, 1e-5 * std::abs(sum));
-  const Vector13 deviation = seen_.back().covariance.diagonal().cwiseSqrt();
+  const FilterVector deviation = seen_.back().covariance.diagonal().cwiseSqrt();
   EXPECT_LT((filter_.constantsSigma() - deviation.tail<4>()).norm(),
             1e-5 * deviation.tail<4>().norm());
   EXPECT_EQ(filter_.constants(), Eigen::Vector4d(filter_.constantsSoFar().bottomRows<1>()));
@@ -341,9 +367,9 @@ class FixedGains {
   /// filtered states, if they are asked for.
   Eigen::VectorXd whitened(const Dynamics<double>& dynamics, const Matrix3<double>& mobility,
                            const Eigen::MatrixX3d* acting = nullptr,
-                           std::vector<Vector13>* states = nullptr) const {
+                           std::vector<FilterVector>* states = nullptr) const {
     Simulation<double> simulation(dynamics, run_.inputs, {}, run_.times[0], kStep);
-    Vector13 x = Vector13::Zero();
+    FilterVector x = FilterVector::Zero();
     Eigen::VectorXd white(3 * static_cast<Eigen::Index>(run_.times.size()));
     for (std::size_t k = 0; k < run_.times.size(); ++k) {
       const FilterSample& s = filter_.samples()[k];
@@ -353,7 +379,7 @@ class FixedGains {
           simulation.state() = {};
           simulation.advance(run_.times[k]);
         }
-        x.head<9>() << s.predicted.eta, s.predicted.nu, 0, 0, 0;
+        x.head<11>() << s.predicted.eta, s.predicted.nu, 0, 0, 0, 0, 0;
       }
       Vector3<double> innovation =
           run_.eta.row(row).transpose() - dynamics.measure({x.head<3>(), x.segment<3>(3)}).eta;
@@ -367,15 +393,19 @@ class FixedGains {
       }
       const double share = s.inflation > 1 ? usual / distance : 1;
       for (int a = 0; a < 3; ++a)
-        for (int i = 0; i < 13; ++i) x(i) += share * s.gain[a][i] * innovation(a);
+        for (int i = 0; i < 15; ++i) x(i) += share * s.gain[a][i] * innovation(a);
       if (states) states->push_back(x);
       if (s.dt == 0) continue;
-      Vector3<double> push = x.segment<3>(9);
+      Vector3<double> push = x.segment<3>(11);
       for (int i = 0; i < 3; ++i) {
         const double decay = std::exp(-s.dt / levels_.time(i));
         push(i) += x(6 + i) * levels_.time(i) / s.dt * (1 - decay);
         x(6 + i) *= decay;
       }
+      const double part = s.dt / levels_.time_room, decay = std::exp(-part);
+      const Vector2<double> room = (1 - decay) / part * x.segment<2>(9);
+      push.head<2>() += worldToBody(x(2) + 0.5 * s.dt * x(5), room);
+      x.segment<2>(9) *= decay;
       if (acting) push += acting->row(row).transpose();
       simulation.state() = {x.head<3>(), x.segment<3>(3)};
       simulation.advance(run_.times[k + 1]);
@@ -383,9 +413,9 @@ class FixedGains {
       x.segment<3>(3) = simulation.state().nu;
       const Vector3<double> faster = mobility * push;
       for (int i = 0; i < 6; ++i) {
-        x(i) += s.by_thrust[i] * x(12);
+        x(i) += s.by_thrust[i] * x(14);
         for (int l = 0; l < 3; ++l)
-          x(i) += 0.5 * s.dt * (s.motion[i][3 + l] + (i == 3 + l ? 1 : 0)) * faster(l);
+          x(i) += s.held[i][l] * faster(l);
       }
     }
     return white;
@@ -413,7 +443,7 @@ TEST_P(Filtered, ParameterScoresAreThoseOfFiniteDifferencesWithFixedGains) {
   const FixedGains fixed(run_, filter_, levels_);
   const auto n = static_cast<Eigen::Index>(kFree.size());
   Eigen::MatrixXd by_wrench(3 * seen_.size(), n), by_acceleration = by_wrench;
-  std::vector<Eigen::MatrixXd> sensitivity(kept_.size(), Eigen::MatrixXd(13, n));
+  std::vector<Eigen::MatrixXd> sensitivity(kept_.size(), Eigen::MatrixXd(15, n));
   const Matrix3<double> here = Dynamics<double>(model_).mass().inverse();
   for (Eigen::Index j = 0; j < n; ++j) {
     constexpr double kChange = 1e-4;
@@ -422,7 +452,7 @@ TEST_P(Filtered, ParameterScoresAreThoseOfFiniteDifferencesWithFixedGains) {
     up[free.index[at]] += kChange * free.scale[at];
     down[free.index[at]] -= kChange * free.scale[at];
     const Dynamics<double> more(model_, up), less(model_, down);
-    std::vector<Vector13> above, below;
+    std::vector<FilterVector> above, below;
     by_wrench.col(j) = (fixed.whitened(more, more.mass().inverse(), nullptr, &above) -
                         fixed.whitened(less, less.mass().inverse(), nullptr, &below)) /
                        (2 * kChange);
@@ -465,7 +495,7 @@ TEST_P(Filtered, ParameterScoresAreThoseOfFiniteDifferencesWithFixedGains) {
   for (Eigen::Index j = 0; j < n; ++j)
     EXPECT_LT((found.score.col(j) - score.col(j)).norm(), 1e-3 * score.col(j).norm()) << kFree[j];
   for (std::size_t i = 0; i < kept.size(); ++i)
-    for (int r = 0; r < 13; ++r)
+    for (int r = 0; r < 15; ++r)
       for (Eigen::Index j = 0; j < n; ++j)
         EXPECT_NEAR(kept[i].sensitivity(r, j), sensitivity[i](r, j),
                     1e-4 * (sensitivity[i].row(r).norm() + 1e-6))

@@ -33,6 +33,8 @@ TEST(GreyBox, StartsWithADisturbanceOfATenthOfFullThrust) {
   const DisturbanceLevels& median = LevelPrior(model.body).median;
   EXPECT_EQ(start.levels.white, median.white);
   EXPECT_EQ(start.levels.time, median.time);
+  EXPECT_GT(start.levels.sigma_room, median.sigma_room);
+  EXPECT_EQ(start.levels.time_room, median.time_room);
   EXPECT_EQ(start.levels.trim, median.trim);
   EXPECT_EQ(start.levels.thrust, median.thrust);
   EXPECT_TRUE(start.loudness.empty());
@@ -398,6 +400,7 @@ DisturbanceLevels levelsOf(const Disturbance& disturbance) {
   DisturbanceLevels levels;
   levels.sigma = disturbance.sigma.cwiseMax(1e-9);
   levels.time = disturbance.time;
+  levels.sigma_room = 1e-9;
   levels.white = disturbance.white.cwiseMax(1e-9);
   levels.trim = disturbance.trim.cwiseMax(1e-9);
   levels.thrust = 1e-4;

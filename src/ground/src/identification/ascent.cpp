@@ -22,8 +22,8 @@ constexpr double kMaxMeanThrust = 0.02;  // largest mean of the runs' relative c
 constexpr double kMaxLevelStep = 1.0;  // longest step of a level's logarithm
 
 // Indices into DisturbanceLevels::names:
-constexpr int kFirstTime = 3, kFirstTrim = 11;
-constexpr int kScaledByLoudness[] = {0, 1, 2, 6, 7, 8};  // sigma and white
+constexpr int kFirstTime = 4, kFirstTrim = 13;
+constexpr int kScaledByLoudness[] = {0, 1, 2, 3, 8, 9, 10};  // sigma and white
 
 /// The prior of levels and loudness.
 struct Prior {
@@ -134,7 +134,7 @@ class Ascent {
   /// Derivatives by the levels, then by the loudness of each run. The latter are sums of
   /// derivatives by the run's levels.
   void deriveLevels() {
-    const auto found = search_.levelScores(point_);
+    const auto found = search_.levelScores(point_, held_);
     const auto runs = static_cast<Eigen::Index>(found.size());
     level_score_ = Eigen::VectorXd::Zero(kLevels + runs);
     level_information_ = Eigen::MatrixXd::Zero(kLevels + runs, kLevels + runs);
@@ -258,7 +258,7 @@ class Ascent {
     const Step result = stepBy(step, level_score_, level_information_);
     for (Eigen::Index i = 0; i < step.size(); ++i) {
       // A scoring step of the logarithm changes the variance by the factor 1 + 2 step.
-      if (i < kFirstTime || i >= kFirstTime + 3)
+      if (i < kFirstTime || i >= kFirstTime + 4)
         step(i) = 0.5 * std::log(std::max(1e-3, 1 + 2 * step(i)));
       step(i) = std::clamp(step(i), -kMaxLevelStep, kMaxLevelStep);
     }

@@ -44,6 +44,7 @@ class Pass {
     const auto row = static_cast<Eigen::Index>(k);
     at_ = stateSeenAs(dynamics_, {poses_.row(row).transpose(), run_.nu.row(row).transpose()});
     push_.setZero();
+    room_.setZero();
     covariance_.start(random_, k == 0);
   }
 
@@ -68,15 +69,16 @@ class Pass {
     for (int i = 0; i < 3; ++i) {
       at_.eta(i) += change[i];
       at_.nu(i) += change[3 + i];
-      push_(i) += change[6 + i];
+      push_(i) += change[kSlow + i];
     }
-    for (int i = 0; i < 4; ++i) constant_(i) += change[9 + i];
+    for (int i = 0; i < 2; ++i) room_(i) += change[kRoom + i];
+    for (int i = 0; i < 4; ++i) constant_(i) += change[kConstant + i];
     covariance_.subtract(white, white);
     s.filtered = at_;
   }
 
   void keep(FilterBelief& belief) const {
-    belief.mean << at_.eta, at_.nu, push_, constant_;
+    belief.mean << at_.eta, at_.nu, push_, room_, constant_;
     for (int i = 0; i < kN; ++i)
       for (int j = 0; j < kN; ++j) belief.covariance(i, j) = covariance_.P[i][j];
   }
@@ -90,6 +92,7 @@ class Pass {
     linearise(to, s);
     const Random<double>::Step step = random_.over(s.dt);
     for (int i = 0; i < 3; ++i) s.push(i) = step.mean[i] * push_(i) + constant_(i);
+    pushInRoom(step.mean[3] * room_, s);
     if (run_.wrench.rows() > 0) s.push += run_.wrench.row(static_cast<Eigen::Index>(k)).transpose();
     covariance_.move(s, step);
     for (int i = 0; i < 3; ++i) {
@@ -101,24 +104,30 @@ class Pass {
       }
       push_(i) *= step.left[i];
     }
+    room_ *= step.left[3];
   }
 
   bool finite() const { return std::isfinite(at_.eta.sum() + at_.nu.sum()); }
-  const Vector3<double>& wrench() const { return push_; }
+  /// The Ornstein-Uhlenbeck wrench and force, body.
+  Vector3<double> wrench() const {
+    Vector3<double> sum = push_;
+    sum.head<2>() += worldToBody(at_.eta.z(), room_);
+    return sum;
+  }
   const Eigen::Vector4d& constants() const { return constant_; }
   Eigen::Vector4d constantsSigma() const {
     Eigen::Vector4d sigma;
-    for (int i = 0; i < 4; ++i) sigma(i) = std::sqrt(std::max(0.0, covariance_.P[9 + i][9 + i]));
+    for (int i = 0; i < 4; ++i) sigma(i) = std::sqrt(std::max(0.0, covariance_.P[kConstant + i][kConstant + i]));
     return sigma;
   }
 
  private:
-  static constexpr int kThrust = 6;  ///< index of the derivative by thrust in a Jet
+  static constexpr int kByThrust = 6;  ///< index of the derivative by thrust in a Jet
 
   static std::vector<Jet> coordinatesWithThrust(const Model& model) {
     std::vector<Jet> coordinates;
     for (const double value : model.coordinates()) coordinates.emplace_back(value);
-    coordinates[static_cast<std::size_t>(model.index("k"))].v[kThrust] = model.body.k;
+    coordinates[static_cast<std::size_t>(model.index("k"))].v[kByThrust] = model.body.k;
     return coordinates;
   }
 
@@ -163,16 +172,32 @@ class Pass {
         s.motion[3 + i][j] = to.nu(i).v[j];
       }
     for (int i = 0; i < 3; ++i) {
-      s.by_thrust[i] = to.eta(i).v[kThrust];
-      s.by_thrust[3 + i] = to.nu(i).v[kThrust];
+      s.by_thrust[i] = to.eta(i).v[kByThrust];
+      s.by_thrust[3 + i] = to.nu(i).v[kByThrust];
     }
     for (int i = 0; i < 6; ++i)
       for (int j = 0; j < 3; ++j) {
-        double sum = 0;  // mean of the derivatives by velocity at the step's start and end
-        for (int l = 0; l < 3; ++l)
-          sum += (s.motion[i][3 + l] + (i == 3 + l ? 1 : 0)) * mobility_(l, j);
-        s.response[i][j] = 0.5 * s.dt * sum;
+        // mean of the derivatives by velocity at the step's start and end
+        s.held[i][j] = 0.5 * s.dt * (s.motion[i][3 + j] + (i == 3 + j ? 1 : 0));
       }
+    for (int i = 0; i < 6; ++i)
+      for (int j = 0; j < 3; ++j) {
+        s.response[i][j] = 0;
+        for (int l = 0; l < 3; ++l) s.response[i][j] += s.held[i][l] * mobility_(l, j);
+      }
+  }
+
+  /// Adds a force in the room to the wrench that acts, by the heading in the middle of the step, and
+  /// the derivative by this heading to that of the motion.
+  void pushInRoom(const Vector2<double>& force, FilterSample& s) const {
+    s.middle = Rotation<double>(at_.eta.z() + 0.5 * s.dt * at_.nu.z());
+    const Vector2<double> body = s.middle.toBody(force);
+    s.push.head<2>() += body;
+    for (int i = 0; i < 6; ++i) {
+      const double turned = s.response[i][0] * body.y() - s.response[i][1] * body.x();
+      s.motion[i][2] += turned;
+      s.motion[i][5] += 0.5 * s.dt * turned;
+    }
   }
 
   const RunData& run_;
@@ -182,7 +207,8 @@ class Pass {
   Random<double> random_;
   Simulation<Jet> simulation_;
   RigidState<double> at_;
-  Vector3<double> push_ = Vector3<double>::Zero();  ///< the Ornstein-Uhlenbeck wrench
+  Vector3<double> push_ = Vector3<double>::Zero();  ///< the Ornstein-Uhlenbeck wrench, body
+  Vector2<double> room_ = Vector2<double>::Zero();  ///< the Ornstein-Uhlenbeck force, room
   Eigen::Vector4d constant_ = Eigen::Vector4d::Zero();
   Covariance<double> covariance_;
 };
@@ -278,7 +304,7 @@ Eigen::MatrixXd DisturbanceFilter::responses(const Eigen::MatrixXd& acting) cons
           result(3 * static_cast<Eigen::Index>(k) + a, j) = -white[a * count + j];
     if (s.dt <= 0) continue;
     const Random<double>::Step step = random.over(s.dt);
-    moveDeviation(s, step.left, step.mean, x.data(), count);
+    moveDeviation(s, step, x.data(), count);
     const double* const now = by_sample.col(static_cast<Eigen::Index>(k)).data();
     for (int i = 0; i < 6; ++i)
       for (int j = 0; j < count; ++j)

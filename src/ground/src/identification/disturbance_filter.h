@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <set>
 #include <vector>
 
 #include "free_parameters.h"
@@ -13,23 +14,31 @@ namespace ground::detail {
 
 constexpr int kLevels = DisturbanceLevels::kCount;
 
-/// Pose, velocity, Ornstein-Uhlenbeck wrench, constant wrench, relative change of thrust.
-constexpr int kFilterStates = 13;
+/// Pose, velocity, Ornstein-Uhlenbeck wrench (body), Ornstein-Uhlenbeck force (room), constant
+/// wrench, relative change of thrust.
+constexpr int kFilterStates = 15;
+// First states of:
+constexpr int kSlow = 6;       ///< the Ornstein-Uhlenbeck processes
+constexpr int kRoom = 9;       ///< those of the force in the room
+constexpr int kConstant = 11;  ///< the constants of a run
+constexpr int kThrust = 14;    ///< the last of them
 /// Length of a row of numbers for each state that is filled up with zeros to whole registers.
 constexpr int kFilterRow = 16;
-using Vector13 = Eigen::Matrix<double, kFilterStates, 1>;
-using Matrix13 = Eigen::Matrix<double, kFilterStates, kFilterStates>;
+using FilterVector = Eigen::Matrix<double, kFilterStates, 1>;
+using FilterMatrix = Eigen::Matrix<double, kFilterStates, kFilterStates>;
 
 /// Output of the filter at a sample: everything that derivatives of its innovations need.
 struct FilterSample {
   RigidState<double> predicted, filtered;
-  Vector3<double> push;           ///< wrench that acts until the next sample
+  Vector3<double> push;           ///< wrench that acts until the next sample, body
+  Rotation<double> middle;        ///< by the heading in the middle of the step
   double gain[3][kFilterStates];  ///< transpose of the Kalman gain
   double whitening[3][3];         ///< inverse Cholesky factor of the innovation's covariance, lower
   Vector3<double> innovation;
   double seen[3][3];              ///< derivative of the measured pose by the pose
   double motion[6][6];            ///< derivative of the next pose and velocity by these
-  double response[6][3];          ///< derivative of the next pose and velocity by a held wrench
+  double held[6][3];              ///< derivative of these by a held acceleration
+  double response[6][3];          ///< derivative of these by a held wrench
   double by_thrust[6];            ///< derivative of these by a relative change of all thrust
   double dt;                      ///< time to the next sample; 0 at the end of a stretch [s]
   double log_density;             ///< log-density of the pose given those before it; 0 at a start
@@ -53,8 +62,8 @@ struct FilterSample {
 /// Filtered state at a sample: its distribution given the poses up to and including the sample.
 struct FilterBelief {
   int sample = 0;
-  Vector13 mean = Vector13::Zero();
-  Matrix13 covariance = Matrix13::Zero();
+  FilterVector mean = FilterVector::Zero();
+  FilterMatrix covariance = FilterMatrix::Zero();
   double log_likelihood = 0;  ///< log-likelihood of the poses so far
   Eigen::MatrixXd sensitivity;  ///< derivative of the mean by free coordinates over scale
 };
@@ -95,8 +104,8 @@ class DisturbanceFilter {
   /// the beliefs in `kept`, in ascending order of their samples.
   RunScores scores(const Model& model, const Free& free, double block,
                    std::vector<FilterBelief>* kept = nullptr) const;
-  /// Derivatives by the logarithms of the levels, over all samples.
-  RunLevelScores levelScores(const DisturbanceLevels& levels) const;
+  /// Derivatives by the logarithms of the levels, over all samples; zero for the levels `held`.
+  RunLevelScores levelScores(const DisturbanceLevels& levels, const std::set<int>& held = {}) const;
   /// Response of the whitened innovations to wrenches held from sample to sample, (3 n, columns).
   /// Three columns of `acting` a wrench: X, Y, N.
   Eigen::MatrixXd responses(const Eigen::MatrixXd& acting) const;
@@ -111,7 +120,7 @@ class DisturbanceFilter {
   /// Constant states at the end of the run, and their standard deviations: X, Y, N, thrust.
   Eigen::Vector4d constants() const { return constants_.bottomRows<1>(); }
   const Eigen::Vector4d& constantsSigma() const { return constants_sigma_; }
-  /// The filtered Ornstein-Uhlenbeck wrench, one row a sample.
+  /// The filtered Ornstein-Uhlenbeck wrench and force, body, one row a sample.
   const Eigen::MatrixX3d& wrench() const { return wrench_; }
   /// The filtered constant states, one row a sample.
   const Eigen::MatrixX4d& constantsSoFar() const { return constants_; }

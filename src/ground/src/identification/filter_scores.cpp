@@ -70,9 +70,7 @@ class Sensitivity {
   }
 
   void move(const FilterSample& s, const Random<double>::Step& step, double until) {
-    const Lanes left[3] = {step.left[0], step.left[1], step.left[2]};
-    const Lanes mean[3] = {step.mean[0], step.mean[1], step.mean[2]};
-    moveDeviation(s, left, mean, state_.data(), columns());
+    moveDeviation(s, step, state_.data(), columns());
     const RigidState<Jet> here{s.filtered.eta.cast<Jet>(), s.filtered.nu.cast<Jet>()};
     const Rotation<double> heading(s.filtered.eta.z());
     for (int g = 0; g < groups_; ++g) {
@@ -92,7 +90,7 @@ class Sensitivity {
       Lanes moved = Lanes::of((i < 3 ? to.eta(i) : to.nu(i - 3)).v.x);
       state_[i * count + same_acceleration] += moved;
       for (int l = 0; l < 3; ++l)
-        moved += Lanes(0.5 * s.dt * (s.motion[i][3 + l] + (i == 3 + l ? 1 : 0))) * push[l];
+        moved += Lanes(s.held[i][l]) * push[l];
       state_[i * count + group] += moved;
     }
   }
@@ -105,20 +103,23 @@ class Sensitivity {
 };
 static_assert(Jet::kDirections == Lanes::kCount, "a group of parameters fills a register");
 
-constexpr int kPasses = (kLevels + Lanes::kCount - 1) / Lanes::kCount;
-constexpr int kColumns = kPasses * Lanes::kCount;
+constexpr int kMaxPasses = (kLevels + Lanes::kCount - 1) / Lanes::kCount;
+constexpr int kColumns = kMaxPasses * Lanes::kCount;
 constexpr double kLevelChange = 1e-3;  // change of a level's logarithm for finite differences
-/// Derivatives at a sample by the levels: three of the whitened innovation, six of its covariance.
+/// Derivatives at a sample by the free levels: three of the whitened innovation, six of its covariance.
 using LevelRows = std::array<std::array<double, kColumns>, 9>;
 
 /// Finite differences of the filter by the levels, one level in each lane.
 class LevelDeviation {
  public:
-  LevelDeviation(const DisturbanceLevels& levels, const Vector3<double>& noise, int pass)
-      : first_(pass * Lanes::kCount), unchanged_(randomOf(levels, noise)) {
+  /// By the levels `free`, from number `first` on.
+  LevelDeviation(const DisturbanceLevels& levels, const Vector3<double>& noise,
+                 const std::vector<int>& free, int first)
+      : first_(first), unchanged_(randomOf(levels, noise)) {
     for (int lane = 0; lane < Lanes::kCount; ++lane) {
       auto values = levels.values();
-      if (first_ + lane < kLevels) values[first_ + lane] *= std::exp(kLevelChange);
+      const auto at = static_cast<std::size_t>(first + lane);
+      if (at < free.size()) values[static_cast<std::size_t>(free[at])] *= std::exp(kLevelChange);
       setLane(lane, randomOf(DisturbanceLevels::of(values), noise));
     }
     for (Lanes& value : x_) value = Lanes(0.0);
@@ -127,7 +128,7 @@ class LevelDeviation {
   void start(bool first) {
     covariance_.start(random_, first);
     forgetDeviation(x_, 1);
-    if (!first) wrench_.head<9>().setZero();
+    if (!first) wrench_.head<kConstant>().setZero();
   }
 
   void correct(const FilterSample& s, LevelRows& rows) {
@@ -153,21 +154,30 @@ class LevelDeviation {
     const auto step = random_.over(s.dt);
     const auto unchanged = unchanged_.over(s.dt);
     covariance_.move(s, step);
-    moveDeviation(s, step.left, step.mean, x_, 1);
+    moveDeviation(s, step, x_, 1);
     // A different correlation time changes the decay of the filtered wrench.
-    for (int i = 0; i < 3; ++i) {
-      const Lanes more = (step.mean[i] - Lanes(unchanged.mean[i])) * Lanes(wrench_(6 + i));
-      for (int j = 0; j < 6; ++j) x_[j] += Lanes(s.response[j][i]) * more;
-      x_[6 + i] += (step.left[i] - Lanes(unchanged.left[i])) * Lanes(wrench_(6 + i));
-      wrench_(6 + i) *= unchanged.left[i];
+    Lanes more[3];
+    for (int i = 0; i < 3; ++i)
+      more[i] = (step.mean[i] - Lanes(unchanged.mean[i])) * Lanes(wrench_(kSlow + i));
+    const Lanes in_room = step.mean[3] - Lanes(unchanged.mean[3]);
+    const Vector2<double> force = s.middle.toBody(wrench_.segment<2>(kRoom));
+    for (int i = 0; i < 2; ++i) more[i] += in_room * Lanes(force(i));
+    for (int j = 0; j < 6; ++j)
+      for (int i = 0; i < 3; ++i) x_[j] += Lanes(s.response[j][i]) * more[i];
+    for (int i = kSlow; i < kConstant; ++i) {
+      const int process = processOf(i);
+      x_[i] += (step.left[process] - Lanes(unchanged.left[process])) * Lanes(wrench_(i));
+      wrench_(i) *= unchanged.left[process];
     }
   }
 
  private:
   void setLane(int lane, const Random<double>& one) {
-    for (int i = 0; i < 3; ++i) {
+    for (int i = 0; i < 4; ++i) {
       random_.variance[i][lane] = one.variance[i];
       random_.time[i][lane] = one.time[i];
+    }
+    for (int i = 0; i < 3; ++i) {
       random_.white[i][lane] = one.white[i];
       random_.noise[i][lane] = one.noise[i];
     }
@@ -219,17 +229,19 @@ class LevelDeviation {
     }
   }
 
-  int first_;  ///< level of the first lane
+  int first_;  ///< column of the first lane
   Random<double> unchanged_;
   Random<Lanes> random_;
   Covariance<Lanes> covariance_;
   Lanes x_[kN];
-  Vector13 wrench_ = Vector13::Zero();  ///< filtered wrench at elements 6 to 8; others are not used
+  FilterVector wrench_ = FilterVector::Zero();  ///< filtered processes; other elements are not used
 };
 
-/// Sums of score and information of the levels over samples.
+/// Sums of score and information of the free levels over samples.
 class LevelSums {
  public:
+  explicit LevelSums(const std::vector<int>& free) : free_(free) {}
+
   void add(const LevelRows& rows, const Vector3<double>& e) {
     std::size_t at = 3;
     for (int a = 0; a < 3; ++a) {
@@ -240,7 +252,7 @@ class LevelSums {
     for (std::size_t i = 0; i < rows.size(); ++i) {
       // Weight 1/2 for diagonal elements of the covariance; the others occur twice in the matrix.
       const double weight = i == 3 || i == 5 || i == 8 ? 0.5 : 1.0;
-      for (std::size_t l = 0; l < kLevels; ++l) {
+      for (std::size_t l = 0; l < free_.size(); ++l) {
         const double factor = weight * rows[i][l];
         for (int j = 0; j < kColumns; ++j)
           information_[l][j] += factor * rows[i][static_cast<std::size_t>(j)];
@@ -250,9 +262,10 @@ class LevelSums {
 
   RunLevelScores result() const {
     RunLevelScores result{Eigen::VectorXd::Zero(kLevels), Eigen::MatrixXd::Zero(kLevels, kLevels)};
-    for (int i = 0; i < kLevels; ++i) {
-      result.score(i) = score_[i];
-      for (int j = 0; j < kLevels; ++j) result.information(i, j) = information_[i][j];
+    for (std::size_t i = 0; i < free_.size(); ++i) {
+      result.score(free_[i]) = score_[i];
+      for (std::size_t j = 0; j < free_.size(); ++j)
+        result.information(free_[i], free_[j]) = information_[i][j];
     }
     return result;
   }
@@ -262,6 +275,7 @@ class LevelSums {
     for (int j = 0; j < kColumns; ++j) score_[j] += weight * row[static_cast<std::size_t>(j)];
   }
 
+  const std::vector<int>& free_;
   double information_[kLevels][kColumns] = {}, score_[kColumns] = {};
 };
 
@@ -334,10 +348,14 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
   return sums.result();
 }
 
-RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels) const {
+RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels,
+                                              const std::set<int>& held) const {
+  std::vector<int> free;
+  for (int i = 0; i < kLevels; ++i)
+    if (held.count(i) == 0) free.push_back(i);
   std::vector<LevelRows> rows(samples_.size(), LevelRows{});
-  for (int pass = 0; pass < kPasses; ++pass) {
-    LevelDeviation deviation(levels, run_.noise, pass);
+  for (int first = 0; first < static_cast<int>(free.size()); first += Lanes::kCount) {
+    LevelDeviation deviation(levels, run_.noise, free, first);
     for (std::size_t k = 0; k < samples_.size(); ++k) {
       const FilterSample& s = samples_[k];
       if (s.starts) deviation.start(k == 0);
@@ -345,7 +363,7 @@ RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels) c
       if (s.dt > 0) deviation.move(s);
     }
   }
-  LevelSums sums;
+  LevelSums sums(free);
   for (std::size_t k = 0; k < samples_.size(); ++k)
     // Capped poses do not count: their density hardly depends on the levels, so that levels of ever
     // more capped poses would seem ever likelier.

@@ -12,6 +12,9 @@
 namespace ground::detail {
 
 constexpr int kN = kFilterStates;
+/// The Ornstein-Uhlenbeck process of a state; both components of the force in the room have the
+/// levels of process 3.
+constexpr int processOf(int state) { return state < kRoom ? state - kSlow : 3; }
 /// Longest integration step [s] between poses of this noise [m], [rad]. The error of the motion grows
 /// with about the third power of the step; it changes the log-likelihood of a minute by less than 1.
 template <typename T>
@@ -29,7 +32,9 @@ constexpr double kFirstPosition = 0.1, kFirstHeading = 0.5, kFirstSpeed = 0.3, k
 /// Variances that the recursion uses, for one set of levels (double) or eight sets (Lanes).
 template <typename V>
 struct Random {
-  V variance[3], time[3], white[3];  ///< X, Y, N: stationary variance, correlation time, density
+  /// Stationary variance and correlation time: X, Y, N, both components of the force in the room.
+  V variance[4], time[4];
+  V white[3];                        ///< density: X, Y, N
   V noise[3];                        ///< variance of measured x, y, psi
   V constant[4];                     ///< variance of the constant states
 
@@ -37,18 +42,18 @@ struct Random {
   /// mean left * d and variance `added`; its time average has mean `mean` * d. The average of the
   /// white wrench has variance `density`.
   struct Step {
-    V left[3], mean[3], added[3], density[3];
+    V left[4], mean[4], added[4], density[3];
   };
   Step over(double h) const {
     Step step;
-    for (int i = 0; i < 3; ++i) {
+    for (int i = 0; i < 4; ++i) {
       using std::exp;
       const V part = V(h) / time[i];
       step.left[i] = exp(-part);
       step.mean[i] = (1.0 - step.left[i]) / part;
       step.added[i] = variance[i] * (1.0 - step.left[i] * step.left[i]);
-      step.density[i] = white[i] * V(1 / h);
     }
+    for (int i = 0; i < 3; ++i) step.density[i] = white[i] * V(1 / h);
     return step;
   }
 };
@@ -63,6 +68,8 @@ inline Random<double> randomOf(const DisturbanceLevels& levels, const Vector3<do
     random.noise[i] = std::pow(factor[i] * noise(i), 2);
     random.constant[i] = levels.trim(i) * levels.trim(i);
   }
+  random.variance[3] = levels.sigma_room * levels.sigma_room;
+  random.time[3] = levels.time_room;
   random.constant[3] = levels.thrust * levels.thrust;
   return random;
 }
@@ -90,15 +97,15 @@ struct Covariance {
 
   /// Initial covariance of a stretch. Keeps that of the constant states unless `first`.
   void start(const Random<V>& random, bool first) {
-    const int known = first ? kN : 9;
+    const int known = first ? kN : kConstant;
     for (int i = 0; i < kN; ++i)
       for (int j = 0; j < kN; ++j)
         if (i < known || j < known) P[i][j] = V(0.0);
     const double sigma[6] = {kFirstPosition, kFirstPosition, kFirstHeading,
                              kFirstSpeed,    kFirstSpeed,    kFirstYawRate};
     for (int i = 0; i < 6; ++i) P[i][i] = V(sigma[i] * sigma[i]);
-    for (int i = 0; i < 3; ++i) P[6 + i][6 + i] = random.variance[i];
-    for (int i = 9; first && i < kN; ++i) P[i][i] = random.constant[i - 9];
+    for (int i = kSlow; i < kConstant; ++i) P[i][i] = random.variance[processOf(i)];
+    for (int i = kConstant; first && i < kN; ++i) P[i][i] = random.constant[i - kConstant];
   }
 
   /// Computes H P and S = H P H' + R.
@@ -142,9 +149,12 @@ struct Covariance {
     for (int j = 0; j < kParts; ++j) {
       Lanes push[3];  // covariance of the wrench that acts with the state
       for (int i = 0; i < 3; ++i)
-        push[i] = Lanes(step.mean[i]) * P[6 + i].part[j] + P[9 + i].part[j];
+        push[i] = Lanes(step.mean[i]) * P[kSlow + i].part[j] + P[kConstant + i].part[j];
+      const Lanes c(s.middle.c * step.mean[3]), sine(s.middle.s * step.mean[3]);
+      push[0] += c * P[kRoom].part[j] + sine * P[kRoom + 1].part[j];
+      push[1] += c * P[kRoom + 1].part[j] - sine * P[kRoom].part[j];
       for (int i = 0; i < 6; ++i) {
-        Lanes sum = Lanes(s.by_thrust[i]) * P[12].part[j];
+        Lanes sum = Lanes(s.by_thrust[i]) * P[kThrust].part[j];
         for (int k = 0; k < 6; ++k) sum += Lanes(s.motion[i][k]) * P[k].part[j];
         for (int k = 0; k < 3; ++k) sum += Lanes(s.response[i][k]) * push[k];
         top[i].part[j] = sum;
@@ -156,10 +166,17 @@ struct Covariance {
   void moveMotion(const FilterSample& s, const typename Random<V>::Step& step,
                   const Row<V> top[6]) {
     V pushed[6][3];  // covariance with the acting wrench, including a third of its noise
-    for (int i = 0; i < 6; ++i)
+    V noise[3];
+    for (int k = 0; k < 3; ++k) noise[k] = step.added[k] * V(1.0 / 3) + step.density[k];
+    for (int k = 0; k < 2; ++k) noise[k] += step.added[3] * V(1.0 / 3);  // the same in all frames
+    const V c = step.mean[3] * V(s.middle.c), sine = step.mean[3] * V(s.middle.s);
+    for (int i = 0; i < 6; ++i) {
       for (int k = 0; k < 3; ++k)
-        pushed[i][k] = (step.mean[k] * top[i][6 + k] + top[i][9 + k]) +
-                       V(s.response[i][k]) * (step.added[k] * V(1.0 / 3) + step.density[k]);
+        pushed[i][k] = (step.mean[k] * top[i][kSlow + k] + top[i][kConstant + k]) +
+                       V(s.response[i][k]) * noise[k];
+      pushed[i][0] += c * top[i][kRoom] + sine * top[i][kRoom + 1];
+      pushed[i][1] += c * top[i][kRoom + 1] - sine * top[i][kRoom];
+    }
     if constexpr (Row<V>::kWide)
       multiplyRows(s, top, pushed);
     else
@@ -178,7 +195,7 @@ struct Covariance {
       by_thrust[j] = s.by_thrust[j];
     }
     for (int i = 0; i < 6; ++i) {
-      Lanes sum = Lanes(top[i][12]) * by_thrust;
+      Lanes sum = Lanes(top[i][kThrust]) * by_thrust;
       for (int k = 0; k < 6; ++k) sum += Lanes(top[i][k]) * motion[k];
       for (int k = 0; k < 3; ++k) sum += Lanes(pushed[i][k]) * response[k];
       for (int j = i; j < 6; ++j) P[i][j] = P[j][i] = sum[j];
@@ -189,30 +206,34 @@ struct Covariance {
   void multiplyTriangle(const FilterSample& s, const Row<V> top[6], const V pushed[6][3]) {
     for (int i = 0; i < 6; ++i)
       for (int j = i; j < 6; ++j) {
-        V sum = top[i][12] * V(s.by_thrust[j]);
+        V sum = top[i][kThrust] * V(s.by_thrust[j]);
         for (int k = 0; k < 6; ++k) sum += top[i][k] * V(s.motion[j][k]);
         for (int k = 0; k < 3; ++k) sum += pushed[i][k] * V(s.response[j][k]);
         P[i][j] = P[j][i] = sum;
       }
   }
 
-  /// Covariances with the wrench and with the constant states.
+  /// Covariances with the wrench, the force in the room and the constant states.
   void moveWrench(const FilterSample& s, const typename Random<V>::Step& step,
                   const Row<V> top[6]) {
     for (int i = 0; i < 6; ++i) {
-      for (int k = 0; k < 3; ++k) {
-        const V half = V(s.response[i][k]) * step.added[k] * V(0.5);  // process noise of the step
-        P[i][6 + k] = P[6 + k][i] = top[i][6 + k] * step.left[k] + half;
+      const double* const body = s.response[i];
+      const double response[5] = {body[0], body[1], body[2], body[0] * s.middle.c - body[1] * s.middle.s,
+                                  body[0] * s.middle.s + body[1] * s.middle.c};
+      for (int k = kSlow; k < kConstant; ++k) {
+        const int process = processOf(k);
+        // process noise of the step
+        const V half = V(response[k - kSlow]) * step.added[process] * V(0.5);
+        P[i][k] = P[k][i] = top[i][k] * step.left[process] + half;
       }
-      for (int k = 9; k < kN; ++k) P[i][k] = P[k][i] = top[i][k];
+      for (int k = kConstant; k < kN; ++k) P[i][k] = P[k][i] = top[i][k];
     }
-    for (int i = 0; i < 3; ++i) {
-      for (int j = i; j < 3; ++j) {
-        P[6 + i][6 + j] = P[6 + i][6 + j] * step.left[i] * step.left[j];
-        P[6 + j][6 + i] = P[6 + i][6 + j];
-      }
-      P[6 + i][6 + i] += step.added[i];
-      for (int k = 9; k < kN; ++k) P[6 + i][k] = P[k][6 + i] = P[6 + i][k] * step.left[i];
+    for (int i = kSlow; i < kConstant; ++i) {
+      const V left = step.left[processOf(i)];
+      for (int j = i; j < kConstant; ++j)
+        P[i][j] = P[j][i] = P[i][j] * left * step.left[processOf(j)];
+      P[i][i] += step.added[processOf(i)];
+      for (int k = kConstant; k < kN; ++k) P[i][k] = P[k][i] = P[i][k] * left;
     }
   }
 };
@@ -240,28 +261,37 @@ void combine(const V by[3][3], const Row<V> rows[3], Row<V> result[3]) {
                           Lanes(by[a][2]) * rows[2].part[j];
 }
 
-/// Propagates `count` deviations of the filter's state by one step; x is (kN, count), row by row.
-template <typename V>
-void moveDeviation(const FilterSample& s, const V left[3], const V mean[3], V* x, int count) {
+/// Propagates `count` deviations of the filter's state by one step, in which processes have the
+/// coefficients `left` and `mean`; x is (kN, count), row by row.
+template <typename V, typename Step>
+void moveDeviation(const FilterSample& s, const Step& step, V* x, int count) {
   const auto at = [&](int i) { return x + i * count; };
+  V left[4], mean[4];
+  for (int i = 0; i < 4; ++i) {
+    left[i] = V(step.left[i]);
+    mean[i] = V(step.mean[i]);
+  }
+  const V c = mean[3] * V(s.middle.c), sine = mean[3] * V(s.middle.s);
   for (int j = 0; j < count; ++j) {
     V push[3], next[6];
-    for (int i = 0; i < 3; ++i) push[i] = mean[i] * at(6 + i)[j] + at(9 + i)[j];
+    for (int i = 0; i < 3; ++i) push[i] = mean[i] * at(kSlow + i)[j] + at(kConstant + i)[j];
+    push[0] += c * at(kRoom)[j] + sine * at(kRoom + 1)[j];
+    push[1] += c * at(kRoom + 1)[j] - sine * at(kRoom)[j];
     for (int i = 0; i < 6; ++i) {
-      V sum = V(s.by_thrust[i]) * at(12)[j];
+      V sum = V(s.by_thrust[i]) * at(kThrust)[j];
       for (int k = 0; k < 6; ++k) sum += V(s.motion[i][k]) * at(k)[j];
       for (int k = 0; k < 3; ++k) sum += V(s.response[i][k]) * push[k];
       next[i] = sum;
     }
     for (int i = 0; i < 6; ++i) at(i)[j] = next[i];
-    for (int i = 0; i < 3; ++i) at(6 + i)[j] = left[i] * at(6 + i)[j];
+    for (int i = kSlow; i < kConstant; ++i) at(i)[j] = left[processOf(i)] * at(i)[j];
   }
 }
 
 /// Sets deviations to zero at the start of a stretch, except for those of the constant states.
 template <typename V>
 void forgetDeviation(V* x, int count) {
-  for (int i = 0; i < 9 * count; ++i) x[i] = V(0.0);
+  for (int i = 0; i < kConstant * count; ++i) x[i] = V(0.0);
 }
 
 /// Advances the actuators over a gap, in which the motion is not known.

@@ -12,11 +12,11 @@ namespace {
 constexpr double kStep = 0.01;  // longest step of a drawn motion [s]
 
 /// Square root of a covariance that may be singular.
-Matrix13 rootOf(const Matrix13& covariance) {
-  const Eigen::LDLT<Matrix13> ldlt(covariance);
-  const Matrix13 lower = ldlt.matrixL();
-  const Vector13 root = ldlt.vectorD().cwiseMax(0).cwiseSqrt();
-  const Matrix13 found = lower * root.asDiagonal();
+FilterMatrix rootOf(const FilterMatrix& covariance) {
+  const Eigen::LDLT<FilterMatrix> ldlt(covariance);
+  const FilterMatrix lower = ldlt.matrixL();
+  const FilterVector root = ldlt.vectorD().cwiseMax(0).cwiseSqrt();
+  const FilterMatrix found = lower * root.asDiagonal();
   return ldlt.transpositionsP().transpose() * found;
 }
 
@@ -42,6 +42,7 @@ struct WrenchStep {
   Vector3<double> left;   ///< fraction of the Ornstein-Uhlenbeck wrench that remains
   Vector3<double> fresh;  ///< standard deviation of its random change [N], [N m]
   Vector3<double> white;  ///< standard deviation of the white wrench's impulse [N s], [N m s]
+  double left_room, fresh_room;  ///< the same of the force in the room
 };
 
 /// The steps to the samples after `first`.
@@ -57,6 +58,8 @@ std::vector<WrenchStep> wrenchSteps(const RunData& run, const DisturbanceLevels&
       step.fresh(i) = levels.sigma(i) * std::sqrt(1 - step.left(i) * step.left(i));
       step.white(i) = std::sqrt(step.dt) * levels.white(i);
     }
+    step.left_room = std::exp(-step.dt / levels.time_room);
+    step.fresh_room = levels.sigma_room * std::sqrt(1 - step.left_room * step.left_room);
     steps.push_back(step);
   }
   return steps;
@@ -64,14 +67,15 @@ std::vector<WrenchStep> wrenchSteps(const RunData& run, const DisturbanceLevels&
 
 /// Draws one motion; a row of x, y, psi, u, v, r for each sample from the first on.
 void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& steps,
-                const Vector13& from, int first, Normal& normal,
+                const FilterVector& from, int first, Normal& normal,
                 Eigen::Ref<Eigen::MatrixXd> rows) {
-  model.body.k *= std::max(0.0, 1 + from(12));
+  model.body.k *= std::max(0.0, 1 + from(kThrust));
   const Dynamics<double> dynamics(model);
   const Matrix3<double> mobility = dynamics.mass().inverse();
   Simulation<double> simulation(dynamics, run.inputs, {from.head<3>(), from.segment<3>(3)},
                                 run.times[static_cast<std::size_t>(first)], kStep);
-  Vector3<double> slow = from.segment<3>(6);  // the Ornstein-Uhlenbeck wrench
+  Vector3<double> slow = from.segment<3>(kSlow);  // the Ornstein-Uhlenbeck wrench
+  Vector2<double> room = from.segment<2>(kRoom);  // the Ornstein-Uhlenbeck force in the room
   const auto see = [&](Eigen::Index row) {
     const Measurement<double> seen = simulation.measure();
     rows.row(row) << seen.eta.transpose(), seen.nu.transpose();
@@ -81,13 +85,23 @@ void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& 
     const WrenchStep& step = steps[k];
     const Vector3<double> next =
         step.left.cwiseProduct(slow) + step.fresh.cwiseProduct(normal.vector<3>());
-    const Vector3<double> impulse = step.dt * (from.segment<3>(9) + 0.5 * (slow + next)) +
-                                    step.white.cwiseProduct(normal.vector<3>());
+    const Vector2<double> next_room =
+        step.left_room * room + step.fresh_room * normal.vector<2>();
+    const Vector3<double> impulse =
+        step.dt * (from.segment<3>(kConstant) + 0.5 * (slow + next)) +
+        step.white.cwiseProduct(normal.vector<3>());
+    const Vector2<double> in_room = 0.5 * step.dt * (room + next_room);
     slow = next;
-    const Vector3<double> push = 0.5 * mobility * impulse;
-    simulation.state().nu += push;  // half of it before the step, half after
+    room = next_room;
+    const auto push = [&] {  // half of the impulse
+      RigidState<double>& at = simulation.state();
+      Vector3<double> sum = impulse;
+      sum.head<2>() += worldToBody(at.eta.z(), in_room);
+      at.nu += 0.5 * mobility * sum;
+    };
+    push();
     simulation.advance(run.times[static_cast<std::size_t>(first) + k + 1]);
-    simulation.state().nu += push;
+    push();
     see(static_cast<Eigen::Index>(k + 1));
   }
 }
@@ -101,7 +115,7 @@ Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
   const int first = alternatives.front().belief.sample;
   const Eigen::Index count = last - first + 1;
   const auto draws = static_cast<Eigen::Index>(models.size());
-  std::vector<Matrix13> roots;
+  std::vector<FilterMatrix> roots;
   std::vector<std::vector<WrenchStep>> steps;
   for (const Alternative& one : alternatives) {
     roots.push_back(rootOf(one.belief.covariance));
@@ -117,7 +131,7 @@ Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
       passed += alternatives[at++].weight;
     const Alternative& one = alternatives[at];
     const DrawnModel& model = models[static_cast<std::size_t>(i)];
-    Vector13 from = one.belief.mean + roots[at] * normal.vector<kFilterStates>();
+    FilterVector from = one.belief.mean + roots[at] * normal.vector<kFilterStates>();
     if (model.away.size() > 0) from += sensitivity * model.away;
     auto rows = drawn.middleCols(6 * i, 6);
     drawMotion(run, model.model, steps[at], from, first, normal, rows);

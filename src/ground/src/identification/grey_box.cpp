@@ -113,7 +113,7 @@ void GreyBox::check(const GreyBoxPoint& point, double cap) const {
   if (!point.loudness.empty() && point.loudness.size() != runs_.size())
     throw std::invalid_argument("each run needs its loudness");
   const auto& levels = point.levels;
-  if (!(levels.time.minCoeff() > 0 && levels.position > 0 && levels.heading > 0))
+  if (!(levels.time.minCoeff() > 0 && levels.time_room > 0 && levels.position > 0 && levels.heading > 0))
     throw std::invalid_argument("correlation times and the noise of poses must be positive");
   for (std::size_t run = 0; run < runs_.size(); ++run)
     for (const double level : levelsOf(point, run).values())
@@ -127,6 +127,7 @@ GreyBox::~GreyBox() = default;
 GreyBoxPoint GreyBox::start(const Model& model) const {
   GreyBoxPoint point{model, prior_.median, {}};
   point.levels.sigma *= 5;
+  point.levels.sigma_room *= 10;
   return point;
 }
 

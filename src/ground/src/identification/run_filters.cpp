@@ -38,6 +38,7 @@ DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run) {
   if (!point.loudness.empty()) {
     const double factor = std::exp(point.loudness[run]);
     levels.sigma *= factor;
+    levels.sigma_room *= factor;
     levels.white *= factor;
   }
   return levels;
@@ -71,10 +72,11 @@ RunScores RunFilters::scores(const GreyBoxPoint& point, const Free& free) const 
   return found[0];
 }
 
-std::vector<RunLevelScores> RunFilters::levelScores(const GreyBoxPoint& point) const {
+std::vector<RunLevelScores> RunFilters::levelScores(const GreyBoxPoint& point,
+                                                    const std::set<int>& held) const {
   std::vector<RunLevelScores> found(filters_.size());
   inParallel(filters_.size(), threads_, [&](std::size_t i) {
-    found[i] = filters_[i].levelScores(levelsOf(point, i));
+    found[i] = filters_[i].levelScores(levelsOf(point, i), held);
   });
   return found;
 }
