@@ -19,8 +19,11 @@ import discover_lab
 import discover_table
 import hidden_cases
 import hidden_craft
+import hidden_grammar
 import hidden_noise
+import hidden_pilot
 import hidden_score
+import hidden_share
 import hidden_table
 import hidden_visibility
 import hidden_white
@@ -33,8 +36,9 @@ from ground.errors import GroundError
 from hidden_white import MODEL
 
 # Modules that a cluster's workers need, in the order of their imports.
-MODULES = (hidden_white, hidden_craft, hidden_noise, hidden_cases, hidden_visibility, hidden_score)
-MODULES += (hidden_table, resumed, room, cases, discover_lab, discover_floor, discover_table)
+MODULES = (hidden_white, hidden_grammar, hidden_craft, hidden_noise, hidden_pilot, hidden_share)
+MODULES += (hidden_cases, hidden_visibility, hidden_score, hidden_table, resumed, room, cases)
+MODULES += (discover_lab, discover_floor, discover_table)
 ROOM = os.path.join(os.path.dirname(MODEL), os.pardir, "room", "room_4x4.yaml")
 CHECKS = (9001, 9002, 9003)  # numbers of the flights that compare the tracking
 

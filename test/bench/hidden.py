@@ -45,16 +45,12 @@ def run_case(job):
     start = time.perf_counter()
     fitted, heldout = hidden_cases.record(case)
     made = time.perf_counter() - start
-    found = hidden_engine.diagnose(fitted, heldout, hidden_cases.given_model(case))
+    thorough = "nameless" in case.effects
+    found = hidden_engine.diagnose(fitted, heldout, hidden_cases.given_model(case), thorough)
     _add_truth(found, functools.partial(hidden_cases.true_value, case))
     visibility = hidden_visibility.visibility(case)
     result = dict(case.describe(), visibility=visibility, seconds_of_data=made, found=found)
-    if "nameless" in case.effects:
-        result["formula"] = hidden_grammar.text(case.effects["nameless"])
-        result["explained_true"], *result["errors_true"] = hidden_cases.true_share(case, fitted)
-        repeats = case.effects["nameless"]["repeats"]
-        result["learnable_true"] = result["explained_true"] if repeats else 0.0
-    return result
+    return dict(result, **hidden_cases.truth_about(case, fitted, heldout)) if thorough else result
 
 
 def run_white(case):

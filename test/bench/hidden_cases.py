@@ -139,8 +139,9 @@ def schedule(drive):
 def push(case, low, high, frame="body"):
     """Adds a random wrench with a level in [low, high], relative to the full wrench.
 
-    Its force keeps its direction in the body, in the room, or has a part in both. It is an Ornstein-Uhlenbeck process with a correlation time of 0.1 to 3 s. In half of the cases level
-    and time differ from run to run; a quarter of the cases has a white part, too.
+    Its force keeps its direction in the body, in the room, or has a part in both. It is an
+    Ornstein-Uhlenbeck process with a correlation time of 0.1 to 3 s. In half of the cases level and time
+    differ from run to run; a quarter of the cases has a white part, too.
     """
     random = random_of(case.kind, case.seed, "push")
     case.level, case.frame = _between(random, low, high), frame
@@ -247,7 +248,7 @@ def _along(effect, motions):
 
 
 def _reach(case, effect, wanted, motions):
-    """Gives a nameless effect to the case at the size whose excess is the wanted one; whether it succeeded."""
+    """Gives a nameless effect to the case, at the size of the wanted excess; whether it succeeded."""
     fastest = 2.5 * np.max([np.abs(motion.nu).max(axis=0) for motion in motions], axis=0)
     size, low, high = effect["constants"]["a"], 0.0, np.inf
     for _ in range(10):
@@ -518,12 +519,17 @@ def _pushes(push):
     return "room" in push or any(map(any, (push[name] for name in ("sigma", "white", "trim"))))
 
 
-def true_share(case, runs):
-    """Share of the error in runs to fit to that the true nameless effect explains; see hidden_share."""
+def truth_about(case, fitted, heldout):
+    """The truth about a nameless effect: `explained_true`, the share of the error in the runs to fit to that
+    vanishes with its wrench; `learnable_true`, the same, or 0 if the recorded motion and the time do not
+    determine it; `errors_true` of the runs held out, without and with its wrench; its formula."""
     effect = case.effects["nameless"]
-    motions = [flight(case, i, _noise(case, i))[1] for i in range(len(runs))]
+    motions = [flight(case, i, _noise(case, i))[1] for i in range(len(case.runs))]
     wrenches = _along(effect, motions)
-    return hidden_share.explained(runs, given_model(case), motions, wrenches)
+    share, errors = hidden_share.explained(fitted, heldout, given_model(case), motions, wrenches)
+    learnable = share if effect["repeats"] else 0.0
+    found = {"explained_true": share, "learnable_true": learnable, "errors_true": errors}
+    return dict(found, formula=hidden_grammar.text(effect))
 
 
 def given_model(case):

@@ -10,6 +10,7 @@ as they are sent, for a craft in a control loop.
 """
 import math
 from dataclasses import dataclass, field
+from typing import Optional
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class Motion:
     eta: np.ndarray  # (n, 3) true pose
     nu: np.ndarray  # (n, 3) true velocities
     nu_dot: np.ndarray  # (n, 3) their derivatives just after each instant
-    inputs: np.ndarray  # (n, 3) left, right and lift just after each instant
+    inputs: Optional[np.ndarray] = None  # (n, 3) left, right and lift just after each instant
 
     def poses(self, times):
         """Poses (m, 3) at given times, by cubic Hermite interpolation."""

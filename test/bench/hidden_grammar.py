@@ -1,8 +1,8 @@
 """Effects without a name: a grammar draws them, so that nobody can tune a diagnosis to a list.
 
-An effect is a wrench in the body frame, written as a formula of the motion. It is drawn as a function of one or
-two arguments (heading, place, velocity, command, past, time) that acts in a direction (of the body, of the
-room, towards a point, along or across the velocity, of a thruster). `local` effects act in one place, for a
+An effect is a wrench in the body frame, written as a formula of the motion. It is a function of one or two
+arguments (heading, place, velocity, command, past, time) that acts in a direction (of the body, of the room,
+towards a point, along or across the velocity, of a thruster). `local` effects act in one place, for a
 while, or beyond a limit. An effect is plain values, so that it fits in a line of JSON:
 
   lines      [[name, expression], ...] evaluated in order; X, Y [N], N [N m] are the wrench

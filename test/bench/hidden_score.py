@@ -7,6 +7,8 @@ is None where it does not apply.
 from ground import _core
 
 MEMORY_LIKE = ("history", "unequal_delays", "jittered_link")  # kinds in which the past matters
+QUIET = ("complete", "varies")  # verdicts that say that nothing is missing
+LEARNABLE = 0.1  # share of the error from which something learnable is left
 MAX_ERROR_RATIO = 1.05  # up to this ratio to the true model's error a model is as good as the truth
 
 
@@ -74,7 +76,76 @@ def says_memory(result):
 
 
 def false_memory(result):
-    return None if result["kind"] in MEMORY_LIKE else says_memory(result)
+    """Whether the diagnosis reports falsely that history matters; None if it matters."""
+    if result["kind"] in MEMORY_LIKE or "past" in arguments(result):
+        return None
+    return says_memory(result)
+
+
+def says_missing(result):
+    """Whether the diagnosis says that something is missing, other than what counts as right."""
+    if result["found"]["verdict"] == "missing":
+        return bool(chosen(result) - set(result["allowed"]))
+    return result["found"]["verdict"] not in QUIET
+
+
+# --- Effects without a name. The diagnosis reports a `ceiling`: shares [value, low, high] of the held-out
+# error that are `named`, `learnable` and left to `chance`; `arguments` {name: share}; `kept`, the held-out
+# error with what it can offer (a formula or a learned wrench).
+
+
+def is_said(result):
+    """Whether the verdict is not `complete`."""
+    return result["found"]["verdict"] != "complete"
+
+
+def arguments(result):
+    """What a nameless effect depends on."""
+    return result["effects"].get("nameless", {}).get("arguments", [])
+
+
+def ceiling(result):
+    return result["found"].get("ceiling") or {}
+
+
+def has_right_argument(result):
+    """Whether the argument with the largest share is one of the effect's; None without arguments."""
+    shares = ceiling(result).get("arguments")
+    if shares is None:
+        return None
+    return bool(shares) and max(shares, key=shares.get) in arguments(result)
+
+
+def halves_excess(result):
+    """Whether the model with what the diagnosis offers has at most half of the error that the missing effect
+    adds to runs held out."""
+    nominal, least = result["errors_true"]
+    kept = ceiling(result).get("kept")
+    kept = result["found"]["errors"]["steps"][-1] if kept is None else kept
+    return kept - least <= (nominal - least) / 2
+
+
+def learnable_holds(result):
+    """Whether the interval of what is named or learnable holds the true share; None without it."""
+    left = ceiling(result).get("learnable")
+    if left is None:
+        return None
+    named = ceiling(result).get("named", [0.0])[0]
+    return named + left[1] <= result.get("learnable_true", 0.0) <= named + left[2]
+
+
+def excludes_truth(result):
+    """Whether the verdict is `complete` with a learnable share whose upper bound is below the true one."""
+    left = ceiling(result).get("learnable")
+    if left is None:
+        return None
+    named = ceiling(result).get("named", [0.0])[0]
+    return not is_said(result) and named + left[2] < result["learnable_true"]
+
+
+def is_falsely_complete(result):
+    """Whether the verdict is `complete` although something learnable is missing; None if nothing is."""
+    return None if result["learnable_true"] < LEARNABLE else not is_said(result)
 
 
 def made_worse(result):

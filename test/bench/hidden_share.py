@@ -74,16 +74,26 @@ def _point(body, motion, i):
     return at
 
 
-def explained(runs, model, motions, wrenches):
-    """Share of the squared error of velocities, over the windows of the reports and in each run's standard
-    deviations, that vanishes when the nominal model gets the true missing wrench. Its parameters and the
-    initial velocities are fitted without and with the wrench. Returns the share, and the root mean square
-    error without and with it."""
-    on = study.Study(runs, threads=1)
-    fitted = windows.problem(runs, on.windows).fit(model, study.NOMINAL, threads=1)["model"]
-    held = [_held(run.times, *pair) for run, pair in zip(runs, zip(motions, wrenches))]
-    before, after = (_least(runs, on.windows, fitted, [f * w for w in held]) for f in (0.0, 1.0))
-    return 1 - after / before, float(np.sqrt(before)), float(np.sqrt(after))
+def explained(runs, heldout, model, motions, wrenches):
+    """What the nominal model gains from the true missing wrench, when it is refitted without and with it.
+
+    Returns the share of the mean squared error of velocities that vanishes, in windows of the runs to fit to
+    and in each run's standard deviations; and the error of the runs held out, as `study` has it, without
+    and with the wrench. motions, wrenches: of all runs, those held out last.
+    """
+    fitted = windows.problem(runs, windows.cut(runs)).fit(model, study.NOMINAL, threads=1)["model"]
+    held = [_held(run.times, *pair) for run, pair in zip(runs + heldout, zip(motions, wrenches))]
+    squares, errors = [], []
+    for factor in (0.0, 1.0):
+        acting = [factor * wrench for wrench in held]
+        values, left = _fit(runs, model, fitted, acting[: len(runs)])
+        squares.append(np.mean(np.concatenate(left) ** 2))
+        best = fitted.copy()
+        for name, value in zip(study.NOMINAL, values):
+            best.set_value(name, value)
+        _, left = _fit(heldout, model, best, acting[len(runs) :], free=0)
+        errors.append(float(3 * np.mean(np.abs(np.concatenate(left)))))
+    return float(1 - squares[1] / squares[0]), errors
 
 
 def _held(times, motion, wrench):
@@ -95,11 +105,18 @@ def _held(times, motion, wrench):
     return np.vstack([mean, mean[-1:]])
 
 
-def _least(runs, chosen, model, held):
-    """Least mean squared error of the velocities by Gauss and Newton's method, from a fitted model."""
-    sigma = windows.problem(runs, chosen)
+def _fit(runs, given, model, held, free=5):
+    """Least squares of the velocities in windows by Gauss and Newton's method, from a fitted model, in units
+    of the given one's parameters.
+
+    The first `free` nominal parameters and the windows' initial velocities are fitted. Returns the
+    parameters, and the error of each window in standard deviations.
+    """
+    chosen = windows.cut(runs)
+    problem = windows.problem(runs, chosen)
     starts = [np.array(runs[w.run].nu[w.first]) for w in chosen]
     values = np.array([model.value(name) for name in study.NOMINAL])
+    unit = np.array([given.value(name) for name in study.NOMINAL])
 
     def error(window, values, start):
         run, part = runs[window.run], slice(window.first, window.last + 1)
@@ -108,7 +125,7 @@ def _least(runs, chosen, model, held):
             changed.set_value(name, value)
         nu = _core.simulate(changed, run.inputs, run.times[part], run.eta[window.first], start,
                             run.drives, held[window.run][part])["nu"]  # fmt: skip
-        return ((nu - run.nu[part]) / sigma.sigma(window.run)).ravel()
+        return ((nu - run.nu[part]) / problem.sigma(window.run)).ravel()
 
     def errors(values, starts):
         return [error(w, values, start) for w, start in zip(chosen, starts)]
@@ -117,27 +134,28 @@ def _least(runs, chosen, model, held):
     for _ in range(STEPS):
         turned, parts = [], []
         for w, e, start in zip(chosen, now, starts):
-            by_value = [error(w, values * (1 + SMALL * row), start) - e for row in np.eye(5)]
+            by_value = [error(w, values + SMALL * unit * row, start) - e for row in np.eye(5)[:free]]
             by_start = [error(w, values, start + SMALL * row) - e for row in np.eye(3)]
-            J, K = np.array(by_value).T / SMALL, np.array(by_start).T / SMALL
-            Q, R = np.linalg.qr(K)
+            J = np.reshape(by_value, (free, len(e))).T / SMALL
+            Q, R = np.linalg.qr(np.array(by_start).T / SMALL)
             parts.append((Q, R, J, e))
             turned.append(np.column_stack([J - Q @ (Q.T @ J), e - Q @ (Q.T @ e)]))
         whole = np.vstack(turned)
         step = np.linalg.lstsq(whole[:, :-1], -whole[:, -1], rcond=1e-10)[0]
         steps = [np.linalg.solve(R, -Q.T @ (e + J @ step)) for Q, R, J, e in parts]
         for share in 0.5 ** np.arange(6):
-            trial = values * np.exp(share * step), [s + share * d for s, d in zip(starts, steps)]
+            changed = values.copy()
+            changed[:free] = np.maximum(0, changed[:free] + share * step * unit[:free])
+            trial = changed, [s + share * d for s, d in zip(starts, steps)]
             there = errors(*trial)
-            if _mean(there) < _mean(now):
+            gained = 1 - _square(there) / _square(now)
+            if gained > 0:
+                now, (values, starts) = there, trial
                 break
-        else:
-            break
-        gained, now, (values, starts) = 1 - _mean(there) / _mean(now), there, trial
         if gained < 1e-4:
             break
-    return _mean(now)
+    return values, now
 
 
-def _mean(errors):
-    return float(np.mean(np.concatenate(errors) ** 2))
+def _square(errors):
+    return sum(e @ e for e in errors)

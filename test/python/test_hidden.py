@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ground import _core
+from ground.analysis import study
 
 BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
 sys.path.insert(0, str(BENCH))
@@ -16,8 +17,10 @@ sys.path.insert(0, str(BENCH))
 import hidden  # noqa: E402
 import hidden_cases  # noqa: E402
 import hidden_craft  # noqa: E402
+import hidden_grammar  # noqa: E402
 import hidden_noise  # noqa: E402
 import hidden_score  # noqa: E402
+import hidden_share  # noqa: E402
 import hidden_table  # noqa: E402
 import hidden_visibility  # noqa: E402
 import hidden_white  # noqa: E402
@@ -126,6 +129,13 @@ def test_a_constant_disturbance_is_a_bias():
     np.testing.assert_allclose(moved({}, wrench).eta[-1], moved(bias).eta[-1], atol=1e-7)
 
 
+def test_a_constant_disturbance_of_the_room_is_a_tilted_floor():
+    weight = hidden_craft.GRAVITY * BODY["m"]
+    tilt = {"floor_tilt": {"sx": 0.003, "sy": -0.002}}
+    wrench = np.tile([0.0, 0.0, 0.0, 0.003 * weight, -0.002 * weight], (4000, 1))
+    np.testing.assert_allclose(moved({}, wrench).eta[-1], moved(tilt).eta[-1], atol=1e-7)
+
+
 def test_a_disturbance_has_its_level_and_correlation_time():
     random = np.random.default_rng(3)
     push = {"sigma": [2, 0, 0], "time": [0.05] * 3, "white": [0, 0.1, 0], "trim": [0, 0, 7]}
@@ -168,6 +178,92 @@ def test_a_case_determines_its_runs():
     calm = hidden_cases.make("jittered_link", 2)
     calm.jitter = 0.0
     assert not np.array_equal(first[0].poses, hidden_cases.record_run(calm, 0).poses)
+
+
+def nameless(lines, arguments=(), states=(), a=1.0):
+    """A nameless effect as the grammar draws it."""
+    constants = {"a": a, "k": BODY["k"], "l": BODY["l"]}
+    effect = {"lines": lines, "states": list(states), "constants": constants, "by_run": {}}
+    return dict(effect, arguments=list(arguments), repeats=True, run=0)
+
+
+def draws(local, count=150):
+    """Effects that the grammar draws for the craft of the test drive."""
+    columns = hidden_grammar.columns(moved({}), BEGAN)
+    sample = {name: column[100::5] for name, column in zip(hidden_grammar.VARIABLES, columns)}
+    random = np.random.default_rng(8)
+    return [hidden_grammar.draw(random, sample, BODY, local) for _ in range(count)]
+
+
+def test_a_nameless_effect_acts_as_its_formula_says():
+    wave = [["f", "a*sin(2*3.141592653589793*x/0.3)"], ["X", "f*cos(psi)"], ["Y", "-f*sin(psi)"]]
+    same = {"washboard floor": {"a": 0.01}}
+    by_formula = moved({"nameless": nameless(wave, a=0.01)}).eta[-1]
+    np.testing.assert_allclose(by_formula, moved(same).eta[-1], atol=1e-9)
+
+
+@pytest.mark.parametrize("local", [False, True])
+def test_the_wrench_of_a_nameless_effect_is_that_which_moves_the_craft(local):
+    for effect in draws(local, 12) + [e for e in draws(local) if e["states"]][:4]:
+        # A small one, because some grow without bound.
+        first = hidden_grammar.along(effect, 0, moved({}), BEGAN)
+        effect = hidden_grammar.scaled(effect, 0.01 / np.abs(first / [1, 1, BODY["l"]]).max())
+        motion = moved({"nameless": {**effect, "run": 0}}, np.zeros((3500, 3)))
+        wrench = hidden_grammar.along(effect, 0, motion, BEGAN)
+        cells = BEGAN + hidden_craft.GRID * np.arange(3500)
+        wrench = wrench[np.searchsorted(motion.times, cells - 1e-9).clip(0, len(wrench) - 1)]
+        by_wrench, calm = moved({}, wrench).eta[-1], moved({}).eta[-1]
+        off = np.abs(motion.eta[-1] - by_wrench).max() / np.abs(motion.eta[-1] - calm).max()
+        assert off < 0.05, hidden_grammar.text(effect)  # the wrench is held for 1 ms
+
+
+def test_nameless_effects_depend_on_every_argument():
+    everywhere = [set(effect["arguments"]) for effect in draws(False)]
+    assert set.union(*everywhere) == set(hidden_grammar.ARGUMENTS) - {"run"}
+    assert any(len(several) > 1 for several in everywhere)
+    by_run = [effect for effect in draws(True) if "run" in effect["arguments"]]
+    assert by_run and not any(effect["repeats"] for effect in by_run)
+    assert all(effect["repeats"] for effect in draws(True) if "run" not in effect["arguments"])
+
+
+@pytest.mark.parametrize("kind", ["nameless", "local"])
+def test_a_nameless_effect_has_the_size_that_was_drawn(kind):
+    for seed in (1, 4):
+        case = hidden_cases.make(kind, seed)
+        assert 1.4 < case.excess < 13
+        runs, heldout = hidden_cases.record(hidden_cases.calmed(case))
+        excess = hidden_share.excess(runs, hidden_cases.given_model(case))
+        assert excess == pytest.approx(case.excess, rel=0.02)
+        # With its wrench the model leaves what the noise of the poses does.
+        truth = hidden_cases.truth_about(hidden_cases.calmed(case), runs, heldout)
+        floor = study.noise_floor(heldout, hidden_cases.given_model(case)).sum()
+        assert truth["errors_true"][0] > 1.3 * floor
+        assert truth["errors_true"][1] < 1.2 * floor
+        assert 0.5 < truth["explained_true"] < 1
+
+
+def test_what_the_library_expresses_is_not_nameless():
+    motion = moved({})
+    known = [["speed", "hypot(u, v)"], ["X", "-a*speed*u - k*right"], ["Y", "-a*speed*v"], ["N", "l*k*right"]]
+    new = [["N", "a*sin(3*psi)"]]
+    shares = []
+    for lines in (known, new):
+        wrench = hidden_grammar.along(nameless(lines), 0, motion, BEGAN)
+        shares.append(hidden_share.by_library(BODY, [motion], [wrench]))
+    assert shares[0] > 0.999 and shares[1] < 0.7
+
+
+def test_a_pilot_reacts_to_what_the_craft_does():
+    case = hidden_cases.plain("a test", 3, "piloted")
+    plan, motion = hidden_cases.flight(case, 0)
+    thrust = plan.rows[:, 1:3]
+    assert thrust.min() >= 0 and thrust.max() <= 1 and thrust.std() > 0.05
+    assert np.abs(motion.eta[:, :2]).max() < 8  # it comes back
+    case.runs[0]["push"]["trim"] = [0.0, 0.0, 0.1 * hidden_cases.full_wrench(case)[2]]
+    pushed, other = hidden_cases.flight(case, 0, np.random.default_rng(1))
+    turns = [np.abs(m.eta[-1, 2] - m.eta[0, 2]) for m in (motion, other)]
+    assert not np.array_equal(plan.rows, pushed.rows)
+    assert turns[1] < 40  # without the pilot the craft would spin
 
 
 def test_every_effect_is_hidden_at_every_level():
@@ -240,6 +336,42 @@ def test_scores_of_reports_intervals_and_p_values():
     assert hidden_score.intervals(result(["b"], parameters=parameters)) == []
     free = {"yaw_bias": 0.3, "input_delay": 1.0}
     assert hidden_score.p_values(result(p_values=free)) == [0.3]
+
+
+def unnamed(verdict="complete", ceiling=None, steps=(1.0,), **more):
+    """A result of a nameless effect of heading and velocity that causes half of the error held out."""
+    effects = {"nameless": {"arguments": ["heading", "velocity"]}}
+    truth = {"learnable_true": 0.7, "errors_true": [1.0, 0.5]}
+    errors = {"fit": [1.0, 0.5], "steps": list(steps)}
+    found = result(kind="nameless", effects=effects, verdict=verdict, errors=errors, **truth, **more)
+    found["found"]["ceiling"] = ceiling
+    return found
+
+
+def test_scores_of_nameless_effects():
+    seen = {"learnable": [0.65, 0.6, 0.8], "named": [0.0, 0.0, 0.0], "kept": 0.7}
+    seen["arguments"] = {"place": 0.1, "velocity": 0.5}
+    good = unnamed("unexplained", seen)
+    assert hidden_score.is_said(good) and hidden_score.has_right_argument(good)
+    assert hidden_score.halves_excess(good) and hidden_score.learnable_holds(good)
+    assert hidden_score.is_falsely_complete(good) is False
+    small = {"learnable": [0.1, 0.0, 0.2], "arguments": {"place": 0.1}, "kept": 0.8}
+    bad = unnamed("complete", small)
+    assert not hidden_score.has_right_argument(bad) and not hidden_score.halves_excess(bad)
+    assert hidden_score.excludes_truth(bad) and hidden_score.is_falsely_complete(bad)
+    silent = unnamed()  # without a ceiling
+    assert hidden_score.has_right_argument(silent) is None is hidden_score.learnable_holds(silent)
+    assert not hidden_score.halves_excess(silent)
+    rows = {line[0]: line[1:] for line in hidden_table.lines([good, bad])}
+    assert rows["nameless: said"][:2] == ["50.0%", "2"]
+
+
+def test_nulls_may_name_what_equals_their_trim():
+    trim = result([], ["yaw_bias"], allowed=["yaw_bias"])
+    assert not hidden_score.says_missing(trim)
+    assert hidden_score.says_missing(result([], ["yaw_bias"]))
+    assert hidden_score.says_missing(result(verdict="memory"))
+    assert not hidden_score.says_missing(result(verdict="varies"))
 
 
 def test_the_table_gives_rates_with_intervals_beside_their_bounds():
