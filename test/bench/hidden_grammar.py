@@ -344,7 +344,7 @@ def _spring(d):
 
 def _pendulum(d):
     """A load that swings below the craft: its force follows the room's axes."""
-    d.depends_on("past", "velocity", "place")
+    d.depends_on("past", "velocity")
     stiff, damp = (2 * np.pi / d.between(0.5, 2.0)) ** 2, d.between(0.1, 1.5)
     for axis in ("x", "y"):
         at = d.state("z%d" % (len(d.effect["states"]) + 1))
@@ -354,7 +354,7 @@ def _pendulum(d):
 
 def _dragged(d):
     """A cable that the craft drags behind it."""
-    d.depends_on("past", "velocity", "place")
+    d.depends_on("past", "velocity")
     time, power = d.between(0.2, 2.0), d.random.uniform(0.3, 1.7)
     for axis in ("x", "y"):
         d.state("(%s - {z})/%.3g" % (axis, time))
@@ -470,7 +470,7 @@ def _drift(d):
 
 def _wake(d):
     """The air that the craft has stirred pushes it away from where it was."""
-    d.depends_on("past", "place", "velocity")
+    d.depends_on("past", "velocity")
     time, width = d.between(0.3, 1.5), d.between(0.15, 0.6)
     for axis in ("x", "y"):
         first = d.state("2*(%s - {z})/%.3g" % (axis, time))
