@@ -9,6 +9,7 @@ from ground import _core
 MEMORY_LIKE = ("history", "unequal_delays", "jittered_link")  # kinds in which the past matters
 QUIET = ("complete", "varies")  # verdicts that say that nothing is missing
 LEARNABLE = 0.1  # share of the error from which something learnable is left
+SEEN = 0.9  # largest ratio of the errors with and without a missing effect at which it shows
 MAX_ERROR_RATIO = 1.05  # up to this ratio to the true model's error a model is as good as the truth
 
 
@@ -118,8 +119,10 @@ def has_right_argument(result):
 
 def halves_excess(result):
     """Whether the model with what the diagnosis offers has at most half of the error that the missing effect
-    adds to runs held out."""
+    adds to runs held out; None if it adds hardly any."""
     nominal, least = result["errors_true"]
+    if least > SEEN * nominal:
+        return None
     kept = ceiling(result).get("kept")
     kept = result["found"]["errors"]["steps"][-1] if kept is None else kept
     return kept - least <= (nominal - least) / 2

@@ -143,11 +143,15 @@ def _fit(runs, given, model, held, free=5):
         whole = np.vstack(turned)
         step = np.linalg.lstsq(whole[:, :-1], -whole[:, -1], rcond=1e-10)[0]
         steps = [np.linalg.solve(R, -Q.T @ (e + J @ step)) for Q, R, J, e in parts]
+        gained = 0.0
         for share in 0.5 ** np.arange(6):
             changed = values.copy()
             changed[:free] = np.maximum(0, changed[:free] + share * step * unit[:free])
             trial = changed, [s + share * d for s, d in zip(starts, steps)]
-            there = errors(*trial)
+            try:
+                there = errors(*trial)
+            except RuntimeError:  # no finite motion
+                continue
             gained = 1 - _square(there) / _square(now)
             if gained > 0:
                 now, (values, starts) = there, trial
