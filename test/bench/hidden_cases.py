@@ -41,6 +41,7 @@ HISTORY = {
 }
 EXCESS = (1.5, 12.0)  # range of a nameless effect's excess
 MAX_BY_LIBRARY = 0.6  # share of a nameless effect that effects of the library may explain
+EVERYWHERE = 0.3  # least size in each run of an effect that is not local, relative to that in all runs
 FRAMES = ("body", "room", "both")
 SIZE_FACTOR = 1.3  # sizes are drawn between median / SIZE_FACTOR and median * SIZE_FACTOR
 
@@ -222,7 +223,8 @@ def trim(case, what):
 
 def hide_nameless(case, local=False):
     """Adds an effect that the grammar draws, of a size at which the refitted nominal model's error is a
-    random multiple of the noise floor. Draws again what cannot reach it, or what the library explains."""
+    random multiple of the noise floor. Draws again what cannot reach it, what the library explains, and what
+    hardly acts in some run if it is not local."""
     random = random_of(case.kind, case.seed, "nameless")
     wanted = _between(random, *EXCESS)
     motions = [flight(calmed(case), i)[1] for i in range(len(case.runs))]
@@ -232,8 +234,9 @@ def hide_nameless(case, local=False):
     while True:
         effect = hidden_grammar.draw(random, sample, case.body, local)
         wrenches = _along(effect, motions)
-        size = np.sqrt(np.mean((np.concatenate(wrenches) / full_wrench(case)) ** 2))
-        if not 1e-9 < size < 1e9:
+        sizes = [np.sqrt(np.mean((wrench / full_wrench(case)) ** 2)) for wrench in wrenches]
+        size = np.sqrt(np.mean(np.square(sizes)))
+        if not 1e-9 < size < 1e9 or (not local and min(sizes) < EVERYWHERE * size):
             continue
         if hidden_share.by_library(case.body, motions, wrenches) < MAX_BY_LIBRARY:
             sized = hidden_grammar.scaled(effect, 0.002 * wanted / size)

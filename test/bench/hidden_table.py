@@ -76,6 +76,7 @@ def _rows():
     yield Row("nameless, local: falsely `complete`", NAMELESS, score.is_falsely_complete, ("<=", 0.0))
     yield Row("nameless, local: learnable share holds", NAMELESS, score.learnable_holds, (">=", 0.90))
     yield Row("null: learnable share holds 0", ("null",), score.learnable_holds, (">=", 0.90))
+    yield Row("nameless, local: an effect of the library named", NAMELESS, score.has_false_effect)
     yield Row("draught: tilt or wind found", ("draught",), score.is_found)
     yield Row("draught: intervals of tilt, wind hold", ("draught",), score.intervals, ("in", 0.90))
     yield Row("history: flagged", ("history",), score.says_memory, (">=", 0.85))
