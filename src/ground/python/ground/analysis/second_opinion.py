@@ -1,0 +1,619 @@
+"""A second opinion on what a model leaves: accelerations regressed on what was measured.
+
+It shares neither likelihood nor filter with the diagnosis. The missing wrench is measured in the
+weak form (Messenger and Bortz 2021): poses integrated against a smooth test function over short
+windows, minus the same integral of the model's acceleration along the measured motion.
+
+A push changes the velocity and the place of the craft, so that measured states seem to explain it.
+Features are therefore functions of states that the model predicts from before the window, and stand
+beside the wrench that was missing before (Granger 1969): what a push of any spectrum, fixed in the
+craft or in the room, has done to the states is a function of that.
+"""
+
+import itertools
+from dataclasses import dataclass
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+from scipy import signal
+
+from ground import _core
+from ground.analysis import failure, residuals, study
+from ground.analysis.likelihood import call
+from ground.analysis.thinning import thinned
+from ground.analysis.unfinished import can_be_kept
+from ground.annotations import Array, Indices
+from ground.errors import GroundError
+from ground.recordings import repair
+
+ARGUMENTS = ("heading", "place", "velocity", "command", "past", "time")
+HALF = 0.15  # half of the length of a window [s]
+STEP = 0.05  # between centres of windows [s]
+LEAD = 0.06  # from the state that features are predicted from to the window [s]
+POINTS = 7  # of a window at which features are averaged
+BLOCK = 0.6  # length of the blocks of which chance turns the sign [s]
+TURNS = 1999  # number of draws of chance
+LEVEL = 0.01  # probability that something is said where nothing is missing
+MIN_SHARE = 0.05  # least share that is said
+MAX_PARTS = 4  # largest number of parts that are found one after the other
+MIN_WINDOWS = 60
+LATE = 1e-3  # delay of the commands that may be wrong [s]
+CHANGE = 1e-3  # relative change of parameters for derivatives
+GRID = 0.005  # between samples of the commands [s]
+SPEEDS = np.array([0.5, 0.3, 4.0])  # typical velocities [m/s], [rad/s]
+PUSHES = (0.5, 2.0, 1e3)  # time constants of what was missing before [s]
+TIME = 4.0  # typical half of a run [s]
+PERIODS = (0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)  # of what repeats in time [s]
+MIN_NEW = 0.02  # least part of a function that the nuisances do not explain
+MOST = 4.0  # largest residual, in robust standard deviations
+PASTS = (0.05, 0.2, 0.6, 2.0)  # time constants of the past [s]
+WAVES = (0.15, 0.2, 0.25, 0.3, 0.4, 0.55, 0.8, 1.2)  # wavelengths over the floor [m]
+
+
+@can_be_kept
+@dataclass(frozen=True)
+class Opinion:
+    """What the accelerations that a model does not explain depend on."""
+
+    arguments: Dict[str, Tuple[float, float]]  # share of the missing wrench, p-value
+    share: float  # of all that is said, on runs that it was not fitted to
+    interval: Tuple[float, float]  # 95% interval of the share
+    says: Tuple[str, ...]  # arguments, strongest first; empty: nothing is missing
+
+
+class _Part(NamedTuple):
+    """A few functions of the same arguments."""
+
+    arguments: Tuple[str, ...]
+    columns: Array  # (n, 3, m) wrenches
+
+
+class _Windows(NamedTuple):
+    """The windows of one or more runs."""
+
+    wrench: Array  # (n, 3) missing wrench, in parts of full thrust
+    own: Array  # (n, 3, m) changes of it by the model's parameters; the last one by its thrust
+    before: Array  # (n, 3, k) the wrench that was missing before
+    parts: List[_Part]
+    noise: Array  # (n, 3) variance that the poses' noise leaves
+    block: Indices  # (n,)
+    fold: Indices  # (n,)
+
+
+class _Span(NamedTuple):
+    """Where the windows of a run are."""
+
+    rows: Indices  # (n, samples) of each window
+    centre: Indices  # (n,)
+    start: Indices  # (n,) where features are predicted from
+    second: Array  # (n, samples) weights of poses: their sum is the mean second derivative
+    between: Array  # (n, samples - 1) weights of what is constant between samples; their sum is 1
+    at: Array  # (n, samples) weights of samples; their sum is 1
+
+
+def second_opinion(runs: Sequence[_core.RunData], model: _core.Model) -> Opinion:
+    """What the accelerations of runs depend on that a fitted model does not explain.
+
+    Raises GroundError when the runs have too few windows without a gap.
+    """
+    thin = [thinned(run) for run in runs]
+    spans = [_span(run) for run in thin]
+    place = np.concatenate([np.array(run.eta)[:, :2] for run in thin])
+    middle, size = place.mean(axis=0), max(1e-3, float(place.std()))
+    found = [
+        _windows(run, span, model, number, (middle, size))
+        for number, (run, span) in enumerate(zip(thin, spans))
+        if span is not None
+    ]
+    if sum(len(f.wrench) for f in found) < MIN_WINDOWS:
+        raise GroundError("the runs are too short for a second opinion")
+    return _judged(_together(found))
+
+
+# --- The missing wrench
+
+
+def _span(run: _core.RunData) -> Optional[_Span]:
+    """Windows of a run that have no gap; None without any."""
+    times = np.array(run.times)
+    if len(times) < 3:
+        return None
+    step = float(np.median(np.diff(times)))
+    half = max(3, int(round(HALF / step)))
+    lead = half + max(1, int(round(LEAD / step)))
+    centre = np.arange(lead, len(times) - half, max(1, int(round(STEP / step))))
+    length = times[centre + half] - times[centre - lead]
+    centre = centre[length < (half + lead) * step + repair.MAX_GAP / 2]
+    if not len(centre):
+        return None
+    rows = centre[:, None] + np.arange(-half, half + 1)
+    s = (times[rows] - times[centre][:, None]) / (half * step)
+    inside, cell = np.clip(1 - s**2, 0, None), np.gradient(s, axis=1)
+    at = inside**4 * cell
+    middle = (s[:, 1:] + s[:, :-1]) / 2
+    between = np.clip(1 - middle**2, 0, None) ** 4 * np.diff(s, axis=1)
+    # The second derivative of the test function (1 - s^2)^4, corrected to be exact for parabolas.
+    second = (48 * s**2 * inside**2 - 8 * inside**3) * cell
+    second *= 2 / (second * s**2).sum(axis=1, keepdims=True)
+    powers = s[:, None] ** np.arange(3)[:, None]
+    wrong = np.array([0.0, 0.0, 2.0]) - np.einsum("nat,nt->na", powers, second)
+    products = np.einsum("nat,nt,nbt->nab", powers, at, powers)
+    correction = np.linalg.solve(products, wrong[..., None])[..., 0]
+    second += at * np.einsum("na,nat->nt", correction, powers)
+    return _Span(
+        rows,
+        centre,
+        centre - lead,
+        second / (half * step) ** 2,
+        between / between.sum(axis=1, keepdims=True),
+        at / at.sum(axis=1, keepdims=True),
+    )
+
+
+def _windows(
+    run: _core.RunData,
+    span: _Span,
+    model: _core.Model,
+    number: int,
+    floor: Tuple[Array, float],
+) -> _Windows:
+    """The windows of a run. number: the run's; floor: middle and size of the place flown over."""
+    times, poses = np.array(run.times), np.array(run.poses if len(run.poses) else run.eta)
+    heading = np.array(run.eta)[span.centre, 2]
+    masses = [model.value("m"), model.value("m"), model.value("I_z")]
+    inertia = np.array(masses) / failure.full_scale(model)
+
+    def by_model(changed: _core.Model, late: float = 0.0) -> Array:
+        accelerations = _accelerations(run, changed, late)
+        mean = np.einsum("nt,ntc->nc", span.between, accelerations[span.rows[:, :-1]])
+        return _in_body(mean, heading) * inertia
+
+    def measured() -> Array:
+        relative = poses[span.rows] - poses[span.centre][:, None]
+        return _in_body(np.einsum("nt,ntc->nc", span.second, relative), heading) * inertia
+
+    own = by_model(model)
+    changes = [(by_model(model, LATE) - own) / LATE]
+    changes += [(by_model(changed) - own) / step for changed, step in _changed(model)]
+    wrench = measured() - own
+    level = np.array(run.noise) if len(run.noise) else np.zeros(3)
+    at = times[span.centre]
+    features = _Features(run, span, model, floor)
+    return _Windows(
+        wrench,
+        np.stack(changes, axis=2),
+        _earlier(at, wrench, heading, features.heading),
+        features.parts(),
+        (span.second**2).sum(axis=1)[:, None] * (level * inertia) ** 2,
+        1000 * number + ((at - at[0]) / BLOCK).astype(int),
+        np.full(len(at), number),
+    )
+
+
+def _accelerations(run: _core.RunData, model: _core.Model, late: float) -> Array:
+    """Mean acceleration (n - 1, 3) in the room, and in heading, by a model from each measured
+    state to the next sample. late: delay of the commands beside the model's [s]."""
+    times, nu = np.array(run.times), np.array(run.nu)
+    if late:
+        inputs = np.array(run.inputs)
+        inputs[:, 0] += late
+        run = _core.RunData(run.name, times, run.eta, nu, inputs, run.poses, run.noise, run.drives)
+    steps = [_core.Window(0, i, i + 1) for i in range(len(times) - 1)]
+    found = call(_core.predict, model, run, steps, nu[:-1])
+    eta, nu = np.array(found["eta"]), np.array(found["nu"])  # (n - 1, 2, 3)
+    c, s = np.cos(eta[..., 2]), np.sin(eta[..., 2])
+    rates = np.stack([c * nu[..., 0] - s * nu[..., 1], s * nu[..., 0] + c * nu[..., 1], nu[..., 2]], 2)
+    return np.asarray((rates[:, 1] - rates[:, 0]) / np.diff(times)[:, None])
+
+
+def _in_body(vectors: Array, heading: Array) -> Array:
+    """Turns vectors (n, 3) of the room into the body's frame."""
+    c, s = np.cos(heading), np.sin(heading)
+    x, y = vectors[:, 0], vectors[:, 1]
+    return np.column_stack([c * x + s * y, c * y - s * x, vectors[:, 2]])
+
+
+def _changed(model: _core.Model) -> Iterator[Tuple[_core.Model, float]]:
+    """Models with one free parameter changed by a step each; the thrust comes last."""
+    described = {p["name"]: p for p in model.parameters()}
+    for name in sorted(study.free_parameters(model), key=lambda name: name == "k"):
+        value = model.value(name)
+        if not np.isfinite(value):
+            continue
+        step = CHANGE * (abs(value) or described[name]["scale"])
+        step = step if value + step <= described[name]["upper"] else -step
+        changed = model.copy()
+        changed.set_value(name, value + step)
+        yield changed, step
+
+
+def _earlier(times: Array, wrench: Array, heading: Array, predicted: Array) -> Array:
+    """What was missing before each window, (n, 3, k): at last, and means over some pasts, that have
+    turned with the craft and that have not."""
+    in_room = _in_body(wrench, -heading)
+    last = np.searchsorted(times, times - 2 * HALF + 1e-6) - 1  # the last window that has ended
+    columns = []
+    for past in (None, *PUSHES):
+        for values, turns in ((wrench, False), (in_room, True)):
+            kept = values if past is None else _means(times, values, past)
+            kept = np.where(last[:, None] >= 0, kept[np.maximum(last, 0)], 0.0)
+            columns.append(_in_body(kept, predicted) if turns else kept)
+    found = np.stack(columns, axis=2)
+    found[:, 2, 1::2] = 0  # a moment is the same in both
+    return found
+
+
+def _means(times: Array, values: Array, past: float) -> Array:
+    """Mean of all values up to each time, with weights that fade with a time constant (n, m)."""
+    found, total, weight = np.empty_like(values), np.zeros(values.shape[1]), 0.0
+    for i, value in enumerate(values):
+        fade = np.exp(-(times[i] - times[i - 1]) / past) if i else 0.0
+        total, weight = fade * total + value, fade * weight + 1
+        found[i] = total / weight
+    return found
+
+
+# --- What it may depend on
+
+
+class _Features:
+    """Functions that the missing wrench of a run may be, as means over its windows. They take
+    states that the model predicts from before each window; only what was before is measured."""
+
+    def __init__(
+        self, run: _core.RunData, span: _Span, model: _core.Model, floor: Tuple[Array, float]
+    ) -> None:
+        times, nu = np.array(run.times), np.array(run.nu)
+        count = span.rows[0, -1] - span.start[0]
+        pieces = [_core.Window(0, int(i), int(i + count)) for i in span.start]
+        found = call(_core.predict, model, run, pieces, nu[span.start])
+        inside = slice(-span.rows.shape[1], None, 2)
+        eta, nus = (np.array(found[name])[:, inside] for name in ("eta", "nu"))
+        self.weight = span.at[:, ::2] / span.at[:, ::2].sum(axis=1, keepdims=True)
+        self.heading = eta[:, eta.shape[1] // 2, 2]
+        self.c, self.s = np.cos(eta[..., 2]), np.sin(eta[..., 2])
+        self.u, self.v, self.r = np.moveaxis(nus / SPEEDS, 2, 0)
+        self.x, self.y = np.moveaxis(eta[..., :2] - floor[0], 2, 0)
+        self.size = floor[1]
+        self.t = times[span.rows[:, ::2]] - times[0]
+        grid = np.arange(times[0] - 3, times[-1] + GRID, GRID)
+        commands = _actuated(run, model, grid)
+        at = np.clip(((times[span.rows[:, ::2]] - grid[0]) / GRID).astype(int), 0, len(grid) - 1)
+        self.commands = np.moveaxis(commands[at], 2, 0)
+        thrust = model.forces(commands[:, :-1]) / failure.full_scale(model)
+        self.ahead, self.moment = thrust[at][..., 0], thrust[at][..., 2]
+        self.pasts = {
+            past: np.moveaxis(_faded(commands, GRID / past)[at], 2, 0) for past in PASTS
+        }
+        self.history = _history(run, span.start)
+
+    def parts(self) -> List[_Part]:
+        """All of them."""
+        found = [*self._of_heading(), *self._of_place(), *self._of_velocity()]
+        return found + [*self._of_command(), *self._of_past(), *self._of_time()]
+
+    def _mean(self, values: Array) -> Array:
+        return np.asarray((np.broadcast_to(values, self.weight.shape) * self.weight).sum(axis=1))
+
+    def _body(self, what: str, values: Sequence[Array], channels: str = "XYN") -> _Part:
+        """Values (n, points), each in each of some channels."""
+        means = np.stack([self._mean(value) for value in values], axis=1)
+        chosen = np.eye(3)[["XYN".index(channel) for channel in channels]]
+        columns = np.einsum("nj,kc->ncjk", means, chosen).reshape(len(means), 3, -1)
+        return _Part(tuple(what.split()), columns)
+
+    def _room(self, what: str, vectors: Sequence[Tuple[Array, Array]]) -> _Part:
+        """Forces along x and y of the room."""
+        wrenches = [(self.c * x + self.s * y, self.c * y - self.s * x, 0.0) for x, y in vectors]
+        return self._wrenches(what, wrenches)
+
+    def _fields(self, what: str, values: Sequence[Array]) -> _Part:
+        """Values as forces along x and along y of the room."""
+        return self._room(what, [v for f in values for v in ((f, 0.0 * f), (0.0 * f, f))])
+
+    def _wrenches(self, what: str, wrenches: Sequence[Sequence[Any]]) -> _Part:
+        columns = [np.stack([self._mean(w) for w in wrench], axis=1) for wrench in wrenches]
+        return _Part(tuple(what.split()), np.stack(columns, axis=2))
+
+    def _of_heading(self) -> Iterator[_Part]:
+        c2, s2 = self.c**2 - self.s**2, 2 * self.c * self.s
+        for first, second in ((self.c, self.s), (c2, s2)):
+            yield self._body("heading", [first, second], "N")
+            yield self._body("heading", [first, second], "XY")
+        one = np.ones_like(self.c)
+        yield self._room("heading", [(one, 0 * one), (0 * one, one)])
+        x, y = self.c * self.u - self.s * self.v, self.s * self.u + self.c * self.v
+        yield self._room("heading velocity", [(x, 0 * y), (0 * x, y), (y, x)])
+
+    def _of_place(self) -> Iterator[_Part]:
+        x, y = self.x / self.size, self.y / self.size
+        yield self._fields("place", [x, y])
+        yield self._room("place", [(x, y)])
+        yield self._body("place", [x, y, x**2 + y**2], "N")
+        yield self._fields("place", [x**2, x * y, y**2])
+        far = np.hypot(x, y)
+        yield self._room("place", [(x * far, y * far), (x * far**2, y * far**2)])
+        for length in WAVES:
+            for place in (self.x, self.y):
+                at = 2 * np.pi * place / length
+                yield self._fields("place", [np.sin(at), np.cos(at)])
+                yield self._body("place", [np.sin(at), np.cos(at)], "N")
+        bumps = [
+            np.exp(-2 * ((x - a) ** 2 + (y - b) ** 2)) for a in (-1, 0, 1) for b in (-1, 0, 1)
+        ]
+        yield self._fields("place", bumps)
+        yield self._body("place", bumps, "N")
+        none = np.zeros_like(x)
+        yield self._wrenches("place velocity", [(b * self.u, b * self.v, none) for b in bumps])
+        yield self._wrenches("place velocity", [(none, none, b * self.r) for b in bumps])
+        yield self._wrenches("place command", [(b * self.ahead, none, b * self.moment) for b in bumps])
+
+    def _of_velocity(self) -> Iterator[_Part]:
+        u, v, r = self.u, self.v, self.r
+        speed, none = np.hypot(u, v), np.zeros_like(u)
+        yield self._body("velocity", [u, v, r])
+        yield self._body("velocity", [u * abs(u), v * abs(v), r * abs(r)])
+        yield self._wrenches("velocity", [(speed * u, speed * v, none), (none, none, abs(r) * r)])
+        slow = [w / np.hypot(w, 0.03) for w in (u, v, r)]
+        along = [w / np.hypot(speed, 0.03) for w in (u, v)]
+        yield self._wrenches("velocity", [(*along, none), (none, none, slow[2])])
+        yield self._body("velocity", slow)
+        yield self._body("velocity", [u**3, v**3, r**3])
+        yield self._body("velocity", [u * v, u * r, v * r])
+        yield self._body("velocity", [u**2, v**2, r**2])
+        yield self._body("velocity", [abs(u), abs(v), abs(r)])
+        ways = (u, v, r, speed, abs(v), abs(r))
+        pushed = [(self.ahead * w, none, self.moment * w) for w in ways]
+        yield self._wrenches("velocity command", pushed)
+        yield self._body("velocity command", [self.ahead * w for w in (u, v, r)], "YN")
+        yield self._body("velocity command", [self.moment * w for w in (u, v, r)], "XY")
+
+    def _of_command(self) -> Iterator[_Part]:
+        inputs, lift = self.commands[:-1], self.commands[-1]
+        yield self._body("command", [*inputs])
+        yield self._body("command", [a * b for a, b in itertools.combinations(inputs, 2)])
+        yield self._body("command", [*inputs**2])
+        yield self._body("command", [*inputs**3])
+        yield self._body("command", [lift])
+        none = np.zeros_like(lift)
+        yield self._wrenches("velocity command", [(lift * self.u, lift * self.v, none)])
+        yield self._wrenches("command", [(lift * self.ahead, none, lift * self.moment)])
+
+    def _of_past(self) -> Iterator[_Part]:
+        none = np.zeros_like(self.u)
+        for past, commands in self.pasts.items():
+            later = commands[:-1] - self.commands[:-1]
+            yield self._body("past", [*later], "XN")
+            yield self._body("past", [*later * self.commands[:-1]], "XN")
+            yield self._body("past", [*later, *abs(later)], "Y")
+        for moved, speed, swing in self.history:
+            yield self._body("past", [moved[:, i : i + 1] + none for i in (0, 1, 2)])
+            by_speed = [(self.ahead, none, self.moment), (self.u, self.v, none), (none, none, self.r)]
+            yield self._wrenches("past", [[speed[:, None] * w for w in b] for b in by_speed])
+            swings = [swing[:, i : i + 1] + none for i in range(4)]
+            yield self._room("past", [(swings[0], swings[1]), (swings[2], swings[3])])
+
+    def _of_time(self) -> Iterator[_Part]:
+        t, none = self.t / TIME - 1, np.zeros_like(self.t)
+        yield self._body("time", [t, t**2])
+        yield self._body("time", [t], "X")
+        yield self._body("time", [t], "Y")
+        yield self._body("time", [t], "N")
+        for w in (t, t**2):
+            yield self._wrenches("time", [(w * self.ahead, none, w * self.moment)])
+            yield self._wrenches("time", [(w * self.u, w * self.v, none), (none, none, w * self.r)])
+        for period in PERIODS:
+            at = 2 * np.pi * self.t / period
+            yield self._body("time", [np.sin(at), np.cos(at)])
+
+
+def _actuated(run: _core.RunData, model: _core.Model, grid: Array) -> Array:
+    """Inputs of thrusters and lift (n, thrusters + 1) as the model's delay and lag pass them on."""
+    delay = model.value("input_delay.delay") if "input_delay" in model.effects else 0.0
+    commands = residuals.held(run, grid - delay)
+    lag = model.value("motor_lag.tau") if "motor_lag" in model.effects else 0.0
+    return _faded(commands, GRID / lag) if lag > 0 else commands
+
+
+def _faded(values: Array, rate: float) -> Array:
+    """Means of held values before each sample, with weights that fade (n, m)."""
+    keep = np.exp(-rate)
+    return np.asarray(signal.lfilter([0.0, 1 - keep], [1.0, -keep], values, axis=0))
+
+
+def _history(run: _core.RunData, start: Indices) -> List[Tuple[Array, Array, Array]]:
+    """What the motion was up to a sample, for some pasts: mean velocities (n, 3), mean speed (n,), and
+    states of a pendulum with that time constant on the craft, in the room (n, 4)."""
+    times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu) / SPEEDS
+    step = float(np.median(np.diff(times)))
+    found = []
+    for past in PASTS[1:]:
+        mean = _faded(nu, step / past)
+        speed = _faded(np.hypot(nu[:, 0], nu[:, 1])[:, None], step / past)[:, 0]
+        # q'' = -w^2 q - 0.2 w q' - x'', as the transfer function from x to q, w = 1 / past
+        w = 1 / past
+        b, a = signal.bilinear([-1.0, 0.0, 0.0], [1.0, 0.2 * w, w**2], 1 / step)
+        place = eta[:, :2] - eta[0, :2]
+        swing = signal.lfilter(b, a, place, axis=0)
+        rate = np.gradient(swing, step, axis=0) * past
+        found.append((mean[start], speed[start], np.hstack([swing, rate])[start]))
+    return found
+
+
+# --- The judgement
+
+
+def _together(found: Sequence[_Windows]) -> _Windows:
+    """Windows of all runs; the thrust may differ from run to run."""
+    number = np.concatenate([f.fold for f in found])
+    own = np.concatenate([f.own for f in found])
+    thrust = own[:, :, -1:] * (number[:, None] == np.unique(number)[1:])[:, None, :]
+    constant = np.ones_like(own[:, :, :1])
+    fold = number
+    if len(found) == 1:  # quarters of its time
+        fold = np.arange(len(number)) * 4 // len(number)
+    return _Windows(
+        np.concatenate([f.wrench for f in found]),
+        np.concatenate([own, thrust, constant], axis=2),
+        np.concatenate([f.before for f in found]),
+        [
+            _Part(parts[0].arguments, np.concatenate([p.columns for p in parts]))
+            for parts in zip(*(f.parts for f in found))
+        ],
+        np.concatenate([f.noise for f in found]),
+        np.concatenate([f.block for f in found]),
+        fold,
+    )
+
+
+class _Regression:
+    """A wrench (n, 3) beside nuisances (n, 3, m), whose weights differ between channels."""
+
+    def __init__(self, wrench: Array, nuisances: Sequence[Array]) -> None:
+        self._bases = []
+        together = np.concatenate(nuisances, axis=2)
+        for channel in range(3):
+            self._bases.append(_basis(together[:, channel]))
+        rest = self.beside(wrench[:, :, None])[:, :, 0]
+        self.scale = 1.4826 * np.median(abs(rest), axis=0) + 1e-12
+        self.rest = np.clip(rest / self.scale, -MOST, MOST)
+
+    def beside(self, columns: Array) -> Array:
+        """Columns (n, 3, m) without what the nuisances explain of them."""
+        left = [
+            columns[:, i] - basis @ (basis.T @ columns[:, i]) for i, basis in enumerate(self._bases)
+        ]
+        return np.stack(left, axis=1)
+
+
+def _basis(columns: Array) -> Array:
+    """Orthonormal columns that span those given."""
+    size = np.sqrt((columns**2).mean(axis=0))
+    used = columns[:, size > 1e-12 * size.max(initial=1e-300)]
+    used = used / np.sqrt((used**2).sum(axis=0))
+    left, values, _ = np.linalg.svd(used, full_matrices=False)
+    return np.asarray(left[:, values > 1e-6])
+
+
+def _whitened(columns: Array) -> Array:
+    """Orthonormal combinations of columns (n, 3, m), without those that hardly vary."""
+    flat = columns.reshape(-1, columns.shape[2])
+    flat = flat / np.maximum(1e-300, np.sqrt((flat**2).sum(axis=0)))
+    values, vectors = np.linalg.eigh(flat.T @ flat)
+    used = values > 0.01
+    return np.asarray((flat @ (vectors[:, used] / np.sqrt(values[used]))).reshape(*columns.shape[:2], -1))
+
+
+def _tested(regression: _Regression, data: _Windows) -> Array:
+    """Statistics of the parts for the data, and for draws of chance (1 + TURNS, parts): each about
+    normal by chance."""
+    blocks, at = np.unique(data.block, return_inverse=True)
+    random = np.random.default_rng(1)
+    signs = np.vstack([np.ones(len(blocks)), random.choice([-1.0, 1.0], (TURNS, len(blocks)))])
+    scores, owners = [], []
+    for number, part in enumerate(data.parts):
+        left = regression.beside(part.columns)
+        size = np.sqrt((left**2).sum(axis=(0, 1)))
+        whole = np.sqrt((part.columns**2).sum(axis=(0, 1)))
+        left = left[:, :, size > MIN_NEW * whole]
+        if left.shape[2]:
+            scores.append(_whitened(left / regression.scale[:, None]))
+            owners.append(np.full(scores[-1].shape[2], number))
+    columns, owner = np.concatenate(scores, axis=2), np.concatenate(owners)
+    products = np.einsum("ncm,nc->nm", columns, regression.rest)
+    sums = np.zeros((len(blocks), columns.shape[2]))
+    np.add.at(sums, at, products)
+    squares = (signs @ sums) ** 2
+    found = squares @ (owner[:, None] == np.arange(len(data.parts)))
+    roots = np.cbrt(found)  # of sums of squares: about normal (Wilson and Hilferty 1931)
+    mean, spread = roots[1:].mean(axis=0), roots[1:].std(axis=0)
+    return np.asarray((roots - mean) / np.maximum(spread, 1e-12))
+
+
+def _judged(data: _Windows) -> Opinion:
+    """Looks for parts one after the other, each beside those before."""
+    chosen: List[_Part] = []
+    p_values = {}
+    for _ in range(MAX_PARTS + 1):
+        nuisances = [data.own, data.before, *(part.columns for part in chosen)]
+        found = _tested(_Regression(data.wrench, nuisances), data)
+        most = {}
+        for argument in ARGUMENTS:
+            of = [i for i, part in enumerate(data.parts) if argument in part.arguments]
+            highest = found[:, of].max(axis=1)
+            p = float((highest >= highest[0] - 1e-9).mean())
+            if not any(argument in part.arguments for part in chosen):
+                p_values[argument] = p
+            most[argument] = p
+        best = int(np.argmax(found[0]))
+        p = min(most[argument] for argument in data.parts[best].arguments)
+        if p >= LEVEL / len(ARGUMENTS) or len(chosen) == MAX_PARTS:
+            break
+        chosen.append(data.parts[best])
+    return _opinion(data, chosen, p_values)
+
+
+def _opinion(data: _Windows, chosen: List[_Part], p_values: Dict[str, float]) -> Opinion:
+    whole = _shares(data, chosen)
+    arguments = {}
+    for argument in ARGUMENTS:
+        without = [part for part in chosen if argument not in part.arguments]
+        lost = 0.0
+        if len(without) < len(chosen):
+            lost = whole[0] - _shares(data, without)[0]
+        arguments[argument] = (float(max(0.0, lost)), p_values[argument])
+    says = [a for a in ARGUMENTS if arguments[a][0] >= MIN_SHARE and p_values[a] < LEVEL / len(ARGUMENTS)]
+    says.sort(key=lambda a: -arguments[a][0])
+    return Opinion(arguments, float(whole[0]), (float(whole[1]), float(whole[2])), tuple(says))
+
+
+def _shares(data: _Windows, chosen: Sequence[_Part]) -> Tuple[float, float, float]:
+    """Share of the missing wrench that parts explain where they were not fitted to, and its 95%
+    interval by a jackknife over blocks."""
+    if not chosen:
+        return 0.0, 0.0, 0.0
+    plain = _Regression(data.wrench, [data.own])
+    wrench = plain.rest
+    columns = np.concatenate([part.columns for part in chosen], axis=2)
+    columns = columns / np.maximum(1e-300, np.sqrt((columns**2).mean(axis=(0, 1))))
+    beside = _Regression(data.wrench, [data.own, data.before])
+    left, rest = beside.beside(columns) / beside.scale[:, None], beside.rest
+    seen = plain.beside(columns) / plain.scale[:, None]
+    before, after = (wrench**2).sum(axis=1), np.empty(len(wrench))
+    for fold in np.unique(data.fold):
+        fitted = data.fold != fold
+        flat = left[fitted].reshape(-1, left.shape[2])
+        gram = flat.T @ flat
+        gram = gram + 1e-3 * np.trace(gram) / len(gram) * np.eye(len(gram))
+        weights = np.linalg.solve(gram, flat.T @ (rest[fitted] * 1.0).reshape(-1))
+        guess = seen[~fitted] @ weights
+        after[~fitted] = ((wrench[~fitted] - guess) ** 2).sum(axis=1)
+    noise = np.minimum(1.0, (data.noise / plain.scale**2)).sum(axis=1)
+    _, at = np.unique(data.block, return_inverse=True)
+    sums = np.stack([np.bincount(at, values) for values in (before, before - after, noise)])
+
+    def share(total: Array) -> Array:
+        return np.asarray(total[1] / np.maximum(total[0] - total[2], 0.1 * total[0]))
+
+    every = sums.sum(axis=1)
+    others = share(every[:, None] - sums)
+    count = len(others)
+    spread = np.sqrt((count - 1) / count * ((others - others.mean()) ** 2).sum())
+    value = float(share(every))
+    return min(1.0, value), value - 1.96 * float(spread), min(1.0, value + 1.96 * float(spread))
+
+
+def words(opinion: Opinion) -> str:
+    """The opinion in a sentence."""
+    if not opinion.says:
+        return "A regression of accelerations, independent of the likelihood, finds nothing missing."
+    return (
+        "A regression of accelerations, independent of the likelihood, says that something is missing "
+        "that depends on %s: it explains %.0f%% (%.0f to %.0f%%) of the unexplained acceleration."
+        % (
+            " and ".join([", ".join(opinion.says[:-1])] * (len(opinion.says) > 1) + [opinion.says[-1]]),
+            100 * opinion.share,
+            100 * max(0.0, opinion.interval[0]),
+            100 * opinion.interval[1],
+        )
+    )
