@@ -41,7 +41,8 @@ LATE = 1e-3  # delay of the commands that may be wrong [s]
 CHANGE = 1e-3  # relative change of parameters for derivatives
 GRID = 0.005  # between samples of the commands [s]
 SPEEDS = np.array([0.5, 0.3, 4.0])  # typical velocities [m/s], [rad/s]
-PUSHES = (0.5, 2.0, 1e3)  # time constants of what was missing before [s]
+OWN_BEFORE = False
+PUSHES = (0.5, 6.0)  # time constants of what was missing before [s]
 TIME = 4.0  # typical half of a run [s]
 PERIODS = (0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)  # of what repeats in time [s]
 MIN_NEW = 0.02  # least part of a function that the nuisances do not explain
@@ -163,8 +164,8 @@ def _windows(
     masses = [model.value("m"), model.value("m"), model.value("I_z")]
     inertia = np.array(masses) / failure.full_scale(model)
 
-    def by_model(changed: _core.Model, late: float = 0.0) -> Array:
-        accelerations = _accelerations(run, changed, late)
+    def by_model(given: _core.Model) -> Array:
+        accelerations = _accelerations(run, given)
         mean = np.einsum("nt,ntc->nc", span.between, accelerations[span.rows[:, :-1]])
         return _in_body(mean, heading) * inertia
 
@@ -172,16 +173,19 @@ def _windows(
         relative = poses[span.rows] - poses[span.centre][:, None]
         return _in_body(np.einsum("nt,ntc->nc", span.second, relative), heading) * inertia
 
-    own = by_model(model)
-    changes = [(by_model(model, LATE) - own) / LATE]
-    changes += [(by_model(changed) - own) / step for changed, step in _changed(model)]
-    wrench = measured() - own
+    def changes() -> Iterator[Array]:
+        predicted = _predicted(run, span, model)[0]
+        for changed, late, step in _changed(model):
+            moved = _predicted(run, span, changed, late)[0] - predicted
+            yield _in_body(np.einsum("nt,ntc->nc", span.second, moved), heading) * inertia / step
+
+    wrench = measured() - by_model(model)
     level = np.array(run.noise) if len(run.noise) else np.zeros(3)
     at = times[span.centre]
     features = _Features(run, span, model, floor)
     return _Windows(
         wrench,
-        np.stack(changes, axis=2),
+        np.stack(list(changes()), axis=2),
         _earlier(at, wrench, heading, features.heading),
         features.parts(),
         (span.second**2).sum(axis=1)[:, None] * (level * inertia) ** 2,
@@ -190,14 +194,10 @@ def _windows(
     )
 
 
-def _accelerations(run: _core.RunData, model: _core.Model, late: float) -> Array:
+def _accelerations(run: _core.RunData, model: _core.Model) -> Array:
     """Mean acceleration (n - 1, 3) in the room, and in heading, by a model from each measured
-    state to the next sample. late: delay of the commands beside the model's [s]."""
+    state to the next sample."""
     times, nu = np.array(run.times), np.array(run.nu)
-    if late:
-        inputs = np.array(run.inputs)
-        inputs[:, 0] += late
-        run = _core.RunData(run.name, times, run.eta, nu, inputs, run.poses, run.noise, run.drives)
     steps = [_core.Window(0, i, i + 1) for i in range(len(times) - 1)]
     found = call(_core.predict, model, run, steps, nu[:-1])
     eta, nu = np.array(found["eta"]), np.array(found["nu"])  # (n - 1, 2, 3)
@@ -213,18 +213,37 @@ def _in_body(vectors: Array, heading: Array) -> Array:
     return np.column_stack([c * x + s * y, c * y - s * x, vectors[:, 2]])
 
 
-def _changed(model: _core.Model) -> Iterator[Tuple[_core.Model, float]]:
-    """Models with one free parameter changed by a step each; the thrust comes last."""
+def _predicted(
+    run: _core.RunData, span: _Span, model: _core.Model, late: float = 0.0
+) -> Tuple[Array, Array]:
+    """Poses and velocities (n, samples, 3) in the windows, by a model from before each window. late:
+    delay of the commands beside the model's [s]."""
+    if late:
+        inputs = np.array(run.inputs)
+        inputs[:, 0] += late
+        eta, nu = np.array(run.eta), np.array(run.nu)
+        run = _core.RunData(run.name, run.times, eta, nu, inputs, run.poses, run.noise, run.drives)
+    count = int(span.rows[0, -1] - span.start[0])
+    pieces = [_core.Window(0, int(i), int(i) + count) for i in span.start]
+    found = call(_core.predict, model, run, pieces, np.array(run.nu)[span.start])
+    inside = slice(-span.rows.shape[1], None)
+    return np.array(found["eta"])[:, inside], np.array(found["nu"])[:, inside]
+
+
+def _changed(model: _core.Model) -> Iterator[Tuple[_core.Model, float, float]]:
+    """Models with one free parameter, or the delay of the commands, changed by a step each: model,
+    delay, step; the thrust comes last."""
+    yield model, LATE, LATE
     described = {p["name"]: p for p in model.parameters()}
     for name in sorted(study.free_parameters(model), key=lambda name: name == "k"):
         value = model.value(name)
         if not np.isfinite(value):
             continue
-        step = CHANGE * (abs(value) or described[name]["scale"])
+        step = CHANGE * (abs(value) or described[name]["scale"] or 1e-3)
         step = step if value + step <= described[name]["upper"] else -step
         changed = model.copy()
         changed.set_value(name, value + step)
-        yield changed, step
+        yield changed, 0.0, step
 
 
 def _earlier(times: Array, wrench: Array, heading: Array, predicted: Array) -> Array:
@@ -235,7 +254,7 @@ def _earlier(times: Array, wrench: Array, heading: Array, predicted: Array) -> A
     columns = []
     for past in (None, *PUSHES):
         for values, turns in ((wrench, False), (in_room, True)):
-            kept = values if past is None else _means(times, values, past)
+            kept = values if past is None else _sums(times, values, past)
             kept = np.where(last[:, None] >= 0, kept[np.maximum(last, 0)], 0.0)
             columns.append(_in_body(kept, predicted) if turns else kept)
     found = np.stack(columns, axis=2)
@@ -243,13 +262,13 @@ def _earlier(times: Array, wrench: Array, heading: Array, predicted: Array) -> A
     return found
 
 
-def _means(times: Array, values: Array, past: float) -> Array:
-    """Mean of all values up to each time, with weights that fade with a time constant (n, m)."""
-    found, total, weight = np.empty_like(values), np.zeros(values.shape[1]), 0.0
+def _sums(times: Array, values: Array, past: float) -> Array:
+    """Sum of all values up to each time, with weights that fade with a time constant (n, m)."""
+    found, total = np.empty_like(values), np.zeros(values.shape[1])
+    fades = np.exp(-np.diff(times, prepend=times[0]) / past)
     for i, value in enumerate(values):
-        fade = np.exp(-(times[i] - times[i - 1]) / past) if i else 0.0
-        total, weight = fade * total + value, fade * weight + 1
-        found[i] = total / weight
+        total = fades[i] * total + value
+        found[i] = total
     return found
 
 
@@ -263,16 +282,12 @@ class _Features:
     def __init__(
         self, run: _core.RunData, span: _Span, model: _core.Model, floor: Tuple[Array, float]
     ) -> None:
-        times, nu = np.array(run.times), np.array(run.nu)
-        count = span.rows[0, -1] - span.start[0]
-        pieces = [_core.Window(0, int(i), int(i + count)) for i in span.start]
-        found = call(_core.predict, model, run, pieces, nu[span.start])
-        inside = slice(-span.rows.shape[1], None, 2)
-        eta, nus = (np.array(found[name])[:, inside] for name in ("eta", "nu"))
+        times = np.array(run.times)
+        eta, nu = (values[:, ::2] for values in _predicted(run, span, model))
         self.weight = span.at[:, ::2] / span.at[:, ::2].sum(axis=1, keepdims=True)
         self.heading = eta[:, eta.shape[1] // 2, 2]
         self.c, self.s = np.cos(eta[..., 2]), np.sin(eta[..., 2])
-        self.u, self.v, self.r = np.moveaxis(nus / SPEEDS, 2, 0)
+        self.u, self.v, self.r = np.moveaxis(nu / SPEEDS, 2, 0)
         self.x, self.y = np.moveaxis(eta[..., :2] - floor[0], 2, 0)
         self.size = floor[1]
         self.t = times[span.rows[:, ::2]] - times[0]
@@ -374,7 +389,6 @@ class _Features:
         yield self._body("command", [a * b for a, b in itertools.combinations(inputs, 2)])
         yield self._body("command", [*inputs**2])
         yield self._body("command", [*inputs**3])
-        yield self._body("command", [lift])
         none = np.zeros_like(lift)
         yield self._wrenches("velocity command", [(lift * self.u, lift * self.v, none)])
         yield self._wrenches("command", [(lift * self.ahead, none, lift * self.moment)])
@@ -387,7 +401,6 @@ class _Features:
             yield self._body("past", [*later * self.commands[:-1]], "XN")
             yield self._body("past", [*later, *abs(later)], "Y")
         for moved, speed, swing in self.history:
-            yield self._body("past", [moved[:, i : i + 1] + none for i in (0, 1, 2)])
             by_speed = [(self.ahead, none, self.moment), (self.u, self.v, none), (none, none, self.r)]
             yield self._wrenches("past", [[speed[:, None] * w for w in b] for b in by_speed])
             swings = [swing[:, i : i + 1] + none for i in range(4)]
@@ -449,13 +462,16 @@ def _together(found: Sequence[_Windows]) -> _Windows:
     own = np.concatenate([f.own for f in found])
     thrust = own[:, :, -1:] * (number[:, None] == np.unique(number)[1:])[:, None, :]
     constant = np.ones_like(own[:, :, :1])
+    before = np.concatenate([f.before for f in found])
+    if OWN_BEFORE:
+        before = np.concatenate([before * (number == i)[:, None, None] for i in np.unique(number)], axis=2)
     fold = number
     if len(found) == 1:  # quarters of its time
         fold = np.arange(len(number)) * 4 // len(number)
     return _Windows(
         np.concatenate([f.wrench for f in found]),
         np.concatenate([own, thrust, constant], axis=2),
-        np.concatenate([f.before for f in found]),
+        before,
         [
             _Part(parts[0].arguments, np.concatenate([p.columns for p in parts]))
             for parts in zip(*(f.parts for f in found))
