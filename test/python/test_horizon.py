@@ -1,0 +1,99 @@
+"""Predicted poses at the horizon that suits a craft."""
+import functools
+
+import numpy as np
+import pytest
+from conftest import MODEL
+
+from ground import _core
+from ground.analysis import horizon
+from ground.errors import GroundError
+from ground.recordings import repair
+
+FREE_FLYER = """
+schema: ground/model/1
+body:
+  m: 16
+  I_z: 0.18
+  X_u: 0.01
+  Y_v: 0.01
+  N_r: 0.0005
+  k: 0.4
+  thrusters:
+    - {name: ahead, position: [0, 0], direction: 0, range: [-1, 1]}
+    - {name: aside, position: [0, 0], direction: 90, range: [-1, 1]}
+    - {name: left, position: [0, -0.11], direction: 0, range: [-0.25, 0.25]}
+    - {name: right, position: [0, 0.11], direction: 0, range: [-0.25, 0.25]}
+"""
+
+
+def hovercraft():
+    return _core.load_model(str(MODEL))
+
+
+def free_flyer():
+    return _core.parse_model(FREE_FLYER, "free_flyer")
+
+
+@functools.lru_cache(maxsize=None)
+def run_of(craft=hovercraft, duration=8.0, force=0.0, noise=(3e-4, 3e-4, 5e-3), rate=100, seed=1):
+    """A run in which all thrusters act at random and a constant force pushes ahead."""
+    model, random = craft(), np.random.default_rng(seed)
+    ranges = [(0.0, 1.0)] * 2 if model.is_pair else [t["range"] for t in model.thrusters]
+    count = int(duration * 4)
+    levels = np.column_stack([random.uniform(*ends, size=count) for ends in ranges])
+    inputs = np.column_stack([np.arange(count) / 4, levels, np.ones(count)])
+    times = np.arange(int(duration * rate)) / rate
+    wrench = np.tile([force, 0.0, 0.0], (len(times), 1))
+    eta = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3), [0.0], wrench)["eta"]
+    poses = eta + random.normal(size=eta.shape) * noise
+    found = repair.smooth(times, poses, (noise[0], noise[2]))
+    return _core.RunData("run", times, found["eta"], found["nu"], inputs, poses, np.array(noise))
+
+
+def test_the_horizon_suits_the_craft():
+    assert horizon.horizon([run_of()], hovercraft()) == 1.0
+    assert horizon.horizon([run_of(free_flyer, duration=60.0)], free_flyer()) == 10.0
+
+
+def test_the_horizon_suits_the_runs():
+    short = horizon.horizon([run_of(free_flyer, duration=8.0)], free_flyer())
+    assert 1.0 <= short < 10.0 and len(horizon.starts([run_of(free_flyer, duration=8.0)], short)) >= 4
+    assert horizon.horizon([run_of(duration=60.0, rate=11, noise=(1e-3, 1e-3, 1e-2))], hovercraft()) >= 0.9
+
+
+def test_predictions_of_the_true_model_are_as_good_as_the_poses():
+    for craft, noise in ((hovercraft, (3e-4, 3e-4, 5e-3)), (free_flyer, (2e-5, 2e-5, 1e-4))):
+        run = run_of(craft, 40.0, noise=noise)
+        seconds = horizon.horizon([run], craft())
+        errors = horizon.pose_errors([run], craft(), horizon.starts([run], seconds), seconds)
+        rms = np.sqrt((errors**2).mean(axis=0))
+        assert np.all(rms < 6 * horizon.pose_noise([run])), (craft, rms)
+
+
+def test_a_known_wrench_is_part_of_a_prediction():
+    run, force = run_of(force=0.01), 0.01
+    seconds = horizon.horizon([run], hovercraft())
+    starts = horizon.starts([run], seconds)
+    wrench = [np.tile([force, 0.0, 0.0], (len(run.times), 1))]
+    without = horizon.pose_errors([run], hovercraft(), starts, seconds)[:, 0]
+    known = horizon.pose_errors([run], hovercraft(), starts, seconds, wrench)[:, 0]
+    pushed = 1e3 * force / hovercraft().value("m") * seconds**2 / 2
+    assert np.median(known) < 3 and 0.5 * pushed < np.median(without) < 2 * pushed
+
+
+def test_the_change_between_models_is_that_of_their_predictions():
+    run, seconds = run_of(), 1.0
+    starts = horizon.starts([run], seconds)
+    pushed = hovercraft()
+    pushed.add_effect("body_force_bias")
+    pushed.set_value("body_force_bias.x0", 0.01)
+    same = horizon.pose_changes([run], starts, seconds, (pushed, pushed))
+    other = horizon.pose_changes([run], starts, seconds, (hovercraft(), pushed))
+    assert same.shape == other.shape == (len(starts), 2) and same.max() == 0
+    assert np.median(other[:, 0]) > 30 > 5 > np.median(other[:, 1])
+
+
+def test_runs_that_are_too_short_are_refused():
+    with pytest.raises(GroundError, match="long enough"):
+        horizon.starts([run_of()], 20.0)
