@@ -88,10 +88,10 @@ def test_the_change_between_models_is_that_of_their_predictions():
     pushed = hovercraft()
     pushed.add_effect("body_force_bias")
     pushed.set_value("body_force_bias.x0", 0.01)
-    same = horizon.pose_changes([run], starts, seconds, (pushed, pushed))
-    other = horizon.pose_changes([run], starts, seconds, (hovercraft(), pushed))
-    assert same.shape == other.shape == (len(starts), 2) and same.max() == 0
-    assert np.median(other[:, 0]) > 30 > 5 > np.median(other[:, 1])
+    same = horizon.change([run], starts, seconds, (pushed, pushed))
+    other = horizon.change([run], starts, seconds, (hovercraft(), pushed))
+    assert same.position_mm == same.heading_deg == same.relative == 0
+    assert other.position_mm > 30 > 5 > other.heading_deg and other.relative > 50
 
 
 def test_runs_that_are_too_short_are_refused():

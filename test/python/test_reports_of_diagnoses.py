@@ -14,6 +14,7 @@ from ground.analysis import (
     candidates,
     diagnosis,
     diagnosis_report,
+    horizon,
     memory,
     stages,
     study,
@@ -268,18 +269,6 @@ def test_a_diagnosis_uses_as_many_threads_as_it_may(monkeypatch, cores, threads,
     assert other.each is other.each_of_many is each and other.inside is map  # workers have no threads
 
 
-def test_the_influence_of_an_effect_is_relative_to_the_noise(monkeypatch):
-    made = diagnosis.Diagnosis.__new__(diagnosis.Diagnosis)
-    made.runs, made.cut = "runs", "cut"
-    monkeypatch.setattr(
-        diagnosis.study, "change",
-        lambda runs, cut, a, b: np.array([0.1, 0.2, 0.3]) if (a, b) == ("without", "with") else None,
-    )  # fmt: skip
-    monkeypatch.setattr(diagnosis.study, "noise_floor", lambda runs, craft: np.array([1.0, 0.5, 0.5]))
-    fits = [types.SimpleNamespace(model=name) for name in ("with", "without")]
-    assert made._influence(*fits) == pytest.approx(0.3)
-
-
 # --- the report
 
 
@@ -294,15 +283,11 @@ def trial(name, **more):
     return trials.replace(found, **more)
 
 
-def test_the_slight_effect_is_reported_with_its_influence():
-    big, small = frozenset("ab"), frozenset("a")
-    errors = {big: judged(1, 1.9), small: judged(1, 2.0)}
-    found = types.SimpleNamespace(
-        slight=trial("yaw_bias", influence=0.2), slight_sets=(big, small), judge=errors.get
-    )
+def test_the_slight_effect_is_reported_with_its_size():
+    found = types.SimpleNamespace(slight=trial("yaw_bias", change=horizon.Change(1.0, 0.4, 0.1, 1.2)))
     report = diagnosis_report._slight(found)
-    assert report["effect"] == "yaw_bias" and report["influence"] == 0.2
-    assert report["lowers_error_by"] == pytest.approx(0.05) and set(report["parameters"]) == {"p"}
+    assert report["effect"] == "yaw_bias" and set(report["parameters"]) == {"p"}
+    assert report["change"] == {"seconds": 1.0, "position_mm": 0.4, "heading_deg": 0.1, "relative": 1.2}
     assert report["p_value"] == found.slight.chance
     assert diagnosis_report._slight(types.SimpleNamespace(slight=None)) is None
     dropped = [trials.Dropped(trial("yaw_bias"), "why not")]

@@ -13,6 +13,7 @@ from ground.analysis import (
     conclusion,
     diagnosis,
     diagnosis_report,
+    horizon,
     refits,
     search,
     stages,
@@ -406,7 +407,7 @@ def test_angles_are_searched_from_all_sides():
 # --- what a diagnosis keeps
 
 
-def found_of(gains, errors, influence=1.0, likelihoods=None, samples=100):
+def found_of(gains, errors, size=100.0, likelihoods=None):
     """A Diagnosis of made-up fits; errors: on held-out data by set; likelihoods: of blocks by set."""
     from concurrent.futures import ThreadPoolExecutor
 
@@ -427,12 +428,12 @@ def found_of(gains, errors, influence=1.0, likelihoods=None, samples=100):
     for names, fit in fits.items():
         fit.parameters = [dict(name=n + ".p", identified=True) for n in names]
     made.candidates = [candidates.of_library(n) for n in gains]
-    made.samples, made.work = samples, Work()
+    made.samples, made.work = 100, Work()
     made.plan = stages.Plan(made.work)
     made.chosen, made.steps, made.dropped, made.judged = [], [], [], {}
     made.slight, made.slight_sets = None, ()
     made.waiting = ThreadPoolExecutor(1)
-    made._influence = lambda a, b: influence
+    made._change = lambda a, b: horizon.Change(1.0, size, 0.0, size)
     blocks = likelihoods or (lambda names: ratios.ratio(names) / 10 * np.linspace(0.9, 1.1, 10))
     for names in sets:
         made.judged[names] = types.SimpleNamespace(
@@ -471,15 +472,14 @@ def test_effects_that_held_out_data_refute_are_dropped_with_the_reason():
     assert scattered._without_refuted(both) == frozenset()  # three are less than their standard error
 
 
-def test_an_effect_matters_by_its_influence_or_by_its_power():
+def test_an_effect_matters_by_its_change_of_predicted_poses():
     gains, errors = {"yaw_bias": 20.0}, lambda names: 3.0 - len(names)
     one = frozenset(gains)
-    cases = [(0.3, 1000, True), (0.29, 1000, False), (0.29, 250, True), (0.29, 251, False)]
-    for influence, samples, kept in cases:
-        made = found_of(gains, errors, influence, samples=samples)
-        assert (made._without_refuted(one) == one) == kept, (influence, samples)
+    for size, kept in ((20.0, True), (1.0, False)):
+        made = found_of(gains, errors, size)
+        assert (made._without_refuted(one) == one) == kept
         if not kept:
-            assert made.slight.name == "yaw_bias" and made.slight.influence == influence
+            assert made.slight.name == "yaw_bias" and made.slight.change.relative == size
             assert made.slight_sets == (one, frozenset()) and made.dropped == []
 
 

@@ -205,18 +205,6 @@ def test_errors_are_means_over_samples():
     assert np.allclose(study.window_errors([run], cut, wrong, truth=[wide]), found / 2)
 
 
-def test_the_change_between_two_models_is_symmetric_and_grows():
-    run, craft = run_data(6.0), model()
-    cut = windows.cut([run])
-    others = []
-    for factor in (1.0, 1.05, 1.2):
-        other = craft.copy()
-        other.set_value("k", factor * craft.value("k"))
-        others.append(study.change([run], cut, craft, other))
-        assert np.allclose(others[-1], study.change([run], cut, other, craft), rtol=1e-6)
-    assert np.allclose(others[0], 0) and (others[2] > others[1]).all() and (others[1] > 0).all()
-
-
 def test_a_trimmed_model_has_the_constants_of_the_run():
     craft = model()
     constant = np.array([0.002, -0.003, 1e-4, 0.1])

@@ -9,12 +9,14 @@ enough to matter. The last step measures what the grown model leaves (ground.ana
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Dict, FrozenSet, List, Optional, Sequence, Tuple
 
 from ground import _core
 from ground.analysis import (
     ceiling,
     held_out,
+    horizon,
     look_alikes,
     memory,
     stages,
@@ -34,12 +36,10 @@ from ground.annotations import Each
 from ground.core_types import Estimate
 from ground.progress import Work
 
-# An effect matters if it reaches one of these sizes; more data make it more certain, not larger.
-# Change of the motion, relative to the error that pose noise alone leaves.
-MIN_INFLUENCE = 0.3
-# Share of the pose noise's power that the effect accounts for: 0.06 for a delay of 1 ms in a PRBS,
-# 0.14 for a force of 1% of full thrust.
-MIN_NOISE_POWER = 0.08
+# An effect matters if it moves the predicted pose at the horizon by this multiple of the noise of a
+# pose: one that the eye sees in the poses without statistics (Rose's criterion). More data make an
+# effect more certain, not larger. For a palm-sized hovercraft a delay of 1.4 ms reaches it.
+MIN_CHANGE = 5.0
 MIN_SHARE_RAISED = 0.75  # share of the held-out parts that memory has to make likelier
 WAITING_THREADS = 4  # threads that submit work to the pool and wait for it
 MAX_REPEATS = 3  # repetitions of the search because other differences between runs were found
@@ -138,6 +138,16 @@ class Diagnosis:
         self.judged: Dict[FrozenSet[str], held_out.Judged] = {}  # by set of effects
         self.search.nominal(near)
         self.nominal = self.judge(frozenset())
+
+    @cached_property
+    def prediction_time(self) -> float:
+        """Time over which poses are predicted with any of the models [s]."""
+        return horizon.horizon(self.runs, self.given)
+
+    @cached_property
+    def starts(self) -> List[_core.Window]:
+        """Where these predictions start (horizon.starts)."""
+        return horizon.starts(self.runs, self.prediction_time)
 
     @property
     def names(self) -> FrozenSet[str]:
@@ -259,29 +269,25 @@ class Diagnosis:
         return None
 
     def _matters(self, found: FrozenSet[str], rest: FrozenSet[str]) -> bool:
-        """Whether an effect changes the motion by more than the noise of the poses hides. On long
-        runs the likelihood detects a millisecond of network latency as a delay."""
+        """Whether an effect changes predicted poses by more than their noise hides. On long runs the
+        likelihood detects a millisecond of network latency as a delay."""
         return self._larger(self.search.fits[found], self.search.fits[rest])
 
     def _larger(self, with_it: Fit, without: Fit) -> bool:
-        """Whether a Fit changes the motion by more than the noise of the poses hides."""
-        ratio = 2 * (with_it.log_posterior - without.log_posterior)
-        return (
-            ratio >= MIN_NOISE_POWER * self.samples
-            or self._influence(with_it, without) >= MIN_INFLUENCE
-        )
+        """Whether a Fit changes predicted poses by more than their noise hides."""
+        return self._change(with_it, without).relative >= MIN_CHANGE
 
-    def _influence(self, with_it: Fit, without: Fit) -> float:
-        a, b = without.model, with_it.model
-        change = study.change(self.runs, self.cut, a, b).sum()
-        return float(change / study.noise_floor(self.runs, b).sum())
+    def _change(self, with_it: Fit, without: Fit) -> horizon.Change:
+        """By how much a Fit changes predicted poses."""
+        models = (without.model, with_it.model)
+        return horizon.change(self.runs, self.starts, self.prediction_time, models)
 
     def _drop(self, found: FrozenSet[str], name: str, why: str) -> None:
         self.search.without(found, name)
         trial = self.trial_in(found, name)
         if why == "slight":
-            influence = self._influence(self.search.fits[found], self.search.fits[found - {name}])
-            self.slight = replace(trial, influence=influence)
+            fits = self.search.fits
+            self.slight = replace(trial, change=self._change(fits[found], fits[found - {name}]))
             self.slight_sets = found, found - {name}
         else:
             # An effect may be refused several times, in different sets: the last reason counts.

@@ -229,14 +229,12 @@ def _dropped(diagnosis: Diagnosis) -> List[Document]:
 def _slight(diagnosis: Diagnosis) -> Optional[Document]:
     """The effect that is detected but too small to matter; None without one."""
     trial = diagnosis.slight
-    if trial is None:
+    if trial is None or trial.change is None:
         return None
-    with_it, without = (diagnosis.judge(names) for names in diagnosis.slight_sets)
     return {
         "effect": trial.name,
         "p_value": trial.chance,
-        "influence": trial.influence,
-        "lowers_error_by": float(1 - with_it.heldout.sum() / without.heldout.sum()),
+        "change": dataclasses.asdict(trial.change),
         "parameters": _parameters(trial.parameters, trial.name + "."),
     }
 

@@ -1,6 +1,7 @@
 """Predicted poses at the horizon that suits a craft: the size of an error, or of an effect, as a
 person sees it."""
 
+from dataclasses import dataclass
 from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -113,15 +114,27 @@ def pose_errors(
     return _apart(predicted_poses(runs, model, chosen, seconds, wrench), measured)
 
 
-def pose_changes(
+@dataclass(frozen=True)
+class Change:
+    """Distance between the poses that two models predict at a horizon, rms over starts."""
+
+    seconds: float  # the horizon
+    position_mm: float
+    heading_deg: float
+    relative: float  # to the noise of a pose: of position or heading, the larger one
+
+
+def change(
     runs: Sequence[_core.RunData],
     chosen: Sequence[_core.Window],
     seconds: float,
     models: Tuple[_core.Model, _core.Model],
-) -> Array:
-    """Distances of position [mm] and heading [deg] between the predicted_poses of two models, (n, 2)."""
+) -> Change:
+    """The Change between the predicted_poses of two models."""
     a, b = (predicted_poses(runs, model, chosen, seconds) for model in models)
-    return _apart(a, b)
+    position, heading = np.sqrt((_apart(a, b) ** 2).mean(axis=0)).tolist()
+    relative = np.array([position, heading]) / pose_noise(runs)
+    return Change(seconds, position, heading, float(relative.max()))
 
 
 def pose_noise(runs: Sequence[_core.RunData]) -> Array:

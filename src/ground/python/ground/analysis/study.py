@@ -250,23 +250,6 @@ def trimmed(model: _core.Model, constant: Array) -> _core.Model:
     return changed
 
 
-def change(
-    runs: Sequence[_core.RunData],
-    chosen: Sequence[_core.Window],
-    model: _core.Model,
-    other: _core.Model,
-) -> Array:
-    """Mean |difference|/s of u, v, r (3,) between two models' predictions over windows of runs, each
-    from its best initial velocities: the error of one if the other is true."""
-    problem = windows.problem(runs, chosen)
-    try:
-        motions = [problem.simulate(m)["nu"] for m in (model, other)]
-    except RuntimeError as error:
-        raise GroundError(str(error))
-    sizes = [np.abs(a - b) / problem.sigma(w.run) for w, a, b in zip(chosen, *motions)]
-    return np.asarray(np.concatenate(sizes).mean(axis=0))
-
-
 def noise_floor(runs: Sequence[_core.RunData], model: _core.Model, seed: int = 1) -> Array:
     """Mean |e|/s of u, v, r (3,) that pose noise alone would leave if the model were true.
 

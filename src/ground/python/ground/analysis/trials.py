@@ -8,6 +8,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import candidates
 from ground.analysis.distributions import chi_squared_above, heads
+from ground.analysis.horizon import Change
 from ground.core_types import Estimate
 
 
@@ -26,9 +27,7 @@ class Trial:
     refitted: bool
     equal: bool = False  # whether the data cannot distinguish it from the best one
     inclusion: float = 0.0  # weight among the refitted ones, by likelihood
-    influence: Optional[float] = (
-        None  # its change of the motion, relative to the error that pose noise leaves
-    )
+    change: Optional[Change] = None  # of predicted poses
 
 
 @dataclass(frozen=True)

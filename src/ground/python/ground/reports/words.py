@@ -423,14 +423,16 @@ def slight(report: Document) -> Iterator[str]:
     found = report["slight"]
     if found:
         yield (
-            "%s is visible (%s; p %.1g) and too small to matter: it changes the predicted motion by "
-            "%.0f%% of what the noise of the poses leaves, and lowers the error on held-out runs by %.1f%%."
+            "%s is visible (%s; p %.1g) and too small to matter: after %.2g s it moves the predicted pose by "
+            "%.2g mm and %.2g deg, %.1f times the noise of a pose."
             % (
                 _capital(effect(report, found["effect"])),
                 "; ".join(parameters(found["parameters"])),
                 found["p_value"],
-                100 * found["influence"],
-                100 * max(0.0, found["lowers_error_by"]),
+                found["change"]["seconds"],
+                found["change"]["position_mm"],
+                found["change"]["heading_deg"],
+                found["change"]["relative"],
             )
         )
 
