@@ -585,6 +585,7 @@ def test_a_model_explains_errors_up_to_a_seventh_above_the_noise(monkeypatch, er
     monkeypatch.setattr(conclusion, "_varies", lambda found: [])
     monkeypatch.setattr(conclusion, "_steps", lambda found, heldout: [])
     monkeypatch.setattr(conclusion.baseline, "refits", lambda found, heldout: ())
+    monkeypatch.setattr(conclusion.judgement, "judgements", lambda found, heldout: {})
     said = []
     monkeypatch.setattr(conclusion, "_verdict", lambda *of: said.append(of[1:]) or "said")
     found = types.SimpleNamespace(

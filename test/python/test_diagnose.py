@@ -333,6 +333,21 @@ def test_runs_that_are_held_out_judge_and_do_not_choose(tmp_path, lagging, unpla
     assert "contradict" not in said_of.verdict(found["alone"])
 
 
+def test_one_of_two_held_out_runs_does_not_contradict(tmp_path, lagging, unplanned):
+    """One run has the lag, the other one has not: neither do they confirm it."""
+    held = bags_of(tmp_path, lagging[0].parent / "truth.yaml", seeds=(90,))
+    held += bags_of(tmp_path, MODEL, seeds=(91,))
+    options = ["--model", MODEL, "--only", "motor_lag", "input_delay", "--holdout", *held]
+    result = identify("diagnose", *lagging, *options, "-o", tmp_path / "out")
+    assert result.returncode == 0, result.stderr
+    report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    judged = report["steps"][0]["judged"]
+    assert report["improved"]["effects"] == ["motor_lag"]
+    assert judged["holdout"]["verdict"] == "undecided" and judged["fitted"]["verdict"] == "better"
+    assert judged["together"] is not None
+    assert "contradict:" not in result.stdout and "cannot confirm" in result.stdout
+
+
 @pytest.mark.parametrize(
     "options, words",
     [

@@ -231,8 +231,8 @@ def test_an_effect_that_acts_gains_on_held_out_runs():
     assert with_it.model.value("motor_lag.tau") == pytest.approx(value, rel=0.2)
     folds = held_out.Folds(runs, like, model(), windows.cut(runs))
     better, worse = folds.judge(with_it), folds.judge(fit)
-    gain, error = held_out.gain(better, worse)
-    assert gain > 3 * error > 0 and held_out.share_raised(better, worse) == 1.0
+    found = held_out.compared(better.tested, worse.tested)
+    assert found.gain > 3 * found.gain_error > 0 and held_out.share_raised(better, worse) == 1.0
     assert better.heldout.sum() < worse.heldout.sum()
 
 

@@ -13,6 +13,7 @@ from ground.analysis import (
     conclusion,
     diagnosis,
     diagnosis_report,
+    held_out,
     horizon,
     refits,
     search,
@@ -436,9 +437,12 @@ def found_of(gains, errors, size=100.0, likelihoods=None):
     made._change = lambda a, b: horizon.Change(1.0, size, 0.0, size)
     blocks = likelihoods or (lambda names: ratios.ratio(names) / 10 * np.linspace(0.9, 1.1, 10))
     for names in sets:
+        likelihood = (np.array(blocks(names), float),)
+        by_window = errors(names) * np.linspace(0.9, 1.1, 10)
         made.judged[names] = types.SimpleNamespace(
-            likelihood=(np.array(blocks(names), float),), heldout=np.array([errors(names), 0.0, 0.0])
-        )
+            likelihood=likelihood, heldout=np.array([errors(names), 0.0, 0.0]),
+            tested=held_out.Tested(by_window, np.zeros(10, int), likelihood),
+        )  # fmt: skip
     return made
 
 
@@ -457,19 +461,25 @@ def test_effects_that_held_out_data_refute_are_dropped_with_the_reason():
     worse = found_of(gains, lambda names: 3.0 - ("yaw_bias" in names) + 0.1 * ("quadratic_drag" in names))
     assert worse._without_refuted(both) == {"yaw_bias"}
     (dropped,) = worse.dropped
-    assert dropped.trial.name == "quadratic_drag"
-    assert dropped.why == "it raises the error on runs that it was not fitted to"
+    assert dropped.trial.name == "quadratic_drag" and "worse" in dropped.why
+    weak = {"yaw_bias": 20.0, "quadratic_drag": 30.0}
     same = found_of(
-        gains, lambda names: 3.0 - len(names),
+        weak, lambda names: 3.0 - len(names),
         likelihoods=lambda names: 5.0 * ("yaw_bias" in names) * np.linspace(0.9, 1.1, 10),
     )  # fmt: skip
-    assert same._without_refuted(both) == {"yaw_bias"}
-    assert same.dropped[0].why == "it does not make runs that it was not fitted to likelier"
-    scattered = found_of(
-        gains, lambda names: 3.0 - len(names),
-        likelihoods=lambda names: len(names) * np.array([9.0, -8.0, 7.0, -6.0, 1.0]),
+    assert same._without_refuted(both) == {"yaw_bias"} and "likelier" in same.dropped[0].why
+
+
+@pytest.mark.parametrize("ratio, kept", [(20.0, False), (200.0, True)])
+def test_an_effect_that_is_certain_need_not_be_confirmed_by_held_out_data(ratio, kept):
+    one = frozenset(["yaw_bias"])
+    made = found_of(
+        {"yaw_bias": ratio}, lambda names: 3.0 + 0.001 * len(names),
+        likelihoods=lambda names: len(names) * np.array([9.0, -8.0, 7.0, -6.0, 1.0, -2.0]),
     )  # fmt: skip
-    assert scattered._without_refuted(both) == frozenset()  # three are less than their standard error
+    made.judged[one].tested.by_window[:] += 0.3 * np.cos(np.arange(10))  # the sign of the sum says nothing
+    assert (made._without_refuted(one) == one) == kept
+    assert made.confirmed(one, frozenset()).verdict == held_out.UNDECIDED
 
 
 def test_an_effect_matters_by_its_change_of_predicted_poses():

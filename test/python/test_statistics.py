@@ -130,23 +130,61 @@ def test_trials_are_ranked_by_evidence_and_weighed_by_likelihood():
 # --- held-out data
 
 
-def judged(*parts):
-    return types.SimpleNamespace(likelihood=tuple(np.array(part, float) for part in parts))
+def judged(*parts, errors=()):
+    """Made-up errors of windows and log-likelihoods of blocks, in parts that were held out."""
+    errors = errors or [np.zeros(len(part)) for part in parts]
+    part_of = np.repeat(np.arange(len(errors)), [len(part) for part in errors])
+    blocks = tuple(np.array(part, float) for part in parts)
+    return held_out.Tested(np.concatenate(errors), part_of, blocks)
 
 
 def test_the_gain_on_held_out_blocks_has_the_error_of_their_sum():
     better, worse = judged([3, 5, 4], [2, 8]), judged([1, 4, 4], [1, 3])
     rises = np.array([2, 1, 0, 1, 5])
-    gain, error = held_out.gain(better, worse)
-    assert gain == 9 and error == pytest.approx(rises.std(ddof=1) * np.sqrt(5))
-    assert held_out.gain(worse, better) == (-9, pytest.approx(error))
+    found = held_out.compared(better, worse)
+    assert found.verdict == held_out.BETTER
+    assert found.gain == 9 and found.gain_error == pytest.approx(rises.std(ddof=1) * np.sqrt(5))
+    back = held_out.compared(worse, better)
+    assert back.gain == -9 and back.gain_error == pytest.approx(found.gain_error)
     assert held_out.share_raised(better, worse) == 1.0
     assert held_out.share_raised(judged([1], [2], [3], [4]), judged([2], [1], [3], [0])) == 0.5
-    assert held_out.gain(judged([3.0]), judged([1.0])) == (2.0, np.inf)
     diverges = judged([-np.inf], [1.0])
-    assert held_out.gain(better, diverges) == (np.inf, 0.0)
-    assert held_out.gain(diverges, better) == (-np.inf, 0.0)
-    assert held_out.gain(diverges, diverges) == (-np.inf, 0.0)
+    assert held_out.compared(better, diverges).verdict == held_out.BETTER
+    assert held_out.compared(diverges, better).verdict == held_out.WORSE
+    assert held_out.compared(diverges, diverges).verdict == held_out.WORSE
+
+
+def part_of_run(mean, count=8, seed=1, scale=1.0):
+    """Made-up differences in the blocks or windows of a run."""
+    scattered = scale * np.random.default_rng(seed).normal(size=count)
+    return mean + scattered - scattered.mean()
+
+
+@pytest.mark.parametrize(
+    "means, verdict",
+    [
+        ((3.0, 3.0), "better"),
+        ((0.05, -0.05), "undecided"),
+        ((4.0, -3.0), "undecided"),  # one of two runs got worse
+        ((-4.0, 3.0), "undecided"),
+        ((-3.0, -4.0), "worse"),
+        ((-3.0, -4.0, -2.0, -3.0), "worse"),
+        ((-3.0, 2.0, -4.0, 3.0), "undecided"),
+        ((-3.0,), "worse"),
+        ((-0.1,), "undecided"),
+    ],
+)  # fmt: skip
+def test_held_out_data_refute_what_makes_them_significantly_worse(means, verdict):
+    rises = [part_of_run(mean, seed=i) for i, mean in enumerate(means)]
+    zeros = [np.zeros(8)] * len(means)
+    likelier = held_out.compared(judged(*rises), judged(*zeros))
+    assert likelier.verdict == verdict
+    if verdict != "better":
+        errors = [0.01 * -rise for rise in rises]
+        gained = [part_of_run(0.0, seed=9, scale=1e-3)] * len(means)
+        closer = held_out.compared(judged(*gained, errors=errors), judged(*zeros))
+        assert (closer.verdict == "worse") == (verdict == "worse")
+
 
 
 def test_quarters_of_a_run_hold_all_of_it_once():

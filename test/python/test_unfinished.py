@@ -26,7 +26,7 @@ def a_judged():
     parameters = {"k": {"name": "k", "value": 0.1, "ci95": (0.05, np.inf), "identified": True}}
     blocks = (np.random.default_rng(1).normal(size=(2, 3)), np.arange(4.0))
     errors = np.arange(3.0), np.ones(3), np.array([0.1, np.nan])
-    return held_out.Judged(model, parameters, *errors, blocks)
+    return held_out.Judged(model, parameters, *errors, blocks, np.array([0, 1]))
 
 
 def a_fit():

@@ -10,6 +10,7 @@ from ground import _core
 from ground.analysis import (
     bands,
     baseline,
+    judgement,
     memory,
     naming,
     stages,
@@ -48,6 +49,7 @@ class Conclusion:
     noise_floor: float
     refits: Tuple[baseline.Refit, ...]  # the model as it is
     steps: List[float]  # error on held-out runs after each step
+    judgements: Mapping[str, judgement.Judgement]  # by effect
     heldout_floor: float  # noise floor of the runs on which steps are measured
     varies: List[Document]  # what differs between runs
     memory: Optional[memory.Memory]
@@ -118,6 +120,7 @@ def _conclude(
         floor,
         baseline.refits(found, heldout),
         _steps(found, heldout),
+        judgement.judgements(found, heldout),
         reached,
         varies,
         found.memory,

@@ -40,6 +40,9 @@ from ground.progress import Work
 # pose: one that the eye sees in the poses without statistics (Rose's criterion). More data make an
 # effect more certain, not larger. For a palm-sized hovercraft a delay of 1.4 ms reaches it.
 MIN_CHANGE = 5.0
+# Multiple of the significant log-likelihood ratio from which an effect is certain even if a quarter of the
+# poses only were independent.
+CERTAIN = 4.0
 MIN_SHARE_RAISED = 0.75  # share of the held-out parts that memory has to make likelier
 WAITING_THREADS = 4  # threads that submit work to the pool and wait for it
 MAX_REPEATS = 3  # repetitions of the search because other differences between runs were found
@@ -259,14 +262,19 @@ class Diagnosis:
         return why if why or self._matters(found, rest) else "slight"
 
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Optional[str]:
-        """Reason why held-out data prefer a smaller set to a set; None if they do not."""
-        with_it, without = self.judge(found), self.judge(rest)
-        gain, error = held_out.gain(with_it, without)
-        if not gain > error:
-            return "it does not make runs that it was not fitted to likelier"
-        if with_it.heldout.sum() > without.heldout.sum():
-            return "it raises the error on runs that it was not fitted to"
-        return None
+        """Reason why held-out data speak against a set and for a smaller one; None if they do not.
+        Effects that are certain without them need not be confirmed by them."""
+        verdict = self.confirmed(found, rest).verdict
+        if verdict == held_out.WORSE:
+            return "it makes predictions of runs that it was not fitted to worse"
+        enough = CERTAIN * sum(self.search.threshold(name) for name in found - rest)
+        if verdict == held_out.BETTER or self.search.ratio(found, rest) >= enough:
+            return None
+        return "it does not make runs that it was not fitted to likelier"
+
+    def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> held_out.Comparison:
+        """A set compared with a smaller one on parts of the runs that neither was fitted to."""
+        return held_out.compared(self.judge(found).tested, self.judge(rest).tested)
 
     def _matters(self, found: FrozenSet[str], rest: FrozenSet[str]) -> bool:
         """Whether an effect changes predicted poses by more than their noise hides. On long runs the

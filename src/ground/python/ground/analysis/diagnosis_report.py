@@ -60,7 +60,12 @@ def begun(
         },
         "noise_floor": conclusion.heldout_floor,
         "steps": [
-            {"added": step.added, "error": _errors(step.fit, error), "group": list(step.group)}
+            {
+                "added": step.added,
+                "error": _errors(step.fit, error),
+                "group": list(step.group),
+                "judged": dataclasses.asdict(conclusion.judgements[step.added]),
+            }
             for step, error in zip(diagnosis.steps, conclusion.steps)
         ],
         "slight": _slight(diagnosis),

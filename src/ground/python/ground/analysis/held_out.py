@@ -9,13 +9,17 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import study
+from ground.analysis.distributions import mean_not_above_zero
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.unfinished import can_be_kept
-from ground.annotations import Array, Each
+from ground.annotations import Array, Each, Indices
 from ground.core_types import FittedParameter
 from ground.errors import GroundError
 
 FOLDS = 4  # largest number of folds
+BETTER, UNDECIDED, WORSE = "better", "undecided", "worse"  # verdicts of a Comparison
+MIN_PARTS = 4  # from which on a t-test over parts has power
+MAX_CHANCE = 0.05  # probability with which a Comparison may say "worse" where nothing differs
 
 
 @can_be_kept
@@ -32,6 +36,32 @@ class Judged:
     # runs are estimated from the run's poses before the window (study.calibrated_errors)
     by_window: Array  # (windows,) sum of the held-out errors of u, v, r in each window
     likelihood: Tuple[Array, ...]  # for each part: held-out log-likelihood of its blocks of time
+    part_of: Indices  # (windows,) part that each window is in
+
+    @property
+    def tested(self) -> "Tested":
+        """How well it predicts what it was not fitted to."""
+        return Tested(self.by_window, self.part_of, self.likelihood)
+
+
+@dataclass(frozen=True)
+class Tested:
+    """Errors and log-likelihood of a model on parts of data that it was not fitted to."""
+
+    by_window: Array  # (windows,) sum of the errors of u, v, r in each window
+    part_of: Indices  # (windows,) part that each window is in
+    likelihood: Tuple[Array, ...]  # for each part: log-likelihood of its blocks of time
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Paired comparison of two models on held-out data: with an effect, and without it."""
+
+    verdict: str  # BETTER, UNDECIDED or WORSE with the effect
+    gain: float  # rise of the log-likelihood
+    gain_error: float  # its standard error, by blocks of time
+    rise: float  # rise of the mean error over windows
+    rise_error: float  # its standard error
 
 
 class Folds:
@@ -85,6 +115,7 @@ class Folds:
             self._mean(heldout),
             heldout.sum(axis=1),
             tuple(self.each(functools.partial(_blocks, self.tested, refitted), range(self.count))),
+            self.fold_of,
         )
 
     def nested(self, choose: Callable[[Likelihood], Fit], each: Each = map) -> Array:
@@ -121,22 +152,71 @@ def _refitted(fitted: Sequence[Likelihood], fit: Fit, fold: int) -> Fit:
 
 
 def _blocks(tested: Sequence[Likelihood], fits: Sequence[Fit], fold: int) -> Array:
-    """Log-likelihood of a fold's blocks by a Fit to the others. Noise and disturbance are those of
-    the fold itself: what is judged is the motion, and a model that leaves less to the disturbance
-    would else be too sure of runs that differ from those it was fitted to. -inf for all blocks
-    together where the motion is not finite."""
-    likelihood, fit = tested[fold], fits[fold]
+    """Log-likelihood of a fold's blocks by a Fit to the others."""
+    return np.concatenate(_blocks_of(tested[fold], fits[fold]))
+
+
+def _blocks_of(likelihood: Likelihood, fit: Fit) -> List[Array]:
+    """Log-likelihood of the blocks of each run by a Fit to others. Noise and disturbance are those of
+    these runs themselves: what is judged is the motion, and a model that leaves less to the
+    disturbance would else be too sure of runs that differ from those it was fitted to. -inf for all
+    blocks of a run together where the motion is not finite."""
     try:
         own = likelihood.fit(fit.model, [], near=dataclasses.replace(fit, loudness=()))
-        return np.concatenate(likelihood.blocks(own, own.loudness))
+        return likelihood.blocks(own, own.loudness)
     except GroundError:
-        return np.array([-np.inf])
+        return [np.array([-np.inf])] * len(likelihood.runs)
 
 
-def gain(better: Judged, worse: Judged) -> Tuple[float, float]:
-    """Rise of the held-out log-likelihood from one Judged to another, and its standard error."""
-    sums = [np.concatenate(judged.likelihood).sum() for judged in (better, worse)]
-    if not np.isfinite(sums).all():  # the motion is not finite with one of them, or with both
+def tested(
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+    likelihood: Likelihood,
+    fit: Fit,
+) -> Tested:
+    """A Fit on windows of runs that it was not fitted to, as it is; likelihood: of these runs."""
+    try:
+        errors = study.calibrated_errors(runs, cut, likelihood, fit).sum(axis=1)
+    except GroundError:  # its motion is not finite
+        errors = np.full(len(cut), np.inf)
+    return Tested(errors, np.array([w.run for w in cut]), tuple(_blocks_of(likelihood, fit)))
+
+
+def compared(larger: Tested, smaller: Tested) -> Comparison:
+    """Comparison of a model with an effect and one without it on the same held-out data."""
+    gain, gain_error = _gain(larger, smaller)
+    if not np.isfinite(gain):  # the motion is not finite with one of them, or with both
+        return Comparison(BETTER if gain > 0 else WORSE, gain, 0.0, -gain, 0.0)
+    blocks = [b - w for b, w in zip(larger.likelihood, smaller.likelihood)]
+    off = larger.by_window - smaller.by_window
+    parts = [off[larger.part_of == part] for part in np.unique(larger.part_of)]
+    worse = _is_below_zero(blocks) or _is_below_zero([-part for part in parts])
+    verdict = WORSE if worse else BETTER if gain > gain_error else UNDECIDED
+    rise, error = float(off.mean()), np.inf
+    if len(off) > 1 and np.isfinite(rise):
+        error = off.std(ddof=1) / np.sqrt(len(off))
+    return Comparison(verdict, gain, gain_error, rise, float(error))
+
+
+def _is_below_zero(parts: Sequence[Array]) -> bool:
+    """Whether the mean of values in parts of data is significantly below zero. Neighbouring values may
+    be correlated, so that sums of many values have to show it, too: of whole parts, or of pieces of
+    few parts, which then have to agree."""
+    values = np.concatenate(parts)
+    if not np.isfinite(values).all():
+        return bool(values.sum() < 0)
+    sums = [part.sum() for part in parts]
+    if len(parts) < MIN_PARTS:
+        if max(sums) > 0:
+            return False
+        sums = [p.sum() for part in parts for p in np.array_split(part, MIN_PARTS) if len(p)]
+    return all(mean_not_above_zero(-v) < MAX_CHANCE for v in (values, np.array(sums)))
+
+
+def _gain(better: Tested, worse: Tested) -> Tuple[float, float]:
+    """Rise of the held-out log-likelihood from one model to another, and its standard error."""
+    sums = [np.concatenate(found.likelihood).sum() for found in (better, worse)]
+    if not np.isfinite(sums).all():
         return (float(sums[0] - sums[1]) if sums[0] != sums[1] else -np.inf), 0.0
     rise = np.concatenate(better.likelihood) - np.concatenate(worse.likelihood)
     return float(rise.sum()), (

@@ -212,8 +212,8 @@ def steps(report: Document) -> List[Tuple[str, float]]:
 
 
 def verdict(report: Document) -> str:
-    """The verdict of a diagnosis in one sentence, and what contradicts it in another one."""
-    return " ".join([_verdict(report), *_contradiction(report)])
+    """The verdict of a diagnosis in one sentence, and what does not confirm it in others."""
+    return " ".join([_verdict(report), *_unconfirmed(report)])
 
 
 def _verdict(report: Document) -> str:
@@ -297,21 +297,36 @@ def _without(report: Document) -> str:
     return "%s (%s refitted%s)" % (number(written), number(best), FITTED[report["nominal"]["by"]])
 
 
-def _contradiction(report: Document) -> Iterator[str]:
-    """Effects with which the runs that the user held out are predicted worse than without them."""
-    if report["runs"]["heldout"] == report["runs"]["fit"] or not report["steps"]:
-        return
-    errors = [report["nominal"]["error"]["heldout"]]
-    errors += [step["error"]["heldout"] for step in report["steps"]]
-    best = errors.index(min(errors))
-    names = [step["added"] for step in report["steps"][best:]]
-    if names:
-        yield "But the held-out runs contradict: %s %s predictions of them worse (%s without, %s with)." % (
-            effects(report, names),
-            "makes" if len(names) == 1 else "make",
-            number(errors[best]),
-            number(errors[-1]),
+def _unconfirmed(report: Document) -> Iterator[str]:
+    """Effects that held-out data contradict or cannot confirm."""
+    judged = {step["added"]: step["judged"] for step in report["steps"]}
+    by_user = {name: found["holdout"] for name, found in judged.items() if found["holdout"]}
+    for name, found in by_user.items():
+        if found["verdict"] == "better":
+            continue
+        together = judged[name]["together"]
+        is_worse = found["verdict"] == "worse"
+        yield "%s %s (%s); cross-validation of all runs together %s (%s)." % (
+            "But the held-out runs contradict" if is_worse else "The held-out runs cannot confirm",
+            effect(report, name),
+            _risen(found),
+            {"better": "confirms it", "worse": "contradicts it"}.get(together["verdict"], "cannot either"),
+            _risen(together),
         )
+    for name, found in judged.items():
+        if found["fitted"]["verdict"] != "better":
+            yield (
+                "%s is certain by its likelihood, but cross-validation of the runs fitted to cannot confirm "
+                "it (%s)." % (_capital(effect(report, name)), _risen(found["fitted"]))
+            )
+
+
+def _risen(found: Document) -> str:
+    """A comparison: "log-likelihood +12.3 +-4.1, error -0.012 +-0.004"."""
+    values = found["gain"], found["gain_error"], found["rise"], found["rise_error"]
+    return "log-likelihood %+.1f +-%.1f, error %+.3f +-%.3f" % tuple(
+        math.nan if value is None else value for value in values
+    )
 
 
 def findings(report: Document) -> Iterator[str]:
