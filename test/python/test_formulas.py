@@ -1,6 +1,5 @@
-"""Formulas for what is missing, experiments, memory, and curves of thrust, each with plain numbers."""
+"""Memory, experiments, verdicts, and curves of thrust, each with plain numbers."""
 import dataclasses
-import json
 import types
 
 import numpy as np
@@ -10,7 +9,6 @@ from test_own_stop import trial
 
 from ground import _core
 from ground.analysis import (
-    challengers,
     comparison,
     conclusion,
     memory,
@@ -18,7 +16,6 @@ from ground.analysis import (
     own_stop,
     thrust_bench,
     thrust_curve,
-    unexplained,
     unit_slips,
 )
 from ground.errors import GroundError
@@ -47,195 +44,6 @@ def run_data(truth=None, duration=12.0, seed=1, noise=1.0, lost=()):
     found = repair.smooth(times, eta, (3e-4, 5e-3))
     levels = np.array([3e-4, 3e-4, 5e-3])
     return _core.RunData("run", times, found["eta"], found["nu"], inputs, eta, levels)
-
-
-# --- the dictionary of formulas
-
-
-def test_terms_know_their_variables_and_units():
-    term = unexplained.Term("abs(u)*u", "m^2/s^2", {"X": "abs(u)*u"})
-    assert term.variables == {"u"} and term.weight_unit == "N/(m^2/s^2)"
-    moment = unexplained.Term("u_L*u", "m/s", {"N": "u_L*u"})
-    assert moment.variables == {"u_L", "u"} and moment.weight_unit == "N m/(m/s)"
-    constant = unexplained.Term("1", "-", {"X": "(1)*cos(psi)", "Y": "-(1)*sin(psi)"})
-    assert constant.variables == set() and constant.weight_unit == "N"
-    assert unexplained.Term("1", "-", {"N": "1"}).weight_unit == "N m"
-
-
-def test_every_formula_is_what_it_says():
-    run, craft = run_data(duration=4.0), model()
-    sampled = unexplained.values(run, craft)
-    u, v, r = np.array(run.nu).T
-    x, y, psi = np.array(run.eta).T
-    left, right = sampled["u_L"], sampled["u_R"]
-    expected = {
-        "1": np.ones_like(u), "abs(v)*v": np.abs(v) * v, "r^3": r**3, "u*r": u * r, "u_L": left,
-        "(u_L-u_R)*(u_L+u_R)": left**2 - right**2, "(u_L+u_R)*v": (left + right) * v,
-        "t": np.array(run.times), "x": x, "sin(2*pi*y/0.3)": np.sin(2 * np.pi * y / 0.3),
-    }  # fmt: skip
-    for formula, values in expected.items():
-        assert np.allclose(unexplained.evaluate(formula, sampled), values), formula
-    assert np.allclose(np.exp(1j * sampled["psi"]), np.exp(1j * psi))
-    assert (np.abs(sampled["psi"]) <= np.pi).all()
-    terms = unexplained.dictionary(craft)
-    for term in terms:  # all can be evaluated, and by muparser as well
-        for formula in term.parts.values():
-            assert np.isfinite(unexplained.evaluate(formula, sampled)).all(), formula
-    of_world = [t for t in terms if set(t.parts) == {"X", "Y"}]
-    assert len(of_world) == 2 * (3 + 2 * 2 * 10) and len({str(t.parts) for t in terms}) == len(terms)
-    for term in of_world[:10]:  # a force of constant direction in the world
-        force_x, force_y = (unexplained.evaluate(term.parts[c], sampled) for c in "XY")
-        c, s = np.cos(psi), np.sin(psi)
-        world = np.array([c * force_x - s * force_y, s * force_x + c * force_y])
-        assert np.isclose(world, 0, atol=1e-9).all(axis=1).any()
-
-
-def test_formulas_of_other_thrusters_have_their_names():
-    names = {t.formula for t in unexplained.dictionary(four())}
-    thrusters = [one["name"] for one in four().thrusters]
-    assert {"u_" + name for name in thrusters} | {"u_%s^2" % name for name in thrusters} <= names
-    assert not any("u_L" in name for name in names) and "abs(r)*r" in names
-
-
-def four_at_right_angles():
-    """A craft with thrusters f1 to f4 that push ahead, back and to both sides."""
-    text = MODEL.read_text()
-    places = [(-0.03, -0.03, 0), (-0.03, 0.03, 0), (0.04, -0.03, 90), (-0.04, 0.03, -90)]
-    thrusters = "".join(
-        "    - {name: f%d, position: [%g, %g], direction: %g, range: [0, 1]}\n" % (i, *place)
-        for i, place in enumerate(places, 1)
-    )
-    lines = [line for line in text.splitlines() if not line.strip().startswith(("l:", "input_max:"))]
-    at = next(i for i, line in enumerate(lines) if line.startswith("effects"))
-    text = "\n".join([*lines[:at], "  thrusters:", thrusters.rstrip("\n"), *lines[at:]])
-    return _core.parse_model(text, "four.yaml")
-
-
-@pytest.mark.parametrize("channel, formula", [("X", "u_f1*v"), ("N", "u_f3*r"), ("Y", "u_f2*u_f4")])
-def test_a_force_of_one_thruster_of_four_and_the_motion_is_proposed(channel, formula):
-    """The command of a thruster beside a velocity, or of two thrusters: none of the library's effects."""
-    entry = (
-        "name: odd\nexpression: {%s: c*%s}\nparameters: {c: {value: %g, unit: N, neutral: 0.0, "
-        "lower: -9, upper: 9}}\n"
-    )
-    craft = four_at_right_angles()
-    size = -3e-5 if channel == "N" else 0.08
-    truth = _core.with_effect(craft, entry % (channel, formula, size), "odd.yaml")
-    runs = []
-    for seed in (1, 2):
-        random = np.random.default_rng(seed)
-        times = np.arange(0, 12, 0.01)
-        drive = random.integers(0, 2, (120, 4)) * np.array([0.9, 0.8, 0.7, 0.8])
-        inputs = np.column_stack([np.arange(120) / 10, drive, np.ones(120)])
-        eta = _core.simulate(truth, inputs, times, np.zeros(3), np.zeros(3))["eta"]
-        eta = eta + random.normal(0, [3e-4, 3e-4, 5e-3], eta.shape)
-        found = repair.smooth(times, eta, (3e-4, 5e-3))
-        levels = np.array([3e-4, 3e-4, 5e-3])
-        runs.append(_core.RunData("run", times, found["eta"], found["nu"], inputs, eta, levels))
-    _, proposal = unexplained.explain(runs, craft)
-    assert proposal is not None and "(%s)" % formula in proposal["expression"][channel]
-    extended = _core.with_effect(craft, json.dumps(proposal_entry(proposal)), "proposal.yaml")
-    assert "proposed" in extended.effects
-
-
-def proposal_entry(proposal):
-    return {key: proposal[key] for key in ("name", "expression", "parameters")}
-
-
-# --- the choice of formulas
-
-
-def regression(seed=1, count=600, columns=12, weights=((2, 1.0), (7, -0.7)), noise=0.5):
-    random = np.random.default_rng(seed)
-    design = random.normal(size=(count, columns))
-    wrench = noise * random.normal(size=count)
-    for at, weight in weights:
-        wrench = wrench + weight * design[:, at]
-    return design, wrench, np.repeat(np.arange(count // 30), 30)
-
-
-def test_folds_hold_whole_stretches_once():
-    _, wrench, groups = regression()
-    folds = unexplained._folds(wrench, groups)
-    assert len(folds) == 6 and sorted(np.concatenate(folds)) == list(range(600))
-    for one in folds:
-        for other in folds:
-            assert one is other or not set(groups[one]) & set(groups[other])
-    assert len(unexplained._folds(wrench[:90], groups[:90])) == 3
-
-
-def test_shares_are_those_of_regressions_without_the_fold():
-    design, wrench, groups = regression()
-    columns = design[:, [2, 7]]
-    found = unexplained._cross_validated(columns, wrench, groups)
-    power = (wrench**2).mean()
-    for fold, share in zip(unexplained._folds(wrench, groups), found):
-        rest = np.setdiff1d(np.arange(600), fold)
-        weights = np.linalg.lstsq(columns[rest], wrench[rest], rcond=None)[0]
-        left = ((wrench[fold] - columns[fold] @ weights) ** 2).mean()
-        assert share == pytest.approx(1 - left / power)
-    assert found.mean() == pytest.approx(1.49 / 1.74, abs=0.05)
-
-
-def test_the_fewest_columns_that_explain_it_are_chosen():
-    assert sorted(unexplained._choose(*regression())) == [2, 7]
-    assert unexplained._choose(*regression(weights=[(4, 1.0)])) == [4]
-    five = [(i, 1.0) for i in range(5)]
-    assert len(unexplained._choose(*regression(weights=five))) == 4  # there are no more
-    by_chance = [len(unexplained._choose(*regression(seed, weights=()))) for seed in range(8)]
-    assert by_chance.count(0) >= 7
-
-
-def test_what_the_model_can_do_itself_is_projected_out():
-    design, wrench, _ = regression()
-    own = np.column_stack([design[:, 0] + design[:, 1], np.zeros(600)])
-    rest, left = unexplained._beside(own, design, wrench + 5 * own[:, 0])
-    assert np.abs(own.T @ rest).max() < 1e-9 and np.abs(own.T @ left).max() < 1e-9
-    assert np.allclose(left, unexplained._beside(own, design, wrench)[1])
-
-
-def test_variables_lose_what_their_terms_explain():
-    design, wrench, groups = regression()
-    kept = [unexplained.Term(f, "-", {"X": f}) for f in ("u*v", "u")]
-    columns = design[:, [7, 2]]
-    share = unexplained._cross_validated(columns, wrench, groups).mean()
-    binned = [{"u": 0.1, "x": 0.3, "y": 0.5}, {"u": 0.2, "x": 0.1, "y": 0.5}]
-    found = unexplained._where(kept, columns, wrench, groups, share, binned)
-    assert [(w["variable"], w["by"]) for w in found] == [
-        ("u", "terms"), ("v", "terms"), ("y", "bins"), ("x", "bins"),
-    ]  # fmt: skip
-    without = unexplained._cross_validated(columns[:, 1:], wrench, groups).mean()
-    assert found[0]["share"] == pytest.approx(share)  # all terms have it
-    assert found[1]["share"] == pytest.approx(share - without)
-    assert [w["share"] for w in found[2:]] == pytest.approx([0.5, 0.2])
-
-
-def test_a_proposal_is_an_effect_of_its_terms():
-    kept = [
-        unexplained.Term("u", "m/s", {"X": "u"}),
-        unexplained.Term("x", "m", {"X": "(x)*cos(psi)", "Y": "-(x)*sin(psi)"}),
-    ]
-    found = unexplained._proposal(kept, np.array([-0.012345678, 2.0]), 0.4)
-    assert found["expression"] == {"X": "c1*(u) + c2*((x)*cos(psi))", "Y": "c2*(-(x)*sin(psi))"}
-    first, second = found["parameters"]["c1"], found["parameters"]["c2"]
-    assert first["value"] == pytest.approx(-0.0123457) and second["value"] == 2.0
-    assert first["unit"] == "N/(m/s)" and first["neutral"] == 0 and found["share"] == 0.4
-    assert first["lower"] == -first["upper"] == pytest.approx(-1.23) and second["upper"] == 200
-
-
-def test_a_force_that_no_effect_has_is_proposed():
-    entry = (
-        "name: odd\nexpression: {Y: c*u*v}\nparameters: {c: {value: %g, unit: N, neutral: 0.0, "
-        "lower: -9, upper: 9}}\n"
-    )
-    truth = _core.with_effect(model(), entry % 0.06, "odd.yaml")
-    runs = [run_data(truth, seed=seed) for seed in (1, 2)]
-    where, proposal = unexplained.explain(runs, model())
-    assert proposal is not None and proposal["share"] > 0.1
-    assert {where[0]["variable"], where[1]["variable"]} & {"u", "v"}
-    assert "Y" in proposal["expression"]
-    shares = [w["share"] for w in where if w["by"] == "terms"]
-    assert shares == sorted(shares, reverse=True)
 
 
 # --- memory
@@ -412,10 +220,15 @@ def test_no_prediction_spans_a_gap():
 # --- verdicts
 
 
-def verdict(explained=False, varies=(), history=(False, 0.0), state=(False, 0.0), **found):
+def verdict(explained=False, varies=(), learnable=(), agrees=True, bound=0.0, refused=False, **found):
+    """learnable: what it depends on, most important first; refused: what runs teach of it predicts no other."""
     found = {"memory": None, "dropped": [], "chosen": [], **found}
-    one, other = (types.SimpleNamespace(found=f, gain=g) for f, g in (history, state))
-    return conclusion._verdict(types.SimpleNamespace(**found), explained, varies, one, other)
+    left = types.SimpleNamespace(
+        said=bool(learnable), of_the_past=bool(learnable) and learnable[0] == "past", bound=bound,
+        found=object() if learnable or refused else None,
+    )  # fmt: skip
+    agreement = types.SimpleNamespace(holds=agrees)
+    return conclusion._verdict(types.SimpleNamespace(**found), explained, varies, left, agreement)
 
 
 def test_the_verdict_says_what_is_certain():
@@ -423,28 +236,20 @@ def test_the_verdict_says_what_is_certain():
     assert verdict(chosen=["drag"]) == verdict(chosen=["drag"], explained=True) == "missing"
     assert verdict(varies=["force"]) == "varies" and verdict(varies=["f"], chosen=["d"]) == "missing"
     assert verdict(memory="lag", chosen=["d"]) == "memory"
-    assert verdict(history=(True, 5.0), state=(True, 4.0)) == "memory"
-    assert verdict(history=(True, 4.0), state=(True, 5.0)) == "unexplained"
-    assert verdict(history=(False, 5.0)) == "complete"
-    assert verdict(state=(True, 1.0), explained=True) == "complete"
-    assert verdict(state=(True, 1.0), chosen=["d"]) == "unexplained"
-    assert verdict(dropped=["d"]) == "unexplained"
-    assert verdict(dropped=["d"], explained=True) == "complete"
+    assert verdict(learnable=["past", "velocity"]) == "memory"
+    assert verdict(learnable=["velocity", "past"]) == "unexplained"
+    assert verdict(learnable=["place"], explained=True) == "complete"
+    assert verdict(learnable=["place"], chosen=["d"]) == "unexplained"
     assert verdict(dropped=["d"], chosen=["e"]) == "missing"
     assert verdict(dropped=["d"], varies=["f"]) == "varies"
 
 
-def test_formulas_challenge_single_effects_and_pairs():
-    parts = list(challengers._parts(frozenset("cab")))
-    assert parts == [("a",), ("b",), ("c",), ("a", "b"), ("a", "c"), ("b", "c")]
-    tests = types.SimpleNamespace(columns={"f": [0], "one": [1], "two": [2, 3]})
-    root = np.random.default_rng(1).normal(size=(9, 4))
-    root[:, 1] = 2 * root[:, 0] + 0.05 * root[:, 1]
-    root[:, 3] = root[:, 2] - root[:, 0]
-    tests.information = root.T @ root
-    assert challengers._is_in(tests, "f", "one") and challengers._is_in(tests, "f", "two")
-    tests.information = np.diag([1.0, 1.0, 1.0, 1.0])
-    assert not challengers._is_in(tests, "f", "one") and not challengers._is_in(tests, "f", "else")
+@pytest.mark.parametrize(
+    "open_still", [{"dropped": ["d"]}, {"agrees": False}, {"bound": 0.9}, {"refused": True}]
+)
+def test_runs_that_cannot_decide_are_not_called_complete(open_still):
+    assert verdict(**open_still) == "undecided"
+    assert verdict(explained=True, **open_still) == "complete"  # the poses' noise is all that is left
 
 
 # --- curves of thrust

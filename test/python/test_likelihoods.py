@@ -12,12 +12,10 @@ from conftest import MODEL
 from ground import _core
 from ground.analysis import (
     bands,
-    budget,
     candidates,
     held_out,
     likelihood,
     next_experiment,
-    remains,
     study,
     varying,
 )
@@ -118,7 +116,6 @@ def test_a_model_whose_motion_is_not_finite_is_refused_and_never_wins():
         lambda: like.constants(odd, 0),
         lambda: like.intervals(odd),
         lambda: like.scores(odd, odd.model, FREE),
-        lambda: remains.of_state(like, odd),
         lambda: next_experiment._cost(next_experiment.Rival("odd", odd), runs, False),
         lambda: study.calibrated_errors(runs, windows.cut(runs), like, odd),
     ):
@@ -153,8 +150,7 @@ def test_the_same_wrench_has_the_same_effect_whenever_it_acts():
 
     rest = box(still)
     point = rest.start(craft)
-    acting = np.column_stack([push[:, 1] for push in pushes.values()])
-    found = rest.residuals(point, 0, acting=acting, channels=[1] * len(pushes))
+    found = rest.residuals(point, 0, acting=np.hstack(list(pushes.values())))
     responses = np.array(found["responses"]).reshape(400, 3, len(pushes))
     first = responses[100:150, 1, 0]
     assert np.abs(first).max() > 0.05
@@ -276,37 +272,6 @@ def test_smoothing_leaves_more_noise_where_poses_are_noisier():
     loud = _core.RunData("l", quiet.times, quiet.eta, quiet.nu, quiet.inputs, quiet.poses, 2 * NOISE)
     first, second = bands._smoothed_noise(quiet), bands._smoothed_noise(loud)
     assert (first > 0).all() and (second > 1.2 * first).all() and (second < 2.5 * first).all()
-
-
-# --- parts of the error, and what is left
-
-
-def test_the_error_of_an_undisturbed_craft_is_noise():
-    runs, like, fit = fitted()
-    found = budget.budget(runs, windows.cut(runs), fit)
-    assert found.noise <= found.disturbance * 1.05 and found.measured == pytest.approx(found.noise, rel=0.35)
-    runs, like, fit = fitted(sigma=0.01)
-    loud = budget.budget(runs, windows.cut(runs), fit)
-    assert loud.disturbance > 2 * loud.noise
-    assert loud.disturbance == pytest.approx(loud.measured, rel=0.4)
-    assert loud.noise == pytest.approx(found.noise, rel=0.4)
-
-
-def test_forces_that_differ_between_runs_are_a_part_of_the_error():
-    runs = [run_data(1, force=(0.01, 0.0)), run_data(2, force=(-0.01, 0.0))]
-    fit = likelihood.Likelihood(runs, model()).fit(model(), FREE)
-    found = budget.budget(runs, windows.cut(runs), fit)
-    assert found.trim > 2 * found.disturbance >= 1.8 * found.noise
-    assert found.trim == pytest.approx(found.measured, rel=0.3)
-
-
-def test_a_true_model_leaves_no_dependence_on_state_or_history():
-    runs, like, fit = fitted(sigma=0.004)
-    for what in (remains.of_state, remains.of_history):
-        assert not what(like, fit).found
-    runs, like, fit = fitted(effect="motor_lag.tau", value=0.06)
-    left = remains.of_history(like, fit)
-    assert left.found and left.gain > 10 and 0 < left.share < 1 and left.p_value < 0.01
 
 
 # --- experiments

@@ -22,7 +22,6 @@ from ground.analysis import (
     validation,
     varying,
 )
-from ground.analysis.budget import Budget
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import Fit, _from_neutral
 from ground.errors import GroundError
@@ -39,7 +38,9 @@ def fit_at(log_posterior, *effects):
     return types.SimpleNamespace(model=extended, free=free, log_posterior=log_posterior)
 
 
-def remembering(monkeypatch, without, share=1.0, larger=True, may_go=lambda name: True):
+def remembering(
+    monkeypatch, without, share=1.0, larger=True, may_go=lambda name: True, of_the_past=True
+):
     """A Diagnosis with two effects whose memory was found; without: log-posteriors of the fits with memory
     and without effects, in the order in which they are asked for."""
     made = found_of({"yaw_bias": 100.0, "quadratic_drag": 60.0}, lambda names: 3.0)
@@ -60,6 +61,7 @@ def remembering(monkeypatch, without, share=1.0, larger=True, may_go=lambda name
     made.search.may_go = lambda fit, name: may_go(name)
     made.folds = types.SimpleNamespace(judge=lambda fit: "judged")
     made._larger = lambda with_it, rest: larger
+    made.ceiling_of = lambda names: types.SimpleNamespace(said=of_the_past, of_the_past=of_the_past)
     made.memory = None
     monkeypatch.setattr(diagnosis.held_out, "share_raised", lambda better, worse: share)
     return made, both, asked
@@ -79,6 +81,11 @@ def test_effects_that_memory_replaces_go_the_weakest_first(monkeypatch):
     assert made._with_memory(both) == both and made.dropped == []
     made, both, asked = remembering(monkeypatch, [199.0], may_go=lambda name: name == "yaw_bias")
     assert made._with_memory(both) == {"quadratic_drag"} and len(asked) == 1
+
+
+def test_no_kind_of_memory_is_named_where_the_past_says_nothing(monkeypatch):
+    made, both, asked = remembering(monkeypatch, [199.0, 198.0], of_the_past=False)
+    assert made._with_memory(both) == both and made.memory is None and not asked
 
 
 def test_memory_raises_three_quarters_of_the_parts_and_matters(monkeypatch):
@@ -296,12 +303,12 @@ def test_the_slight_effect_is_reported_with_its_size():
 
 
 def test_memory_is_reported_with_its_constants():
-    past = types.SimpleNamespace(found=False, p_value=0.5, gain=1.0, share=0.01)
-    none = types.SimpleNamespace(memory=None, history=past)
-    assert diagnosis_report._memory(none) == dict(vars(past), kind=None)
+    for verdict in ("complete", "memory"):  # the past may matter without a kind
+        none = types.SimpleNamespace(memory=None, verdict=verdict)
+        assert diagnosis_report._memory(none) == {"found": verdict == "memory", "kind": None}
     kind = {kind.name: kind for kind in memory.kinds_of(model())}["spin_up"]
     one = types.SimpleNamespace(kind=kind, constants=(0.05, 0.02), means="so", p_value=1e-6)
-    report = diagnosis_report._memory(types.SimpleNamespace(memory=one, history=past))
+    report = diagnosis_report._memory(types.SimpleNamespace(memory=one, verdict="memory"))
     assert report["found"] is True and report["kind"]["p_value"] == 1e-6
     assert report["kind"]["constants"] == [
         {"name": "rise", "value": 0.05, "unit": "s"}, {"name": "fall", "value": 0.02, "unit": "s"},
@@ -360,70 +367,54 @@ def test_experiments_are_planned_with_six_runs(monkeypatch):
         assert some == list(used)
 
 
-def test_a_proposal_has_to_lower_the_error_on_held_out_data(monkeypatch):
-    entry = {
-        "name": "odd", "expression": {"X": "c*u"}, "share": 0.5,
-        "parameters": {"c": dict(value=0.1, unit="N s/m", neutral=0.0, lower=-9.0, upper=9.0)},
-    }  # fmt: skip
-    for heldout, without, kept in (
-        (1.9, 2.0, True), (2.1, 2.2, False), (None, 2.0, False), (1.9, 1.8, False),
-    ):  # fmt: skip
-
-        def refit(models, free, heldout=heldout, without=without):
-            assert ("odd" in models[0].effects) == ("odd.c" in free)
-            if "odd" not in models[0].effects:
-                return judged(1.0, without)
-            if heldout is None:
-                raise GroundError("diverges")
-            return judged(1.5, heldout)
-
-        best = judged(1.8, 2.0)
-        best.model = model()
-        found = types.SimpleNamespace(best=best, study=types.SimpleNamespace(refit=refit))
-        tested = diagnosis_report._tested(found, dict(entry))
-        assert (tested is not None) == kept
-        if kept:
-            assert tested["error"] == {"fit": 1.5, "heldout": 1.9}
+def left_over(memory=None, formula=None, floor=1.0):
+    """A Conclusion with something unexplained."""
+    return types.SimpleNamespace(
+        memory=memory, formula=formula, noise_floor=floor,
+        ceiling=types.SimpleNamespace(arguments={"place": 0.9, "velocity": 0.2}),
+    )  # fmt: skip
 
 
-def test_what_is_unexplained_is_above_the_noise(monkeypatch):
-    best = judged(2.0, 3.0)
-    best.model = None
-    found = types.SimpleNamespace(best=best, runs=[], folds=None)
-    monkeypatch.setattr(diagnosis_report.unexplained, "explain", lambda runs, craft: (["u"], None))
+def test_what_is_unexplained_is_above_the_noise():
+    found = types.SimpleNamespace(best=judged(2.0, 3.0), folds=None)
     for floor, fraction in ((1.0, 0.75), (2.0, 0.0), (3.0, 0.0)):
-        report = diagnosis_report._unexplained(
-            found, types.SimpleNamespace(memory=None, noise_floor=floor)
-        )
-        assert report == {"fraction": pytest.approx(fraction), "where": ["u"], "proposal": None}
-    one = types.SimpleNamespace(entry={"name": "lag"}, fit=None)
-    for heldout, proposal in ((2.9, {"name": "lag", "error": {"fit": 1.0, "heldout": 2.9}}), (3.0, None)):
-        found.folds = types.SimpleNamespace(judge=lambda fit, heldout=heldout: judged(1.0, heldout))
-        report = diagnosis_report._unexplained(found, types.SimpleNamespace(memory=one))
-        assert report == {"fraction": 0.0, "where": [], "proposal": proposal}
+        report = diagnosis_report._unexplained(found, left_over(floor=floor))
+        assert report["fraction"] == pytest.approx(fraction) and report["proposal"] is None
+        assert [(w["variable"], w["share"]) for w in report["where"]] == [("place", 0.9), ("velocity", 0.2)]
 
 
-@dataclasses.dataclass
-class Value:
-    """Something that reports give by its fields."""
+@pytest.mark.parametrize("heldout, lower", [(2.9, True), (3.0, False)])
+def test_only_what_lowers_the_error_on_held_out_runs_is_proposed(heldout, lower):
+    found = types.SimpleNamespace(
+        best=judged(2.0, 3.0), folds=types.SimpleNamespace(judge=lambda fit: judged(1.0, heldout))
+    )
+    lag = types.SimpleNamespace(entry={"name": "lag"}, fit=None)
+    pull = types.SimpleNamespace(entry={"name": "proposed"}, fit=None, means="a force to a point")
+    for left, name in ((left_over(memory=lag), "lag"), (left_over(formula=pull), "proposed")):
+        proposal = diagnosis_report._unexplained(found, left)["proposal"]
+        assert (proposal is not None) == lower
+        if proposal:
+            assert proposal["name"] == name and proposal["error"] == {"fit": 1.0, "heldout": heldout}
+            assert proposal.get("means") == (None if name == "lag" else pull.means)
+            assert set(diagnosis_report.effect_entry(proposal)) == {"name"}  # what model files know
 
-    share: float
+
+def test_a_formula_whose_simulation_diverges_is_not_proposed():
+    def judge(fit):
+        raise GroundError("diverges")
+
+    found = types.SimpleNamespace(best=judged(2.0, 3.0), folds=types.SimpleNamespace(judge=judge))
+    pull = types.SimpleNamespace(entry={"name": "proposed"}, fit=None, means="a force to a point")
+    assert diagnosis_report._unexplained(found, left_over(formula=pull))["proposal"] is None
 
 
-@pytest.mark.parametrize("verdict", ["missing", "varies", "unexplained", "memory", "misread"])
+@pytest.mark.parametrize("verdict", ["missing", "varies", "unexplained", "memory", "undecided", "misread"])
 def test_a_report_is_completed_with_what_its_verdict_needs(monkeypatch, verdict):
     """Recordings that look misread show no effect that they could not show; what is left is described
     where something is."""
     staged, planned = [], []
-
-    def challenging(found, only_damping):
-        assert found is made and only_damping  # other effects are seldom imitated
-        return [Value(0.25)]
-
     alike = [] if verdict == "misread" else ["alike"]
-    monkeypatch.setattr(diagnosis_report.challengers, "challengers", challenging)
     monkeypatch.setattr(diagnosis_report.bands, "coverage", lambda bands: [bands])
-    monkeypatch.setattr(diagnosis_report, "_budget", lambda found: {"of": found})
     monkeypatch.setattr(diagnosis_report, "_candidates", lambda *of: list(of[1:]))
     monkeypatch.setattr(diagnosis_report, "_next_experiment", lambda *of: list(of[1:]))
     monkeypatch.setattr(diagnosis_report, "_unexplained", lambda found, conclusion: {"left": conclusion})
@@ -431,27 +422,17 @@ def test_a_report_is_completed_with_what_its_verdict_needs(monkeypatch, verdict)
         unseen=lambda: ["alike"], plan=types.SimpleNamespace(planned=lambda: planned.append(1)),
         work=types.SimpleNamespace(stage=lambda name: staged.append(name) or contextlib.nullcontext()),
     )  # fmt: skip
-    for repeats in (None, Value(0.5)):
-        concluded = types.SimpleNamespace(verdict=verdict, budget="budget", repeats=repeats, bands="bands")
-        report = diagnosis_report.completed({"begun": 1}, made, concluded, True, "room")
-        left = {"fraction": 0.0, "where": [], "proposal": None}
-        assert report == {
-            "begun": 1, "challengers": [{"share": 0.25}], "candidates": [alike, True],
-            "budget": {"of": "budget"}, "repeats": repeats and {"share": 0.5}, "bands": ["bands"],
-            "next_experiment": [alike, True, "room"],
-            "unexplained": {"left": concluded} if verdict in ("unexplained", "memory") else left,
-        }  # fmt: skip
-    assert len(planned) == 2 and staged == [stages.ERRORS, stages.CHALLENGING] * 2
+    concluded = types.SimpleNamespace(verdict=verdict, bands="bands")
+    report = diagnosis_report.completed({"begun": 1}, made, concluded, True, "room")
+    left = {"fraction": 0.0, "where": [], "proposal": None}
+    assert report == {
+        "begun": 1, "candidates": [alike, True], "bands": ["bands"],
+        "next_experiment": [alike, True, "room"],
+        "unexplained": {"left": concluded} if verdict in ("unexplained", "memory") else left,
+    }  # fmt: skip
+    assert len(planned) == 1 and staged == [stages.ERRORS]
     quick = diagnosis_report.completed({}, made, concluded)
     assert quick["candidates"] == [alike, False] and quick["next_experiment"] == [alike, False, None]
-
-
-def test_parts_of_the_error_are_reported_with_their_shares():
-    found = Budget(1.0, 2.0, 2.5, 4.0)
-    assert diagnosis_report._budget(found) == {
-        "error": {"noise": 1.0, "disturbance": 2.0, "trim": 2.5, "measured": 4.0},
-        "share": {"noise": 1 / 16, "disturbance": 3 / 16, "trim": 2.25 / 16, "rest": 9.75 / 16},
-    }
 
 
 def test_the_best_three_effects_have_errors():

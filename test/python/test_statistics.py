@@ -9,13 +9,11 @@ from scipy import stats
 from ground import _core
 from ground.analysis import (
     bands,
-    budget,
+    artificial,
     candidates,
     distributions,
     held_out,
     look_alikes,
-    remains,
-    repeats,
     score_tests,
     stages,
     study,
@@ -30,12 +28,8 @@ def model():
     return _core.load_model(str(MODEL))
 
 
-def run_data(duration=6.0, seed=1, noise=1.0, repeat=False):
+def run_data(duration=6.0, seed=1, noise=1.0):
     times, eta, inputs = simulate_run(duration=duration, seed=seed, noise=noise)
-    if repeat:  # the second half has the commands of the first
-        half = len(inputs) // 2
-        inputs[half : 2 * half, 1:] = inputs[:half, 1:]
-        eta = _core.simulate(model(), inputs, times, np.zeros(3), np.zeros(3))["eta"]
     eta[:, 2] = np.unwrap(eta[:, 2])
     level = np.array([3e-4, 3e-4, 5e-3])
     nu = repair.smooth(times, eta, (level[0], level[2]))["nu"]
@@ -498,26 +492,14 @@ def test_bands_of_other_runs_start_in_windows_of_their_own(monkeypatch):
     assert all(task[1] is fit and task[3] == 2.5 for task in asked)
 
 
-# --- parts of the error
-
-
-def test_artificial_recordings_differ():
-    assert len(set(budget.SEEDS)) == len(budget.SEEDS) == 3
-
-
-def test_parts_of_the_error_add_up_in_squares():
-    found = budget.Budget(1.0, 2.0, 2.5, 4.0).parts()
-    assert found == pytest.approx(
-        {"noise": 1 / 16, "disturbance": 3 / 16, "trim": 2.25 / 16, "rest": 9.75 / 16}
-    )
-    assert budget.Budget(1.0, 1.0, 3.0, 2.0).parts()["rest"] < 0
+# --- artificial recordings
 
 
 def test_a_random_wrench_has_its_levels():
     levels = {"sigma_X": 0.3, "time_X": 0.2, "white_X": 0.0}
     levels.update(sigma_Y=0.0, time_Y=1.0, white_Y=0.05, sigma_N=0.1, time_N=0.05, white_N=0.02)
     run = types.SimpleNamespace(times=np.arange(40000) / 100)
-    wrench = budget.wrench_of(run, levels, np.random.default_rng(1))
+    wrench = artificial.wrench_of(run, levels, np.random.default_rng(1))
     x, y, n = wrench.T
     assert x.std() == pytest.approx(0.3, rel=0.1)
     for lag in (5, 20):
@@ -526,7 +508,7 @@ def test_a_random_wrench_has_its_levels():
     assert y.std() == pytest.approx(0.05 / np.sqrt(0.01), rel=0.05)
     assert abs(np.mean(y[1:] * y[:-1])) < 0.05 * np.mean(y**2)
     assert n.std() == pytest.approx(np.hypot(0.1, 0.02 * 10), rel=0.05)
-    assert np.array_equal(wrench, budget.wrench_of(run, levels, np.random.default_rng(1)))
+    assert np.array_equal(wrench, artificial.wrench_of(run, levels, np.random.default_rng(1)))
 
 
 # --- score tests
@@ -687,193 +669,6 @@ def test_parameters_that_moved_are_named_the_most_first():
     assert look_alikes._moved(fit, other) == ("N_r", "X_u")
 
 
-# --- what is left
-
-
-def regression(seed=1, runs=4, count=300, features=6, size=0.5):
-    """Designs and targets of some runs; the targets depend on the second feature."""
-    random = np.random.default_rng(seed)
-    designs = [random.normal(size=(count, features)) for _ in range(runs)]
-    targets = [random.normal(size=count) + size * d[:, 1] for d in designs]
-    return designs, targets, [(d.T @ d, d.T @ t) for d, t in zip(designs, targets)]
-
-
-def test_a_sparse_regression_chooses_what_acts():
-    designs, targets, grams = regression()
-    weights = remains._sparse(grams, designs, targets, [0, 1, 2, 3])
-    assert np.flatnonzero(weights).tolist() == [1]
-    d, t = np.vstack(designs), np.concatenate(targets)
-    assert weights[1] == pytest.approx(d[:, 1] @ t / (d[:, 1] @ d[:, 1]))
-    part = remains._sparse(grams, designs, targets, [0, 2])
-    d, t = np.vstack(designs[::2]), np.concatenate(targets[::2])
-    assert part[1] == pytest.approx(d[:, 1] @ t / (d[:, 1] @ d[:, 1]))
-    chosen = [
-        np.count_nonzero(remains._sparse(g, d, t, [0, 1, 2, 3]))
-        for d, t, g in (regression(seed, size=0.0) for seed in range(100))
-    ]
-    assert sum(chosen) <= 5  # by chance 1 of 100
-    many = [t + d @ [3.0, 0, 2.5, 2.0, 2.2, 1.8] for d, t in zip(designs, targets)]
-    grams = [(d.T @ d, d.T @ t) for d, t in zip(designs, many)]
-    assert np.flatnonzero(remains._sparse(grams, designs, many, [0, 1, 2, 3])).tolist() == [0, 2, 4]
-
-
-def test_a_ridge_is_solved_with_the_penalty_that_predicts_best():
-    designs, targets, grams = regression()
-    found = remains._ridge(grams, designs, targets, [0, 1, 2])
-
-    def solved(parts, penalty):
-        A, b = sum(grams[i][0] for i in parts), sum(grams[i][1] for i in parts)
-        return np.linalg.solve(A + penalty * len(parts) * np.eye(6), b)
-
-    def gain(penalty):
-        total = 0.0
-        for j in (0, 1, 2):
-            rest = targets[j] - designs[j] @ solved([i for i in (0, 1, 2) if i != j], penalty)
-            total += (targets[j] ** 2).sum() - (rest**2).sum()
-        return total
-
-    best = max(remains.PENALTIES, key=gain)
-    assert np.allclose(found, solved([0, 1, 2], best))
-    alone = remains._ridge(grams, designs, targets, [2])
-    assert np.allclose(alone, solved([2], remains.PENALTIES[2]))
-
-
-def test_gains_are_those_of_regressions_on_the_other_runs():
-    designs, targets, grams = regression()
-    gains = remains._held_out_gains(designs, targets, remains._sparse)
-    for i, gain in enumerate(gains):
-        weights = remains._sparse(grams, designs, targets, [j for j in range(4) if j != i])
-        rest = targets[i] - designs[i] @ weights
-        assert np.allclose(gain, (targets[i] ** 2 - rest**2) / 2)
-    assert sum(g.sum() for g in gains) > 50
-    total = np.concatenate(gains).sum()
-    assert np.concatenate([remains._blocks(g) for g in gains]).sum() == pytest.approx(total)
-    assert len(remains._blocks(np.ones(3 * 120 * 5 + 50))) == 5 and len(remains._blocks(np.ones(3))) == 1
-
-
-def test_features_are_scaled_and_empty_ones_left_out():
-    random = np.random.default_rng(3)
-    designs = [random.normal(size=(50, 3)) * [1e-3, 0, 50] for _ in range(2)]
-    scaled = remains._scaled(designs)
-    assert [d.shape for d in scaled] == [(50, 2)] * 2
-    assert np.allclose(np.mean(np.vstack(scaled) ** 2, axis=0), 1)
-    assert np.allclose(scaled[0][:, 1] / designs[0][:, 2], scaled[1][0, 1] / designs[1][0, 2])
-
-
-def test_the_past_is_a_mean_that_forgets():
-    times = np.cumsum(np.random.default_rng(4).uniform(0.005, 0.02, 300))
-    values = np.random.default_rng(5).normal(size=300)
-    found = remains._past(times, values, 0.2)
-    for i in (1, 7, 150, 299):
-        begins, ends = times[:i], times[1 : i + 1]
-        weights = np.exp(-(times[i] - ends) / 0.2) - np.exp(-(times[i] - begins) / 0.2)
-        assert found[i] == pytest.approx(weights @ values[:i])
-    assert found[0] == 0
-    constant = remains._past(np.arange(500) / 100, np.full(500, 3.0), 0.1)
-    assert constant[-1] == pytest.approx(3.0)
-
-
-def test_forces_over_the_floor_act_along_the_axes_of_the_world():
-    random = np.random.default_rng(6)
-    x, y, psi = random.uniform(-2, 2, (3, 40))
-    wrenches = remains._over_the_floor(x, y, psi)
-    assert wrenches.shape[:2] == (40, 3) and not wrenches[:, 2].any()
-    half = wrenches.shape[2] // 2
-    c, s = np.cos(psi)[:, None], np.sin(psi)[:, None]
-    world_x = c * wrenches[:, 0] - s * wrenches[:, 1]
-    world_y = s * wrenches[:, 0] + c * wrenches[:, 1]
-    assert np.allclose(world_y[:, :half], 0) and np.allclose(world_x[:, half:], 0)
-    assert np.allclose(world_x[:, :half], world_y[:, half:])
-    values = world_x[:, :half]
-    assert np.allclose(values[:, 0], x)
-    assert (np.abs(values[:, 1:]) <= np.maximum(1, np.abs(y))[:, None] + 1e-9).all()
-    # Each wavelength has a sine and a cosine along x and along y.
-    for place in (x, y):
-        for length in (0.15, 0.4, 1.5):
-            for function in (np.sin, np.cos):
-                expected = function(2 * np.pi * place / length)
-                assert np.isclose(values, expected[:, None]).all(axis=0).any()
-
-
-def test_scalars_act_in_every_channel():
-    columns = [np.array([1.0, 2.0]), np.array([3.0, 4.0])]
-    wrenches = remains._in_every_channel(columns)
-    assert wrenches.shape == (2, 3, 6)
-    for values in columns:
-        for channel in range(3):
-            expected = np.zeros((2, 3, 1))
-            expected[:, channel, 0] = values
-            assert (wrenches == expected).all(axis=(0, 1)).sum() == 1
-
-
-# --- errors that repeat
-
-
-def test_commands_are_compared_as_by_plain_sums():
-    random = np.random.default_rng(7)
-    commands, wanted = random.random((200, 3)), random.random((30, 3))
-    found = repeats._unlike(commands, wanted)
-    assert len(found) == 171
-    for at in (0, 17, 170):
-        plain = ((commands[at : at + 30] - wanted) ** 2).sum() / 30
-        assert found[at] == pytest.approx(plain)
-    assert repeats._unlike(commands, commands[40:70])[40] == pytest.approx(0, abs=1e-12)
-
-
-def test_windows_of_repeated_commands_are_found():
-    run = run_data(8.0, repeat=True)
-    cut = windows.cut([run])
-    half = 60 / 15  # half the time of 120 commands at 15 Hz [s]
-    found = repeats._repetitions([run], cut[1])
-    assert [round(lag, 1) for _, lag in found] == [half]
-    again = found[0][0]
-    assert run.times[again.first] - run.times[cut[1].first] == pytest.approx(half, abs=0.05)
-    back = repeats._repetitions([run], cut[-1])
-    assert [round(lag, 1) for _, lag in back] == [-half]
-    other = run_data(8.0, seed=3)
-    assert repeats._repetitions([other], windows.cut([other])[0]) == []
-    still = _core.RunData("s", run.times, run.eta, run.nu, np.array([[0.0, 1, 1, 1]]))
-    assert repeats._repetitions([still], cut[1]) == []
-    both = repeats._repetitions([run, run], cut[1])
-    assert sorted((w.run, round(lag, 1)) for w, lag in both) == [(0, half), (1, 0.0), (1, half)]
-
-
-def test_the_error_of_a_repeated_share_is_that_of_a_jackknife(monkeypatch):
-    random = np.random.default_rng(3)
-    sums = [(a, b) for a, b in zip(random.normal(2, 1, 12), random.uniform(4, 6, 12))]
-    monkeypatch.setattr(repeats, "_repetitions", lambda runs, window: window % 4 and ["other"])
-    monkeypatch.setattr(repeats, "_products", lambda runs, craft, window, found: sums[window * 3 // 4])
-    found = repeats.repeats([], range(16), None)
-    used = [sums[i * 3 // 4] for i in range(16) if i % 4]
-
-    def share(some):
-        return sum(a for a, _ in some) / sum(b for _, b in some)
-
-    without = np.array([share(used[:i] + used[i + 1 :]) for i in range(12)])
-    assert found.share == pytest.approx(share(used)) and found.windows == 12
-    assert found.deviation == pytest.approx(np.sqrt(11 / 12 * ((without - without.mean()) ** 2).sum()))
-
-
-def test_an_error_that_depends_on_the_commands_repeats_wholly():
-    """Without noise, the error of a wrong model is the same wherever the commands are."""
-    runs = [run_data(8.0, seed=1, noise=0), run_data(8.0, seed=1, noise=0), run_data(8.0, seed=1, noise=0)]
-    wrong = model()
-    wrong.set_value("k", 1.3 * wrong.value("k"))
-    cut = windows.cut(runs)
-    found = repeats.repeats(runs, cut, wrong)
-    assert found.windows == len(cut) and found.share == pytest.approx(1, abs=0.02)
-    assert found.deviation < 0.02
-    assert repeats.repeats(runs[:1], cut[: len(cut) // 3], wrong) is None
-    assert repeats.repeats(runs, cut[:8], wrong).windows == 8
-    assert repeats.repeats(runs, cut[:7], wrong) is None
-    noisy = []
-    for seed, run in enumerate(runs):
-        nu = np.array(run.nu) + np.random.default_rng(seed).normal(0, 1, run.nu.shape) * [0.3, 0.3, 5]
-        noisy.append(_core.RunData("n%d" % seed, run.times, run.eta, nu, run.inputs))
-    less = repeats.repeats(noisy, cut, model())
-    assert abs(less.share) < 0.1 and less.deviation > 0
-
-
 # --- what is expected of a diagnosis
 
 
@@ -905,12 +700,11 @@ def test_a_plan_grows_with_the_effects_and_the_samples():
     assert told.units[stages.TESTING] == 8
     assert told.added == 10 + 3 * 10 + round(1.5 * 4)
     plan.found(0)
-    for what in (stages.ORDERING, stages.RIVALS, stages.CHOOSING, stages.REFITTING, stages.CHALLENGING):
+    for what in (stages.ORDERING, stages.RIVALS, stages.CHOOSING, stages.REFITTING):
         assert told.units[what] == 0
     assert told.seconds[stages.REPEATING] == 0
     plan.found(2)
     assert told.seconds[stages.REPEATING] == 40.0 and told.units[stages.CHOOSING] > 30
-    assert told.units[stages.CHALLENGING] == 1
     plan.planned()
     assert told.units[stages.CHOOSING] == told.units[stages.REFITTING] == 0
 

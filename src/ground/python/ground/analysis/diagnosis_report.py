@@ -19,6 +19,7 @@ from ground.analysis.conclusion import MISREAD, Conclusion
 from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Document
 from ground.core_types import Estimate
+from ground.errors import GroundError
 
 SCHEMA = "ground/diagnosis/1"
 # Refits for the report alone are bounded, so that its cost grows linearly with the data.
@@ -286,7 +287,10 @@ def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
         proposed.append((entry, conclusion.formula.fit))
     proposal = None
     for entry, fit in proposed:
-        judged = diagnosis.folds.judge(fit)
+        try:
+            judged = diagnosis.folds.judge(fit)
+        except GroundError:
+            continue  # the simulation diverges
         if judged.heldout.sum() < diagnosis.best.heldout.sum():
             proposal = dict(entry, error=_errors(judged))
     return {

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 class Diagnosis(Shown):
     """Which effects are missing in a model, by how much they improve it, and the model with them."""
 
-    verdict: str  #: complete, missing, varies, memory, unexplained or misread
+    verdict: str  #: complete, missing, varies, memory, unexplained, undecided or misread
     effects: Tuple[str, ...]  #: effects that were added, in the order in which the error falls
     improved: Model  #: the model with them, refitted
     parameters: Dict[str, Parameter]  #: its parameters, by name

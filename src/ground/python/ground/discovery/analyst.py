@@ -20,6 +20,7 @@ from ground.recordings.recording import Recording
 # Expected before the first flight: noise of the poses and random wrench
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]
 DISTURBANCE = 0.05  # relative to the level that fits start from
+UNDECIDED = "undecided"  # the verdict on flights that cannot decide whether something is missing
 SIMULATIONS = 20  # artificial flights that give the distribution of an error
 
 
@@ -52,10 +53,11 @@ class Found:
     def is_left_open(self) -> bool:
         """Whether something may be left that the random wrench only stands in for: the noise of poses
         does not explain the error, and what is left is not shown to be chance."""
+        if self.verdict == UNDECIDED:
+            return True
         explained = self.diagnosis.best.error.sum() < EXPLAINED * self.conclusion.noise_floor
-        found = self.conclusion
-        unclear = found.ceiling.found is not None or not found.agreement.holds or self.verdict == "undecided"
-        return self.verdict in ("complete", "missing", "varies", "undecided") and not explained and unclear
+        left = self.conclusion.ceiling.found is not None or not self.conclusion.agreement.holds
+        return self.verdict in ("complete", "missing", "varies") and not explained and left
 
 
 class Analyst:
@@ -119,10 +121,6 @@ class Analyst:
         """Diagnoses recordings. reachable: time that is left for flights [s]; seed: of what is offered
         for the next one. GroundError when they are too short."""
         runs = [recording.repaired.data(self.given) for recording in recordings]
-        found = self._diagnosed(runs, reachable, seed)
-        return found
-
-    def _diagnosed(self, runs: Sequence[_core.RunData], reachable: float, seed: int) -> Found:
         library = candidates.library(self.given)
         found = diagnosis.Diagnosis(runs, self.given, library + self.own, threads=self.threads)
         found.grow()
@@ -214,6 +212,6 @@ def expected_errors(
         if trimmed:
             wrench = wrench + [fit.levels["trim_" + c] * random.normal() for c in "XYN"]
             thrust = fit.levels["thrust"] * random.normal()
-        artificial = study.recorded(run, fit.model, random, wrench, thrust)
-        errors.append(float(study.channel_errors([artificial], cut, fit.model, [run]).sum()))
+        flown = study.recorded(run, fit.model, random, wrench, thrust)
+        errors.append(float(study.channel_errors([flown], cut, fit.model, [run]).sum()))
     return errors

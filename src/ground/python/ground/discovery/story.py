@@ -87,7 +87,7 @@ class Finding:
     """What a diagnosis of all flights so far has found."""
 
     after: int  # number of the last flight
-    verdict: str  # as of a diagnosis: complete, missing, varies, memory, unexplained or misread
+    verdict: str  # as of a diagnosis: complete, missing, varies, memory, unexplained, undecided or misread
     effects: List[str]
     groups: Dict[str, List[str]]  # effects that cannot be distinguished from a found one, itself first
     beliefs: List[Belief]

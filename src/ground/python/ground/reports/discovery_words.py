@@ -20,9 +20,10 @@ VERDICTS = {  # for a finding without effects
     "varies": "no effect is missing, but a trim or the thrust differs between flights",
     "memory": "something is missing that depends on the past",
     "unexplained": "something is missing that no effect tried explains",
+    "undecided": "these flights cannot decide whether something is missing",
     "misread": "the recordings look misread, so no effect is blamed",
 }
-RESTS = ("varies", "memory", "unexplained")  # verdicts that say something beside the effects
+RESTS = ("varies", "memory", "unexplained", "undecided")  # verdicts that say something beside the effects
 
 
 def summary(story: Story, model: Optional[_core.Model] = None) -> List[str]:
