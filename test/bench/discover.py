@@ -30,7 +30,6 @@ import hidden_white
 import resumed
 import room
 from ground import _core, workers
-from ground.analysis import unexplained
 from ground.discovery import campaign, choice, pieces, story, tracking
 from ground.errors import GroundError
 from hidden_white import MODEL
@@ -111,15 +110,12 @@ def _answer(found):
     last, told = found.found, found.story
     if last is None:
         return {"chosen": [], "groups": {}, "verdict": "", "where": [], "heldout": []}
-    where = []
-    if last.verdict in ("unexplained", "memory"):
-        where = [w["variable"] for w in unexplained.explain(last.diagnosis.runs, last.model)[0]]
     return {
         "chosen": told.findings[-1].effects,
         "groups": told.findings[-1].groups,
         "unseen": last.diagnosis.hidden_names(),
         "verdict": last.verdict,
-        "where": where,
+        "where": list(last.conclusion.ceiling.arguments),
         "proposed": [c.name for c in found.analyst.own],
         "formulas": found.analyst.formulas,
         "memory": last.conclusion.memory and last.conclusion.memory.kind.name,

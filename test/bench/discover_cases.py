@@ -12,16 +12,15 @@ from hidden_white import in_turn
 SPREAD = 0.3  # largest relative difference of the true body's parameters from the given model's
 LEVEL = 0.005  # sigma of the disturbance, relative to full thrust
 FACTORS = (1.5, 2.5)  # range of an effect's size, relative to hidden_white.STRENGTHS
-# Effects outside the library: the variables that they depend on, as an unexplained part names them.
+# Effects outside the library: the arguments that they depend on, as a diagnosis names them.
 OUTSIDE = {**{name: depends for name, (_, _, depends) in hidden_white.OUTSIDE.items()}}
-OUTSIDE["floor_field"] = {"x", "y"}
-THRUSTS = {"u_L", "u_R", "u_L+u_R", "u_L-u_R"}
+OUTSIDE["floor_field"] = {"place"}
 MEMORY = {
-    "spin_up": THRUSTS,
-    "thrust_droop": THRUSTS,
-    "skirt_pressure": {"u", "v", "speed", "lift"},
-    "thrust_backlash": THRUSTS,
-    "warm_up": THRUSTS | {"t"},
+    "spin_up": {"past", "command"},
+    "thrust_droop": {"past", "command"},
+    "skirt_pressure": {"past", "velocity", "command"},
+    "thrust_backlash": {"past", "command"},
+    "warm_up": {"past", "command", "time"},
 }
 
 
@@ -35,7 +34,7 @@ class Case:
     allowed: list = field(default_factory=list)  # other effects that do not count as false
     effects: dict = field(default_factory=dict)  # all effects: {name: {parameter: value}}
     body: dict = field(default_factory=dict)  # true nominal parameters
-    depends: list = field(default_factory=list)  # variables of an effect that the library does not have
+    depends: list = field(default_factory=list)  # arguments of an effect that the library does not have
     level: float = LEVEL  # sigma of the disturbance, relative to full thrust
     push: dict = field(default_factory=dict)  # the disturbance, as hidden_noise.wrench has it
     gaps: bool = False  # whether the mocap fails now and then

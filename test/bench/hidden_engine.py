@@ -22,9 +22,12 @@ def diagnose(runs, heldout, model, thorough=False):
       parameters       of the improved model: name, value, ci95, identified
       varies           names of the parameters that it reports as different from run to run
       memory           whether it reports that history matters
+      where            arguments that the learnable part of the error depends on, most first
+      ceiling          share of what the model leaves that is learnable, its interval, the upper bound, and
+                       whether what is left is the random wrench that the model claims
       unseen           effects that it reports as not identifiable from these runs
-    thorough adds alike {candidate: its group}, next_experiment, and where (the variables on which the
-    unexplained part depends). If the tool refuses the runs, the result is {"failed": reason}.
+    thorough adds alike {candidate: its group} and next_experiment. If the tool refuses the runs, the result
+    is {"failed": reason}.
     """
     start = time.perf_counter()
     try:
@@ -39,7 +42,6 @@ def diagnose(runs, heldout, model, thorough=False):
         report = diagnosis_report.completed(report, found, conclusion)
         answer["alike"] = {c["effect"]: c["group"] for c in report["candidates"]}
         answer["next_experiment"] = report["next_experiment"]
-        answer["where"] = [w["variable"] for w in report["unexplained"]["where"]]
     return answer
 
 
@@ -68,13 +70,12 @@ def _answer(found, conclusion):
         "varies": [v["parameter"] for v in conclusion.varies],
         "memory": conclusion.verdict == "memory",
         "memory_kind": conclusion.memory and conclusion.memory.kind.name,
-        "left": {
-            "memory": [
-                conclusion.history.p_value,
-                conclusion.history.gain,
-                conclusion.history.share,
-            ],
-            "state": [conclusion.state.p_value, conclusion.state.gain, conclusion.state.share],
+        "where": list(conclusion.ceiling.arguments),
+        "ceiling": {
+            "learnable": conclusion.ceiling.left.value,
+            "ci95": [conclusion.ceiling.left.low, conclusion.ceiling.left.high],
+            "bound": conclusion.ceiling.bound,
+            "agrees": conclusion.agreement.holds,
         },
         "unseen": found.hidden_names(),
         "dropped": {d.trial.name: d.why for d in found.dropped},

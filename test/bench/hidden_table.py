@@ -97,7 +97,7 @@ def _rows():
     yield Row("white null: `complete`", ("white_null",), _says("complete"))
     yield Row("white pairs: right set or group", ("white_pairs",), score.is_right)
     yield Row("white, outside the library: `unexplained`", ("white_outside",), _says("unexplained"))
-    yield Row("- its variable among the first two", ("white_outside",), _names_variable)
+    yield Row("- its argument among the first two", ("white_outside",), _names_argument)
     ambiguous = ("white_ambiguous",)
     yield Row("ambiguous runs: right at once, if not a group", ambiguous, _right_at_once)
     yield Row("ambiguous runs: right after the experiment", ambiguous, _right_after)
@@ -125,7 +125,7 @@ def _is_moderate(result):
     return result["found"]["errors"]["steps"][0] >= 1.3 * result["true_error"]
 
 
-def _names_variable(result):
+def _names_argument(result):
     depends = hidden_white.OUTSIDE[result["hidden"][0]][2]
     return bool(depends & set(result["found"]["where"][:2]))
 

@@ -51,19 +51,19 @@ STRENGTHS = {
 }
 ONE_SIDED = {"input_delay", "motor_lag", "battery_sag", "quadratic_drag", "coulomb_friction"}
 ONE_SIDED |= {"momentum_drag", "added_mass", "thrust_speed_loss", "skirt_friction"}
-# True effects outside the library: formulas, parameters, and the variables that they depend on.
+# True effects outside the library: formulas, parameters, and the arguments that they depend on.
 OUTSIDE = {
     "washboard floor": (
         {"X": "a*sin(2*pi*x/0.3)*cos(psi)", "Y": "-a*sin(2*pi*x/0.3)*sin(psi)"},
         {"a": 0.008},
-        {"x"},
+        {"place"},
     ),
-    "spin-surge side force": ({"Y": "a*r*u"}, {"a": 0.0024}, {"r", "u"}),
-    "cubic yaw damping": ({"N": "-a*r^3"}, {"a": 2e-7}, {"r"}),
+    "spin-surge side force": ({"Y": "a*r*u"}, {"a": 0.0024}, {"velocity"}),
+    "cubic yaw damping": ({"N": "-a*r^3"}, {"a": 2e-7}, {"velocity"}),
     "thruster cross-talk": (
         {"X": "-2*a*u_L*u_R"},
         {"a": 0.012},
-        {"u_L", "u_R", "u_L+u_R"},
+        {"command"},
     ),
 }
 # Cases of two runs that cannot distinguish effects: excitation, the effects and their sizes.

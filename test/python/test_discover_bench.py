@@ -143,10 +143,10 @@ def test_the_time_counts_from_which_on_answers_are_right():
 
 
 def test_scores_of_effects_outside_the_library():
-    found = {"chosen": [], "verdict": "unexplained", "where": ["r", "x"], "proposed": []}
-    result = {"kind": "outside", "depends": ["x"], "found": dict(found, heldout=[0.2, 0.2])}
+    found = {"chosen": [], "verdict": "unexplained", "where": ["velocity", "place"], "proposed": []}
+    result = {"kind": "outside", "depends": ["place"], "found": dict(found, heldout=[0.2, 0.2])}
     assert discover_table.is_explained(result)
-    result["found"]["where"] = ["r", "u", "x"]
+    result["found"]["where"] = ["velocity", "command", "place"]
     assert not discover_table.is_explained(result)
     result["found"].update(verdict="missing", chosen=["proposed"], proposed=["proposed"])
     assert not discover_table.is_explained(result)
