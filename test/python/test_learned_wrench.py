@@ -46,10 +46,8 @@ def spring(tmp_path_factory):
     """The craft with the true spring, as formulas."""
     file = tmp_path_factory.mktemp("spring") / "spring.yaml"
     file.write_text(
-        """{name: spring, parameters: {k: {value: %g, unit: N/m}}, expression: {
-        X: "-k*((x - 0.3)*cos(psi) + (y + 0.2)*sin(psi))",
-        Y: "-k*((y + 0.2)*cos(psi) - (x - 0.3)*sin(psi))"}}"""
-        % PULL
+        "{name: spring, parameters: {k: {value: %g, unit: N/m}}, frame: world, "
+        "expression: {X: '-k*(x - 0.3)', Y: '-k*(y + 0.2)'}}" % PULL
     )
     return ground.Model.load(MODEL).with_effect(file)
 

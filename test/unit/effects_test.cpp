@@ -563,6 +563,33 @@ TEST(ExpressionEffect, EqualsTheFormulaAndItsDerivatives) {
   }
 }
 
+TEST(ExpressionEffect, MayBeWrittenInTheFrameOfTheWorld) {
+  ParameterInfo k;
+  k.name = "k";
+  ExpressionDefinition spring{"spring", "-k*x", "-k*(y - 0.5)", "k*sin(psi)", {k}, {1}};
+  spring.world = true;
+  ExpressionDefinition body = spring;
+  body.world = false;
+  body.X = "-k*x*cos(psi) - k*(y - 0.5)*sin(psi)";
+  body.Y = "k*x*sin(psi) - k*(y - 0.5)*cos(psi)";
+  Model seen[2] = {tinyWhoover(), tinyWhoover()};
+  seen[0].addEffect(makeExpressionEffect(spring));
+  seen[1].addEffect(makeExpressionEffect(body));
+  for (Model& model : seen) model.setValue("spring.k", 0.01);
+  std::vector<std::vector<Measurement<Jet>>> found;
+  for (const Model& model : seen) {
+    std::vector<Jet> coordinates;
+    for (const double value : model.coordinates()) coordinates.emplace_back(value);
+    coordinates.back().v[0] = 1;
+    found.push_back(run(model, coordinates));
+  }
+  for (std::size_t i = 0; i < found[0].size(); ++i)
+    for (int c = 0; c < 3; ++c) {
+      EXPECT_NEAR(found[0][i].eta(c).a, found[1][i].eta(c).a, 1e-12);
+      EXPECT_NEAR(found[0][i].eta(c).v[0], found[1][i].eta(c).v[0], 1e-8);
+    }
+}
+
 ParameterInfo parameter(const std::string& name, const std::string& unit, double neutral) {
   ParameterInfo info;
   info.name = name;

@@ -43,6 +43,11 @@ EffectPtr made(const std::string& name) {
   c.name = "c";
   if (name == "expression")
     return makeExpressionEffect({name, "c*sin(psi)*u_L", "c*u^2*x*lift", "c*r*t", {c}, {1e-3}});
+  if (name == "world") {
+    ExpressionDefinition definition{name, "c*x", "-c*y*u", "", {c}, {1e-2}};
+    definition.world = true;
+    return makeExpressionEffect(definition);
+  }
   if (name == "memory")
     return makeExpressionEffect({name, "c*p", "c*q*v", "", {c}, {1e-2}, "-c*p*u_L", "",
                                  {{"p", "(lift*u_L + u + 0.1*t - p)/0.1", 0.2},
@@ -202,7 +207,7 @@ TEST(Lanes, AgreeWithSingleSimulations) { compareAll(craftWith({})); }
 
 TEST(Lanes, AgreeWithSingleSimulationsOfEveryEffect) {
   std::vector<std::string> names = effectNames();
-  for (const char* own : {"expression", "memory", "learned"}) names.push_back(own);
+  for (const char* own : {"expression", "world", "memory", "learned"}) names.push_back(own);
   for (const std::string& name : names) {
     SCOPED_TRACE(name);
     compareAll(craftWith({name}), name == "memory" ? kDifferencesTolerance : 1e-12);

@@ -531,6 +531,17 @@ TEST(ModelFile, NumbersAreWrittenExactlyAndAsShortAsPossible) {
   }
 }
 
+TEST(ModelFile, FormulasMayBeInTheFrameOfTheWorld) {
+  const std::string spring = effectText("spring", "-a*x");
+  const std::string world = std::string(kGood) + spring + "    frame: world\n";
+  const std::string text = formatModel(parseModel(world, "world"));
+  EXPECT_TRUE(expressionDefinition(*parseModel(text, "again").effects.back().effect)->world);
+  EXPECT_EQ(formatModel(parseModel(text, "again")), text);
+  EXPECT_EQ(complaint(std::string(kGood) + spring + "    frame: body\n"), "");
+  EXPECT_NE(complaint(std::string(kGood) + spring + "    frame: room\n").find("frame must be"),
+            std::string::npos);
+}
+
 TEST(ModelFile, AParameterWithoutScaleHasThatOfItsDistanceFromNeutral) {
   const auto scale = [](const std::string& numbers) {
     const std::string yaml = effectText("gust", "a*u - a*u");

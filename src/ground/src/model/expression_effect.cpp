@@ -63,7 +63,9 @@ class ExpressionEffect final : public Effect {
 
 #define GROUND_HOOKS_OF(T)                                                                   \
   void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) const override {        \
-    add(p, point, wrench_.data(), 3, wrench.data());                                         \
+    Vector3<T> own(T(0.0), T(0.0), T(0.0));                                                  \
+    add(p, point, wrench_.data(), 3, own.data());                                            \
+    addInBody(own, definition_.world, point, wrench);                                        \
   }                                                                                          \
   void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) const override {         \
     add(p, point, forces_.data(), force.size(), force.begin());                              \

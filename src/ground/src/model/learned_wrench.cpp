@@ -93,8 +93,7 @@ class Bells {
           sum.v = sum.v + sums.slope[c][i] * at[i].v;
       term(static_cast<int>(c)) = scale * sum;
     }
-    if (world_) term.template head<2>() = point.heading.toBody({term(0), term(1)});
-    for (int c = 0; c < 3; ++c) wrench(c) += term(c);
+    addInBody(term, world_, point, wrench);
   }
 
   /// Values of all bells at a row of arguments.

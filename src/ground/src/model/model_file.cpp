@@ -272,6 +272,14 @@ ExpressionDefinition::State readState(const YamlReader& reader, const std::strin
   return state;
 }
 
+/// Whether the axes of X and Y are those of the world.
+bool readFrame(const YamlReader& reader, const YAML::Node& node) {
+  const std::string frame = reader.text(node, "frame");
+  if (frame != "world" && frame != "body")
+    reader.fail(node, "frame must be world or body, not '" + shortened(frame) + "'");
+  return frame == "world";
+}
+
 void readExpression(const YamlReader& reader, const std::string& name, const YAML::Node& node,
                     Model& model) {
   ExpressionDefinition definition;
@@ -280,6 +288,8 @@ void readExpression(const YamlReader& reader, const std::string& name, const YAM
   reader.each(node, "effect " + name, [&](const std::string& key, const YAML::Node& value) {
     if (key == "expression") {
       readComponents(reader, value, *model.thrusters, definition);
+    } else if (key == "frame") {
+      definition.world = readFrame(reader, value);
     } else if (key == "states") {
       reader.each(value, "states of " + name, [&](const std::string& state, const YAML::Node& n) {
         definition.states.push_back(readState(reader, state, n));
@@ -297,7 +307,7 @@ void readExpression(const YamlReader& reader, const std::string& name, const YAM
         if (!wrong.empty()) reader.fail(n, wrong);
       });
     } else if (key != "name") {
-      reader.unknown(value, key, "effect " + name, "name, expression, states, parameters");
+      reader.unknown(value, key, "effect " + name, "name, expression, frame, states, parameters");
     }
   });
   try {
@@ -345,14 +355,6 @@ Eigen::MatrixXd readRows(const YamlReader& reader, const YAML::Node& node, const
         readNumbers(reader, row, "a row of " + what, columns).data(),
         static_cast<Eigen::Index>(columns));
   return rows;
-}
-
-/// Whether the axes of X and Y are those of the world.
-bool readFrame(const YamlReader& reader, const YAML::Node& node) {
-  const std::string frame = reader.text(node, "frame");
-  if (frame != "world" && frame != "body")
-    reader.fail(node, "frame must be world or body, not '" + shortened(frame) + "'");
-  return frame == "world";
 }
 
 LearnedTerm readTerm(const YamlReader& reader, const YAML::Node& node,
@@ -612,6 +614,7 @@ void emitExpression(YAML::Emitter& out, const ExpressionDefinition& definition,
     if (!formula.empty())
       out << YAML::Key << name << YAML::Value << YAML::DoubleQuoted << formula;
   out << YAML::EndMap;
+  if (definition.world) out << YAML::Key << "frame" << YAML::Value << "world";
   emitStates(out, definition.states);
   if (definition.parameters.empty()) return;
   out << YAML::Key << "parameters" << YAML::Value << YAML::BeginMap;

@@ -32,13 +32,14 @@ struct ExpressionDefinition {
   };
 
   std::string name;
-  std::string X, Y, N;  ///< formulas [N], [N], [N m], body; empty is zero
+  std::string X, Y, N;  ///< formulas [N], [N], [N m]; empty is zero
   std::vector<ParameterInfo> parameters;
   std::vector<double> typical;         ///< scale of each parameter
   std::string thrust_L{}, thrust_R{};  ///< formulas of force added to each thruster [N]
   std::vector<State> states{};
   /// The same as thrust_L, thrust_R by the names of thrusters, for crafts that list them.
   std::vector<std::pair<std::string, std::string>> thrusts{};
+  bool world = false;  ///< X and Y are along the axes of the world, not of the body
 
   /// Names and texts of all formulas other than those of the states.
   std::vector<std::pair<std::string, std::string>> components() const {

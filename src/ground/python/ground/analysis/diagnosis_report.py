@@ -305,5 +305,5 @@ def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
 
 def effect_entry(proposal: Document) -> Document:
     """A proposal as model files list effects."""
-    keys = ("name", "states", "expression", "parameters")
+    keys = ("name", "states", "expression", "frame", "parameters")
     return {key: proposal[key] for key in keys if key in proposal}
