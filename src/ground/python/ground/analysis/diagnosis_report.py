@@ -43,7 +43,10 @@ def begun(
     return {
         "schema": SCHEMA,
         "model": model_name,
-        "means": candidates.summaries(before.model),
+        "means": {
+            **candidates.summaries(before.model),
+            **candidates.summaries(conclusion.improved),
+        },
         "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},
         "windows": {"used": len(diagnosis.cut), "available": diagnosis.study.available},
         "verdict": conclusion.verdict,
