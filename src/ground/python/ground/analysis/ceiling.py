@@ -72,6 +72,15 @@ class Ceiling:
         shares = list(self.arguments.items())
         return bool(shares) and shares[0][0] == PAST and shares[0][1] > MOSTLY
 
+    def unbounded(self) -> "Ceiling":
+        """The same where nothing tells what the rest is: all of it may be learnable."""
+        return replace(
+            self,
+            learnable=replace(self.learnable, high=self.learnable.value + self.chance.value),
+            left=replace(self.left, high=1.0),
+            bound=1.0,
+        )
+
     @property
     def said(self) -> bool:
         """Whether something learnable is left."""

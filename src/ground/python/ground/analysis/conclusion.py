@@ -103,6 +103,8 @@ def _conclude(
 ) -> Conclusion:
     left = found.ceiling_of()
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
+    if not agrees.holds and left.found is None:
+        left = left.unbounded()
 
     def floor_of(seed: int) -> float:
         return float(study.noise_floor(found.runs, found.best.model, seed).sum())

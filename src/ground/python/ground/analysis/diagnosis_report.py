@@ -1,5 +1,6 @@
 """What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
+import dataclasses
 from typing import Dict, Iterable, List, Optional, Sequence, Tuple, Union
 
 from ground import _core

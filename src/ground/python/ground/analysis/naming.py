@@ -11,6 +11,7 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from ground import _core
 from ground.analysis import candidates, dictionary
 from ground.analysis.ceiling import Found
 from ground.analysis.dictionary import (
@@ -33,7 +34,8 @@ from ground.errors import GroundError
 NAME = "proposed"
 LEARNED = "learned_wrench"
 BELLS = 60  # most of them
-WIDTH = 0.6  # of a bell, over the standard deviation of its argument
+SPACING = 0.8  # of neighbours, in widths
+WIDTH = 0.8  # of a bell, over the standard deviation of its argument
 TURN_WIDTH = 0.5  # the same of the heading [rad]
 MOST = 3  # features of a formula
 TRIED = 12  # most significant features that are compared in each step
@@ -289,7 +291,7 @@ def learned(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]
         return None
     centres = _spread(values, widths, variables)
     is_world = "x" in variables or "y" in variables
-    acting = [_bells(s, variables, widths, centres, is_world) for s in sampled]
+    acting = [_bells(s, variables, widths, centres, is_world, fit) for s in sampled]
     family = Family("bells", frozenset([PLACE]), False)
     features = [Feature({c: "bell"}, "-", family) for _ in centres for c in "XYN"]
     followed = [dictionary.followed(fit.model, s) for s in sampled]
@@ -311,9 +313,9 @@ def learned(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]
         "terms": [
             {
                 "arguments": variables,
-                "widths": [float("%.4g" % w) for w in widths],
+                "widths": [float(w) for w in widths],
                 "frame": "world" if is_world else "body",
-                "centres": [[float("%.5g" % c) for c in centre] for centre in centres],
+                "centres": centres.tolist(),
                 "weights": {
                     c: [float("%.5g" % w) for w in by_channel[:, i]] for i, c in enumerate("XYN")
                 },
@@ -371,14 +373,19 @@ def _spread(values: Array, widths: Array, variables: Sequence[str]) -> Array:
     """Centres that are spread over the values, the farthest first, until all are near one."""
     centres = [values[len(values) // 2]]
     nearest = _distance(values, centres[0], widths, variables)
-    while len(centres) < BELLS and nearest.max() > 1.0:
+    while len(centres) < BELLS and nearest.max() > SPACING**2:
         centres.append(values[int(np.argmax(nearest))])
         nearest = np.minimum(nearest, _distance(values, centres[-1], widths, variables))
     return np.array(centres)
 
 
 def _bells(
-    sampled: Samples, variables: Sequence[str], widths: Array, centres: Array, is_world: bool
+    sampled: Samples,
+    variables: Sequence[str],
+    widths: Array,
+    centres: Array,
+    is_world: bool,
+    fit: Fit,
 ) -> Array:
     """Wrenches (n, 3, 3 centres) of a bell on each channel; X and Y along the room's axes if is_world."""
     values = np.column_stack([sampled.values[v] for v in variables])
@@ -386,8 +393,8 @@ def _bells(
     c, s = (np.cos(psi), np.sin(psi)) if is_world else (np.ones_like(psi), np.zeros_like(psi))
     turn = np.zeros((len(psi), 3, 3))  # body wrench by channel
     turn[:, 0, 0], turn[:, 1, 0], turn[:, 0, 1], turn[:, 1, 1], turn[:, 2, 2] = c, -s, s, c, 1.0
-    bells = [np.exp(-0.5 * _distance(values, centre, widths, variables)) for centre in centres]
-    return np.concatenate([turn * bell[:, None, None] for bell in bells], axis=2)
+    bells = np.array(_core.bells(list(variables), list(widths), centres, values, fit.model))
+    return np.concatenate([turn * bell[:, None, None] for bell in bells.T], axis=2)
 
 
 # The formula in the model
@@ -415,7 +422,7 @@ def _fitted(likelihood: Likelihood, fit: Fit, pieces: Sequence[_Piece]) -> Optio
         return None
     for name in values:
         values[name] = fitted.model.value("%s.%s" % (entry["name"], name))
-        entry["parameters"][name]["value"] = values[name]
+        entry["parameters"][name]["value"] = float(values[name])
     means = "; ".join(_told(piece, values) for piece in pieces)
     return Formula(entry, means, fitted, ratio)
 
@@ -432,10 +439,11 @@ def _entry(pieces: Sequence[_Piece], fit: Fit) -> Document:
             scale = max(abs(value), 1e-12)
             if not np.isfinite(lower):
                 lower, upper = -1e3 * scale, 1e3 * scale
-            parameters[name] = {
-                "value": value, "unit": unit, "neutral": piece.neutral[name],
-                "scale": 0.3 * scale, "lower": lower, "upper": upper,
+            numbers = {
+                "value": value, "neutral": piece.neutral[name], "scale": 0.3 * scale,
+                "lower": lower, "upper": upper,
             }  # fmt: skip
+            parameters[name] = {"unit": unit, **{key: float(n) for key, n in numbers.items()}}
     name = NAME
     while name in fit.model.effects:
         name += "_"
