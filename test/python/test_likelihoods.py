@@ -93,6 +93,63 @@ def test_the_wald_ratio_is_that_of_a_refit():
     assert refitted > 10 and with_it.ratio_without("body_force_bias") == pytest.approx(refitted, rel=0.5)
 
 
+@functools.lru_cache(maxsize=None)
+def in_draught(seed, room, time, body=0.0):
+    """A run of 8 s under a random force whose direction is fixed in the room, and one fixed in the body [N].
+
+    The thrusters turn the craft whatever the forces are, so that the heading is known beforehand."""
+    craft, random = model(), np.random.default_rng(seed)
+    bits = random.integers(0, 2, (120, 2))
+    inputs = np.column_stack([np.arange(len(bits)) / 15, bits, np.ones(len(bits))])
+    times, slow = np.arange(8000) / 1000, random.normal(size=4)
+    left = np.exp(-1e-3 / np.array([time, time, 0.3, 0.3]))
+    pushes = np.empty((len(times), 4))
+    for i in range(len(times)):
+        pushes[i] = slow * [room, room, body, body]
+        slow = left * slow + np.sqrt(1 - left**2) * random.normal(size=4)
+    start = (craft, inputs, times, [0, 0, random.uniform(-3, 3)], np.zeros(3), [0.0])
+    psi = np.array(_core.simulate(*start)["eta"])[:, 2]
+    x, y = pushes[:, 0], pushes[:, 1]
+    turned = np.column_stack([np.cos(psi) * x + np.sin(psi) * y, np.cos(psi) * y - np.sin(psi) * x])
+    wrench = np.column_stack([turned + pushes[:, 2:], np.zeros(len(times))])
+    eta = np.array(_core.simulate(*start, wrench)["eta"])
+    same = np.array(_core.simulate(*start, np.column_stack([pushes[:, 2:], 0 * x]), pushes[:, :2])["eta"])
+    assert np.abs(same - eta).max() < 1e-3  # the core turns it just as well
+    times, eta = times[::10], eta[::10] + random.normal(size=(800, 3)) * NOISE
+    found = repair.smooth(times, eta, (NOISE[0], NOISE[2]))
+    return _core.RunData("run%d" % seed, times, found["eta"], found["nu"], inputs, eta, NOISE)
+
+
+@pytest.mark.parametrize("room, time, body", [(0.0025, 0.5, 0.0), (0.0, 1.0, 0.0025), (0.0025, 0.5, 0.0025)])
+def test_random_forces_are_found_in_the_frame_in_which_they_act(room, time, body):
+    """2% of full thrust. Each was once taken for the other, and a draught for effects of the place."""
+    runs = [in_draught(seed, room, time, body) for seed in range(6)]
+    fit = likelihood.Likelihood(runs, model(), ()).fit(model(), FREE)
+    factor = np.exp(np.mean(fit.loudness))
+    levels = {name: factor * fit.levels[name] for name in ("sigma_X", "sigma_Y", "sigma_room")}
+    if room:
+        assert room / 1.5 < levels["sigma_room"] < 1.5 * room
+        assert time / 1.5 < fit.levels["time_room"] < 1.5 * time
+    else:
+        assert levels["sigma_room"] < 0.2 * body
+    for name in ("sigma_X", "sigma_Y"):
+        assert body / 1.5 < levels[name] < 1.5 * body if body else levels[name] < 0.5 * room
+
+
+def test_a_draught_does_not_narrow_the_interval_of_a_tilted_floor():
+    """The floor is level. Without a force in the room, the draught was a significant tilt."""
+    inside = widest = 0.0
+    for first in range(0, 16, 2):
+        runs = [in_draught(seed, 0.004, 1.5) for seed in (first, first + 1)]
+        like = likelihood.Likelihood(runs, model(), ())
+        tilted = candidates.of_library("floor_tilt").neutral(model())
+        names = tuple(p["name"] for p in candidates.parameters_of(tilted, "floor_tilt"))
+        found = {p["name"]: p["ci95"] for p in like.intervals(like.fit(tilted, FREE + names))}
+        inside += sum(low <= 0 <= high for low, high in (found[name] for name in names))
+        widest = max(widest, *(found[name][1] - found[name][0] for name in names))
+    assert inside >= 14 and widest < 0.1  # of 16
+
+
 def test_constants_of_a_run_are_estimated_from_its_poses():
     runs, like, fit = fitted((1, 2), tuple(sorted(likelihood.VARYING)), force=(0.005, -0.003))
     times, constants = like.constants(fit, 0)

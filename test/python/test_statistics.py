@@ -14,6 +14,7 @@ from ground.analysis import (
     distributions,
     held_out,
     look_alikes,
+    pushes,
     score_tests,
     stages,
     study,
@@ -498,9 +499,10 @@ def test_bands_of_other_runs_start_in_windows_of_their_own(monkeypatch):
 def test_a_random_wrench_has_its_levels():
     levels = {"sigma_X": 0.3, "time_X": 0.2, "white_X": 0.0}
     levels.update(sigma_Y=0.0, time_Y=1.0, white_Y=0.05, sigma_N=0.1, time_N=0.05, white_N=0.02)
+    levels.update(sigma_room=0.2, time_room=1.5)
     run = types.SimpleNamespace(times=np.arange(40000) / 100)
-    wrench = artificial.wrench_of(run, levels, np.random.default_rng(1))
-    x, y, n = wrench.T
+    drawn = pushes.of_levels(run, levels, np.random.default_rng(1))
+    x, y, n = drawn.wrench.T
     assert x.std() == pytest.approx(0.3, rel=0.1)
     for lag in (5, 20):
         alike = np.mean(x[lag:] * x[:-lag]) / np.mean(x**2)
@@ -508,7 +510,12 @@ def test_a_random_wrench_has_its_levels():
     assert y.std() == pytest.approx(0.05 / np.sqrt(0.01), rel=0.05)
     assert abs(np.mean(y[1:] * y[:-1])) < 0.05 * np.mean(y**2)
     assert n.std() == pytest.approx(np.hypot(0.1, 0.02 * 10), rel=0.05)
-    assert np.array_equal(wrench, artificial.wrench_of(run, levels, np.random.default_rng(1)))
+    assert drawn.room.std(axis=0) == pytest.approx([0.2, 0.2], rel=0.2)
+    late = drawn.room[150:] * drawn.room[:-150]
+    assert late.mean() / np.mean(drawn.room**2) == pytest.approx(np.exp(-1), abs=0.12)
+    assert abs(np.corrcoef(drawn.room.T)[0, 1]) < 0.2
+    again = pushes.of_levels(run, levels, np.random.default_rng(1))
+    assert np.array_equal(drawn.wrench, again.wrench) and np.array_equal(drawn.room, again.room)
 
 
 # --- score tests

@@ -27,9 +27,14 @@ inline Disturbance pushes(const Model& model, double share) {
   return disturbance;
 }
 
+/// A force along the axes of the room: deviation of each component [N], correlation time [s].
+struct Draught {
+  double sigma = 0, time = 1;
+};
+
 /// Poses at 120 Hz of the model with a disturbance in steps of 1 ms.
 inline RunData disturbedRun(const Model& model, const Disturbance& disturbance, unsigned seed,
-                            double duration = 8) {
+                            double duration = 8, const Draught& draught = {}) {
   constexpr double kStep = 1e-3;
   PrbsParams params;
   params.clock = 10;
@@ -41,6 +46,10 @@ inline RunData disturbedRun(const Model& model, const Disturbance& disturbance, 
   for (double t = 0; t < duration; t = prbs.nextChange(t))
     run.inputs.add(t, prbs.at(t).x(), prbs.at(t).y(), 1);
   DisturbanceSource source(disturbance, kStep, seed);
+  Disturbance in_room;
+  in_room.sigma << draught.sigma, draught.sigma, 0;
+  in_room.time.setConstant(draught.time);
+  DisturbanceSource force(in_room, kStep, seed + 1000);
   const Dynamics<double> dynamics(model);
   Simulation<double> simulation(dynamics, run.inputs, {}, 0);
   const Vector3<double> over(1 / model.body.m, 1 / model.body.m, 1 / model.body.I_z);
@@ -54,7 +63,10 @@ inline RunData disturbedRun(const Model& model, const Disturbance& disturbance, 
     const double time = static_cast<double>(i) / 120;
     while (simulation.time() < time - 1e-9) {
       const double step = std::min(kStep, time - simulation.time());
-      simulation.state().nu += step * over.cwiseProduct(source.next());
+      Vector3<double> wrench = source.next();
+      const Vector2<double> push = force.next().head<2>();
+      wrench.head<2>() += worldToBody(simulation.state().eta.z(), push);
+      simulation.state().nu += step * over.cwiseProduct(wrench);
       simulation.advance(simulation.time() + step);
     }
     run.times.push_back(time);

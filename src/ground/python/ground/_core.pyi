@@ -99,6 +99,7 @@ def simulate(
     nu: ArrayLike,
     drives: ArrayLike = ...,
     wrench: Optional[ArrayLike] = ...,
+    room: Optional[ArrayLike] = ...,
 ) -> Motion: ...
 def drive_starts(times: ArrayLike, lift: ArrayLike, records: Optional[ArrayLike] = ...) -> List[float]: ...
 

@@ -84,18 +84,22 @@ Eigen::MatrixX3d forcesOf(const Model& model, const Eigen::Ref<const Eigen::Matr
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
                      const std::vector<double>& times, const Vector3<double>& eta,
                      const Vector3<double>& nu, const std::vector<double>& drives,
-                     const std::optional<Eigen::MatrixX3d>& wrench) {
+                     const std::optional<Eigen::MatrixX3d>& wrench,
+                     const std::optional<Eigen::MatrixX2d>& room) {
   InputSequence inputs = toInputs(rows);
   if (!drives.empty()) inputs.drive = DriveClock(drives);
   if (times.empty()) throw std::invalid_argument("there is no time to simulate at");
   const auto count = static_cast<Eigen::Index>(times.size());
-  const bool pushes = wrench && wrench->rows() > 0;
+  const bool pushes = wrench && wrench->rows() > 0, draught = room && room->rows() > 0;
   if (pushes && wrench->rows() != count)
     throw std::invalid_argument("the wrench needs a row for each time");
+  if (draught && room->rows() != count)
+    throw std::invalid_argument("the force in the room needs a row for each time");
   requireFinite(asColumn(times), "a time");
   requireFinite(eta, "the initial pose");
   requireFinite(nu, "the initial velocity");
   if (pushes) requireFinite(*wrench, "the wrench");
+  if (draught) requireFinite(*room, "the force in the room");
   Eigen::MatrixX3d eta_out(count, 3), nu_out(count, 3);
   {
     const py::gil_scoped_release release;
@@ -104,12 +108,17 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
     const Matrix3<double> mobility = dynamics.mass().inverse();
     for (Eigen::Index i = 0; i < count; ++i) {
       const double time = times[static_cast<std::size_t>(i)];
-      Vector3<double> push = Vector3<double>::Zero();
-      if (i > 0 && pushes)
-        push = 0.5 * (time - simulation.time()) * mobility * wrench->row(i - 1).transpose();
-      simulation.state().nu += push;  // half of the impulse acts before the step, half after
+      const double half = 0.5 * (time - simulation.time());
+      const auto push = [&] {  // half of the impulse acts before the step, half after
+        RigidState<double>& at = simulation.state();
+        Vector3<double> acting = Vector3<double>::Zero();
+        if (pushes) acting += wrench->row(i - 1).transpose();
+        if (draught) acting.head<2>() += worldToBody<double>(at.eta.z(), room->row(i - 1).transpose());
+        at.nu += half * mobility * acting;
+      };
+      if (i > 0 && (pushes || draught)) push();
       simulation.advance(time);
-      simulation.state().nu += push;
+      if (i > 0 && (pushes || draught)) push();
       eta_out.row(i) = simulation.measure().eta;
       nu_out.row(i) = simulation.measure().nu;
     }
@@ -281,12 +290,12 @@ void defSimulation(py::module_& module) {
   module.def(
       "simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"),
       py::arg("eta"), py::arg("nu"), py::arg("drives") = std::vector<double>(),
-      py::arg("wrench") = py::none(),
+      py::arg("wrench") = py::none(), py::arg("room") = py::none(),
       "Simulated measurements of pose and velocity at `times` [s] from a true initial state. Raises "
       "RuntimeError if the motion is not finite. "
       "`inputs`: rows of time, an input for each thruster, lift. `drives`: starts of drives [s]; if empty, they "
       "follow from the lift. `wrench`: additional X, Y [N], N [N m], each row until the next time; "
-      "none by default.");
+      "none by default. `room`: additional force x, y [N] along the axes of the room (world_ned).");
   module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"),
              py::arg("records") = py::none(),
              "Starts of drives [s], the origins of the model's t, from commands in order of time "

@@ -65,7 +65,7 @@ struct GreyBoxResiduals {
   Eigen::MatrixX3d whitened;  ///< innovations; independent, of variance one if the model is true
   std::vector<bool> scored;   ///< false at the first pose of a stretch
   Eigen::MatrixXd states;     ///< filtered x, y [m], psi [rad], u, v [m/s], r [rad/s], (n, 6)
-  Eigen::MatrixX3d wrench;    ///< filtered disturbance without trim [N], [N m]
+  Eigen::MatrixX3d wrench;    ///< filtered disturbance in both frames without trim, body [N], [N m]
   Eigen::MatrixX4d constants; ///< filtered trim: X, Y [N], N [N m], relative change of thrust
   Eigen::MatrixXd responses;  ///< response of the 3 n whitened innovations to given wrenches
 };
@@ -99,9 +99,11 @@ struct Forecast {
 /// Stochastic grey-box likelihood of recorded poses (Kristensen, Madsen and Jorgensen 2004): the
 /// disturbance is a part of the model.
 ///
-///     eta' = R(psi) nu,  M nu' = tau(nu, inputs) + d + b + s tau_thrust,  z = h(eta) + e
+///     eta' = R(psi) nu,  M nu' = tau(nu, inputs) + d + R(psi)' d_w + b + s tau_thrust,
+///     z = h(eta) + e
 ///
-/// d is an Ornstein-Uhlenbeck plus a white wrench in the body's frame. The wrench b and the
+/// d is an Ornstein-Uhlenbeck plus a white wrench in the body's frame, d_w an Ornstein-Uhlenbeck
+/// force in the room's. The wrench b and the
 /// relative change of thrust s are constant in a run and normal over the runs. e is white noise of
 /// the poses.
 ///
@@ -118,7 +120,8 @@ class GreyBox {
   GreyBox(std::vector<RunData> runs, const Body<double>& craft, double max_gap = 0.1);
   ~GreyBox();
 
-  /// Start of a search: the prior's medians, except for a disturbance of 10% of full thrust. If
+  /// Start of a search: the prior's medians, except for a disturbance of 10% of full thrust, and
+  /// one of 3% in the room. If
   /// levels start low, the filter trusts the model too much and diverges.
   GreyBoxPoint start(const Model& model) const;
 

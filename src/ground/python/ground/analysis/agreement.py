@@ -11,8 +11,7 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import study
-from ground.analysis.artificial import wrench_of
+from ground.analysis import pushes, study
 from ground.analysis.ceiling import squared_errors
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.unfinished import can_be_kept
@@ -92,8 +91,9 @@ def _recorded(
     if not disturbed:
         return study.recorded(run, fit.model, random)
     factor, trim = np.exp(fit.loudness[i]) if fit.loudness else 1.0, fit.trims[i]
-    wrench = factor * wrench_of(run, fit.levels, random) + np.array(trim["wrench"])
-    return study.recorded(run, fit.model, random, wrench, trim["thrust"])
+    drawn = pushes.of_levels(run, fit.levels, random)
+    wrench = factor * drawn.wrench + np.array(trim["wrench"])
+    return study.recorded(run, fit.model, random, wrench, trim["thrust"], factor * drawn.room)
 
 
 def _tails(likelihood: Likelihood, fit: Fit) -> List[float]:

@@ -178,7 +178,8 @@ def _agreement(found: Agreement) -> Document:
 
 
 def _disturbance(fit: likelihood.Fit) -> Document:
-    """The fitted levels: of the wrench in the body's frame, of the poses, and between runs."""
+    """The fitted levels: of the wrench in the body's frame, of the force in the room's, of the poses,
+    and between runs."""
     levels = fit.levels
 
     def channels(kind: str) -> Dict[str, float]:
@@ -188,6 +189,7 @@ def _disturbance(fit: likelihood.Fit) -> Document:
         "sigma": channels("sigma"),
         "time": channels("time"),
         "white": channels("white"),
+        "room": {"sigma": levels["sigma_room"], "time": levels["time_room"]},
         "trim": dict(channels("trim"), thrust=levels["thrust"]),
         "noise": {"position": levels["position"], "heading": levels["heading"]},
     }

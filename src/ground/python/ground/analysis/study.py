@@ -267,12 +267,15 @@ def recorded(
     random: Random,
     wrench: Optional[Array] = None,
     thrust: float = 0.0,
+    room: Optional[Array] = None,
 ) -> _core.RunData:
     """The recording that a run would give if the model were true: _core.RunData. wrench: (n, 3), an
-    added wrench, held from sample to sample [N], [N m], body; thrust: its relative change."""
+    added wrench, held from sample to sample [N], [N m], body; thrust: its relative change; room:
+    (n, 2), an added force along the axes of the room, held as well [N]."""
     times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
     inputs, noise = np.array(run.inputs), np.array(run.noise)
     wrench = np.zeros_like(eta) if wrench is None else wrench
+    room = np.zeros((len(times), 2)) if room is None else room
     if thrust:
         model = model.copy()
         model.set_value("k", (1 + thrust) * model.value("k"))
@@ -282,7 +285,14 @@ def recorded(
         start = stretch[0]
         try:
             found = _core.simulate(
-                model, inputs, times[stretch], eta[start], nu[start], run.drives, wrench[stretch]
+                model,
+                inputs,
+                times[stretch],
+                eta[start],
+                nu[start],
+                run.drives,
+                wrench[stretch],
+                room[stretch],
             )
         except RuntimeError:
             raise GroundError("the model's motion along %s is not finite" % run.name)

@@ -6,7 +6,7 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import artificial, candidates, diagnosis, memory, naming, study
+from ground.analysis import candidates, diagnosis, memory, naming, pushes, study
 from ground.analysis.conclusion import EXPLAINED, Conclusion, conclude
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Document
@@ -80,7 +80,7 @@ class Analyst:
         self.overview = pieces.together([motion for _, motion in first])
         likelihood = Likelihood([self.overview], self.given, ())
         self.levels = dict(likelihood.box.start(self.given).levels)
-        for channel in "XYN":
+        for channel in ("X", "Y", "N", "room"):
             self.levels["sigma_" + channel] *= DISTURBANCE
         basis = self.basis(self.given)
         known = information.of_runs(basis, likelihood, self.levels)
@@ -207,11 +207,11 @@ def expected_errors(
     cut, errors = windows.cut([run]), []
     for seed in range(count):
         random = np.random.default_rng(seed)
-        wrench = artificial.wrench_of(run, fit.levels, random)
-        thrust = 0.0
+        drawn = pushes.of_levels(run, fit.levels, random)
+        wrench, thrust = drawn.wrench, 0.0
         if trimmed:
             wrench = wrench + [fit.levels["trim_" + c] * random.normal() for c in "XYN"]
             thrust = fit.levels["thrust"] * random.normal()
-        flown = study.recorded(run, fit.model, random, wrench, thrust)
-        errors.append(float(study.channel_errors([flown], cut, fit.model, [run]).sum()))
+        artificial = study.recorded(run, fit.model, random, wrench, thrust, drawn.room)
+        errors.append(float(study.channel_errors([artificial], cut, fit.model, [run]).sum()))
     return errors

@@ -12,6 +12,7 @@ from ground.recordings.windows import WINDOW
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 EXCLUDED = Criteria.exclusion  # log-likelihood ratio from which a rival is excluded
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
+MIN_ROOM = 0.3  # part of the random wrench's force from which a force in the room is reported
 FITTED = {"likelihood": "", "simulation": " by simulation error"}  # by what a model was refitted
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 
@@ -526,6 +527,12 @@ def left(report: Document) -> Iterator[str]:
             for part in ("%.2g %s" % (levels["sigma"][c], unit), levels["time"][c])
         )
     )
+    room, sizes = levels["room"], levels["sigma"]
+    if room["sigma"] > MIN_ROOM * max(sizes["X"], sizes["Y"]):
+        yield (
+            "A random force of %s keeps its direction in the room while the craft turns, for about "
+            "%.2g s, as a draught does." % (quantity(room["sigma"], "N"), room["time"])
+        )
 
 
 def unexplained(report: Document) -> Iterator[str]:
