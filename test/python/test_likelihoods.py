@@ -108,13 +108,14 @@ def in_draught(seed, room, time, body=0.0):
         pushes[i] = slow * [room, room, body, body]
         slow = left * slow + np.sqrt(1 - left**2) * random.normal(size=4)
     start = (craft, inputs, times, [0, 0, random.uniform(-3, 3)], np.zeros(3), [0.0])
-    psi = np.array(_core.simulate(*start)["eta"])[:, 2]
+    motion = _core.simulate(*start)
+    psi = np.array(motion["eta"])[:, 2] + 0.5e-3 * np.array(motion["nu"])[:, 2]  # in the middle of a step
     x, y = pushes[:, 0], pushes[:, 1]
     turned = np.column_stack([np.cos(psi) * x + np.sin(psi) * y, np.cos(psi) * y - np.sin(psi) * x])
     wrench = np.column_stack([turned + pushes[:, 2:], np.zeros(len(times))])
     eta = np.array(_core.simulate(*start, wrench)["eta"])
     same = np.array(_core.simulate(*start, np.column_stack([pushes[:, 2:], 0 * x]), pushes[:, :2])["eta"])
-    assert np.abs(same - eta).max() < 1e-3  # the core turns it just as well
+    assert np.abs(same - eta).max() < 1e-4  # the core turns it just as well
     times, eta = times[::10], eta[::10] + random.normal(size=(800, 3)) * NOISE
     found = repair.smooth(times, eta, (NOISE[0], NOISE[2]))
     return _core.RunData("run%d" % seed, times, found["eta"], found["nu"], inputs, eta, NOISE)
@@ -122,7 +123,7 @@ def in_draught(seed, room, time, body=0.0):
 
 @pytest.mark.parametrize("room, time, body", [(0.0025, 0.5, 0.0), (0.0, 1.0, 0.0025), (0.0025, 0.5, 0.0025)])
 def test_random_forces_are_found_in_the_frame_in_which_they_act(room, time, body):
-    """2% of full thrust. Each was once taken for the other, and a draught for effects of the place."""
+    """At 2% of full thrust."""
     runs = [in_draught(seed, room, time, body) for seed in range(6)]
     fit = likelihood.Likelihood(runs, model(), ()).fit(model(), FREE)
     factor = np.exp(np.mean(fit.loudness))
@@ -133,12 +134,12 @@ def test_random_forces_are_found_in_the_frame_in_which_they_act(room, time, body
     else:
         assert levels["sigma_room"] < 0.2 * body
     for name in ("sigma_X", "sigma_Y"):
-        assert body / 1.5 < levels[name] < 1.5 * body if body else levels[name] < 0.5 * room
+        assert body / 1.5 < levels[name] < 1.5 * body if body else levels[name] < 0.6 * room
 
 
 def test_a_draught_does_not_narrow_the_interval_of_a_tilted_floor():
     """The floor is level. Without a force in the room, the draught was a significant tilt."""
-    inside = widest = 0.0
+    inside, widest = 0, 0.0
     for first in range(0, 16, 2):
         runs = [in_draught(seed, 0.004, 1.5) for seed in (first, first + 1)]
         like = likelihood.Likelihood(runs, model(), ())

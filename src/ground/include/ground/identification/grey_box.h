@@ -120,9 +120,8 @@ class GreyBox {
   GreyBox(std::vector<RunData> runs, const Body<double>& craft, double max_gap = 0.1);
   ~GreyBox();
 
-  /// Start of a search: the prior's medians, except for a disturbance of 10% of full thrust, and
-  /// one of 3% in the room. If
-  /// levels start low, the filter trusts the model too much and diverges.
+  /// Start of a search: the prior's medians, except for a disturbance of 10% of full thrust, and a
+  /// force of 3% in the room. If levels start low, the filter trusts the model too much and diverges.
   GreyBoxPoint start(const Model& model) const;
 
   /// Maximises the posterior from a start, which must have positive levels.
