@@ -9,7 +9,6 @@ from scipy import stats
 from ground import _core
 from ground.analysis import (
     bands,
-    artificial,
     candidates,
     distributions,
     held_out,

@@ -25,6 +25,7 @@ DELAY = 1e-3  # delay of all commands that counts as a change of a parameter [s]
 SIZES = np.geomspace(1e-4, 1.0, 17) ** 2  # variances of a term's wrench, over full thrust squared
 DRAWS = 2000
 LEAST = 8.0  # ratio below which a family is not worth its draws
+FEWEST = 0.02  # least share of the samples in which a feature acts, by the fourth moment
 SEEN = 0.03  # least share of a feature's information that the parameters leave
 MOST = 4  # terms
 REFUSED = 3  # terms that held-out parts may refuse
@@ -342,7 +343,10 @@ def _without(
     left, sizes, _ = np.linalg.svd(W, full_matrices=False)
     left = left[:, sizes > 1e-9 * sizes.max()]
     A = A - left @ (left.T @ A)
-    kept = ((A**2).sum(axis=0) > SEEN * before) & (before > 0)
+    power = (A**2).sum(axis=0)
+    # what acts in a few samples alone cannot be learned
+    acts = power**2 / np.maximum((A**4).sum(axis=0), 1e-300) / len(A)
+    kept = (power > SEEN * before) & (before > 0) & (acts > FEWEST)
     A[:, ~kept] = 0.0
     edges = np.cumsum([0] + [3 * len(a) for a in acting])
     return [A[i:j].reshape(-1, 3, A.shape[1]) for i, j in zip(edges[:-1], edges[1:])], kept
