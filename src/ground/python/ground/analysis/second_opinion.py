@@ -34,7 +34,11 @@ POINTS = 7  # of a window at which features are averaged
 BLOCK = 0.6  # length of the blocks of which chance turns the sign [s]
 TURNS = 1999  # number of draws of chance
 LEVEL = 0.01  # probability that something is said where nothing is missing
-MIN_SHARE = 0.05  # least share that is said
+MAX_P = LEVEL / len(ARGUMENTS)  # largest p-value of an argument that is said
+MIN_SHARE = 0.1  # least share that is said
+MIN_GAIN = 2.3  # least gain on runs not fitted to, in its standard deviations
+MAX_REFUSED = 5  # parts tried in vain, before the search ends
+PAST = 0.9  # memory must be clearer by its inverse, because much looks like it
 MAX_PARTS = 4  # largest number of parts that are found one after the other
 MIN_WINDOWS = 60
 LATE = 1e-3  # delay of the commands that may be wrong [s]
@@ -547,76 +551,119 @@ def _tested(regression: _Regression, data: _Windows) -> Array:
 
 
 def _judged(data: _Windows) -> Opinion:
-    """Looks for parts one after the other, each beside those before."""
+    """Looks for parts one after the other, each beside those before. Each has to predict the wrench
+    of runs that it was not fitted to better than what was missing before does."""
     chosen: List[_Part] = []
-    p_values = {}
-    for _ in range(MAX_PARTS + 1):
+    p_values: Dict[str, float] = {}
+    refused: List[int] = []
+    while True:
         nuisances = [data.own, data.before, *(part.columns for part in chosen)]
         found = _tested(_Regression(data.wrench, nuisances), data)
-        most = {}
+        p_now = {}
         for argument in ARGUMENTS:
             of = [i for i, part in enumerate(data.parts) if argument in part.arguments]
             highest = found[:, of].max(axis=1)
-            p = float((highest >= highest[0] - 1e-9).mean())
+            p_now[argument] = float((highest >= highest[0] - 1e-9).mean())
             if not any(argument in part.arguments for part in chosen):
-                p_values[argument] = p
-            most[argument] = p
-        best = int(np.argmax(found[0]))
-        p = min(most[argument] for argument in data.parts[best].arguments)
-        if p >= LEVEL / len(ARGUMENTS) or len(chosen) == MAX_PARTS:
+                p_values[argument] = p_now[argument]
+        ranked = found[0] * [PAST if "past" in part.arguments else 1.0 for part in data.parts]
+        ranked[refused] = -np.inf
+        best = int(np.argmax(ranked))
+        part = data.parts[best]
+        if len(chosen) == MAX_PARTS or min(p_now[a] for a in part.arguments) >= MAX_P:
             break
-        chosen.append(data.parts[best])
+        refused.append(best)
+        if _predicts(data, chosen, part):
+            chosen.append(part)
+        elif len(refused) - len(chosen) > MAX_REFUSED:
+            break
     return _opinion(data, chosen, p_values)
 
 
 def _opinion(data: _Windows, chosen: List[_Part], p_values: Dict[str, float]) -> Opinion:
-    whole = _shares(data, chosen)
+    share, deviation = _share(data, chosen)
     arguments = {}
     for argument in ARGUMENTS:
         without = [part for part in chosen if argument not in part.arguments]
-        lost = 0.0
-        if len(without) < len(chosen):
-            lost = whole[0] - _shares(data, without)[0]
-        arguments[argument] = (float(max(0.0, lost)), p_values[argument])
-    says = [a for a in ARGUMENTS if arguments[a][0] >= MIN_SHARE and p_values[a] < LEVEL / len(ARGUMENTS)]
-    says.sort(key=lambda a: -arguments[a][0])
-    return Opinion(arguments, float(whole[0]), (float(whole[1]), float(whole[2])), tuple(says))
+        lost = share - _share(data, without)[0] if len(without) < len(chosen) else 0.0
+        of_chosen = len(without) < len(chosen)
+        arguments[argument] = (max(0.0, lost), p_values[argument] if of_chosen else max(MAX_P, p_values[argument]))
+    low, high = share - 1.96 * deviation, min(1.0, share + 1.96 * deviation)
+    says = [a for a in ARGUMENTS if arguments[a][0] >= MIN_SHARE and arguments[a][1] < MAX_P]
+    says = sorted(says, key=lambda a: -arguments[a][0]) if share >= MIN_SHARE and low > 0 else []
+    return Opinion(arguments, share, (low, high), tuple(says))
 
 
-def _shares(data: _Windows, chosen: Sequence[_Part]) -> Tuple[float, float, float]:
-    """Share of the missing wrench that parts explain where they were not fitted to, and its 95%
-    interval by a jackknife over blocks."""
-    if not chosen:
-        return 0.0, 0.0, 0.0
-    plain = _Regression(data.wrench, [data.own])
-    wrench = plain.rest
-    columns = np.concatenate([part.columns for part in chosen], axis=2)
-    columns = columns / np.maximum(1e-300, np.sqrt((columns**2).mean(axis=(0, 1))))
-    beside = _Regression(data.wrench, [data.own, data.before])
-    left, rest = beside.beside(columns) / beside.scale[:, None], beside.rest
-    seen = plain.beside(columns) / plain.scale[:, None]
-    before, after = (wrench**2).sum(axis=1), np.empty(len(wrench))
+def _predicts(data: _Windows, chosen: Sequence[_Part], part: _Part) -> bool:
+    """Whether a part beside others lowers the error on runs that it was not fitted to."""
+    less, _ = _held_out(data, chosen)
+    more, _ = _held_out(data, [*chosen, part])
+    gains = _by_block(data, (less**2 - more**2).sum(axis=1))
+    return bool(gains.sum() > MIN_GAIN * np.sqrt((gains**2).sum()))
+
+
+def _by_block(data: _Windows, values: Array) -> Array:
+    return np.bincount(np.unique(data.block, return_inverse=True)[1], values)
+
+
+def _held_out(data: _Windows, chosen: Sequence[_Part]) -> Tuple[Array, Array]:
+    """Errors (n, 3) of predictions of the missing wrench, beside what was missing before, and what is
+    explained by parts alone: each run's by a regression on the others, in robust deviations."""
+    whole = _Regression(data.wrench, [data.own])
+    wrench = whole.beside(data.wrench[:, :, None]) / whole.scale[:, None]
+    columns = np.concatenate([wrench, *(part.columns / whole.scale[:, None] for part in chosen)], axis=2)
+    columns[:, :, 1:] = whole.beside(columns[:, :, 1:])
+    before = whole.beside(data.before)
+    error, explained = np.empty(wrench.shape[:2]), np.zeros(wrench.shape[:2])
     for fold in np.unique(data.fold):
-        fitted = data.fold != fold
-        flat = left[fitted].reshape(-1, left.shape[2])
-        gram = flat.T @ flat
-        gram = gram + 1e-3 * np.trace(gram) / len(gram) * np.eye(len(gram))
-        weights = np.linalg.solve(gram, flat.T @ (rest[fitted] * 1.0).reshape(-1))
-        guess = seen[~fitted] @ weights
-        after[~fitted] = ((wrench[~fitted] - guess) ** 2).sum(axis=1)
-    noise = np.minimum(1.0, (data.noise / plain.scale**2)).sum(axis=1)
-    _, at = np.unique(data.block, return_inverse=True)
-    sums = np.stack([np.bincount(at, values) for values in (before, before - after, noise)])
+        out = data.fold == fold
+        left, away = np.empty_like(columns[~out]), np.empty_like(columns[out])
+        for channel in range(3):
+            own = before[:, channel]
+            weights = np.linalg.lstsq(own[~out], columns[~out, channel], rcond=1e-6)[0]
+            left[:, channel] = columns[~out, channel] - own[~out] @ weights
+            away[:, channel] = columns[out, channel] - own[out] @ weights
+        weights = _weights(np.clip(left[..., 0], -MOST, MOST), left[..., 1:], data.block[~out])
+        error[out] = np.clip(away[..., 0] - away[..., 1:] @ weights, -2 * MOST, 2 * MOST)
+        explained[out] = columns[out][..., 1:] @ weights
+    return error, explained
+
+
+def _weights(target: Array, columns: Array, block: Indices) -> Array:
+    """Weights of columns (n, 3, m) by least squares, shrunk by how uncertain they are (James and
+    Stein)."""
+    if not columns.shape[2]:
+        return np.zeros(0)
+    flat = columns.reshape(-1, columns.shape[2])
+    size = np.maximum(1e-300, np.sqrt((flat**2).sum(axis=0)))
+    values, vectors = np.linalg.eigh((flat / size).T @ (flat / size))
+    turn = (vectors / np.sqrt(np.maximum(values, 1e-300)))[:, values > 0.01] / size[:, None]
+    products = np.einsum("ncm,nc->nm", columns @ turn, target)
+    sums = np.zeros((len(np.unique(block)), products.shape[1]))
+    np.add.at(sums, np.unique(block, return_inverse=True)[1], products)
+    score = sums.sum(axis=0)
+    chance = ((sums - sums.mean(axis=0)) ** 2).sum()
+    return np.asarray(turn @ (score * max(0.0, 1 - chance / max(1e-300, (score**2).sum()))))
+
+
+def _share(data: _Windows, chosen: Sequence[_Part]) -> Tuple[float, float]:
+    """Share of the missing wrench, beyond the poses' noise, that parts explain on runs that they were
+    not fitted to, and its standard deviation by a jackknife over blocks."""
+    if not chosen:
+        return 0.0, 0.0
+    _, explained = _held_out(data, chosen)
+    whole = _Regression(data.wrench, [data.own])
+    noise = np.minimum(1.0, data.noise / whole.scale**2)
+    gain = whole.rest**2 - (whole.rest - explained) ** 2
+    sums = np.stack([_by_block(data, v.sum(axis=1)) for v in (whole.rest**2, gain, noise)])
 
     def share(total: Array) -> Array:
         return np.asarray(total[1] / np.maximum(total[0] - total[2], 0.1 * total[0]))
 
     every = sums.sum(axis=1)
     others = share(every[:, None] - sums)
-    count = len(others)
-    spread = np.sqrt((count - 1) / count * ((others - others.mean()) ** 2).sum())
-    value = float(share(every))
-    return min(1.0, value), value - 1.96 * float(spread), min(1.0, value + 1.96 * float(spread))
+    deviation = np.sqrt((len(others) - 1) * others.var())
+    return min(1.0, float(share(every))), float(deviation)
 
 
 def words(opinion: Opinion) -> str:
