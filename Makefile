@@ -15,7 +15,7 @@ SEED ?= 1
 # CMake options in addition to the preset "default" (CMakePresets.json)
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
-.PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-discover bench-tracking bench-scaling \
+.PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking bench-scaling \
   bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes bench-plans \
   bench-commands bench-diagnose docs install clean
 
@@ -87,6 +87,12 @@ bench-damage: build
 bench-hidden: build
 	@$(in_workspace) test/bench/hidden.py --results build/hidden.jsonl \
 	  --markdown build/hidden.md --picture build/hidden.png $(OPTIONS)
+
+# Diagnoses crafts that MuJoCo's engine moves, beside peers on the same data; prints a table; resumes after
+# an interruption. OPTIONS="--count 24 --peers sysid sindy ridge", OPTIONS="--help"
+bench-mujoco: build
+	@$(in_workspace) test/bench/mujoco_bench.py --python "$$(test/bench/peer_python build/peers)" \
+	  --results build/mujoco.jsonl --markdown build/mujoco.md $(OPTIONS)
 
 # Simulated crafts that find their hidden physics by flying, with chosen and with random experiments;
 # prints a table; resumes after an interruption. OPTIONS="--kinds one none --count 20", OPTIONS="--help"

@@ -72,6 +72,7 @@ def fit(features, rates, names, nominal, threshold):
 
 
 def name_effect(case):
+    """The effect of a case, and {term: coefficient} for each equation."""
     best = None
     for width in WIDTHS:
         differentiate = pysindy.SmoothedFiniteDifference(smoother_kws={"window_length": width})
@@ -80,7 +81,7 @@ def name_effect(case):
             for r in case
         ]
         for threshold in THRESHOLDS:
-            error, sizes = 0.0, {}
+            error, sizes, found = 0.0, {}, []
             for equation in range(3):
                 names = library(equation)
                 F = [np.column_stack([t[n] for n in names]) for t, _ in data]
@@ -92,16 +93,17 @@ def name_effect(case):
                     error += np.mean((F[out] @ c - y[out]) ** 2) / np.var(y[out])
                 F, y = np.vstack(F), np.concatenate(y)
                 c = fit(F, y, names, NOMINAL[equation], threshold)
+                found.append(dict(zip(names, c)))
                 for n, part in zip(names, (F * c).std(axis=0) + np.abs((F * c).mean(axis=0))):
                     sizes[equation, n] = part / y.std()
             if best is None or error < best[0]:
-                best = (error, sizes)
+                best = (error, sizes, found)
     parts = {
         effect: np.sqrt(sum(best[1][t] ** 2 for t in ts if t[1] not in NOMINAL[t[0]]))
         for effect, ts in EFFECTS.items()
     }
     effect = max(parts, key=parts.get)
-    return effect if parts[effect] > 0 else "nothing"
+    return (effect if parts[effect] > 0 else "nothing"), best[2]
 
 
 def main():
@@ -111,7 +113,7 @@ def main():
     for runs in cases:
         case = [{name: np.array(value) for name, value in run.items()} for run in runs]
         begin = time.perf_counter()
-        effect = name_effect(case)
+        effect, _ = name_effect(case)
         print(json.dumps({"named": effect, "seconds": time.perf_counter() - begin}), flush=True)
 
 
