@@ -173,7 +173,7 @@ def lines(results):
                 "%.1f%%" % (100 * yes / count),
                 "%d" % count,
                 "%.1f to %.1f%%" % (100 * low, 100 * high),
-                _bound(row.bound),
+                bound(row.bound),
                 "" if row.bound is None else "yes" if is_held(row.bound, yes, count) else "no",
                 "%.1f%% of %d" % (100 * np.mean(seen), len(seen)) if seen else "",
             ]
@@ -190,10 +190,11 @@ def verdicts(results):
     return [["verdicts"] + names] + rows
 
 
-def _bound(bound):
-    if bound is None:
+def bound(given):
+    """A bound in words."""
+    if given is None:
         return ""
-    sense, share = bound
+    sense, share = given
     return "%g to 98%%" % (100 * share) if sense == "in" else "%s %g%%" % (sense, 100 * share)
 
 

@@ -79,8 +79,8 @@ def _hand_over(case, runs, zeros, folder):
 # --- Scores: yes, no, or None where they do not apply
 
 
-def has_failed(result, tool):
-    return tool != "ground" and "failed" in result["peers"][tool]
+def has_answered(result, tool):
+    return tool == "ground" or "error" in result["peers"].get(tool, {})
 
 
 def _answer(result, tool):
@@ -135,6 +135,10 @@ def false_complete(result, tool):
     return result["found"]["verdict"] == "complete"
 
 
+def intervals_hold(result, tool):
+    return score.intervals(result) if tool == "ground" and result["kind"] == "mujoco_library" else None
+
+
 def ratio(result, tool):
     """The held-out error relative to that of the engine's own model without the random wrench."""
     error = result["found"]["errors"]["steps"][-1] if tool == "ground" else result["peers"][tool]["error"]
@@ -148,14 +152,15 @@ ROWS = (
     ("nothing hidden: something said to be missing", says_left_in_null, ("<=", 0.03)),
     ("without a name: said that something is left", says_nameless, (">=", 0.97)),
     ("error above %g times the truth's: `complete`" % EXCESS, false_complete, ("<=", 0.0)),
+    ("95% intervals of the hidden effects hold", intervals_hold, ("in", 0.95)),
 )
 
 
 def lines(results, tools):
     """Lines of the table, each a list of strings: the question, its bound, and a column for each tool."""
     table = [["what", "bound"] + [TITLES[tool] for tool in tools]]
-    for what, ask, (sense, share) in ROWS:
-        table.append([what, "%s %g%%" % (sense, 100 * share)] + [_rate(results, ask, tool) for tool in tools])
+    for what, ask, bound in ROWS:
+        table.append([what, hidden_table.bound(bound)] + [_rate(results, ask, tool) for tool in tools])
     for kind in sorted(set(mujoco_cases.KINDS)):
         of_kind = [r for r in results if r["kind"] == kind]
         if of_kind:
@@ -165,13 +170,14 @@ def lines(results, tools):
 
 
 def _median(results, tool):
-    ratios = [ratio(r, tool) for r in results if not has_failed(r, tool)]
+    ratios = [ratio(r, tool) for r in results if has_answered(r, tool)]
     return "%.2f" % np.median(ratios) if ratios else ""
 
 
 def _rate(results, ask, tool):
-    answers = [ask(r, tool) for r in results if not has_failed(r, tool)]
-    answers = [answer for answer in answers if answer is not None]
+    given = [ask(r, tool) for r in results if has_answered(r, tool)]
+    given = [one for answer in given for one in (answer if isinstance(answer, list) else [answer])]
+    answers = [answer for answer in given if answer is not None]
     if not answers:
         return ""
     yes, count, low, high = hidden_table.rate(answers)

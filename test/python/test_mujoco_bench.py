@@ -79,7 +79,8 @@ def test_the_engine_agrees_with_independent_equations(engine_moves, effect):
 
 def result(kind, chosen, verdict, error, **peers):
     case, _ = mujoco_cases.make({"null": 1, "library": 2, "nameless": 3}[kind])
-    found = {"chosen": chosen, "groups": {}, "verdict": verdict, "errors": {"steps": [error]}}
+    found = {"chosen": chosen, "groups": {}, "verdict": verdict, "parameters": []}
+    found["errors"] = {"steps": [error]}
     answers = {name: {"named": named, "error": 2.0} for name, named in peers.items()}
     return dict(case.describe(), frame="body", found=found, true_error=1.0, peers=answers)
 
