@@ -144,8 +144,8 @@ class _Parts:
         self.world.append(floor)
         self.craft += [heave, foot]
         self.pairs.append(
-            '<pair geom1="floor" geom2="foot" condim="3" solref="0.004 1" solimp="0.99 0.999 0.0001" '
-            'friction="%.9g %.9g 0 0 0"/>' % (along, across)
+            '<pair geom1="floor" geom2="foot" condim="3" solref="%g 1" solimp="0.99 0.999 0.0001" '
+            'friction="%.9g %.9g 0 0 0"/>' % (max(4e-3, 2 * self.step), along, across)
         )
 
     def payload(self, share, at, joints):

@@ -23,12 +23,12 @@ import numpy as np
 
 import mujoco_craft as engine
 
-STEP_OF_PEER = 2e-3  # of the engine in mujoco.sysid [s]
+STEP_OF_PEER = 4e-3  # of the engine in mujoco.sysid [s]
 WINDOW = 1.5  # that mujoco.sysid fits to [s]
 FREE = ("I_z", "X_u", "Y_v", "N_r", "k")  # parameters of the body that are not known
 # Largest size of an effect in mujoco.sysid, and least one of an effect that has one sign, relative to a
-# moderate one: without a lag the engine's rule of integration is unstable.
-LARGEST, LEAST = 5.0, 0.15
+# moderate one: with a shorter lag the engine's rule of integration is unstable.
+LARGEST, LEAST = 5.0, 0.3
 DIVERGED = 100.0  # largest error [s of the run]
 ITERATIONS = 8  # of mujoco.sysid
 WAVES = 300  # random Fourier features, which stand for a Gaussian process
