@@ -23,6 +23,7 @@ from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.search import Search
+from ground.analysis.second_opinion import Opinion, second_opinion
 from ground.annotations import Document, Each
 from ground.core_types import FittedParameter
 
@@ -55,6 +56,7 @@ class Conclusion:
     memory: Optional[memory.Memory]
     ceiling: Ceiling
     agreement: Agreement
+    opinion: Opinion  # another method's
     formula: Optional[naming.Formula]  # for what is learnable and has no name
     diagnosis: Diagnosis  # its basis
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
@@ -113,7 +115,8 @@ def _conclude(
     reached = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
     varies = _varies(found)
     explained = found.best.error.sum() < EXPLAINED * floor
-    verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees)
+    opinion = second_opinion(found.runs, found.model)
+    verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, opinion)
     formula = _name(found, left) if verdict in NAMELESS else None
     return Conclusion(
         verdict,
@@ -128,6 +131,7 @@ def _conclude(
         found.memory,
         left,
         agrees,
+        opinion,
         formula,
         found,
         heldout,
@@ -206,6 +210,7 @@ def _verdict(
     varies: Sequence[Document],
     left: Ceiling,
     agrees: Agreement,
+    opinion: Opinion,
 ) -> str:
     if found.memory:
         return "memory"
@@ -218,7 +223,7 @@ def _verdict(
     if varies:
         return "varies"
     # An effect that the likelihood prefers and held-out parts refute leaves open what is missing.
-    open_still = bool(found.dropped) or left.found is not None or not agrees.holds
+    open_still = bool(found.dropped or opinion.says) or left.found is not None or not agrees.holds
     if not explained and (open_still or left.bound > SMALL):
         return "undecided"
     return "complete"

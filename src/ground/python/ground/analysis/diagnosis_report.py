@@ -11,6 +11,7 @@ from ground.analysis import (
     likelihood,
     look_alikes,
     next_experiment,
+    second_opinion,
     stages,
     study,
 )
@@ -79,6 +80,12 @@ def begun(
         "memory": _memory(conclusion),
         "ceiling": _ceiling(conclusion.ceiling),
         "agreement": _agreement(conclusion.agreement),
+        "second_opinion": {
+            "says": list(conclusion.opinion.says),
+            "share": conclusion.opinion.share,
+            "ci95": list(conclusion.opinion.interval),
+            "words": second_opinion.words(conclusion.opinion),
+        },
         "disturbance": _disturbance(diagnosis.fit),
     }
 
