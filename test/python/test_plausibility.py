@@ -128,6 +128,13 @@ def test_a_seldom_level_of_a_coarse_controller_is_no_damage(levels, share):
         assert said(np.column_stack([times, coarse, np.ones(1000)])) == []
 
 
+def test_a_level_cut_by_the_begin_or_end_of_a_recording_is_no_damage():
+    levels = np.repeat([0.75, 0.5, 0.25, 0.0, 1.0, 0.25, 0.5], 6)[5:]
+    for left in (levels, levels[::-1]):
+        sent = np.column_stack([np.arange(len(left)) / 50, left, np.zeros(len(left)), np.ones(len(left))])
+        assert said(sent) == []
+
+
 def test_commands_of_a_continuous_controller_are_no_damage():
     assert said(np.random.default_rng(0).random((3000, 4))) == []
     assert said(np.array([[0.0, 0, 0, 1], [1, 0.5, 0.5, 1], [2, 1, 1, 1]])) == []

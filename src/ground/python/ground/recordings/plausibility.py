@@ -56,14 +56,14 @@ def lone_commands(times: Array, controls: Array, channels: Sequence[str]) -> Ite
 
     Such a command has a value that no other command has, and is the message before or after it but for
     one bit. That alone also happens to a coarse controller; but where every other command is repeated,
-    a single message is odd.
+    a single message is odd. The first and the last message of a recording may be parts of longer levels.
     """
     before, channel = _one_bit_apart(controls)
     found: Dict[int, Set[int]] = {}  # by channel
     for i, c in zip(before.tolist(), channel.tolist()):
         for at, repeats in ((i, i + 1), (i + 1, i)):
             lone = (controls[:, c] == controls[at, c]).sum() == 1
-            if lone and _repeated_around(controls, at, repeats):
+            if lone and 0 < at < len(controls) - 1 and _repeated_around(controls, at, repeats):
                 found.setdefault(c, set()).add(at)
     for c, places in sorted(found.items()):
         yield "the command %s is %s, one bit away from its repetition: the bag may be damaged" % (
