@@ -25,6 +25,9 @@ from ground.errors import GroundError
 
 SCHEMA = "ground/diagnosis/1"
 # Refits for the report alone are bounded, so that its cost grows linearly with the data.
+# What a held-out error is of: parts of the runs fitted to, each by a fit to the others, or runs that the
+# user held out.
+CROSSED, HOLDOUT = "cross-validation", "holdout"
 MIN_JUDGED = 3  # best effects whose errors are always in the report
 MAX_PLANNED_RUNS = 6  # runs that the next experiment is planned with
 
@@ -42,6 +45,7 @@ def begun(
     names = [run.name for run in diagnosis.runs]
     with diagnosis.work.stage(stages.REPEATING):
         nested = conclusion.nested
+    by = HOLDOUT if heldout else CROSSED
     return {
         "schema": SCHEMA,
         "model": model_name,
@@ -55,20 +59,24 @@ def begun(
         "findings": list(findings),
         "nominal": {
             "parameters": _parameters(before.parameters),
-            "error": {"fit": before.error, "heldout": before.heldout},
+            "error": {"fit": before.error, "heldout": before.heldout, "by": by},
+            "cross_validated": float(diagnosis.nominal.heldout.sum()),
             "by": before.by,
-            "refits": {r.by: {"fit": r.error, "heldout": r.heldout} for r in conclusion.refits},
+            "refits": {
+                r.by: {"fit": r.error, "heldout": r.heldout, "by": by} for r in conclusion.refits
+            },
         },
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
             "parameters": _parameters(conclusion.parameters),
-            "error": _errors(diagnosis.best, nested),
+            "error": _errors(diagnosis.best, nested, by),
+            "cross_validated": float(diagnosis.best.heldout.sum()),
         },
         "noise_floor": conclusion.heldout_floor,
         "steps": [
             {
                 "added": step.added,
-                "error": _errors(step.fit, error),
+                "error": _errors(step.fit, error, by),
                 "group": list(step.group),
                 "judged": dataclasses.asdict(conclusion.judgements[step.added]),
             }
@@ -121,12 +129,14 @@ def completed(
 
 
 def _errors(
-    fit: Union[held_out.Judged, study.Fit, None], heldout: Optional[float] = None
+    fit: Union[held_out.Judged, study.Fit, None],
+    heldout: Optional[float] = None,
+    by: str = CROSSED,
 ) -> Document:
     if fit is None:
-        return {"fit": None, "heldout": None}
+        return {"fit": None, "heldout": None, "by": by}
     heldout = fit.heldout.sum() if heldout is None else heldout
-    return {"fit": float(fit.error.sum()), "heldout": float(heldout)}
+    return {"fit": float(fit.error.sum()), "heldout": float(heldout), "by": by}
 
 
 def _parameters(parameters: Iterable[Estimate], prefix: str = "") -> Document:

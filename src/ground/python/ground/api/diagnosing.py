@@ -348,8 +348,8 @@ def _result(
         improved=problem.model if conclusion.verdict == MISREAD else fitted_model(
             conclusion.improved,
             problem.seen.recordings,
-            report["nominal"]["error"],
-            report["improved"]["error"],
+            _errors(report["nominal"]["error"]),
+            _errors(report["improved"]["error"]),
             parameters,
         ),
         parameters=parameters,
@@ -361,6 +361,11 @@ def _result(
         found=found,
         conclusion=conclusion,
     )
+
+
+def _errors(error: Document) -> Dict[str, float]:
+    """An error of a report, as model files keep it."""
+    return {kind: error[kind] for kind in ("fit", "heldout")}
 
 
 def _next_inputs(problem: Problem, proposed: Document) -> Optional[Array]:

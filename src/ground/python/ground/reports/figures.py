@@ -69,8 +69,9 @@ LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 TABLE_HEAD, TABLE_ROW = 26, 24  # heights of a row [pixels]
 
 
-def fall(steps: Sequence[Tuple[str, float]], floor: Optional[float], measured_on: str) -> Document:
-    """Bars of the error (pairs of label and error, from top), and the noise floor or None."""
+def fall(steps: Sequence[Tuple[str, float]], floor: Optional[float], title: str) -> Document:
+    """Bars of the error (pairs of label and error, from top), and the noise floor or None; title: of the
+    axis."""
     labels = [wrapped(label, LABEL_WIDTH) for label, _ in steps]
     errors = [error for _, error in steps]
     lines = sum(1 + label.count("<br>") for label in labels)
@@ -90,7 +91,7 @@ def fall(steps: Sequence[Tuple[str, float]], floor: Optional[float], measured_on
     )
     if floor is not None:
         figure.add_line(floor, FLOOR, "noise of the poses alone %s" % number(floor))
-    figure.update_xaxes(title="error on %s [-]" % measured_on, range=[0, 1.3 * max(errors)])
+    figure.update_xaxes(title=title + " [-]", range=[0, 1.3 * max(errors)])
     figure.update_yaxes(autorange="reversed", automargin=True)
     margin = {"t": 40, "b": 50, "l": 20, "r": 20}
     height = 100 + 14 * len(steps) + 23 * lines

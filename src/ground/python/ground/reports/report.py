@@ -99,8 +99,10 @@ def _verdict(sheet: page.Page, report: Document) -> None:
     bands = words.bands(report)
     if bands:
         sheet.paragraph(bands)
-    fall = figures.fall(words.steps(report), report["noise_floor"], "held-out runs")
+    fall = figures.fall(words.steps(report), report["noise_floor"], words.error_name(report))
     sheet.figure(fall)
+    if words.is_held_out(report):
+        sheet.paragraph(words.crossed(report))
 
 
 def _open_questions(sheet: page.Page, report: Document) -> None:
@@ -123,7 +125,7 @@ def _held_out(runs: Document) -> str:
     """Which runs were held out, in words."""
     if runs["heldout"] != runs["fit"]:
         return "held out: " + ", ".join(runs["heldout"])
-    return "held out: each run (or quarter of a single one), by a fit to the others"
+    return "cross-validated: each run (or quarter of a single one), by a fit to the others"
 
 
 def comparison(
@@ -152,7 +154,7 @@ def comparison(
     sheet.paragraph(words.comparison(ranking, result["noise_floor"]), "verdict")
     errors = [(label, ranking["errors"][label]) for label in result["pooled"]]
     runs = {"held_out": "held-out runs", "fit": "runs used for fitting"}.get(ranking["role"], "all runs")
-    sheet.figure(figures.fall(errors, result["noise_floor"], runs))
+    sheet.figure(figures.fall(errors, result["noise_floor"], "error on " + runs))
     _numbers(sheet, result["pooled"])
     _measured_against(sheet, inspected, described, list(result["models"])[-1])
     _quality(sheet, described)
@@ -228,15 +230,15 @@ def _run(
 def _evidence(sheet: page.Page, report: Document) -> None:
     sheet.heading("Evidence")
     sheet.paragraph(
-        "Each effect added to the nominal model, and refitted by likelihood; without an effect its error on "
-        "held-out runs is then %s." % number(report["nominal"]["refits"]["likelihood"]["heldout"])
+        "Each effect added to the nominal model, and refitted by likelihood; without an effect its "
+        "cross-validated error is then %s." % number(report["nominal"]["cross_validated"])
         + " p: probability of as much evidence without the "
         "effect, corrected for the number of effects tried. ΔBIC: below 0 favours the effect. Inclusion: its "
         "weight by likelihood among the effects that were refitted. Brackets: 95% intervals. Bold: "
         "chosen.",
         "caption",
     )
-    head = ["#rank", "effect", "#error, held out", "#p", "#ΔBIC", "#inclusion"]
+    head = ["#rank", "effect", "#error, cross-validated", "#p", "#ΔBIC", "#inclusion"]
     rows = [
         [
             c["rank"],

@@ -11,6 +11,7 @@ from ground.recordings.windows import WINDOW
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 EXCLUDED = Criteria.exclusion  # log-likelihood ratio from which a rival is excluded
+MAX_EXCESS = 0.2  # share by which levels may predict more than the measured squared error by chance
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
 MIN_ROOM = 0.3  # part of the random wrench's force from which a force in the room is reported
 FITTED = {"likelihood": "", "simulation": " by simulation error"}  # by what a model was refitted
@@ -199,7 +200,7 @@ def listed(names: List[str]) -> str:
 
 
 def steps(report: Document) -> List[Tuple[str, float]]:
-    """The steps of a diagnosis and the error on held-out runs after each: a list of pairs."""
+    """The steps of a diagnosis and the error after each, as error_name says: a list of pairs."""
     nominal = report["nominal"]
     found = [("refitted as it is" + FITTED[nominal["by"]], nominal["error"]["heldout"])]
     if nominal["by"] != "likelihood" and len(report["steps"]) > 1:
@@ -207,7 +208,7 @@ def steps(report: Document) -> List[Tuple[str, float]]:
         found.append(("refitted by likelihood", nominal["refits"]["likelihood"]["heldout"]))
     found += [("+ " + effect(report, step["added"]), step["error"]["heldout"]) for step in report["steps"]]
     kind, proposal = report["memory"]["kind"], report["unexplained"]["proposal"]
-    if kind and proposal:
+    if kind and proposal and not is_held_out(report):  # the proposal was cross-validated
         found.append(("+ %s (memory)" % kind["name"], proposal["error"]["heldout"]))
     return found
 
@@ -231,13 +232,14 @@ def _verdict(report: Document) -> str:
         small = report["slight"]
         visible = "; %s is visible and does not matter" % _sized(report, small) if small else ""
         return (
-            "Nothing is missing%s: refitted, the model's error on held-out runs is %s, and "
-            % (visible, _without(report))
+            "Nothing is missing%s: refitted, the model's %s is %s, and "
+            % (visible, error_name(report), _without(report))
             + leaves
         )
     if report["verdict"] == "varies":
-        return "No effect is missing, but %s; the error on held-out runs is %s, %s" % (
+        return "No effect is missing, but %s; the %s is %s, %s" % (
             listed([_varying(v) for v in report["varies"]]),
+            error_name(report),
             _without(report),
             leaves,
         )
@@ -250,7 +252,8 @@ def _verdict(report: Document) -> str:
         kind = report["memory"]["kind"]
         rest = "missing that depends on the past" + (" (%s)" % kind["means"] if kind else "")
     if not names:
-        return "Something is %s: the error on held-out runs is %s, %s" % (rest, _without(report), leaves)
+        there = error_name(report)
+        return "Something is %s: the %s is %s, %s" % (rest, there, _without(report), leaves)
     improves = chosen + (" improves" if one else " improve")
     return "%s the model: %s. But something else is %s: %s" % (improves, fall, rest, leaves)
 
@@ -291,7 +294,17 @@ def _fall(report: Document, them: str) -> str:
     """How the error changes from the best refit without the effects to the improved model."""
     before, after = (report[kind]["error"]["heldout"] for kind in ("nominal", "improved"))
     changes = "falls" if after < before else "does not fall: it goes"
-    return "with %s the error on held-out runs %s from %.3f to %.3f" % (them, changes, before, after)
+    return "with %s the %s %s from %.3f to %.3f" % (them, error_name(report), changes, before, after)
+
+
+def is_held_out(report: Document) -> bool:
+    """Whether the user held out runs."""
+    return bool(report["runs"]["heldout"] != report["runs"]["fit"])
+
+
+def error_name(report: Document) -> str:
+    """What the errors of a diagnosis are measured on."""
+    return "error on held-out runs" if is_held_out(report) else "cross-validated error"
 
 
 def _without(report: Document) -> str:
@@ -480,6 +493,15 @@ def ceiling(report: Document) -> str:
     return sentence
 
 
+def crossed(report: Document) -> str:
+    """Cross-validated error beside that on runs that the user held out."""
+    return (
+        "The cross-validated error of the runs fitted to, each by a fit to the others, is %s without further "
+        "effects and %s with those found."
+        % tuple(number(report[kind]["cross_validated"]) for kind in ("nominal", "improved"))
+    )
+
+
 def bands(report: Document) -> Optional[str]:
     """Accuracy of the improved model's predictions and coverage of its bands; None without bands."""
     poses = _held_poses(report)
@@ -549,7 +571,7 @@ def unexplained(report: Document) -> Iterator[str]:
             "%s = %.4g %s" % (n, p["value"], p["unit"]) for n, p in proposal["parameters"].items()
         ]
         terms = ["%s = %s" % item for item in proposal["expression"].items()]
-        yield "%s would lower the error on held-out runs to %.3f (%s with %s). It is in proposal.yaml, ready for identify add." % (
+        yield "%s would lower the cross-validated error to %.3f (%s with %s). It is in proposal.yaml, ready for identify add." % (
             _capital(proposal.get("means", "a term")),
             proposal["error"]["heldout"],
             "; ".join(terms),
@@ -558,7 +580,7 @@ def unexplained(report: Document) -> Iterator[str]:
     elif report["memory"]["kind"]:
         yield (
             "A term for what depends on the past (%s) makes the runs likelier but does not lower the "
-            "error on held-out runs: none is proposed." % report["memory"]["kind"]["name"]
+            "cross-validated error: none is proposed." % report["memory"]["kind"]["name"]
         )
 
 
@@ -596,8 +618,8 @@ def described(report: Document) -> Iterator[str]:
             "%.0f%% after %.1f s" % (100 * share, h) for h, share in poses.items()
         )
     yield ""
-    yield "%4s %9s %9s %9s  %s" % ("rank", "p", "dBIC", "held out", "effect: parameters [95%]")
-    alone = number(report["nominal"]["refits"]["likelihood"]["heldout"])
+    yield "%4s %9s %9s %9s  %s" % ("rank", "p", "dBIC", "crossed", "effect: parameters [95%]")
+    alone = number(report["nominal"]["cross_validated"])
     yield "%4s %9s %9s %9s  %s" % ("-", "-", "-", alone, "none, refitted by likelihood as all below")
     for c in report["candidates"][:8]:
         yield "%4d %9.1g %9.0f %9s  %s%s: %s" % (
@@ -610,8 +632,10 @@ def described(report: Document) -> Iterator[str]:
             "; ".join(parameters(c["parameters"])),
         )
     for i, (what, error) in enumerate(steps(report)):
-        yield "%-23s %5.3f %s" % ("" if i else "error on held-out runs:", error, what)
+        yield "%-23s %5.3f %s" % ("" if i else error_name(report) + ":", error, what)
     yield "%29.3f noise of the poses alone" % report["noise_floor"]
+    if is_held_out(report):
+        yield crossed(report)
     yield from extent(report)
     yield from slight(report)
     yield from left(report)
