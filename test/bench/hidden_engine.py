@@ -23,8 +23,9 @@ def diagnose(runs, heldout, model, thorough=False):
       varies           names of the parameters that it reports as different from run to run
       memory           whether it reports that history matters
       where            arguments that the learnable part of the error depends on, most first
-      ceiling          share of what the model leaves that is learnable, its interval, the upper bound, and
-                       whether what is left is the random wrench that the model claims
+      ceiling          shares [value, low, high] that are named, learnable and chance; arguments {name: share};
+                       formula, the proposal in words; kept, the cross-validated error with it; agrees, whether
+                       what is left is the random wrench that the model claims
       unseen           effects that it reports as not identifiable from these runs
     thorough adds alike {candidate: its group} and next_experiment. If the tool refuses the runs, the result
     is {"failed": reason}.
@@ -71,13 +72,25 @@ def _answer(found, conclusion):
         "memory": conclusion.verdict == "memory",
         "memory_kind": conclusion.memory and conclusion.memory.kind.name,
         "where": list(conclusion.ceiling.arguments),
-        "ceiling": {
-            "learnable": conclusion.ceiling.left.value,
-            "ci95": [conclusion.ceiling.left.low, conclusion.ceiling.left.high],
-            "bound": conclusion.ceiling.bound,
-            "agrees": conclusion.agreement.holds,
-        },
+        "ceiling": _ceiling(found, conclusion),
         "unseen": found.hidden_names(),
         "dropped": {d.trial.name: d.why for d in found.dropped},
         "slight": found.slight and found.slight.name,
+    }
+
+
+def _ceiling(found, conclusion):
+    """The shares of the error, and what was proposed for the learnable one."""
+    left, formula = conclusion.ceiling, conclusion.formula
+    shares = {
+        name: [share.value, share.low, share.high]
+        for name, share in (("named", left.named), ("learnable", left.learnable), ("chance", left.chance))
+    }
+    kept = formula and float(found.folds.judge(formula.fit).heldout.sum())
+    return {
+        **shares,
+        "arguments": left.arguments,
+        "formula": formula and formula.means,
+        "kept": kept,
+        "agrees": conclusion.agreement.holds,
     }

@@ -11,7 +11,6 @@ from ground.recordings.windows import WINDOW
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 EXCLUDED = Criteria.exclusion  # log-likelihood ratio from which a rival is excluded
-MAX_EXCESS = 0.2  # share by which levels may predict more than the measured squared error by chance
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
 MIN_ROOM = 0.3  # part of the random wrench's force from which a force in the room is reported
 FITTED = {"likelihood": "", "simulation": " by simulation error"}  # by what a model was refitted
