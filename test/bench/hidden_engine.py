@@ -2,7 +2,7 @@
 
 import time
 
-from ground.analysis import candidates, diagnosis, diagnosis_report
+from ground.analysis import baseline, candidates, diagnosis, diagnosis_report
 from ground.analysis.conclusion import conclude
 from ground.errors import GroundError
 
@@ -24,7 +24,7 @@ def diagnose(runs, heldout, model, thorough=False):
       memory           whether it reports that history matters
       where            arguments that the learnable part of the error depends on, most first
       ceiling          shares [value, low, high] that are named, learnable and chance; arguments {name: share};
-                       formula, the proposal in words; kept, the cross-validated error with it; agrees, whether
+                       formula, the proposal in words; kept, the error on held-out runs with it; agrees, whether
                        what is left is the random wrench that the model claims
       unseen           effects that it reports as not identifiable from these runs
     thorough adds alike {candidate: its group} and next_experiment. If the tool refuses the runs, the result
@@ -86,7 +86,14 @@ def _ceiling(found, conclusion):
         name: [share.value, share.low, share.high]
         for name, share in (("named", left.named), ("learnable", left.learnable), ("chance", left.chance))
     }
-    kept = formula and float(found.folds.judge(formula.fit).heldout.sum())
+    kept = None
+    if formula:
+        tested = conclusion.tested
+        kept = (
+            baseline.errors_on(found, tested, [formula.fit])[0]
+            if tested
+            else float(found.folds.judge(formula.fit).heldout.sum())
+        )
     return {
         **shares,
         "arguments": left.arguments,
