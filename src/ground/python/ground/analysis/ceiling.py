@@ -15,13 +15,18 @@ from typing import Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import dictionary
+from ground.analysis import dictionary, horizon
 from ground.analysis.dictionary import ARGUMENTS, PAST, Feature, Scales
+from ground.analysis.held_out import stretch
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
 from ground.annotations import Array, Indices
 from ground.errors import GroundError
+from ground.recordings import windows
 
+MOST_SAMPLES = 6000  # poses, thinned, of all runs together
+STRETCH = 10.0  # length of a stretch of a long run [s]
+STARTS = 40  # predictions
 ROUNDS = 4
 ENOUGH = 20.0  # ... and from which another follows
 PROMISING = 200  # single features of the second and later rounds
@@ -54,6 +59,17 @@ class Found:
 
 
 @dataclass(frozen=True)
+class Poses:
+    """Root mean square errors of predicted position [mm] and heading [deg] at a horizon."""
+
+    seconds: float  # the horizon
+    before: Tuple[float, ...]  # of the model without the effects found
+    now: Tuple[float, ...]  # with them
+    after: Tuple[float, ...]  # with the learnable wrench, too
+    noise: Tuple[float, ...]  # of a pose alone
+
+
+@dataclass(frozen=True)
 class Ceiling:
     """What could still be explained."""
 
@@ -65,6 +81,7 @@ class Ceiling:
     found: Optional[Found]
     bound: float  # largest share of what is left that the data allow a function of one kind, if none was found
     errors: Dict[str, float]  # root mean square of e/s: before, with the effects, with the wrench too
+    poses: Optional[Poses]
 
     @property
     def of_the_past(self) -> bool:
@@ -94,7 +111,9 @@ def ceiling(
     cut: Sequence[_core.Window],
     before: _core.Model,
 ) -> Ceiling:
-    """The Ceiling of a Fit to runs. cut: windows of the runs; before: the model without the effects found."""
+    """The Ceiling of a Fit to runs. cut: windows of the runs; before: the model without the effects found. Of long
+    runs it takes stretches that are spread evenly."""
+    likelihood, fit, runs, cut = _excerpt(likelihood, fit, runs, cut)
     sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(runs))]
     features = dictionary.dictionary(fit.model, Scales.of(sampled))
     acting = [dictionary.wrenches(features, fit.model, s) for s in sampled]
@@ -103,10 +122,8 @@ def ceiling(
     found = _rounds(likelihood, fit, features, acting, followed, first)
     start = squared_errors(runs, cut, before)
     now = squared_errors(runs, cut, fit.model) if before is not fit.model else start
-    if found is None:
-        after = now
-    else:
-        after = squared_errors(runs, cut, found.fit.model, known_wrenches(found, runs, likelihood))
+    known = None if found is None else known_wrenches(found, runs, likelihood)
+    after = now if found is None else squared_errors(runs, cut, found.fit.model, known)
     left = _share(now, after, now)
     bound = max(left.high, 0.0 if found else _bound(first, likelihood, fit, _spans(runs, cut), now))
     whole = start.sum()
@@ -120,7 +137,71 @@ def ceiling(
         found,
         bound,
         {"before": _root(start), "now": _root(now), "after": _root(after)},
+        _poses(runs, before, fit.model, found, known),
     )
+
+
+def _poses(
+    runs: Sequence[_core.RunData],
+    before: _core.Model,
+    grown: _core.Model,
+    found: Optional[Found],
+    known: Optional[Sequence[Array]],
+) -> Optional[Poses]:
+    """The Poses of models on runs; None where runs are too short."""
+    seconds = horizon.horizon(runs, before)
+    try:
+        starts = horizon.starts(runs, seconds, STARTS)
+
+        def error(model: _core.Model, wrench: Optional[Sequence[Array]] = None) -> Tuple[float, ...]:
+            errors = horizon.pose_errors(runs, model, starts, seconds, wrench)
+            return tuple(np.sqrt((errors**2).mean(axis=0)).tolist())
+
+        with_effects = error(grown)
+        return Poses(
+            seconds,
+            error(before),
+            with_effects,
+            with_effects if found is None else error(found.fit.model, known),
+            tuple(horizon.pose_noise(runs).tolist()),
+        )
+    except GroundError:
+        return None
+
+
+def _excerpt(
+    likelihood: Likelihood,
+    fit: Fit,
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+) -> Tuple[Likelihood, Fit, Sequence[_core.RunData], Sequence[_core.Window]]:
+    """The same if the runs are short together, else stretches of them."""
+    if sum(len(run.times) for run in likelihood.runs) <= MOST_SAMPLES:
+        return likelihood, fit, runs, cut
+    stretches = [
+        (i, begin)
+        for i, run in enumerate(runs)
+        for begin in np.arange(run.times[0], run.times[-1] - STRETCH / 2, STRETCH).tolist()
+    ]
+    rate = sum(len(run.times) for run in likelihood.runs) / sum(
+        max(run.times[-1] - run.times[0], 1e-3) for run in runs
+    )
+    most = int(np.clip(MOST_SAMPLES / (rate * STRETCH), 2, len(stretches)))
+    pieces, of = [], []
+    for k in np.linspace(0, len(stretches) - 1, most).astype(int):
+        i, begin = stretches[k]
+        times = np.array(runs[i].times)
+        first, last = np.searchsorted(times, [begin, begin + STRETCH])
+        piece = stretch(runs[i], times, slice(int(first), int(last)))
+        if windows.cut_part(piece, 0, piece.times[0], piece.times[-1]):
+            pieces.append(piece)
+            of.append(i)
+    if len(pieces) < 2:
+        return likelihood, fit, runs, cut
+    shorter = Likelihood(pieces, likelihood.craft, likelihood.varying, likelihood.threads)
+    loudness = tuple(fit.loudness[i] for i in of) if fit.loudness else ()
+    trims = tuple(fit.trims[i] for i in of)
+    return shorter, replace(fit, loudness=loudness, trims=trims), pieces, windows.cut(pieces)
 
 
 def _root(errors: Array) -> float:

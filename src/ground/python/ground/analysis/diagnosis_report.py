@@ -183,6 +183,7 @@ def _ceiling(left: Ceiling) -> Document:
         "arguments": left.arguments,
         "terms": terms,
         "error": left.errors,
+        "poses": left.poses and dataclasses.asdict(left.poses),
     }
 
 

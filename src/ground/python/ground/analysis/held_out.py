@@ -234,10 +234,11 @@ def quarters(run: _core.RunData, count: int = 4) -> List[List[_core.RunData]]:
     """A run split into `count` stretches of time: lists of one _core.RunData."""
     times = np.array(run.times)
     edges = np.linspace(0, len(times), count + 1).astype(int)
-    return [[_stretch(run, times, slice(a, b))] for a, b in zip(edges[:-1], edges[1:])]
+    return [[stretch(run, times, slice(a, b))] for a, b in zip(edges[:-1], edges[1:])]
 
 
-def _stretch(run: _core.RunData, times: Array, part: slice) -> _core.RunData:
+def stretch(run: _core.RunData, times: Array, part: slice) -> _core.RunData:
+    """Some samples of a run; times: all of its instants."""
     poses = np.array(run.poses)
     return _core.RunData(
         run.name,

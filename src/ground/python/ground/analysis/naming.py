@@ -178,8 +178,7 @@ def _turning(
         {channel: "%s*sin(%s*psi+%s)" % (name, times, phase)},
         {name: (a, unit, -np.inf, np.inf), phase: (p, "rad", p - np.pi, p + np.pi)},
         {name: 0.0, phase: p},
-        "%s that depends on the heading, with %s {%s} %s a turn"
-        % (_what(feature), "up to", name, turns),
+        "%s of up to {%s} that depends on the heading, %s a turn" % (_what(feature), name, turns),
     )
 
 

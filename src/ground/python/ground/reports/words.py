@@ -480,6 +480,15 @@ def ceiling(report: Document) -> str:
     if found["said"]:
         sentence += "; the learnable part depends on %s" % arguments(report)
     sentence += "."
+    if found["poses"]:
+        poses = found["poses"]
+        steps = [("before", "without effects")] * bool(report["improved"]["effects"]) + [("now", "with the model")]
+        steps += [("after", "with what is learnable")] * bool(found["said"])
+        sentence += " Poses predicted %.2g s ahead are off by %s (noise of a pose: %.2g mm, %.2g deg)." % (
+            poses["seconds"],
+            listed(["%.3g mm and %.2g deg %s" % (*poses[key], what) for key, what in steps]),
+            *poses["noise"],
+        )
     if not agrees["holds"]:
         error = agrees["error"]
         worst = max(agrees["deviations"], key=lambda name: abs(agrees["deviations"][name]))
