@@ -418,7 +418,9 @@ def test_a_model_explains_errors_up_to_a_seventh_above_the_noise(monkeypatch, er
         return np.array([floors[runs][seed], 0, 0])
 
     monkeypatch.setattr(conclusion.study, "noise_floor", floor)
-    monkeypatch.setattr(conclusion, "agreement", lambda *of: "agreement")
+    agrees = types.SimpleNamespace(holds=True)
+    monkeypatch.setattr(conclusion, "agreement", lambda *of: agrees)
+    monkeypatch.setattr(conclusion, "second_opinion", lambda runs, craft: "opinion")
     monkeypatch.setattr(conclusion, "_varies", lambda found: [])
     monkeypatch.setattr(conclusion, "_steps", lambda found, heldout: [])
     monkeypatch.setattr(conclusion.baseline, "refits", lambda found, heldout: ())
@@ -426,13 +428,13 @@ def test_a_model_explains_errors_up_to_a_seventh_above_the_noise(monkeypatch, er
     said = []
     monkeypatch.setattr(conclusion, "_verdict", lambda *of: said.append(of[1:]) or "said")
     found = types.SimpleNamespace(
-        pool=types.SimpleNamespace(map=map), runs="run", fit=None, model="m", memory=None,
+        pool=types.SimpleNamespace(map=map), runs="run", fit=None, memory=None,
         best=types.SimpleNamespace(error=np.array([error, 0, 0]), model=None),
         likelihood=types.SimpleNamespace(intervals=lambda fit: []), ceiling_of=lambda: "left",
-        cut=None, work=types.SimpleNamespace(stage=lambda what: contextlib.nullcontext()),
+        cut=None, model=None, work=types.SimpleNamespace(stage=lambda what: contextlib.nullcontext()),
     )  # fmt: skip
     done = conclusion.conclude(found)
-    assert said == [(explained, [], "left", "agreement")] and done.verdict == "said"
+    assert said == [(explained, [], "left", agrees, "opinion")] and done.verdict == "said"
     assert sorted(asked) == [0, 1, 2, 3, 4] and done.noise_floor == done.heldout_floor == 10.0
     assert conclusion.conclude(found, (), True).verdict == "misread"
     monkeypatch.setattr(conclusion.study, "noise_floor", lambda runs, craft, seed=0: np.array([

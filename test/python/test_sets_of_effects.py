@@ -559,19 +559,19 @@ def test_parameters_are_reported_without_the_name_of_their_effect():
 
 def test_errors_are_sums_over_the_channels():
     fit = types.SimpleNamespace(error=np.array([1.0, 2.0, 3.0]), heldout=np.array([2.0, 3.0, 4.0]))
-    assert diagnosis_report._errors(fit) == {"fit": 6.0, "heldout": 9.0}
-    assert diagnosis_report._errors(fit, 0.0) == {"fit": 6.0, "heldout": 0.0}
-    assert diagnosis_report._errors(None) == {"fit": None, "heldout": None}
+    assert diagnosis_report._errors(fit) == {"fit": 6.0, "heldout": 9.0, "by": "cross-validation"}
+    assert diagnosis_report._errors(fit, 0.0) == {"fit": 6.0, "heldout": 0.0, "by": "cross-validation"}
+    assert diagnosis_report._errors(None) == {"fit": None, "heldout": None, "by": "cross-validation"}
 
 
 def test_levels_are_reported_by_channel():
     kinds = ("sigma", "time", "white", "trim")
     levels = {"%s_%s" % (k, c): 10 * i + j for i, k in enumerate(kinds) for j, c in enumerate("XYN")}
-    levels.update(thrust=0.1, position=1e-4, heading=1e-3)
+    levels.update(thrust=0.1, position=1e-4, heading=1e-3, sigma_room=0.5, time_room=2.0)
     found = diagnosis_report._disturbance(types.SimpleNamespace(levels=levels))
     for i, kind in enumerate(kinds):
         assert [found[kind][c] for c in "XYN"] == [10 * i, 10 * i + 1, 10 * i + 2]
-    assert found["trim"]["thrust"] == 0.1
+    assert found["trim"]["thrust"] == 0.1 and found["room"] == {"sigma": 0.5, "time": 2.0}
     assert found["noise"] == {"position": 1e-4, "heading": 1e-3}
 
 

@@ -101,7 +101,7 @@ class Ceiling:
     @property
     def said(self) -> bool:
         """Whether something learnable is left."""
-        return self.found is not None and self.left.value > MIN_SHARE
+        return self.found is not None and self.left.value > MIN_SHARE and self.left.low > 0
 
 
 def ceiling(

@@ -215,9 +215,7 @@ def _verdict(
     if found.memory:
         return "memory"
     if left.said and not explained:
-        if not left.of_the_past:
-            return "unexplained"
-        return "memory" if left.left.low > 0 else "undecided"
+        return "memory" if left.of_the_past else "unexplained"
     if found.chosen:
         return "missing"
     if varies:
