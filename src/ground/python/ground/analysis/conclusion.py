@@ -26,6 +26,7 @@ from ground.analysis.search import Search
 from ground.analysis.second_opinion import Opinion, second_opinion
 from ground.annotations import Document, Each
 from ground.core_types import FittedParameter
+from ground.errors import GroundError
 
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
@@ -193,15 +194,24 @@ def _name(found: Diagnosis, left: Ceiling) -> Optional[naming.Formula]:
     """A formula or a learned wrench for what is learnable: that with which parts held out are predicted better."""
     if left.found is None:
         return None
-    named = naming.formula(found.likelihood, found.fit, left.found)
     before = float(found.best.heldout.sum())
-    after = before if named is None else float(found.folds.judge(named.fit).heldout.sum())
-    if after < ENOUGH * before:
-        return named
-    learned = naming.learned(found.likelihood, found.fit, left.found)
-    if learned is not None and found.folds.judge(learned.fit).heldout.sum() < BETTER * after:
-        return learned
-    return named
+    best, least = None, before
+    for method, better in ((naming.formula, 1.0), (naming.learned, BETTER)):
+        made = method(found.likelihood, found.fit, left.found)
+        after = before if made is None else _crossed(found, made.fit)
+        if after < better * least:
+            best, least = made, after
+        if least < ENOUGH * before:
+            break
+    return best
+
+
+def _crossed(found: Diagnosis, fit: Fit) -> float:
+    """Cross-validated error of a Fit; infinite where its motion is not finite."""
+    try:
+        return float(found.folds.judge(fit).heldout.sum())
+    except GroundError:
+        return float("inf")
 
 
 def _verdict(
