@@ -23,9 +23,9 @@ def diagnose(runs, heldout, model, thorough=False):
       varies           names of the parameters that it reports as different from run to run
       memory           whether it reports that history matters
       where            arguments that the learnable part of the error depends on, most first
-      ceiling          shares [value, low, high] that are named, learnable and chance; arguments {name: share};
-                       formula, the proposal in words; kept, the error on held-out runs with it; agrees, whether
-                       what is left is the random wrench that the model claims
+      ceiling          shares [value, low, high] that are named, learnable and chance; arguments
+                       {name: share}; formula, the proposal in words; kept, the error on held-out runs
+                       with it; agrees, whether what is left is the random wrench that the model claims
       unseen           effects that it reports as not identifiable from these runs
     thorough adds alike {candidate: its group} and next_experiment. If the tool refuses the runs, the result
     is {"failed": reason}.

@@ -221,7 +221,7 @@ def test_no_prediction_spans_a_gap():
 
 
 def verdict(explained=False, varies=(), learnable=(), agrees=True, bound=0.0, refused=False, **found):
-    """learnable: what it depends on, most important first; refused: what runs teach of it predicts no other."""
+    """learnable: what it depends on, the most important first; refused: it predicts no other run."""
     found = {"memory": None, "dropped": [], "chosen": [], **found}
     left = types.SimpleNamespace(
         said=bool(learnable), of_the_past=bool(learnable) and learnable[0] == "past", bound=bound,

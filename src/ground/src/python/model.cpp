@@ -81,6 +81,15 @@ Eigen::MatrixX3d forcesOf(const Model& model, const Eigen::Ref<const Eigen::Matr
   return wrench;
 }
 
+/// Checks an optional series with a row for each time; returns whether there is one.
+template <class Rows>
+bool acts(const std::optional<Rows>& rows, Eigen::Index count, const std::string& what) {
+  if (!rows || rows->rows() == 0) return false;
+  if (rows->rows() != count) throw std::invalid_argument(what + " needs a row for each time");
+  requireFinite(*rows, what.c_str());
+  return true;
+}
+
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
                      const std::vector<double>& times, const Vector3<double>& eta,
                      const Vector3<double>& nu, const std::vector<double>& drives,
@@ -90,16 +99,11 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
   if (!drives.empty()) inputs.drive = DriveClock(drives);
   if (times.empty()) throw std::invalid_argument("there is no time to simulate at");
   const auto count = static_cast<Eigen::Index>(times.size());
-  const bool pushes = wrench && wrench->rows() > 0, draught = room && room->rows() > 0;
-  if (pushes && wrench->rows() != count)
-    throw std::invalid_argument("the wrench needs a row for each time");
-  if (draught && room->rows() != count)
-    throw std::invalid_argument("the force in the room needs a row for each time");
   requireFinite(asColumn(times), "a time");
   requireFinite(eta, "the initial pose");
   requireFinite(nu, "the initial velocity");
-  if (pushes) requireFinite(*wrench, "the wrench");
-  if (draught) requireFinite(*room, "the force in the room");
+  const bool pushes = acts(wrench, count, "the wrench");
+  const bool draught = acts(room, count, "the force in the room");
   Eigen::MatrixX3d eta_out(count, 3), nu_out(count, 3);
   {
     const py::gil_scoped_release release;

@@ -1,12 +1,12 @@
 """Whether what a model leaves is the disturbance that its likelihood claims.
 
-Recordings are made by the model and the fitted levels, as often as it takes for a spread. The errors of the real
-ones and the shape of the wrench that the filter sees must be among theirs: a push that is stronger in some
-places or at some times than a stationary one gives a wrench with heavier tails.
+Recordings are made by the model and the fitted levels, as often as it takes for a spread. The
+errors of the real ones and the shape of the wrench that the filter sees must be among theirs: a
+push that is stronger in some places or at some times than a stationary one gives a wrench with heavier tails.
 """
 
 from dataclasses import dataclass
-from typing import Dict, List, Sequence, Tuple
+from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from ground.errors import GroundError
 
 DRAWS = 10
 FAR = 4.5  # standard deviations of the artificial recordings
+
+
+_Made = Tuple[float, List[float]]  # error, and tails of the wrench
 
 
 @can_be_kept
@@ -47,7 +50,7 @@ def agreement(
 ) -> Agreement:
     """The Agreement of a Fit on runs over windows of them; each: maps over artificial recordings."""
 
-    def made(seed: int) -> Tuple[float, List[float]]:
+    def made(seed: int) -> _Made:
         random = np.random.default_rng(seed)
         artificial = [_recorded(run, fit, i, random, True) for i, run in enumerate(runs)]
         error = float(squared_errors(artificial, cut, fit.model, scale=runs).mean())
@@ -68,8 +71,8 @@ def agreement(
     )
 
 
-def _or_none(made):  # type: ignore[no-untyped-def]
-    def tried(seed: int):  # type: ignore[no-untyped-def]
+def _or_none(made: Callable[[int], _Made]) -> Callable[[int], Optional[_Made]]:
+    def tried(seed: int) -> Optional[_Made]:
         try:
             return made(seed)
         except GroundError:

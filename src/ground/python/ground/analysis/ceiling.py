@@ -1,15 +1,17 @@
 """The ceiling of a model: how much of its error any function of what was recorded could still explain.
 
-A regression of the innovations (ground.analysis.regression) finds what they depend on. Its wrench for each run is
-estimated from the other runs (from the other quarters of a single run) and handed to the filter as a known input;
-levels and parameters are fitted again, and the regression repeated: a large wrench is hidden in the levels of the
-disturbance at first. A round is kept if the likelihood of the poses rises.
+A regression of the innovations (ground.analysis.regression) finds what they depend on. Its wrench
+for each run is estimated from the other runs (from the other quarters of a single run) and handed
+to the filter as a known input; levels and parameters are fitted again, and the regression
+repeated: a large wrench is hidden in the levels of the disturbance at first. A round is kept if
+the likelihood of the poses rises.
 
-Shares are of the squared error of simulated velocities over windows, each relative to its standard deviation in
-the run: *named* by the effects that were found, *learnable*, and *chance*, which nothing recorded predicts.
+Shares are of the squared error of simulated velocities over windows, each relative to its standard
+deviation in the run: *named* by the effects that were found, *learnable*, and *chance*, which
+nothing recorded predicts.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -18,9 +20,9 @@ from ground import _core
 from ground.analysis import dictionary, horizon
 from ground.analysis.dictionary import ARGUMENTS, PAST, Feature, Scales
 from ground.analysis.held_out import stretch
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Fit, Likelihood, call
 from ground.analysis.regression import Regression, Term
-from ground.annotations import Array, Indices
+from ground.annotations import Array
 from ground.errors import GroundError
 from ground.recordings import windows
 
@@ -79,7 +81,8 @@ class Ceiling:
     left: Share  # learnable part of what the grown model leaves
     arguments: Dict[str, float]  # part of the learnable share that each accounts for
     found: Optional[Found]
-    bound: float  # largest share of what is left that the data allow a function of one kind, if none was found
+    # largest share of what is left that the data allow a function of one kind, if none was found
+    bound: float
     errors: Dict[str, float]  # root mean square of e/s: before, with the effects, with the wrench too
     poses: Optional[Poses]
 
@@ -111,8 +114,8 @@ def ceiling(
     cut: Sequence[_core.Window],
     before: _core.Model,
 ) -> Ceiling:
-    """The Ceiling of a Fit to runs. cut: windows of the runs; before: the model without the effects found. Of long
-    runs it takes stretches that are spread evenly."""
+    """The Ceiling of a Fit to runs. cut: windows of the runs; before: the model without the
+    effects found. Of long runs it takes stretches that are spread evenly."""
     likelihood, fit, runs, cut = _excerpt(likelihood, fit, runs, cut)
     sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(runs))]
     features = dictionary.dictionary(fit.model, Scales.of(sampled))
@@ -270,7 +273,8 @@ def with_known(run: _core.RunData, wrench: Array) -> _core.RunData:
 def known_wrenches(
     found: Found, runs: Sequence[_core.RunData], likelihood: Likelihood
 ) -> List[Array]:
-    """The predicted wrench of each run, at all of its samples, with the mean constant wrench of the others."""
+    """The predicted wrench of each run, at all of its samples, with the mean constant wrench of
+    the others."""
     trims = np.array([trim["wrench"] for trim in found.fit.trims])
     others = max(1, len(runs) - 1)
     result = []
@@ -291,39 +295,48 @@ def squared_errors(
     known: Optional[Sequence[Array]] = None,
     scale: Optional[Sequence[_core.RunData]] = None,
 ) -> Array:
-    """Mean of the squared error of u, v, r over its standard deviation in the run, summed over the channels, of
-    each window (windows,), simulated from the initial velocity that suits best. known: (n, 3) wrench of each run;
-    scale: runs whose standard deviations count. Raises GroundError where the motion is not finite."""
+    """Mean of the squared error of u, v, r over its standard deviation in the run, summed over the
+    channels, of
+    each window (windows,), simulated from the initial velocity that suits best. known: (n, 3)
+    wrench of each run; scale: runs whose standard deviations count. Raises GroundError where the
+    motion is not finite."""
     sigma = [np.array(run.nu).std(axis=0) for run in scale or runs]
     errors = np.empty(len(cut))
     for i, window in enumerate(cut):
-        run, s = runs[window.run], sigma[window.run]
-        span = slice(window.first, window.last + 1)
-        times, measured = run.times[span], np.array(run.nu)[span]
-        wrench = None if known is None else known[window.run][span]
-
-        def error(nu: Array) -> Array:
-            found = _core.simulate(model, run.inputs, times, run.eta[window.first], nu, run.drives, wrench)
-            return np.asarray((found["nu"] - measured) / s)
-
-        start = measured[0]
-        try:
-            e = error(start)
-            steps = np.diag(0.02 * s)
-            slopes = np.column_stack([(error(start + h) - e).ravel() for h in steps])
-            move = np.linalg.lstsq(slopes, -e.ravel(), rcond=None)[0]
-            moved = error(start + move @ steps)
-        except RuntimeError as failure:
-            raise GroundError(str(failure))
+        wrench = None if known is None else known[window.run]
+        start = runs[window.run].nu[window.first]
+        steps = np.diag(0.02 * sigma[window.run])
+        tried = [start] + [start + step for step in steps]
+        e, *others = [_errors(runs, window, model, nu, wrench, sigma) for nu in tried]
+        slopes = np.column_stack([(other - e).ravel() for other in others])
+        move = np.linalg.lstsq(slopes, -e.ravel(), rcond=None)[0]
+        moved = _errors(runs, window, model, start + move @ steps, wrench, sigma)
         errors[i] = min((e**2).mean(), (moved**2).mean()) * 3
     return errors
+
+
+def _errors(
+    runs: Sequence[_core.RunData],
+    window: _core.Window,
+    model: _core.Model,
+    nu: Array,
+    wrench: Optional[Array],
+    sigma: Sequence[Array],
+) -> Array:
+    """Errors (n, 3) of a simulation of a window from an initial velocity, over standard deviations."""
+    run, span = runs[window.run], slice(window.first, window.last + 1)
+    known = None if wrench is None else wrench[span]
+    found = call(
+        _core.simulate, model, run.inputs, run.times[span], run.eta[window.first], nu, run.drives, known
+    )
+    return np.asarray((found["nu"] - np.array(run.nu)[span]) / sigma[window.run])
 
 
 # Arguments
 
 
 def _arguments(regression: Regression, terms: Sequence[Term]) -> Dict[str, float]:
-    """Part of the explained variance that is lost without the terms of each argument, relative to the whole."""
+    """Part of the explained variance that is lost without the terms of each argument."""
     shares: Dict[str, float] = {}
     whole = _explained(regression, terms, terms)
     for name in ARGUMENTS:
@@ -360,7 +373,8 @@ def _spans(runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> List[_
 def _bound(
     regression: Regression, likelihood: Likelihood, fit: Fit, cut: Sequence[_Span], now: Array
 ) -> float:
-    """Largest share of the error that a family of features may explain without contradicting the data: that of its
+    """Largest share of the error that a family of features may explain without contradicting the
+    data: that of its
     largest size that the likelihood does not exclude."""
     moved = _moved(regression, likelihood, fit, cut)
     shares = [0.0]
@@ -377,8 +391,8 @@ def _bound(
 def _moved(
     regression: Regression, likelihood: Likelihood, fit: Fit, cut: Sequence[_Span]
 ) -> Array:
-    """Change of the velocities over windows, relative to their standard deviations, by each feature of size one.
-    The motion is that of a damped mass in each direction."""
+    """Change of the velocities over windows, relative to their standard deviations, by each
+    feature of size one. The motion is that of a damped mass in each direction."""
     from scipy.signal import lfilter  # slow to load
 
     model, rows = fit.model, []

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Callable, List, Mapping, Optional, Sequence, Tuple
+from typing import List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -191,7 +191,8 @@ def _varies(found: Diagnosis) -> List[Document]:
 
 
 def _name(found: Diagnosis, left: Ceiling) -> Optional[naming.Formula]:
-    """A formula or a learned wrench for what is learnable: that with which parts held out are predicted better."""
+    """A formula or a learned wrench for what is learnable: that with which parts held out are
+    predicted better."""
     if left.found is None:
         return None
     before = float(found.best.heldout.sum())

@@ -173,8 +173,8 @@ class Diagnosis:
         return self.judged[self.names]
 
     def ceiling_of(self, found: Optional[FrozenSet[str]] = None) -> ceiling.Ceiling:
-        """ceiling.Ceiling of a set of effects that was fitted (default: of the grown model), with an effect that is
-        too small to matter."""
+        """ceiling.Ceiling of a set of effects that was fitted (default: of the grown model), with an
+        effect that is too small to matter."""
         names = self.names if found is None else found
         if names not in self.ceilings:
             fullest = names

@@ -300,8 +300,8 @@ def _next_experiment(
 
 
 def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
-    """How much of the error is above the noise, what it depends on, and an effect that would lower it on held-out
-    runs."""
+    """How much of the error is above the noise, what it depends on, and an effect that would lower it
+    on held-out runs."""
     error = float(diagnosis.best.error.sum())
     proposed: List[Tuple[Document, likelihood.Fit]] = []
     if conclusion.memory:

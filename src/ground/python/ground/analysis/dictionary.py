@@ -1,18 +1,18 @@
-"""Functions of everything recorded that a missing wrench may be: one dictionary for tests, for the ceiling and
-for names.
+"""Functions of everything recorded that a missing wrench may be: one dictionary for tests, for the
+ceiling and for names.
 
 Each Feature is a wrench by formulas as model files have them, so that it can be added to a model. Features of
-the same arguments and of the same form make a Family. Constants (wave numbers, centres, times of memory) follow
-from where and how the craft moved.
+the same arguments and of the same form make a Family. Constants (wave numbers, centres, times of
+memory) follow from where and how the craft moved.
 
-Arguments are predetermined: the pose is the measured one; velocities are simulated for RESTART seconds from the
-filter's state, because filtered ones contain the disturbance; the past is filtered causally from commands that
-reach the thrusters and from these velocities. Nothing looks ahead.
+Arguments are predetermined: the pose is the measured one; velocities are simulated for RESTART
+seconds from the filter's state, because filtered ones contain the disturbance; the past is
+filtered causally from commands that reach the thrusters and from these velocities. Nothing looks ahead.
 """
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Dict, FrozenSet, Iterator, List, Mapping, Sequence, Tuple
+from typing import Callable, Dict, FrozenSet, Iterator, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
@@ -120,7 +120,8 @@ def samples(likelihood: Likelihood, fit: Fit, run: int) -> Samples:
 
 
 def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
-    """Velocities (n, 3), each simulated without correction for at least RESTART / HOPS * (HOPS - 1) seconds."""
+    """Velocities (n, 3), each simulated without correction for at least RESTART / HOPS * (HOPS -
+    1) seconds."""
     data = likelihood.runs[run]
     left = likelihood.residuals(fit.point, run)
     states, constants, times = left["states"], left["constants"], np.array(data.times)
@@ -145,7 +146,8 @@ def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
 
 
 def _reaching(run: _core.RunData, model: _core.Model, times: Array) -> Array:
-    """Mean inputs of the thrusters and lift, as they reach the craft, from each sample to the next (n, inputs +
+    """Mean inputs of the thrusters and lift, as they reach the craft, from each sample to the next
+    (n, inputs +
     1)."""
     rows = np.array(run.inputs)
     at, values = rows[:, 0], rows[:, 1:]
@@ -203,9 +205,11 @@ def dictionary(model: _core.Model, scales: Scales) -> List[Feature]:
     return made
 
 
+_Make = Callable[..., "_Group"]
 # Parts of a feature, the unit of its values, and its states
 _Entry = Tuple[Dict[str, str], str, Dict[str, str]]
 _Scalar = Tuple[str, str]  # formula and unit
+_Group = Tuple[Family, List[_Entry]]
 
 
 def _body(scalars: Sequence[_Scalar], channels: Sequence[str] = CHANNELS) -> List[_Entry]:
@@ -235,8 +239,10 @@ def _thrusts(model: _core.Model, scalars: Sequence[_Scalar], own: str = "%s") ->
     return entries
 
 
-def _families(model: _core.Model, scales: Scales) -> Iterator[Tuple[Family, List[_Entry]]]:
-    def family(name: str, arguments: Sequence[str], entries: List[_Entry], named: bool = True):
+def _families(model: _core.Model, scales: Scales) -> Iterator[_Group]:
+    def family(
+        name: str, arguments: Sequence[str], entries: List[_Entry], named: bool = True
+    ) -> _Group:
         return Family(name, frozenset(arguments), named), entries
 
     turns = [("%s(%spsi)" % (f, "" if k == 1 else "%d*" % k), "-") for k in TURNS for f in ("cos", "sin")]
@@ -327,7 +333,7 @@ def _of_room_velocity(scales: Scales) -> List[_Entry]:
     return entries
 
 
-def _of_place(model: _core.Model, scales: Scales, family) -> Iterator[Tuple[Family, List[_Entry]]]:
+def _of_place(model: _core.Model, scales: Scales, family: _Make) -> Iterator[_Group]:
     random = np.random.default_rng(5)
     (cx, cy), extent = scales.centre, scales.extent
     x, y = "(x-(%.4g))" % cx, "(y-(%.4g))" % cy
@@ -345,18 +351,18 @@ def _of_place(model: _core.Model, scales: Scales, family) -> Iterator[Tuple[Fami
     yield family("moment by place", [PLACE], _body(flat + bowl, "N"))
     yield family("thrust by place", [PLACE, COMMAND], _thrusts(model, flat + bowl))
     yield family("damping by place", [PLACE, VELOCITY], _dampings(flat + bowl))
-    fields = {}
+    fields: Dict[str, List[_Scalar]] = {}
     for name, (length, count) in FIELDS.items():
-        waves = random.normal(size=(count, 2)) / (length * extent)
+        vectors = random.normal(size=(count, 2)) / (length * extent)
         phases = random.uniform(0, 2 * np.pi, count)
         fields[name] = [
-            ("cos(%.5g*x+(%.5g)*y+(%.4g))" % (a, b, p), "-") for (a, b), p in zip(waves, phases)
+            ("cos(%.5g*x+(%.5g)*y+(%.4g))" % (a, b, p), "-") for (a, b), p in zip(vectors, phases)
         ]
     for name, waves in fields.items():
         yield family("%s field of force" % name, [PLACE], _both(waves), False)
         if name != "fine":
             yield family("%s field of moment" % name, [PLACE], _body(waves, "N"), False)
-            patches = [({"X": "%s*u" % f, "Y": "%s*v" % f}, "m/s", {}) for f, _ in waves]
+            patches: List[_Entry] = [({"X": "%s*u" % f, "Y": "%s*v" % f}, "m/s", {}) for f, _ in waves]
             yield family("%s field of damping" % name, [PLACE, VELOCITY], patches, False)
     # Evenly spaced wave numbers would repeat the floor.
     shortest = max(CROSSED * scales.speed, 2 * extent / MOST_WAVES)
@@ -370,13 +376,13 @@ def _of_place(model: _core.Model, scales: Scales, family) -> Iterator[Tuple[Fami
 
 
 def _products(
-    model: _core.Model, scales: Scales, turns: Sequence[_Scalar], family
-) -> Iterator[Tuple[Family, List[_Entry]]]:
+    model: _core.Model, scales: Scales, turns: Sequence[_Scalar], family: _Make
+) -> Iterator[_Group]:
     """Products of two arguments, on each channel."""
     (cx, cy), names = scales.centre, inputs(model)
     speed = "sqrt(u^2+v^2)"
-    single = {
-        HEADING: turns,
+    single: Dict[str, List[_Scalar]] = {
+        HEADING: list(turns),
         VELOCITY: [("u", "m/s"), ("v", "m/s"), ("r", "rad/s"), (speed, "m/s"), *_signs(scales)[2:]],
         PLACE: [("(x-(%.4g))" % cx, "m"), ("(y-(%.4g))" % cy, "m")],
         COMMAND: [(name, "-") for name in names] + [("(%s)" % "+".join(names), "-")],
@@ -430,7 +436,8 @@ def _of_past_commands(model: _core.Model) -> Iterator[_Entry]:
         yield {"thrust_" + n: "%s*u_%s" % (drawn, n) for n in names}, "-", rate
         for channel in "YN":
             yield {channel: "%s-%s" % (drawn, total)}, "-", rate
-        yield {"X": "(l%d-lift)*u" % i, "Y": "(l%d-lift)*v" % i}, "m/s", {"l%d" % i: "(lift-l%d)/%g" % (i, memory)}
+        filled = {"l%d" % i: "(lift-l%d)/%g" % (i, memory)}
+        yield {"X": "(l%d-lift)*u" % i, "Y": "(l%d-lift)*v" % i}, "m/s", filled
     used = {"used": total}
     for spent in (1.0, 3.0, 10.0):
         yield {"thrust_" + n: "exp(-used/%g)*u_%s" % (spent, n) for n in names}, "-", used
@@ -463,7 +470,8 @@ def _of_swings() -> Iterator[_Entry]:
 
 
 def wrenches(features: Sequence[Feature], model: _core.Model, sampled: Samples) -> Array:
-    """Wrenches (n, 3, features) of features at a run's samples, in their own units: X, Y, N in the body's frame."""
+    """Wrenches (n, 3, features) of features at a run's samples, in their own units: X, Y, N in the
+    body's frame."""
     known: Dict[str, object] = {**sampled.values, **_states(features, model, sampled)}
     known.update(sin=np.sin, cos=np.cos, abs=np.abs, sqrt=np.sqrt, exp=np.exp)
     push = _directions(model)
@@ -483,11 +491,14 @@ def wrenches(features: Sequence[Feature], model: _core.Model, sampled: Samples) 
 
 
 def followed(model: _core.Model, sampled: Samples) -> Array:
-    """Wrenches (n, 3, k) that a change of the nominal parameters has as well: of the thrusters, of the damping. A
+    """Wrenches (n, 3, k) that a change of the nominal parameters has as well: of the thrusters, of
+    the damping. A
     change of the yaw inertia scales all moments, so that moments count by themselves."""
     v = sampled.values
     push = _directions(model)
-    thrust = sum(v[name][:, None] * push["thrust_" + name[2:]] for name in inputs(model))
+    thrust = np.zeros((len(v["u"]), 3))
+    for name in inputs(model):
+        thrust += v[name][:, None] * push["thrust_" + name[2:]]
     none = np.zeros_like(v["u"])
     columns = [
         np.column_stack([thrust[:, 0], thrust[:, 1], none]),

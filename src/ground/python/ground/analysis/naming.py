@@ -1,8 +1,8 @@
 """A name for what is learnable and has none: a formula with units, or a learned wrench.
 
-Features whose formulas mean something by themselves are chosen one after the other in the last regression of the
-ceiling. Their constants (phases, wavelengths, points) become parameters, and the likelihood fits all of them in
-the model. A formula is an effect as model files list it.
+Features whose formulas mean something by themselves are chosen one after the other in the last
+regression of the ceiling. Their constants (phases, wavelengths, points) become parameters, and the
+likelihood fits all of them in the model. A formula is an effect as model files list it.
 """
 
 import re
@@ -145,7 +145,9 @@ def _partner(regression: Regression, feature: Feature, formula: str, other: str)
     return None
 
 
-def _two(regression: Regression, j: int, other: Optional[int], is_sine: bool, full: float) -> Tuple[float, float]:
+def _two(
+    regression: Regression, j: int, other: Optional[int], is_sine: bool, full: float
+) -> Tuple[float, float]:
     """Amplitude and phase of a*sin(w+p) from the sine and cosine features together."""
     columns = np.array([j] if other is None else [j, other])
     D = regression.D[:, columns]
@@ -278,14 +280,15 @@ def in_words(arguments: Sequence[str]) -> str:
 
 
 def learned(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]:
-    """A smooth function of what was found to matter, by bells on the arguments that the craft visited; None where
-    it depends on the past or does not help."""
+    """A smooth function of what was found to matter, by bells on the arguments that the craft
+    visited; None where it depends on the past or does not help."""
     variables = _variables(found, fit)
     if not variables:
         return None
     sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(likelihood.runs))]
     values = np.concatenate([np.column_stack([s.values[v] for v in variables]) for s in sampled])
-    widths = np.array([TURN_WIDTH if v == "psi" else WIDTH * values[:, i].std() for i, v in enumerate(variables)])
+    widths = WIDTH * values.std(axis=0)
+    widths[[v == "psi" for v in variables]] = TURN_WIDTH
     if not (widths > 0).all():
         return None
     centres = _spread(values, widths, variables)

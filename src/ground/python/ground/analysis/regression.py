@@ -2,10 +2,11 @@
 
     e = D a + J t + n,  n ~ N(0, I)
 
-e: innovations of the fitted grey-box filter. D: their responses to the wrenches of features. J: their derivatives by
-the free parameters, and by a delay of all commands, which are projected out of both. The weights a of a term, one
-feature or a family of them, are normal with a common size; the ratio of marginal likelihoods with and without a
-term is the test of it. Its distribution without an effect follows from the eigenvalues of the term's information.
+e: innovations of the fitted grey-box filter. D: their responses to the wrenches of features. J:
+their derivatives by the free parameters, and by a delay of all commands, which are projected out
+of both. The weights a of a term, one feature or a family of them, are normal with a common size;
+the ratio of marginal likelihoods with and without a term is the test of it. Its distribution
+without an effect follows from the eigenvalues of the term's information.
 """
 
 from dataclasses import dataclass, replace
@@ -55,8 +56,9 @@ class Part:
 
 
 class Regression:
-    """The regression of a Fit's innovations on features. acting: their wrenches (n, 3, features) along each run; followed:
-    wrenches (n, 3, k) that the model's parameters can follow; tested: number of features that these were chosen from."""
+    """The regression of a Fit's innovations on features. acting: their wrenches (n, 3, features)
+    along each run; followed: wrenches (n, 3, k) that the model's parameters can follow; tested:
+    number of features that these were chosen from."""
 
     def __init__(
         self, likelihood: Likelihood, fit: Fit, features: Sequence[Feature],
@@ -138,7 +140,8 @@ class Regression:
     @staticmethod
     def _innovations(likelihood: Likelihood, fit: Fit, run: int) -> Array:
         left = likelihood.residuals(fit.point, run)
-        return np.array(left["whitened"]).reshape(-1)[np.repeat(np.array(left["scored"]), 3)]
+        scored = np.repeat(np.array(left["scored"]), 3)
+        return np.asarray(np.array(left["whitened"]).reshape(-1)[scored])
 
     def _families(self) -> List[Term]:
         """Families, and their parts that act on the same channels."""
@@ -204,7 +207,8 @@ class Regression:
         return Term(name, columns, float(SIZES[best]), ratio, _chance(ratio, shares))
 
     def largest(self, columns: Indices, behind: float) -> float:
-        """Largest variance of columns' wrench whose log-likelihood ratio is not `behind` the best one; 0 if all are."""
+        """Largest variance of columns' wrench whose log-likelihood ratio is not `behind` the best
+        one; 0 if all are."""
         values, z = self._spectrum(columns, ())
         if not len(values):
             return 0.0
@@ -213,7 +217,8 @@ class Regression:
         return float(SIZES[allowed[-1]]) if len(allowed) else 0.0
 
     def _spectrum(self, columns: Indices, beside: Sequence[Term]) -> Tuple[Array, Array]:
-        """Eigenvalues of the information of columns beside terms, and the squares of their scores over them."""
+        """Eigenvalues of the information of columns beside terms, and the squares of their
+        scores over them."""
         key = columns.tobytes()
         if key not in self._grams:
             self._grams[key] = self.D[:, columns].T @ self.D[:, columns]
@@ -227,8 +232,8 @@ class Regression:
         return values[kept], (vectors[:, kept].T @ b) ** 2 / values[kept]
 
     def choose(self, parts: Sequence["Part"]) -> List[Term]:
-        """Terms that are significant, each beside the others, and that raise the likelihood of parts which they were
-        not fitted to."""
+        """Terms that are significant, each beside the others, and that raise the likelihood of
+        parts which they were not fitted to."""
         terms: List[Term] = []
         refused: Set[str] = set()
         gain = 0.0
@@ -262,7 +267,7 @@ class Regression:
                 tested = self.test(family.columns, terms, family.name)
                 if tested.ratio > LEAST and tested.p_value < LEVEL / 2 / len(self.terms):
                     found.append(tested)
-        return max(found, key=lambda t: t.ratio, default=None)
+        return max(found, key=lambda t: t.ratio) if found else None
 
     def _resized(self, terms: Sequence[Term]) -> List[Term]:
         """Terms with their sizes and ratios beside the others; without those that do nothing there."""
@@ -334,8 +339,8 @@ class Regression:
 def _without(
     acting: Sequence[Array], followed: Sequence[Array]
 ) -> Tuple[List[Array], Flags]:
-    """Features (n, 3, m) of each run without what is followed, and which of them are left. Their weights would run
-    away with the parameters."""
+    """Features (n, 3, m) of each run without what is followed, and which of them are left. Their
+    weights would run away with the parameters."""
     size = len(followed[0][0, 0])
     W = np.concatenate([w.reshape(-1, size) for w in followed])
     A = np.concatenate([a.reshape(-1, a.shape[2]) for a in acting])

@@ -263,7 +263,7 @@ def _earlier(times: Array, wrench: Array, heading: Array, predicted: Array) -> A
             columns.append(_in_body(kept, predicted) if turns else kept)
     found = np.stack(columns, axis=2)
     found[:, 2, 1::2] = 0  # a moment is the same in both
-    return found
+    return np.asarray(found)
 
 
 def _sums(times: Array, values: Array, past: float) -> Array:
@@ -399,12 +399,12 @@ class _Features:
 
     def _of_past(self) -> Iterator[_Part]:
         none = np.zeros_like(self.u)
-        for past, commands in self.pasts.items():
+        for commands in self.pasts.values():
             later = commands[:-1] - self.commands[:-1]
             yield self._body("past", [*later], "XN")
             yield self._body("past", [*later * self.commands[:-1]], "XN")
             yield self._body("past", [*later, *abs(later)], "Y")
-        for moved, speed, swing in self.history:
+        for _, speed, swing in self.history:
             by_speed = [(self.ahead, none, self.moment), (self.u, self.v, none), (none, none, self.r)]
             yield self._wrenches("past", [[speed[:, None] * w for w in b] for b in by_speed])
             swings = [swing[:, i : i + 1] + none for i in range(4)]
@@ -587,7 +587,8 @@ def _opinion(data: _Windows, chosen: List[_Part], p_values: Dict[str, float]) ->
         without = [part for part in chosen if argument not in part.arguments]
         lost = share - _share(data, without)[0] if len(without) < len(chosen) else 0.0
         of_chosen = len(without) < len(chosen)
-        arguments[argument] = (max(0.0, lost), p_values[argument] if of_chosen else max(MAX_P, p_values[argument]))
+        p_value = p_values[argument] if of_chosen else max(MAX_P, p_values[argument])
+        arguments[argument] = (max(0.0, lost), p_value)
     low, high = share - 1.96 * deviation, min(1.0, share + 1.96 * deviation)
     says = [a for a in ARGUMENTS if arguments[a][0] >= MIN_SHARE and arguments[a][1] < MAX_P]
     says = sorted(says, key=lambda a: -arguments[a][0]) if share >= MIN_SHARE and low > 0 else []
@@ -603,7 +604,7 @@ def _predicts(data: _Windows, chosen: Sequence[_Part], part: _Part) -> bool:
 
 
 def _by_block(data: _Windows, values: Array) -> Array:
-    return np.bincount(np.unique(data.block, return_inverse=True)[1], values)
+    return np.asarray(np.bincount(np.unique(data.block, return_inverse=True)[1], values), float)
 
 
 def _held_out(data: _Windows, chosen: Sequence[_Part]) -> Tuple[Array, Array]:

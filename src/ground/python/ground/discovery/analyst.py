@@ -179,7 +179,8 @@ class Analyst:
             self.depends = "depends on the past (%s)" % remembered.means
         else:
             formula, shares = found.conclusion.formula, found.conclusion.ceiling.arguments
-            entry = formula and formula.entry
+            is_formula = formula is not None and "expression" in formula.entry
+            entry = formula.entry if formula is not None and is_formula else None
             self.depends = "depends on " + naming.in_words(list(shares)[:2] or [])
         if entry is None:
             return

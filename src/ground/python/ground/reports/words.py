@@ -266,25 +266,26 @@ def _undecided(report: Document) -> str:
     )
     if found["terms"]:
         why = (
-            "it depends on %s, but what these runs teach of that does not predict other runs: record more runs, with "
-            "other commands, over the same places" % arguments(report)
+            "it depends on %s, but what these runs teach of that does not predict other runs: record more "
+            "runs, with other commands, over the same places" % arguments(report)
         )
     elif not agrees["holds"]:
         why = (
-            "what is left is no steady random push: it acts at some times or places only. Record more runs over the same "
-            "places, or look for a draught, a cable or a bad patch of floor"
+            "what is left is no steady random push: it acts at some times or places only. Record more runs "
+            "over the same places, or look for a draught, a cable or a bad patch of floor"
         )
     elif report["second_opinion"]["says"]:
         why = (
-            "a second method says that it depends on %s, and the likelihood does not: record more runs, with other "
-            "commands" % listed([ARGUMENTS.get(name, name) for name in report["second_opinion"]["says"]])
+            "a second method says that it depends on %s, and the likelihood does not: record more runs, "
+            "with other commands"
+            % listed([ARGUMENTS.get(name, name) for name in report["second_opinion"]["says"]])
         )
     elif report["dropped"]:
         why = "effects that fit these runs do not predict the others: record more runs, with other commands"
     else:
         why = (
-            "a random push explains it as well as a smooth function of what was recorded (up to %.0f%% of it). Record "
-            "more runs, longer ones and over the same places" % (100 * found["bound"])
+            "a random push explains it as well as a smooth function of what was recorded (up to %.0f%% of "
+            "it). Record more runs, longer ones and over the same places" % (100 * found["bound"])
         )
     return "These runs cannot decide whether something is missing: %s; %s." % (leaves, why)
 
@@ -482,21 +483,25 @@ def ceiling(report: Document) -> str:
     sentence += "."
     if found["poses"]:
         poses = found["poses"]
-        steps = [("before", "without effects")] * bool(report["improved"]["effects"]) + [("now", "with the model")]
+        steps = [("before", "without effects")] * bool(report["improved"]["effects"])
+        steps += [("now", "with the model")]
         steps += [("after", "with what is learnable")] * bool(found["said"])
-        sentence += " Poses predicted %.2g s ahead are off by %s (noise of a pose: %.2g mm, %.2g deg)." % (
-            poses["seconds"],
-            listed(["%.3g mm and %.2g deg %s" % (*poses[key], what) for key, what in steps]),
-            *poses["noise"],
+        off = ["%.3g mm and %.0f deg %s" % (*poses[key], what) for key, what in steps]
+        sentence += (
+            " Poses predicted %.2g s ahead are off by %s (noise of a pose: %.2g mm, %.2g deg)."
+            % (poses["seconds"], listed(off), *poses["noise"])
         )
     if not agrees["holds"]:
         error = agrees["error"]
-        worst = max(agrees["deviations"], key=lambda name: abs(agrees["deviations"][name]))
+        worst = max(agrees["deviations"], key=lambda name: abs(float(agrees["deviations"][name])))
         sentence += (
-            " What is left is not the random push that the model claims: the error is %.3f where that push leaves %.3f."
-            % (error["measured"], error["expected"])
-            if worst == "error"
-            else " What is left is not the random push that the model claims: it is much stronger at some times."
+            " What is left is not the random push that the model claims: "
+            + (
+                "the error is %.3f where that push leaves %.3f."
+                % (error["measured"], error["expected"])
+                if worst == "error"
+                else "it is much stronger at some times."
+            )
         )
     return sentence
 
@@ -579,11 +584,15 @@ def unexplained(report: Document) -> Iterator[str]:
             "%s = %.4g %s" % (n, p["value"], p["unit"]) for n, p in proposal["parameters"].items()
         ]
         terms = ["%s = %s" % item for item in proposal["expression"].items()]
-        yield "%s would lower the cross-validated error to %.3f (%s with %s). It is in proposal.yaml, ready for identify add." % (
-            _capital(proposal.get("means", "a term")),
-            proposal["error"]["heldout"],
-            "; ".join(terms),
-            ", ".join(values),
+        yield (
+            "%s would lower the cross-validated error to %.3f (%s with %s). It is in proposal.yaml, ready "
+            "for identify add."
+            % (
+                _capital(proposal.get("means", "a term")),
+                proposal["error"]["heldout"],
+                "; ".join(terms),
+                ", ".join(values),
+            )
         )
     elif report["memory"]["kind"]:
         yield (
