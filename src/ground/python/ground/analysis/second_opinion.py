@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
-from scipy import signal
 
 from ground import _core
 from ground.analysis import failure, residuals, study
@@ -27,32 +26,39 @@ from ground.errors import GroundError
 from ground.recordings import repair
 
 ARGUMENTS = ("heading", "place", "velocity", "command", "past", "time")
+NAMES = {
+    "heading": "the heading",
+    "place": "the place",
+    "velocity": "the velocities",
+    "command": "the commands",
+    "past": "the past",
+    "time": "the time since the start",
+}
 HALF = 0.15  # half of the length of a window [s]
 STEP = 0.05  # between centres of windows [s]
 LEAD = 0.06  # from the state that features are predicted from to the window [s]
-POINTS = 7  # of a window at which features are averaged
 BLOCK = 0.6  # length of the blocks of which chance turns the sign [s]
 TURNS = 1999  # number of draws of chance
 LEVEL = 0.01  # probability that something is said where nothing is missing
 MAX_P = LEVEL / len(ARGUMENTS)  # largest p-value of an argument that is said
 MIN_SHARE = 0.1  # least share that is said
 MIN_GAIN = 2.3  # least gain on runs not fitted to, in its standard deviations
-MAX_REFUSED = 5  # parts tried in vain, before the search ends
+TRIED = 5  # strongest parts that are tried on runs not fitted to
 PAST = 0.9  # memory must be clearer by its inverse, because much looks like it
 MAX_PARTS = 4  # largest number of parts that are found one after the other
-MIN_WINDOWS = 60
+MIN_WINDOWS = 60  # of all runs together
 LATE = 1e-3  # delay of the commands that may be wrong [s]
 CHANGE = 1e-3  # relative change of parameters for derivatives
 GRID = 0.005  # between samples of the commands [s]
-SPEEDS = np.array([0.5, 0.3, 4.0])  # typical velocities [m/s], [rad/s]
-OWN_BEFORE = False
-PUSHES = (0.5, 6.0)  # time constants of what was missing before [s]
+# Time constants of what was missing before [s]. More of them would fit what comes after, too.
+PUSHES = (0.5, 6.0)
 TIME = 4.0  # typical half of a run [s]
 PERIODS = (0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)  # of what repeats in time [s]
 MIN_NEW = 0.02  # least part of a function that the nuisances do not explain
 MOST = 4.0  # largest residual, in robust standard deviations
 PASTS = (0.05, 0.2, 0.6, 2.0)  # time constants of the past [s]
-WAVES = (0.15, 0.2, 0.25, 0.3, 0.4, 0.55, 0.8, 1.2)  # wavelengths over the floor [m]
+WAVES = (0.8, 6.7)  # least and largest number of waves over the floor [1/m] ...
+MAX_WAVES = 40  # ... and of those tried
 
 
 @can_be_kept
@@ -96,6 +102,14 @@ class _Span(NamedTuple):
     at: Array  # (n, samples) weights of samples; their sum is 1
 
 
+class _Scales(NamedTuple):
+    """What is usual in all runs together."""
+
+    middle: Array  # (2,) of the places
+    size: float  # their standard deviation [m]
+    speeds: Array  # (3,) root mean square of the velocities
+
+
 def second_opinion(runs: Sequence[_core.RunData], model: _core.Model) -> Opinion:
     """What the accelerations of runs depend on that a fitted model does not explain.
 
@@ -103,16 +117,22 @@ def second_opinion(runs: Sequence[_core.RunData], model: _core.Model) -> Opinion
     """
     thin = [thinned(run) for run in runs]
     spans = [_span(run) for run in thin]
-    place = np.concatenate([np.array(run.eta)[:, :2] for run in thin])
-    middle, size = place.mean(axis=0), max(1e-3, float(place.std()))
+    scales = _scales(thin)
     found = [
-        _windows(run, span, model, number, (middle, size))
+        _windows(run, span, model, number, scales)
         for number, (run, span) in enumerate(zip(thin, spans))
         if span is not None
     ]
     if sum(len(f.wrench) for f in found) < MIN_WINDOWS:
         raise GroundError("the runs are too short for a second opinion")
     return _judged(_together(found))
+
+
+def _scales(runs: Sequence[_core.RunData]) -> _Scales:
+    place = np.concatenate([np.array(run.eta)[:, :2] for run in runs])
+    nu = np.concatenate([np.array(run.nu) for run in runs])
+    speeds = np.maximum(1e-6, np.sqrt((nu**2).mean(axis=0)))
+    return _Scales(place.mean(axis=0), max(1e-3, float(place.std())), speeds)
 
 
 # --- The missing wrench
@@ -160,9 +180,9 @@ def _windows(
     span: _Span,
     model: _core.Model,
     number: int,
-    floor: Tuple[Array, float],
+    scales: _Scales,
 ) -> _Windows:
-    """The windows of a run. number: the run's; floor: middle and size of the place flown over."""
+    """The windows of a run, which has a number."""
     times, poses = np.array(run.times), np.array(run.poses if len(run.poses) else run.eta)
     heading = np.array(run.eta)[span.centre, 2]
     masses = [model.value("m"), model.value("m"), model.value("I_z")]
@@ -186,7 +206,7 @@ def _windows(
     wrench = measured() - by_model(model)
     level = np.array(run.noise) if len(run.noise) else np.zeros(3)
     at = times[span.centre]
-    features = _Features(run, span, model, floor)
+    features = _Features(run, span, model, scales)
     return _Windows(
         wrench,
         np.stack(list(changes()), axis=2),
@@ -206,7 +226,9 @@ def _accelerations(run: _core.RunData, model: _core.Model) -> Array:
     found = call(_core.predict, model, run, steps, nu[:-1])
     eta, nu = np.array(found["eta"]), np.array(found["nu"])  # (n - 1, 2, 3)
     c, s = np.cos(eta[..., 2]), np.sin(eta[..., 2])
-    rates = np.stack([c * nu[..., 0] - s * nu[..., 1], s * nu[..., 0] + c * nu[..., 1], nu[..., 2]], 2)
+    rates = np.stack(
+        [c * nu[..., 0] - s * nu[..., 1], s * nu[..., 0] + c * nu[..., 1], nu[..., 2]], 2
+    )
     return np.asarray((rates[:, 1] - rates[:, 0]) / np.diff(times)[:, None])
 
 
@@ -284,16 +306,16 @@ class _Features:
     states that the model predicts from before each window; only what was before is measured."""
 
     def __init__(
-        self, run: _core.RunData, span: _Span, model: _core.Model, floor: Tuple[Array, float]
+        self, run: _core.RunData, span: _Span, model: _core.Model, scales: _Scales
     ) -> None:
         times = np.array(run.times)
         eta, nu = (values[:, ::2] for values in _predicted(run, span, model))
         self.weight = span.at[:, ::2] / span.at[:, ::2].sum(axis=1, keepdims=True)
         self.heading = eta[:, eta.shape[1] // 2, 2]
         self.c, self.s = np.cos(eta[..., 2]), np.sin(eta[..., 2])
-        self.u, self.v, self.r = np.moveaxis(nu / SPEEDS, 2, 0)
-        self.x, self.y = np.moveaxis(eta[..., :2] - floor[0], 2, 0)
-        self.size = floor[1]
+        self.u, self.v, self.r = np.moveaxis(nu / scales.speeds, 2, 0)
+        self.x, self.y = np.moveaxis(eta[..., :2] - scales.middle, 2, 0)
+        self.size = scales.size
         self.t = times[span.rows[:, ::2]] - times[0]
         grid = np.arange(times[0] - 3, times[-1] + GRID, GRID)
         commands = _actuated(run, model, grid)
@@ -301,10 +323,8 @@ class _Features:
         self.commands = np.moveaxis(commands[at], 2, 0)
         thrust = model.forces(commands[:, :-1]) / failure.full_scale(model)
         self.ahead, self.moment = thrust[at][..., 0], thrust[at][..., 2]
-        self.pasts = {
-            past: np.moveaxis(_faded(commands, GRID / past)[at], 2, 0) for past in PASTS
-        }
-        self.history = _history(run, span.start)
+        self.pasts = {past: np.moveaxis(_faded(commands, GRID / past)[at], 2, 0) for past in PASTS}
+        self.speeds = _speeds(run, span.start, scales.speeds)
 
     def parts(self) -> List[_Part]:
         """All of them."""
@@ -352,20 +372,20 @@ class _Features:
         yield self._fields("place", [x**2, x * y, y**2])
         far = np.hypot(x, y)
         yield self._room("place", [(x * far, y * far), (x * far**2, y * far**2)])
-        for length in WAVES:
+        apart = max(0.1 / self.size, (WAVES[1] - WAVES[0]) / MAX_WAVES)  # seen as different
+        for wave in np.arange(WAVES[0], WAVES[1], apart):
             for place in (self.x, self.y):
-                at = 2 * np.pi * place / length
+                at = 2 * np.pi * place * wave
                 yield self._fields("place", [np.sin(at), np.cos(at)])
-                yield self._body("place", [np.sin(at), np.cos(at)], "N")
-        bumps = [
-            np.exp(-2 * ((x - a) ** 2 + (y - b) ** 2)) for a in (-1, 0, 1) for b in (-1, 0, 1)
-        ]
+        bumps = [np.exp(-2 * ((x - a) ** 2 + (y - b) ** 2)) for a in (-1, 0, 1) for b in (-1, 0, 1)]
         yield self._fields("place", bumps)
         yield self._body("place", bumps, "N")
         none = np.zeros_like(x)
         yield self._wrenches("place velocity", [(b * self.u, b * self.v, none) for b in bumps])
         yield self._wrenches("place velocity", [(none, none, b * self.r) for b in bumps])
-        yield self._wrenches("place command", [(b * self.ahead, none, b * self.moment) for b in bumps])
+        yield self._wrenches(
+            "place command", [(b * self.ahead, none, b * self.moment) for b in bumps]
+        )
 
     def _of_velocity(self) -> Iterator[_Part]:
         u, v, r = self.u, self.v, self.r
@@ -404,11 +424,13 @@ class _Features:
             yield self._body("past", [*later], "XN")
             yield self._body("past", [*later * self.commands[:-1]], "XN")
             yield self._body("past", [*later, *abs(later)], "Y")
-        for _, speed, swing in self.history:
-            by_speed = [(self.ahead, none, self.moment), (self.u, self.v, none), (none, none, self.r)]
+        for speed in self.speeds:
+            by_speed = [
+                (self.ahead, none, self.moment),
+                (self.u, self.v, none),
+                (none, none, self.r),
+            ]
             yield self._wrenches("past", [[speed[:, None] * w for w in b] for b in by_speed])
-            swings = [swing[:, i : i + 1] + none for i in range(4)]
-            yield self._room("past", [(swings[0], swings[1]), (swings[2], swings[3])])
 
     def _of_time(self) -> Iterator[_Part]:
         t, none = self.t / TIME - 1, np.zeros_like(self.t)
@@ -434,27 +456,18 @@ def _actuated(run: _core.RunData, model: _core.Model, grid: Array) -> Array:
 
 def _faded(values: Array, rate: float) -> Array:
     """Means of held values before each sample, with weights that fade (n, m)."""
+    from scipy import signal  # slow to load
+
     keep = np.exp(-rate)
     return np.asarray(signal.lfilter([0.0, 1 - keep], [1.0, -keep], values, axis=0))
 
 
-def _history(run: _core.RunData, start: Indices) -> List[Tuple[Array, Array, Array]]:
-    """What the motion was up to a sample, for some pasts: mean velocities (n, 3), mean speed (n,), and
-    states of a pendulum with that time constant on the craft, in the room (n, 4)."""
-    times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu) / SPEEDS
-    step = float(np.median(np.diff(times)))
-    found = []
-    for past in PASTS[1:]:
-        mean = _faded(nu, step / past)
-        speed = _faded(np.hypot(nu[:, 0], nu[:, 1])[:, None], step / past)[:, 0]
-        # q'' = -w^2 q - 0.2 w q' - x'', as the transfer function from x to q, w = 1 / past
-        w = 1 / past
-        b, a = signal.bilinear([-1.0, 0.0, 0.0], [1.0, 0.2 * w, w**2], 1 / step)
-        place = eta[:, :2] - eta[0, :2]
-        swing = signal.lfilter(b, a, place, axis=0)
-        rate = np.gradient(swing, step, axis=0) * past
-        found.append((mean[start], speed[start], np.hstack([swing, rate])[start]))
-    return found
+def _speeds(run: _core.RunData, start: Indices, scale: Array) -> List[Array]:
+    """Mean speeds (n,) over some pasts, up to samples of a run."""
+    nu = np.array(run.nu) / scale
+    step = float(np.median(np.diff(np.array(run.times))))
+    speed = np.hypot(nu[:, 0], nu[:, 1])[:, None]
+    return [_faded(speed, step / past)[start, 0] for past in PASTS[1:]]
 
 
 # --- The judgement
@@ -466,16 +479,13 @@ def _together(found: Sequence[_Windows]) -> _Windows:
     own = np.concatenate([f.own for f in found])
     thrust = own[:, :, -1:] * (number[:, None] == np.unique(number)[1:])[:, None, :]
     constant = np.ones_like(own[:, :, :1])
-    before = np.concatenate([f.before for f in found])
-    if OWN_BEFORE:
-        before = np.concatenate([before * (number == i)[:, None, None] for i in np.unique(number)], axis=2)
     fold = number
     if len(found) == 1:  # quarters of its time
         fold = np.arange(len(number)) * 4 // len(number)
     return _Windows(
         np.concatenate([f.wrench for f in found]),
         np.concatenate([own, thrust, constant], axis=2),
-        before,
+        np.concatenate([f.before for f in found]),
         [
             _Part(parts[0].arguments, np.concatenate([p.columns for p in parts]))
             for parts in zip(*(f.parts for f in found))
@@ -521,7 +531,9 @@ def _whitened(columns: Array) -> Array:
     flat = flat / np.maximum(1e-300, np.sqrt((flat**2).sum(axis=0)))
     values, vectors = np.linalg.eigh(flat.T @ flat)
     used = values > 0.01
-    return np.asarray((flat @ (vectors[:, used] / np.sqrt(values[used]))).reshape(*columns.shape[:2], -1))
+    return np.asarray(
+        (flat @ (vectors[:, used] / np.sqrt(values[used]))).reshape(*columns.shape[:2], -1)
+    )
 
 
 def _tested(regression: _Regression, data: _Windows) -> Array:
@@ -555,7 +567,6 @@ def _judged(data: _Windows) -> Opinion:
     of runs that it was not fitted to better than what was missing before does."""
     chosen: List[_Part] = []
     p_values: Dict[str, float] = {}
-    refused: List[int] = []
     while True:
         nuisances = [data.own, data.before, *(part.columns for part in chosen)]
         found = _tested(_Regression(data.wrench, nuisances), data)
@@ -566,17 +577,14 @@ def _judged(data: _Windows) -> Opinion:
             p_now[argument] = float((highest >= highest[0] - 1e-9).mean())
             if not any(argument in part.arguments for part in chosen):
                 p_values[argument] = p_now[argument]
-        ranked = found[0] * [PAST if "past" in part.arguments else 1.0 for part in data.parts]
-        ranked[refused] = -np.inf
-        best = int(np.argmax(ranked))
-        part = data.parts[best]
-        if len(chosen) == MAX_PARTS or min(p_now[a] for a in part.arguments) >= MAX_P:
+        if len(chosen) == MAX_PARTS or min(p_now.values()) >= MAX_P:
             break
-        refused.append(best)
-        if _predicts(data, chosen, part):
-            chosen.append(part)
-        elif len(refused) - len(chosen) > MAX_REFUSED:
+        clear = [min(p_now[a] for a in part.arguments) < MAX_P for part in data.parts]
+        past = [PAST if "past" in part.arguments else 1.0 for part in data.parts]
+        best = _best(data, chosen, np.where(clear, found[0] * past, 0.0))
+        if best is None:
             break
+        chosen.append(best)
     return _opinion(data, chosen, p_values)
 
 
@@ -587,24 +595,34 @@ def _opinion(data: _Windows, chosen: List[_Part], p_values: Dict[str, float]) ->
         without = [part for part in chosen if argument not in part.arguments]
         lost = share - _share(data, without)[0] if len(without) < len(chosen) else 0.0
         of_chosen = len(without) < len(chosen)
-        p_value = p_values[argument] if of_chosen else max(MAX_P, p_values[argument])
-        arguments[argument] = (max(0.0, lost), p_value)
+        p = p_values[argument] if of_chosen else max(MAX_P, p_values[argument])
+        arguments[argument] = (max(0.0, lost), p)
+    said = [a for a in ARGUMENTS if any(a in part.arguments for part in chosen)]
     low, high = share - 1.96 * deviation, min(1.0, share + 1.96 * deviation)
-    says = [a for a in ARGUMENTS if arguments[a][0] >= MIN_SHARE and arguments[a][1] < MAX_P]
-    says = sorted(says, key=lambda a: -arguments[a][0]) if share >= MIN_SHARE and low > 0 else []
-    return Opinion(arguments, share, (low, high), tuple(says))
+    said.sort(key=lambda argument: -arguments[argument][0])
+    clear = [argument for argument in said if arguments[argument][0] >= MIN_SHARE]
+    if share < MIN_SHARE or low <= 0:
+        said = clear = []
+    return Opinion(arguments, share, (low, high), tuple(clear or said[:1]))
 
 
-def _predicts(data: _Windows, chosen: Sequence[_Part], part: _Part) -> bool:
-    """Whether a part beside others lowers the error on runs that it was not fitted to."""
-    less, _ = _held_out(data, chosen)
-    more, _ = _held_out(data, [*chosen, part])
-    gains = _by_block(data, (less**2 - more**2).sum(axis=1))
-    return bool(gains.sum() > MIN_GAIN * np.sqrt((gains**2).sum()))
+def _best(data: _Windows, chosen: Sequence[_Part], strengths: Array) -> Optional[_Part]:
+    """Among the strongest parts beside others, the one that lowers the error most on runs that it was
+    not fitted to; None if none does."""
+    without = (_held_out(data, chosen)[0] ** 2).sum(axis=1)
+    best, most = None, 0.0
+    for i in np.argsort(-strengths)[:TRIED]:
+        part = data.parts[i]
+        error = (_held_out(data, [*chosen, part])[0] ** 2).sum(axis=1)
+        gains = _by_block(data, without - error)
+        gain = float(gains.sum()) * (PAST if "past" in part.arguments else 1.0)
+        if strengths[i] > 0 and gain > most and gains.sum() > MIN_GAIN * np.sqrt((gains**2).sum()):
+            best, most = part, gain
+    return best
 
 
 def _by_block(data: _Windows, values: Array) -> Array:
-    return np.asarray(np.bincount(np.unique(data.block, return_inverse=True)[1], values), float)
+    return np.bincount(np.unique(data.block, return_inverse=True)[1], values).astype(float)
 
 
 def _held_out(data: _Windows, chosen: Sequence[_Part]) -> Tuple[Array, Array]:
@@ -612,7 +630,9 @@ def _held_out(data: _Windows, chosen: Sequence[_Part]) -> Tuple[Array, Array]:
     explained by parts alone: each run's by a regression on the others, in robust deviations."""
     whole = _Regression(data.wrench, [data.own])
     wrench = whole.beside(data.wrench[:, :, None]) / whole.scale[:, None]
-    columns = np.concatenate([wrench, *(part.columns / whole.scale[:, None] for part in chosen)], axis=2)
+    columns = np.concatenate(
+        [wrench, *(part.columns / whole.scale[:, None] for part in chosen)], axis=2
+    )
     columns[:, :, 1:] = whole.beside(columns[:, :, 1:])
     before = whole.beside(data.before)
     error, explained = np.empty(wrench.shape[:2]), np.zeros(wrench.shape[:2])
@@ -669,15 +689,14 @@ def _share(data: _Windows, chosen: Sequence[_Part]) -> Tuple[float, float]:
 
 def words(opinion: Opinion) -> str:
     """The opinion in a sentence."""
+    asked = "A regression of the measured accelerations, which uses no likelihood,"
     if not opinion.says:
-        return "A regression of accelerations, independent of the likelihood, finds nothing missing."
+        return asked + " finds nothing that the model does not explain."
+    names = [NAMES[argument] for argument in opinion.says]
+    listed = " and ".join([", ".join(names[:-1])] * (len(names) > 1) + names[-1:])
+    low, high = opinion.interval
     return (
-        "A regression of accelerations, independent of the likelihood, says that something is missing "
-        "that depends on %s: it explains %.0f%% (%.0f to %.0f%%) of the unexplained acceleration."
-        % (
-            " and ".join([", ".join(opinion.says[:-1])] * (len(opinion.says) > 1) + [opinion.says[-1]]),
-            100 * opinion.share,
-            100 * max(0.0, opinion.interval[0]),
-            100 * opinion.interval[1],
-        )
-    )
+        asked
+        + " finds an acceleration that depends on %s and that the model does not explain: %.0f%% of "
+        "what is unexplained (95%% interval %.0f to %.0f%%)."
+    ) % (listed, 100 * opinion.share, 100 * max(0.0, low), 100 * high)
