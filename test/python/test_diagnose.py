@@ -211,9 +211,12 @@ def test_an_unknown_effect_is_described_and_found_when_supplied(tmp_path, unplan
     assert result.returncode == 0, result.stderr
     report = json.loads(result.stdout)
     assert report["verdict"] == "unexplained"
-    assert "x" in [w["variable"] for w in report["unexplained"]["where"][:2]]
+    assert report["unexplained"]["where"][0]["variable"] == "place"
     proposal = report["unexplained"]["proposal"]
-    assert "x/0.3" in " ".join(proposal["expression"].values())
+    lengths = [p["value"] for p in proposal["parameters"].values() if p["unit"] == "m"]
+    assert lengths == [pytest.approx(0.3, rel=0.02)], proposal
+    assert "along the room's x that repeats every 0.3" in proposal["means"]
+    assert said_of.verdict(report).count("the place") == 1
     error = report["improved"]["error"]["heldout"]
     assert proposal["error"]["heldout"] < 0.7 * error
     added = identify(
