@@ -437,6 +437,27 @@ def test_a_discovery_killed_anywhere_ends_as_if_it_had_not_been(tmp_path, monkey
         assert contents(folder) == whole, last
 
 
+class UndecidedAnalyst(RoughAnalyst):
+    """Its flights cannot decide whether something is missing."""
+
+    def diagnose(self, recordings, reachable, seed):
+        found = super().diagnose(recordings, reachable, seed)
+        found.diagnosis.chosen, found.conclusion.verdict = [], "undecided"
+        return analyst_of.Found(found.diagnosis, found.conclusion, found.state, [])
+
+
+def test_flights_that_cannot_decide_are_never_sure(tmp_path, monkeypatch):
+    monkeypatch.setattr(campaign.analyst, "Analyst", UndecidedAnalyst)
+    monkeypatch.setattr(campaign.analyst, "expected_errors", lambda *_, **__: [10.0])
+    monkeypatch.setattr(analyst_of.Found, "model", craft())
+    lab = laboratory(craft(), tmp_path, kind=SwiftLaboratory)
+    settings = Settings(budget=50.0, track=False)
+    story = Discovery(given(), lab, settings, chooser=ShortChooser(), threads=1).run()
+    assert story.ended and not story.sure and story.verdict == "undecided"
+    said = " ".join(discovery_words.summary(story))
+    assert "cannot decide" in said and "not sure" in said and "othing is missing" not in said
+
+
 def test_what_was_proposed_before_an_interruption_is_tried_after_it(tmp_path):
     truth = candidates.from_entry(SIDE_FORCE, "the truth").add(craft())
 
