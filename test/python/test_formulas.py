@@ -220,7 +220,9 @@ def test_no_prediction_spans_a_gap():
 # --- verdicts
 
 
-def verdict(explained=False, varies=(), learnable=(), agrees=True, bound=0.0, refused=False, **found):
+def verdict(
+    explained=False, varies=(), learnable=(), agrees=True, bound=0.0, refused=False, opinion=(), **found
+):
     """learnable: what it depends on, the most important first; refused: it predicts no other run."""
     found = {"memory": None, "dropped": [], "chosen": [], **found}
     left = types.SimpleNamespace(
@@ -228,7 +230,8 @@ def verdict(explained=False, varies=(), learnable=(), agrees=True, bound=0.0, re
         found=object() if learnable or refused else None,
     )  # fmt: skip
     agreement = types.SimpleNamespace(holds=agrees)
-    return conclusion._verdict(types.SimpleNamespace(**found), explained, varies, left, agreement)
+    other = types.SimpleNamespace(says=opinion)
+    return conclusion._verdict(types.SimpleNamespace(**found), explained, varies, left, agreement, other)
 
 
 def test_the_verdict_says_what_is_certain():
@@ -245,7 +248,7 @@ def test_the_verdict_says_what_is_certain():
 
 
 @pytest.mark.parametrize(
-    "open_still", [{"dropped": ["d"]}, {"agrees": False}, {"bound": 0.9}, {"refused": True}]
+    "open_still", [{"dropped": ["d"]}, {"agrees": False}, {"bound": 0.9}, {"refused": True}, {"opinion": ("heading",)}]
 )
 def test_runs_that_cannot_decide_are_not_called_complete(open_still):
     assert verdict(**open_still) == "undecided"

@@ -61,7 +61,7 @@ def remembering(
     made.search.may_go = lambda fit, name: may_go(name)
     made.folds = types.SimpleNamespace(judge=lambda fit: "judged")
     made._larger = lambda with_it, rest: larger
-    made.ceiling_of = lambda names: types.SimpleNamespace(said=of_the_past, of_the_past=of_the_past)
+    made.ceiling_of = lambda names: types.SimpleNamespace(may_remember=of_the_past)
     made.memory = None
     monkeypatch.setattr(diagnosis.held_out, "share_raised", lambda better, worse: share)
     return made, both, asked

@@ -307,7 +307,7 @@ class Diagnosis:
     def _with_memory(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """Searches for memory; the set without effects that only imitated it."""
         fit, left = self.search.fits[found], self.ceiling_of(found)
-        if not (left.said and left.of_the_past):
+        if not left.may_remember:
             return found
         remembered = memory.find(self.likelihood, fit)
         if remembered is None:

@@ -117,7 +117,7 @@ def completed(
     proposed = _next_experiment(diagnosis, alike, thorough, room)
     diagnosis.plan.planned()
     left: Document = {"fraction": 0.0, "where": [], "proposal": None}
-    if conclusion.verdict in ("unexplained", "memory"):
+    if conclusion.verdict in ("unexplained", "memory", "undecided"):
         left = _unexplained(diagnosis, conclusion)
     return {
         **report,

@@ -12,6 +12,7 @@ from ground.recordings.windows import WINDOW
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 EXCLUDED = Criteria.exclusion  # log-likelihood ratio from which a rival is excluded
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
+ABOVE = 1.15  # ratio of error to noise floor from which more may be missing
 MIN_ROOM = 0.3  # part of the random wrench's force from which a force in the room is reported
 FITTED = {"likelihood": "", "simulation": " by simulation error"}  # by what a model was refitted
 ERRORS = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
@@ -243,7 +244,8 @@ def _verdict(report: Document) -> str:
             leaves,
         )
     if report["verdict"] == "missing":
-        return "%s missing: %s; %s" % (chosen + (" is" if one else " are"), fall, leaves)
+        said = "%s missing: %s; %s" % (chosen + (" is" if one else " are"), fall, leaves)
+        return said + _more(report)
     if report["verdict"] == "undecided":
         return _undecided(report)
     rest = "missing that depends on %s and has no name in the library" % arguments(report)
@@ -255,6 +257,20 @@ def _verdict(report: Document) -> str:
         return "Something is %s: the %s is %s, %s" % (rest, there, _without(report), leaves)
     improves = chosen + (" improves" if one else " improve")
     return "%s the model: %s. But something else is %s: %s" % (improves, fall, rest, leaves)
+
+
+def _more(report: Document) -> str:
+    """That more may be missing beside effects that were found; empty if nothing says so."""
+    if report["improved"]["error"]["heldout"] < ABOVE * report["noise_floor"]:
+        return ""
+    if report["ceiling"]["terms"]:
+        return (
+            " More may be missing that depends on %s: these runs cannot decide, because what they teach of it "
+            "does not predict other runs well." % arguments(report)
+        )
+    if not report["agreement"]["holds"]:
+        return " More may be missing: what is left is no steady random push."
+    return ""
 
 
 def _undecided(report: Document) -> str:
