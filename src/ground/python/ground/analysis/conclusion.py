@@ -116,7 +116,7 @@ def _conclude(
     reached = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
     varies = _varies(found)
     explained = found.best.error.sum() < EXPLAINED * floor
-    opinion = second_opinion(found.runs, found.model)
+    opinion = _opinion(found)
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, opinion)
     formula = _name(found, left) if verdict in NAMELESS else None
     return Conclusion(
@@ -205,6 +205,14 @@ def _name(found: Diagnosis, left: Ceiling) -> Optional[naming.Formula]:
         if least < ENOUGH * before:
             break
     return best
+
+
+def _opinion(found: Diagnosis) -> Opinion:
+    """The second method's Opinion; it says nothing of runs that are too short for it."""
+    try:
+        return second_opinion(found.runs, found.model)
+    except GroundError:
+        return Opinion({}, 0.0, (0.0, 0.0), ())
 
 
 def _crossed(found: Diagnosis, fit: Fit) -> float:

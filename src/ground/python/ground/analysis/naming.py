@@ -116,10 +116,9 @@ def _chosen(regression: Regression) -> List[Term]:
 
 
 def _piece(regression: Regression, j: int, weight: float, number: int) -> _Piece:
-    """The piece of a weighted feature; weight: relative to full thrust at the feature's scale."""
+    """The piece of a weighted feature; weight: of the feature at its scale in the regression."""
     feature = regression.features[j]
-    size = weight * regression.scale[j]
-    size *= regression.full[2] if set(feature.parts) == {"N"} else regression.full[0]
+    size = weight * float(regression.scale[j])
     for special in (_turning, _waving, _pulling):
         piece = special(regression, feature, j, size, number)
         if piece is not None:
@@ -146,13 +145,13 @@ def _partner(regression: Regression, feature: Feature, formula: str, other: str)
 
 
 def _two(
-    regression: Regression, j: int, other: Optional[int], is_sine: bool, full: float
+    regression: Regression, j: int, other: Optional[int], is_sine: bool
 ) -> Tuple[float, float]:
     """Amplitude and phase of a*sin(w+p) from the sine and cosine features together."""
     columns = np.array([j] if other is None else [j, other])
     D = regression.D[:, columns]
     A = D.T @ D + 1e-9 * np.eye(len(columns))
-    weights = np.linalg.solve(A, D.T @ regression.y) * regression.scale[columns] * full
+    weights = np.linalg.solve(A, D.T @ regression.y) * regression.scale[columns]
     first, second = float(weights[0]), float(weights[1]) if len(columns) > 1 else 0.0
     sine, cosine = (first, second) if is_sine else (second, first)
     return float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine))
@@ -170,8 +169,7 @@ def _turning(
         return None
     kind, times = found.group(1), found.group(2) or "1"
     other = text.replace(kind, "cos" if kind == "sin" else "sin")
-    full = regression.full["XYN".index(channel)]
-    a, p = _two(regression, j, _partner(regression, feature, text, other), kind == "sin", full)
+    a, p = _two(regression, j, _partner(regression, feature, text, other), kind == "sin")
     unit = "N m" if channel == "N" else "N"
     name, phase = "a%d" % number, "p%d" % number
     turns = "once" if times == "1" else "%s times" % times
@@ -196,7 +194,7 @@ def _waving(
     kind, number_of_waves, axis = found.group(1), float(found.group(2)), found.group(3)
     text = found.group(0)
     other = text.replace(kind, "cos" if kind == "sin" else "sin")
-    a, p = _two(regression, j, _partner(regression, feature, text, other), kind == "sin", regression.full[0])
+    a, p = _two(regression, j, _partner(regression, feature, text, other), kind == "sin")
     name, phase, length = "a%d" % number, "p%d" % number, "w%d" % number
     new = "(%s*sin(2*pi*%s/%s+%s))" % (name, axis, length, phase)
     along = "x" if "%s*cos(psi)" % text in feature.parts["X"] else "y"
@@ -308,7 +306,7 @@ def learned(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]
     at, _, mean = regression.posterior([term])
     weights = np.zeros(len(features))
     weights[at] = mean * regression.scale[at]
-    by_channel = weights.reshape(-1, 3) * regression.full
+    by_channel = weights.reshape(-1, 3)
     entry: Document = {
         "name": LEARNED,
         "scale": 1.0,
