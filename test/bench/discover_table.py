@@ -28,7 +28,7 @@ def is_complete(result):
 
 
 def _argument(variable):
-    """The argument that a variable of a formula belongs to; the heading is in forces fixed in the room."""
+    """The argument that a variable of a formula belongs to; psi is in all forces fixed in the room."""
     known = {"x": "place", "y": "place", "u": "velocity", "v": "velocity", "r": "velocity", "t": "time"}
     return "command" if variable.startswith("u_") else known.get(variable)
 

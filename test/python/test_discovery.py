@@ -14,13 +14,14 @@ from ground import _core
 from ground.analysis import candidates
 from ground.analysis.likelihood import Likelihood
 from ground.discovery import campaign, choice, information, pieces, tracking
-from ground.discovery.analyst import Analyst
+from ground.discovery.analyst import Analyst, Found
 from ground.discovery.campaign import PAIRS, Discovery, Settings
 from ground.discovery.journal import Journal
 from ground.discovery.laboratory import Landed
 from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import ABSENT, CONFIRM, GIVEN, OPEN, PRESENT, SLIGHT, TRACK, Story
 from ground.errors import GroundError
+from ground.reports import discovery_words
 from ground.simulation import experiments
 
 pytestmark = pytest.mark.usefixtures("one_preparation")
@@ -443,13 +444,14 @@ class UndecidedAnalyst(RoughAnalyst):
     def diagnose(self, recordings, reachable, seed):
         found = super().diagnose(recordings, reachable, seed)
         found.diagnosis.chosen, found.conclusion.verdict = [], "undecided"
-        return analyst_of.Found(found.diagnosis, found.conclusion, found.state, [])
+        found.conclusion.improved = found.model
+        found.state.questions = types.SimpleNamespace(basis=types.SimpleNamespace(columns={}))
+        return Found(found.diagnosis, found.conclusion, found.state, [])
 
 
 def test_flights_that_cannot_decide_are_never_sure(tmp_path, monkeypatch):
     monkeypatch.setattr(campaign.analyst, "Analyst", UndecidedAnalyst)
     monkeypatch.setattr(campaign.analyst, "expected_errors", lambda *_, **__: [10.0])
-    monkeypatch.setattr(analyst_of.Found, "model", craft())
     lab = laboratory(craft(), tmp_path, kind=SwiftLaboratory)
     settings = Settings(budget=50.0, track=False)
     story = Discovery(given(), lab, settings, chooser=ShortChooser(), threads=1).run()

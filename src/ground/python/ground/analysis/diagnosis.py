@@ -19,6 +19,7 @@ from ground.analysis import (
     horizon,
     look_alikes,
     memory,
+    naming,
     stages,
     study,
     trials,
@@ -208,7 +209,7 @@ class Diagnosis:
         with self.work.stage(stages.TESTING):
             found = self._without_refuted(found)
         with self.work.stage(stages.REMEMBERING):
-            found = self._with_memory(found)
+            found = self._without_stand_ins(self._with_memory(found))
         with self.work.stage(stages.ORDERING, len(found)):
             self._order(found)
         with self.work.stage(stages.RIVALS, len(found)):
@@ -334,6 +335,30 @@ class Diagnosis:
         self.memory, self.dropped = remembered, self.dropped + stand_ins
         # Others may have been of use only beside those, or beside the memory.
         return self._without_refuted(rest) if stand_ins else rest
+
+    def _without_stand_ins(self, found: FrozenSet[str]) -> FrozenSet[str]:
+        """The set without effects that only imitate what has no name: those that do nothing beside a
+        formula for it."""
+        left = self.ceiling_of(found)
+        if not found or self.memory is not None or not left.said or left.found is None:
+            return found
+        named = naming.formula(self.likelihood, self.search.fits[found], left.found)
+        if named is None:
+            return found
+        rest, fit = found, named.fit
+        for name in sorted(found, key=lambda n: self.search.ratio(found, found - {n})):
+            if not self.search.may_go(fit, name):
+                continue
+            model = fit.model.copy()
+            model.remove_effect(name)
+            free = tuple(p for p in fit.free if p.split(".")[0] != name)
+            without = self.likelihood.fit(model, free, near=fit)
+            if 2 * (fit.log_posterior - without.log_posterior) < self.search.threshold(name):
+                smaller = self.search.without(rest, name)
+                why = "it imitates what has no name (%s)" % named.means
+                self.dropped.append(Dropped(self.trial_in(rest, name), why))
+                rest, fit = smaller, without
+        return rest
 
     def _order(self, found: FrozenSet[str]) -> None:
         """Orders the effects into steps, from the last to the first: the effect that the set can

@@ -10,6 +10,7 @@ from ground.analysis import (
     held_out,
     likelihood,
     look_alikes,
+    naming,
     next_experiment,
     second_opinion,
     stages,
@@ -86,7 +87,7 @@ def begun(
         "dropped": _dropped(diagnosis),
         "varies": conclusion.varies,
         "memory": _memory(conclusion),
-        "ceiling": _ceiling(conclusion.ceiling),
+        "ceiling": _ceiling(conclusion.ceiling, conclusion.formula),
         "agreement": _agreement(conclusion.agreement),
         "second_opinion": {
             "says": list(conclusion.opinion.says),
@@ -169,7 +170,7 @@ def _share(share: Share) -> Document:
     return {"share": share.value, "ci95": [share.low, share.high]}
 
 
-def _ceiling(left: Ceiling) -> Document:
+def _ceiling(left: Ceiling, formula: Optional[naming.Formula]) -> Document:
     """Shares of the squared error: named, learnable, chance; and what the learnable part depends on."""
     found = left.found
     terms = [] if found is None else [term.name for term in found.terms]
@@ -183,6 +184,7 @@ def _ceiling(left: Ceiling) -> Document:
         "arguments": left.arguments,
         "terms": terms,
         "error": left.errors,
+        "named_as": formula and formula.means,
         "poses": left.poses and dataclasses.asdict(left.poses),
     }
 

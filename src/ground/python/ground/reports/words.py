@@ -249,6 +249,8 @@ def _verdict(report: Document) -> str:
     if report["verdict"] == "undecided":
         return _undecided(report)
     rest = "missing that depends on %s and has no name in the library" % arguments(report)
+    if report["ceiling"]["named_as"]:
+        rest += " (%s)" % report["ceiling"]["named_as"]
     if report["verdict"] == "memory":
         kind = report["memory"]["kind"]
         rest = "missing that depends on the past" + (" (%s)" % kind["means"] if kind else "")
