@@ -248,7 +248,8 @@ def test_the_verdict_says_what_is_certain():
 
 
 @pytest.mark.parametrize(
-    "open_still", [{"dropped": ["d"]}, {"agrees": False}, {"bound": 0.9}, {"refused": True}, {"opinion": ("heading",)}]
+    "open_still",
+    [{"dropped": ["d"]}, {"agrees": False}, {"bound": 0.9}, {"refused": True}, {"opinion": ("place",)}],
 )
 def test_runs_that_cannot_decide_are_not_called_complete(open_still):
     assert verdict(**open_still) == "undecided"

@@ -110,7 +110,7 @@ class Diagnosis:
         self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # the sets with and without it
         self.tried: List[trials.Trial] = []  # each effect added to the nominal model, best first
         self.memory: Optional[memory.Memory] = None  # added to the grown model
-        self.ceilings: Dict[FrozenSet[str], ceiling.Ceiling] = {}  # by set of effects
+        self.ceilings: Dict[FrozenSet[str], ceiling.Ceiling] = {}  # by set of effects, slight ones too
         self.plan.begin()
         with self.work.stage(stages.FITTING):
             # everything that may differ between runs does
@@ -177,15 +177,15 @@ class Diagnosis:
         """ceiling.Ceiling of a set of effects that was fitted (default: of the grown model), with an
         effect that is too small to matter."""
         names = self.names if found is None else found
-        if names not in self.ceilings:
-            fullest = names
-            if self.slight and self.slight_sets[1] == names:
-                fullest = self.slight_sets[0]
+        fullest = names
+        if self.slight and self.slight_sets[1] == names:
+            fullest = self.slight_sets[0]
+        if fullest not in self.ceilings:
             fit, before = self.search.fits[fullest], self.search.fits[frozenset()].model
-            self.ceilings[names] = ceiling.ceiling(
+            self.ceilings[fullest] = ceiling.ceiling(
                 self.likelihood, fit, self.runs, self.cut, before
             )
-        return self.ceilings[names]
+        return self.ceilings[fullest]
 
     def judge(self, names: FrozenSet[str]) -> held_out.Judged:
         """held_out.Judged of a set of effects that was fitted."""

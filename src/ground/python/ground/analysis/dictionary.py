@@ -180,7 +180,7 @@ def swinging(times: Array, values: Array, frequency: float) -> Tuple[Array, Arra
     """Deflection and its rate, both (n, k), of a lightly damped pendulum that follows the values (n, k)."""
     omega, damping = 2 * np.pi * frequency, 0.1
     deflection, rate = np.zeros_like(values), np.zeros_like(values)
-    d, w = values[0].copy(), np.zeros(values.shape[1])
+    d, w = np.zeros(values.shape[1]), np.zeros(values.shape[1])
     for i, value in enumerate(values):
         deflection[i], rate[i] = d, w
         h = times[i + 1] - times[i] if i + 1 < len(times) else 0.0

@@ -79,12 +79,22 @@ def formula(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]
     for j, weight in zip(at, weights):
         piece = _piece(regression, int(j), float(weight), len(pieces) + 1)
         pieces.setdefault(piece.key, piece)
-    while pieces:
-        made = _fitted(likelihood, fit, list(pieces.values()))
-        if made is not None:
-            return made
-        pieces.popitem()  # a shorter formula may be fitted
-    return None
+    kept = list(pieces.values())
+    made = _fitted(likelihood, fit, kept)
+    while kept[1:]:
+        shorter = [
+            (other, kept[:i] + kept[i + 1 :])
+            for i in range(len(kept))
+            for other in [_fitted(likelihood, fit, kept[:i] + kept[i + 1 :])]
+            if other is not None
+        ]
+        if not shorter:
+            break
+        best, rest = max(shorter, key=lambda tried: tried[0].ratio)
+        if made is not None and made.ratio - best.ratio > MIN_RATIO:
+            break  # each piece earns its place
+        made, kept = best, rest
+    return made
 
 
 def _chosen(regression: Regression) -> List[Term]:

@@ -145,6 +145,8 @@ class Discovery:
             self._look()
         elif self._contender():
             self._check_tracking(self._contender())
+        elif self.story.verdict in LEAVES:
+            self._conclude()  # nothing is confirmed while something is left
         elif story.confirmation is None or not story.confirmation.holds:
             self._confirm()
         else:
@@ -557,10 +559,10 @@ class Discovery:
         self.story.planned, self.story.ended = None, True
 
     def _conclude(self) -> None:
-        """Ends with a verdict that no flight is expected to change."""
+        """Ends with a verdict that no flight is expected to change; it is not sure while something is left."""
         if self.story.verdict in LEAVES:
             reason = "flights go on to show something that no effect of the library explains"
-            self._end(reason, sure=True, needed="an effect that %s" % self.analyst.depends)
+            self._end(reason, needed="an effect that %s" % self.analyst.depends)
         else:
             self._end(
                 "no question is open that a flight in this room could decide, and a flight has "

@@ -267,8 +267,8 @@ def _more(report: Document) -> str:
         return ""
     if report["ceiling"]["terms"]:
         return (
-            " More may be missing that depends on %s: these runs cannot decide, because what they teach of it "
-            "does not predict other runs well." % arguments(report)
+            " More may be missing that depends on %s: these runs cannot decide, because what they teach "
+            "of it does not predict other runs well." % arguments(report)
         )
     if not report["agreement"]["holds"]:
         return " More may be missing: what is left is no steady random push."
