@@ -559,7 +559,7 @@ class Discovery:
         self.story.planned, self.story.ended = None, True
 
     def _conclude(self) -> None:
-        """Ends with a verdict that no flight is expected to change; it is not sure while something is left."""
+        """Ends with a verdict that no flight is expected to change; not sure while something is left."""
         if self.story.verdict in LEAVES:
             reason = "flights go on to show something that no effect of the library explains"
             self._end(reason, needed="an effect that %s" % self.analyst.depends)
