@@ -407,7 +407,7 @@ class RoughAnalyst:
         state = types.SimpleNamespace(open=[], beliefs=[])
         return types.SimpleNamespace(
             diagnosis=found, conclusion=conclusion, state=state, offers=[], model=model,
-            verdict="unexplained", asked=[], is_left_open=False,
+            verdict="missing", asked=[], is_left_open=False,
         )  # fmt: skip
 
 

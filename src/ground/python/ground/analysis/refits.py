@@ -90,16 +90,26 @@ class Extension:
             if self.tests.hidden(name):
                 for part in self.fitting.criteria.sizes:
                     yield stepped(extended, self.tests.in_place(name, part)), self.base
-        if not self.current and len(added) == 1:
-            for other in self._far_starts(added[0]):
-                yield other, None
+        if (not self.current and len(added) == 1) or self._is_far_off():
+            for name in filter(self.fitting.has_starts, added):
+                for other in self._far_starts(name, added):
+                    yield other, None
 
-    def _far_starts(self, name: str) -> List[_core.Model]:
+    def _is_far_off(self) -> bool:
+        """Whether the set leaves more to the disturbance than fits start with."""
+        likelihood = self.fitting.likelihood
+        start = likelihood.box.start(likelihood.craft).levels
+        return any(self.base.levels[name] > start[name] for name in ("sigma_X", "sigma_Y"))
+
+    def _far_starts(self, name: str, added: Sequence[str]) -> List[_core.Model]:
         """Models with an effect far from neutral from which a fit should start. The other
         parameters may be far from the right ones, too; a quick fit by simulation error finds
         them."""
         fitting = self.fitting
-        neutral, *others = fitting.candidates[name].starts(fitting.given)
+        begun = self.base.model if self.current else fitting.given
+        for other in added:
+            begun = begun if other == name else fitting.candidates[other].neutral(begun)
+        neutral, *others = fitting.candidates[name].starts(begun)
         if not others:
             return []
         runs = fitting.likelihood.runs
@@ -114,12 +124,14 @@ class Extension:
                 return np.inf, model
             return found["objective"], found["model"]
 
-        least = fitted(neutral)[0]
-        return [
+        least, near = fitted(neutral)
+        better = [
             model
             for error, model in (fitted(other) for other in others)
             if error < fitting.criteria.max_far_error * least
         ]
+        # The fit from neutral may have found its way, where the likelihood would not.
+        return better or [near]
 
 
 @dataclass(frozen=True)
