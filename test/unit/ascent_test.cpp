@@ -244,7 +244,7 @@ TEST_F(Ascent, TheMeanChangeOfThrustIsMovedIntoItsParameter) {
     std::vector<double> changes;
     for (int r = 0; r < 3; ++r)
       changes.push_back(
-          box_.residuals(start, r, still.cap, {}, {}).constants.bottomRows<1>()(3));
+          box_.residuals(start, r, still.cap, {}).constants.bottomRows<1>()(3));
     const double mean = (changes[0] + changes[1] + changes[2]) / 3;
     double square = 0;
     for (const double change : changes) square += std::pow(change - mean, 2) / 3;

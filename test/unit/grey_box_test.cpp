@@ -115,7 +115,7 @@ TEST(GreyBox, TheFilteredDisturbanceIsInTheBodysFrame) {
   point.levels.sigma.setConstant(1e-9);
   point.levels.sigma_room = 0.03 * full;
   point.levels.time_room = 1e3;
-  const GreyBoxResiduals found = GreyBox({run}, model.body).residuals(point, 0, 25, {}, {});
+  const GreyBoxResiduals found = GreyBox({run}, model.body).residuals(point, 0, 25, {});
   const auto inRoom = [&](Eigen::Index k) {
     return bodyToWorld<double>(run.eta(k, 2), found.wrench.row(k).head<2>().transpose());
   };
@@ -553,7 +553,7 @@ TEST(GreyBoxForecast, BeginsWithThePredictionOfTheFilter) {
   options.horizons.assign(3, 0.01);
   options.draws = 3999;
   const auto found = box.forecast(point, 0, options);
-  const Eigen::MatrixX3d whitened = box.residuals(point, 0, 25, {}, {}).whitened;
+  const Eigen::MatrixX3d whitened = box.residuals(point, 0, 25, {}).whitened;
   for (const Forecast& one : found) {
     ASSERT_EQ(one.mean.rows(), 2);
     const int next = one.first + 1;
@@ -814,7 +814,7 @@ TEST(GreyBox, RefusesBadArguments) {
   EXPECT_THROW(GreyBox({shorter}, model.body), std::invalid_argument);
   const GreyBox box({run}, model.body);
   EXPECT_THROW(box.fit(box.start(model), far({"no_such"})), std::invalid_argument);
-  EXPECT_THROW(box.residuals(box.start(model), 1, 25, {}, {}), std::invalid_argument);
+  EXPECT_THROW(box.residuals(box.start(model), 1, 25, {}), std::invalid_argument);
   ForecastOptions options;
   const auto forecast = [&] { return box.forecast(box.start(model), 0, options); };
   EXPECT_TRUE(forecast().empty());

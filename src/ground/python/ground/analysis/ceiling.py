@@ -12,7 +12,7 @@ nothing recorded predicts.
 """
 
 from dataclasses import dataclass, replace
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -128,10 +128,13 @@ def ceiling(
     followed = [dictionary.followed(fit.model, s) for s in sampled]
     first = Regression(likelihood, fit, features, acting, followed)
     found = _rounds(likelihood, fit, features, acting, followed, first)
-    start = squared_errors(runs, cut, before)
-    now = squared_errors(runs, cut, fit.model) if before is not fit.model else start
+    now = squared_errors(runs, cut, fit.model)
+    start = _errors_or(now, lambda: squared_errors(runs, cut, before))
     known = None if found is None else known_wrenches(found, runs, likelihood)
-    after = now if found is None else squared_errors(runs, cut, found.fit.model, known)
+    after = now
+    if found is not None:
+        model = found.fit.model
+        after = _errors_or(now, lambda: squared_errors(runs, cut, model, known))
     left = _share(now, after, now)
     bound = max(left.high, 0.0 if found else _bound(first, likelihood, fit, _spans(runs, cut), now))
     whole = start.sum()
@@ -147,6 +150,14 @@ def ceiling(
         {"before": _root(start), "now": _root(now), "after": _root(after)},
         _poses(runs, before, fit.model, found, known),
     )
+
+
+def _errors_or(others: Array, errors: Callable[[], Array]) -> Array:
+    """Errors of windows; others where the motion is not finite."""
+    try:
+        return errors()
+    except GroundError:
+        return others
 
 
 def _poses(

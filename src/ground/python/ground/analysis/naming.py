@@ -42,6 +42,8 @@ TRIED = 12  # most significant features that are compared in each step
 MIN_RATIO = 12.0  # of the likelihoods with and without a feature
 EXPLAINED = 0.97  # part of the terms' gain from which a formula needs no further feature
 WAVE = re.compile(r"^(sin|cos)\(([-\d.e+]+)\*([xy])\)$")
+FADES = re.compile(r"^\((.*)\)/([\d.]+)$")
+SWINGS = re.compile(r"^([\d.]+)\*\((.*)\)-[\d.]+\*(\w+)$")
 TURN = re.compile(r"^(sin|cos)\((?:(\d)\*)?psi\)$")
 
 
@@ -134,15 +136,44 @@ def _piece(regression: Regression, j: int, weight: float, number: int) -> _Piece
         if piece is not None:
             return piece
     name = "c%d" % number
-    unit = feature.weight_unit
+    states, parameters, means = _timed(feature.states, number)
+    about = "%s that depends on %s" % (_what(feature), in_words(sorted(feature.family.arguments)))
     return _Piece(
         ("feature", *sorted(feature.parts.items())[0]),
         {c: "%s*(%s)" % (name, f) for c, f in feature.parts.items()},
-        {name: (size, unit, -np.inf, np.inf)},
-        {name: 0.0},
-        "%s that depends on %s" % (_what(feature), in_words(sorted(feature.family.arguments))),
-        feature.states,
+        {name: (size, feature.weight_unit, -np.inf, np.inf), **parameters},
+        {name: 0.0, **{p: value for p, (value, _, _, _) in parameters.items()}},
+        about + means,
+        states,
     )
+
+
+_Parameters = Dict[str, Tuple[float, str, float, float]]
+
+
+def _timed(states: Mapping[str, str], number: int) -> Tuple[Mapping[str, str], _Parameters, str]:
+    """Rates of states with their constant of time as a parameter, and what it means in words."""
+    faded = {s: FADES.match(rate) for s, rate in states.items()}
+    times = {float(found.group(2)) for found in faded.values() if found}
+    if states and all(faded.values()) and len(times) == 1:
+        ((time,), name) = (times, "tau%d" % number)
+        rates = {s: "(%s)/%s" % (found.group(1), name) for s, found in faded.items() if found}
+        return rates, {name: (time, "s", time / 5, 5 * time)}, " of the last {%s}" % name
+    swung = {s: SWINGS.match(rate) for s, rate in states.items()}
+    squares = {float(found.group(1)) for found in swung.values() if found}
+    if len(squares) == 1:
+        name, rate = "w%d" % number, float(np.sqrt(squares.pop()))
+        fading = "g%d" % number
+        rates = {
+            s: "{0}^2*({2})-{1}*{3}".format(name, fading, *found.groups()[1:]) if found else states[s]
+            for s, found in swung.items()
+        }
+        parameters = {
+            name: (rate, "rad/s", rate / 2, 2 * rate),
+            fading: (0.2 * rate, "1/s", 1e-3 * rate, 4 * rate),
+        }
+        return rates, parameters, ", as of a load that swings at {%s}" % name
+    return states, {}, ""
 
 
 def _partner(regression: Regression, feature: Feature, formula: str, other: str) -> Optional[int]:
@@ -467,12 +498,12 @@ def _told(piece: _Piece, values: Mapping[str, float]) -> str:
         name = found.group(1)
         if name.startswith("towards:"):
             return "towards" if values[name[len("towards:") :]] > 0 else "away from"
-        return quantity(abs(values[name]) if name[0] in "akw" else values[name], piece.parameters[name][1])
+        return quantity(abs(values[name]) if name[0] in "akwt" else values[name], piece.parameters[name][1])
 
     text = re.sub(r"\{([\w:]+)\}", put, piece.means)
-    if text != piece.means:
+    if text != piece.means and not any(name.startswith("c") for name in piece.parameters):
         return text
-    ((name, (_, unit, _, _)),) = piece.parameters.items()
+    name, unit = next((n, p[1]) for n, p in piece.parameters.items() if n.startswith("c"))
     formula = "; ".join("%s = %s" % part for part in piece.parts.items())
     return "%s (%s, with %s = %s)" % (text, formula, name, quantity(values[name], unit))
 
