@@ -90,8 +90,9 @@ class Extension:
             if self.tests.hidden(name):
                 for part in self.fitting.criteria.sizes:
                     yield stepped(extended, self.tests.in_place(name, part)), self.base
-        if (not self.current and len(added) == 1) or self._is_far_off():
-            for name in filter(self.fitting.has_starts, added):
+        far = [name for name in added if self.fitting.has_starts(name)]
+        if far and ((not self.current and len(added) == 1) or self._is_far_off()):
+            for name in far:
                 for other in self._far_starts(name, added):
                     yield other, None
 
