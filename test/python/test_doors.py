@@ -260,8 +260,6 @@ def cases_of_indices():
     yield "descending starts of forecasts", lambda: forecast(starts=[60, 50], horizons=[1, 1])
     acting = np.ones((200, 1))
     for channel in (-1, 3, 50):
-        yield "residuals on channel %d" % channel, \
-            lambda c=channel: box().residuals(point(), 0, acting=acting, channels=[c])
         yield "smooth on channel %d" % channel, lambda c=channel: _core.WrenchFilter(
             craft(), GOOD).smooth(NOISE, acting, [c])
 
@@ -345,16 +343,16 @@ def cases_of_wrenches():
                 lambda n=noise: filters.innovations(walk, n)
             yield "smooth with %s %s" % (name, value), lambda n=noise: filters.smooth(n)
     yield "innovations with no noise", lambda: filters.innovations(walk, _core.WrenchNoise())
-    for name, use in {
-        "smooth": lambda *a: filters.smooth(NOISE, *a),
-        "residuals": lambda acting=None, channels=(): box().residuals(
-            point(), 0, acting=acting, channels=list(channels)),
-    }.items():
-        yield name + " with a short wrench", lambda u=use: u(np.ones((3, 1)), [0])
-        yield name + " with a NaN wrench", lambda u=use: u(changed(np.ones((200, 1)), NAN), [0])
-        yield name + " with an infinite wrench", lambda u=use: u(changed(np.ones((200, 1)), INF), [0])
-        yield name + " with too few channels", lambda u=use: u(np.ones((200, 2)), [0])
-        yield name + " with channels alone", lambda u=use: u(None, [0])
+    smooth = lambda *a: filters.smooth(NOISE, *a)  # noqa: E731
+    acted = lambda acting: box().residuals(point(), 0, acting=acting)  # noqa: E731
+    for what, odd in (("NaN", NAN), ("infinite", INF)):
+        yield "smooth with a wrench %s" % what, lambda x=odd: smooth(changed(np.ones((200, 1)), x), [0])
+        yield "residuals with a wrench %s" % what, lambda x=odd: acted(changed(np.ones((200, 3)), x))
+    yield "smooth with a short wrench", lambda: smooth(np.ones((3, 1)), [0])
+    yield "residuals with a short wrench", lambda: acted(np.ones((3, 3)))
+    yield "smooth with too few channels", lambda: smooth(np.ones((200, 2)), [0])
+    yield "smooth with channels alone", lambda: smooth(None, [0])
+    yield "residuals with two columns", lambda: acted(np.ones((200, 2)))
 
 
 def cases_of_simulation_error():
