@@ -71,7 +71,7 @@ class InterruptedTest(DiscoveryCase):
         self.check_rest()
 
         self.begin()
-        self.wait_until_it_ends(300)
+        self.wait_until_it_ends(600)
         self.check_found("motor_lag")
         self.check_room()
         self.check_rest()

@@ -17,7 +17,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 from discovery_case import DiscoveryCase, thrust
 
-ENDS = 300  # longest discovery, wall time [s]
+ENDS = 600  # longest discovery, wall time [s]
 
 
 def points(rows):

@@ -102,6 +102,11 @@ class Ceiling:
         )
 
     @property
+    def is_open(self) -> bool:
+        """Whether something may be learnable that runs do not show for certain."""
+        return self.found is not None and self.left.value > MIN_SHARE
+
+    @property
     def may_remember(self) -> bool:
         """Whether the past may matter: kinds of memory are worth a test."""
         return self.of_the_past and self.left.value > MIN_SHARE

@@ -56,7 +56,7 @@ class Found:
         if self.verdict == UNDECIDED:
             return True
         explained = self.diagnosis.best.error.sum() < EXPLAINED * self.conclusion.noise_floor
-        left = self.conclusion.ceiling.found is not None or not self.conclusion.agreement.holds
+        left = self.conclusion.ceiling.is_open or not self.conclusion.agreement.holds
         return self.verdict in ("complete", "missing", "varies") and not explained and left
 
 
