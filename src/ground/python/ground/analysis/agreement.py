@@ -2,7 +2,7 @@
 
 Recordings are made by the model and the fitted levels, as often as it takes for a spread. The
 errors of the real ones and the shape of the wrench that the filter sees must be among theirs: a
-push that is stronger in some places or at some times than a stationary one gives a wrench with heavier tails.
+push that is stronger in some places or at some times gives a wrench with heavier tails.
 """
 
 from dataclasses import dataclass
@@ -64,10 +64,11 @@ def agreement(
     expected = np.array([d[0] for d in drawn])
     deviations = {"error": _deviation(np.log(error), np.log(expected))}
     shapes = np.array([d[1] for d in drawn])
-    for channel, value, others in zip("XYN", _tails(likelihood, fit), shapes.T):
+    for channel, value, others in zip("XYN", _tails(likelihood, fit), shapes.reshape(-1, 3).T):
         deviations["tails of " + channel] = max(0.0, _deviation(value, others))
+    average = expected.mean() if len(drawn) else error
     return Agreement(
-        float(np.sqrt(error)), float(np.sqrt(expected.mean())), float(np.sqrt(noise)), deviations
+        float(np.sqrt(error)), float(np.sqrt(average)), float(np.sqrt(noise)), deviations
     )
 
 
@@ -83,7 +84,7 @@ def _or_none(made: Callable[[int], _Made]) -> Callable[[int], Optional[_Made]]:
 
 def _deviation(value: float, others: Array) -> float:
     if len(others) < 3:
-        return 0.0
+        return FAR  # too few artificial motions are finite to say that the real ones are like them
     return float((value - others.mean()) / max(others.std(ddof=1), 1e-3))
 
 

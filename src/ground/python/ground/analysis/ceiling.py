@@ -316,11 +316,10 @@ def squared_errors(
     known: Optional[Sequence[Array]] = None,
     scale: Optional[Sequence[_core.RunData]] = None,
 ) -> Array:
-    """Mean of the squared error of u, v, r over its standard deviation in the run, summed over the
-    channels, of
-    each window (windows,), simulated from the initial velocity that suits best. known: (n, 3)
-    wrench of each run; scale: runs whose standard deviations count. Raises GroundError where the
-    motion is not finite."""
+    """Mean squared error of u, v, r of each window, (windows,), over their standard deviations in the
+    run and summed over the three. Each window is simulated from the initial velocity that suits best.
+    known: a wrench (n, 3) for each run; scale: runs whose standard deviations count. Raises
+    GroundError where the motion is not finite."""
     sigma = [np.array(run.nu).std(axis=0) for run in scale or runs]
     errors = np.empty(len(cut))
     for i, window in enumerate(cut):
@@ -394,9 +393,8 @@ def _spans(runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> List[_
 def _bound(
     regression: Regression, likelihood: Likelihood, fit: Fit, cut: Sequence[_Span], now: Array
 ) -> float:
-    """Largest share of the error that a family of features may explain without contradicting the
-    data: that of its
-    largest size that the likelihood does not exclude."""
+    """Largest share of the error that a family of features explains at the largest size that the
+    likelihood does not exclude."""
     moved = _moved(regression, likelihood, fit, cut)
     shares = [0.0]
     for family in regression.terms:

@@ -228,7 +228,7 @@ def _both(scalars: Sequence[_Scalar]) -> List[_Entry]:
     return [_room(f, "", u) for f, u in scalars] + [_room("", f, u) for f, u in scalars]
 
 
-def _thrusts(model: _core.Model, scalars: Sequence[_Scalar], own: str = "%s") -> List[_Entry]:
+def _thrusts(model: _core.Model, scalars: Sequence[_Scalar]) -> List[_Entry]:
     """Thrust that changes by a factor: of each thruster, and of all together."""
     names = [name[2:] for name in inputs(model)]
     entries: List[_Entry] = []
@@ -246,7 +246,7 @@ def _families(model: _core.Model, scales: Scales) -> Iterator[_Group]:
         return Family(name, frozenset(arguments), named), entries
 
     turns = [("%s(%spsi)" % (f, "" if k == 1 else "%d*" % k), "-") for k in TURNS for f in ("cos", "sin")]
-    velocity = _of_velocity(scales)
+    velocity = _of_velocity()
     yield family("moment by heading", [HEADING], _body(turns, "N"))
     yield family("force by heading", [HEADING], _body(turns, "XY"))
     yield family("force fixed in the room", [HEADING], _both([("1", "-")]))
@@ -254,7 +254,7 @@ def _families(model: _core.Model, scales: Scales) -> Iterator[_Group]:
     yield family("damping by heading", [HEADING, VELOCITY], _dampings(turns[:4]))
     yield family("velocity in the room", [HEADING, VELOCITY], _of_room_velocity(scales))
     yield from _of_place(model, scales, family)
-    yield family("velocity", [VELOCITY], _body(velocity) + _across(scales))
+    yield family("velocity", [VELOCITY], _body(velocity) + _across())
     yield family("direction of motion", [VELOCITY], _body(_signs(scales)))
     commands = _of_commands(model)
     yield family("command", [COMMAND], _body(commands))
@@ -271,11 +271,11 @@ def _families(model: _core.Model, scales: Scales) -> Iterator[_Group]:
     yield family("damping by time", [TIME, VELOCITY], _dampings(times[:2]))
     yield from _products(model, scales, turns, family)
     yield family("past commands", [PAST], list(_of_past_commands(model)))
-    yield family("past velocity", [PAST], list(_of_past_velocity(scales)))
+    yield family("past velocity", [PAST], list(_of_past_velocity()))
     yield family("swinging load", [PAST], list(_of_swings()))
 
 
-def _of_velocity(scales: Scales) -> List[_Scalar]:
+def _of_velocity() -> List[_Scalar]:
     square, mixed, turn = "m^2/s^2", "m/s^2", "rad^2/s^2"
     speed = "sqrt(u^2+v^2)"
     return [
@@ -289,7 +289,7 @@ def _of_velocity(scales: Scales) -> List[_Scalar]:
     ]  # fmt: skip
 
 
-def _across(scales: Scales) -> List[_Entry]:
+def _across() -> List[_Entry]:
     """Forces along and across the velocity."""
     speed = "sqrt(u^2+v^2)"
     entries: List[_Entry] = [
@@ -443,7 +443,7 @@ def _of_past_commands(model: _core.Model) -> Iterator[_Entry]:
         yield {"thrust_" + n: "exp(-used/%g)*u_%s" % (spent, n) for n in names}, "-", used
 
 
-def _of_past_velocity(scales: Scales) -> Iterator[_Entry]:
+def _of_past_velocity() -> Iterator[_Entry]:
     for i, memory in enumerate(MEMORIES):
         for channel, name, unit in (("X", "u", "m/s"), ("Y", "v", "m/s"), ("N", "r", "rad/s")):
             state = "w%d_%s" % (i, name)
