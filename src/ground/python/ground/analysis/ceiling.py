@@ -18,10 +18,11 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import dictionary, horizon
-from ground.analysis.dictionary import ARGUMENTS, PAST, Feature, Scales
+from ground.analysis.dictionary import ARGUMENTS, PAST, Samples, Scales
 from ground.analysis.held_out import stretch
 from ground.analysis.likelihood import Fit, Likelihood, call
 from ground.analysis.regression import Regression, Term
+from ground.analysis.screening import refined, screened
 from ground.annotations import Array
 from ground.errors import GroundError
 from ground.recordings import windows
@@ -132,7 +133,7 @@ def ceiling(
     acting = [dictionary.wrenches(features, fit.model, s) for s in sampled]
     followed = [dictionary.followed(fit.model, s) for s in sampled]
     first = Regression(likelihood, fit, features, acting, followed)
-    found = _rounds(likelihood, fit, features, acting, followed, first)
+    found = _rounds(first, sampled)
     now = squared_errors(runs, cut, fit.model)
     start = _errors_or(now, lambda: squared_errors(runs, cut, before))
     known = None if found is None else known_wrenches(found, runs, likelihood)
@@ -244,43 +245,36 @@ def _share(worse: Array, better: Array, whole: Array) -> Share:
 # Rounds
 
 
-def _rounds(
-    likelihood: Likelihood,
-    fit: Fit,
-    features: Sequence[Feature],
-    acting: Sequence[Array],
-    followed: Sequence[Array],
-    regression: Regression,
-) -> Optional[Found]:
+def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
+    """What was found in the last round that was kept. sampled: of each run."""
+    likelihood, near = first.likelihood, first.fit
     best: Optional[Found] = None
-    current = likelihood
+    regression = first
     for _ in range(ROUNDS):
-        parts = regression.parts()
-        terms = regression.choose(parts)
+        wider = refined(screened(regression, near.model, sampled), near.model, sampled)
+        parts = wider.parts()
+        terms = wider.choose(parts)
         if not terms:
             break
-        gain, wrenches = regression.gain(terms, parts), regression.predicted(terms, parts)
+        gain, wrenches = wider.gain(terms, parts), wider.predicted(terms, parts)
         current = Likelihood(
             [with_known(run, w) for run, w in zip(likelihood.runs, wrenches)],
             likelihood.craft,
             likelihood.varying,
             likelihood.threads,
         )
-        near = fit if best is None else best.fit
         try:
-            refitted = current.fit(near.model, fit.free, near=replace(near, loudness=()))
+            refitted = current.fit(near.model, near.free, near=replace(near, loudness=()))
         except GroundError:
             break
         rise = refitted.log_posterior - near.log_posterior
         if rise < RISE:
             break
-        if best is None:
-            kept, tested = regression.promising(PROMISING), regression.tested
-            features, acting = [features[j] for j in kept], [wrench[:, :, kept] for wrench in acting]
-        best = Found(regression, terms, refitted, wrenches, gain, _arguments(regression, terms))
+        best = Found(wider, terms, refitted, wrenches, gain, _arguments(wider, terms))
         if rise < ENOUGH:
             break
-        regression = Regression(current, refitted, features, acting, followed, tested)
+        regression = wider.again(current, refitted, wider.promising(PROMISING, terms))
+        near = refitted
     return best
 
 

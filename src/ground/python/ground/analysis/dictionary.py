@@ -12,7 +12,7 @@ filtered causally from commands that reach the thrusters and from these velociti
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Callable, Dict, FrozenSet, Iterator, List, Mapping, Sequence, Tuple
+from typing import Any, Callable, Dict, FrozenSet, Iterator, List, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -28,12 +28,23 @@ SWINGS = (0.5, 0.8, 1.3, 2.0)  # frequencies of what may swing on the craft [Hz]
 TURNS = (1, 2, 3, 4)  # harmonics of the heading
 FIELDS = {"wide": (1.0, 24), "middle": (0.4, 40), "fine": (0.15, 40)}  # lengths over the extent, waves
 CROSSED = 0.25  # time in which the craft crosses the shortest wavelength [s]
-MOST_WAVES = 40  # wave numbers along each axis of the room
-TINY = 1e-9  # least mean square of a feature that acts, over full thrust squared
+FAR = 100.0  # of the extent: distance of a point of the room that a force may depend on
 CHANNELS = ("X", "Y", "N")
 HEADING, PLACE, VELOCITY = "heading", "place", "velocity"
 COMMAND, PAST, TIME = "command", "past", "time"
 ARGUMENTS = (HEADING, PLACE, VELOCITY, COMMAND, PAST, TIME)
+
+
+class Constant(NamedTuple):
+    """A constant of a formula."""
+
+    value: float
+    unit: str
+    reach: float  # how far from the value it may be
+
+
+# Phases of sines that are tested; {name: value}
+PHASES = {"p0": Constant(0.0, "rad", np.pi), "p1": Constant(np.pi / 2, "rad", np.pi)}
 
 
 @dataclass(frozen=True)
@@ -44,6 +55,26 @@ class Feature:
     unit: str  # of the formulas' values
     family: "Family"
     states: Mapping[str, str] = field(default_factory=dict)  # formulas of the rates of its states
+    # the formulas with names in braces for constants that may be fitted, and these constants
+    template: Mapping[str, str] = field(default_factory=dict)
+    constants: Mapping[str, Constant] = field(default_factory=dict)
+
+    @staticmethod
+    def of(
+        template: Mapping[str, str],
+        unit: str,
+        family: "Family",
+        states: Mapping[str, str],
+        constants: Mapping[str, Constant],
+    ) -> "Feature":
+        """The Feature of formulas with names in braces for constants."""
+        parts = {channel: filled(text, constants) for channel, text in template.items()}
+        return Feature(parts, unit, family, states, template, constants)
+
+    def at(self, values: Mapping[str, float]) -> "Feature":
+        """The same with other values of some constants."""
+        moved = {n: c._replace(value=values.get(n, c.value)) for n, c in self.constants.items()}
+        return Feature.of(self.template, self.unit, self.family, self.states, moved)
 
     @property
     def weight_unit(self) -> str:
@@ -59,6 +90,7 @@ class Family:
     name: str
     arguments: FrozenSet[str]
     named: bool  # whether its formulas mean something by themselves
+    whole: bool = True  # whether it is tested as a whole, too
 
 
 @dataclass(frozen=True)
@@ -67,6 +99,7 @@ class Samples:
 
     values: Dict[str, Array]
     times: Array
+    states: Dict[str, Array]  # values of the states of formulas
 
 
 @dataclass(frozen=True)
@@ -116,7 +149,7 @@ def samples(likelihood: Likelihood, fit: Fit, run: int) -> Samples:
         "lift": commands[:, -1],
         "t": np.array(data.t),
     }
-    return Samples(values, times)
+    return Samples(values, times, _states(model, values, times))
 
 
 def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
@@ -198,10 +231,14 @@ def inputs(model: _core.Model) -> List[str]:
 
 def dictionary(model: _core.Model, scales: Scales) -> List[Feature]:
     """All Features for a model's craft and how it moved."""
+    (cx, cy), far = scales.centre, FAR * scales.extent
+    constants = {**PHASES, "x0": Constant(cx, "m", far), "y0": Constant(cy, "m", far)}
     made: List[Feature] = []
     for family, entries in _families(model, scales):
-        for parts, unit, states in entries:
-            made.append(Feature(parts, unit, family, states))
+        for template, unit, states in entries:
+            text = " ".join(template.values())
+            own = {name: c for name, c in constants.items() if "{%s}" % name in text}
+            made.append(Feature.of(template, unit, family, states, own))
     return made
 
 
@@ -245,8 +282,8 @@ def _families(model: _core.Model, scales: Scales) -> Iterator[_Group]:
     ) -> _Group:
         return Family(name, frozenset(arguments), named), entries
 
-    turns = [("%s(%spsi)" % (f, "" if k == 1 else "%d*" % k), "-") for k in TURNS for f in ("cos", "sin")]
-    velocity = _of_velocity()
+    turns = [(text, "-") for text in turns_of_heading()]
+    velocity = of_velocity()
     yield family("moment by heading", [HEADING], _body(turns, "N"))
     yield family("force by heading", [HEADING], _body(turns, "XY"))
     yield family("force fixed in the room", [HEADING], _both([("1", "-")]))
@@ -255,8 +292,8 @@ def _families(model: _core.Model, scales: Scales) -> Iterator[_Group]:
     yield family("velocity in the room", [HEADING, VELOCITY], _of_room_velocity(scales))
     yield from _of_place(model, scales, family)
     yield family("velocity", [VELOCITY], _body(velocity) + _across())
-    yield family("direction of motion", [VELOCITY], _body(_signs(scales)))
-    commands = _of_commands(model)
+    yield family("direction of motion", [VELOCITY], _body(signs(scales)))
+    commands = [(formula, "-") for formula in command_formulas(model)]
     yield family("command", [COMMAND], _body(commands))
     speeds = velocity[:3] + [("sqrt(u^2+v^2)", "m/s"), ("u^2", "m^2/s^2"), ("v^2", "m^2/s^2")]
     yield family("thrust by velocity", [COMMAND, VELOCITY], _thrusts(model, speeds))
@@ -269,13 +306,18 @@ def _families(model: _core.Model, scales: Scales) -> Iterator[_Group]:
     yield family("time", [TIME], _body(times) + _both([("t", "s")]))
     yield family("thrust by time", [TIME, COMMAND], _thrusts(model, times[:5]))
     yield family("damping by time", [TIME, VELOCITY], _dampings(times[:2]))
-    yield from _products(model, scales, turns, family)
     yield family("past commands", [PAST], list(_of_past_commands(model)))
     yield family("past velocity", [PAST], list(_of_past_velocity()))
     yield family("swinging load", [PAST], list(_of_swings()))
 
 
-def _of_velocity() -> List[_Scalar]:
+def turns_of_heading() -> List[str]:
+    """Formulas of each harmonic of the heading, with both phases."""
+    return ["sin(%spsi+{%s})" % ("" if k == 1 else "%d*" % k, p) for k in TURNS for p in PHASES]
+
+
+def of_velocity() -> List[_Scalar]:
+    """Functions of the velocities and their units."""
     square, mixed, turn = "m^2/s^2", "m/s^2", "rad^2/s^2"
     speed = "sqrt(u^2+v^2)"
     return [
@@ -302,7 +344,7 @@ def _across() -> List[_Entry]:
     return entries
 
 
-def _signs(scales: Scales) -> List[_Scalar]:
+def signs(scales: Scales) -> List[_Scalar]:
     """Directions of the motion: what dry friction depends on."""
     slow, slow_turn = 0.15 * scales.speed, 0.15 * scales.turn
     speed = "sqrt(u^2+v^2+%.3g)" % slow**2
@@ -335,8 +377,8 @@ def _of_room_velocity(scales: Scales) -> List[_Entry]:
 
 def _of_place(model: _core.Model, scales: Scales, family: _Make) -> Iterator[_Group]:
     random = np.random.default_rng(5)
-    (cx, cy), extent = scales.centre, scales.extent
-    x, y = "(x-(%.4g))" % cx, "(y-(%.4g))" % cy
+    extent = scales.extent
+    x, y = "(x-{x0})", "(y-{y0})"
     flat = [(x, "m"), (y, "m")]
     bowl = [("%s*%s" % pair, "m^2") for pair in ((x, x), (x, y), (y, y))]
     radius = "sqrt(%s^2+%s^2+%.3g)" % (x, y, (0.05 * extent) ** 2)
@@ -364,57 +406,15 @@ def _of_place(model: _core.Model, scales: Scales, family: _Make) -> Iterator[_Gr
             yield family("%s field of moment" % name, [PLACE], _body(waves, "N"), False)
             patches: List[_Entry] = [({"X": "%s*u" % f, "Y": "%s*v" % f}, "m/s", {}) for f, _ in waves]
             yield family("%s field of damping" % name, [PLACE, VELOCITY], patches, False)
-    # Evenly spaced wave numbers would repeat the floor.
-    shortest = max(CROSSED * scales.speed, 2 * extent / MOST_WAVES)
-    count = int(np.clip(2 * np.ceil(2 * extent / shortest), 4, MOST_WAVES))
-    spread = (np.arange(count) + random.uniform(0.2, 0.8, count)) / count
-    numbers = 2 * np.pi * (0.25 / extent + spread * (1 / shortest - 0.25 / extent))
-    waves = [
-        ("%s(%.5g*%s)" % (f, k, axis), "-") for axis in "xy" for k in numbers for f in ("sin", "cos")
-    ]
-    yield family("waves of force", [PLACE], _both(waves))
 
 
-def _products(
-    model: _core.Model, scales: Scales, turns: Sequence[_Scalar], family: _Make
-) -> Iterator[_Group]:
-    """Products of two arguments, on each channel."""
-    (cx, cy), names = scales.centre, inputs(model)
-    speed = "sqrt(u^2+v^2)"
-    single: Dict[str, List[_Scalar]] = {
-        HEADING: list(turns),
-        VELOCITY: [("u", "m/s"), ("v", "m/s"), ("r", "rad/s"), (speed, "m/s"), *_signs(scales)[2:]],
-        PLACE: [("(x-(%.4g))" % cx, "m"), ("(y-(%.4g))" % cy, "m")],
-        COMMAND: [(name, "-") for name in names] + [("(%s)" % "+".join(names), "-")],
-        TIME: [("t", "s")],
-    }
-    for a, b in itertools.combinations(single, 2):
-        products = [
-            ("%s*%s" % (f, g), u if w == "-" else w if u == "-" else "%s*%s" % (u, w))
-            for (f, u), (g, w) in itertools.product(single[a], single[b])
-        ]
-        yield family("%s times %s" % (a, b), [a, b], _body(products))
-    for i, memory in list(enumerate(MEMORIES))[2:3]:
-        drawn, rate = "q%d" % i, {"q%d" % i: "((%s)-q%d)/%g" % ("+".join(names), i, memory)}
-        others = single[HEADING] + single[VELOCITY] + single[PLACE]
-        entries = [
-            ({c: "%s*%s" % (drawn, f)}, unit, rate) for c in CHANNELS for f, unit in others
-        ]
-        for name in "uv":
-            state = "w%d_%s" % (i, name)
-            slow = {state: "(%s-%s)/%g" % (name, state, memory)}
-            for f, unit in single[HEADING] + single[VELOCITY]:
-                times = "m/s" if unit == "-" else "m/s*" + unit
-                entries += [({c: "%s*%s" % (state, f)}, times, slow) for c in CHANNELS]
-        yield family("past of %g s times others" % memory, [PAST], entries)
-
-
-def _of_commands(model: _core.Model) -> List[_Scalar]:
+def command_formulas(model: _core.Model) -> List[str]:
+    """Functions of the inputs of thrusters and of the lift."""
     names = inputs(model)
     pairs = ["%s*%s" % pair for pair in itertools.combinations_with_replacement(names, 2)]
     cubes = [name + "^3" for name in names]
     lifted = ["lift"] + ["lift*" + name for name in names]
-    return [(formula, "-") for formula in names + pairs[: 3 * len(names)] + cubes + lifted]
+    return names + pairs[: 3 * len(names)] + cubes + lifted
 
 
 def _of_past_commands(model: _core.Model) -> Iterator[_Entry]:
@@ -472,22 +472,43 @@ def _of_swings() -> Iterator[_Entry]:
 def wrenches(features: Sequence[Feature], model: _core.Model, sampled: Samples) -> Array:
     """Wrenches (n, 3, features) of features at a run's samples, in their own units: X, Y, N in the
     body's frame."""
-    known: Dict[str, object] = {**sampled.values, **_states(features, model, sampled)}
-    known.update(sin=np.sin, cos=np.cos, abs=np.abs, sqrt=np.sqrt, exp=np.exp)
+    known = namespace(sampled)
     push = _directions(model)
     result = np.zeros((len(sampled.times), 3, len(features)))
     done: Dict[str, Array] = {}
     for j, feature in enumerate(features):
         for channel, formula in feature.parts.items():
             if formula not in done:
-                # the dictionary's own text, never a user's
-                value = eval(formula.replace("^", "**"), {"__builtins__": {}}, known)
-                done[formula] = np.broadcast_to(np.asarray(value, float), sampled.times.shape)
+                done[formula] = evaluated(formula, known)
             if channel in CHANNELS:
                 result[:, CHANNELS.index(channel), j] += done[formula]
             else:
                 result[:, :, j] += done[formula][:, None] * push[channel]
     return result
+
+
+def namespace(sampled: Samples) -> Mapping[str, Any]:
+    """What formulas may name, at a run's samples."""
+    known: Dict[str, Any] = {**sampled.values, **sampled.states}
+    known.update(sin=np.sin, cos=np.cos, abs=np.abs, sqrt=np.sqrt, exp=np.exp)
+    return known
+
+
+def evaluated(formula: str, known: Mapping[str, Any]) -> Array:
+    """Values (n,) of a formula of the dictionary, never of a user's."""
+    value = eval(formula.replace("^", "**"), {"__builtins__": {}}, known)
+    return np.asarray(np.broadcast_to(np.asarray(value, float), known["t"].shape))
+
+
+def filled(template: str, constants: Mapping[str, Constant]) -> str:
+    """A formula with the values of its constants."""
+    values = {name: "%.6g" % c.value for name, c in constants.items()}
+    return template.format(**{n: "(%s)" % v if v[0] == "-" else v for n, v in values.items()})
+
+
+def product_of_units(units: Sequence[str]) -> str:
+    """Unit of a product."""
+    return "*".join(unit for unit in units if unit != "-") or "-"
 
 
 def followed(model: _core.Model, sampled: Samples) -> Array:
@@ -518,9 +539,9 @@ def _directions(model: _core.Model) -> Dict[str, Array]:
     return {"thrust_" + name[2:]: row for name, row in zip(inputs(model), rows)}
 
 
-def _states(features: Sequence[Feature], model: _core.Model, sampled: Samples) -> Dict[str, Array]:
-    """Values of the states of features, by name."""
-    v, times, names = sampled.values, sampled.times, inputs(model)
+def _states(model: _core.Model, v: Mapping[str, Array], times: Array) -> Dict[str, Array]:
+    """Values of the states of formulas, by name."""
+    names = inputs(model)
     commands = np.column_stack([v[name] for name in names])
     total = commands.sum(axis=1)
     speeds = np.column_stack([v["u"], v["v"], v["r"], v["u"] ** 2 + v["v"] ** 2])
@@ -539,3 +560,13 @@ def _states(features: Sequence[Feature], model: _core.Model, sampled: Samples) -
     steps = np.diff(times, prepend=times[0])
     found["used"] = np.cumsum(total * steps)
     return found
+
+
+def spread(points: Array, apart: float, most: int) -> Array:
+    """Some of the points (n, k), the farthest from the others first, until all are near one."""
+    chosen = [points[len(points) // 2]]
+    nearest = ((points - chosen[0]) ** 2).sum(axis=1)
+    while len(chosen) < most and nearest.max() > apart**2:
+        chosen.append(points[int(np.argmax(nearest))])
+        nearest = np.minimum(nearest, ((points - chosen[-1]) ** 2).sum(axis=1))
+    return np.array(chosen)

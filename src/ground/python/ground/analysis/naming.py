@@ -37,14 +37,14 @@ BELLS = 60  # most of them
 SPACING = 0.8  # of neighbours, in widths
 WIDTH = 0.8  # of a bell, over the standard deviation of its argument
 TURN_WIDTH = 0.5  # the same of the heading [rad]
-MOST = 3  # features of a formula
-TRIED = 12  # most significant features that are compared in each step
+MOST = 5  # features of a formula
 MIN_RATIO = 12.0  # of the likelihoods with and without a feature
 EXPLAINED = 0.97  # part of the terms' gain from which a formula needs no further feature
-WAVE = re.compile(r"^(sin|cos)\(([-\d.e+]+)\*([xy])\)$")
 FADES = re.compile(r"^\((.*)\)/([\d.]+)$")
 SWINGS = re.compile(r"^([\d.]+)\*\((.*)\)-[\d.]+\*(\w+)$")
-TURN = re.compile(r"^(sin|cos)\((?:(\d)\*)?psi\)$")
+TURN = re.compile(r"^\(?sin\((?:(\d)\*)?psi\+\{p[01]\}\)\)?$")
+# A force away from a point of the room, as the dictionary has it
+PULL = {"X": "((x-{x0}))*cos(psi)+((y-{y0}))*sin(psi)", "Y": "((y-{y0}))*cos(psi)+-((x-{x0}))*sin(psi)"}
 
 
 @can_be_kept
@@ -62,7 +62,6 @@ class Formula:
 class _Piece:
     """A part of a formula, by channel, and its parameters: value, unit, lower and upper bound."""
 
-    key: Tuple[str, ...]  # features with the same key are one piece
     parts: Dict[str, str]
     parameters: Dict[str, Tuple[float, str, float, float]]
     neutral: Dict[str, float]  # at which it does nothing
@@ -77,11 +76,10 @@ def formula(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]
     if not chosen:
         return None
     at, _, weights = regression.posterior(chosen)
-    pieces: Dict[Tuple[str, ...], _Piece] = {}
-    for j, weight in zip(at, weights):
-        piece = _piece(regression, int(j), float(weight), len(pieces) + 1)
-        pieces.setdefault(piece.key, piece)
-    kept = list(pieces.values())
+    kept = [
+        _piece(regression, int(j), float(weight), number + 1)
+        for number, (j, weight) in enumerate(zip(at, weights))
+    ]
     made = _fitted(likelihood, fit, kept)
     while kept[1:]:
         shorter = [
@@ -100,27 +98,18 @@ def formula(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]
 
 
 def _chosen(regression: Regression) -> List[Term]:
-    """Significant single features that mean something, likeliest first."""
-    named = np.array([f.family.named for f in regression.features]) & regression.active
+    """Significant single features that mean something, each beside those before it."""
+    named = np.array([f.family.named for f in regression.features])
     terms: List[Term] = []
     while len(terms) < MOST:
-        information, score = regression.single(terms)
-        seen = named & (information > 1e-3 * regression.information) & (information > 0)
-        z = np.where(seen, score**2 / np.where(seen, information, 1.0), 0.0)
-        best = np.argsort(-z)[:TRIED]
-        tried = [regression.test(np.array([j]), terms, "feature %d" % j) for j in best if z[j] > 0]
-        tried = [
-            t
-            for t in tried
-            if t.ratio > MIN_RATIO
-            and chi_squared_above(float(z[t.columns[0]]), 1) * named.sum() < LEVEL
-        ]
-        if not tried:
+        z = np.where(named, regression.significance(terms), 0.0)
+        j = int(np.argmax(np.where(z > 0, z - 2 * np.log(regression.tried), -np.inf)))
+        if chi_squared_above(float(z[j]), 1) * regression.tried[j] > LEVEL:
             break
-        likeliest = max(tried, key=lambda t: t.ratio)
-        if terms and likeliest.ratio < (1 - EXPLAINED) * sum(t.ratio for t in terms):
+        term = regression.test(np.array([j]), terms, "feature %d" % j)
+        if term.ratio < max(MIN_RATIO, (1 - EXPLAINED) * sum(t.ratio for t in terms)):
             break
-        terms.append(likeliest)
+        terms.append(term)
     return terms
 
 
@@ -129,23 +118,35 @@ def _chosen(regression: Regression) -> List[Term]:
 
 def _piece(regression: Regression, j: int, weight: float, number: int) -> _Piece:
     """The piece of a weighted feature; weight: of the feature at its scale in the regression."""
-    feature = regression.features[j]
+    feature, name = regression.features[j], "c%d" % number
     size = weight * float(regression.scale[j])
-    for special in (_turning, _waving, _pulling):
-        piece = special(regression, feature, j, size, number)
-        if piece is not None:
-            return piece
-    name = "c%d" % number
-    states, parameters, means = _timed(feature.states, number)
-    about = "%s that depends on %s" % (_what(feature), in_words(sorted(feature.family.arguments)))
-    return _Piece(
-        ("feature", *sorted(feature.parts.items())[0]),
-        {c: "%s*(%s)" % (name, f) for c, f in feature.parts.items()},
-        {name: (size, feature.weight_unit, -np.inf, np.inf), **parameters},
-        {name: 0.0, **{p: value for p, (value, _, _, _) in parameters.items()}},
-        about + means,
-        states,
+    own = {n: "%s_%d" % (n, number) for n in feature.constants}
+    parts = {c: "%s*(%s)" % (name, text.format(**own)) for c, text in feature.template.items()}
+    states, times, past = _timed(feature.states, number)
+    parameters: _Parameters = {name: (size, feature.weight_unit, -np.inf, np.inf), **times}
+    for n, c in feature.constants.items():
+        parameters[own[n]] = (c.value, c.unit, c.value - c.reach, c.value + c.reach)
+    neutral = {**{n: value for n, (value, _, _, _) in parameters.items()}, name: 0.0}
+    return _Piece(parts, parameters, neutral, _in_words(feature, name, own) + past, states)
+
+
+def _in_words(feature: Feature, size: str, own: Mapping[str, str]) -> str:
+    """What a feature does, with names in braces for values that are fitted."""
+    arguments, template = feature.family.arguments, feature.template
+    what = _what(feature)
+    turn = TURN.match(" ".join(template.values()))
+    if turn and len(template) == 1:
+        times = turn.group(1) or "1"
+        often = "once" if times == "1" else "%s times" % times
+        return "%s of up to {%s} that depends on the heading, %s a turn" % (what, size, often)
+    if template == PULL:
+        point = ", ".join("{%s}" % own[name] for name in ("x0", "y0"))
+        return "a force {away:%s} the point (%s), {%s} of distance" % (size, point, size)
+    text = "; ".join(
+        "%s = {%s} %s" % (c, size, t.format(**{n: "{%s}" % o for n, o in own.items()}))
+        for c, t in template.items()
     )
+    return "%s that depends on %s (%s)" % (what, in_words(sorted(arguments)), text)
 
 
 _Parameters = Dict[str, Tuple[float, str, float, float]]
@@ -174,113 +175,6 @@ def _timed(states: Mapping[str, str], number: int) -> Tuple[Mapping[str, str], _
         }
         return rates, parameters, ", as of a load that swings at {%s}" % name
     return states, {}, ""
-
-
-def _partner(regression: Regression, feature: Feature, formula: str, other: str) -> Optional[int]:
-    """The feature that has `other` where a feature has `formula`."""
-    wanted = {c: f.replace(formula, other) for c, f in feature.parts.items()}
-    for j, candidate in enumerate(regression.features):
-        if candidate.parts == wanted and regression.active[j]:
-            return j
-    return None
-
-
-def _two(
-    regression: Regression, j: int, other: Optional[int], is_sine: bool
-) -> Tuple[float, float]:
-    """Amplitude and phase of a*sin(w+p) from the sine and cosine features together."""
-    columns = np.array([j] if other is None else [j, other])
-    D = regression.D[:, columns]
-    A = D.T @ D + 1e-9 * np.eye(len(columns))
-    weights = np.linalg.solve(A, D.T @ regression.y) * regression.scale[columns]
-    first, second = float(weights[0]), float(weights[1]) if len(columns) > 1 else 0.0
-    sine, cosine = (first, second) if is_sine else (second, first)
-    return float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine))
-
-
-def _turning(
-    regression: Regression, feature: Feature, j: int, size: float, number: int
-) -> Optional[_Piece]:
-    """a*sin(n*psi+p) on one channel."""
-    if feature.family.arguments != {HEADING} or len(feature.parts) != 1:
-        return None
-    ((channel, text),) = feature.parts.items()
-    found = TURN.match(text)
-    if not found:
-        return None
-    kind, times = found.group(1), found.group(2) or "1"
-    other = text.replace(kind, "cos" if kind == "sin" else "sin")
-    a, p = _two(regression, j, _partner(regression, feature, text, other), kind == "sin")
-    unit = "N m" if channel == "N" else "N"
-    name, phase = "a%d" % number, "p%d" % number
-    turns = "once" if times == "1" else "%s times" % times
-    return _Piece(
-        ("turn", channel, times),
-        {channel: "%s*sin(%s*psi+%s)" % (name, times, phase)},
-        {name: (a, unit, -np.inf, np.inf), phase: (p, "rad", p - np.pi, p + np.pi)},
-        {name: 0.0, phase: p},
-        "%s of up to {%s} that depends on the heading, %s a turn" % (_what(feature), name, turns),
-    )
-
-
-def _waving(
-    regression: Regression, feature: Feature, j: int, size: float, number: int
-) -> Optional[_Piece]:
-    """A force that repeats along an axis of the room."""
-    if feature.family.name != "waves of force":
-        return None
-    found = re.search(r"\((sin|cos)\(([-\d.e+]+)\*([xy])\)\)", feature.parts["X"])
-    if not found:
-        return None
-    kind, number_of_waves, axis = found.group(1), float(found.group(2)), found.group(3)
-    text = found.group(0)
-    other = text.replace(kind, "cos" if kind == "sin" else "sin")
-    a, p = _two(regression, j, _partner(regression, feature, text, other), kind == "sin")
-    name, phase, length = "a%d" % number, "p%d" % number, "w%d" % number
-    new = "(%s*sin(2*pi*%s/%s+%s))" % (name, axis, length, phase)
-    along = "x" if "%s*cos(psi)" % text in feature.parts["X"] else "y"
-    wave = 2 * np.pi / number_of_waves
-    return _Piece(
-        ("wave", axis, along, "%.2f" % np.log(wave)),
-        {c: f.replace(text, new) for c, f in feature.parts.items()},
-        {
-            name: (a, "N", -np.inf, np.inf),
-            phase: (p, "rad", p - 2 * np.pi, p + 2 * np.pi),
-            length: (wave, "m", wave / 1.3, wave * 1.3),
-        },
-        {name: 0.0, phase: p, length: wave},
-        "a force along the room's %s that repeats every {%s} along %s, up to {%s}"
-        % (along, length, axis, name),
-    )
-
-
-def _pulling(
-    regression: Regression, feature: Feature, j: int, size: float, number: int
-) -> Optional[_Piece]:
-    """A force towards or away from a point of the room that grows with the distance."""
-    if feature.family.name != "force by place" or feature.unit != "m" or set(feature.parts) != {"X", "Y"}:
-        return None
-    found = re.findall(r"\(([xy])-\(([-\d.e+]+)\)\)", feature.parts["X"])
-    if [axis for axis, _ in found] != ["x", "y"] or "-(y" in feature.parts["X"][:3]:
-        return None
-    if not feature.parts["X"].startswith("((x-"):
-        return None
-    k, x0, y0 = "k%d" % number, "x%d" % number, "y%d" % number
-    (_, cx), (_, cy) = found
-    X = "%s*((%s-x)*cos(psi)+(%s-y)*sin(psi))" % (k, x0, y0)
-    Y = "%s*((%s-y)*cos(psi)-(%s-x)*sin(psi))" % (k, y0, x0)
-    far = 100.0 * (abs(float(cx)) + abs(float(cy)) + 1.0)
-    return _Piece(
-        ("pull",),
-        {"X": X, "Y": Y},
-        {
-            k: (-size, "N/m", -np.inf, np.inf),
-            x0: (float(cx), "m", -far, far),
-            y0: (float(cy), "m", -far, far),
-        },
-        {k: 0.0, x0: float(cx), y0: float(cy)},
-        "a force {towards:%s} the point ({%s}, {%s}), {%s} of distance" % (k, x0, y0, k),
-    )
 
 
 def _what(feature: Feature) -> str:
@@ -477,11 +371,13 @@ def _entry(pieces: Sequence[_Piece], fit: Fit) -> Document:
             expression[channel] = "+".join(filter(None, [expression.get(channel), text]))
         states.update(piece.states)
         for name, (value, unit, lower, upper) in piece.parameters.items():
-            scale = max(abs(value), 1e-12)
-            if not np.isfinite(lower):
-                lower, upper = -1e3 * scale, 1e3 * scale
+            scale = 0.3 * max(abs(value), 1e-12)
+            if np.isfinite(lower):
+                scale = max(scale, 0.005 * (upper - lower))
+            else:
+                lower, upper = -3e3 * scale, 3e3 * scale
             numbers = {
-                "value": value, "neutral": piece.neutral[name], "scale": 0.3 * scale,
+                "value": value, "neutral": piece.neutral[name], "scale": scale,
                 "lower": lower, "upper": upper,
             }  # fmt: skip
             parameters[name] = {"unit": unit, **{key: float(n) for key, n in numbers.items()}}
@@ -496,16 +392,14 @@ def _told(piece: _Piece, values: Mapping[str, float]) -> str:
     """A piece in words, with its values."""
     def put(found: "re.Match[str]") -> str:
         name = found.group(1)
-        if name.startswith("towards:"):
-            return "towards" if values[name[len("towards:") :]] > 0 else "away from"
-        return quantity(abs(values[name]) if name[0] in "akwt" else values[name], piece.parameters[name][1])
+        if name.startswith("away:"):
+            return "away from" if values[name[len("away:") :]] > 0 else "towards"
+        unit = piece.parameters[name][1]
+        if name[0] == "c":
+            return quantity(abs(values[name]) if "= {%s}" % name not in piece.means else values[name], unit)
+        return "%.3g" % values[name] if "= {c" in piece.means else quantity(values[name], unit)
 
-    text = re.sub(r"\{([\w:]+)\}", put, piece.means)
-    if text != piece.means and not any(name.startswith("c") for name in piece.parameters):
-        return text
-    name, unit = next((n, p[1]) for n, p in piece.parameters.items() if n.startswith("c"))
-    formula = "; ".join("%s = %s" % part for part in piece.parts.items())
-    return "%s (%s, with %s = %s)" % (text, formula, name, quantity(values[name], unit))
+    return re.sub(r"\{([\w:]+)\}", put, piece.means)
 
 
 def quantity(value: float, unit: str) -> str:

@@ -9,6 +9,8 @@ the ratio of marginal likelihoods with and without a term is the test of it. Its
 without an effect follows from the eigenvalues of the term's information.
 """
 
+import copy
+import itertools
 from dataclasses import dataclass, replace
 from typing import AbstractSet, Dict, List, Optional, Sequence, Set, Tuple
 
@@ -28,9 +30,11 @@ DRAWS = 2000
 LEAST = 8.0  # ratio below which a family is not worth its draws
 FEWEST = 0.02  # least share of the samples in which a feature acts, by the fourth moment
 SEEN = 0.03  # least share of a feature's information that the parameters leave
-MOST = 4  # terms
+MOST = 8  # terms
 REFUSED = 3  # terms that held-out parts may refuse
 PARTS = 4  # of a single run
+SORTS = 5  # of single features, by the number that they were chosen from
+RESPONSE = 1.0  # time after which the response to a pulse is cut [s]
 KEPT_FAMILIES = 6
 WIDEST = 130  # features of a family that is tested as a whole
 
@@ -57,63 +61,123 @@ class Part:
 
 class Regression:
     """The regression of a Fit's innovations on features. acting: their wrenches (n, 3, features)
-    along each run; followed: wrenches (n, 3, k) that the model's parameters can follow; tested:
-    number of features that these were chosen from."""
+    along each run; followed: wrenches (n, 3, k) that the model's parameters can follow; tried: number
+    of features that each was chosen from, by default all."""
 
     def __init__(
         self, likelihood: Likelihood, fit: Fit, features: Sequence[Feature],
-        acting: Sequence[Array], followed: Sequence[Array], tested: Optional[int] = None,
+        acting: Sequence[Array], followed: Sequence[Array], tried: Sequence[float] = (),
     ) -> None:
-        self.likelihood, self.fit, self.features = likelihood, fit, features
+        self.likelihood, self.fit = likelihood, fit
         model = fit.model
         self.full = 2 * model.value("k") * np.array([1.0, 1.0, model.value("l")])
-        self.wrenches, kept = _without(
-            [wrench / self.full[:, None] for wrench in acting],
-            [wrench / self.full[:, None] for wrench in followed],
-        )
-        count = sum(len(w) for w in self.wrenches)
-        power = sum((w**2).sum(axis=(0, 1)) for w in self.wrenches) / count
-        # of each feature, so that its wrench has a mean square of 1
-        self.scale = 1 / np.sqrt(np.maximum(power, 1e-30))
-        self.active: Flags = kept
-        made = [self._run(i) for i in range(len(self.wrenches))]
-        self.rows = np.cumsum([0] + [len(y) for _, y, _ in made])
-        J = np.vstack([j for _, _, j in made])
-        self.D = np.vstack([d for d, _, _ in made])
-        self.y = np.concatenate([y for _, y, _ in made])
-        raw = (self.D**2).sum(axis=0)
+        self._own = followed
+        runs = range(len(likelihood.runs))
+        self._scored = [self._scored_samples(i) for i in runs]
+        self.rows = np.cumsum([0] + [3 * int(scored.sum()) for scored in self._scored])
+        innovations = [self._innovations(likelihood, fit, i) for i in runs]
+        J = np.vstack([self._jacobian(i, e) for i, e in zip(runs, innovations)])
         J = J / np.maximum(np.sqrt((J**2).sum(axis=0)), 1e-300)
         left, sizes, _ = np.linalg.svd(J, full_matrices=False)
-        left = left[:, sizes > 1e-6 * sizes.max()]
-        self.D -= left @ (left.T @ self.D)
-        self.y = self.y - left @ (left.T @ self.y)
-        self.information = (self.D**2).sum(axis=0)
-        self.active &= self.information > np.maximum(SEEN * raw, 1e-9)
-        self.D[:, ~self.active] = 0.0
-        self.information[~self.active] = 0.0
-        self.b = self.D.T @ self.y
-        self.tested = int(self.active.sum()) if tested is None else tested
-        self._grams: Dict[bytes, Array] = {}
-        self._known: Dict[int, int] = {}
-        self._products = np.empty((0, len(features)))
+        self._left = left[:, sizes > 1e-6 * sizes.max()]
+        # what a known wrench explains is to be explained again
+        y = np.concatenate([e + self._of_known(i) for i, e in zip(runs, innovations)])
+        self.y = y - self._left @ (self._left.T @ y)
+        self.features: List[Feature] = []
+        self.wrenches = [np.empty((len(run.times), 3, 0)) for run in likelihood.runs]
+        self.D, self.scale = np.empty((len(y), 0)), np.empty(0)
+        self.active: Flags = np.empty(0, bool)
+        self.tried = np.empty(0)  # number of features that each was chosen from
+        self._acting = [np.empty((len(run.times), 3, 0)) for run in likelihood.runs]
+        self._add(features, acting, tried if len(tried) else [len(features)] * len(features))
         self.terms = self._families()
+
+    def extended(
+        self, features: Sequence[Feature], acting: Sequence[Array], tried: Sequence[int]
+    ) -> "Regression":
+        """The same with more features. tried: number of features that each was chosen from."""
+        longer = copy.copy(self)
+        longer._add(features, acting, tried)
+        return longer
 
     # The linear system
 
-    def _run(self, i: int) -> Tuple[Array, Array, Array]:
-        """D, e and J of a run."""
-        run, wrench = self.likelihood.runs[i], self.wrenches[i] * self.full[:, None] * self.scale
-        if len(run.wrench):
-            wrench = np.concatenate([wrench, np.array(run.wrench)[:, :, None]], axis=2)
+    def _add(
+        self, features: Sequence[Feature], acting: Sequence[Array], tried: Sequence[float]
+    ) -> None:
+        wrenches, kept = self._left_of(acting)
+        power = sum((w**2).sum(axis=(0, 1)) for w in wrenches) / sum(len(w) for w in wrenches)
+        # of each feature, so that its wrench has a mean square of 1
+        scale = 1 / np.sqrt(np.maximum(power, 1e-30))
+        D = self._responses_to([w * self.full[:, None] * scale for w in wrenches])
+        raw = (D**2).sum(axis=0)
+        D -= self._left @ (self._left.T @ D)
+        kept &= (D**2).sum(axis=0) > np.maximum(SEEN * raw, 1e-9)
+        D[:, ~kept] = 0.0
+        self.features = [*self.features, *features]
+        self.tried = np.concatenate([self.tried, tried])
+        self._acting = [np.concatenate(pair, axis=2) for pair in zip(self._acting, acting)]
+        self.wrenches = [np.concatenate(pair, axis=2) for pair in zip(self.wrenches, wrenches)]
+        self.scale = np.concatenate([self.scale, scale])
+        self.active = np.concatenate([self.active, kept])
+        self.D = np.hstack([self.D, D])
+        self.information = (self.D**2).sum(axis=0)
+        self.b = self.D.T @ self.y
+        self._grams: Dict[bytes, Array] = {}
+        self._known: Dict[int, int] = {}
+        self._products = np.empty((0, len(self.features)))
+
+    def _left_of(self, acting: Sequence[Array]) -> Tuple[List[Array], Flags]:
+        return _without(
+            *([w / self.full[:, None] for w in every] for every in (acting, self._own))
+        )
+
+    def projected(self, acting: Sequence[Array]) -> Array:
+        """Responses (rows, k) to wrenches (n, 3, k) along each run, without what parameters can follow."""
+        wrenches, _ = self._left_of(acting)
+        D = self._responses_to([w * self.full[:, None] for w in wrenches])
+        return np.asarray(D - self._left @ (self._left.T @ D))
+
+    def _responses_to(self, wrenches: Sequence[Array]) -> Array:
+        return np.vstack([self._responses(i, w) for i, w in enumerate(wrenches)])
+
+    def _scored_samples(self, i: int) -> Flags:
+        return np.array(self.likelihood.residuals(self.fit.point, i)["scored"], bool)
+
+    def _responses(self, i: int, wrench: Array) -> Array:
+        """Change of the scored innovations of a run by wrenches (n, 3, k), (rows, k)."""
         acting = wrench.transpose(0, 2, 1).reshape(len(wrench), -1)
         left = self.likelihood.residuals(self.fit.point, i, acting=acting)
-        scored = np.repeat(np.array(left["scored"]), 3)
-        responses = left["responses"][scored]
-        count = len(self.features)
-        innovations = left["whitened"].reshape(-1)[scored]
-        # what the known wrench explains is to be explained again
-        target = innovations + responses[:, count:].sum(axis=1)
-        return responses[:, :count], target, self._jacobian(i, innovations)
+        return np.asarray(left["responses"][np.repeat(self._scored[i], 3)])
+
+    def _of_known(self, i: int) -> Array:
+        wrench = np.array(self.likelihood.runs[i].wrench)
+        if not len(wrench):
+            return np.zeros(3 * int(self._scored[i].sum()))
+        return np.asarray(self._responses(i, wrench[:, :, None])[:, 0])
+
+    def scores(self, random: int) -> List[Array]:
+        """Scores (n, 3, 1 + random) of a unit wrench at each sample of each run, whose response is cut
+        after RESPONSE seconds: by the innovations, and by random ones as they are without an effect."""
+        drawn = np.random.default_rng(random).normal(size=(len(self.y), random))
+        Y = np.column_stack([self.y, drawn - self._left @ (self._left.T @ drawn)])
+        return [self._scores_of(i, Y[a:b]) for i, (a, b) in enumerate(zip(self.rows[:-1], self.rows[1:]))]
+
+    def _scores_of(self, i: int, Y: Array) -> Array:
+        times, scored = np.array(self.likelihood.runs[i].times), self._scored[i]
+        apart = min(len(times), max(1, int(round(RESPONSE / np.median(np.diff(times))))))
+        pulses = np.zeros((len(times), 3, 3 * apart))
+        for c, first in itertools.product(range(3), range(apart)):
+            pulses[first::apart, c, c * apart + first] = 1.0
+        responses = np.zeros((len(times), 3, 3 * apart))
+        responses[scored] = self._responses(i, pulses).reshape(-1, 3, 3 * apart)
+        targets = np.zeros((len(times), 3, Y.shape[1]))
+        targets[scored] = Y.reshape(-1, 3, Y.shape[1])
+        scores = np.empty((len(times), 3, Y.shape[1]))
+        for c, first in itertools.product(range(3), range(apart)):
+            products = np.einsum("ij,ijk->ik", responses[:, :, c * apart + first], targets)
+            scores[first::apart, c] = np.add.reduceat(products, np.arange(first, len(times), apart))
+        return scores
 
     def _jacobian(self, i: int, innovations: Array) -> Array:
         fit, run = self.fit, self.likelihood.runs[i]
@@ -147,7 +211,7 @@ class Regression:
         """Families, and their parts that act on the same channels."""
         by_family: Dict[str, List[int]] = {}
         for j, feature in enumerate(self.features):
-            if self.active[j]:
+            if self.active[j] and feature.family.whole:
                 by_family.setdefault(feature.family.name, []).append(j)
         found = []
         for name, columns in by_family.items():
@@ -194,6 +258,13 @@ class Regression:
         at, inverse, mean = self.posterior(beside)
         cross = self._cross(at.tolist())
         return self.information - ((inverse @ cross) * cross).sum(axis=0), self.b - cross.T @ mean
+
+    def significance(self, beside: Sequence[Term] = ()) -> Array:
+        """Squared score of each feature over its variance, beside chosen terms; 0 where these or the
+        parameters leave too little of it."""
+        information, score = self.single(beside)
+        seen = self.active & (information > SEEN * self.information) & (information > 0)
+        return np.where(seen, score**2 / np.where(seen, information, 1.0), 0.0)
 
     def test(self, columns: Indices, beside: Sequence[Term] = (), name: str = "") -> Term:
         """The Term of some columns, beside chosen terms."""
@@ -251,15 +322,13 @@ class Regression:
 
     def _best(self, terms: Sequence[Term], refused: AbstractSet[str]) -> Optional[Term]:
         """The likeliest significant term beside others; None without one. Half of the level is for single
-        features."""
-        information, score = self.single(terms)
-        seen = self.active & (information > SEEN * self.information) & (information > 0)
-        z = np.where(seen, score**2 / np.where(seen, information, 1.0), 0.0)
-        limit = LEVEL / 2 / max(1, self.tested)
+        features, which are compared as if the number that each was chosen from were part of it."""
+        z = self.significance(terms)
+        worth = np.where(z > 0, z - 2 * np.log(self.tried), -np.inf)
         found = []
-        for j in np.argsort(-z)[: len(refused) + 1].tolist():
+        for j in np.argsort(-worth)[: len(refused) + 1].tolist():
             if self.label(j) not in refused:
-                if chi_squared_above(float(z[j]), 1) < limit:
+                if chi_squared_above(float(z[j]), 1) * self.tried[j] < LEVEL / 2 / SORTS:
                     found.append(self.test(np.array([j]), terms, self.label(j)))
                 break
         for family in self.terms:
@@ -322,14 +391,20 @@ class Regression:
         """Wrench (n, 3) of weighted features along a run [N], [N m]."""
         return np.asarray((self.wrenches[i][:, :, at] * self.scale[at]) @ weights * self.full)
 
-    def promising(self, most: int) -> Indices:
-        """Columns of the families that may act, and the most significant others."""
+    def again(self, likelihood: Likelihood, fit: Fit, columns: Indices) -> "Regression":
+        """The Regression of another fit's innovations on some of the features."""
+        return Regression(
+            likelihood, fit, [self.features[j] for j in columns],
+            [wrench[:, :, columns] for wrench in self._acting], self._own, self.tried[columns],
+        )  # fmt: skip
+
+    def promising(self, most: int, terms: Sequence[Term]) -> Indices:
+        """Columns of terms, of the families that may act, and the most significant others."""
         families = [self.test(t.columns, (), t.name) for t in self.terms]
         best = sorted((t for t in families if t.ratio > 0), key=lambda t: -t.ratio)[:KEPT_FAMILIES]
-        whole = {j for term in best for j in term.columns.tolist()}
-        z = self.b**2 / np.maximum(self.information, 1e-300)
-        z[~self.active] = 0.0
-        return np.array(sorted(whole | set(np.argsort(-z)[:most].tolist())))
+        whole = {j for term in [*best, *terms] for j in term.columns.tolist()}
+        best = np.argsort(-self.significance())[:most]
+        return np.array(sorted(whole | set(best.tolist())))
 
     def label(self, j: int) -> str:
         """A feature in words of its formulas."""
