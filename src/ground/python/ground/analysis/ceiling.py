@@ -85,6 +85,7 @@ class Ceiling:
     # largest share of what is left that the data allow a function of one kind, if none was found
     bound: float
     errors: Dict[str, float]  # root mean square of e/s: before, with the effects, with the wrench too
+    squares: Tuple[Array, Array, Array]  # the same of each window, squared
     poses: Optional[Poses]
 
     @property
@@ -100,6 +101,26 @@ class Ceiling:
             learnable=replace(self.learnable, high=self.learnable.value + self.chance.value),
             left=replace(self.left, high=1.0),
             bound=1.0,
+        )
+
+    def reached_by(
+        self, model: _core.Model, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
+    ) -> "Ceiling":
+        """The same where a model with a formula explains more than the wrench that was found; runs and
+        cut: as `ceiling` takes them."""
+        start, now, after = self.squares
+        if len(cut) != len(now):
+            return self  # it is that of an excerpt
+        reached = _errors_or(now, lambda: squared_errors(runs, cut, model))
+        if reached.sum() >= after.sum():
+            return self
+        return replace(
+            self,
+            learnable=_share(now, reached, start),
+            chance=_share(reached, np.zeros_like(reached), start),
+            left=_share(now, reached, now),
+            errors={**self.errors, "after": _root(reached)},
+            squares=(start, now, reached),
         )
 
     @property
@@ -154,6 +175,7 @@ def ceiling(
         found,
         bound,
         {"before": _root(start), "now": _root(now), "after": _root(after)},
+        (start, now, after),
         _poses(runs, before, fit.model, found, known),
     )
 

@@ -38,6 +38,7 @@ SMALL = 0.35
 # Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in
 # multiples of the one from which it is excluded.
 CLOSE = 5.0
+LENGTHENED = 4  # formulas, each longer than the one before
 FLOORS = 5  # simulations over which the noise floor is averaged
 
 
@@ -119,6 +120,8 @@ def _conclude(
     opinion = _opinion(found)
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, opinion)
     formula = _name(found, left) if verdict in NAMELESS else None
+    if formula is not None:
+        left = left.reached_by(formula.fit.model, found.runs, found.cut)
     return Conclusion(
         verdict,
         found.model,
@@ -196,15 +199,29 @@ def _name(found: Diagnosis, left: Ceiling) -> Optional[naming.Formula]:
     if left.found is None:
         return None
     before = float(found.best.heldout.sum())
-    best, least = None, before
-    for method, better in ((naming.formula, 1.0), (naming.learned, BETTER)):
-        made = method(found.likelihood, found.fit, left.found)
-        after = before if made is None else _crossed(found, made.fit)
-        if after < better * least:
-            best, least = made, after
-        if least < ENOUGH * before:
-            break
+    best, least = _lengthened(found, before)
+    if least > ENOUGH * before:
+        made = naming.learned(found.likelihood, found.fit, left.found)
+        if made is not None and _crossed(found, made.fit) < BETTER * least:
+            best = made
     return best
+
+
+def _lengthened(found: Diagnosis, before: float) -> Tuple[Optional[naming.Formula], float]:
+    """The formula, made longer while something learnable is left beside it and the cross-validated error
+    falls, and that error; before: without a formula."""
+    best, least = None, before
+    made = found.formula_of(found.names)
+    for _ in range(LENGTHENED):
+        after = before if made is None else _crossed(found, made.fit)
+        if made is None or after >= least:
+            break
+        best, least = made, after
+        beside = found.ceiling_beside(made.fit)
+        if beside.found is None or not beside.said:
+            break
+        made = naming.formula(found.likelihood, found.fit, beside.found, made)
+    return best, least
 
 
 def _opinion(found: Diagnosis) -> Opinion:

@@ -111,6 +111,7 @@ class Diagnosis:
         self.tried: List[trials.Trial] = []  # each effect added to the nominal model, best first
         self.memory: Optional[memory.Memory] = None  # added to the grown model
         self.ceilings: Dict[FrozenSet[str], ceiling.Ceiling] = {}  # by set of effects, slight ones too
+        self.formulas: Dict[FrozenSet[str], Optional[naming.Formula]] = {}  # by set of effects
         self.plan.begin()
         with self.work.stage(stages.FITTING):
             # everything that may differ between runs does
@@ -181,11 +182,22 @@ class Diagnosis:
         if self.slight and self.slight_sets[1] == names:
             fullest = self.slight_sets[0]
         if fullest not in self.ceilings:
-            fit, before = self.search.fits[fullest], self.search.fits[frozenset()].model
-            self.ceilings[fullest] = ceiling.ceiling(
-                self.likelihood, fit, self.runs, self.cut, before
-            )
+            self.ceilings[fullest] = self.ceiling_beside(self.search.fits[fullest])
         return self.ceilings[fullest]
+
+    def ceiling_beside(self, fit: Fit) -> ceiling.Ceiling:
+        """ceiling.Ceiling of what a fit leaves."""
+        before = self.search.fits[frozenset()].model
+        return ceiling.ceiling(self.likelihood, fit, self.runs, self.cut, before)
+
+    def formula_of(self, names: FrozenSet[str]) -> Optional[naming.Formula]:
+        """naming.Formula of what a set of effects that was fitted leaves; None if nothing has one."""
+        if names not in self.formulas:
+            left = self.ceiling_of(names)
+            self.formulas[names] = left.found and naming.formula(
+                self.likelihood, self.search.fits[names], left.found
+            )
+        return self.formulas[names]
 
     def judge(self, names: FrozenSet[str]) -> held_out.Judged:
         """held_out.Judged of a set of effects that was fitted."""
@@ -342,7 +354,7 @@ class Diagnosis:
         left = self.ceiling_of(found)
         if not found or self.memory is not None or not left.said or left.found is None:
             return found
-        named = naming.formula(self.likelihood, self.search.fits[found], left.found)
+        named = self.formula_of(found)
         if named is None:
             return found
         rest, fit = found, named.fit

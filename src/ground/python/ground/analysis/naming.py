@@ -6,7 +6,7 @@ likelihood fits all of them in the model. A formula is an effect as model files 
 """
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -56,36 +56,44 @@ class Formula:
     means: str  # in words
     fit: Fit  # of the model with it
     ratio: float  # of the likelihoods with and without it, 2 ln
+    pieces: Tuple["Piece", ...] = ()
 
 
-@dataclass
-class _Piece:
+@can_be_kept
+@dataclass(frozen=True)
+class Piece:
     """A part of a formula, by channel, and its parameters: value, unit, lower and upper bound."""
 
+    number: int
     parts: Dict[str, str]
     parameters: Dict[str, Tuple[float, str, float, float]]
     neutral: Dict[str, float]  # at which it does nothing
     means: str
-    states: Mapping[str, str] = field(default_factory=dict)
+    states: Dict[str, str] = field(default_factory=dict)
 
 
-def formula(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]:
-    """The Formula of what was found beside a Fit; None if none is significant."""
+def formula(
+    likelihood: Likelihood, fit: Fit, found: Found, begun: Optional[Formula] = None
+) -> Optional[Formula]:
+    """The Formula of what was found beside a Fit; None if none is significant. begun: a formula beside
+    which it was found, to be made longer."""
     regression = found.regression
     chosen = _chosen(regression)
     if not chosen:
         return None
     at, _, weights = regression.posterior(chosen)
-    kept = [
-        _piece(regression, int(j), float(weight), number + 1)
-        for number, (j, weight) in enumerate(zip(at, weights))
-    ]
-    made = _fitted(likelihood, fit, kept)
+    kept = list(begun.pieces) if begun else []
+    number = max([piece.number for piece in kept], default=0)
+    for j, weight in zip(at, weights):
+        number += 1
+        kept.append(_piece(regression, int(j), float(weight), number))
+    near = begun.fit if begun else fit
+    made = _fitted(likelihood, fit, kept, near)
     while kept[1:]:
         shorter = [
             (other, kept[:i] + kept[i + 1 :])
             for i in range(len(kept))
-            for other in [_fitted(likelihood, fit, kept[:i] + kept[i + 1 :])]
+            for other in [_fitted(likelihood, fit, kept[:i] + kept[i + 1 :], near)]
             if other is not None
         ]
         if not shorter:
@@ -116,7 +124,7 @@ def _chosen(regression: Regression) -> List[Term]:
 # Pieces
 
 
-def _piece(regression: Regression, j: int, weight: float, number: int) -> _Piece:
+def _piece(regression: Regression, j: int, weight: float, number: int) -> Piece:
     """The piece of a weighted feature; weight: of the feature at its scale in the regression."""
     feature, name = regression.features[j], "c%d" % number
     size = weight * float(regression.scale[j])
@@ -127,7 +135,8 @@ def _piece(regression: Regression, j: int, weight: float, number: int) -> _Piece
     for n, c in feature.constants.items():
         parameters[own[n]] = (c.value, c.unit, c.value - c.reach, c.value + c.reach)
     neutral = {**{n: value for n, (value, _, _, _) in parameters.items()}, name: 0.0}
-    return _Piece(parts, parameters, neutral, _in_words(feature, name, own) + past, states)
+    means = _in_words(feature, name, own) + past
+    return Piece(number, parts, parameters, neutral, means, dict(states))
 
 
 def _in_words(feature: Feature, size: str, own: Mapping[str, str]) -> str:
@@ -335,8 +344,11 @@ def _bells(
 # The formula in the model
 
 
-def _fitted(likelihood: Likelihood, fit: Fit, pieces: Sequence[_Piece]) -> Optional[Formula]:
-    """The Formula of pieces, fitted in the model; None where that fails or helps nothing."""
+def _fitted(
+    likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit
+) -> Optional[Formula]:
+    """The Formula of pieces, fitted in the model of a Fit, from the levels of another one near; None where
+    that fails or helps nothing."""
     values: Dict[str, float] = {}
     entry = _entry(pieces, fit)
     model = fit.model
@@ -347,7 +359,7 @@ def _fitted(likelihood: Likelihood, fit: Fit, pieces: Sequence[_Piece]) -> Optio
                 values[name] = value
                 start.set_value("%s.%s" % (entry["name"], name), value)
         free = tuple("%s.%s" % (entry["name"], name) for name in values)
-        fitted = likelihood.fit(start, fit.free + free, near=fit)
+        fitted = likelihood.fit(start, fit.free + free, near=near)
         if not np.isfinite(fitted.log_posterior):
             return None
     except GroundError:
@@ -359,10 +371,17 @@ def _fitted(likelihood: Likelihood, fit: Fit, pieces: Sequence[_Piece]) -> Optio
         values[name] = fitted.model.value("%s.%s" % (entry["name"], name))
         entry["parameters"][name]["value"] = float(values[name])
     means = "; ".join(_told(piece, values) for piece in pieces)
-    return Formula(entry, means, fitted, ratio)
+    reached = tuple(_moved(piece, values) for piece in pieces)
+    return Formula(entry, means, fitted, ratio, reached)
 
 
-def _entry(pieces: Sequence[_Piece], fit: Fit) -> Document:
+def _moved(piece: Piece, values: Mapping[str, float]) -> Piece:
+    """A piece at fitted values."""
+    parameters = {name: (values[name], *p[1:]) for name, p in piece.parameters.items()}
+    return replace(piece, parameters=parameters)
+
+
+def _entry(pieces: Sequence[Piece], fit: Fit) -> Document:
     expression: Dict[str, str] = {}
     states: Dict[str, str] = {}
     parameters: Document = {}
@@ -388,7 +407,7 @@ def _entry(pieces: Sequence[_Piece], fit: Fit) -> Document:
     return {"name": name, "states": states, **entry} if states else entry
 
 
-def _told(piece: _Piece, values: Mapping[str, float]) -> str:
+def _told(piece: Piece, values: Mapping[str, float]) -> str:
     """A piece in words, with its values."""
     def put(found: "re.Match[str]") -> str:
         name = found.group(1)
