@@ -123,7 +123,7 @@ def test_shares_sum_to_one(turning, pushed):
 
 def test_a_moment_by_heading_gets_its_name_and_size(turning):
     _, _, (likelihood, fit, _, left) = turning
-    formula = naming.formula(likelihood, fit, left.found)
+    formula = naming.formula(likelihood, fit, left.found.regression)
     assert "moment" in formula.means and "heading" in formula.means and "once a turn" in formula.means
     assert set(formula.entry["expression"]) == {"N"}
     (size,) = (p["value"] for p in formula.entry["parameters"].values() if p["unit"] == "N m")
@@ -251,7 +251,7 @@ def path_of(model, seed=3, duration=0.6):
     turning = m * mean[:, [2]] * np.column_stack([-mean[:, 1], mean[:, 0], np.zeros(len(mean))])
     thrust = model.forces(rows[at[:-1], 1:-1]) * model.value("k") * [1, 1, model.value("l")]
     wrench = inertia * np.diff(nu, axis=0) / STEP + turning + size * mean - thrust
-    return dictionary.Samples({n: np.array(v) for n, v in values.items()}, times), wrench
+    return dictionary.samples_of(model, {n: np.array(v) for n, v in values.items()}, times), wrench
 
 
 SCALES = dictionary.Scales((0.1, 0.2), 1.5, 0.4, 1.5, 8.0)
@@ -319,7 +319,7 @@ def test_formulas_have_their_units(path, length, time):
         [feature for feature in dictionary.dictionary(model, of) if not feature.states] for of in (s, scales)
     )
     here = dictionary.wrenches(known, model, sampled).transpose(2, 0, 1)
-    other = dictionary.Samples(values, sampled.times)
+    other = dictionary.samples_of(model, values, sampled.times)
     there = dictionary.wrenches(others, model, other).transpose(2, 0, 1)
     for one, first, second in zip(known, here, there):
         if one.family.name == "waves of force" and time != 1:
@@ -339,7 +339,7 @@ def test_forces_fixed_in_the_room_do_not_turn_with_the_craft():
     turned = dict(sampled.values, psi=sampled.values["psi"] + 1.0)
     features = [f for f in dictionary.dictionary(model, SCALES) if f.family.name in fields]
     here = dictionary.wrenches(features, model, sampled).transpose(2, 1, 0)
-    there = dictionary.wrenches(features, model, dictionary.Samples(turned, sampled.times))
+    there = dictionary.wrenches(features, model, dictionary.samples_of(model, turned, sampled.times))
     other_c, other_s = np.cos(turned["psi"]), np.sin(turned["psi"])
     for feature, (X, Y, _), (x, y, _) in zip(features, here, there.transpose(2, 1, 0)):
         assert np.allclose(c * X - s * Y, other_c * x - other_s * y), feature.parts

@@ -149,11 +149,7 @@ def ceiling(
     """The Ceiling of a Fit to runs. cut: windows of the runs; before: the model without the
     effects found. Of long runs it takes stretches that are spread evenly."""
     likelihood, fit, runs, cut = _excerpt(likelihood, fit, runs, cut)
-    sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(runs))]
-    features = dictionary.dictionary(fit.model, Scales.of(sampled))
-    acting = [dictionary.wrenches(features, fit.model, s) for s in sampled]
-    followed = [dictionary.followed(fit.model, s) for s in sampled]
-    first = Regression(likelihood, fit, features, acting, followed)
+    first, sampled = _first(likelihood, fit)
     found = _rounds(first, sampled)
     now = squared_errors(runs, cut, fit.model)
     start = _errors_or(now, lambda: squared_errors(runs, cut, before))
@@ -178,6 +174,23 @@ def ceiling(
         (start, now, after),
         _poses(runs, before, fit.model, found, known),
     )
+
+
+def found_beside(
+    likelihood: Likelihood, fit: Fit, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
+) -> Optional[Found]:
+    """What the innovations of a Fit depend on, without its shares."""
+    likelihood, fit, _, _ = _excerpt(likelihood, fit, runs, cut)
+    return _rounds(*_first(likelihood, fit))
+
+
+def _first(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, List[Samples]]:
+    """The Regression on the dictionary, and the Samples of each run."""
+    sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(likelihood.runs))]
+    features = dictionary.dictionary(fit.model, Scales.of(sampled))
+    acting = [dictionary.wrenches(features, fit.model, s) for s in sampled]
+    followed = [dictionary.followed(fit.model, s) for s in sampled]
+    return Regression(likelihood, fit, features, acting, followed), sampled
 
 
 def _errors_or(others: Array, errors: Callable[[], Array]) -> Array:

@@ -10,6 +10,8 @@ from ground import _core
 from ground.analysis import (
     bands,
     baseline,
+    ceiling,
+    held_out,
     judgement,
     memory,
     naming,
@@ -119,9 +121,11 @@ def _conclude(
     explained = found.best.error.sum() < EXPLAINED * floor
     opinion = _opinion(found)
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, opinion)
-    formula = _name(found, left) if verdict in NAMELESS else None
+    formula = _name(found, left, EXPLAINED * floor) if verdict in NAMELESS else None
     if formula is not None:
         left = left.reached_by(formula.fit.model, found.runs, found.cut)
+        if verdict == "undecided" and left.said and _is_confirmed(found, formula.fit):
+            verdict = _verdict(found, explained, varies, left, agrees, opinion)
     return Conclusion(
         verdict,
         found.model,
@@ -193,13 +197,13 @@ def _varies(found: Diagnosis) -> List[Document]:
     ]
 
 
-def _name(found: Diagnosis, left: Ceiling) -> Optional[naming.Formula]:
+def _name(found: Diagnosis, left: Ceiling, enough: float) -> Optional[naming.Formula]:
     """A formula or a learned wrench for what is learnable: that with which parts held out are
-    predicted better."""
+    predicted better. enough: error with which nothing more is looked for."""
     if left.found is None:
         return None
     before = float(found.best.heldout.sum())
-    best, least = _lengthened(found, before)
+    best, least = _lengthened(found, before, enough)
     if least > ENOUGH * before:
         made = naming.learned(found.likelihood, found.fit, left.found)
         if made is not None and _crossed(found, made.fit) < BETTER * least:
@@ -207,9 +211,11 @@ def _name(found: Diagnosis, left: Ceiling) -> Optional[naming.Formula]:
     return best
 
 
-def _lengthened(found: Diagnosis, before: float) -> Tuple[Optional[naming.Formula], float]:
-    """The formula, made longer while something learnable is left beside it and the cross-validated error
-    falls, and that error; before: without a formula."""
+def _lengthened(
+    found: Diagnosis, before: float, enough: float
+) -> Tuple[Optional[naming.Formula], float]:
+    """The formula, made longer while the cross-validated error falls and is not small enough, and that
+    error; before: without a formula."""
     best, least = None, before
     made = found.formula_of(found.names)
     for _ in range(LENGTHENED):
@@ -217,11 +223,19 @@ def _lengthened(found: Diagnosis, before: float) -> Tuple[Optional[naming.Formul
         if made is None or after >= least:
             break
         best, least = made, after
-        beside = found.ceiling_beside(made.fit)
-        if beside.found is None or not beside.said:
+        if least < enough:
             break
-        made = naming.formula(found.likelihood, found.fit, beside.found, made)
+        beside = ceiling.found_beside(found.likelihood, made.fit, found.runs, found.cut)
+        if beside is None:
+            break
+        made = naming.formula(found.likelihood, found.fit, beside.regression, made)
     return best, least
+
+
+def _is_confirmed(found: Diagnosis, fit: Fit) -> bool:
+    """Whether a Fit makes parts of the runs likelier that it was not fitted to."""
+    judged = found.folds.judge(fit)
+    return held_out.compared(judged.tested, found.best.tested).verdict == held_out.BETTER
 
 
 def _opinion(found: Diagnosis) -> Opinion:

@@ -182,21 +182,18 @@ class Diagnosis:
         if self.slight and self.slight_sets[1] == names:
             fullest = self.slight_sets[0]
         if fullest not in self.ceilings:
-            self.ceilings[fullest] = self.ceiling_beside(self.search.fits[fullest])
+            fit, before = self.search.fits[fullest], self.search.fits[frozenset()].model
+            self.ceilings[fullest] = ceiling.ceiling(self.likelihood, fit, self.runs, self.cut, before)
         return self.ceilings[fullest]
-
-    def ceiling_beside(self, fit: Fit) -> ceiling.Ceiling:
-        """ceiling.Ceiling of what a fit leaves."""
-        before = self.search.fits[frozenset()].model
-        return ceiling.ceiling(self.likelihood, fit, self.runs, self.cut, before)
 
     def formula_of(self, names: FrozenSet[str]) -> Optional[naming.Formula]:
         """naming.Formula of what a set of effects that was fitted leaves; None if nothing has one."""
         if names not in self.formulas:
             left = self.ceiling_of(names)
-            self.formulas[names] = left.found and naming.formula(
-                self.likelihood, self.search.fits[names], left.found
-            )
+            self.formulas[names] = None
+            if left.found is not None:
+                fit, regression = self.search.fits[names], left.found.regression
+                self.formulas[names] = naming.formula(self.likelihood, fit, regression)
         return self.formulas[names]
 
     def judge(self, names: FrozenSet[str]) -> held_out.Judged:

@@ -149,6 +149,11 @@ def samples(likelihood: Likelihood, fit: Fit, run: int) -> Samples:
         "lift": commands[:, -1],
         "t": np.array(data.t),
     }
+    return samples_of(model, values, times)
+
+
+def samples_of(model: _core.Model, values: Dict[str, Array], times: Array) -> Samples:
+    """Samples with the values of the states of formulas."""
     return Samples(values, times, _states(model, values, times))
 
 
@@ -513,8 +518,7 @@ def product_of_units(units: Sequence[str]) -> str:
 
 def followed(model: _core.Model, sampled: Samples) -> Array:
     """Wrenches (n, 3, k) that a change of the nominal parameters has as well: of the thrusters, of
-    the damping. A
-    change of the yaw inertia scales all moments, so that moments count by themselves."""
+    the damping. A change of the yaw inertia scales all moments, so that moments count by themselves."""
     v = sampled.values
     push = _directions(model)
     thrust = np.zeros((len(v["u"]), 3))

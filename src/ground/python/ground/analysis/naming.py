@@ -73,36 +73,36 @@ class Piece:
 
 
 def formula(
-    likelihood: Likelihood, fit: Fit, found: Found, begun: Optional[Formula] = None
+    likelihood: Likelihood, fit: Fit, regression: Regression, begun: Optional[Formula] = None
 ) -> Optional[Formula]:
-    """The Formula of what was found beside a Fit; None if none is significant. begun: a formula beside
-    which it was found, to be made longer."""
-    regression = found.regression
+    """The Formula of what a regression finds beside a Fit; None if nothing is significant. begun: a formula
+    beside which it was found, to be made longer."""
     chosen = _chosen(regression)
     if not chosen:
         return None
     at, _, weights = regression.posterior(chosen)
     kept = list(begun.pieces) if begun else []
-    number = max([piece.number for piece in kept], default=0)
-    for j, weight in zip(at, weights):
-        number += 1
-        kept.append(_piece(regression, int(j), float(weight), number))
-    near = begun.fit if begun else fit
-    made = _fitted(likelihood, fit, kept, near)
-    while kept[1:]:
-        shorter = [
-            (other, kept[:i] + kept[i + 1 :])
-            for i in range(len(kept))
-            for other in [_fitted(likelihood, fit, kept[:i] + kept[i + 1 :], near)]
-            if other is not None
-        ]
-        if not shorter:
-            break
-        best, rest = max(shorter, key=lambda tried: tried[0].ratio)
-        if made is not None and made.ratio - best.ratio > MIN_RATIO:
+    number = max([piece.number for piece in kept], default=0) + 1
+    for i, (j, weight) in enumerate(zip(at, weights)):
+        kept.append(_piece(regression, int(j), float(weight), number + i))
+    made = _fitted(likelihood, fit, kept, begun.fit if begun else fit)
+    while made is not None and len(made.pieces) > 1:
+        worth = [_worth(made.fit, piece) for piece in made.pieces]
+        if min(worth) > MIN_RATIO:
             break  # each piece earns its place
-        made, kept = best, rest
+        least = made.pieces[int(np.argmin(worth))]
+        shorter = _fitted(likelihood, fit, [p for p in made.pieces if p is not least], made.fit)
+        if shorter is None or made.ratio - shorter.ratio > MIN_RATIO:
+            break
+        made = shorter
     return made
+
+
+def _worth(fit: Fit, piece: "Piece") -> float:
+    """Squared ratio of the size of a piece of a formula to its standard deviation, roughly the
+    log-likelihood ratio to the formula without it."""
+    size = next(p for p in fit.parameters if p["name"].endswith(".c%d" % piece.number))
+    return (size["value"] / size["deviation"]) ** 2 if size["identified"] else 0.0
 
 
 def _chosen(regression: Regression) -> List[Term]:

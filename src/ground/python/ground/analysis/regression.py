@@ -93,7 +93,7 @@ class Regression:
         self.terms = self._families()
 
     def extended(
-        self, features: Sequence[Feature], acting: Sequence[Array], tried: Sequence[int]
+        self, features: Sequence[Feature], acting: Sequence[Array], tried: Sequence[float]
     ) -> "Regression":
         """The same with more features. tried: number of features that each was chosen from."""
         longer = copy.copy(self)
@@ -395,14 +395,14 @@ class Regression:
         """The Regression of another fit's innovations on some of the features."""
         return Regression(
             likelihood, fit, [self.features[j] for j in columns],
-            [wrench[:, :, columns] for wrench in self._acting], self._own, self.tried[columns],
+            [wrench[:, :, columns] for wrench in self._acting], self._own, self.tried[columns].tolist(),
         )  # fmt: skip
 
     def promising(self, most: int, terms: Sequence[Term]) -> Indices:
         """Columns of terms, of the families that may act, and the most significant others."""
         families = [self.test(t.columns, (), t.name) for t in self.terms]
-        best = sorted((t for t in families if t.ratio > 0), key=lambda t: -t.ratio)[:KEPT_FAMILIES]
-        whole = {j for term in [*best, *terms] for j in term.columns.tolist()}
+        kept = sorted((t for t in families if t.ratio > 0), key=lambda t: -t.ratio)[:KEPT_FAMILIES]
+        whole = {j for term in [*kept, *terms] for j in term.columns.tolist()}
         best = np.argsort(-self.significance())[:most]
         return np.array(sorted(whole | set(best.tolist())))
 

@@ -154,12 +154,11 @@ def _feature(channel: Channel, first: Scalar, second: Scalar) -> Feature:
 
 def refined(regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> Regression:
     """The Regression with its most significant features at the constants that suit best."""
-    z = regression.significance()
-    worth = z - 2 * np.log(regression.tried)
+    z, tried_of = regression.significance(), regression.tried
     best = [
         j
-        for j in np.argsort(-worth)[:REFINED].tolist()
-        if regression.features[j].constants and chi_squared_above(float(z[j]), 1) * regression.tried[j] < LEVEL
+        for j in np.argsort(2 * np.log(tried_of) - z)[:REFINED].tolist()
+        if regression.features[j].constants and chi_squared_above(float(z[j]), 1) * tried_of[j] < LEVEL
     ]
     if not best:
         return regression
@@ -173,12 +172,13 @@ def refined(regression: Regression, model: _core.Model, sampled: Sequence[Sample
         for i, (feature, start) in enumerate(zip(moved, started)):
             own = D[:, at : at + 1 + len(feature.constants)]
             at += own.shape[1]
-            reached = float((own[:, 0] @ regression.y) ** 2 / max(own[:, 0] @ own[:, 0], 1e-300))
+            power = float(own[:, 0] @ own[:, 0])
+            reached = float(own[:, 0] @ regression.y) ** 2 / max(power, 1e-300)
             if reached > values[i]:
                 values[i], features = reached, [*features[:i], feature, *features[i + 1 :]]
             following.append(_step(feature, start, own, regression.y))
         moved = following
-    counts = [float(regression.tried[j]) * CONSTANT ** len(f.constants) for j, f in zip(best, features)]
+    counts = [float(tried_of[j]) * CONSTANT ** len(f.constants) for j, f in zip(best, features)]
     return regression.extended(features, [dictionary.wrenches(features, model, s) for s in sampled], counts)
 
 
@@ -253,7 +253,8 @@ def _past_commands(model: _core.Model) -> List[Scalar]:
 
 def _wide(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) -> List[Scalar]:
     """All scalars that are multiplied with a few."""
-    every = {name: np.concatenate([s.values[name] for s in sampled]) for name in ("x", "y", "u", "v", "r", "t")}
+    names = ("x", "y", "u", "v", "r", "t")
+    every = {name: np.concatenate([s.values[name] for s in sampled]) for name in names}
     commands = [(formula, "-") for formula in dictionary.command_formulas(model)]
     fades = [("cos(%.4g*t)" % (k * np.pi / scales.duration), "-") for k in range(1, 9)]
     return [
@@ -272,9 +273,10 @@ def _wide(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) -> Lis
 
 def _past_velocity() -> List[Scalar]:
     return [
-        Scalar("w%d_%s" % (i, n), unit, frozenset([PAST]), {}, {"w%d_%s" % (i, n): "(%s-w%d_%s)/%g" % (n, i, n, memory)})
+        Scalar(name, unit, frozenset([PAST]), {}, {name: "(%s-%s)/%g" % (n, name, memory)})
         for i, memory in enumerate(MEMORIES)
         for n, unit in (("u", "m/s"), ("v", "m/s"), ("r", "rad/s"))
+        for name in ["w%d_%s" % (i, n)]
     ]
 
 
@@ -342,7 +344,8 @@ def _waves(scales: Scales, x: Array, y: Array) -> List[Scalar]:
 
 def _channels(model: _core.Model, scales: Scales) -> List[Channel]:
     """Channels of the body, axes of the room, along and across the velocity, and thrust."""
-    none, moving = frozenset(), frozenset([VELOCITY])
+    none: FrozenSet[str] = frozenset()
+    moving = frozenset([VELOCITY])
     direction = "/sqrt(u^2+v^2+%.3g)" % (0.15 * scales.speed) ** 2
     thrusts = {"thrust_" + name[2:]: name + "*%s" for name in dictionary.inputs(model)}
     channels = [Channel({c: "%s"}, "-", none) for c in dictionary.CHANNELS]
