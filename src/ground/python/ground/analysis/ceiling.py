@@ -79,6 +79,7 @@ class Ceiling:
     named: Share
     learnable: Share
     chance: Share
+    of_runs: Share  # the part of chance that differs from run to run but is constant in each
     left: Share  # learnable part of what the grown model leaves
     arguments: Dict[str, float]  # part of the learnable share that each accounts for
     found: Optional[Found]
@@ -166,6 +167,7 @@ def ceiling(
         _share(start, now, start),
         replace(learnable, high=max(learnable.high, bound * now.sum() / whole)),
         _share(after, np.zeros_like(after), start),
+        _share(now, _errors_or(now, lambda: _with_own_constants(runs, cut, fit)), start),
         replace(left, high=min(1.0, bound)),
         found.arguments if found else {},
         found,
@@ -336,6 +338,20 @@ def known_wrenches(
 
 
 # Errors
+
+
+def _with_own_constants(
+    runs: Sequence[_core.RunData], cut: Sequence[_core.Window], fit: Fit
+) -> Array:
+    """squared_errors of windows with the constant wrench and the thrust that a Fit has for each run."""
+    errors = np.empty(len(cut))
+    for i, trim in enumerate(fit.trims):
+        own = fit.model.copy()
+        own.set_value("k", own.value("k") * (1 + trim["thrust"]))
+        known = [np.tile(trim["wrench"], (len(run.times), 1)) for run in runs]
+        at = [j for j, window in enumerate(cut) if window.run == i]
+        errors[at] = squared_errors(runs, [cut[j] for j in at], own, known)
+    return errors
 
 
 def squared_errors(

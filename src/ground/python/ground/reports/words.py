@@ -498,6 +498,8 @@ def ceiling(report: Document) -> str:
     )
     if found["said"]:
         sentence += "; the learnable part depends on %s" % arguments(report)
+    if report["varies"]:
+        sentence += "; %s are constant in each run and differ between runs" % part(found["of_runs"])
     sentence += "."
     if found["poses"]:
         poses = found["poses"]
