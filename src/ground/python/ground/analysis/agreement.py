@@ -37,8 +37,9 @@ class Agreement:
 
     @property
     def holds(self) -> bool:
-        """Whether the real recordings are like the artificial ones."""
-        return all(abs(d) < FAR for d in self.deviations.values())
+        """Whether the real recordings are no worse than the artificial ones. A smaller error is allowed: the
+        levels take coloured noise of the poses for a push."""
+        return all(d < FAR for d in self.deviations.values())
 
 
 def agreement(

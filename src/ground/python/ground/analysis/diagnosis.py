@@ -322,20 +322,9 @@ class Diagnosis:
         remembered = memory.find(self.likelihood, fit)
         if remembered is None:
             return found
-        rest, stand_ins = found, []
-        for name in sorted(found, key=lambda n: self.search.ratio(found, found - {n})):
-            with_it = remembered.fit
-            if not self.search.may_go(with_it, name):
-                continue
-            model = with_it.model.copy()
-            model.remove_effect(name)
-            free = tuple(p for p in with_it.free if p.split(".")[0] != name)
-            without = self.likelihood.fit(model, free, near=with_it)
-            if 2 * (with_it.log_posterior - without.log_posterior) < self.search.threshold(name):
-                why = "it imitates a dependence on the past (%s)" % remembered.kind.name
-                smaller = self.search.without(rest, name)
-                stand_ins.append(Dropped(self.trial_in(rest, name), why))
-                rest, remembered = smaller, replace(remembered, fit=without)
+        why = "it imitates a dependence on the past (%s)" % remembered.kind.name
+        rest, fit, stand_ins = self._without_imitators(found, remembered.fit, why)
+        remembered = replace(remembered, fit=fit)
         # A single part may differ from all others, for example in its lift.
         share = held_out.share_raised(self.folds.judge(remembered.fit), self.judge(rest))
         if share < MIN_SHARE_RAISED or not self._larger(remembered.fit, self.search.fits[rest]):
@@ -354,7 +343,17 @@ class Diagnosis:
         named = self.formula_of(found)
         if named is None:
             return found
-        rest, fit = found, named.fit
+        why = "it imitates what has no name (%s)" % named.means
+        rest, _, imitators = self._without_imitators(found, named.fit, why)
+        self.dropped += imitators
+        return rest
+
+    def _without_imitators(
+        self, found: FrozenSet[str], fit: Fit, why: str
+    ) -> Tuple[FrozenSet[str], Fit, List[Dropped]]:
+        """A set without effects that do nothing beside what else a Fit has, that Fit without them, and
+        these effects."""
+        rest, imitators = found, []
         for name in sorted(found, key=lambda n: self.search.ratio(found, found - {n})):
             if not self.search.may_go(fit, name):
                 continue
@@ -364,10 +363,9 @@ class Diagnosis:
             without = self.likelihood.fit(model, free, near=fit)
             if 2 * (fit.log_posterior - without.log_posterior) < self.search.threshold(name):
                 smaller = self.search.without(rest, name)
-                why = "it imitates what has no name (%s)" % named.means
-                self.dropped.append(Dropped(self.trial_in(rest, name), why))
+                imitators.append(Dropped(self.trial_in(rest, name), why))
                 rest, fit = smaller, without
-        return rest
+        return rest, fit, imitators
 
     def _order(self, found: FrozenSet[str]) -> None:
         """Orders the effects into steps, from the last to the first: the effect that the set can

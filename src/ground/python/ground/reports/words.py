@@ -513,7 +513,7 @@ def ceiling(report: Document) -> str:
         )
     if not agrees["holds"]:
         error = agrees["error"]
-        worst = max(agrees["deviations"], key=lambda name: abs(float(agrees["deviations"][name])))
+        worst = max(agrees["deviations"], key=lambda name: float(agrees["deviations"][name]))
         sentence += (
             " What is left is not the random push that the model claims: "
             + (
