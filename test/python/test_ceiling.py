@@ -8,9 +8,11 @@ import yaml
 from conftest import MODEL, ROOT, identify, write_bag
 
 from ground import _core
-from ground.analysis import candidates, dictionary, naming, pushes, study
+from ground.analysis import candidates, dictionary, naming, pushes, rivals, study
 from ground.analysis.agreement import agreement
 from ground.analysis.ceiling import ceiling, squared_errors
+from ground.analysis.conclusion import CLOSE
+from ground.analysis.criteria import USUAL
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
 from ground.recordings import repair, windows
@@ -39,13 +41,16 @@ def rates(body, state, fixed, missing):
     )  # fmt: skip
 
 
-def flown(seed, missing=lambda state: (0.0, 0.0, 0.0), push=0.0, duration=8.0, lost=(), burst=None):
+def flown(seed, missing=lambda state: (0.0, 0.0, 0.0), push=0.0, duration=8.0, lost=(), burst=None,
+          levels=((0, 1), (0, 0.9))):
     """A run of a craft on which `missing` acts, beside a random push, relative to full thrust, and a burst of
-    it (begin, end, size); and the missing wrench at its poses. lost: span of time without poses."""
+    it (begin, end, size); and the missing wrench at its poses. lost: span of time without poses; levels:
+    two of each thruster, between which it switches at random."""
     model, random = craft(), np.random.default_rng(seed)
     body = {name: model.value(name) for name in ("m", "l", *FREE)}
     steps = int(round(duration / STEP))
-    commands = random.integers(0, 2, (int(10 * duration) + 1, 2)) * [1.0, 0.9]
+    switched = random.integers(0, 2, (int(10 * duration) + 1, 2))
+    commands = np.where(switched, *[[pair[i] for pair in levels] for i in (1, 0)])
     full = 2 * body["k"] * np.array([1, 1, body["l"]])
     stay = math.exp(-STEP / 0.2)
     drawn = push * full * math.sqrt(1 - stay**2) * random.normal(size=(steps, 3))
@@ -131,6 +136,23 @@ def test_a_moment_by_heading_gets_its_name_and_size(turning):
     assert "0.15" in formula.means and "mN m" in formula.means
     entry = yaml.safe_load(yaml.safe_dump(formula.entry))  # as a file has it
     assert candidates.from_entry(entry, "proposal.yaml", craft()).name == formula.entry["name"]
+
+
+def hypotheses(likelihood, fit, left):
+    """The arguments of the likeliest formulas of what is learnable."""
+    best = naming.formula(likelihood, fit, left.found)
+    close = CLOSE * USUAL.exclusion
+    formulas = [best, *rivals.rivals(likelihood, fit, left.found, best, close)]
+    return [sorted({a for piece in f.pieces for a in piece.arguments}) for f in formulas]
+
+
+def test_functions_that_runs_do_not_distinguish_are_rivals(turning):
+    """At a constant rate of turn, a moment by heading may as well be one by heading times the rate."""
+    even = [flown(seed, compass, 0.01, 6.0, levels=((0.6, 1), (0.3, 0.7)))[0] for seed in (1, 2)]
+    likelihood, fit, _, left = measured(even)
+    assert hypotheses(likelihood, fit, left) == [["heading"], ["heading", "velocity"]]
+    _, _, (likelihood, fit, _, left) = turning
+    assert hypotheses(likelihood, fit, left) == [["heading"]]
 
 
 def test_nothing_is_said_of_a_craft_that_is_only_pushed(pushed):

@@ -13,8 +13,10 @@ from ground.analysis import (
     ceiling,
     held_out,
     judgement,
+    learned,
     memory,
     naming,
+    rivals,
     stages,
     study,
     varying,
@@ -76,6 +78,15 @@ class Conclusion:
         return [self.before.heldout, *self.steps]
 
     # The verdict does not need these: they are computed on first use.
+
+    @cached_property
+    def rivals(self) -> List[naming.Formula]:
+        """Formulas by other features that explain nearly as much as the formula, the best first."""
+        found, left = self.diagnosis, self.ceiling.found
+        if self.formula is None or left is None:
+            return []
+        close = CLOSE * found.search.criteria.exclusion
+        return rivals.rivals(found.likelihood, found.fit, left, self.formula, close)
 
     @cached_property
     def nested(self) -> float:
@@ -205,7 +216,7 @@ def _name(found: Diagnosis, left: Ceiling, enough: float) -> Optional[naming.For
     before = float(found.best.heldout.sum())
     best, least = _lengthened(found, before, enough)
     if least > ENOUGH * before:
-        made = naming.learned(found.likelihood, found.fit, left.found)
+        made = learned.learned(found.likelihood, found.fit, left.found)
         if made is not None and _crossed(found, made.fit) < BETTER * least:
             best = made
     return best

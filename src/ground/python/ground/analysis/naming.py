@@ -1,4 +1,4 @@
-"""A name for what is learnable and has none: a formula with units, or a learned wrench.
+"""A name for what is learnable and has none: a formula with units.
 
 Features whose formulas mean something by themselves are chosen one after the other in the last
 regression of the ceiling. Their constants (phases, wavelengths, points) become parameters, and the
@@ -12,34 +12,17 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, dictionary
+from ground.analysis import candidates, selection
 from ground.analysis.ceiling import Found
-from ground.analysis.dictionary import (
-    COMMAND,
-    HEADING,
-    PLACE,
-    TIME,
-    VELOCITY,
-    Family,
-    Feature,
-    Samples,
-)
-from ground.analysis.distributions import chi_squared_above
+from ground.analysis.dictionary import PLACE, Feature
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.regression import LEVEL, Regression, Term
+from ground.analysis.regression import Regression, Term
+from ground.analysis.selection import MIN_RATIO
 from ground.analysis.unfinished import can_be_kept
-from ground.annotations import Array, Document
+from ground.annotations import Document
 from ground.errors import GroundError
 
 NAME = "proposed"
-LEARNED = "learned_wrench"
-BELLS = 60  # most of them
-SPACING = 0.8  # of neighbours, in widths
-WIDTH = 0.8  # of a bell, over the standard deviation of its argument
-TURN_WIDTH = 0.5  # the same of the heading [rad]
-MOST = 5  # features of a formula
-MIN_RATIO = 12.0  # of the likelihoods with and without a feature
-EXPLAINED = 0.97  # part of the terms' gain from which a formula needs no further feature
 FADES = re.compile(r"^\((.*)\)/([\d.]+)$")
 SWINGS = re.compile(r"^([\d.]+)\*\((.*)\)-[\d.]+\*(\w+)$")
 TURN = re.compile(r"^\(?sin\((?:(\d)\*)?psi\+\{p[01]\}\)\)?$")
@@ -58,6 +41,16 @@ class Formula:
     ratio: float  # of the likelihoods with and without it, 2 ln
     pieces: Tuple["Piece", ...] = ()
 
+    @property
+    def value(self) -> float:
+        """Value by which formulas are compared: the ratio, minus the threshold of each piece."""
+        return self.ratio - MIN_RATIO * len(self.pieces)
+
+    def in_words(self, model: _core.Model, name: str) -> str:
+        """What it means at the values of a model that has it by this name."""
+        values = {n: model.value("%s.%s" % (name, n)) for piece in self.pieces for n in piece.parameters}
+        return _words(self.pieces, values)
+
 
 @can_be_kept
 @dataclass(frozen=True)
@@ -67,9 +60,15 @@ class Piece:
     number: int
     parts: Dict[str, str]
     parameters: Dict[str, Tuple[float, str, float, float]]
-    neutral: Dict[str, float]  # at which it does nothing
     means: str
+    arguments: Tuple[str, ...]  # of its feature
+    dependence: str
     states: Dict[str, str] = field(default_factory=dict)
+
+    @property
+    def size(self) -> str:
+        """The parameter without which it does nothing."""
+        return "c%d" % self.number
 
 
 def formula(
@@ -77,19 +76,34 @@ def formula(
 ) -> Optional[Formula]:
     """The Formula of what a regression finds beside a Fit; None if nothing is significant. begun: a formula
     beside which it was found, to be made longer."""
-    chosen = _chosen(regression)
+    kept = begun.pieces if begun else ()
+    pieces = new_pieces(regression, selection.chosen(regression), begun)
+    return of_pieces(likelihood, fit, [*kept, *pieces], begun) if pieces else None
+
+
+def new_pieces(
+    regression: Regression, chosen: Sequence[Term], begun: Optional[Formula] = None
+) -> List["Piece"]:
+    """The pieces of chosen features, numbered on from those of a formula."""
     if not chosen:
-        return None
+        return []
     at, _, weights = regression.posterior(chosen)
-    kept = list(begun.pieces) if begun else []
-    number = max([piece.number for piece in kept], default=0) + 1
-    for i, (j, weight) in enumerate(zip(at, weights)):
-        kept.append(_piece(regression, int(j), float(weight), number + i))
-    made = _fitted(likelihood, fit, kept, begun.fit if begun else fit)
+    first = 1 + max([piece.number for piece in (begun.pieces if begun else ())], default=0)
+    return [
+        _piece(regression, int(j), float(weight), first + i)
+        for i, (j, weight) in enumerate(zip(at, weights))
+    ]
+
+
+def of_pieces(
+    likelihood: Likelihood, fit: Fit, pieces: Sequence["Piece"], begun: Optional[Formula] = None
+) -> Optional[Formula]:
+    """The Formula of those pieces that earn their place; begun: one that is nearly as good."""
+    made = _fitted(likelihood, fit, pieces, begun.fit if begun else fit)
     while made is not None and len(made.pieces) > 1:
         worth = [_worth(made.fit, piece) for piece in made.pieces]
         if min(worth) > MIN_RATIO:
-            break  # each piece earns its place
+            break
         least = made.pieces[int(np.argmin(worth))]
         shorter = _fitted(likelihood, fit, [p for p in made.pieces if p is not least], made.fit)
         if shorter is None or made.ratio - shorter.ratio > MIN_RATIO:
@@ -99,26 +113,10 @@ def formula(
 
 
 def _worth(fit: Fit, piece: "Piece") -> float:
-    """Squared ratio of the size of a piece of a formula to its standard deviation, roughly the
-    log-likelihood ratio to the formula without it."""
-    size = next(p for p in fit.parameters if p["name"].endswith(".c%d" % piece.number))
+    """Squared ratio of the size of a piece to its standard deviation, roughly the log-likelihood ratio to
+    the formula without it."""
+    size = next(p for p in fit.parameters if p["name"].split(".")[-1] == piece.size)
     return (size["value"] / size["deviation"]) ** 2 if size["identified"] else 0.0
-
-
-def _chosen(regression: Regression) -> List[Term]:
-    """Significant single features that mean something, each beside those before it."""
-    named = np.array([f.family.named for f in regression.features])
-    terms: List[Term] = []
-    while len(terms) < MOST:
-        z = np.where(named, regression.significance(terms), 0.0)
-        j = int(np.argmax(np.where(z > 0, z - 2 * np.log(regression.tried), -np.inf)))
-        if chi_squared_above(float(z[j]), 1) * regression.tried[j] > LEVEL:
-            break
-        term = regression.test(np.array([j]), terms, "feature %d" % j)
-        if term.ratio < max(MIN_RATIO, (1 - EXPLAINED) * sum(t.ratio for t in terms)):
-            break
-        terms.append(term)
-    return terms
 
 
 # Pieces
@@ -134,9 +132,11 @@ def _piece(regression: Regression, j: int, weight: float, number: int) -> Piece:
     parameters: _Parameters = {name: (size, feature.weight_unit, -np.inf, np.inf), **times}
     for n, c in feature.constants.items():
         parameters[own[n]] = (c.value, c.unit, c.value - c.reach, c.value + c.reach)
-    neutral = {**{n: value for n, (value, _, _, _) in parameters.items()}, name: 0.0}
     means = _in_words(feature, name, own) + past
-    return Piece(number, parts, parameters, neutral, means, dict(states))
+    arguments = tuple(sorted(feature.family.arguments))
+    return Piece(
+        number, parts, parameters, means, arguments, selection.dependence(feature), dict(states)
+    )
 
 
 def _in_words(feature: Feature, size: str, own: Mapping[str, str]) -> str:
@@ -218,129 +218,6 @@ def in_words(arguments: Sequence[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-# A learned wrench
-
-
-def learned(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]:
-    """A smooth function of what was found to matter, by bells on the arguments that the craft
-    visited; None where it depends on the past or does not help."""
-    variables = _variables(found, fit)
-    if not variables:
-        return None
-    sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(likelihood.runs))]
-    values = np.concatenate([np.column_stack([s.values[v] for v in variables]) for s in sampled])
-    widths = WIDTH * values.std(axis=0)
-    widths[[v == "psi" for v in variables]] = TURN_WIDTH
-    if not (widths > 0).all():
-        return None
-    centres = _spread(values, widths, variables)
-    is_world = "x" in variables or "y" in variables
-    acting = [_bells(s, variables, widths, centres, is_world, fit) for s in sampled]
-    family = Family("bells", frozenset([PLACE]), False)
-    features = [Feature({c: "bell"}, "-", family) for _ in centres for c in "XYN"]
-    followed = [dictionary.followed(fit.model, s) for s in sampled]
-    basis = found.regression
-    regression = Regression(basis.likelihood, basis.fit, features, acting, followed)
-    columns = np.flatnonzero(regression.active)
-    if not len(columns):
-        return None
-    term = regression.test(columns, name="bells")
-    if term.variance <= 0 or term.ratio < MIN_RATIO:
-        return None
-    at, _, mean = regression.posterior([term])
-    weights = np.zeros(len(features))
-    weights[at] = mean * regression.scale[at]
-    by_channel = weights.reshape(-1, 3)
-    entry: Document = {
-        "name": LEARNED,
-        "scale": 1.0,
-        "terms": [
-            {
-                "arguments": variables,
-                "widths": [float(w) for w in widths],
-                "frame": "world" if is_world else "body",
-                "centres": centres.tolist(),
-                "weights": {
-                    c: [float("%.5g" % w) for w in by_channel[:, i]] for i, c in enumerate("XYN")
-                },
-            }
-        ],
-    }
-    try:
-        start = candidates.from_entry(entry, "the learned wrench", fit.model).add(fit.model)
-        fitted = likelihood.fit(start, fit.free + (LEARNED + ".scale",), near=fit)
-    except GroundError:
-        return None
-    ratio = 2 * (fitted.log_posterior - fit.log_posterior)
-    if ratio < MIN_RATIO:
-        return None
-    entry["scale"] = fitted.model.value(LEARNED + ".scale")
-    means = "a wrench learned from data, zero outside them, that depends on %s" % in_words(
-        [name for name in found.arguments if name in WORDS and found.arguments[name] > 0.1] or ["place"]
-    )
-    return Formula(entry, means, fitted, ratio)
-
-
-def _variables(found: Found, fit: Fit) -> List[str]:
-    """Up to three variables that most of what was found depends on; none if it is the past."""
-    regression = found.regression
-    total: Dict[str, float] = {}
-    for term in found.terms:
-        for j in term.columns[:1].tolist():
-            feature = regression.features[j]
-            if feature.states:
-                return []
-            text = " ".join(feature.parts.values())
-            names = ["x", "y"] if PLACE in feature.family.arguments else []
-            if HEADING in feature.family.arguments:
-                names.append("psi")
-            if VELOCITY in feature.family.arguments:
-                names += [v for v in "uvr" if re.search(r"\b%s\b" % v, text)]
-            if COMMAND in feature.family.arguments:
-                names += [v for v in dictionary.inputs(fit.model) if re.search(r"\b%s\b" % v, text)]
-            if TIME in feature.family.arguments:
-                names.append("t")
-            for name in names:
-                total[name] = total.get(name, 0.0) + term.ratio
-    return sorted(total, key=lambda name: -total[name])[:3]
-
-
-def _distance(values: Array, centre: Array, widths: Array, variables: Sequence[str]) -> Array:
-    away = values - centre
-    if "psi" in variables:
-        at = list(variables).index("psi")
-        away[:, at] = 2 * np.sin(away[:, at] / 2)
-    return np.asarray(((away / widths) ** 2).sum(axis=1))
-
-
-def _spread(values: Array, widths: Array, variables: Sequence[str]) -> Array:
-    """Centres that are spread over the values, the farthest first, until all are near one."""
-    centres = [values[len(values) // 2]]
-    nearest = _distance(values, centres[0], widths, variables)
-    while len(centres) < BELLS and nearest.max() > SPACING**2:
-        centres.append(values[int(np.argmax(nearest))])
-        nearest = np.minimum(nearest, _distance(values, centres[-1], widths, variables))
-    return np.array(centres)
-
-
-def _bells(
-    sampled: Samples,
-    variables: Sequence[str],
-    widths: Array,
-    centres: Array,
-    is_world: bool,
-    fit: Fit,
-) -> Array:
-    """Wrenches (n, 3, 3 centres) of a bell on each channel; X and Y along the room's axes if is_world."""
-    values = np.column_stack([sampled.values[v] for v in variables])
-    psi = sampled.values["psi"]
-    c, s = (np.cos(psi), np.sin(psi)) if is_world else (np.ones_like(psi), np.zeros_like(psi))
-    turn = np.zeros((len(psi), 3, 3))  # body wrench by channel
-    turn[:, 0, 0], turn[:, 1, 0], turn[:, 0, 1], turn[:, 1, 1], turn[:, 2, 2] = c, -s, s, c, 1.0
-    bells = np.array(_core.bells(list(variables), list(widths), centres, values, fit.model))
-    return np.concatenate([turn * bell[:, None, None] for bell in bells.T], axis=2)
-
-
 # The formula in the model
 
 
@@ -367,12 +244,9 @@ def _fitted(
     ratio = 2 * (fitted.log_posterior - fit.log_posterior)
     if ratio < MIN_RATIO:
         return None
-    for name in values:
-        values[name] = fitted.model.value("%s.%s" % (entry["name"], name))
-        entry["parameters"][name]["value"] = float(values[name])
-    means = "; ".join(_told(piece, values) for piece in pieces)
+    values = {name: fitted.model.value("%s.%s" % (entry["name"], name)) for name in values}
     reached = tuple(_moved(piece, values) for piece in pieces)
-    return Formula(entry, means, fitted, ratio, reached)
+    return Formula(_entry(reached, fit), _words(reached, values), fitted, ratio, reached)
 
 
 def _moved(piece: Piece, values: Mapping[str, float]) -> Piece:
@@ -396,7 +270,7 @@ def _entry(pieces: Sequence[Piece], fit: Fit) -> Document:
             else:
                 lower, upper = -3e3 * scale, 3e3 * scale
             numbers = {
-                "value": value, "neutral": piece.neutral[name], "scale": scale,
+                "value": value, "neutral": 0.0 if name == piece.size else value, "scale": scale,
                 "lower": lower, "upper": upper,
             }  # fmt: skip
             parameters[name] = {"unit": unit, **{key: float(n) for key, n in numbers.items()}}
@@ -405,6 +279,10 @@ def _entry(pieces: Sequence[Piece], fit: Fit) -> Document:
         name += "_"
     entry: Document = {"name": name, "expression": expression, "parameters": parameters}
     return {"name": name, "states": states, **entry} if states else entry
+
+
+def _words(pieces: Sequence[Piece], values: Mapping[str, float]) -> str:
+    return " and ".join(_told(piece, values) for piece in pieces)
 
 
 def _told(piece: Piece, values: Mapping[str, float]) -> str:
@@ -416,13 +294,16 @@ def _told(piece: Piece, values: Mapping[str, float]) -> str:
         unit = piece.parameters[name][1]
         if name[0] == "c":
             return quantity(abs(values[name]) if "= {%s}" % name not in piece.means else values[name], unit)
-        return "%.3g" % values[name] if "= {c" in piece.means else quantity(values[name], unit)
+        in_formula = "_" in name and "= {c" in piece.means
+        return "%.3g" % values[name] if in_formula else quantity(values[name], unit)
 
-    return re.sub(r"\{([\w:]+)\}", put, piece.means)
+    told = re.sub(r"\{([\w:]+)\}", put, piece.means)
+    return told.replace("--", "+").replace("+-", "-")
 
 
 def quantity(value: float, unit: str) -> str:
     """A number with its unit, in mN and mN m where that is shorter."""
+    unit = re.sub(r"/\((.*)\)$", r" per \1", unit)
     if unit.startswith("N") and abs(value) < 0.1:
         return "%.3g m%s" % (1e3 * value, unit)
     return "%.3g %s" % (value, unit)
