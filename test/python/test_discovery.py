@@ -13,7 +13,7 @@ from conftest import MODEL, ROOT, schema
 from ground import _core
 from ground.analysis import candidates
 from ground.analysis.likelihood import Likelihood
-from ground.discovery import campaign, choice, information, pieces, tracking
+from ground.discovery import beliefs, campaign, choice, information, pieces, tracking
 from ground.discovery.analyst import Analyst, Found
 from ground.discovery.campaign import PAIRS, Discovery, Settings
 from ground.discovery.journal import Journal
@@ -62,6 +62,14 @@ def plain(story):
 
 
 CURVED = {"thrust_curve": {"p": 1.4}}
+COMPASS = {
+    "name": "compass",
+    "expression": {"N": "a*sin(psi+p)"},
+    "parameters": {
+        "a": {"value": 2.5e-4, "unit": "N m", "neutral": 0.0, "lower": -1, "upper": 1},
+        "p": {"value": 0.7, "unit": "rad", "neutral": 0.7, "lower": -7, "upper": 7},
+    },
+}
 SIDE_FORCE = {
     "name": "side_force_in_turns",
     "expression": {"Y": "a*r*u"},
@@ -391,9 +399,6 @@ class RoughAnalyst:
     def misread(self, _):
         return []
 
-    def propose(self, _):
-        self.past += 0.1
-
     def diagnose(self, recordings, reachable, seed):
         moved = sum(float(np.ptp(recording.eta[:, 0])) for recording in recordings)
         self.past = 0.5 * self.past + moved
@@ -407,7 +412,7 @@ class RoughAnalyst:
         state = types.SimpleNamespace(open=[], beliefs=[])
         return types.SimpleNamespace(
             diagnosis=found, conclusion=conclusion, state=state, offers=[], model=model,
-            verdict="missing", asked=[], is_left_open=False,
+            verdict="missing", asked=[], is_left_open=False, words={},
         )  # fmt: skip
 
 
@@ -673,13 +678,43 @@ def test_a_story_is_read_as_it_was_written(curved):
     assert story.findings[0].beliefs[0].state in (OPEN, PRESENT)
 
 
-def test_a_force_that_no_effect_explains_becomes_a_formula():
-    truth = candidates.from_entry(SIDE_FORCE, "the truth").add(craft())
+@pytest.mark.parametrize(
+    "hidden, formula, words",
+    [
+        (SIDE_FORCE, "Y = c1*(u*r)", "A force to the side that depends on the velocity"),
+        (COMPASS, "N = c1*(sin(psi+p0_1))", "A moment of up to 0.25"),
+    ],
+)
+def test_what_no_effect_explains_becomes_a_formula_in_words(hidden, formula, words):
+    truth = candidates.from_entry(hidden, "the truth").add(craft())
     lab = laboratory(truth, seed=3)
     story = Discovery(given(), lab, Settings(track=False), threads=1).run()
-    last = story.findings[-1]
-    assert last.effects == ["proposed"] and story.confirmation.holds
-    assert any("r*u" in sentence or "u*r" in sentence for sentence in last.sentences)
+    first, last = story.findings[0], story.findings[-1]
+    assert first.verdict == "unexplained" and "it may be a" in discovery_words.verdict_of(first)
+    assert last.effects == ["proposed"] and story.confirmation.holds and story.sure
+    assert any(formula in sentence for sentence in last.sentences)
+    said = discovery_words.summary(story, given())[0]
+    assert said.startswith(words) and said.endswith("(proposed) is missing.")
     errors = story.flights[-1].errors
-    assert errors[last.label] < 0.7 * errors[story.findings[0].label]
+    assert errors[last.label] < 0.7 * errors[first.label]
     assert errors[last.label] < 1.2 * story.confirmation.floor
+
+
+def test_a_flight_separates_formulas_that_look_alike(analyst):
+    """A moment that depends on the heading, or on the heading and the lift, after flights at full lift."""
+    pair = [dict(COMPASS, name=name) for name in ("proposed", "proposed_2")]
+    pair[1]["expression"] = {"N": "a*lift*sin(psi+p)"}
+    first, second = (candidates.from_entry(entry, "a proposal") for entry in pair)
+    basis = information.Basis.of(first.add(given()), [second], ["proposed_2.p"])
+    offers = analyst.offers(basis, analyst.levels, 1)
+    at_full_lift = [offer.gain for offer in offers if "lift" not in offer.piece.words]
+    likelihood = Likelihood([analyst.overview], given(), ())
+    scale = information.of_runs(basis, likelihood, analyst.levels).scale
+    known = information.Information(sum(at_full_lift), np.zeros(len(basis.names)), scale)
+    group = {"proposed": beliefs.Group({"proposed": 100.0, "proposed_2": 99.0}, 120.0)}
+    later = 60 * information.mean_rate(offers)
+    state = beliefs.after(group, (), basis, known, {"proposed_2.a": 1e-5}, later, 0.1)
+    assert [(q.about, q.rival) for q in state.open if q.rival] == [("proposed", "proposed_2")]
+    chosen = choice.Informed().choose(state, offers, 30.0, 1)
+    assert "distinguish proposed or proposed_2" in chosen.why
+    assert any("lift at 0.6" in piece.words for piece in chosen.pieces)

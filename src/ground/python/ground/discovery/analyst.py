@@ -1,7 +1,7 @@
 """What the flights so far have shown: a diagnosis of all of them, and what it leaves open."""
 
-from dataclasses import dataclass
-from typing import Dict, Iterable, List, Mapping, Optional, Sequence
+from dataclasses import dataclass, field
+from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -25,6 +25,21 @@ SIMULATIONS = 20  # artificial flights that give the distribution of an error
 
 
 @dataclass(frozen=True)
+class Proposal:
+    """An effect that the library does not have."""
+
+    entry: Document  # as model files list it
+    means: str  # in words
+    formula: Optional[naming.Formula] = None
+
+    def in_words(self, model: _core.Model) -> str:
+        """What it means, at the values of a model that has it."""
+        name = str(self.entry["name"])
+        known = self.formula is not None and name in model.effects
+        return self.formula.in_words(model, name) if self.formula and known else self.means
+
+
+@dataclass(frozen=True)
 class Found:
     """A diagnosis of all flights so far."""
 
@@ -32,6 +47,7 @@ class Found:
     conclusion: Conclusion
     state: State
     offers: List[Offer]  # what can be flown next
+    words: Mapping[str, str] = field(default_factory=dict)  # of found and proposed effects
 
     @property
     def model(self) -> _core.Model:
@@ -51,13 +67,15 @@ class Found:
 
     @property
     def is_left_open(self) -> bool:
-        """Whether something may be left that the random wrench only stands in for: the noise of poses
-        does not explain the error, and what is left is not shown to be chance."""
-        if self.verdict == UNDECIDED:
+        """Whether something is left, or may be left that the random wrench only stands in for: the noise
+        of poses does not explain the error, and what is left is not shown to be chance."""
+        if self.verdict not in ("complete", "missing", "varies"):
+            return self.verdict == UNDECIDED
+        left = self.conclusion.ceiling
+        if left.said:
             return True
         explained = self.diagnosis.best.error.sum() < EXPLAINED * self.conclusion.noise_floor
-        left = self.conclusion.ceiling.is_open or not self.conclusion.agreement.holds
-        return self.verdict in ("complete", "missing", "varies") and not explained and left
+        return not explained and (left.is_open or not self.conclusion.agreement.holds)
 
 
 class Analyst:
@@ -65,9 +83,9 @@ class Analyst:
 
     def __init__(self, given: _core.Model, room: _core.RoomPlan, threads: int = 0) -> None:
         self.given, self.room, self.threads = given, room, threads
-        self.own: List[candidates.Candidate] = []  # effects that were proposed on the way
+        self.own: Dict[str, Proposal] = {}  # effects that were proposed on the way, by name
+        self.proposals = 0  # number of formulas that were proposed
         self.depends = "depends on what is not measured"  # what the last diagnosis left unexplained
-        self.formulas: Dict[str, Dict[str, str]] = {}  # theirs, by channel of the wrench or thruster
         self.sizes: Dict[str, float] = {}  # those that matter, by parameter of an effect
         self._prepare()
 
@@ -97,12 +115,27 @@ class Analyst:
             for kind in memory.kinds_of(model)
             if kind.name not in model.effects
         ]
-        own = [c for c in self.own if c.name not in model.effects]
+        own = [self._own(name) for name in self.own if name not in model.effects]
         return library + own + past
+
+    def _own(self, name: str) -> candidates.Candidate:
+        """An effect that was proposed."""
+        return candidates.from_entry(self.own[name].entry, name, self.given)
+
+    @property
+    def formulas(self) -> Dict[str, Dict[str, str]]:
+        """Formulas of the proposals, by channel of the wrench or thruster."""
+        return {name: dict(p.entry["expression"]) for name, p in self.own.items()}
 
     def basis(self, model: _core.Model) -> information.Basis:
         """The Basis of a model and all effects that may be missing in it."""
-        return information.Basis.of(model, self.missing(model))
+        constants = [
+            "%s.%s" % (name, parameter)
+            for name, proposal in self.own.items()
+            for parameter, p in proposal.entry["parameters"].items()
+            if p["value"] == p["neutral"]
+        ]
+        return information.Basis.of(model, self.missing(model), constants)
 
     def measure(self, basis: information.Basis, known: information.Information) -> None:
         """Finds the sizes that matter of effects whose size is not known yet."""
@@ -121,18 +154,22 @@ class Analyst:
         """Diagnoses recordings. reachable: time that is left for flights [s]; seed: of what is offered
         for the next one. GroundError when they are too short."""
         runs = [recording.repaired.data(self.given) for recording in recordings]
-        library = candidates.library(self.given)
-        found = diagnosis.Diagnosis(runs, self.given, library + self.own, threads=self.threads)
+        effects = [*candidates.library(self.given), *map(self._own, self.own)]
+        found = diagnosis.Diagnosis(runs, self.given, effects, threads=self.threads)
         found.grow()
         conclusion = conclude(found)
-        basis = self.basis(found.model)
-        known = information.of_runs(basis, found.likelihood, found.fit.levels, found.fit.loudness)
+        groups, fit, model = self._hypotheses(found, conclusion)
+        basis = self.basis(model)
+        known = information.of_runs(basis, found.likelihood, fit.levels, fit.loudness)
         self.measure(basis, known)
-        offers = self.offers(basis, found.fit.levels, seed, found.likelihood.varying)
+        offers = self.offers(basis, fit.levels, seed, found.likelihood.varying)
         later = information.mean_rate(offers) * reachable
         noise = conclusion.noise_floor / conclusion.heldout[0]
-        state = beliefs.after(found, basis, known, self.sizes, later, noise)
-        return Found(found, conclusion, state, offers)
+        small = {d.trial.name for d in found.dropped} | ({found.slight.name} if found.slight else set())
+        state = beliefs.after(groups, small, basis, known, self.sizes, later, noise)
+        told = [member for group in groups.values() for member in group.values if member in self.own]
+        words = {name: self.own[name].in_words(model) for name in told}
+        return Found(found, conclusion, state, offers, words)
 
     def offers(
         self,
@@ -165,30 +202,44 @@ class Analyst:
         likelihood = Likelihood([run], self.given, varying)
         return Offer(piece, information.of_runs(basis, likelihood, levels).matrix, seconds)
 
-    def _add(self, entry: Document, name: str) -> None:
-        """Tries an effect from now on."""
-        self.formulas[name] = dict(entry["expression"])
-        self.own.append(candidates.from_entry(dict(entry, name=name), name, self.given))
+    def _hypotheses(
+        self, found: diagnosis.Diagnosis, conclusion: Conclusion
+    ) -> Tuple[Dict[str, beliefs.Group], Fit, _core.Model]:
+        """The Groups of effects that were found and of a formula that is proposed; the fit and the model
+        with all of them."""
+        groups, formula = beliefs.found_by(found), conclusion.formula
+        proposed = self.propose(found, conclusion)
+        if proposed is None or formula is None:
+            return groups, found.fit, found.model
+        name, model = next(iter(proposed.values)), formula.fit.model.copy()
+        model.remove_effect(str(formula.entry["name"]))
+        return {**groups, name: proposed}, formula.fit, self._own(name).add(model)
 
-    def propose(self, found: Found) -> None:
-        """Adds an effect that would explain what the library does not to those that are tried from
-        now on, if there is one."""
-        remembered = found.conclusion.memory
+    def propose(
+        self, found: diagnosis.Diagnosis, conclusion: Conclusion
+    ) -> Optional[beliefs.Group]:
+        """Tries from now on what would explain what the library does not, in the place of earlier
+        proposals that explain nothing. A formula and its rivals are a Group; None without one."""
+        self.depends = "depends on " + naming.in_words(list(conclusion.ceiling.arguments)[:2])
+        kept = {name for step in found.steps for name in step.group}
+        own = {name: proposal for name, proposal in self.own.items() if name in kept}
+        best, remembered = conclusion.formula, conclusion.memory
         if remembered is not None:
-            entry: Optional[Document] = remembered.entry
             self.depends = "depends on the past (%s)" % remembered.means
-        else:
-            formula, shares = found.conclusion.formula, found.conclusion.ceiling.arguments
-            is_formula = formula is not None and "expression" in formula.entry
-            entry = formula.entry if formula is not None and is_formula else None
-            self.depends = "depends on " + naming.in_words(list(shares)[:2] or [])
-        if entry is None:
-            return
-        name = str(entry["name"])
-        if name in self.formulas and remembered is None and name in found.model.effects:
-            name = "%s_%d" % (name, len(self.formulas) + 1)
-        if name not in self.formulas:
-            self._add(entry, name)
+            entry = remembered.entry
+            self.own = {str(entry["name"]): Proposal(entry, remembered.means), **own}
+            return None
+        if best is None or "expression" not in best.entry:
+            return None
+        self.depends += " (%s)" % best.means
+        values = {}
+        for formula in (best, *conclusion.rivals):
+            name = naming.NAME + ("_%d" % (self.proposals + 1) if self.proposals else "")
+            self.proposals += 1
+            own[name] = Proposal(dict(formula.entry, name=name), formula.means, formula)
+            values[name] = formula.value
+        self.own = own
+        return beliefs.Group(values, best.ratio)
 
 
 def error(run: _core.RunData, model: _core.Model) -> Optional[float]:

@@ -14,10 +14,11 @@ flights, normal with mean (I + A)^-1 s and covariance (I + A)^-1, the part beyon
 """
 
 from dataclasses import dataclass
-from typing import Dict, List, Mapping, NamedTuple, Sequence
+from typing import Collection, Dict, List, Mapping, NamedTuple
 
 import numpy as np
 
+from ground import _core
 from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Array
 from ground.discovery.information import DECIDED, Basis, Information, Question, Questions
@@ -54,6 +55,25 @@ class Test(NamedTuple):
     size: float  # estimate, in sizes that matter
 
 
+@dataclass(frozen=True)
+class Group:
+    """An effect that was found, and those that the flights do not distinguish from it."""
+
+    values: Mapping[str, float]  # of each as the one that acts, 2 ln of likelihoods; the found one first
+    ratio: float  # of the likelihoods with and without the found one, 2 ln
+
+
+def found_by(found: Diagnosis) -> Dict[str, Group]:
+    """The Groups of a Diagnosis, by the effects that it found."""
+    search, groups = found.search, {}
+    for step in found.steps:
+        sets = {name: (found.names - {step.added}) | {name} for name in step.group}
+        values = {name: search.value(s) if s in search.fits else -np.inf for name, s in sets.items()}
+        ratio = search.ratio(found.names, search.without(found.names, step.added))
+        groups[step.added] = Group(values, float(ratio))
+    return groups
+
+
 def before(basis: Basis, information: Information, sizes: Mapping[str, float]) -> State:
     """The State before the first flight; information: without any."""
     asked = [Question(name, doubt=_doubt(PRIOR)) for name in basis.columns]
@@ -65,24 +85,24 @@ def before(basis: Basis, information: Information, sizes: Mapping[str, float]) -
 
 
 def after(
-    found: Diagnosis,
+    groups: Mapping[str, Group],
+    small: Collection[str],
     basis: Basis,
     information: Information,
     sizes: Mapping[str, float],
     reachable: Array,
     noise: float,
 ) -> State:
-    """The State after a Diagnosis of all flights. basis: of the grown model and the effects that it
-    does not have; information: of all flights, at the grown model; reachable: information matrix of
-    the flights that may still come; noise: error that the poses' noise leaves, relative to that of the
+    """The State after a diagnosis of all flights. groups: by the effects that were found; small: effects
+    that are too small to matter or were refused; basis: of the grown model and the effects that it does
+    not have; information: of all flights, at the grown model; reachable: information matrix of the
+    flights that may still come; noise: error that the poses' noise leaves, relative to that of the
     model without effects."""
-    groups = {step.added: list(step.group) for step in found.steps}
     tests = _tests(basis, information, sizes)
-    probability = _probabilities(found, groups, tests, basis, information, sizes)
-    questions = _questions(found, groups, probability, basis, information, sizes)
+    probability = _probabilities(groups, tests, basis, information, sizes)
+    questions = _questions(groups, probability, basis, information, sizes)
     now = questions.visibility(information.matrix)
     later = questions.visibility(information.matrix + reachable)
-    small = {d.trial.name for d in found.dropped} | ({found.slight.name} if found.slight else set())
     rivals = {q.rival for q in questions.asked}
     beliefs: List[Belief] = []
     still_open: List[Question] = []
@@ -104,10 +124,9 @@ def after(
             still_open.append(question)
     for name, group in groups.items():
         undecided = any(q.about == name and q.rival for q in still_open)
-        state = OPEN if undecided else HIDDEN if len(group) > 1 else PRESENT
-        seen = found.search.ratio(found.names, found.search.without(found.names, name))
-        share = min(1.0, noise * _size(found, name, basis, sizes))
-        beliefs += [Belief(m, probability[m], state, float(seen), share) for m in group]
+        state = OPEN if undecided else HIDDEN if len(group.values) > 1 else PRESENT
+        share = min(1.0, noise * _size(name, basis, sizes))
+        beliefs += [Belief(m, probability[m], state, group.ratio, share) for m in group.values]
     return State(questions, information, sorted(beliefs, key=lambda b: -b.probability), still_open)
 
 
@@ -119,8 +138,7 @@ def _decided_state(test: Test) -> str:
 
 
 def _probabilities(
-    found: Diagnosis,
-    groups: Mapping[str, Sequence[str]],
+    groups: Mapping[str, Group],
     tests: Mapping[str, Test],
     basis: Basis,
     information: Information,
@@ -129,15 +147,16 @@ def _probabilities(
     """Probability that each effect acts. The members of a group share that of the found one."""
     probability = {name: test.acts for name, test in tests.items()}
     for name, group in groups.items():
-        one_of_them = _probability(_found_odds(found, name, basis, information, sizes))
-        for member, share in _shares(found, name, group).items():
-            probability[member] = share * one_of_them
+        one_of_them = _probability(_found_odds(group, name, basis, information, sizes))
+        best = max(group.values.values())
+        weights = {member: float(np.exp(0.5 * (v - best))) for member, v in group.values.items()}
+        for member, weight in weights.items():
+            probability[member] = weight / sum(weights.values()) * one_of_them
     return probability
 
 
 def _questions(
-    found: Diagnosis,
-    groups: Mapping[str, Sequence[str]],
+    groups: Mapping[str, Group],
     probability: Mapping[str, float],
     basis: Basis,
     information: Information,
@@ -146,9 +165,9 @@ def _questions(
     """Everything that may still be asked after a diagnosis."""
     asked = [Question(name, doubt=_doubt(probability[name])) for name in basis.columns]
     for name, group in groups.items():
-        asked += [Question(name, rival) for rival in group[1:] if rival in basis.columns]
+        asked += [Question(name, m) for m in group.values if m != name and m in basis.columns]
     asked += [Question(name, doubt=PARTLY) for name in basis.free if "." not in name]
-    acting = {n: _coordinate(found, n) for n in basis.free if n.split(".")[0] in groups}
+    acting = {n: _coordinate(basis.model, n) for n in basis.free if n.split(".")[0] in groups}
     return Questions(basis, information.scale, sizes, acting, asked)
 
 
@@ -177,7 +196,7 @@ def _tests(
 
 
 def _found_odds(
-    found: Diagnosis,
+    group: Group,
     name: str,
     basis: Basis,
     information: Information,
@@ -192,33 +211,19 @@ def _found_odds(
     scale = information.scale[own]
     unit = SPREAD * np.array([sizes.get(basis.free[i], s) for i, s in zip(own, scale)]) / scale
     cost = np.linalg.slogdet(np.eye(len(own)) + left * np.outer(unit, unit))[1]
-    ratio = found.search.ratio(found.names, found.search.without(found.names, name))
-    return float(np.log(PRIOR / (1 - PRIOR)) + 0.5 * (ratio - cost))
+    return float(np.log(PRIOR / (1 - PRIOR)) + 0.5 * (group.ratio - cost))
 
 
-def _shares(found: Diagnosis, name: str, group: Sequence[str]) -> Dict[str, float]:
-    """Share of each member of a group in the belief that one of them acts."""
-    values = {name: found.search.value(found.names)}
-    for member in group:
-        other = (found.names - {name}) | {member}
-        if other in found.search.fits:
-            values[member] = found.search.value(other)
-    best = max(values.values())
-    weights = {member: np.exp(0.5 * (v - best)) for member, v in values.items()}
-    total = sum(weights.values())
-    return {member: float(weights.get(member, 0.0) / total) for member in group}
-
-
-def _size(found: Diagnosis, name: str, basis: Basis, sizes: Mapping[str, float]) -> float:
+def _size(name: str, basis: Basis, sizes: Mapping[str, float]) -> float:
     """Size of a found effect, in sizes that matter; very large where these are not known."""
     own = [n for n in basis.free if n.split(".")[0] == name]
-    return float(np.linalg.norm([_coordinate(found, n) / sizes.get(n, 1e-9) for n in own]))
+    return float(np.linalg.norm([_coordinate(basis.model, n) / sizes.get(n, 1e-9) for n in own]))
 
 
-def _coordinate(found: Diagnosis, name: str) -> float:
-    """Distance of a fitted parameter's coordinate from where it does nothing."""
-    described = next(p for p in found.model.parameters() if p["name"] == name)
-    value, neutral = found.model.value(name), described["neutral"]
+def _coordinate(model: _core.Model, name: str) -> float:
+    """Distance of a parameter's coordinate from where it does nothing."""
+    described = next(p for p in model.parameters() if p["name"] == name)
+    value, neutral = model.value(name), described["neutral"]
     return float(1 / value if np.isinf(neutral) else value - neutral)
 
 

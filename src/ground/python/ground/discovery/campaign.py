@@ -222,15 +222,18 @@ class Discovery:
         return 1000 * self.settings.seed + flown + 1
 
     def _out_of_time(self) -> None:
-        """Ends when the budget is used up; confirms what was found, if there is time for it."""
-        if self.found is not None and self.story.confirmation is None and self._left() > SHORTEST:
+        """Ends when the budget is used up; confirms what was found, if nothing else is left and there is
+        time for it."""
+        found = self.found
+        leaves = found is None or found.verdict in LEAVES or found.is_left_open
+        if not leaves and self.story.confirmation is None and self._left() > SHORTEST:
             self._confirm()
             return
         open_still = self._open()
-        self._end(
-            "the budget of %g s is used up" % self.story.budget,
-            needed="more flight, to decide on %s" % ", ".join(open_still) if open_still else "",
-        )
+        needed = "more flight, to decide on %s" % ", ".join(open_still) if open_still else ""
+        if found is not None and found.verdict in LEAVES:
+            needed = "an effect that %s" % self.analyst.depends
+        self._end("the budget of %g s is used up" % self.story.budget, needed=needed)
 
     def _open(self) -> List[str]:
         if self.found is None:
@@ -472,8 +475,6 @@ class Discovery:
             self._until(last), reachable, self._seed(len(flown))
         )
         self._diagnosed = last
-        if found.verdict in LEAVES:
-            self.analyst.propose(found)
         return found
 
     def _judge_flights(self, found: Found) -> None:
@@ -495,6 +496,7 @@ class Discovery:
             label,
             _sentences(found, self.analyst.formulas),
             self._open(),
+            dict(found.words),
         )
 
     def _load(self, label: str) -> str:
@@ -576,9 +578,9 @@ def _sentences(found: Found, formulas: Mapping[str, Mapping[str, str]]) -> List[
     chosen = [c.name for c in found.diagnosis.chosen]
     errors = found.conclusion.heldout
     said = []
-    for name in chosen:
-        parts = ["%s = %s" % part for part in sorted(formulas.get(name, {}).items())]
-        said += ["The library does not have %s: %s." % (name, ", ".join(parts))] * bool(parts)
+    for name in found.words:
+        parts = ["%s = %s" % part for part in sorted(formulas[name].items())]
+        said.append("The library does not have %s: %s." % (name, ", ".join(parts)))
     if found.conclusion.memory is not None:
         said.append("Memory: %s." % found.conclusion.memory.means)
     if found.conclusion.varies:

@@ -14,7 +14,7 @@ that a flight leaves; the best flight removes most doubt per second.
 """
 
 from dataclasses import dataclass, field
-from typing import Dict, List, Mapping, Sequence
+from typing import Collection, Dict, List, Mapping, Sequence
 
 import numpy as np
 
@@ -49,16 +49,20 @@ class Basis:
     names: List[str]  # the free parameters, then those of the effects
 
     @staticmethod
-    def of(model: _core.Model, candidates: Sequence[effects.Candidate]) -> "Basis":
-        """The Basis of a model and the effects that may be missing."""
+    def of(
+        model: _core.Model, candidates: Sequence[effects.Candidate], constants: Collection[str] = ()
+    ) -> "Basis":
+        """The Basis of a model and the effects that may be missing. constants: parameters of the effects
+        that change nothing where the effect does nothing."""
         extended, free = model, study.free_parameters(model)
         for candidate in candidates:
             extended = candidate.neutral(extended)
         names, columns = list(free), {}
         for candidate in candidates:
-            described = effects.parameters_of(extended, candidate.name)
+            described = [p["name"] for p in effects.parameters_of(extended, candidate.name)]
+            described = [name for name in described if name not in constants]
             columns[candidate.name] = list(range(len(names), len(names) + len(described)))
-            names += [p["name"] for p in described]
+            names += described
         return Basis(model, extended, free, columns, names)
 
 

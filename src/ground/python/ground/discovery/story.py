@@ -94,6 +94,8 @@ class Finding:
     label: str  # the improved model's
     sentences: List[str]  # the diagnosis in words
     open: List[str]  # questions that are still open, in words
+    # What effects mean that the library does not have: those found, those proposed, and their rivals
+    words: Dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from typing import Dict, Optional
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates
 from ground.annotations import Array
 from ground.discovery.story import CONFIRM, PRESENT, SLIGHT, TRACK, Finding, Flight, Flown, Story
 from ground.reports import appearance, discovery_figures, discovery_words, page, report
@@ -123,9 +122,10 @@ class _StoryPage:
         sheet.figure(figure)
         last = {b.effect: b for f in self._story.findings for b in f.beliefs}
         ranked = [last[name] for name in discovery_figures.ranked(self._story)]
+        own = {name: words for f in self._story.findings for name, words in f.words.items()}
         rows = [
             [
-                candidates.in_words(b.effect, self._given),
+                discovery_words.in_words(b.effect, own, self._given),
                 b.state,
                 "" if b.state == SLIGHT else "%.1f%%" % (100 * b.probability),
                 "" if b.share is None or b.state not in (PRESENT, SLIGHT) else _percent(b.share),

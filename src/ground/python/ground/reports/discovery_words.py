@@ -1,6 +1,6 @@
 """A discovery in sentences."""
 
-from typing import Callable, Dict, Iterator, List, Optional
+from typing import Callable, Dict, Iterator, List, Mapping, Optional
 
 from ground import _core
 from ground.analysis import candidates
@@ -50,17 +50,28 @@ def verdict(story: Story, model: Optional[_core.Model] = None) -> str:
 
 def verdict_of(finding: Finding, model: Optional[_core.Model] = None) -> str:
     """The verdict of a finding, its effects in words with their names beside."""
-    if not finding.effects or finding.verdict == "misread":
-        return VERDICTS.get(finding.verdict, finding.verdict)
     groups = [[n] + [o for o in finding.groups.get(n, []) if o != n] for n in finding.effects]
-    named = [" or ".join(candidates.in_words(n, model) for n in group) for group in groups]
+    rest = VERDICTS.get(finding.verdict, finding.verdict)
+    known = [name for group in groups for name in group]
+    proposed = [in_words(name, finding.words) for name in finding.words if name not in known]
+    if proposed:
+        rest += ": it may be " + ", or ".join(proposed)
+    if not finding.effects or finding.verdict == "misread":
+        return rest
+    named = [", or ".join(in_words(n, finding.words, model) for n in group) for group in groups]
     text = "%s %s missing" % (listed(named), "is" if len(named) == 1 else "are")
     if any(len(group) > 1 for group in groups):
         alike = [" and ".join(group) for group in groups if len(group) > 1]
         text += "; these flights do not distinguish " + ", nor ".join(alike)
     if finding.verdict in RESTS:
-        text += "; beside that, " + VERDICTS[finding.verdict]
+        text += "; beside that, " + rest
     return text
+
+
+def in_words(name: str, own: Mapping[str, str], model: Optional[_core.Model] = None) -> str:
+    """An effect in words, with its name beside. own: words of effects that the library does not have;
+    model: the given one."""
+    return "%s (%s)" % (own[name], name) if name in own else candidates.in_words(name, model)
 
 
 def effort(story: Story) -> str:
