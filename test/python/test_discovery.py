@@ -443,26 +443,33 @@ def test_a_discovery_killed_anywhere_ends_as_if_it_had_not_been(tmp_path, monkey
         assert contents(folder) == whole, last
 
 
-class UndecidedAnalyst(RoughAnalyst):
-    """Its flights cannot decide whether something is missing."""
+class OpenAnalyst(RoughAnalyst):
+    """Leaves something: its flights cannot decide whether it is missing, or show that it is learnable."""
+
+    verdict = "undecided"
 
     def diagnose(self, recordings, reachable, seed):
         found = super().diagnose(recordings, reachable, seed)
-        found.diagnosis.chosen, found.conclusion.verdict = [], "undecided"
+        found.diagnosis.chosen, found.conclusion.verdict = [], self.verdict
         found.conclusion.improved = found.model
+        found.conclusion.ceiling = types.SimpleNamespace(said=True)
         found.state.questions = types.SimpleNamespace(basis=types.SimpleNamespace(columns={}))
         return Found(found.diagnosis, found.conclusion, found.state, [])
 
 
-def test_flights_that_cannot_decide_are_never_sure(tmp_path, monkeypatch):
-    monkeypatch.setattr(campaign.analyst, "Analyst", UndecidedAnalyst)
+@pytest.mark.parametrize("verdict", ["undecided", "complete", "missing", "unexplained"])
+def test_nothing_is_sure_or_confirmed_while_something_is_left(tmp_path, monkeypatch, verdict):
+    monkeypatch.setattr(OpenAnalyst, "verdict", verdict)
+    monkeypatch.setattr(campaign.analyst, "Analyst", OpenAnalyst)
     monkeypatch.setattr(campaign.analyst, "expected_errors", lambda *_, **__: [10.0])
     lab = laboratory(craft(), tmp_path, kind=SwiftLaboratory)
     settings = Settings(budget=50.0, track=False)
     story = Discovery(given(), lab, settings, chooser=ShortChooser(), threads=1).run()
-    assert story.ended and not story.sure and story.verdict == "undecided"
+    assert story.ended and not story.sure and story.verdict == verdict
+    assert story.confirmation is None and story.needed
     said = " ".join(discovery_words.summary(story))
-    assert "cannot decide" in said and "not sure" in said and "othing is missing" not in said
+    assert "not sure" in said and "othing is missing" not in said
+    assert ("cannot decide" in said) == (verdict == "undecided")
 
 
 def test_what_was_proposed_before_an_interruption_is_tried_after_it(tmp_path):

@@ -30,6 +30,7 @@ from ground.discovery.story import (
     CONFIRM,
     DECIDE,
     GIVEN,
+    LEFT,
     LOOK,
     TRACK,
     Confirmation,
@@ -47,7 +48,6 @@ from ground.recordings.recording import Recording
 
 LIFT_TIME = 0.5  # lift alone before the first thrust [s]
 LEAVES = ("unexplained", "memory")  # verdicts that leave something to explain
-LEFT = "what is left"  # the question what no effect explains
 REFERENCE, SIZE, TRACKING = "rhodonea", 0.6, 15.0  # size: share of the clearance of home; length [s]
 PAIRS = 3  # most flights along the reference with each of two models that are compared
 SHORTEST = 6.0  # shortest flight of an excitation [s]

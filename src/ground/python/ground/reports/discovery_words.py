@@ -51,7 +51,9 @@ def verdict(story: Story, model: Optional[_core.Model] = None) -> str:
 def verdict_of(finding: Finding, model: Optional[_core.Model] = None) -> str:
     """The verdict of a finding, its effects in words with their names beside."""
     groups = [[n] + [o for o in finding.groups.get(n, []) if o != n] for n in finding.effects]
-    rest = VERDICTS.get(finding.verdict, finding.verdict)
+    rest, is_left = VERDICTS.get(finding.verdict, finding.verdict), tale.LEFT in finding.open
+    if is_left and finding.verdict not in RESTS:
+        rest = "something is left that is not shown to be chance"
     known = [name for group in groups for name in group]
     proposed = [in_words(name, finding.words) for name in finding.words if name not in known]
     if proposed:
@@ -63,7 +65,7 @@ def verdict_of(finding: Finding, model: Optional[_core.Model] = None) -> str:
     if any(len(group) > 1 for group in groups):
         alike = [" and ".join(group) for group in groups if len(group) > 1]
         text += "; these flights do not distinguish " + ", nor ".join(alike)
-    if finding.verdict in RESTS:
+    if finding.verdict in RESTS or is_left:
         text += "; beside that, " + rest
     return text
 
