@@ -13,7 +13,6 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates, selection
-from ground.analysis.ceiling import Found
 from ground.analysis.dictionary import PLACE, Feature
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
