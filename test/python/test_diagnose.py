@@ -213,9 +213,10 @@ def test_an_unknown_effect_is_described_and_found_when_supplied(tmp_path, unplan
     assert report["verdict"] == "unexplained"
     assert report["unexplained"]["where"][0]["variable"] == "place"
     proposal = report["unexplained"]["proposal"]
-    lengths = [p["value"] for p in proposal["parameters"].values() if p["unit"] == "m"]
-    assert lengths == [pytest.approx(0.3, rel=0.02)], proposal
-    assert "along the room's x that repeats every 0.3" in proposal["means"]
+    waves = [p["value"] for p in proposal["parameters"].values() if p["unit"] == "rad/m"]
+    assert 2 * np.pi / np.hypot(*waves) == pytest.approx(0.3, rel=0.02), proposal
+    assert "along the room's x" in proposal["means"]
+    assert "that repeats every 0.3 m along the room's x" in proposal["means"]
     assert said_of.verdict(report).count("the place") == 1
     error = report["improved"]["error"]["heldout"]
     assert proposal["error"]["heldout"] < 0.7 * error

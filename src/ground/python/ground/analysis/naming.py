@@ -22,9 +22,13 @@ from ground.annotations import Document
 from ground.errors import GroundError
 
 NAME = "proposed"
+ALONG = 3.0  # angle from an axis of the room within which a wave is said to go along it [deg]
 FADES = re.compile(r"^\((.*)\)/([\d.]+)$")
 SWINGS = re.compile(r"^([\d.]+)\*\((.*)\)-[\d.]+\*(\w+)$")
 TURN = re.compile(r"^\(?sin\((?:(\d)\*)?psi\+\{p[01]\}\)\)?$")
+WAVE = re.compile(r"^\(?sin\(\{kx\}\*x\+\{ky\}\*y\+\{p\d\}\)\)?$")
+# A force along an axis of the room, by channel
+ROOM = {"x": {"X": "%s*cos(psi)", "Y": "-%s*sin(psi)"}, "y": {"X": "%s*sin(psi)", "Y": "%s*cos(psi)"}}
 # A force away from a point of the room, as the dictionary has it
 PULL = {"X": "((x-{x0}))*cos(psi)+((y-{y0}))*sin(psi)", "Y": "((y-{y0}))*cos(psi)+-((x-{x0}))*sin(psi)"}
 
@@ -140,21 +144,35 @@ def _piece(regression: Regression, j: int, weight: float, number: int) -> Piece:
 
 def _in_words(feature: Feature, size: str, own: Mapping[str, str]) -> str:
     """What a feature does, with names in braces for values that are fitted."""
-    arguments, template = feature.family.arguments, feature.template
-    what = _what(feature)
-    turn = TURN.match(" ".join(template.values()))
-    if turn and len(template) == 1:
+    arguments, template = in_words(sorted(feature.family.arguments)), feature.template
+    what, text = _along(feature)
+    turn, wave = TURN.match(text), WAVE.match(text)
+    if turn:
         times = turn.group(1) or "1"
         often = "once" if times == "1" else "%s times" % times
         return "%s of up to {%s} that depends on the heading, %s a turn" % (what, size, often)
+    if wave:
+        return "%s of up to {%s} that repeats every {wave:%s:%s}" % (what, size, own["kx"], own["ky"])
     if template == PULL:
         point = ", ".join("{%s}" % own[name] for name in ("x0", "y0"))
         return "a force {away:%s} the point (%s), {%s} of distance" % (size, point, size)
-    text = "; ".join(
-        "%s = {%s} %s" % (c, size, t.format(**{n: "{%s}" % o for n, o in own.items()}))
-        for c, t in template.items()
-    )
-    return "%s that depends on %s (%s)" % (what, in_words(sorted(arguments)), text)
+    values = {n: "{%s}" % o for n, o in own.items()}
+    if text:
+        return "%s that depends on %s (= {%s} %s)" % (what, arguments, size, text.format(**values))
+    texts = ["%s = {%s} %s" % (c, size, t.format(**values)) for c, t in template.items()]
+    return "%s that depends on %s (%s)" % (what, arguments, "; ".join(texts))
+
+
+def _along(feature: Feature) -> Tuple[str, str]:
+    """What a feature acts as, in words, and its formula along that; no formula if it has several."""
+    template, what = feature.template, _what(feature)
+    if len(template) == 1:
+        return what, next(iter(template.values()))
+    for axis, turned in ROOM.items():
+        text = template.get("X", "")[: -len(turned["X"]) + 2]
+        if template == {c: formula % text for c, formula in turned.items()}:
+            return "a force along the room's %s" % axis, text
+    return what, ""
 
 
 _Parameters = Dict[str, Tuple[float, str, float, float]]
@@ -290,6 +308,8 @@ def _told(piece: Piece, values: Mapping[str, float]) -> str:
         name = found.group(1)
         if name.startswith("away:"):
             return "away from" if values[name[len("away:") :]] > 0 else "towards"
+        if name.startswith("wave:"):
+            return _wave(*(values[part] for part in name.split(":")[1:]))
         unit = piece.parameters[name][1]
         if name[0] == "c":
             return quantity(abs(values[name]) if "= {%s}" % name not in piece.means else values[name], unit)
@@ -298,6 +318,15 @@ def _told(piece: Piece, values: Mapping[str, float]) -> str:
 
     told = re.sub(r"\{([\w:]+)\}", put, piece.means)
     return told.replace("--", "+").replace("+-", "-")
+
+
+def _wave(kx: float, ky: float) -> str:
+    """Length and direction of a wave by its components [rad/m]."""
+    length, angle = 2 * np.pi / np.hypot(kx, ky), np.degrees(np.arctan2(ky, kx)) % 180
+    axes = {0: "the room's x", 90: "the room's y", 180: "the room's x"}
+    near = [axis for at, axis in axes.items() if abs(angle - at) < ALONG]
+    where = "along %s" % near[0] if near else "in the direction %.0f deg of the room" % angle
+    return "%.3g m %s" % (length, where)
 
 
 def quantity(value: float, unit: str) -> str:
