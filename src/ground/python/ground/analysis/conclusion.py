@@ -36,7 +36,7 @@ EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains t
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave something without a name
 ENOUGH = 0.6  # of the error on parts held out: with a formula that leaves less, nothing else is tried
-BETTER = 0.9  # of the error with a formula: a learned wrench has to leave less
+BETTER = 0.9  # of the error with a formula: a learned wrench, or a longer formula to follow, leaves less
 # Largest share of the error that a smooth function of one kind may have beside `complete`
 SMALL = 0.35
 # Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in
@@ -233,8 +233,9 @@ def _lengthened(
         after = before if made is None else _crossed(found, made.fit)
         if made is None or after >= least:
             break
+        is_done = after < enough or after > BETTER * least
         best, least = made, after
-        if least < enough:
+        if is_done:
             break
         beside = ceiling.found_beside(found.likelihood, made.fit, found.runs, found.cut)
         if beside is None:

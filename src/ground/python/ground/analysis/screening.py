@@ -108,10 +108,11 @@ def screened(
 def _scores(P: Array, Q: Array, g: Array, edges: Indices) -> Array:
     """Squared scores of all products of P and Q over their variances. g: (n, 1 + RANDOM)."""
     weighted = np.add.reduceat(Q[:, :, None] * g[:, None, :], edges).astype(np.float32)
-    scores = (P.T @ weighted.reshape(len(weighted), -1)).reshape(P.shape[1], -1, g.shape[1])
-    squares = scores**2
-    variance = squares[:, :, 1:].mean(axis=2)
-    return np.where(variance > 1e-9 * variance.max(), squares[:, :, 0] / np.maximum(variance, 1e-30), 0.0)
+    scores = np.ascontiguousarray(weighted.transpose(2, 1, 0)).reshape(-1, len(P)) @ P
+    scores = scores.reshape(g.shape[1], -1, P.shape[1])
+    variance = np.einsum("kij,kij->ij", scores[1:], scores[1:]) / RANDOM
+    kept = variance > 1e-9 * variance.max()
+    return np.asarray(np.where(kept, scores[0] ** 2 / np.maximum(variance, 1e-30), 0.0)).T
 
 
 def _bins(sampled: Sequence[Samples]) -> Indices:
