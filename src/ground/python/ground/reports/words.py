@@ -498,7 +498,7 @@ def ceiling(report: Document) -> str:
     )
     if found["said"]:
         sentence += "; the learnable part depends on %s" % arguments(report)
-    if report["varies"]:
+    if report["varies"] and found["of_runs"]["ci95"][0] > 0:
         sentence += "; %s are constant in each run and differ between runs" % part(found["of_runs"])
     sentence += "."
     if found["poses"]:
