@@ -4,6 +4,8 @@ A result is a line of hidden.py: a case with the answer of hidden_engine.diagnos
 is None where it does not apply.
 """
 
+import math
+
 from ground import _core
 
 MEMORY_LIKE = ("history", "unequal_delays", "jittered_link")  # kinds in which the past matters
@@ -129,12 +131,20 @@ def halves_excess(result):
 
 
 def learnable_holds(result):
-    """Whether the interval of what is named or learnable holds the true share; None without it."""
-    left = ceiling(result).get("learnable")
-    if left is None:
+    """Whether what is named and learnable together, with the uncertainty of both, holds the true share; None
+    without shares."""
+    if "learnable" not in ceiling(result):
         return None
-    named = ceiling(result).get("named", [0.0])[0]
-    return named + left[1] <= result.get("learnable_true", 0.0) <= named + left[2]
+    low, high = explained(result)
+    return low <= result.get("learnable_true", 0.0) <= high
+
+
+def explained(result):
+    """95% interval of what is named and learnable together."""
+    nothing = [0.0, 0.0, 0.0]
+    (named, a, b), (left, low, high) = (ceiling(result).get(k, nothing) for k in ("named", "learnable"))
+    below, above = math.hypot(named - a, left - low), math.hypot(b - named, high - left)
+    return named + left - below, named + left + above
 
 
 def excludes_truth(result):
@@ -142,8 +152,7 @@ def excludes_truth(result):
     left = ceiling(result).get("learnable")
     if left is None:
         return None
-    named = ceiling(result).get("named", [0.0])[0]
-    return not is_said(result) and named + left[2] < result["learnable_true"]
+    return not is_said(result) and explained(result)[1] < result["learnable_true"]
 
 
 def is_falsely_complete(result):

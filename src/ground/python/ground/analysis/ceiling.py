@@ -160,7 +160,8 @@ def ceiling(
         model = found.fit.model
         after = _errors_or(now, lambda: squared_errors(runs, cut, model, known))
     left = _share(now, after, now)
-    bound = max(left.high, 0.0 if found else _bound(first, likelihood, fit, _spans(runs, cut), now))
+    is_shown = found is not None and left.low > 0
+    bound = max(left.high, 0.0 if is_shown else _bound(first, likelihood, fit, _spans(runs, cut), now))
     whole = start.sum()
     learnable = _share(now, after, start)
     return Ceiling(

@@ -120,7 +120,7 @@ def _conclude(
 ) -> Conclusion:
     left = found.ceiling_of()
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
-    if not agrees.holds and left.found is None:
+    if not agrees.holds and not left.said:
         left = left.unbounded()
 
     def floor_of(seed: int) -> float:

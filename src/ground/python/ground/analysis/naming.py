@@ -25,6 +25,8 @@ NAME = "proposed"
 ALONG = 3.0  # angle from an axis of the room within which a wave is said to go along it [deg]
 FADES = re.compile(r"^\((.*)\)/([\d.]+)$")
 SWINGS = re.compile(r"^([\d.]+)\*\((.*)\)-[\d.]+\*(\w+)$")
+STATE = re.compile(r"[a-z]+\d+")  # a kind of memory and its number, in the names of its states
+OWN = re.compile(r"_\d+$")  # in the name of a constant of one piece
 TURN = re.compile(r"^\(?sin\((?:(\d)\*)?psi\+\{p[01]\}\)\)?$")
 WAVE = re.compile(r"^\(?sin\(\{kx\}\*x\+\{ky\}\*y\+\{p\d\}\)\)?$")
 # A force along an axis of the room, by channel
@@ -131,7 +133,7 @@ def _piece(regression: Regression, j: int, weight: float, number: int) -> Piece:
     size = weight * float(regression.scale[j])
     own = {n: "%s_%d" % (n, number) for n in feature.constants}
     parts = {c: "%s*(%s)" % (name, text.format(**own)) for c, text in feature.template.items()}
-    states, times, past = _timed(feature.states, number)
+    states, times, past = _timed(feature.states)
     parameters: _Parameters = {name: (size, feature.weight_unit, -np.inf, np.inf), **times}
     for n, c in feature.constants.items():
         parameters[own[n]] = (c.value, c.unit, c.value - c.reach, c.value + c.reach)
@@ -178,19 +180,21 @@ def _along(feature: Feature) -> Tuple[str, str]:
 _Parameters = Dict[str, Tuple[float, str, float, float]]
 
 
-def _timed(states: Mapping[str, str], number: int) -> Tuple[Mapping[str, str], _Parameters, str]:
-    """Rates of states with their constant of time as a parameter, and what it means in words."""
+def _timed(states: Mapping[str, str]) -> Tuple[Mapping[str, str], _Parameters, str]:
+    """Rates of states with their constant of time as a parameter, which pieces with the same states share,
+    and what it means in words."""
+    memory = STATE.match(min(states, default=""))
     faded = {s: FADES.match(rate) for s, rate in states.items()}
     times = {float(found.group(2)) for found in faded.values() if found}
-    if states and all(faded.values()) and len(times) == 1:
-        ((time,), name) = (times, "tau%d" % number)
+    if memory and all(faded.values()) and len(times) == 1:
+        ((time,), name) = (times, "tau_%s" % memory.group())
         rates = {s: "(%s)/%s" % (found.group(1), name) for s, found in faded.items() if found}
         return rates, {name: (time, "s", time / 5, 5 * time)}, " of the last {%s}" % name
     swung = {s: SWINGS.match(rate) for s, rate in states.items()}
     squares = {float(found.group(1)) for found in swung.values() if found}
-    if len(squares) == 1:
-        name, rate = "w%d" % number, float(np.sqrt(squares.pop()))
-        fading = "g%d" % number
+    if memory and len(squares) == 1:
+        name, rate = "w_%s" % memory.group(), float(np.sqrt(squares.pop()))
+        fading = "g_%s" % memory.group()
         rates = {
             s: "{0}^2*({2})-{1}*{3}".format(name, fading, *found.groups()[1:]) if found else states[s]
             for s, found in swung.items()
@@ -313,7 +317,7 @@ def _told(piece: Piece, values: Mapping[str, float]) -> str:
         unit = piece.parameters[name][1]
         if name[0] == "c":
             return quantity(abs(values[name]) if "= {%s}" % name not in piece.means else values[name], unit)
-        in_formula = "_" in name and "= {c" in piece.means
+        in_formula = OWN.search(name) and "= {c" in piece.means
         return "%.3g" % values[name] if in_formula else quantity(values[name], unit)
 
     told = re.sub(r"\{([\w:]+)\}", put, piece.means)
