@@ -9,7 +9,8 @@ import math
 from ground import _core
 
 MEMORY_LIKE = ("history", "unequal_delays", "jittered_link")  # kinds in which the past matters
-QUIET = ("complete", "varies")  # verdicts that say that nothing is missing
+UNDECIDED = "undecided"  # verdict that these runs cannot decide
+QUIET = ("complete", "varies", UNDECIDED)  # verdicts that do not say that something is missing
 LEARNABLE = 0.1  # share of the error from which something learnable is left
 SEEN = 0.9  # largest ratio of the errors with and without a missing effect at which it shows
 MAX_ERROR_RATIO = 1.05  # up to this ratio to the true model's error a model is as good as the truth
@@ -90,6 +91,11 @@ def says_missing(result):
     if result["found"]["verdict"] == "missing":
         return bool(chosen(result) - set(result["allowed"]))
     return result["found"]["verdict"] not in QUIET
+
+
+def is_undecided(result):
+    """Whether the diagnosis says that these runs cannot decide."""
+    return result["found"]["verdict"] == UNDECIDED
 
 
 # --- Effects without a name. The diagnosis reports a `ceiling`: shares [value, low, high] of the held-out

@@ -67,6 +67,7 @@ def _rows():
     yield Row("triples: right set or group", ("triples",), score.is_right, (">=", 0.90))
     yield Row("triples: exactly the set", ("triples",), score.is_exact)
     yield Row("nulls of all sorts: something said to be missing", ALL_NULLS, score.says_missing, ("<=", 0.03))
+    yield Row("nulls of all sorts: these runs cannot decide", ALL_NULLS, score.is_undecided)
     yield Row("nameless: said", ("nameless",), score.is_said, (">=", 0.97))
     yield Row("nameless: its argument", ("nameless",), score.has_right_argument, (">=", 0.92))
     yield Row("nameless: half of its error held out", ("nameless",), score.halves_excess, (">=", 0.85))

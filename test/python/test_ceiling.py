@@ -140,7 +140,7 @@ def test_a_moment_by_heading_gets_its_name_and_size(turning):
 
 def hypotheses(likelihood, fit, left):
     """The arguments of the likeliest formulas of what is learnable."""
-    best = naming.formula(likelihood, fit, left.found)
+    best = naming.formula(likelihood, fit, left.found.regression)
     close = CLOSE * USUAL.exclusion
     formulas = [best, *rivals.rivals(likelihood, fit, left.found, best, close)]
     return [sorted({a for piece in f.pieces for a in piece.arguments}) for f in formulas]
