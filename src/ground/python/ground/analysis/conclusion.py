@@ -35,6 +35,7 @@ from ground.errors import GroundError
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave something without a name
+SAID = ("unexplained", "memory")  # ... of which runs show that it is there
 ENOUGH = 0.6  # of the error on parts held out: with a formula that leaves less, nothing else is tried
 BETTER = 0.9  # of the error with a formula: a learned wrench, or a longer formula to follow, leaves less
 # Largest share of the error that a smooth function of one kind may have beside `complete`
@@ -127,16 +128,21 @@ def _conclude(
         return float(study.noise_floor(found.runs, found.best.model, seed).sum())
 
     floor = float(np.mean(list(found.pool.map(floor_of, range(FLOORS)))))
-    reached = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
+    heldout_floor = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
     varies = _varies(found)
     explained = found.best.error.sum() < EXPLAINED * floor
     opinion = _opinion(found)
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, opinion)
-    formula = _name(found, left, EXPLAINED * floor) if verdict in NAMELESS else None
+    formula = None
+    if verdict in NAMELESS or (verdict == "missing" and left.is_open):
+        formula = _name(found, left, EXPLAINED * floor)
     if formula is not None:
-        left = left.reached_by(formula.fit.model, found.runs, found.cut)
-        if verdict == "undecided" and left.said and _is_confirmed(found, formula.fit):
+        reached = left.reached_by(formula.fit.model, found.runs, found.cut)
+        if verdict in SAID or (reached.said and _is_confirmed(found, formula.fit)):
+            left = reached
             verdict = _verdict(found, explained, varies, left, agrees, opinion)
+        elif verdict == "missing":
+            formula = None
     return Conclusion(
         verdict,
         found.model,
@@ -145,7 +151,7 @@ def _conclude(
         baseline.refits(found, heldout),
         _steps(found, heldout),
         judgement.judgements(found, heldout),
-        reached,
+        heldout_floor,
         varies,
         found.memory,
         left,

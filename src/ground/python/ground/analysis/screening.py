@@ -6,26 +6,16 @@ at each sample, times the innovations, the score of p(t) q(t) along e(t) is the 
 Its variance without an effect is that of the same sum for random innovations.
 """
 
-import itertools
-from dataclasses import dataclass, field
-from typing import Any, FrozenSet, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from dataclasses import replace
+from typing import Any, List, NamedTuple, Sequence
 
 import numpy as np
 
 from ground import _core
-from ground.analysis import dictionary
+from ground.analysis import dictionary, scalars
 from ground.analysis.dictionary import (
-    COMMAND,
-    CROSSED,
-    FAR,
     HEADING,
-    MEMORIES,
     PAST,
-    PHASES,
-    PLACE,
-    TIME,
-    VELOCITY,
-    Constant,
     Family,
     Feature,
     Samples,
@@ -35,41 +25,29 @@ from ground.analysis.dictionary import (
 )
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.regression import LEVEL, Regression
+from ground.analysis.scalars import ONE, Channel, Scalar
 from ground.annotations import Array, Indices
 
 BIN = 0.05  # samples that are taken together [s]
 RANDOM = 8  # draws of innovations that give the variance of a score
 KEPT = 120  # products that are tested exactly
 KEPT_OF_ONE = 30  # ... of them on one channel
+LENGTHENED = 40  # best products of two that are multiplied with a third
 REFINED = 10  # features whose constants are moved
 ITERATIONS = 5
 NEARBY = 1e-3  # move of a constant for a derivative, over its reach
 LONGEST = 0.5  # move in one iteration, over its reach
 CONSTANT = 3.0  # number of independent features for each that is tested, by a constant that is moved
-WAVES = 6000  # wave vectors
-BELLS = 150  # centres of bells of one size
-STEPS = (0.1, 0.25, 0.5, 0.75, 0.9)  # quantiles of a variable at which a step may be
-SHARP = 0.15  # width of a step, in standard deviations of its variable
-REACH = 2.0  # longest part of the extent, or of the time, that a bell covers: 1 / REACH
 
 
-@dataclass(frozen=True)
-class Scalar:
-    """A function of what was recorded. text: a formula, with names in braces for its constants."""
+class Product(NamedTuple):
+    """A product of scalars on a channel."""
 
-    text: str
-    unit: str
-    arguments: FrozenSet[str]
-    constants: Mapping[str, Constant] = field(default_factory=dict)
-    states: Mapping[str, str] = field(default_factory=dict)
-
-
-class Channel(NamedTuple):
-    """Where a function acts: a formula for each channel, with %s for the function."""
-
-    parts: Mapping[str, str]
-    unit: str
-    arguments: FrozenSet[str]
+    value: float  # squared score over its variance, less for the number that it was chosen from
+    tried: int  # that number
+    channel: Channel
+    first: Scalar
+    second: Scalar
 
 
 def screened(
@@ -77,32 +55,68 @@ def screened(
 ) -> Regression:
     """The Regression with the products that have the largest scores. sampled: of each run."""
     scales = Scales.of(sampled)
-    few, channels = _few(model, scales), _channels(model, scales)
+    few, screen = scalars.few(model, scales), _Screen(regression, model, sampled, scales)
     x, y = (np.concatenate([s.values[name] for s in sampled]) for name in "xy")
-    waves = _waves(scales, x, y)
-    products = [(_wide(model, scales, sampled), few), (waves, [ONE, *_turns()])]
-    E = np.concatenate(
-        [dictionary.wrenches([_feature(c, ONE, ONE) for c in channels], model, s) for s in sampled]
-    )
-    draws, edges = np.concatenate(regression.scores(RANDOM)), _bins(sampled)
-    found: List[Tuple[float, int, Feature]] = []
-    for wide, narrow in products:
-        singles = len(channels) * len(wide)
-        pairs = singles * (len(narrow) - 1)
-        P = _values(wide, sampled, edges + np.diff(np.append(edges, len(E))) // 2)
-        Q = _values(narrow, sampled, slice(None))
-        for channel, e in zip(channels, E.transpose(2, 0, 1)):
-            z = _scores(P.astype(np.float32), Q, np.einsum("ij,ijk->ik", e, draws), edges)
+    found = screen.best(scalars.wide(model, scales, sampled), few)
+    found += screen.best(scalars.waves(scales, x, y), [ONE, *scalars.turns()])
+    found = sorted(found, key=lambda product: -product.value)
+    pairs = {(p.first.text, p.second.text): p for p in found if p.second is not ONE}
+    begun = list(pairs.values())[:LENGTHENED]
+    if begun:
+        thirds = [_renamed(scalar) for scalar in few[1:]]
+        longer = [_product(p.first, p.second) for p in begun]
+        found += screen.best(longer, [ONE, *thirds], max(p.tried for p in begun) // len(longer))
+    found = sorted(found, key=lambda product: -product.value)[:KEPT]
+    features = [_feature(p.channel, p.first, p.second) for p in found]
+    acting = [dictionary.wrenches(features, model, s) for s in sampled]
+    return regression.extended(features, acting, [p.tried for p in found])
+
+
+class _Screen:
+    """Scores of products at the samples of all runs."""
+
+    def __init__(
+        self, regression: Regression, model: _core.Model, sampled: Sequence[Samples], scales: Scales
+    ) -> None:
+        self.sampled, self.channels = sampled, scalars.channels(model, scales)
+        units = [_feature(channel, ONE, ONE) for channel in self.channels]
+        self.directions = np.concatenate([dictionary.wrenches(units, model, s) for s in sampled])
+        self.draws, self.edges = np.concatenate(regression.scores(RANDOM)), _bins(sampled)
+        self.middles = self.edges + np.diff(np.append(self.edges, len(self.draws))) // 2
+
+    def best(self, wide: Sequence[Scalar], narrow: Sequence[Scalar], of: int = 1) -> List[Product]:
+        """The KEPT_OF_ONE best products on each channel of wide and narrow scalars, of which the first is
+        ONE. of: number of others that each wide scalar was chosen from."""
+        P, Q = _values(wide, self.sampled, self.middles), _values(narrow, self.sampled, slice(None))
+        singles = len(self.channels) * len(wide) * of
+        pairs, found = singles * (len(narrow) - 1), []
+        for channel, e in zip(self.channels, self.directions.transpose(2, 0, 1)):
+            z = _scores(P.astype(np.float32), Q, np.einsum("ij,ijk->ik", e, self.draws), self.edges)
             z[:, 0] -= 2 * np.log(singles)
             z[:, 1:] -= 2 * np.log(pairs)
             for at in np.argpartition(-z.ravel(), KEPT_OF_ONE)[:KEPT_OF_ONE].tolist():
                 i, j = divmod(at, len(narrow))
                 tried = singles if narrow[j] is ONE else pairs
-                found.append((float(z[i, j]), tried, _feature(channel, wide[i], narrow[j])))
-    found = sorted(found, key=lambda item: -item[0])[:KEPT]
-    features = [feature for _, _, feature in found]
-    acting = [dictionary.wrenches(features, model, s) for s in sampled]
-    return regression.extended(features, acting, [tried for _, tried, _ in found])
+                found.append(Product(float(z[i, j]), tried, channel, wide[i], narrow[j]))
+        return found
+
+
+def _product(first: Scalar, second: Scalar) -> Scalar:
+    return Scalar(
+        "(%s)*(%s)" % (first.text, second.text),
+        product_of_units([first.unit, second.unit]),
+        first.arguments | second.arguments,
+        {**first.constants, **second.constants},
+        {**first.states, **second.states},
+    )
+
+
+def _renamed(scalar: Scalar) -> Scalar:
+    """The scalar with other names for its constants, as the third of a product."""
+    text = scalar.text
+    for name in scalar.constants:
+        text = text.replace("{%s}" % name, "{%s3}" % name)
+    return replace(scalar, text=text, constants={n + "3": c for n, c in scalar.constants.items()})
 
 
 def _scores(P: Array, Q: Array, g: Array, edges: Indices) -> Array:
@@ -125,15 +139,15 @@ def _bins(sampled: Sequence[Samples]) -> Indices:
     return np.concatenate(edges)
 
 
-def _values(scalars: Sequence[Scalar], sampled: Sequence[Samples], at: Any) -> Array:
+def _values(of: Sequence[Scalar], sampled: Sequence[Samples], at: Any) -> Array:
     """Scalars (n, k) at some samples of all runs, over their root mean squares."""
     spaces = [dictionary.namespace(s) for s in sampled]
     known = {
         name: np.concatenate([space[name] for space in spaces])[at] if np.ndim(value) else value
         for name, value in spaces[0].items()
     }
-    values = np.empty((len(known["t"]), len(scalars)))
-    for k, scalar in enumerate(scalars):
+    values = np.empty((len(known["t"]), len(of)))
+    for k, scalar in enumerate(of):
         values[:, k] = dictionary.evaluated(filled(scalar.text, scalar.constants), known)
     return np.asarray(values / np.maximum(np.sqrt((values**2).mean(axis=0)), 1e-300))
 
@@ -205,158 +219,3 @@ def _step(feature: Feature, start: Feature, D: Array, y: Array) -> Feature:
 
 
 # What is multiplied
-
-
-def _of(
-    arguments: Sequence[str],
-    scalars: Sequence[Tuple[str, str]],
-    constants: Optional[Mapping[str, Constant]] = None,
-) -> List[Scalar]:
-    made = []
-    for text, unit in scalars:
-        own = {n: c for n, c in (constants or {}).items() if "{%s}" % n in text}
-        made.append(Scalar(text, unit, frozenset(arguments), own))
-    return made
-
-
-ONE = Scalar("1", "-", frozenset())
-
-
-def _turns() -> List[Scalar]:
-    return _of([HEADING], [(text, "-") for text in dictionary.turns_of_heading()], PHASES)
-
-
-def _few(model: _core.Model, scales: Scales) -> List[Scalar]:
-    """Scalars that all others are multiplied with."""
-    names = dictionary.inputs(model)
-    speeds = [("u", "m/s"), ("v", "m/s"), ("r", "rad/s"), ("abs(r)", "rad/s"), ("sqrt(u^2+v^2)", "m/s")]
-    commands = [(name, "-") for name in names] + [("lift", "-"), ("(%s)" % "+".join(names), "-")]
-    (cx, cy), far = scales.centre, FAR * scales.extent
-    middle = {"x1": Constant(cx, "m", far), "y1": Constant(cy, "m", far)}
-    return [
-        ONE,
-        *_turns(),
-        *_of([VELOCITY], speeds + dictionary.signs(scales)[2:]),
-        *_of([COMMAND], commands),
-        *_of([TIME], [("t", "s"), ("t^2", "s^2")]),
-        *_of([PLACE], [("(x-{x1})", "m"), ("(y-{y1})", "m")], middle),
-        *_past_commands(model),
-    ]
-
-
-def _past_commands(model: _core.Model) -> List[Scalar]:
-    total = "+".join(dictionary.inputs(model))
-    return [
-        Scalar("q%d" % i, "-", frozenset([PAST]), {}, {"q%d" % i: "((%s)-q%d)/%g" % (total, i, memory)})
-        for i, memory in enumerate(MEMORIES)
-    ]
-
-
-def _wide(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) -> List[Scalar]:
-    """All scalars that are multiplied with a few."""
-    names = ("x", "y", "u", "v", "r", "t")
-    every = {name: np.concatenate([s.values[name] for s in sampled]) for name in names}
-    commands = [(formula, "-") for formula in dictionary.command_formulas(model)]
-    fades = [("cos(%.4g*t)" % (k * np.pi / scales.duration), "-") for k in range(1, 9)]
-    return [
-        ONE,
-        *_turns(),
-        *_of([VELOCITY], dictionary.of_velocity() + dictionary.signs(scales)),
-        *_steps(every),
-        *_of([COMMAND], commands),
-        *_of([TIME], [("t", "s"), ("t^2", "s^2"), *fades]),
-        *_past_commands(model),
-        *_past_velocity(),
-        *_bells_of_time(scales),
-        *_bells_of_place(scales, every["x"], every["y"]),
-    ]
-
-
-def _past_velocity() -> List[Scalar]:
-    return [
-        Scalar(name, unit, frozenset([PAST]), {}, {name: "(%s-%s)/%g" % (n, name, memory)})
-        for i, memory in enumerate(MEMORIES)
-        for n, unit in (("u", "m/s"), ("v", "m/s"), ("r", "rad/s"))
-        for name in ["w%d_%s" % (i, n)]
-    ]
-
-
-def _steps(every: Mapping[str, Array]) -> List[Scalar]:
-    """Steps from 0 to 1 where a velocity exceeds a limit."""
-    speed = np.hypot(every["u"], every["v"])
-    slow = 0.15 * float(np.sqrt((speed**2).mean()))
-    slip = "v/sqrt(u^2+v^2+%.3g)" % slow**2
-    variables = {
-        "u": (every["u"], "m/s"), "v": (every["v"], "m/s"), "r": (every["r"], "rad/s"),
-        "abs(u)": (abs(every["u"]), "m/s"), "abs(v)": (abs(every["v"]), "m/s"),
-        "abs(r)": (abs(every["r"]), "rad/s"), "sqrt(u^2+v^2)": (speed, "m/s"),
-        "abs(%s)" % slip: (abs(every["v"]) / np.hypot(speed, slow), "-"),
-    }  # fmt: skip
-    found = []
-    for text, (values, unit) in variables.items():
-        width = SHARP * float(values.std())
-        for limit in np.quantile(values, STEPS):
-            away = "(%s-{s0})" % text
-            constants = {"s0": Constant(float(limit), unit, 2 * width / SHARP)}
-            step = "(1+%s/sqrt(%s^2+%.3g))/2" % (away, away, width**2)
-            found.append(Scalar(step, "-", frozenset([VELOCITY]), constants))
-    return found
-
-
-def _bells_of_time(scales: Scales) -> List[Scalar]:
-    found, width = [], CROSSED
-    while width < scales.duration / REACH:
-        for centre in np.arange(0, scales.duration, width):
-            constants = {"t0": Constant(float(centre), "s", width), "t1": Constant(width, "s", 0.7 * width)}
-            found.append(Scalar("exp(-((t-{t0})/{t1})^2)", "-", frozenset([TIME]), constants))
-        width *= 2
-    return found
-
-
-def _bells_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
-    found, places, width = [], np.column_stack([x, y]), CROSSED * scales.speed
-    while width < scales.extent / REACH:
-        for cx, cy in dictionary.spread(places, width, BELLS):
-            constants = {
-                "x0": Constant(float(cx), "m", width),
-                "y0": Constant(float(cy), "m", width),
-                "w0": Constant(float(width), "m", 0.7 * width),
-            }
-            found.append(Scalar("exp(-((x-{x0})^2+(y-{y0})^2)/{w0}^2)", "-", frozenset([PLACE]), constants))
-        width *= 2
-    return found
-
-
-def _waves(scales: Scales, x: Array, y: Array) -> List[Scalar]:
-    """Waves in the plane: so many that each other one is near one of them, the longest first."""
-    cell = 1.2 / max(float(np.hypot(x.std(), y.std())), 1e-6)  # waves that are nearer look alike [rad/m]
-    most = 2 * np.pi / (CROSSED * scales.speed)
-    side = np.arange(-int(most / cell), int(most / cell) + 1)
-    grid = [(i * cell, j * cell) for i, j in itertools.product(side, side) if (i, j) > (0, 0)]
-    grid = sorted((k for k in grid if np.hypot(*k) <= most), key=lambda k: float(np.hypot(*k)))[:WAVES]
-    return [
-        Scalar("sin({kx}*x+{ky}*y+{p2})", "-", frozenset([PLACE]), {
-            "kx": Constant(kx, "rad/m", cell), "ky": Constant(ky, "rad/m", cell), "p2": phase,
-        })
-        for kx, ky in grid
-        for phase in PHASES.values()
-    ]  # fmt: skip
-
-
-def _channels(model: _core.Model, scales: Scales) -> List[Channel]:
-    """Channels of the body, axes of the room, along and across the velocity, and thrust."""
-    none: FrozenSet[str] = frozenset()
-    moving = frozenset([VELOCITY])
-    direction = "/sqrt(u^2+v^2+%.3g)" % (0.15 * scales.speed) ** 2
-    thrusts = {"thrust_" + name[2:]: name + "*%s" for name in dictionary.inputs(model)}
-    channels = [Channel({c: "%s"}, "-", none) for c in dictionary.CHANNELS]
-    channels += [
-        Channel({"X": "%s*cos(psi)", "Y": "-%s*sin(psi)"}, "-", none),
-        Channel({"X": "%s*sin(psi)", "Y": "%s*cos(psi)"}, "-", none),
-        Channel({"X": "%s*u", "Y": "%s*v"}, "m/s", moving),
-        Channel({"X": "%s*v", "Y": "-%s*u"}, "m/s", moving),
-        Channel({"X": "%s*u" + direction, "Y": "%s*v" + direction}, "-", moving),
-        Channel({"X": "%s*v" + direction, "Y": "-%s*u" + direction}, "-", moving),
-        Channel(thrusts, "-", frozenset([COMMAND])),
-    ]
-    return channels + [Channel({c: f}, "-", frozenset([COMMAND])) for c, f in thrusts.items()]

@@ -1,0 +1,273 @@
+"""Functions of what was recorded that are multiplied in the screen (ground.analysis.screening): of heading,
+place, velocity, commands, the past and time.
+
+Their constants follow from where and how fast the craft moved.
+"""
+
+import itertools
+from dataclasses import dataclass, field
+from typing import FrozenSet, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.analysis import dictionary
+from ground.analysis.dictionary import (
+    COMMAND,
+    CROSSED,
+    FAR,
+    HEADING,
+    MEMORIES,
+    PAST,
+    PHASES,
+    PLACE,
+    TIME,
+    VELOCITY,
+    Constant,
+    Samples,
+    Scales,
+)
+from ground.annotations import Array
+
+WAVES = 6000  # wave vectors
+BELLS = 150  # centres of bells of one size
+STEPS = (0.1, 0.25, 0.5, 0.75, 0.9)  # quantiles of a variable at which a step may be
+SHARP = 0.15  # width of a step, in standard deviations of its variable
+REACH = 2.0  # longest part of the extent, or of the time, that a bell covers: 1 / REACH
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A function of what was recorded. text: a formula, with names in braces for its constants."""
+
+    text: str
+    unit: str
+    arguments: FrozenSet[str]
+    constants: Mapping[str, Constant] = field(default_factory=dict)
+    states: Mapping[str, str] = field(default_factory=dict)
+
+
+class Channel(NamedTuple):
+    """Where a function acts: a formula for each channel, with %s for the function."""
+
+    parts: Mapping[str, str]
+    unit: str
+    arguments: FrozenSet[str]
+
+
+def _of(
+    arguments: Sequence[str],
+    scalars: Sequence[Tuple[str, str]],
+    constants: Optional[Mapping[str, Constant]] = None,
+) -> List[Scalar]:
+    made = []
+    for text, unit in scalars:
+        own = {n: c for n, c in (constants or {}).items() if "{%s}" % n in text}
+        made.append(Scalar(text, unit, frozenset(arguments), own))
+    return made
+
+
+ONE = Scalar("1", "-", frozenset())
+
+
+def turns() -> List[Scalar]:
+    """Functions of the heading that repeat with a turn or a part of it."""
+    return _of([HEADING], [(text, "-") for text in dictionary.turns_of_heading()], PHASES)
+
+
+def few(model: _core.Model, scales: Scales) -> List[Scalar]:
+    """Scalars that all others are multiplied with."""
+    names = dictionary.inputs(model)
+    speeds = [("u", "m/s"), ("v", "m/s"), ("r", "rad/s"), ("abs(r)", "rad/s"), ("sqrt(u^2+v^2)", "m/s")]
+    commands = [(name, "-") for name in names] + [("lift", "-"), ("(%s)" % "+".join(names), "-")]
+    (cx, cy), far = scales.centre, FAR * scales.extent
+    middle = {"x1": Constant(cx, "m", far), "y1": Constant(cy, "m", far)}
+    return [
+        ONE,
+        *turns(),
+        *_of([VELOCITY], speeds + dictionary.signs(scales)),
+        *_course(scales),
+        *_of([COMMAND], commands),
+        *_of([TIME], [("t", "s"), ("t^2", "s^2")]),
+        *_of([PLACE], [("(x-{x1})", "m"), ("(y-{y1})", "m")], middle),
+        *_past_commands(model),
+    ]
+
+
+def _past_commands(model: _core.Model) -> List[Scalar]:
+    total = "+".join(dictionary.inputs(model))
+    return [
+        Scalar("q%d" % i, "-", frozenset([PAST]), {}, {"q%d" % i: "((%s)-q%d)/%g" % (total, i, memory)})
+        for i, memory in enumerate(MEMORIES)
+    ]
+
+
+def wide(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) -> List[Scalar]:
+    """All scalars that are multiplied with a few."""
+    names = ("x", "y", "u", "v", "r", "t")
+    every = {name: np.concatenate([s.values[name] for s in sampled]) for name in names}
+    commands = [(f, "-") for f in dictionary.command_formulas(model) + _differences(model)]
+    least = (0.15 * scales.speed) ** 2
+    fades = [("cos(%.4g*t)" % (k * np.pi / scales.duration), "-") for k in range(1, 9)]
+    return [
+        ONE,
+        *turns(),
+        *_of([VELOCITY], dictionary.of_velocity() + dictionary.signs(scales)),
+        *_of([VELOCITY], [("%s/(u^2+v^2+%.3g)" % (f, least), "-") for f in ("u*v", "(u^2-v^2)")]),
+        *_of_velocity_in_room(scales),
+        *_steps(every),
+        *_of([COMMAND], commands),
+        *_of([TIME], [("t", "s"), ("t^2", "s^2"), *fades]),
+        *_past_commands(model),
+        *_past_velocity(),
+        *_bells_of_time(scales),
+        *_bells_of_place(scales, every["x"], every["y"]),
+        *_angles_of_place(scales, every["x"], every["y"]),
+    ]
+
+
+def _differences(model: _core.Model) -> List[str]:
+    """Functions of the difference of each thruster's input from their mean."""
+    names, found = dictionary.inputs(model), []
+    mean = "(%s)/%d" % ("+".join(names), len(names))
+    forms = ("abs(%s)", "%s^2", "%s*abs(%s)", "%s^3", "%s/sqrt(abs(%s)+0.01)")
+    for name in names if len(names) > 2 else names[:1]:
+        d = "(%s-%s)" % (name, mean)
+        found += [form.replace("%s", d) for form in forms]
+    return found
+
+
+IN_ROOM = "(u*cos(psi+{d0})-v*sin(psi+{d0}))"  # velocity along a direction of the room
+
+
+def _course(scales: Scales, directions: Sequence[float] = (0.0, np.pi / 2)) -> List[Scalar]:
+    """Cosines of the angle between the velocity and directions of the room."""
+    text = "%s/sqrt(u^2+v^2+%.3g)" % (IN_ROOM, (0.15 * scales.speed) ** 2)
+    return [
+        Scalar(text, "-", frozenset([VELOCITY, HEADING]), {"d0": Constant(direction, "rad", np.pi)})
+        for direction in directions
+    ]
+
+
+def _of_velocity_in_room(scales: Scales) -> List[Scalar]:
+    """Functions of the velocity along directions of the room, and of the course."""
+    least = (0.15 * scales.speed) ** 2
+    w = IN_ROOM
+    forms = [
+        (w, "m/s"), ("abs(%s)" % w, "m/s"), ("%s*abs(%s)" % (w, w), "m^2/s^2"), ("%s^3" % w, "m^3/s^3"),
+        ("%s/sqrt(%s^2+%.3g)" % (w, w, least), "-"), ("%s^2/(u^2+v^2+%.3g)" % (w, least), "-"),
+    ]  # fmt: skip
+    directions = [0.0, np.pi / 4, np.pi / 2, 3 * np.pi / 4]
+    found = _course(scales, directions)
+    for direction in directions:
+        constants = {"d0": Constant(direction, "rad", np.pi)}
+        found += _of([VELOCITY, HEADING], forms, constants)
+    return found
+
+
+def _angles_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
+    """Functions of the direction in which a point of the room lies."""
+    a, b, found = "(x-{x0})", "(y-{y0})", []
+    width = scales.extent / 4
+    apart = "(%s^2+%s^2+%.3g)" % (a, b, (width / 4) ** 2)
+    forms = [
+        ("%s/sqrt%s" % (a, apart), "-"), ("%s/sqrt%s" % (b, apart), "-"),
+        ("(%s^2-%s^2)/%s" % (a, b, apart), "-"), ("%s*%s/%s" % (a, b, apart), "-"),
+        ("%s*(%s^2-3*%s^2)/%s^1.5" % (a, a, b, apart), "-"),
+        ("%s*(3*%s^2-%s^2)/%s^1.5" % (b, a, b, apart), "-"),
+        ("sqrt%s" % apart, "m"),
+    ]  # fmt: skip
+    for cx, cy in dictionary.spread(np.column_stack([x, y]), width, BELLS // 3):
+        constants = {"x0": Constant(float(cx), "m", width), "y0": Constant(float(cy), "m", width)}
+        found += _of([PLACE], forms, constants)
+    return found
+
+
+def _past_velocity() -> List[Scalar]:
+    return [
+        Scalar(name, unit, frozenset([PAST]), {}, {name: "(%s-%s)/%g" % (n, name, memory)})
+        for i, memory in enumerate(MEMORIES)
+        for n, unit in (("u", "m/s"), ("v", "m/s"), ("r", "rad/s"))
+        for name in ["w%d_%s" % (i, n)]
+    ]
+
+
+def _steps(every: Mapping[str, Array]) -> List[Scalar]:
+    """Steps from 0 to 1 where a velocity exceeds a limit."""
+    speed = np.hypot(every["u"], every["v"])
+    slow = 0.15 * float(np.sqrt((speed**2).mean()))
+    slip = "v/sqrt(u^2+v^2+%.3g)" % slow**2
+    variables = {
+        "u": (every["u"], "m/s"), "v": (every["v"], "m/s"), "r": (every["r"], "rad/s"),
+        "abs(u)": (abs(every["u"]), "m/s"), "abs(v)": (abs(every["v"]), "m/s"),
+        "abs(r)": (abs(every["r"]), "rad/s"), "sqrt(u^2+v^2)": (speed, "m/s"),
+        "abs(%s)" % slip: (abs(every["v"]) / np.hypot(speed, slow), "-"),
+    }  # fmt: skip
+    found = []
+    for text, (values, unit) in variables.items():
+        width = SHARP * float(values.std())
+        for limit in np.quantile(values, STEPS):
+            away = "(%s-{s0})" % text
+            constants = {"s0": Constant(float(limit), unit, 2 * width / SHARP)}
+            step = "(1+%s/sqrt(%s^2+%.3g))/2" % (away, away, width**2)
+            found.append(Scalar(step, "-", frozenset([VELOCITY]), constants))
+    return found
+
+
+def _bells_of_time(scales: Scales) -> List[Scalar]:
+    found, width = [], CROSSED
+    while width < scales.duration / REACH:
+        for centre in np.arange(0, scales.duration, width):
+            constants = {"t0": Constant(float(centre), "s", width), "t1": Constant(width, "s", 0.7 * width)}
+            found.append(Scalar("exp(-((t-{t0})/{t1})^2)", "-", frozenset([TIME]), constants))
+        width *= 2
+    return found
+
+
+def _bells_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
+    found, places, width = [], np.column_stack([x, y]), CROSSED * scales.speed
+    while width < scales.extent / REACH:
+        for cx, cy in dictionary.spread(places, width, BELLS):
+            constants = {
+                "x0": Constant(float(cx), "m", width),
+                "y0": Constant(float(cy), "m", width),
+                "w0": Constant(float(width), "m", 0.7 * width),
+            }
+            found.append(Scalar("exp(-((x-{x0})^2+(y-{y0})^2)/{w0}^2)", "-", frozenset([PLACE]), constants))
+        width *= 2
+    return found
+
+
+def waves(scales: Scales, x: Array, y: Array) -> List[Scalar]:
+    """Waves in the plane: so many that each other one is near one of them, the longest first."""
+    cell = 1.2 / max(float(np.hypot(x.std(), y.std())), 1e-6)  # waves that are nearer look alike [rad/m]
+    most = 2 * np.pi / (CROSSED * scales.speed)
+    side = np.arange(-int(most / cell), int(most / cell) + 1)
+    grid = [(i * cell, j * cell) for i, j in itertools.product(side, side) if (i, j) > (0, 0)]
+    grid = sorted((k for k in grid if np.hypot(*k) <= most), key=lambda k: float(np.hypot(*k)))[:WAVES]
+    return [
+        Scalar("sin({kx}*x+{ky}*y+{p2})", "-", frozenset([PLACE]), {
+            "kx": Constant(kx, "rad/m", cell), "ky": Constant(ky, "rad/m", cell), "p2": phase,
+        })
+        for kx, ky in grid
+        for phase in PHASES.values()
+    ]  # fmt: skip
+
+
+def channels(model: _core.Model, scales: Scales) -> List[Channel]:
+    """Channels of the body, axes of the room, along and across the velocity, and thrust."""
+    none: FrozenSet[str] = frozenset()
+    moving = frozenset([VELOCITY])
+    direction = "/sqrt(u^2+v^2+%.3g)" % (0.15 * scales.speed) ** 2
+    thrusts = {"thrust_" + name[2:]: name + "*%s" for name in dictionary.inputs(model)}
+    channels = [Channel({c: "%s"}, "-", none) for c in dictionary.CHANNELS]
+    channels += [
+        Channel({"X": "%s*cos(psi)", "Y": "-%s*sin(psi)"}, "-", none),
+        Channel({"X": "%s*sin(psi)", "Y": "%s*cos(psi)"}, "-", none),
+        Channel({"X": "%s*u", "Y": "%s*v"}, "m/s", moving),
+        Channel({"X": "%s*v", "Y": "-%s*u"}, "m/s", moving),
+        Channel({"X": "%s*u" + direction, "Y": "%s*v" + direction}, "-", moving),
+        Channel({"X": "%s*v" + direction, "Y": "-%s*u" + direction}, "-", moving),
+        Channel(thrusts, "-", frozenset([COMMAND])),
+    ]
+    return channels + [Channel({c: f}, "-", frozenset([COMMAND])) for c, f in thrusts.items()]
