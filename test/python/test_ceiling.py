@@ -1,6 +1,7 @@
 """How much of a model's error any function of what was recorded could still explain."""
 import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import yaml
 from conftest import MODEL, ROOT, identify, write_bag
 
 from ground import _core
-from ground.analysis import candidates, dictionary, naming, pushes, rivals, study
+from ground.analysis import candidates, dictionary, naming, pushes, rivals, scalars, study
 from ground.analysis.agreement import agreement
 from ground.analysis.ceiling import ceiling, squared_errors
 from ground.analysis.conclusion import CLOSE
@@ -306,6 +307,24 @@ def test_a_feature_is_in_the_model_what_it_is_in_the_dictionary(path):
         off = np.sqrt((((wrench - expected) / full)[held] ** 2).mean())
         size = np.sqrt(((expected / full) ** 2).mean())
         assert off < 0.05 * size + 1e-5, (feature.family.name, feature.parts, off / size)
+
+
+def test_a_function_of_the_screen_is_a_formula_of_a_model_file():
+    model = craft()
+    sampled, _ = path_of(model)
+    spaces = dictionary.namespace(sampled)
+    kinds = {}
+    for scalar in scalars.wide(model, SCALES, [sampled]) + scalars.few(model, SCALES):
+        kinds.setdefault(re.sub(r"[\d.]+", "", scalar.text), scalar)
+    for scalar in kinds.values():
+        text = dictionary.filled(scalar.text, scalar.constants)
+        assert np.isfinite(dictionary.evaluated(text, spaces)).all(), text
+        entry = {"name": "one", "states": dict(scalar.states)} if scalar.states else {"name": "one"}
+        entry["expression"] = {"X": "w*(%s)" % text}
+        unit = dictionary.product_of_units(["N", "1/(%s)" % scalar.unit if scalar.unit != "-" else "-"])
+        entry["parameters"] = {"w": {"value": 1.0, "unit": unit, "neutral": 0.0}}
+        extended = candidates.from_entry(entry, "one.yaml", model).add(model)
+        assert "one" in extended.effects, text
 
 
 def exponents(unit):
