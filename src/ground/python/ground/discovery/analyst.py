@@ -7,7 +7,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates, diagnosis, memory, naming, pushes, study
-from ground.analysis.conclusion import EXPLAINED, Conclusion, conclude
+from ground.analysis.conclusion import Conclusion, conclude
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Document
 from ground.discovery import beliefs, information, pieces
@@ -20,6 +20,7 @@ from ground.recordings.recording import Recording
 # Expected before the first flight: noise of the poses and random wrench
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]
 DISTURBANCE = 0.05  # relative to the level that fits start from
+FAR = 1.5  # ratio of the error to the noise of poses from which what is left has to be explained
 UNDECIDED = "undecided"  # the verdict on flights that cannot decide whether something is missing
 SIMULATIONS = 20  # artificial flights that give the distribution of an error
 
@@ -67,15 +68,15 @@ class Found:
 
     @property
     def is_left_open(self) -> bool:
-        """Whether something is left, or may be left that the random wrench only stands in for: the noise
-        of poses does not explain the error, and what is left is not shown to be chance."""
+        """Whether something is left, or may be left that the random wrench only stands in for: the error
+        is far above the noise of poses, and what is left is not shown to be chance."""
         if self.verdict not in ("complete", "missing", "varies"):
             return self.verdict == UNDECIDED
         left = self.conclusion.ceiling
         if left.said:
             return True
-        explained = self.diagnosis.best.error.sum() < EXPLAINED * self.conclusion.noise_floor
-        return not explained and (left.is_open or not self.conclusion.agreement.holds)
+        is_far = self.diagnosis.best.error.sum() > FAR * self.conclusion.noise_floor
+        return is_far and (left.is_open or not self.conclusion.agreement.holds)
 
 
 class Analyst:
