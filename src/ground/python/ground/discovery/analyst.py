@@ -75,7 +75,7 @@ class Found:
         left = self.conclusion.ceiling
         if left.said:
             return True
-        is_far = self.diagnosis.best.error.sum() > FAR * self.conclusion.noise_floor
+        is_far = float(self.diagnosis.best.error.sum()) > FAR * self.conclusion.noise_floor
         return is_far and (left.is_open or not self.conclusion.agreement.holds)
 
 
