@@ -37,7 +37,7 @@ MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong si
 NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave something without a name
 SAID = ("unexplained", "memory")  # ... of which runs show that it is there
 ENOUGH = 0.6  # of the error on parts held out: with a formula that leaves less, nothing else is tried
-BETTER = 0.9  # of the error with a formula: a learned wrench, or a longer formula to follow, leaves less
+BETTER = 0.9  # largest ratio of errors at which a longer formula, or a learned wrench, is worth it
 # Largest share of the error that a smooth function of one kind may have beside `complete`
 SMALL = 0.35
 # Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in

@@ -1,9 +1,11 @@
-"""A screen of some 100 000 functions of two arguments for the few that are worth an exact test.
+"""A screen of about a million products of functions for the few that are worth an exact test.
 
-Each is a product of two scalars, such as a wave in the plane and a velocity, on one channel. The score of
-all of them at once is a product of matrices: with g the response of the innovations to a unit wrench
-at each sample, times the innovations, the score of p(t) q(t) along e(t) is the sum of p q (e . g).
-Its variance without an effect is that of the same sum for random innovations.
+Each is a product of two scalars (ground.analysis.scalars), such as a wave in the plane and a velocity, on
+one channel. The score of all of them at once is a product of matrices: with g the response of the
+innovations to a unit wrench at each sample, times the innovations, the score of p(t) q(t) along e(t) is
+the sum of p q (e . g).
+Its variance without an effect is that of the same sum for random innovations. The best products are
+multiplied with a third scalar, and screened again.
 """
 
 from dataclasses import replace
