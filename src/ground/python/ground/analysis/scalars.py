@@ -215,7 +215,7 @@ def _steps(every: Mapping[str, Array]) -> List[Scalar]:
 
 
 def _bells_of_time(scales: Scales) -> List[Scalar]:
-    found, width = [], CROSSED
+    found, width = [], max(CROSSED, scales.duration / BELLS)
     while width < scales.duration / REACH:
         for centre in np.arange(0, scales.duration, width):
             constants = {"t0": Constant(float(centre), "s", width), "t1": Constant(width, "s", 0.7 * width)}
@@ -225,7 +225,8 @@ def _bells_of_time(scales: Scales) -> List[Scalar]:
 
 
 def _bells_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
-    found, places, width = [], np.column_stack([x, y]), CROSSED * scales.speed
+    found, places = [], np.column_stack([x, y])
+    width = max(CROSSED * scales.speed, scales.extent / BELLS)
     while width < scales.extent / REACH:
         for cx, cy in dictionary.spread(places, width, BELLS):
             constants = {
@@ -241,8 +242,9 @@ def _bells_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
 def waves(scales: Scales, x: Array, y: Array) -> List[Scalar]:
     """Waves in the plane: so many that each other one is near one of them, the longest first."""
     cell = 1.2 / max(float(np.hypot(x.std(), y.std())), 1e-6)  # waves that are nearer look alike [rad/m]
-    most = 2 * np.pi / (CROSSED * scales.speed)
-    side = np.arange(-int(most / cell), int(most / cell) + 1)
+    most = 2 * np.pi / max(CROSSED * scales.speed, 1e-9)
+    reach = int(min(most / cell, np.sqrt(2 * WAVES / np.pi) + 2))  # WAVES are in a half disc of this radius
+    side = np.arange(-reach, reach + 1)
     grid = [(i * cell, j * cell) for i, j in itertools.product(side, side) if (i, j) > (0, 0)]
     grid = sorted((k for k in grid if np.hypot(*k) <= most), key=lambda k: float(np.hypot(*k)))[:WAVES]
     return [
