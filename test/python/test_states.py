@@ -68,6 +68,33 @@ def test_the_parameters_of_a_planted_effect_are_found_from_its_neutral_values(na
         assert value == pytest.approx(truth.value(parameter), rel=1e-4), parameter
 
 
+SWINGING = """
+effects:
+  - name: load
+    states: {px: qx, qx: "w^2*(x - px) - qx", py: qy, qy: "w^2*(y - py) - qy"}
+    expression: {X: "c*((px - x)*cos(psi) + (py - y)*sin(psi))", Y: "c*((py - y)*cos(psi) - (px - x)*sin(psi))"}
+    parameters:
+      c: {value: 0.3, unit: N/m, scale: 0.1}
+      w: {value: 6, unit: rad/s, neutral: 6, lower: 1, scale: 1}
+"""
+
+
+def test_a_window_of_a_motion_begins_with_what_the_motion_before_it_has_left():
+    from ground import _core
+    from ground.recordings import windows
+
+    truth = planted(SWINGING)
+    runs = noise_free(truth)
+    cut = [w for w in windows.cut(runs) if w.run == 0 and runs[0].times[w.first] > 2]
+    nu = np.array(runs[0].nu)
+    predicted = _core.predict(truth, runs[0], cut, nu[[w.first for w in cut]])["nu"]
+    simulated = windows.problem(runs, cut).simulate(truth)["nu"]
+    for w, *motions in zip(cut, predicted, simulated):
+        for motion in motions:
+            error = np.abs(motion - nu[w.first : w.last + 1]).max(axis=0)
+            assert (error < 0.002 * nu.std(axis=0)).all()
+
+
 def test_a_saved_model_with_states_is_the_same_when_loaded(tmp_path):
     from ground import _core
 

@@ -72,8 +72,9 @@ void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& 
   model.body.k *= std::max(0.0, 1 + from(kThrust));
   const Dynamics<double> dynamics(model);
   const Matrix3<double> mobility = dynamics.mass().inverse();
+  const Motion measured = motionOf(run);
   Simulation<double> simulation(dynamics, run.inputs, {from.head<3>(), from.segment<3>(3)},
-                                run.times[static_cast<std::size_t>(first)], kStep);
+                                run.times[static_cast<std::size_t>(first)], kStep, &measured);
   Vector3<double> slow = from.segment<3>(kSlow);  // the Ornstein-Uhlenbeck wrench
   Vector2<double> room = from.segment<2>(kRoom);  // the Ornstein-Uhlenbeck force in the room
   const auto see = [&](Eigen::Index row) {

@@ -15,6 +15,7 @@ WindowSimulation predict(const Model& model, const RunData& run, const std::vect
   if (!initial_nu.allFinite()) throw std::invalid_argument("an initial velocity is not finite");
   const Dynamics<double> dynamics(model);
   const Dynamics<Jet> differentiable(model);
+  const Motion measured = motionOf(run);
   WindowSimulation result;
   for (std::size_t w = 0; w < windows.size(); ++w) {
     const int first = windows[w].first, last = windows[w].last;
@@ -22,7 +23,7 @@ WindowSimulation predict(const Model& model, const RunData& run, const std::vect
       throw std::invalid_argument("a window lies outside its run");
     const Measurement<double> start{run.eta.row(first), initial_nu.row(w)};
     Simulation<double> simulation(dynamics, run.inputs, stateSeenAs(differentiable, start),
-                                  run.times[first]);
+                                  run.times[first], kDefaultStep, &measured);
     Eigen::MatrixX3d eta(last - first + 1, 3), nu(last - first + 1, 3);
     for (int i = first; i <= last; ++i) {
       simulation.advance(run.times[i]);

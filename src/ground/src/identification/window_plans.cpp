@@ -42,10 +42,13 @@ WindowPlans::Groups WindowPlans::get(const std::vector<RunData>& runs,
     const std::size_t last = std::min(order.size(), first + Lanes::kCount);
     std::vector<int> members(order.begin() + first, order.begin() + last);
     std::vector<Lane> lanes;
+    std::vector<Motion> motions;
+    motions.reserve(members.size());
     for (const int w : members) {
       const RunData& run = runs[windows[w].run];
-      lanes.push_back(
-          {&run.inputs, &run.times[windows[w].first], windows[w].last - windows[w].first + 1});
+      motions.push_back(motionOf(run));
+      lanes.push_back({&run.inputs, &run.times[windows[w].first],
+                       windows[w].last - windows[w].first + 1, &motions.back()});
     }
     LanePlan plan(lanes, delay, varies, settling);
     groups->push_back({std::move(members), std::move(plan), {}, {}});

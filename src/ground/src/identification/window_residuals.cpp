@@ -111,6 +111,7 @@ void Evaluation::one(int window, const Eigen::VectorXd& initial, WindowResiduals
   const RunData& run = error_.runs()[span.run];
   const Rows3& measured = error_.data_->measured[span.run];
   const Vector3<double>& weight = error_.data_->weight[span.run];
+  const Motion motion = motionOf(run);
   const bool poses = error_.target_ == Target::kPoses;
   const int samples = span.last - span.first + 1, size = error_.initialSize();
   result.window = window;
@@ -122,7 +123,7 @@ void Evaluation::one(int window, const Eigen::VectorXd& initial, WindowResiduals
     const Vector3<T> start = run.eta.row(span.first).template cast<T>();
     Simulation<T> simulation(dynamics, run.inputs,
                              stateAtStart(dynamics, start, point.initial, size),
-                             run.times[span.first]);
+                             run.times[span.first], kDefaultStep, &motion);
     if (!poses && !dynamics.usesPose()) simulation.forgetPose();
     for (int i = 0; i < samples; ++i) {
       simulation.advance(run.times[span.first + i]);
@@ -189,6 +190,7 @@ WindowSimulation simulateFrom(const SimulationError& problem, const Model& model
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
     const Window& window = problem.windows()[w];
     const RunData& run = problem.runs()[window.run];
+    const Motion measured = motionOf(run);
     const int samples = window.last - window.first + 1;
     Eigen::MatrixX3d eta(samples, 3), nu(samples, 3);
     std::array<double, kMaxInitial> from{};
@@ -196,7 +198,7 @@ WindowSimulation simulateFrom(const SimulationError& problem, const Model& model
     const Vector3<double> start = run.eta.row(window.first);
     Simulation<double> simulation(dynamics, run.inputs,
                                   stateAtStart(dynamics, start, from, problem.initialSize()),
-                                  run.times[window.first]);
+                                  run.times[window.first], kDefaultStep, &measured);
     for (int i = 0; i < samples; ++i) {
       simulation.advance(run.times[window.first + i]);
       const Measurement<double> seen = simulation.measure();

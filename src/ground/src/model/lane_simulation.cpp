@@ -130,6 +130,7 @@ void LanePlan::settle(const std::vector<Lane>& lanes,
   std::size_t longest = 0;
   for (const auto& all : before) longest = std::max(longest, all.size());
   settling_.assign(longest, nothing(thruster_count_));
+  if (lanes.front().measured) measured_.resize(longest);
   for (std::size_t lane = 0; lane < lanes.size(); ++lane) {
     const std::vector<Stepping::Held>& all = before[lane];
     const auto column = static_cast<int>(lane);
@@ -139,6 +140,13 @@ void LanePlan::settle(const std::vector<Lane>& lanes,
       set(settled, column, all[k].duration, all[k].by_delay, inputs.thrusters[all[k].command],
           inputs.lift[all[k].command]);
       settled.t[column] = all[k].t;
+      if (!lanes[lane].measured) continue;
+      const RigidState<double> motion = lanes[lane].measured->at(all[k].time);
+      RigidState<Lanes>& at = measured_[longest - all.size() + k];
+      for (int c = 0; c < 3; ++c) {
+        at.eta(c)[column] = motion.eta(c);
+        at.nu(c)[column] = motion.nu(c);
+      }
     }
   }
 }
@@ -152,8 +160,8 @@ LaneRun<T>::LaneRun(const Dynamics<T>& dynamics, const RigidState<T>& state, boo
       pose_(pose) {}
 
 template <typename T>
-void LaneRun<T>::settle(const LanePlan::Step& step) {
-  dynamics_.settle(T(step.t), state_, step.command.template cast<T>(), step.lift,
+void LaneRun<T>::settle(const LanePlan::Step& step, const RigidState<Lanes>* measured) {
+  dynamics_.settle(T(step.t), measured ? cast<T>(*measured) : state_, step.command.template cast<T>(), step.lift,
                    dynamics_.withDelay(step.h, step.by_delay), effect_states_.data());
 }
 

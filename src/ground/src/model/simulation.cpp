@@ -10,7 +10,8 @@ bool isConstant(const Jet& x) { return x.isConstant(); }
 
 template <typename T>
 Simulation<T>::Simulation(const Dynamics<T>& dynamics, const InputSequence& inputs,
-                          const RigidState<T>& initial, double start, double max_step)
+                          const RigidState<T>& initial, double start, double max_step,
+                          const Motion* measured)
     : dynamics_(dynamics),
       stepping_(inputs, start, valueOf(dynamics.inputDelay()), !isConstant(dynamics.inputDelay()),
                 max_step),
@@ -19,7 +20,7 @@ Simulation<T>::Simulation(const Dynamics<T>& dynamics, const InputSequence& inpu
       t_(stepping_.t()) {
   dynamics_.requireThrusters(inputs.thruster_count);
   for (const Stepping::Held& held : stepping_.before(dynamics_.settling()))
-    dynamics_.settle(T(held.t), state_, inputs.thrusters[held.command].template cast<T>(),
+    dynamics_.settle(T(held.t), measured ? cast<T>(measured->at(held.time)) : state_, inputs.thrusters[held.command].template cast<T>(),
                      inputs.lift[held.command], dynamics_.withDelay(held.duration, held.by_delay),
                      effect_states_.data());
 }

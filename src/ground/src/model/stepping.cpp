@@ -38,6 +38,19 @@ void InputSequence::drop(std::size_t count) {
   lift.erase(lift.begin(), lift.begin() + n);
 }
 
+RigidState<double> Motion::at(double time) const {
+  const auto after = std::upper_bound(times->begin(), times->end(), time);
+  const auto count = static_cast<Eigen::Index>(times->size());
+  const Eigen::Index next = std::min<Eigen::Index>(after - times->begin(), count - 1);
+  const Eigen::Index last = std::max<Eigen::Index>(next - 1, 0);
+  const double span = (*times)[next] - (*times)[last];
+  const double part = span > 0 ? std::clamp((time - (*times)[last]) / span, 0.0, 1.0) : 0.0;
+  const auto between = [&](const Eigen::MatrixX3d& rows) -> Vector3<double> {
+    return (1 - part) * rows.row(last) + part * rows.row(next);
+  };
+  return {between(*eta), between(*nu)};
+}
+
 Stepping::Stepping(const InputSequence& inputs, double start, double delay, bool varies,
                    double max_step)
     : inputs_(&inputs), time_(start), delay_(delay), max_step_(max_step), varies_(varies) {
@@ -65,7 +78,7 @@ std::vector<Stepping::Held> Stepping::before(const Settling& settling) const {
     const int pieces = std::max(1, static_cast<int>(std::ceil(duration / settling.step - 1e-9)));
     for (int k = 0; k < pieces; ++k) {
       const double now = begin + k * duration / pieces;
-      held.push_back({i, duration / pieces, by_delay / pieces,
+      held.push_back({i, duration / pieces, by_delay / pieces, now + 0.5 * duration / pieces,
                       now - inputs_->drive.origin(now)});
     }
   }

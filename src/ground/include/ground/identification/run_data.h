@@ -23,6 +23,9 @@ struct RunData {
   Eigen::MatrixX3d wrench = {};
 };
 
+/// The smoothed motion of a run.
+inline Motion motionOf(const RunData& run) { return {&run.times, &run.eta, &run.nu}; }
+
 /// Throws std::invalid_argument unless a run has samples, arrays of equal length, finite measurements
 /// at finite ascending times, a positive noise, and no known wrench or a finite one.
 void checkRun(const RunData& run);

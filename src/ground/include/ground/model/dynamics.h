@@ -7,13 +7,6 @@
 
 namespace ground {
 
-/// Rigid-body state at one instant.
-template <typename T>
-struct RigidState {
-  Vector3<T> eta = Vector3<T>::Zero();  ///< x, y [m], psi [rad], world_ned
-  Vector3<T> nu = Vector3<T>::Zero();   ///< u, v [m/s], r [rad/s], body
-};
-
 template <typename T, bool kPose, typename H>
 struct Stages;
 

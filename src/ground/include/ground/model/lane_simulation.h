@@ -12,6 +12,8 @@ struct Lane {
   const double*
       samples;  ///< ascending times of measurements [s]; the simulation starts at the first
   int count;    ///< number of samples, at least one
+  /// Measured before the start, the same for all lanes or absent in all: see Simulation.
+  const Motion* measured = nullptr;
 };
 
 /// The steps of up to eight simulations, planned beforehand for one input delay. Each lane has its
@@ -34,7 +36,7 @@ class LanePlan {
   };
 
   /// `varies`: h has a derivative by the delay. `settling`: how the states of effects settle to the
-  /// commands before the start.
+  /// commands and motion before the start.
   LanePlan(const std::vector<Lane>& lanes, double delay, bool varies, const Settling& settling,
            double max_step = kDefaultStep);
 
@@ -54,6 +56,7 @@ class LanePlan {
               const std::vector<std::vector<Stepping::Held>>& before);
 
   std::vector<Step> settling_, steps_;
+  std::vector<RigidState<Lanes>> measured_;  ///< at each step of settling_, if it was measured
   std::vector<Sample> samples_;
   std::vector<int> behind_;  ///< end of each visit's samples in samples_
   int thruster_count_;
@@ -65,7 +68,8 @@ template <typename T>
 class LaneRun {
  public:
   LaneRun(const Dynamics<T>& dynamics, const RigidState<T>& state, bool pose);
-  void settle(const LanePlan::Step& step);
+  /// Settles to a motion, or to the initial state without one.
+  void settle(const LanePlan::Step& step, const RigidState<Lanes>* measured);
   void take(const LanePlan::Step& step, bool varies);
   template <class Take>
   void measure(int visit, const Take& take) const {
@@ -95,7 +99,8 @@ void LanePlan::run(const Dynamics<T>& dynamics, RigidState<T> state, bool pose,
   dynamics.requireThrusters(thruster_count_);
   LaneRun<T> run(dynamics, state, pose);
   if (dynamics.hasMemory())
-    for (const Step& step : settling_) run.settle(step);
+    for (std::size_t i = 0; i < settling_.size(); ++i)
+      run.settle(settling_[i], measured_.empty() ? nullptr : &measured_[i]);
   int visit = 0;
   run.measure(visit++, take);
   for (const Step& step : steps_) {

@@ -15,9 +15,10 @@ template <typename T>
 class Simulation {
  public:
   /// Starts at time `start` [s] of the sequence's clock, with the states of effects settled to the
-  /// earlier commands (Dynamics::settle). Steps are at most max_step [s] long.
+  /// earlier commands and to the motion measured before, or to the initial state if none is given
+  /// (Dynamics::settle). Steps are at most max_step [s] long.
   Simulation(const Dynamics<T>& dynamics, const InputSequence& inputs, const RigidState<T>& initial,
-             double start, double max_step = kDefaultStep);
+             double start, double max_step = kDefaultStep, const Motion* measured = nullptr);
 
   /// From now on only velocities are integrated; for models whose velocities do not depend on the
   /// pose (Dynamics::usesPose).

@@ -6,6 +6,7 @@
 
 #include "ground/model/drive_clock.h"
 #include "ground/model/thrusters.h"
+#include "ground/model/types.h"
 
 namespace ground {
 
@@ -54,6 +55,15 @@ struct Settling {
   }
 };
 
+/// A motion that was measured. It only refers to the numbers: they must outlive it.
+struct Motion {
+  const std::vector<double>* times;  ///< ascending [s]
+  const Eigen::MatrixX3d *eta, *nu;  ///< a row for each time; psi unwrapped
+
+  /// The motion at a time [s], linear between measurements, constant before and after them.
+  RigidState<double> at(double time) const;
+};
+
 /// The steps of a simulation. They end exactly at the requested times and at the changes of the
 /// delayed command, so that RK4 keeps its order and derivatives by the delay are exact. The
 /// sequence must outlive it and may grow.
@@ -80,7 +90,8 @@ class Stepping {
   struct Held {
     std::size_t command;
     double duration, by_delay;
-    double t;  ///< time since the drive began, when the command begins; negative before it [s]
+    double time;  ///< the middle of that, on the clock of the sequence [s]
+    double t;     ///< when it begins, since the drive began; negative before it [s]
   };
   /// The commands before the start, in order, to which the states of effects settle.
   std::vector<Held> before(const Settling& settling) const;

@@ -26,6 +26,13 @@ using Vector3 = Eigen::Matrix<T, 3, 1>;
 template <typename T>
 using Matrix3 = Eigen::Matrix<T, 3, 3>;
 
+/// Rigid-body state at one instant.
+template <typename T>
+struct RigidState {
+  Vector3<T> eta = Vector3<T>::Zero();  ///< x, y [m], psi [rad], world_ned
+  Vector3<T> nu = Vector3<T>::Zero();   ///< u, v [m/s], r [rad/s], body
+};
+
 /// Type of the value of T: T without derivatives.
 template <typename T>
 struct WithoutDerivatives {
@@ -51,6 +58,12 @@ inline Lanes& valueIn(Lanes& x) { return x; }
 template <typename V, int N>
 V& valueIn(Dual<V, N>& x) {
   return x.a;
+}
+
+/// The same state with another scalar type, without derivatives.
+template <typename T, typename V>
+RigidState<T> cast(const RigidState<V>& state) {
+  return {state.eta.template cast<T>(), state.nu.template cast<T>()};
 }
 
 inline void cosSin(double angle, double& c, double& s) {
