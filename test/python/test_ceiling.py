@@ -315,7 +315,9 @@ def test_a_function_of_the_screen_is_a_formula_of_a_model_file():
     sampled, _ = path_of(model)
     spaces = dictionary.namespace(sampled)
     kinds = {}
-    for scalar in scalars.wide(model, SCALES, [sampled]) + scalars.few(model, SCALES):
+    for scalar in scalars.of_motion(model, SCALES, [sampled]) + scalars.few(model, SCALES) + scalars.of_place(
+        SCALES, sampled.values["x"], sampled.values["y"]
+    ):
         kinds.setdefault(re.sub(r"[\d.]+", "", scalar.text), scalar)
     for scalar in kinds.values():
         text = dictionary.filled(scalar.text, scalar.constants)

@@ -58,6 +58,7 @@ class Feature:
     # the formulas with names in braces for constants that may be fitted, and these constants
     template: Mapping[str, str] = field(default_factory=dict)
     constants: Mapping[str, Constant] = field(default_factory=dict)
+    simpler: Tuple["Feature", ...] = ()  # the same without one of its factors
 
     @staticmethod
     def of(

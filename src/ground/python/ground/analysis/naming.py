@@ -29,6 +29,8 @@ STATE = re.compile(r"[a-z]+\d+")  # a kind of memory and its number, in the name
 OWN = re.compile(r"_\d+$")  # in the name of a constant of one piece
 TURN = re.compile(r"^\(?sin\((?:(\d)\*)?psi\+\{p[01]\}\)\)?$")
 WAVE = re.compile(r"^\(?sin\(\{kx\}\*x\+\{ky\}\*y\+\{p\d\}\)\)?$")
+# A force away from a point of the room, or around it, times a function, perhaps near the point alone
+PULLED = re.compile(r"^(.*?)\*(exp\([^*]*\{mw\}\^2\)\*)?\(\(x-\{mx\}\)\*(cos|sin)\(psi\)")
 # A force along an axis of the room, by channel
 ROOM = {"x": {"X": "%s*cos(psi)", "Y": "-%s*sin(psi)"}, "y": {"X": "%s*sin(psi)", "Y": "%s*cos(psi)"}}
 # A force away from a point of the room, as the dictionary has it
@@ -159,10 +161,29 @@ def _in_words(feature: Feature, size: str, own: Mapping[str, str]) -> str:
         point = ", ".join("{%s}" % own[name] for name in ("x0", "y0"))
         return "a force {away:%s} the point (%s), {%s} of distance" % (size, point, size)
     values = {n: "{%s}" % o for n, o in own.items()}
+    pulled = PULLED.match(template.get("X", ""))
+    if pulled:
+        return _pulled(pulled, size, own, values, feature)
     if text:
         return "%s that depends on %s (= {%s} %s)" % (what, arguments, size, text.format(**values))
     texts = ["%s = {%s} %s" % (c, size, t.format(**values)) for c, t in template.items()]
     return "%s that depends on %s (%s)" % (what, arguments, "; ".join(texts))
+
+
+def _pulled(
+    found: "re.Match[str]", size: str, own: Mapping[str, str], values: Mapping[str, str], feature: Feature
+) -> str:
+    """What a force away from a point or around it does; found: by PULLED in its formula ahead."""
+    function, near, turn = found.groups()
+    where = "(%s, %s)" % (values["mx"], values["my"]) + (", within %s" % values["mw"] if near else "")
+    of_place = "x" in function or "y" in function
+    arguments = [a for a in sorted(feature.family.arguments) if a != PLACE or of_place]
+    if function == "1":
+        way = "{away:%s}" % size if turn == "cos" else "around"
+        return "a force %s the point %s, of {%s}" % (way, where, size)
+    way = "away from" if turn == "cos" else "around"
+    what = "a force %s the point %s, that depends on %s" % (way, where, in_words(arguments))
+    return "%s (= {%s} %s)" % (what, size, function.format(**values))
 
 
 def _along(feature: Feature) -> Tuple[str, str]:

@@ -33,6 +33,11 @@ WAVES = 6000  # wave vectors
 BELLS = 150  # centres of bells of one size
 STEPS = (0.1, 0.25, 0.5, 0.75, 0.9)  # quantiles of a variable at which a step may be
 SHARP = 0.15  # width of a step, in standard deviations of its variable
+POINTS = 20  # where a force may point to, on the way of the craft
+BEYOND = 6  # ... and around it
+APART = 3.0  # extent over the distance between these points
+FELT = 16.0  # extent over the distance from a point within which a force towards it fades
+PULL_DISTANCE = "sqrt((x-{mx})^2+(y-{my})^2+%.3g)"
 REACH = 2.0  # longest part of the extent, or of the time, that a bell covers: 1 / REACH
 
 
@@ -48,11 +53,13 @@ class Scalar:
 
 
 class Channel(NamedTuple):
-    """Where a function acts: a formula for each channel, with %s for the function."""
+    """Where a function acts: a formula for each channel, with %s for the function, and with names in braces
+    for constants."""
 
     parts: Mapping[str, str]
     unit: str
     arguments: FrozenSet[str]
+    constants: Mapping[str, Constant] = {}
 
 
 def _of(
@@ -102,9 +109,9 @@ def _past_commands(model: _core.Model) -> List[Scalar]:
     ]
 
 
-def wide(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) -> List[Scalar]:
-    """All scalars that are multiplied with a few."""
-    names = ("x", "y", "u", "v", "r", "t")
+def of_motion(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) -> List[Scalar]:
+    """Scalars that are multiplied with a few, other than those of the place."""
+    names = ("u", "v", "r")
     every = {name: np.concatenate([s.values[name] for s in sampled]) for name in names}
     commands = [(f, "-") for f in dictionary.command_formulas(model) + _differences(model)]
     least = (0.15 * scales.speed) ** 2
@@ -121,9 +128,12 @@ def wide(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) -> List
         *_past_commands(model),
         *_past_velocity(),
         *_bells_of_time(scales),
-        *_bells_of_place(scales, every["x"], every["y"]),
-        *_angles_of_place(scales, every["x"], every["y"]),
     ]
+
+
+def of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
+    """Scalars of the place that are multiplied with a few."""
+    return [*_bells_of_place(scales, x, y), *_angles_of_place(scales, x, y)]
 
 
 def _differences(model: _core.Model) -> List[str]:
@@ -273,3 +283,24 @@ def channels(model: _core.Model, scales: Scales) -> List[Channel]:
         Channel(thrusts, "-", frozenset([COMMAND])),
     ]
     return channels + [Channel({c: f}, "-", frozenset([COMMAND])) for c, f in thrusts.items()]
+
+
+def pulls(scales: Scales, x: Array, y: Array) -> List[Channel]:
+    """Forces of unit size away from points of the room and around them, everywhere and near them alone."""
+    away, found = PULL_DISTANCE % (scales.extent / FELT) ** 2, []
+    near = "exp(-((x-{mx})^2+(y-{my})^2)/{mw}^2)"
+    axes = {"X": "((x-{mx})*cos(psi)+(y-{my})*sin(psi))", "Y": "((y-{my})*cos(psi)-(x-{mx})*sin(psi))"}
+    around = {"X": "((x-{mx})*sin(psi)-(y-{my})*cos(psi))", "Y": axes["X"]}
+    visited = dictionary.spread(np.column_stack([x, y]), scales.extent / APART, POINTS)
+    turns = np.arange(BEYOND) * 2 * np.pi / BEYOND
+    beyond = np.array(scales.centre) + 2 * scales.extent * np.column_stack([np.cos(turns), np.sin(turns)])
+    for a, b in np.vstack([visited, beyond]):
+        reach = scales.extent / 2
+        point = {"mx": Constant(float(a), "m", reach), "my": Constant(float(b), "m", reach)}
+        width = {"mw": Constant(reach, "m", 0.7 * reach)}
+        for form in (axes, around):
+            unit = {c: "%%s*%s/%s" % (text, away) for c, text in form.items()}
+            found.append(Channel(unit, "-", frozenset([PLACE]), point))
+            bell = {c: "%%s*%s*%s/%s" % (near, text, away) for c, text in form.items()}
+            found.append(Channel(bell, "-", frozenset([PLACE]), {**point, **width}))
+    return found

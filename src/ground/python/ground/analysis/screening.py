@@ -57,17 +57,19 @@ def screened(
 ) -> Regression:
     """The Regression with the products that have the largest scores. sampled: of each run."""
     scales = Scales.of(sampled)
-    few, screen = scalars.few(model, scales), _Screen(regression, model, sampled, scales)
+    few, screen = scalars.few(model, scales), _Screen(regression, model, sampled)
     x, y = (np.concatenate([s.values[name] for s in sampled]) for name in "xy")
-    found = screen.best(scalars.wide(model, scales, sampled), few)
-    found += screen.best(scalars.waves(scales, x, y), [ONE, *scalars.turns()])
+    channels, motion = scalars.channels(model, scales), scalars.of_motion(model, scales, sampled)
+    found = screen.best(channels, [*motion, *scalars.of_place(scales, x, y)], few)
+    found += screen.best(channels, scalars.waves(scales, x, y), [ONE, *scalars.turns()])
+    found += screen.best(scalars.pulls(scales, x, y), motion, few)
     found = sorted(found, key=lambda product: -product.value)
     pairs = {(p.first.text, p.second.text): p for p in found if p.second is not ONE}
     begun = list(pairs.values())[:LENGTHENED]
     if begun:
         thirds = [_renamed(scalar) for scalar in few[1:]]
         longer = [_product(p.first, p.second) for p in begun]
-        found += screen.best(longer, [ONE, *thirds], max(p.tried for p in begun) // len(longer))
+        found += screen.best(channels, longer, [ONE, *thirds], max(p.tried for p in begun) // len(longer))
     found = sorted(found, key=lambda product: -product.value)[:KEPT]
     features = [_feature(p.channel, p.first, p.second) for p in found]
     acting = [dictionary.wrenches(features, model, s) for s in sampled]
@@ -78,21 +80,23 @@ class _Screen:
     """Scores of products at the samples of all runs."""
 
     def __init__(
-        self, regression: Regression, model: _core.Model, sampled: Sequence[Samples], scales: Scales
+        self, regression: Regression, model: _core.Model, sampled: Sequence[Samples]
     ) -> None:
-        self.sampled, self.channels = sampled, scalars.channels(model, scales)
-        units = [_feature(channel, ONE, ONE) for channel in self.channels]
-        self.directions = np.concatenate([dictionary.wrenches(units, model, s) for s in sampled])
+        self.model, self.sampled = model, sampled
         self.draws, self.edges = np.concatenate(regression.scores(RANDOM)), _bins(sampled)
         self.middles = self.edges + np.diff(np.append(self.edges, len(self.draws))) // 2
 
-    def best(self, wide: Sequence[Scalar], narrow: Sequence[Scalar], of: int = 1) -> List[Product]:
+    def best(
+        self, channels: Sequence[Channel], wide: Sequence[Scalar], narrow: Sequence[Scalar], of: int = 1
+    ) -> List[Product]:
         """The KEPT_OF_ONE best products on each channel of wide and narrow scalars, of which the first is
         ONE. of: number of others that each wide scalar was chosen from."""
+        units = [_feature(channel, ONE, ONE) for channel in channels]
+        directions = np.concatenate([dictionary.wrenches(units, self.model, s) for s in self.sampled])
         P, Q = _values(wide, self.sampled, self.middles), _values(narrow, self.sampled, slice(None))
-        singles = len(self.channels) * len(wide) * of
+        singles = len(channels) * len(wide) * of
         pairs, found = singles * (len(narrow) - 1), []
-        for channel, e in zip(self.channels, self.directions.transpose(2, 0, 1)):
+        for channel, e in zip(channels, directions.transpose(2, 0, 1)):
             z = _scores(P.astype(np.float32), Q, np.einsum("ij,ijk->ik", e, self.draws), self.edges)
             z[:, 0] -= 2 * np.log(singles)
             z[:, 1:] -= 2 * np.log(pairs)
@@ -160,17 +164,21 @@ def _feature(channel: Channel, first: Scalar, second: Scalar) -> Feature:
     arguments = first.arguments | second.arguments | channel.arguments
     if PAST in arguments:
         arguments = frozenset([PAST])
-    return Feature.of(
+    made = Feature.of(
         {name: part % "*".join(texts) for name, part in channel.parts.items()},
         product_of_units([first.unit, second.unit, channel.unit]),
         Family("products", arguments or frozenset([HEADING]), True, False),
         {**first.states, **second.states},
-        {**first.constants, **second.constants},
+        {**channel.constants, **first.constants, **second.constants},
     )
+    if len(texts) < 2:
+        return made
+    return replace(made, simpler=(_feature(channel, first, ONE), _feature(channel, second, ONE)))
 
 
 def refined(regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> Regression:
-    """The Regression with its most significant features at the constants that suit best."""
+    """The Regression with its most significant features, and those with a factor less, at the constants that
+    suit best: at others a second factor may make up for what is wrong with the first."""
     z, tried_of = regression.significance(), regression.tried
     best = [
         j
@@ -179,8 +187,13 @@ def refined(regression: Regression, model: _core.Model, sampled: Sequence[Sample
     ]
     if not best:
         return regression
-    started = [regression.features[j] for j in best]
-    features, values = started, [0.0] * len(best)
+    counted = {_key(regression.features[j]): (regression.features[j], tried_of[j]) for j in best}
+    for j in best:
+        for simpler in regression.features[j].simpler:
+            if len(counted) < 2 * REFINED and simpler.constants:
+                counted.setdefault(_key(simpler), (simpler, tried_of[j]))
+    started = [feature for feature, _ in counted.values()]
+    features, values = started, [0.0] * len(started)
     moved = started
     for _ in range(ITERATIONS):
         tried = [f for feature in moved for f in [feature, *_nearby(feature)]]
@@ -195,8 +208,12 @@ def refined(regression: Regression, model: _core.Model, sampled: Sequence[Sample
                 values[i], features = reached, [*features[:i], feature, *features[i + 1 :]]
             following.append(_step(feature, start, own, regression.y))
         moved = following
-    counts = [float(tried_of[j]) * CONSTANT ** len(f.constants) for j, f in zip(best, features)]
+    counts = [float(n) * CONSTANT ** len(f.constants) for f, (_, n) in zip(features, counted.values())]
     return regression.extended(features, [dictionary.wrenches(features, model, s) for s in sampled], counts)
+
+
+def _key(feature: Feature) -> str:
+    return repr(sorted(feature.parts.items()))
 
 
 def _nearby(feature: Feature) -> List[Feature]:
