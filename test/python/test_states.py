@@ -72,7 +72,9 @@ SWINGING = """
 effects:
   - name: load
     states: {px: qx, qx: "w^2*(x - px) - qx", py: qy, qy: "w^2*(y - py) - qy"}
-    expression: {X: "c*((px - x)*cos(psi) + (py - y)*sin(psi))", Y: "c*((py - y)*cos(psi) - (px - x)*sin(psi))"}
+    expression:
+      X: "c*((px - x)*cos(psi) + (py - y)*sin(psi))"
+      Y: "c*((py - y)*cos(psi) - (px - x)*sin(psi))"
     parameters:
       c: {value: 0.3, unit: N/m, scale: 0.1}
       w: {value: 6, unit: rad/s, neutral: 6, lower: 1, scale: 1}

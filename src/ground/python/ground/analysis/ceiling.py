@@ -83,7 +83,7 @@ class Ceiling:
     left: Share  # learnable part of what the grown model leaves
     arguments: Dict[str, float]  # part of the learnable share that each accounts for
     found: Optional[Found]
-    # largest share of what is left that the data allow a function of one kind, if none was found
+    # largest share of what is left that the data allow a function of one kind, and what was found
     bound: float
     errors: Dict[str, float]  # root mean square of e/s: before, with the effects, with the wrench too
     squares: Tuple[Array, Array, Array]  # the same of each window, squared
@@ -115,11 +115,12 @@ class Ceiling:
         reached = _errors_or(now, lambda: squared_errors(runs, cut, model))
         if reached.sum() >= after.sum():
             return self
+        learnable, left = _share(now, reached, start), _share(now, reached, now)
         return replace(
             self,
-            learnable=_share(now, reached, start),
+            learnable=replace(learnable, high=max(learnable.high, self.learnable.high)),
             chance=_share(reached, np.zeros_like(reached), start),
-            left=_share(now, reached, now),
+            left=replace(left, high=max(left.high, self.left.high)),
             errors={**self.errors, "after": _root(reached)},
             squares=(start, now, reached),
         )
@@ -160,13 +161,19 @@ def ceiling(
         model = found.fit.model
         after = _errors_or(now, lambda: squared_errors(runs, cut, model, known))
     left = _share(now, after, now)
-    is_shown = found is not None and left.low > 0
-    bound = max(left.high, 0.0 if is_shown else _bound(first, likelihood, fit, _spans(runs, cut), now))
+    spans = _spans(runs, cut)
+    if found is None:
+        bound = max(left.high, _bound(first, [], likelihood, fit, spans, now))
+    elif left.low > 0:
+        more = _bound(found.regression, found.terms, likelihood, fit, spans, now)
+        bound = max(left.high, left.value + more)
+    else:
+        bound = 1.0  # something acts, and other runs do not tell how much of the error it causes
     whole = start.sum()
     learnable = _share(now, after, start)
     return Ceiling(
         _share(start, now, start),
-        replace(learnable, high=max(learnable.high, bound * now.sum() / whole)),
+        replace(learnable, high=min(1.0, max(learnable.high, bound * now.sum() / whole))),
         _share(after, np.zeros_like(after), start),
         _share(now, _errors_or(now, lambda: _with_own_constants(runs, cut, fit)), start),
         replace(left, high=min(1.0, bound)),
@@ -425,7 +432,7 @@ def _explained(regression: Regression, terms: Sequence[Term], of: Sequence[Term]
     return float(((regression.D[:, at[kept]] @ weights[kept]) ** 2).sum())
 
 
-# The upper bound where nothing was found
+# The upper bound of what was not found
 
 
 _Span = Tuple[int, float, float]  # run, start and end [s]
@@ -437,16 +444,23 @@ def _spans(runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> List[_
 
 
 def _bound(
-    regression: Regression, likelihood: Likelihood, fit: Fit, cut: Sequence[_Span], now: Array
+    regression: Regression,
+    terms: Sequence[Term],
+    likelihood: Likelihood,
+    fit: Fit,
+    cut: Sequence[_Span],
+    now: Array,
 ) -> float:
-    """Largest share of the error that a family of features explains at the largest size that the
-    likelihood does not exclude."""
+    """Largest share of the error that a family of features explains beside terms, at the largest size that
+    the likelihood does not exclude."""
     moved = _moved(regression, likelihood, fit, cut)
     shares = [0.0]
     for family in regression.terms:
-        size = regression.largest(family.columns, BEHIND)
+        size = regression.largest(family.columns, BEHIND, terms)
         if size > 0:
-            at, covariance, mean = regression.posterior([replace(family, variance=size)])
+            at, covariance, mean = regression.posterior([*terms, replace(family, variance=size)])
+            own = np.flatnonzero(np.isin(at, family.columns))
+            at, covariance, mean = at[own], covariance[np.ix_(own, own)], mean[own]
             S = moved[:, at] * regression.scale[at]
             power = ((S @ mean) ** 2).sum() + ((S @ covariance) * S).sum()
             shares.append(float(power / now.sum()))

@@ -11,7 +11,7 @@ filtered causally from commands that reach the thrusters and from these velociti
 """
 
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Callable, Dict, FrozenSet, Iterator, List, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
@@ -75,7 +75,8 @@ class Feature:
     def at(self, values: Mapping[str, float]) -> "Feature":
         """The same with other values of some constants."""
         moved = {n: c._replace(value=values.get(n, c.value)) for n, c in self.constants.items()}
-        return Feature.of(self.template, self.unit, self.family, self.states, moved)
+        made = Feature.of(self.template, self.unit, self.family, self.states, moved)
+        return replace(made, simpler=tuple(one.at(values) for one in self.simpler))
 
     @property
     def weight_unit(self) -> str:

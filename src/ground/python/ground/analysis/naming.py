@@ -71,6 +71,7 @@ class Piece:
     arguments: Tuple[str, ...]  # of its feature
     dependence: str
     states: Dict[str, str] = field(default_factory=dict)
+    simpler: Tuple["Piece", ...] = ()  # pieces with a factor less
 
     @property
     def size(self) -> str:
@@ -97,7 +98,7 @@ def new_pieces(
     at, _, weights = regression.posterior(chosen)
     first = 1 + max([piece.number for piece in (begun.pieces if begun else ())], default=0)
     return [
-        _piece(regression, int(j), float(weight), first + i)
+        _piece(regression.features[j], float(weight * regression.scale[j]), first + i)
         for i, (j, weight) in enumerate(zip(at, weights))
     ]
 
@@ -116,6 +117,17 @@ def of_pieces(
         if shorter is None or made.ratio - shorter.ratio > MIN_RATIO:
             break
         made = shorter
+    return None if made is None else _simplified(likelihood, fit, made)
+
+
+def _simplified(likelihood: Likelihood, fit: Fit, made: Formula) -> Formula:
+    """The Formula with the simpler pieces that are as likely."""
+    for i, piece in enumerate(made.pieces):
+        for simpler in piece.simpler:
+            pieces = [*made.pieces[:i], simpler, *made.pieces[i + 1 :]]
+            other = _fitted(likelihood, fit, pieces, made.fit)
+            if other is not None and made.ratio - other.ratio < MIN_RATIO:
+                made = other
     return made
 
 
@@ -129,10 +141,9 @@ def _worth(fit: Fit, piece: "Piece") -> float:
 # Pieces
 
 
-def _piece(regression: Regression, j: int, weight: float, number: int) -> Piece:
-    """The piece of a weighted feature; weight: of the feature at its scale in the regression."""
-    feature, name = regression.features[j], "c%d" % number
-    size = weight * float(regression.scale[j])
+def _piece(feature: Feature, size: float, number: int) -> Piece:
+    """The piece of a feature of a size."""
+    name = "c%d" % number
     own = {n: "%s_%d" % (n, number) for n in feature.constants}
     parts = {c: "%s*(%s)" % (name, text.format(**own)) for c, text in feature.template.items()}
     states, times, past = _timed(feature.states)
@@ -141,8 +152,9 @@ def _piece(regression: Regression, j: int, weight: float, number: int) -> Piece:
         parameters[own[n]] = (c.value, c.unit, c.value - c.reach, c.value + c.reach)
     means = _in_words(feature, name, own) + past
     arguments = tuple(sorted(feature.family.arguments))
+    simpler = tuple(_piece(one, size, number) for one in feature.simpler)
     return Piece(
-        number, parts, parameters, means, arguments, selection.dependence(feature), dict(states)
+        number, parts, parameters, means, arguments, selection.dependence(feature), dict(states), simpler
     )
 
 

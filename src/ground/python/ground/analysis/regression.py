@@ -277,10 +277,10 @@ class Regression:
         ratio = max(0.0, ratios[best])
         return Term(name, columns, float(SIZES[best]), ratio, _chance(ratio, shares))
 
-    def largest(self, columns: Indices, behind: float) -> float:
-        """Largest variance of columns' wrench whose log-likelihood ratio is not `behind` the best
-        one; 0 if all are."""
-        values, z = self._spectrum(columns, ())
+    def largest(self, columns: Indices, behind: float, beside: Sequence[Term] = ()) -> float:
+        """Largest variance of columns' wrench beside terms whose log-likelihood ratio is not `behind` the
+        best one; 0 if all are."""
+        values, z = self._spectrum(columns, beside)
         if not len(values):
             return 0.0
         ratios = np.array(_ratios(values, z, len(columns)))

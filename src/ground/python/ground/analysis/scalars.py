@@ -218,8 +218,11 @@ def _steps(every: Mapping[str, Array]) -> List[Scalar]:
         width = SHARP * float(values.std())
         for limit in np.quantile(values, STEPS):
             away = "(%s-{s0})" % text
-            constants = {"s0": Constant(float(limit), unit, 2 * width / SHARP)}
-            step = "(1+%s/sqrt(%s^2+%.3g))/2" % (away, away, width**2)
+            constants = {
+                "s0": Constant(float(limit), unit, 2 * width / SHARP),
+                "s1": Constant(width, unit, 0.9 * width),
+            }
+            step = "(1+%s/sqrt(%s^2+{s1}^2))/2" % (away, away)
             found.append(Scalar(step, "-", frozenset([VELOCITY]), constants))
     return found
 
@@ -281,6 +284,10 @@ def channels(model: _core.Model, scales: Scales) -> List[Channel]:
         Channel({"X": "%s*u" + direction, "Y": "%s*v" + direction}, "-", moving),
         Channel({"X": "%s*v" + direction, "Y": "-%s*u" + direction}, "-", moving),
         Channel(thrusts, "-", frozenset([COMMAND])),
+    ]
+    (first, of_first), *others = thrusts.items()
+    channels += [
+        Channel({first: of_first, c: "-(%s)" % f}, "-", frozenset([COMMAND])) for c, f in others
     ]
     return channels + [Channel({c: f}, "-", frozenset([COMMAND])) for c, f in thrusts.items()]
 

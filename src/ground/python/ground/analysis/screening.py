@@ -235,6 +235,3 @@ def _step(feature: Feature, start: Feature, D: Array, y: Array) -> Feature:
         first = start.constants[name]
         values[name] = float(np.clip(c.value + move, first.value - first.reach, first.value + first.reach))
     return feature.at(values)
-
-
-# What is multiplied
