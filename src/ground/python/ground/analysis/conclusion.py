@@ -131,8 +131,11 @@ def _conclude(
     heldout_floor = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
     varies = _varies(found)
     explained = found.best.error.sum() < EXPLAINED * floor
-    opinion = _opinion(found)
-    verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, opinion)
+    opinion, refits, errors = _opinion(found), baseline.refits(found, heldout), _steps(found, heldout)
+    # Of effects that predict other runs no better, beside a random push that the model does not describe,
+    # nothing is known for certain.
+    trusted = agrees.holds or not errors or errors[-1] < min(refit.heldout for refit in refits)
+    verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, opinion, trusted)
     formula = None
     if verdict in NAMELESS or (verdict == "missing" and left.is_open):
         formula = _name(found, left, EXPLAINED * floor)
@@ -140,7 +143,7 @@ def _conclude(
         reached = left.reached_by(formula.fit.model, found.runs, found.cut)
         if verdict in SAID or (reached.said and _is_confirmed(found, formula.fit)):
             left = reached
-            verdict = _verdict(found, explained, varies, left, agrees, opinion)
+            verdict = _verdict(found, explained, varies, left, agrees, opinion, trusted)
         elif verdict == "missing":
             formula = None
     return Conclusion(
@@ -148,8 +151,8 @@ def _conclude(
         found.model,
         found.likelihood.intervals(found.fit),
         floor,
-        baseline.refits(found, heldout),
-        _steps(found, heldout),
+        refits,
+        errors,
         judgement.judgements(found, heldout),
         heldout_floor,
         varies,
@@ -279,13 +282,14 @@ def _verdict(
     left: Ceiling,
     agrees: Agreement,
     opinion: Opinion,
+    trusted: bool,
 ) -> str:
     if found.memory:
         return "memory"
     if left.said and not explained:
         return "memory" if left.of_the_past else "unexplained"
     if found.chosen:
-        return "missing"
+        return "missing" if trusted else "undecided"
     if varies:
         return "varies"
     # An effect that the likelihood prefers and held-out parts refute leaves open what is missing.

@@ -282,6 +282,17 @@ def _undecided(report: Document) -> str:
         _without(report),
         report["noise_floor"],
     )
+    if report["improved"]["effects"]:
+        names = report["improved"]["effects"]
+        return (
+            "These runs cannot decide what is missing: %s suit%s them, but %s, and what is left is no steady "
+            "random push; %s. Record more runs, or look for what acts at some times or places only."
+        ) % (
+            effects(report, names),
+            "s" if len(names) == 1 else "",
+            _fall(report, "it" if len(names) == 1 else "them"),
+            "the noise of the poses alone leaves %.3f" % report["noise_floor"],
+        )
     if found["terms"]:
         why = (
             "it depends on %s, but what these runs teach of that does not predict other runs: record more "
