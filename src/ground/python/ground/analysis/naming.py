@@ -33,6 +33,7 @@ WAVE = re.compile(r"^\(?sin\(\{kx\}\*x\+\{ky\}\*y\+\{p\d\}\)\)?$")
 PULLED = re.compile(r"^(.*?)\*(exp\([^*]*\{mw\}\^2\)\*)?\(\(x-\{mx\}\)\*(cos|sin)\(psi\)")
 # A force along an axis of the room, by channel
 ROOM = {"x": {"X": "%s*cos(psi)", "Y": "-%s*sin(psi)"}, "y": {"X": "%s*sin(psi)", "Y": "%s*cos(psi)"}}
+DIRECTED = "*cos(psi-{dr})"  # behind a force ahead that is part of a force in a direction of the room
 # A force away from a point of the room, as the dictionary has it
 PULL = {"X": "((x-{x0}))*cos(psi)+((y-{y0}))*sin(psi)", "Y": "((y-{y0}))*cos(psi)+-((x-{x0}))*sin(psi)"}
 
@@ -161,7 +162,7 @@ def _piece(feature: Feature, size: float, number: int) -> Piece:
 def _in_words(feature: Feature, size: str, own: Mapping[str, str]) -> str:
     """What a feature does, with names in braces for values that are fitted."""
     arguments, template = in_words(sorted(feature.family.arguments)), feature.template
-    what, text = _along(feature)
+    what, text = _along(feature, own)
     turn, wave = TURN.match(text), WAVE.match(text)
     if turn:
         times = turn.group(1) or "1"
@@ -187,22 +188,25 @@ def _pulled(
 ) -> str:
     """What a force away from a point or around it does; found: by PULLED in its formula ahead."""
     function, near, turn = found.groups()
-    where = "(%s, %s)" % (values["mx"], values["my"]) + (", within %s" % values["mw"] if near else "")
+    point = "(%s, %s)" if function == "1" else "(%s m, %s m)"
+    where = point % (values["mx"], values["my"]) + (", within %s" % values["mw"] if near else "")
     of_place = "x" in function or "y" in function
     arguments = [a for a in sorted(feature.family.arguments) if a != PLACE or of_place]
     if function == "1":
         way = "{away:%s}" % size if turn == "cos" else "around"
         return "a force %s the point %s, of {%s}" % (way, where, size)
-    way = "away from" if turn == "cos" else "around"
+    way, much = ("{away:%s}" % size, "{abs:%s}" % size) if turn == "cos" else ("around", "{%s}" % size)
     what = "a force %s the point %s, that depends on %s" % (way, where, in_words(arguments))
-    return "%s (= {%s} %s)" % (what, size, function.format(**values))
+    return "%s (= %s %s)" % (what, much, function.format(**values))
 
 
-def _along(feature: Feature) -> Tuple[str, str]:
+def _along(feature: Feature, own: Mapping[str, str]) -> Tuple[str, str]:
     """What a feature acts as, in words, and its formula along that; no formula if it has several."""
     template, what = feature.template, _what(feature)
     if len(template) == 1:
         return what, next(iter(template.values()))
+    if template.get("X", "").endswith(DIRECTED):
+        return "a force {room:%s}" % own["dr"], template["X"][: -len(DIRECTED)]
     for axis, turned in ROOM.items():
         text = template.get("X", "")[: -len(turned["X"]) + 2]
         if template == {c: formula % text for c, formula in turned.items()}:
@@ -347,10 +351,15 @@ def _told(piece: Piece, values: Mapping[str, float]) -> str:
             return "away from" if values[name[len("away:") :]] > 0 else "towards"
         if name.startswith("wave:"):
             return _wave(*(values[part] for part in name.split(":")[1:]))
+        if name.startswith("room:"):
+            return _direction(np.degrees(values[name[len("room:") :]]))
+        if name.startswith("abs:"):
+            name = name[len("abs:") :]
+            return quantity(abs(values[name]), piece.parameters[name][1])
         unit = piece.parameters[name][1]
         if name[0] == "c":
             return quantity(abs(values[name]) if "= {%s}" % name not in piece.means else values[name], unit)
-        in_formula = OWN.search(name) and "= {c" in piece.means
+        in_formula = OWN.search(name) and re.search(r"= \{(c|abs)", piece.means)
         return "%.3g" % values[name] if in_formula else quantity(values[name], unit)
 
     told = re.sub(r"\{([\w:]+)\}", put, piece.means)
@@ -359,11 +368,14 @@ def _told(piece: Piece, values: Mapping[str, float]) -> str:
 
 def _wave(kx: float, ky: float) -> str:
     """Length and direction of a wave by its components [rad/m]."""
-    length, angle = 2 * np.pi / np.hypot(kx, ky), np.degrees(np.arctan2(ky, kx)) % 180
+    return "%.3g m %s" % (2 * np.pi / np.hypot(kx, ky), _direction(np.degrees(np.arctan2(ky, kx)) % 180))
+
+
+def _direction(angle: float) -> str:
+    """A direction of the room [deg], in words."""
     axes = {0: "the room's x", 90: "the room's y", 180: "the room's x"}
     near = [axis for at, axis in axes.items() if abs(angle - at) < ALONG]
-    where = "along %s" % near[0] if near else "in the direction %.0f deg of the room" % angle
-    return "%.3g m %s" % (length, where)
+    return "along %s" % near[0] if near else "in the direction %.0f deg of the room" % angle
 
 
 def quantity(value: float, unit: str) -> str:

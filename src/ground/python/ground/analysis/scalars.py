@@ -6,7 +6,7 @@ Their constants follow from where and how fast the craft moved.
 
 import itertools
 from dataclasses import dataclass, field
-from typing import FrozenSet, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -30,11 +30,12 @@ from ground.analysis.dictionary import (
 from ground.annotations import Array
 
 WAVES = 6000  # wave vectors
+HALF_WAVES = 8  # of the time, at most
 BELLS = 150  # centres of bells of one size
 STEPS = (0.1, 0.25, 0.5, 0.75, 0.9)  # quantiles of a variable at which a step may be
 SHARP = 0.15  # width of a step, in standard deviations of its variable
+ROOM = 3  # directions of the room, half a turn together
 POINTS = 20  # where a force may point to, on the way of the craft
-BEYOND = 6  # ... and around it
 APART = 3.0  # extent over the distance between these points
 FELT = 16.0  # extent over the distance from a point within which a force towards it fades
 PULL_DISTANCE = "sqrt((x-{mx})^2+(y-{my})^2+%.3g)"
@@ -95,10 +96,15 @@ def few(model: _core.Model, scales: Scales) -> List[Scalar]:
         *_of([VELOCITY], speeds + dictionary.signs(scales)),
         *_course(scales),
         *_of([COMMAND], commands),
-        *_of([TIME], [("t", "s"), ("t^2", "s^2")]),
+        *_of_time(scales),
         *_of([PLACE], [("(x-{x1})", "m"), ("(y-{y1})", "m")], middle),
         *_past_commands(model),
     ]
+
+
+def _of_time(scales: Scales) -> List[Scalar]:
+    shifted = {"t2": Constant(scales.duration / 2, "s", scales.duration)}
+    return _of([TIME], [("t", "s"), ("t^2", "s^2"), ("(t-{t2})", "s")], shifted)
 
 
 def _past_commands(model: _core.Model) -> List[Scalar]:
@@ -111,20 +117,21 @@ def _past_commands(model: _core.Model) -> List[Scalar]:
 
 def of_motion(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) -> List[Scalar]:
     """Scalars that are multiplied with a few, other than those of the place."""
-    names = ("u", "v", "r")
+    names = ["u", "v", "r", *dictionary.inputs(model)]
     every = {name: np.concatenate([s.values[name] for s in sampled]) for name in names}
     commands = [(f, "-") for f in dictionary.command_formulas(model) + _differences(model)]
     least = (0.15 * scales.speed) ** 2
-    fades = [("cos(%.4g*t)" % (k * np.pi / scales.duration), "-") for k in range(1, 9)]
     return [
         ONE,
         *turns(),
         *_of([VELOCITY], dictionary.of_velocity() + dictionary.signs(scales)),
         *_of([VELOCITY], [("%s/(u^2+v^2+%.3g)" % (f, least), "-") for f in ("u*v", "(u^2-v^2)")]),
         *_of_velocity_in_room(scales),
-        *_steps(every),
+        *_steps(_variables(every), VELOCITY),
+        *_steps(_amounts(model, every), COMMAND),
         *_of([COMMAND], commands),
-        *_of([TIME], [("t", "s"), ("t^2", "s^2"), *fades]),
+        *_of_time(scales),
+        *_waves_of_time(scales),
         *_past_commands(model),
         *_past_velocity(),
         *_bells_of_time(scales),
@@ -202,29 +209,59 @@ def _past_velocity() -> List[Scalar]:
     ]
 
 
-def _steps(every: Mapping[str, Array]) -> List[Scalar]:
-    """Steps from 0 to 1 where a velocity exceeds a limit."""
+_Variables = Dict[str, Tuple[Array, str]]  # values and unit by formula
+
+
+def _variables(every: Mapping[str, Array]) -> _Variables:
+    """Velocities, speeds and slip."""
     speed = np.hypot(every["u"], every["v"])
     slow = 0.15 * float(np.sqrt((speed**2).mean()))
     slip = "v/sqrt(u^2+v^2+%.3g)" % slow**2
-    variables = {
+    return {
         "u": (every["u"], "m/s"), "v": (every["v"], "m/s"), "r": (every["r"], "rad/s"),
         "abs(u)": (abs(every["u"]), "m/s"), "abs(v)": (abs(every["v"]), "m/s"),
         "abs(r)": (abs(every["r"]), "rad/s"), "sqrt(u^2+v^2)": (speed, "m/s"),
         "abs(%s)" % slip: (abs(every["v"]) / np.hypot(speed, slow), "-"),
     }  # fmt: skip
+
+
+def _amounts(model: _core.Model, every: Mapping[str, Array]) -> _Variables:
+    """Inputs of thrusters, their sum, and their differences from their mean."""
+    names = dictionary.inputs(model)
+    total = sum(every[name] for name in names)
+    found = {name: (every[name], "-") for name in names}
+    found["(%s)" % "+".join(names)] = (np.asarray(total), "-")
+    for name in names if len(names) > 2 else names[:1]:
+        text = "(%s-(%s)/%d)" % (name, "+".join(names), len(names))
+        found[text] = (np.asarray(every[name] - total / len(names)), "-")
+    return found
+
+
+def _steps(variables: _Variables, argument: str) -> List[Scalar]:
+    """Steps from 0 to 1 where a variable exceeds a limit."""
     found = []
     for text, (values, unit) in variables.items():
         width = SHARP * float(values.std())
-        for limit in np.quantile(values, STEPS):
+        for limit in sorted(set(np.quantile(values, STEPS).tolist())) if width > 0 else []:
             away = "(%s-{s0})" % text
             constants = {
                 "s0": Constant(float(limit), unit, 2 * width / SHARP),
                 "s1": Constant(width, unit, 0.9 * width),
             }
             step = "(1+%s/sqrt(%s^2+{s1}^2))/2" % (away, away)
-            found.append(Scalar(step, "-", frozenset([VELOCITY]), constants))
+            found.append(Scalar(step, "-", frozenset([argument]), constants))
     return found
+
+
+def _waves_of_time(scales: Scales) -> List[Scalar]:
+    half = np.pi / scales.duration  # half a wave in the longest run [rad/s]
+    return [
+        Scalar("sin({wt}*t+{pt})", "-", frozenset([TIME]), {
+            "wt": Constant(k * half, "rad/s", half), "pt": phase,
+        })
+        for k in range(1, HALF_WAVES + 1)
+        for phase in PHASES.values()
+    ]  # fmt: skip
 
 
 def _bells_of_time(scales: Scales) -> List[Scalar]:
@@ -270,15 +307,17 @@ def waves(scales: Scales, x: Array, y: Array) -> List[Scalar]:
 
 
 def channels(model: _core.Model, scales: Scales) -> List[Channel]:
-    """Channels of the body, axes of the room, along and across the velocity, and thrust."""
+    """Channels of the body, directions of the room, along and across the velocity, and thrust."""
     none: FrozenSet[str] = frozenset()
     moving = frozenset([VELOCITY])
     direction = "/sqrt(u^2+v^2+%.3g)" % (0.15 * scales.speed) ** 2
     thrusts = {"thrust_" + name[2:]: name + "*%s" for name in dictionary.inputs(model)}
     channels = [Channel({c: "%s"}, "-", none) for c in dictionary.CHANNELS]
     channels += [
-        Channel({"X": "%s*cos(psi)", "Y": "-%s*sin(psi)"}, "-", none),
-        Channel({"X": "%s*sin(psi)", "Y": "%s*cos(psi)"}, "-", none),
+        *(
+            Channel({"X": "%s*cos(psi-{dr})", "Y": "-%s*sin(psi-{dr})"}, "-", none, {"dr": direction})
+            for direction in (Constant(i * np.pi / ROOM, "rad", np.pi / 2) for i in range(ROOM))
+        ),
         Channel({"X": "%s*u", "Y": "%s*v"}, "m/s", moving),
         Channel({"X": "%s*v", "Y": "-%s*u"}, "m/s", moving),
         Channel({"X": "%s*u" + direction, "Y": "%s*v" + direction}, "-", moving),
@@ -293,18 +332,15 @@ def channels(model: _core.Model, scales: Scales) -> List[Channel]:
 
 
 def pulls(scales: Scales, x: Array, y: Array) -> List[Channel]:
-    """Forces of unit size away from points of the room and around them, everywhere and near them alone."""
+    """Forces of unit size away from points on the way and around them, everywhere and near them alone."""
     away, found = PULL_DISTANCE % (scales.extent / FELT) ** 2, []
     near = "exp(-((x-{mx})^2+(y-{my})^2)/{mw}^2)"
     axes = {"X": "((x-{mx})*cos(psi)+(y-{my})*sin(psi))", "Y": "((y-{my})*cos(psi)-(x-{mx})*sin(psi))"}
     around = {"X": "((x-{mx})*sin(psi)-(y-{my})*cos(psi))", "Y": axes["X"]}
-    visited = dictionary.spread(np.column_stack([x, y]), scales.extent / APART, POINTS)
-    turns = np.arange(BEYOND) * 2 * np.pi / BEYOND
-    beyond = np.array(scales.centre) + 2 * scales.extent * np.column_stack([np.cos(turns), np.sin(turns)])
-    for a, b in np.vstack([visited, beyond]):
-        reach = scales.extent / 2
-        point = {"mx": Constant(float(a), "m", reach), "my": Constant(float(b), "m", reach)}
-        width = {"mw": Constant(reach, "m", 0.7 * reach)}
+    apart, wide = scales.extent / APART, scales.extent / 2
+    for a, b in dictionary.spread(np.column_stack([x, y]), apart, POINTS):
+        point = {"mx": Constant(float(a), "m", apart), "my": Constant(float(b), "m", apart)}
+        width = {"mw": Constant(wide, "m", 0.7 * wide)}
         for form in (axes, around):
             unit = {c: "%%s*%s/%s" % (text, away) for c, text in form.items()}
             found.append(Channel(unit, "-", frozenset([PLACE]), point))

@@ -26,7 +26,7 @@ def add_disturbance_arguments(group: argparse._ArgumentGroup) -> None:
         "--disturbance",
         type=common.number,
         nargs="*",
-        metavar=("SHARE", "TIME"),
+        metavar="SHARE TIME",
         help="apply a random wrench: its standard deviation as a share of full thrust (X, Y) and of the "
         "moment of one thruster (N), and its correlation time [s]; without numbers, the disturbance "
         "of the model file",
