@@ -568,11 +568,18 @@ def _states(model: _core.Model, v: Mapping[str, Array], times: Array) -> Dict[st
     return found
 
 
-def spread(points: Array, apart: float, most: int) -> Array:
+def squared_distances(points: Array, to: Array) -> Array:
+    """Squared distances (n,) of points (n, k) to one."""
+    return np.asarray(((points - to) ** 2).sum(axis=1))
+
+
+def spread(
+    points: Array, apart: float, most: int, squared: Callable[[Array, Array], Array] = squared_distances
+) -> Array:
     """Some of the points (n, k), the farthest from the others first, until all are near one."""
     chosen = [points[len(points) // 2]]
-    nearest = ((points - chosen[0]) ** 2).sum(axis=1)
+    nearest = squared(points, chosen[0])
     while len(chosen) < most and nearest.max() > apart**2:
         chosen.append(points[int(np.argmax(nearest))])
-        nearest = np.minimum(nearest, ((points - chosen[-1]) ** 2).sum(axis=1))
+        nearest = np.minimum(nearest, squared(points, chosen[-1]))
     return np.array(chosen)

@@ -35,7 +35,10 @@ def learned(likelihood: Likelihood, fit: Fit, found: Found) -> Optional[Formula]
     widths[[v == "psi" for v in variables]] = TURN_WIDTH
     if not (widths > 0).all():
         return None
-    centres = _spread(values, widths, variables)
+    def squared(points: Array, to: Array) -> Array:
+        return _distance(points, to, widths, variables)
+
+    centres = dictionary.spread(values, SPACING, BELLS, squared)
     is_world = "x" in variables or "y" in variables
     acting = [_bells(s, variables, widths, centres, is_world, fit) for s in sampled]
     family = Family("bells", frozenset([PLACE]), False)
@@ -113,16 +116,6 @@ def _distance(values: Array, centre: Array, widths: Array, variables: Sequence[s
         at = list(variables).index("psi")
         away[:, at] = 2 * np.sin(away[:, at] / 2)
     return np.asarray(((away / widths) ** 2).sum(axis=1))
-
-
-def _spread(values: Array, widths: Array, variables: Sequence[str]) -> Array:
-    """Centres that are spread over the values, the farthest first, until all are near one."""
-    centres = [values[len(values) // 2]]
-    nearest = _distance(values, centres[0], widths, variables)
-    while len(centres) < BELLS and nearest.max() > SPACING**2:
-        centres.append(values[int(np.argmax(nearest))])
-        nearest = np.minimum(nearest, _distance(values, centres[-1], widths, variables))
-    return np.array(centres)
 
 
 def _bells(
