@@ -1,12 +1,7 @@
 """identify diagnose as a user runs it: it names the missing effect and writes a model with it."""
 import html
 import json
-import os
-import re
-import signal
-import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -385,39 +380,6 @@ def test_real_runs_of_one_day(tmp_path, recordings, unplanned):
     offset = report["improved"]["parameters"]["heading_offset.psi0"]["value"]
     assert offset == pytest.approx(1.8, abs=0.15)
     assert report["improved"]["error"]["heldout"] < 0.6 * report["nominal"]["error"]["heldout"]
-
-
-def test_an_interrupted_diagnosis_resumes(tmp_path, lagging, whole):
-    assert not (whole[0] / ".unfinished").exists()
-
-    out, options = tmp_path / "out", [*lagging, *THREE]
-    command = ["rosrun", "ground", "identify", "diagnose"] + [str(o) for o in options]
-
-    def finished():
-        return [p for p in out.glob(".unfinished/*") if not p.name.startswith(".")]
-
-    process = subprocess.Popen(command + ["-o", str(out)], start_new_session=True)
-    try:
-        deadline = time.monotonic() + 60
-        while len(finished()) < 2:
-            assert process.poll() is None and time.monotonic() < deadline
-            time.sleep(0.002)
-    finally:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-    assert not (out / "diagnosis.json").exists()
-    assert len(finished()) >= 2
-    # A result that cannot be read is computed again.
-    finished()[0].write_bytes(b"half a resu")
-
-    again = diagnose(*options, "-o", out, "--progress", "json")
-    assert again.returncode == 0, again.stderr
-    taken = re.search(r"(\d+) results of an interrupted diagnosis taken over", again.stderr)
-    assert taken and 1 <= int(taken.group(1))
-    assert not (out / ".unfinished").exists()
-    assert json.loads((out / "diagnosis.json").read_text()) == json.loads(
-        (whole[0] / "diagnosis.json").read_text()
-    )
 
 
 @pytest.mark.parametrize(

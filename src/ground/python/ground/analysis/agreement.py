@@ -14,7 +14,6 @@ from ground import _core
 from ground.analysis import pushes, study
 from ground.analysis.ceiling import squared_errors
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array, Each, Random
 from ground.errors import GroundError
 
@@ -25,7 +24,6 @@ FAR = 4.5  # standard deviations of the artificial recordings
 _Made = Tuple[float, List[float]]  # error, and tails of the wrench
 
 
-@can_be_kept
 @dataclass(frozen=True)
 class Agreement:
     """Real recordings beside those that the model and its levels make."""

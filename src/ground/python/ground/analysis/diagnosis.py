@@ -32,7 +32,6 @@ from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import Search
 from ground.analysis.trials import Dropped
-from ground.analysis.unfinished import Unfinished
 from ground.annotations import Each
 from ground.core_types import Estimate
 from ground.progress import Work
@@ -63,8 +62,7 @@ class Diagnosis:
 
     runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are
     refitted in a step, best by score test first (None: as Criteria say); threads: 0 for all
-    cores; work: told of what is done; kept: Unfinished results of the same call;
-    most: largest number of windows over which the error is taken; each: maps pieces of work, which can
+    cores; work: told of what is done; most: largest number of windows over which the error is taken; each: maps pieces of work, which can
     be pickled, over items (None: in the threads).
     """
 
@@ -76,7 +74,6 @@ class Diagnosis:
         budget: Optional[int] = None,
         threads: int = 0,
         work: Optional[Work] = None,
-        kept: Optional[Unfinished] = None,
         most: float = study.MAX_WINDOWS,
         each: Optional[Each] = None,
     ) -> None:
@@ -86,7 +83,6 @@ class Diagnosis:
         self.budget = budget
         self.work = work or Work()
         self.plan = stages.Plan(self.work, sum(len(run.times) for run in runs))
-        self.kept = kept or Unfinished()
         # A fit alone uses all cores; fits beside each other share them.
         self.threads = 1 if threads else 0
         count = threads or len(os.sched_getaffinity(0))
@@ -137,7 +133,6 @@ class Diagnosis:
             fitting,
             self.each,
             self.plan,
-            self.kept,
             lambda better, current: self._refuted(better, current) is None,
         )
         self.judged: Dict[FrozenSet[str], held_out.Judged] = {}  # by set of effects
@@ -199,9 +194,7 @@ class Diagnosis:
     def judge(self, names: FrozenSet[str]) -> held_out.Judged:
         """held_out.Judged of a set of effects that was fitted."""
         if names not in self.judged:
-            fit = self.search.fits[names]
-            what = ("judged", sorted(self.likelihood.varying), sorted(names), fit.model.format())
-            self.judged[names] = self.kept.result(what, lambda: self.folds.judge(fit))
+            self.judged[names] = self.folds.judge(self.search.fits[names])
         return self.judged[names]
 
     def grow(self) -> None:

@@ -11,7 +11,6 @@ from ground import _core
 from ground.analysis import study
 from ground.analysis.distributions import mean_not_above_zero
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array, Each, Indices
 from ground.core_types import FittedParameter
 from ground.errors import GroundError
@@ -22,7 +21,6 @@ MIN_PARTS = 4  # from which on a t-test over parts has power
 MAX_CHANCE = 0.05  # probability with which a Comparison may say "worse" where nothing differs
 
 
-@can_be_kept
 @dataclass
 class Judged:
     """A fitted model and its errors."""

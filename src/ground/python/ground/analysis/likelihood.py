@@ -14,7 +14,6 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.thinning import thinned
-from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array
 from ground.core_types import FittedParameter, ModelParameter, Residuals, RunTrim
 from ground.errors import GroundError
@@ -27,7 +26,6 @@ ABSENT = 1e-3  # share of a usual level that has no effect
 VARYING = frozenset(["trim_X", "trim_Y", "trim_N", "thrust"])  # levels of differences between runs
 
 
-@can_be_kept
 @dataclass(frozen=True)
 class Fit:
     """The likeliest parameters and levels."""

@@ -14,7 +14,6 @@ from ground import _core
 from ground.analysis import candidates, score_tests
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Document
 from ground.errors import GroundError
 
@@ -27,7 +26,6 @@ def _value_of(values: Dict[str, str]) -> Callable[["re.Match[str]"], str]:
     return lambda found: values[found.group()]
 
 
-@can_be_kept
 @dataclass(frozen=True)
 class Constant:
     """A number in the formulas of a Kind, and the range of its value."""
@@ -38,7 +36,6 @@ class Constant:
     upper: float
 
 
-@can_be_kept
 @dataclass(frozen=True)
 class Kind:
     """A way in which the past may act. `c` is its size."""
@@ -138,7 +135,6 @@ def kinds_of(model: _core.Model) -> Tuple[Kind, ...]:
     )  # fmt: skip
 
 
-@can_be_kept
 @dataclass(frozen=True)
 class Memory:
     """The likeliest kind of memory that holds."""

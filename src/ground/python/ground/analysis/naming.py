@@ -17,7 +17,6 @@ from ground.analysis.dictionary import PLACE, Feature
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
 from ground.analysis.selection import MIN_RATIO
-from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Document
 from ground.errors import GroundError
 
@@ -38,7 +37,6 @@ DIRECTED = "*cos(psi-{dr})"  # behind a force ahead that is part of a force in a
 PULL = {"X": "((x-{x0}))*cos(psi)+((y-{y0}))*sin(psi)", "Y": "((y-{y0}))*cos(psi)+-((x-{x0}))*sin(psi)"}
 
 
-@can_be_kept
 @dataclass(frozen=True)
 class Formula:
     """A proposal: an effect that the library does not have."""
@@ -60,7 +58,6 @@ class Formula:
         return _words(self.pieces, values)
 
 
-@can_be_kept
 @dataclass(frozen=True)
 class Piece:
     """A part of a formula, by channel, and its parameters: value, unit, lower and upper bound."""

@@ -25,22 +25,20 @@ from ground.analysis.likelihood import Fit
 from ground.analysis.refits import Extension, Fitting, Reduction
 from ground.analysis.score_tests import ScoreTests
 from ground.analysis.stages import Plan
-from ground.analysis.unfinished import Unfinished
 from ground.annotations import Each
 
 
 class Search:
     """Sets of effects added to a model, on the runs of a Likelihood. each: maps pieces of work over
-    items, in parallel if it can; plan: told of what is done and expected; kept: Unfinished results of
-    the same call; holds(better, current): whether a grown set does better on held-out data, too;
-    swapped: the effects that may be replaced, and by which others (None: all by all)."""
+    items, in parallel if it can; plan: told of what is done and expected; holds(better, current): whether
+    a grown set does better on held-out data, too; swapped: the effects that may be replaced, and by which
+    others (None: all by all)."""
 
     def __init__(
         self,
         fitting: Fitting,
         each: Each = map,
         plan: Optional[Plan] = None,
-        kept: Optional[Unfinished] = None,
         holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
         swapped: Optional[Mapping[str, Sequence[str]]] = None,
     ) -> None:
@@ -51,7 +49,6 @@ class Search:
         self._thresholds: Dict[int, float] = {}  # by number of parameters
         self.each = each
         self.plan = plan or Plan()
-        self.kept = kept or Unfinished()
         self.holds = holds
         self.swapped = swapped
         self._swapped: Set[str] = set()  # effects that were tried to be swapped already
@@ -195,10 +192,8 @@ class Search:
     def _fit_all(self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]) -> None:
         """Fits a set extended by each proposal."""
         wanted = [p for p in proposals if current | set(p) not in self.fits]
-        base, varying = self.fits[current].model.format(), sorted(self.fitting.likelihood.varying)
         extend = Extension(self.fitting, current, self.fits[current], self.test_beside(current))
-        parts = [("fit", varying, base, added) for added in wanted]
-        for added, fit in zip(wanted, self.kept.results(parts, extend, wanted, self.each)):
+        for added, fit in zip(wanted, self.each(extend, wanted)):
             self.plan.work.step()
             if fit is not None:
                 self.fits[current | set(added)] = fit

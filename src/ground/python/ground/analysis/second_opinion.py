@@ -20,7 +20,6 @@ from ground import _core
 from ground.analysis import failure, residuals, study
 from ground.analysis.likelihood import call
 from ground.analysis.thinning import thinned
-from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array, Indices
 from ground.errors import GroundError
 from ground.recordings import repair
@@ -61,7 +60,6 @@ WAVES = (0.8, 6.7)  # least and largest number of waves over the floor [1/m] ...
 MAX_WAVES = 40  # ... and of those tried
 
 
-@can_be_kept
 @dataclass(frozen=True)
 class Opinion:
     """What the accelerations that a model does not explain depend on."""

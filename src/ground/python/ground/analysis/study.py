@@ -8,7 +8,6 @@ import numpy as np
 
 from ground import _core, core_types
 from ground.analysis import candidates
-from ground.analysis.unfinished import can_be_kept
 from ground.annotations import Array, Random
 from ground.errors import GroundError
 from ground.progress import Work
@@ -28,7 +27,6 @@ MAX_ERROR_RATIO = 0.99  # largest ratio of held-out errors for which another len
 NOMINAL = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
 
 
-@can_be_kept
 @dataclass
 class Fit:
     """A model fitted to all windows of a study."""

@@ -13,7 +13,6 @@ import numpy as np
 from ground.analysis import candidates
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import ABSENT, Fit, Likelihood
-from ground.analysis.unfinished import can_be_kept
 
 # Probability of a false finding. It is low, because a disturbance whose correlation time changes
 # looks like a difference.
@@ -41,7 +40,6 @@ KINDS = (
 )
 
 
-@can_be_kept
 @dataclass(frozen=True)
 class Difference:
     """Something that differs between runs."""

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Callable, Dict, Iterable, List, Optional, Sequ
 
 import numpy as np
 
-from ground import _core, origin, workers
+from ground import _core, workers
 from ground.analysis import candidates, diagnosis, diagnosis_report, stages, study
 from ground.analysis.conclusion import MISREAD, Conclusion, conclude
-from ground.analysis.unfinished import Unfinished
 from ground.annotations import Array, Document, Path
 from ground.api.models import (
     Model,
@@ -153,17 +152,6 @@ class Problem:
             return self.given_room.path
         return str(flown.files["room"].place()) if flown else ""
 
-    def unfinished(self, folder: str) -> Unfinished:
-        """Results that an interrupted run of this diagnosis has left in a folder."""
-        neutral = [(c.name, c.add(self.model.core).format()) for c in self.tried]
-        measured_in = [
-            (r.name, np.array(r.times), r.eta, r.nu, r.inputs, r.drives, r.poses, r.noise)
-            for r in self.runs
-        ]
-        options = self.budget, self.thorough, self.misread
-        identity = (measured_in, self.model.format(), neutral, options, origin.versions())
-        return Unfinished(folder, identity)
-
 
 def diagnose(
     model: ModelLike,
@@ -180,7 +168,6 @@ def diagnose(
     end: Optional[float] = None,
     everything: bool = False,
     as_recorded: bool = False,
-    resume: Optional[Path] = None,
     scheduler: Optional[str] = None,
     progress: Progress = None,
 ) -> Diagnosis:
@@ -194,8 +181,7 @@ def diagnose(
     uses all of long recordings. room: for the next experiment. start, end: the part of every run,
     on the run's clock [s]; everything: includes parts that are not usable. as_recorded: diagnoses
     recordings that look misread (swapped channels, wrong signs, units or clocks), too; otherwise
-    the verdict says so and no effect is blamed. resume: a folder that keeps finished parts, so that
-    an interrupted diagnosis can be resumed. scheduler: of a Dask cluster that does the fits, as for
+    the verdict says so and no effect is blamed. scheduler: of a Dask cluster that does the fits, as for
     `compare`. progress: called with a ground.progress.Report at each step. GroundError when a file
     cannot be read, there is no such effect or the recordings are too short.
 
@@ -221,11 +207,8 @@ def diagnose(
         work=work,
         as_recorded=as_recorded,
     )
-    kept = Unfinished() if resume is None else problem.unfinished(os.fspath(resume))
     with workers.Workers(scheduler) as team:
-        found = solve(problem, kept, work, team)
-    kept.done()
-    return found
+        return solve(problem, work, team)
 
 
 def read_problem(
@@ -292,23 +275,19 @@ def _check_known(named: Iterable[str], by_default: List[str]) -> None:
 
 def solve(
     problem: Problem,
-    kept: Unfinished,
     work: Work,
     team: workers.Workers,
     told: Callable[[Document], None] = lambda report: None,
 ) -> Diagnosis:
-    """Diagnoses; kept: results of an interrupted run of this diagnosis; work: told of what is done;
-    team: does the fits; told: called with the part of the report that the verdict needs, as soon as it
-    is known."""
+    """Diagnoses; work: told of what is done; team: does the fits; told: called with the part of the report
+    that the verdict needs, as soon as it is known."""
     room = problem.room()
-    found, misread = _diagnosis(problem, kept, work, team), problem.misread
+    found, misread = _diagnosis(problem, work, team), problem.misread
     if not misread:
         found.grow()
         if problem.is_turned and "heading_offset" not in found.model.effects:
             # The search has not found what the commands show: what it found instead is not physics.
-            found, misread = _diagnosis(problem, kept, work, team), True
-    if kept.taken:
-        work.note("%d results of an interrupted diagnosis taken over" % kept.taken)
+            found, misread = _diagnosis(problem, work, team), True
     held = problem.held.data
     conclusion = conclude(found, held, misread)
     work.note("verdict: %s" % conclusion.verdict)
@@ -319,9 +298,7 @@ def solve(
     return _result(problem, found, conclusion, report)
 
 
-def _diagnosis(
-    problem: Problem, kept: Unfinished, work: Work, team: workers.Workers
-) -> diagnosis.Diagnosis:
+def _diagnosis(problem: Problem, work: Work, team: workers.Workers) -> diagnosis.Diagnosis:
     """The model as it is, refitted."""
     return diagnosis.Diagnosis(
         problem.runs,
@@ -329,7 +306,6 @@ def _diagnosis(
         problem.tried,
         problem.budget,
         work=work,
-        kept=kept,
         most=math.inf if problem.thorough else study.MAX_WINDOWS,
         each=team.map if team.is_cluster else None,
     )

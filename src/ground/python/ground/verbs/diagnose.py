@@ -1,7 +1,6 @@
 """identify diagnose: which physical effect is missing in a model."""
 
 import argparse
-import os
 
 from ground import workers
 from ground.analysis import candidates, criteria
@@ -80,20 +79,18 @@ def run(arguments: argparse.Namespace) -> Document:
         as_recorded=arguments.as_recorded,
     )
     folder.prepare()
-    kept = problem.unfinished(os.path.join(arguments.output, ".unfinished"))
 
     def told(report: Document) -> None:
         for line in words.concluded(report):
             common.say(arguments, line)
 
     with workers.Workers(arguments.scheduler) as team:
-        found = diagnosing.solve(problem, kept, work, team, told)
+        found = diagnosing.solve(problem, work, team, told)
     folder.write_numbers(found)
     for line in words.described(found.report):
         common.say(arguments, line)
     with work.stage(common.PAGE), common.page(folder.page, folder.numbers):
         folder.write_page(found)
-    kept.done()
     common.say(arguments, "")
     for path in folder.written:
         common.say(arguments, "written to %s" % path)
