@@ -62,8 +62,8 @@ class Diagnosis:
 
     runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are
     refitted in a step, best by score test first (None: as Criteria say); threads: 0 for all
-    cores; work: told of what is done; most: largest number of windows over which the error is taken; each: maps pieces of work, which can
-    be pickled, over items (None: in the threads).
+    cores; work: told of what is done; most: largest number of windows over which the error is taken;
+    each: maps pieces of work, which can be pickled, over items (None: in the threads).
     """
 
     def __init__(
