@@ -31,6 +31,8 @@ from ground.annotations import Array
 
 WAVES = 6000  # wave vectors
 HALF_WAVES = 8  # of the time, at most
+FEW_WAVES = 3  # half waves of a velocity or a command, at most
+MOST_OF = 3.5  # standard deviations that hold most of the values
 BELLS = 150  # centres of bells of one size
 STEPS = (0.1, 0.25, 0.5, 0.75, 0.9)  # quantiles of a variable at which a step may be
 SHARP = 0.15  # width of a step, in standard deviations of its variable
@@ -88,6 +90,7 @@ def few(model: _core.Model, scales: Scales) -> List[Scalar]:
     names = dictionary.inputs(model)
     speeds = [("u", "m/s"), ("v", "m/s"), ("r", "rad/s"), ("abs(r)", "rad/s"), ("sqrt(u^2+v^2)", "m/s")]
     commands = [(name, "-") for name in names] + [("lift", "-"), ("(%s)" % "+".join(names), "-")]
+    commands += [("abs%s" % difference, "-") for difference in _from_mean(model)]
     (cx, cy), far = scales.centre, FAR * scales.extent
     middle = {"x1": Constant(cx, "m", far), "y1": Constant(cy, "m", far)}
     return [
@@ -129,6 +132,8 @@ def of_motion(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) ->
         *_of_velocity_in_room(scales),
         *_steps(_variables(every), VELOCITY),
         *_steps(_amounts(model, every), COMMAND),
+        *_waves_of(_variables(every), VELOCITY),
+        *_waves_of(_amounts(model, every), COMMAND),
         *_of([COMMAND], commands),
         *_of_time(scales),
         *_waves_of_time(scales),
@@ -145,13 +150,15 @@ def of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
 
 def _differences(model: _core.Model) -> List[str]:
     """Functions of the difference of each thruster's input from their mean."""
-    names, found = dictionary.inputs(model), []
-    mean = "(%s)/%d" % ("+".join(names), len(names))
     forms = ("abs(%s)", "%s^2", "%s*abs(%s)", "%s^3", "%s/sqrt(abs(%s)+0.01)")
-    for name in names if len(names) > 2 else names[:1]:
-        d = "(%s-%s)" % (name, mean)
-        found += [form.replace("%s", d) for form in forms]
-    return found
+    return [form.replace("%s", d) for d in _from_mean(model) for form in forms]
+
+
+def _from_mean(model: _core.Model) -> List[str]:
+    """Differences of the inputs of thrusters from their mean; one for a pair."""
+    names = dictionary.inputs(model)
+    mean = "(%s)/%d" % ("+".join(names), len(names))
+    return ["(%s-%s)" % (name, mean) for name in (names if len(names) > 2 else names[:1])]
 
 
 IN_ROOM = "(u*cos(psi+{d0})-v*sin(psi+{d0}))"  # velocity along a direction of the room
@@ -231,8 +238,7 @@ def _amounts(model: _core.Model, every: Mapping[str, Array]) -> _Variables:
     total = sum(every[name] for name in names)
     found = {name: (every[name], "-") for name in names}
     found["(%s)" % "+".join(names)] = (np.asarray(total), "-")
-    for name in names if len(names) > 2 else names[:1]:
-        text = "(%s-(%s)/%d)" % (name, "+".join(names), len(names))
+    for name, text in zip(names, _from_mean(model)):
         found[text] = (np.asarray(every[name] - total / len(names)), "-")
     return found
 
@@ -262,6 +268,18 @@ def _waves_of_time(scales: Scales) -> List[Scalar]:
         for k in range(1, HALF_WAVES + 1)
         for phase in PHASES.values()
     ]  # fmt: skip
+
+
+def _waves_of(variables: _Variables, argument: str) -> List[Scalar]:
+    """Waves of variables: up to a few half waves over most of the values."""
+    found = []
+    for text, (values, unit) in variables.items():
+        half = np.pi / (MOST_OF * float(values.std())) if values.std() > 0 else 0.0
+        per_unit = "rad" if unit == "-" else "rad/(%s)" % unit
+        for k, phase in itertools.product(range(1, FEW_WAVES + 1) if half else [], PHASES.values()):
+            constants = {"kq": Constant(k * half, per_unit, half), "pq": phase}
+            found.append(Scalar("sin({kq}*%s+{pq})" % text, "-", frozenset([argument]), constants))
+    return found
 
 
 def _bells_of_time(scales: Scales) -> List[Scalar]:

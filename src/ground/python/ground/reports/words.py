@@ -231,10 +231,12 @@ def _verdict(report: Document) -> str:
     if report["verdict"] == "complete":
         small = report["slight"]
         visible = "; %s is visible and does not matter" % _sized(report, small) if small else ""
+        there = "refitted, the model's %s is %s, and %s" % (error_name(report), _without(report), leaves)
+        if report["improved"]["error"]["heldout"] < ABOVE * report["noise_floor"]:
+            return "Nothing is missing%s: %s" % (visible, there)
         return (
-            "Nothing is missing%s: refitted, the model's %s is %s, and "
-            % (visible, error_name(report), _without(report))
-            + leaves
+            "Nothing is missing that these runs could teach%s: %s The rest is a random push, which nothing "
+            "that was recorded predicts." % (visible, there)
         )
     if report["verdict"] == "varies":
         return "No effect is missing, but %s; the %s is %s, %s" % (
