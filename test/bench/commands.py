@@ -1,10 +1,10 @@
 #!/usr/bin/python3
 """How long a person waits for each verb of identify, on recordings of 30 s to 1 h and on 1 to 1000 bags.
 
-Each command runs as a process of its own: the first time without a cache of its recordings (cold), then
-with it (warm). Prints wall time, processor time, peak memory (of all its processes, shared pages once) and
-the time of the first line that it shows, and writes the same as JSON. Recordings are simulated into a
-folder, once; results go to a file of JSON lines, so that an interrupted bench continues where it stopped.
+Each command runs as a process of its own. Prints wall time, processor time, peak memory (of all its
+processes, shared pages once) and the time of the first line that it shows, and writes the same as JSON.
+Recordings are simulated into a folder, once; results go to a file of JSON lines, so that an interrupted
+bench continues where it stopped.
 """
 
 import argparse
@@ -23,7 +23,6 @@ import numpy as np
 import ground
 import resumed
 from ground import workers
-from ground.recordings import cache
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 MODEL = os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover.yaml")
@@ -31,7 +30,7 @@ EXTRA = 2.0  # rest, lift alone and rest around the input of a simulated run [s]
 # size: number of bags, length of each [s]
 SIZES = {"30s": (1, 30), "5min": (1, 300), "1h": (1, 3600), "1bag": (1, 10), "10bags": (10, 10)}
 SIZES.update({"100bags": (100, 10), "1000bags": (1000, 10)})
-# Largest wall time [s] and memory [MB], cold
+# Largest wall time [s] and memory [MB]
 GOALS = {("fit", "1h"): (10, 1000), ("fit", "1000bags"): (60, 4000)}
 FIRST_LINE = 1.5  # largest time of the first line [s]
 SAMPLING = 0.2  # time between samples of memory [s]
@@ -82,7 +81,7 @@ def make(size, folder):
         ground.simulate(MODEL, "tracking", duration=seconds - EXTRA, seed=1).save(tracking)
     tables = [os.path.join(folder, size, name + ".csv") for name in ("controls", "pose")]
     if count == 1 and not all(map(os.path.exists, tables)):
-        (run,) = ground.read(os.path.join(bags, "run0000.bag"), cached=False)
+        (run,) = ground.read(os.path.join(bags, "run0000.bag"))
         for path, times, rows in zip(
             tables, (run.control_times, run.pose_times), (run.controls, run.eta)
         ):
@@ -108,10 +107,8 @@ def _export(path, times, rows):
         file.writelines("%d,%d,%.9g,%.9g,%.9g\n" % (t, t, *row) for t, row in zip(stamps, rows))
 
 
-def forget(size, folder):
-    """Removes the cache of a size, and what commands have written."""
-    for place in (os.path.join(folder, size), os.path.join(folder, size, "bags")):
-        shutil.rmtree(os.path.join(place, cache.FOLDER), ignore_errors=True)
+def forget(folder):
+    """Removes what commands have written."""
     shutil.rmtree(os.path.join(folder, "out.discovery"), ignore_errors=True)
 
 
@@ -186,35 +183,32 @@ def run(folder, limit, job):
     """Result of a job, (size, verb)."""
     size, verb = job
     make(size, folder)
-    forget(size, folder)
+    forget(folder)
     arguments = commands(size, folder)[verb]
-    cold = measure(arguments, limit)
-    warm = measure(arguments, limit) if cold["seconds"] and verb != "discover" else None
-    result = {"size": size, "verb": verb, "cold": cold, "warm": warm, "limit": limit}
+    result = {"size": size, "verb": verb, "found": measure(arguments, limit), "limit": limit}
     print(line(result), flush=True)
     return result
 
 
 def line(result):
     """A row of the table."""
-    cold, warm = result["cold"], result["warm"] or {}
+    found = result["found"]
     goal = GOALS.get((result["verb"], result["size"]))
-    late = cold["first_line"] is not None and cold["first_line"] > FIRST_LINE
-    return "%-9s %-9s %9s %9s %9.1f %8.0f %9s  %s" % (
+    late = found["first_line"] is not None and found["first_line"] > FIRST_LINE
+    return "%-9s %-9s %9s %9.1f %8.0f %9s  %s" % (
         result["verb"],
         result["size"],
-        _seconds(cold["seconds"], result["limit"]),
-        _seconds(warm.get("seconds"), result["limit"]) if warm else "",
-        cold["processor"],
-        cold["MB"],
-        _seconds(cold["first_line"], result["limit"]),
+        _seconds(found["seconds"], result["limit"]),
+        found["processor"],
+        found["MB"],
+        _seconds(found["first_line"], result["limit"]),
         "; ".join(
             filter(
                 None,
                 (
                     goal and "goal %g s, %g MB%s" % (*goal, "" if _meets(result) else ": MISSED"),
                     late and "first line late",
-                    cold["status"] and "failed: " + cold["last"],
+                    found["status"] and "failed: " + found["last"],
                 ),
             )
         ),
@@ -227,12 +221,12 @@ def _seconds(value, limit):
 
 def _meets(result):
     """Whether a result is within its goal, if it has one, and the command has not failed."""
-    cold, goal = result["cold"], GOALS.get((result["verb"], result["size"]))
-    if cold["status"]:
+    found, goal = result["found"], GOALS.get((result["verb"], result["size"]))
+    if found["status"]:
         return False
     if goal is None:
         return True
-    return cold["seconds"] is not None and cold["seconds"] <= goal[0] and cold["MB"] <= goal[1]
+    return found["seconds"] is not None and found["seconds"] <= goal[0] and found["MB"] <= goal[1]
 
 
 def main():
@@ -246,14 +240,13 @@ def main():
     arguments = parser.parse_args()
     folder = os.path.abspath(arguments.folder)
     os.makedirs(folder, exist_ok=True)
-    os.environ.pop(cache.OFF, None)
     jobs = [
         (size, verb)
         for size in arguments.sizes
         for verb in arguments.only
         if verb in commands(size, folder)
     ]
-    print("%-9s %-9s %9s %9s %9s %8s %9s" % ("verb", "size", "cold s", "warm s", "cpu s", "MB", "first s"))
+    print("%-9s %-9s %9s %9s %8s %9s" % ("verb", "size", "s", "cpu s", "MB", "first s"))
     one = OneByOne()
     found = resumed.results(
         one,

@@ -14,7 +14,7 @@ from test_identify import write_csv
 
 import rosbag
 from ground import cli, errors, verbs
-from ground.recordings import cache, topics
+from ground.recordings import topics
 from ground.verbs import info
 
 SCRIPTS = ROOT / "src" / "ground" / "scripts"
@@ -128,9 +128,7 @@ def test_a_read_only_folder_is_one_line(here, capsys, monkeypatch, verb):
         (here / "out").mkdir()
     # The test may run as root, who can write everywhere: imitate the system's answer to others.
     monkeypatch.setattr(os, "access", lambda path, mode: not mode & os.W_OK)
-    with monkeypatch.context() as uncached:
-        uncached.setenv(cache.OFF, "1")
-        fails(capsys, WRITING[verb], "cannot be written to")
+    fails(capsys, WRITING[verb], "cannot be written to")
 
     def refuse(*_, **__):
         raise PermissionError(13, "Permission denied", "somewhere/.ground-1")
@@ -142,7 +140,6 @@ def test_a_read_only_folder_is_one_line(here, capsys, monkeypatch, verb):
 
 
 def test_an_unusable_path_is_one_line(here, capsys, monkeypatch):
-    monkeypatch.setenv(cache.OFF, "1")
     fit = ["fit", "run.bag", "--model", "model.yaml", "-o"]
     fails(capsys, fit + ["x" * 300 + ".yaml"], "name", "shorter")
     fails(capsys, fit + ["/proc/out.yaml"], "/proc/out.yaml")

@@ -2,7 +2,6 @@
 import os
 import re
 import struct
-import time
 
 import numpy as np
 import pytest
@@ -13,12 +12,9 @@ from ground.errors import GroundError
 from ground.recordings import (
     bag_reader,
     batches,
-    cache,
     codecs,
-    columns,
     commands,
     flown,
-    many,
     mapping,
     messages,
     poses,
@@ -538,86 +534,6 @@ def test_the_share_that_has_been_read_is_told():
 # --- the cache
 
 
-def test_a_key_depends_on_all_that_it_is_of(tmp_path):
-    one, other = tmp_path / "one", tmp_path / "other"
-    one.write_bytes(b"abc" * 10)
-    other.write_bytes(b"abc" * 10)
-    key = cache.key_of_files([str(one)], "fact")
-    assert key == cache.key_of_files([str(one)], "fact")
-    assert len({
-        key, cache.key_of_files([str(other)], "fact"), cache.key_of_files([str(one)], "fact", ""),
-        cache.key_of_files([str(one)], "facts"), cache.key_of_files([str(one), str(one)], "fact"),
-        cache.key_of_files([], "fact"),
-    }) == 6  # fmt: skip
-    one.write_bytes(b"abd" * 10)
-    assert cache.key_of_files([str(one)], "fact") != key
-    arrays = {"a": np.arange(6.0), "b": np.zeros(2)}
-    kept = {cache.key_of_columns(columns.Columns("f", arrays))}
-    kept.add(cache.key_of_columns(columns.Columns("g", arrays)))
-    kept.add(cache.key_of_columns(columns.Columns("f", {**arrays, "a": np.arange(6.0).reshape(2, 3)})))
-    kept.add(cache.key_of_columns(columns.Columns("f", {**arrays, "a": np.arange(6)})))
-    kept.add(cache.key_of_columns(columns.Columns("f", {**arrays, "a": np.arange(1.0, 7.0)})))
-    assert len(kept) == 5
-    turned = dict(reversed(list(arrays.items())))
-    assert cache.key_of_columns(columns.Columns("f", turned)) in kept
-
-
-@pytest.mark.skipif(not os.path.exists("/proc/self/maps"), reason="the libraries are not listed here")
-def test_a_key_depends_on_the_libraries_that_are_loaded():
-    names = {os.path.basename(path).split(".")[0] for path in cache._libraries()}
-    assert "_core" in names and {"libground_model", "libground_identification"} <= names
-
-
-def test_recordings_and_runs_survive_their_columns(tmp_path):
-    path = str(write_bag(tmp_path / "run.bag", duration=4))
-    given = recording.read_bag(path)
-    again = columns.recording_of(columns.of_recording(given), path, "folder")
-    for name in ("pose_times", "eta", "control_times", "controls", "drives"):
-        assert np.array_equal(getattr(again, name), getattr(given, name)), name
-    for name in ("name", "source", "settings", "channels", "lift_channel", "files", "changes", "path"):
-        assert getattr(again, name) == getattr(given, name), name
-    assert again.cache == "folder"
-    run = columns.run_of(columns.of_run(given.repaired), given)
-    assert run.describe() == given.repaired.describe()
-    assert np.array_equal(run.motion.nu, given.repaired.motion.nu)
-    short = columns.of_recording(given)
-    short.arrays["eta"] = short.arrays["eta"][:-1]
-    with pytest.raises(ValueError, match="an array has the shape"):
-        columns.recording_of(short, path)
-
-
-def test_old_entries_and_those_of_lost_recordings_are_removed(tmp_path):
-    folder = tmp_path / cache.FOLDER
-    folder.mkdir()
-    touched(tmp_path, "run.bag")
-    kept = []
-    for age in range(7):
-        for name in ("run.bag", "gone.bag"):
-            path = folder / ("%s.%s.%032x.npz" % (name, cache.READING, age))
-            path.write_text("x")
-            os.utime(str(path), (1e9 - age, 1e9 - age))
-            kept += [path.name] * (name == "run.bag" and age < cache.KEPT)
-    for name, age in ((".tmp-old", 3700), (".tmp-new", 3500), ("other", 9999)):
-        (folder / name).write_text("x")
-        os.utime(str(folder / name), (time.time() - age,) * 2)
-    cache.tidy(str(folder))
-    assert sorted(os.listdir(str(folder))) == sorted([*kept, ".tmp-new", "other"])
-    cache.tidy(str(tmp_path / "none"))
-
-
-def test_an_entry_that_is_used_is_new_again(tmp_path):
-    touched(tmp_path, "run.bag")
-    folder, bag = str(tmp_path / cache.FOLDER), str(tmp_path / "run.bag")
-    key, given = "k" * 32, columns.Columns("facts", {"a": np.arange(3.0)})
-    cache.save(folder, bag, cache.READING, key, given)
-    (name,) = [n for n in os.listdir(folder) if n.endswith(".npz")]
-    os.utime(os.path.join(folder, name), (1e9, 1e9))
-    found = cache.load(folder, bag, cache.READING, key)
-    assert found.facts == "facts" and np.array_equal(found.arrays["a"], given.arrays["a"])
-    assert os.stat(os.path.join(folder, name)).st_mtime > time.time() - 60
-    assert cache.load(folder, bag, cache.READING, "l" * 32) is None
-
-
 def test_files_of_a_run_are_kept_and_placed(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_HOME", str(tmp_path / "home"))
     craft, room = tmp_path / "craft.yaml", tmp_path / "room.yaml"
@@ -635,26 +551,3 @@ def test_files_of_a_run_are_kept_and_placed(tmp_path, monkeypatch):
     assert copy != str(craft) and copy.startswith(str(tmp_path / "home")) and open(copy).read() == file.text
     assert file.place() == copy
     assert flown.RunFile(str(craft), "name: Small\n").describe()["title"] == "Small"
-
-
-def test_one_process_reads_what_is_small(monkeypatch):
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2})
-    assert many._alone(1, 1e9, 10) and many._alone(5, 9, 10)
-    assert not many._alone(2, 10, 10)
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
-    assert not many._alone(2, 10, 10)
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
-    assert many._alone(5, 1e9, 10)
-
-
-def test_recordings_are_repaired_once_and_in_their_order(tmp_path):
-    paths = [str(write_bag(tmp_path / ("%d.bag" % s), duration=3, seed=s)) for s in (1, 2)]
-    told = []
-    found = list(many.read(paths, mapping.DEFAULT, False, lambda number, share: told.append(number)))
-    assert [r.path for r in found] == paths and set(told) <= {0, 1}
-    assert not os.path.exists(str(tmp_path / cache.FOLDER))
-    first = found[0].repaired
-    runs = list(many.repair(found))
-    assert runs[0] is first and runs[1] is found[1].repaired
-    assert runs[1].recording is found[1]
-    assert list(many.repair(found)) == runs

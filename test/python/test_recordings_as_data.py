@@ -155,7 +155,7 @@ def test_results_are_pickled(runs):
 def read_table(path, mapping=MAPPING):
     file = path.parent / "mapping.yaml"
     file.write_text(mapping)
-    (run,) = ground.read(path, mapping=file, cached=False)
+    (run,) = ground.read(path, mapping=file)
     return run
 
 
@@ -242,6 +242,24 @@ def test_files_have_the_permissions_that_the_umask_leaves(tmp_path):
     finally:
         os.umask(before)
     written = [path for path in tmp_path.rglob("*") if path.is_file()]
-    assert {".npz", ".bag", ".yaml", ".json", ".html"} <= {path.suffix for path in written}
+    assert {".bag", ".yaml", ".json", ".html"} <= {path.suffix for path in written}
     for path in written:
         assert stat.S_IMODE(path.stat().st_mode) == 0o640, path
+
+
+def test_several_processes_read_and_repair_what_one_does(tmp_path, monkeypatch):
+    from conftest import write_bag
+
+    from ground.recordings import many
+
+    bags = [write_bag(tmp_path / ("%d.bag" % n), seed=n) for n in range(3)]
+    alone = ground.read(bags)
+    monkeypatch.setattr(many, "_alone", lambda *_: False)
+    together = ground.read(bags)
+    for one, other, first, second in zip(alone, together, many.repair(alone), many.repair(together)):
+        assert same_run(one, other) and one.name == other.name and one.settings == other.settings
+        assert second.recording is other
+        assert np.array_equal(first.motion.nu, second.motion.nu) and first.spans == second.spans
+    (tmp_path / "bad.bag").write_text("nonsense")
+    with pytest.raises(ground.GroundError, match="bad.bag: not a bag"):
+        ground.read(tmp_path)

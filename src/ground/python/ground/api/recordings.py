@@ -12,7 +12,7 @@ from ground.api.models import Model
 from ground.api.values import distinct_labels
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.progress import Work
-from ground.recordings import cache, findings, many, quality, readers, settings, suspicions
+from ground.recordings import findings, many, quality, readers, settings, suspicions
 from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.recording import Recording
 
@@ -29,17 +29,15 @@ def read(
     pose_topic: Optional[str] = None,
     command_topic: Optional[str] = None,
     body: Optional[str] = None,
-    cached: bool = True,
 ) -> Tuple[Recording, ...]:
     """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
     bags: a path or several; a folder stands for the bags in it. axes: world_ned x, y, z in the
     mocap's axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both replace what
     was recorded with the run. mapping: a mapping file, or its content; pose_topic, command_topic and
-    body (child frame, or part of the topic's name) replace its own. cached: whether what is read and
-    repaired is kept in the folder .ground_cache beside a bag, to be read from there next time.
-    Runs of the same name get the names of their folders in front. GroundError when a bag cannot be
-    read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
+    body (child frame, or part of the topic's name) replace its own. Runs of the same name get the names
+    of their folders in front. GroundError when a bag cannot be read or is given twice, also as a copy;
+    anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -53,7 +51,7 @@ def read(
     elif not isinstance(mapping, FieldMapping):
         mapping = load(os.fspath(mapping))
     given = mapping.with_options(pose_topic, command_topic, body, axes, heading_offset)
-    return tuple(reading([os.fspath(path) for path in paths], given, cached=cached))
+    return tuple(reading([os.fspath(path) for path in paths], given))
 
 
 READING = "reading recordings (kB)"  # stage; unit: a kilobyte
@@ -67,10 +65,9 @@ def reading(
     paths: Sequence[str],
     mapping: FieldMapping = DEFAULT,
     work: Optional[Work] = None,
-    cached: bool = True,
 ) -> Iterator[Recording]:
     """The recordings in bags and folders, all read before the first one is returned; work: told of
-    each that is read; cached: whether their cache is used."""
+    each that is read."""
     found, work = [], work or Work()
     bags = readers.listed(paths, mapping)
     ends = np.cumsum([readers.size(path) // 1000 for path in bags]).tolist()
@@ -84,13 +81,11 @@ def reading(
         told.reach(begins[number] + int(share * (ends[number] - begins[number])))
 
     with work.stage(READING):
-        for path, end, recording in zip(bags, ends, many.read(bags, mapping, cached, tell)):
+        for path, end, recording in zip(bags, ends, many.read(bags, mapping, tell)):
             found.append(recording)
             work.reach(end)
             for warning in recording.warnings:
                 warn("%s: %s" % (path, warning), RecordingWarning)
-    for folder in {recording.cache for recording in found if recording.cache}:
-        cache.tidy(folder)
     yield from distinct(found)
 
 

@@ -51,7 +51,6 @@ class Recording:
     path: str = ""  #: path of the bag that it was read from
     channels: Tuple[str, ...] = CHANNELS  #: names of the commands
     lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
-    cache: str = ""  #: folder of the cache for what is found from it; empty: none
     digest: str = ""  #: of the content of the files that it was read from; empty: none
 
     @functools.cached_property

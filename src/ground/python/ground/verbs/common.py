@@ -9,7 +9,7 @@ import numpy as np
 from ground import errors
 from ground.api import recordings as api
 from ground.errors import GroundError
-from ground.recordings import cache, mapping, readers, settings
+from ground.recordings import mapping, readers, settings
 from ground.recordings.recording import Recording
 
 
@@ -62,12 +62,6 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--command-topic", metavar="TOPIC", help="topic of the commands")
     parser.add_argument(
         "--body", metavar="NAME", help="child frame, or part of the topic's name, of the craft"
-    )
-    parser.add_argument(
-        "--no-cache",
-        action="store_true",
-        help="read and repair everything anew, and keep nothing of it in %s beside the recordings (also: "
-        "%s=1)" % (cache.FOLDER, cache.OFF),
     )
 
 
@@ -161,7 +155,7 @@ def say(arguments: argparse.Namespace, text: str = "") -> None:
 
 def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:
     """The recordings in the bags, read when the first one is asked for."""
-    return api.reading(bags, mapped(arguments), arguments.work, not arguments.no_cache)
+    return api.reading(bags, mapped(arguments), arguments.work)
 
 
 def mapped(arguments: argparse.Namespace) -> mapping.FieldMapping:
