@@ -43,7 +43,7 @@ SMALL = 0.35
 # Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in
 # multiples of the one from which it is excluded.
 CLOSE = 5.0
-LENGTHENED = 4  # formulas, each longer than the one before
+LENGTHENED = 3  # formulas, each longer than the one before
 FLOORS = 5  # simulations over which the noise floor is averaged
 
 
@@ -235,15 +235,17 @@ def _lengthened(
     found: Diagnosis, before: float, enough: float
 ) -> Tuple[Optional[naming.Formula], float]:
     """The formula, made longer while the cross-validated error falls and is not small enough, and that
-    error; before: without a formula."""
+    error; before: without a formula. The first may raise the error: a function of the commands does without
+    the constant that it needs."""
     best, least = None, before
     made = found.formula_of(found.names)
-    for _ in range(LENGTHENED):
+    for number in range(LENGTHENED):
         after = before if made is None else _crossed(found, made.fit)
-        if made is None or after >= least:
+        if made is None or (after >= least and number > 0):
             break
-        is_done = after < enough or after > BETTER * least
-        best, least = made, after
+        is_done = after < enough or BETTER * least < after < least
+        if after < least:
+            best, least = made, after
         if is_done:
             break
         beside = ceiling.found_beside(found.likelihood, made.fit, found.runs, found.cut)

@@ -11,6 +11,7 @@ filtered causally from commands that reach the thrusters and from these velociti
 """
 
 import itertools
+import re
 from dataclasses import dataclass, field, replace
 from typing import Any, Callable, Dict, FrozenSet, Iterator, List, Mapping, NamedTuple, Sequence, Tuple
 
@@ -30,6 +31,8 @@ FIELDS = {"wide": (1.0, 24), "middle": (0.4, 40), "fine": (0.15, 40)}  # lengths
 CROSSED = 0.25  # time in which the craft crosses the shortest wavelength [s]
 FAR = 100.0  # of the extent: distance of a point of the room that a force may depend on
 CHANNELS = ("X", "Y", "N")
+CONSTANT = re.compile(r"\{\w+\}|(?<=[a-z])\d+")  # in a formula; or the number in a state's name
+POWER = re.compile(r"(\w+)\^([23])")
 HEADING, PLACE, VELOCITY = "heading", "place", "velocity"
 COMMAND, PAST, TIME = "command", "past", "time"
 ARGUMENTS = (HEADING, PLACE, VELOCITY, COMMAND, PAST, TIME)
@@ -566,6 +569,18 @@ def _states(model: _core.Model, v: Mapping[str, Array], times: Array) -> Dict[st
     steps = np.diff(times, prepend=times[0])
     found["used"] = np.cumsum(total * steps)
     return found
+
+
+def dependence(feature: Feature) -> str:
+    """What a feature has in common with those that differ in their constants, or in how their formulas
+    are written."""
+    parts = []
+    for channel, text in sorted(feature.template.items()):
+        text = CONSTANT.sub("", text)
+        text = POWER.sub(lambda found: "*".join([found.group(1)] * int(found.group(2))), text)
+        factors = sorted(f for f in re.sub("[()]", "", text).split("*") if f)
+        parts.append("%s: %s" % (channel, "*".join(factors)))
+    return ", ".join(parts)
 
 
 def squared_distances(points: Array, to: Array) -> Array:

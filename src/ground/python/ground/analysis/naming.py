@@ -13,7 +13,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates, selection
-from ground.analysis.dictionary import PLACE, Feature
+from ground.analysis.dictionary import PLACE, Feature, dependence
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
 from ground.analysis.selection import MIN_RATIO
@@ -21,6 +21,7 @@ from ground.annotations import Document
 from ground.errors import GroundError
 
 NAME = "proposed"
+LONGEST = 6  # pieces of a formula
 ALONG = 3.0  # angle from an axis of the room within which a wave is said to go along it [deg]
 FADES = re.compile(r"^\((.*)\)/([\d.]+)$")
 SWINGS = re.compile(r"^([\d.]+)\*\((.*)\)-[\d.]+\*(\w+)$")
@@ -83,7 +84,7 @@ def formula(
     """The Formula of what a regression finds beside a Fit; None if nothing is significant. begun: a formula
     beside which it was found, to be made longer."""
     kept = begun.pieces if begun else ()
-    pieces = new_pieces(regression, selection.chosen(regression), begun)
+    pieces = new_pieces(regression, selection.chosen(regression)[: LONGEST - len(kept)], begun)
     return of_pieces(likelihood, fit, [*kept, *pieces], begun) if pieces else None
 
 
@@ -115,7 +116,7 @@ def of_pieces(
         if shorter is None or made.ratio - shorter.ratio > MIN_RATIO:
             break
         made = shorter
-    return None if made is None else _simplified(likelihood, fit, made)
+    return made if made is None or begun else _simplified(likelihood, fit, made)
 
 
 def _simplified(likelihood: Likelihood, fit: Fit, made: Formula) -> Formula:
@@ -152,7 +153,7 @@ def _piece(feature: Feature, size: float, number: int) -> Piece:
     arguments = tuple(sorted(feature.family.arguments))
     simpler = tuple(_piece(one, size, number) for one in feature.simpler)
     return Piece(
-        number, parts, parameters, means, arguments, selection.dependence(feature), dict(states), simpler
+        number, parts, parameters, means, arguments, dependence(feature), dict(states), simpler
     )
 
 
@@ -161,6 +162,8 @@ def _in_words(feature: Feature, size: str, own: Mapping[str, str]) -> str:
     arguments, template = in_words(sorted(feature.family.arguments)), feature.template
     what, text = _along(feature, own)
     turn, wave = TURN.match(text), WAVE.match(text)
+    if text == "1":
+        return "%s of {%s}" % (what, size)
     if turn:
         times = turn.group(1) or "1"
         often = "once" if times == "1" else "%s times" % times

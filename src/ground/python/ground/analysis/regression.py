@@ -17,7 +17,7 @@ from typing import AbstractSet, Dict, List, Optional, Sequence, Set, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis.dictionary import Feature
+from ground.analysis.dictionary import Feature, dependence
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array, Flags, Indices
@@ -33,6 +33,7 @@ SEEN = 0.03  # least share of a feature's information that the parameters leave
 MOST = 8  # terms
 REFUSED = 3  # terms that held-out parts may refuse
 PARTS = 4  # of a single run
+AS_GOOD = 0.97  # part of the significance of a feature with which one with a factor less takes its place
 SORTS = 5  # of single features, by the number that they were chosen from
 RESPONSE = 1.0  # time after which the response to a pulse is cut [s]
 KEPT_FAMILIES = 6
@@ -327,6 +328,7 @@ class Regression:
         worth = np.where(z > 0, z - 2 * np.log(self.tried), -np.inf)
         found = []
         for j in np.argsort(-worth)[: len(refused) + 1].tolist():
+            j = self.plainest(j, z)
             if self.label(j) not in refused:
                 if chi_squared_above(float(z[j]), 1) * self.tried[j] < LEVEL / 2 / SORTS:
                     found.append(self.test(np.array([j]), terms, self.label(j)))
@@ -337,6 +339,16 @@ class Regression:
                 if tested.ratio > LEAST and tested.p_value < LEVEL / 2 / len(self.terms):
                     found.append(tested)
         return max(found, key=lambda t: t.ratio) if found else None
+
+    def plainest(self, j: int, z: Array) -> int:
+        """The feature that has fewer factors than j and is nearly as significant, or j; z: significance of
+        each."""
+        for simpler in self.features[j].simpler:
+            wanted = dependence(simpler)
+            alike = [k for k in np.flatnonzero(z > AS_GOOD * z[j]) if dependence(self.features[k]) == wanted]
+            if alike:
+                return self.plainest(max(alike, key=lambda k: float(z[k])), z)
+        return j
 
     def _resized(self, terms: Sequence[Term]) -> List[Term]:
         """Terms with their sizes and ratios beside the others; without those that do nothing there."""

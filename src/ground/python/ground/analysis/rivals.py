@@ -30,7 +30,7 @@ def rivals(likelihood: Likelihood, fit: Fit, found: Found, best: Formula, behind
     formula: of other arguments, or of another dependence. behind: value from which one that is behind the
     best formula is left out."""
     regression, made = found.regression, [best]
-    labels = [selection.dependence(f) for f in regression.features]
+    labels = [dictionary.dependence(f) for f in regression.features]
     sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(likelihood.runs))]
     tried = 0
     for piece in best.pieces:

@@ -277,7 +277,7 @@ def _waves_of(variables: _Variables, argument: str) -> List[Scalar]:
         half = np.pi / (MOST_OF * float(values.std())) if values.std() > 0 else 0.0
         per_unit = "rad" if unit == "-" else "rad/(%s)" % unit
         for k, phase in itertools.product(range(1, FEW_WAVES + 1) if half else [], PHASES.values()):
-            constants = {"kq": Constant(k * half, per_unit, half), "pq": phase}
+            constants = {"kq": Constant(k * half, per_unit, half / 2), "pq": phase}
             found.append(Scalar("sin({kq}*%s+{pq})" % text, "-", frozenset([argument]), constants))
     return found
 

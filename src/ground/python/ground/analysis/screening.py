@@ -171,9 +171,10 @@ def _feature(channel: Channel, first: Scalar, second: Scalar) -> Feature:
         {**first.states, **second.states},
         {**channel.constants, **first.constants, **second.constants},
     )
-    if len(texts) < 2:
+    if first is ONE:
         return made
-    return replace(made, simpler=(_feature(channel, first, ONE), _feature(channel, second, ONE)))
+    fewer = [first, second] if second is not ONE else [ONE]
+    return replace(made, simpler=tuple(_feature(channel, scalar, ONE) for scalar in fewer))
 
 
 def refined(regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> Regression:
