@@ -221,8 +221,9 @@ def test_no_prediction_spans_a_gap():
 
 
 def verdict(
-    explained=False, varies=(), learnable=(), agrees=True, bound=0.0, refused=False, opinion=(), **found
-):
+    explained=False, varies=(), learnable=(), agrees=True, bound=0.0, refused=False, opinion=(),
+    trusted=True, **found
+):  # fmt: skip
     """learnable: what it depends on, the most important first; refused: it predicts no other run."""
     found = {"memory": None, "dropped": [], "chosen": [], **found}
     left = types.SimpleNamespace(
@@ -231,7 +232,8 @@ def verdict(
     )  # fmt: skip
     agreement = types.SimpleNamespace(holds=agrees)
     other = types.SimpleNamespace(says=opinion)
-    return conclusion._verdict(types.SimpleNamespace(**found), explained, varies, left, agreement, other)
+    diagnosis = types.SimpleNamespace(**found)
+    return conclusion._verdict(diagnosis, explained, varies, left, agreement, other, trusted)
 
 
 def test_the_verdict_says_what_is_certain():
@@ -244,6 +246,7 @@ def test_the_verdict_says_what_is_certain():
     assert verdict(learnable=["place"], explained=True) == "complete"
     assert verdict(learnable=["place"], chosen=["d"]) == "unexplained"
     assert verdict(dropped=["d"], chosen=["e"]) == "missing"
+    assert verdict(chosen=["d"], trusted=False) == "undecided"
     assert verdict(dropped=["d"], varies=["f"]) == "varies"
 
 
