@@ -37,6 +37,7 @@ RISE = 2.0  # of the log-likelihood, from which a round is kept
 DEVIATIONS = 1.96
 BEHIND = 3.84  # log-likelihood ratio of the largest size of a wrench that the data do not exclude
 MOSTLY = 0.5  # part of what is learnable
+SUSPECTS = 3  # features that may be significant by chance
 MIN_SHARE = 0.02  # least share that is worth saying
 
 
@@ -163,7 +164,8 @@ def ceiling(
     left = _share(now, after, now)
     spans = _spans(runs, cut)
     if found is None:
-        bound = max(left.high, _bound(first, [], likelihood, fit, spans, now))
+        suspected = _suspected(first, likelihood, runs, cut, fit, now)
+        bound = max(left.high, suspected, _bound(first, [], likelihood, fit, spans, now))
     elif left.low > 0:
         more = _bound(found.regression, found.terms, likelihood, fit, spans, now)
         bound = max(left.high, left.value + more)
@@ -336,13 +338,15 @@ def known_wrenches(
     """The predicted wrench of each run, at all of its samples, with the mean constant wrench of
     the others."""
     trims = np.array([trim["wrench"] for trim in found.fit.trims])
-    others = max(1, len(runs) - 1)
-    result = []
-    for i, (run, thin) in enumerate(zip(runs, likelihood.runs)):
-        at = np.searchsorted(np.array(thin.times), np.array(run.times), side="right") - 1
-        constant = (trims.sum(axis=0) - trims[i]) / others
-        result.append(found.wrenches[i][np.clip(at, 0, len(thin.times) - 1)] + constant)
-    return result
+    constants = (trims.sum(axis=0) - trims) / max(1, len(runs) - 1)
+    whole = [_at_all(*given) for given in zip(found.wrenches, runs, likelihood.runs)]
+    return [wrench + constant for wrench, constant in zip(whole, constants)]
+
+
+def _at_all(wrench: Array, run: _core.RunData, thin: _core.RunData) -> Array:
+    """The wrench at the samples of a thinned run, at all samples of the run."""
+    at = np.searchsorted(np.array(thin.times), np.array(run.times), side="right") - 1
+    return np.asarray(wrench[np.clip(at, 0, len(thin.times) - 1)])
 
 
 # Errors
@@ -465,6 +469,29 @@ def _bound(
             power = ((S @ mean) ** 2).sum() + ((S @ covariance) * S).sum()
             shares.append(float(power / now.sum()))
     return min(1.0, max(shares))
+
+
+def _suspected(
+    regression: Regression,
+    likelihood: Likelihood,
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+    fit: Fit,
+    now: Array,
+) -> float:
+    """Largest share of the error that one of the most significant features explains at its likeliest size,
+    although it may be significant by chance."""
+    shares = [0.0]
+    for j in np.argsort(-regression.significance())[:SUSPECTS].tolist():
+        if regression.information[j] > 0:
+            at, weight = np.array([j]), regression.b[[j]] / regression.information[j]
+            known = [
+                _at_all(regression.wrench(i, at, weight), run, thin)
+                for i, (run, thin) in enumerate(zip(runs, likelihood.runs))
+            ]
+            left = _errors_or(now, lambda known=known: squared_errors(runs, cut, fit.model, known))
+            shares.append(_share(now, left, now).value)
+    return max(shares)
 
 
 def _moved(
