@@ -11,6 +11,7 @@ deviation in the run: *named* by the effects that were found, *learnable*, and *
 nothing recorded predicts.
 """
 
+import contextlib
 from dataclasses import dataclass, replace
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -489,8 +490,8 @@ def _suspected(
                 _at_all(regression.wrench(i, at, weight), run, thin)
                 for i, (run, thin) in enumerate(zip(runs, likelihood.runs))
             ]
-            left = _errors_or(now, lambda known=known: squared_errors(runs, cut, fit.model, known))
-            shares.append(_share(now, left, now).value)
+            with contextlib.suppress(GroundError):  # its motion is not finite
+                shares.append(_share(now, squared_errors(runs, cut, fit.model, known), now).value)
     return max(shares)
 
 
