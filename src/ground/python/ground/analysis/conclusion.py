@@ -131,10 +131,8 @@ def _conclude(
     heldout_floor = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
     varies = _varies(found)
     explained = found.best.error.sum() < EXPLAINED * floor
-    opinion, refits, errors = _opinion(found), baseline.refits(found, heldout), _steps(found, heldout)
-    # Of effects that predict other runs no better, beside a random push that the model does not describe,
-    # nothing is known for certain.
-    trusted = agrees.holds or not errors or errors[-1] < min(refit.heldout for refit in refits)
+    opinion = _opinion(found)
+    trusted = agrees.holds or not found.chosen or _predicts_better(found)
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, opinion, trusted)
     formula = None
     if verdict in NAMELESS or (verdict == "missing" and left.is_open):
@@ -151,8 +149,8 @@ def _conclude(
         found.model,
         found.likelihood.intervals(found.fit),
         floor,
-        refits,
-        errors,
+        baseline.refits(found, heldout),
+        _steps(found, heldout),
         judgement.judgements(found, heldout),
         heldout_floor,
         varies,
@@ -253,6 +251,12 @@ def _lengthened(
             break
         made = naming.formula(found.likelihood, found.fit, beside.regression, made)
     return best, least
+
+
+def _predicts_better(found: Diagnosis) -> bool:
+    """Whether the model with the effects predicts parts held out better than each refit without them."""
+    without = min(refit.heldout for refit in baseline.refits(found))
+    return float(found.best.heldout.sum()) < without
 
 
 def _is_confirmed(found: Diagnosis, fit: Fit) -> bool:

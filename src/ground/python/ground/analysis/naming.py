@@ -190,7 +190,7 @@ def _pulled(
     function, near, turn = found.groups()
     point = "(%s, %s)" if function == "1" else "(%s m, %s m)"
     where = point % (values["mx"], values["my"]) + (", within %s" % values["mw"] if near else "")
-    of_place = "x" in function or "y" in function
+    of_place = re.search(r"\b[xy]\b", function)
     arguments = [a for a in sorted(feature.family.arguments) if a != PLACE or of_place]
     if function == "1":
         way = "{away:%s}" % size if turn == "cos" else "around"

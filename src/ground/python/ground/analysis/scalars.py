@@ -30,8 +30,8 @@ from ground.analysis.dictionary import (
 from ground.annotations import Array
 
 WAVES = 6000  # wave vectors
-HALF_WAVES = 8  # of the time, at most
-FEW_WAVES = 3  # half waves of a velocity or a command, at most
+HALF_WAVES = 8  # most half waves of the time in the longest run
+FEW_WAVES = 3  # most half waves of a velocity or a command
 MOST_OF = 3.5  # standard deviations that hold most of the values
 BELLS = 150  # centres of bells of one size
 STEPS = (0.1, 0.25, 0.5, 0.75, 0.9)  # quantiles of a variable at which a step may be

@@ -1,4 +1,4 @@
-"""A screen of about a million products of functions for the few that are worth an exact test.
+"""A screen of some 1.5 million products of functions for the few that are worth an exact test.
 
 Each is a product of two scalars (ground.analysis.scalars), such as a wave in the plane and a velocity, on
 one channel. The score of all of them at once is a product of matrices: with g the response of the
