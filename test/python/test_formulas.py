@@ -221,7 +221,7 @@ def test_no_prediction_spans_a_gap():
 
 
 def verdict(
-    explained=False, varies=(), learnable=(), agrees=True, bound=0.0, refused=False, opinion=(),
+    explained=False, varies=(), learnable=(), agrees=True, bound=0.0, refused=False,
     trusted=True, **found
 ):  # fmt: skip
     """learnable: what it depends on, the most important first; refused: it predicts no other run."""
@@ -231,9 +231,8 @@ def verdict(
         found=object() if learnable or refused else None,
     )  # fmt: skip
     agreement = types.SimpleNamespace(holds=agrees)
-    other = types.SimpleNamespace(says=opinion)
     diagnosis = types.SimpleNamespace(**found)
-    return conclusion._verdict(diagnosis, explained, varies, left, agreement, other, trusted)
+    return conclusion._verdict(diagnosis, explained, varies, left, agreement, trusted)
 
 
 def test_the_verdict_says_what_is_certain():
@@ -252,7 +251,7 @@ def test_the_verdict_says_what_is_certain():
 
 @pytest.mark.parametrize(
     "open_still",
-    [{"dropped": ["d"]}, {"agrees": False}, {"bound": 0.9}, {"refused": True}, {"opinion": ("place",)}],
+    [{"dropped": ["d"]}, {"agrees": False}, {"bound": 0.9}, {"refused": True}],
 )
 def test_runs_that_cannot_decide_are_not_called_complete(open_still):
     assert verdict(**open_still) == "undecided"

@@ -27,7 +27,6 @@ from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.search import Search
-from ground.analysis.second_opinion import Opinion, second_opinion
 from ground.annotations import Document, Each
 from ground.core_types import FittedParameter
 from ground.errors import GroundError
@@ -63,7 +62,6 @@ class Conclusion:
     memory: Optional[memory.Memory]
     ceiling: Ceiling
     agreement: Agreement
-    opinion: Opinion  # another method's
     formula: Optional[naming.Formula]  # for what is learnable and has no name
     diagnosis: Diagnosis  # its basis
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
@@ -131,9 +129,8 @@ def _conclude(
     heldout_floor = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
     varies = _varies(found)
     explained = found.best.error.sum() < EXPLAINED * floor
-    opinion = _opinion(found)
     trusted = agrees.holds or not found.chosen or _predicts_better(found)
-    verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, opinion, trusted)
+    verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, trusted)
     formula = None
     if verdict in NAMELESS or (verdict == "missing" and left.is_open):
         formula = _name(found, left, EXPLAINED * floor)
@@ -141,7 +138,7 @@ def _conclude(
         reached = left.reached_by(formula.fit.model, found.runs, found.cut)
         if verdict in SAID or (reached.said and _is_confirmed(found, formula.fit)):
             left = reached
-            verdict = _verdict(found, explained, varies, left, agrees, opinion, trusted)
+            verdict = _verdict(found, explained, varies, left, agrees, trusted)
         elif verdict == "missing":
             formula = None
     return Conclusion(
@@ -157,7 +154,6 @@ def _conclude(
         found.memory,
         left,
         agrees,
-        opinion,
         formula,
         found,
         heldout,
@@ -265,14 +261,6 @@ def _is_confirmed(found: Diagnosis, fit: Fit) -> bool:
     return held_out.compared(judged.tested, found.best.tested).verdict == held_out.BETTER
 
 
-def _opinion(found: Diagnosis) -> Opinion:
-    """The second method's Opinion; it says nothing of runs that are too short for it."""
-    try:
-        return second_opinion(found.runs, found.model)
-    except GroundError:
-        return Opinion({}, 0.0, (0.0, 0.0), ())
-
-
 def _crossed(found: Diagnosis, fit: Fit) -> float:
     """Cross-validated error of a Fit; infinite where its motion is not finite."""
     try:
@@ -287,7 +275,6 @@ def _verdict(
     varies: Sequence[Document],
     left: Ceiling,
     agrees: Agreement,
-    opinion: Opinion,
     trusted: bool,
 ) -> str:
     if found.memory:
@@ -299,7 +286,7 @@ def _verdict(
     if varies:
         return "varies"
     # An effect that the likelihood prefers and held-out parts refute leaves open what is missing.
-    open_still = bool(found.dropped or opinion.says) or left.found is not None or not agrees.holds
+    open_still = bool(found.dropped) or left.found is not None or not agrees.holds
     if not explained and (open_still or left.bound > SMALL):
         return "undecided"
     return "complete"

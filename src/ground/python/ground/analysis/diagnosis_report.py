@@ -12,7 +12,6 @@ from ground.analysis import (
     look_alikes,
     naming,
     next_experiment,
-    second_opinion,
     stages,
     study,
 )
@@ -89,12 +88,6 @@ def begun(
         "memory": _memory(conclusion),
         "ceiling": _ceiling(conclusion.ceiling, conclusion.formula),
         "agreement": _agreement(conclusion.agreement),
-        "second_opinion": {
-            "says": list(conclusion.opinion.says),
-            "share": conclusion.opinion.share,
-            "ci95": list(conclusion.opinion.interval),
-            "words": second_opinion.words(conclusion.opinion),
-        },
         "disturbance": _disturbance(diagnosis.fit),
     }
 

@@ -95,7 +95,6 @@ def _verdict(sheet: page.Page, report: Document) -> None:
     if report["verdict"] == "misread":
         return
     sheet.paragraph(words.ceiling(report))
-    sheet.paragraph(report["second_opinion"]["words"])
     bands = words.bands(report)
     if bands:
         sheet.paragraph(bands)

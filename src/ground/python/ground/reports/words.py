@@ -305,12 +305,6 @@ def _undecided(report: Document) -> str:
             "what is left is no steady random push: it acts at some times or places only. Record more runs "
             "over the same places, or look for a draught, a cable or a bad patch of floor"
         )
-    elif report["second_opinion"]["says"]:
-        why = (
-            "a second method says that it depends on %s, and the likelihood does not: record more runs, "
-            "with other commands"
-            % listed([ARGUMENTS.get(name, name) for name in report["second_opinion"]["says"]])
-        )
     elif report["dropped"]:
         why = "effects that fit these runs do not predict the others: record more runs, with other commands"
     else:
@@ -661,7 +655,6 @@ def described(report: Document) -> Iterator[str]:
     if report["verdict"] == "misread":
         return
     yield ceiling(report)
-    yield report["second_opinion"]["words"]
     poses = _held_poses(report)
     if poses:
         yield "90%% prediction bands hold on held-out runs, of the poses: %s" % ", ".join(
