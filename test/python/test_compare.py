@@ -56,23 +56,6 @@ def study(tmp_path, *effects, duration=15, **options):
     return one
 
 
-def best(one, channel):
-    """The variable that explains most of the missing wrench in a channel."""
-    against = one["wrench"]["channels"][channel]["against"]
-    return max(against, key=lambda name: against[name]["share"]["share"])
-
-
-def slope(one, channel, variable):
-    """Slope of the missing wrench over a variable, fitted to the means in its bins."""
-    entry = one["wrench"]["channels"][channel]["against"][variable]
-    weights = 1 / np.maximum(np.array(entry["standard_error"]), 1e-9)
-    return np.polyfit(entry["centres"], entry["mean"], 1, w=weights)[0]
-
-
-def share(one, channel, variable):
-    return one["wrench"]["channels"][channel]["against"][variable]["share"]["share"]
-
-
 def test_a_true_model_leaves_nothing(tmp_path):
     bags = [write_bag(tmp_path / ("%d.bag" % s), seed=s, duration=15) for s in (1, 2, 3)]
     report = compare(tmp_path / "out", bags, MODEL)
@@ -87,14 +70,11 @@ def test_a_true_model_leaves_nothing(tmp_path):
             assert channel["input_sum"]["accepted"] and channel["input_difference"]["accepted"]
         for channel in one["wrench"]["channels"].values():
             assert channel["rms"] < 0.01 * channel["full_scale"]
-        assert not one["wrench"]["thrust"]["body_axes_differ"]
-        assert abs(one["wrench"]["thrust"]["off_deg"]) < 1
         assert one["wrench"]["disturbances"] == []
         assert 0.9 < one["wrench"]["noise"]["position"]["value"] / 3e-4 < 1.3
         assert one["fit_percent"]["u"] > 90
     assert outside / lags < 0.03, "%d of %d outside the 99%% bands" % (outside, lags)
-    assert "no wrench is missing" in report["words"]
-    assert "body axes" not in report["words"]
+    assert "smaller than their uncertainty" in report["words"]
 
 
 def test_numbers_of_a_wrong_model(tmp_path):
@@ -127,57 +107,7 @@ def test_a_constant_side_force(tmp_path):
     assert channels["Y"]["mean"] == pytest.approx(0.02, rel=0.1)
     assert abs(channels["X"]["mean"]) < 0.002
     assert channels["Y"]["std"] < 0.005
-    assert "missing most is side force Y" in one["words"]
-
-
-def test_thrust_across_the_body_axis_is_reported(tmp_path):
-    one = study(tmp_path, "{name: heading_offset, psi0: 1.5707963}")
-    thrust = one["wrench"]["thrust"]
-    assert thrust["body_axes_differ"]
-    assert thrust["model"]["angle_deg"] == pytest.approx(0, abs=1e-6)
-    assert thrust["model"]["force_per_unit_input"] == pytest.approx(0.062, rel=1e-6)
-    assert thrust["measured"]["angle_deg"] == pytest.approx(-90, abs=8)
-    assert thrust["measured"]["force_per_unit_input"] == pytest.approx(0.062, rel=0.1)
-    assert "body axes differ: measured thrust acts at -" in one["words"]
-    assert "from the model's body x axis" in one["words"]
-    offset = float(one["words"].split("heading_offset of ")[1].split()[0])
-    assert offset == pytest.approx(np.pi / 2, abs=0.15), "the true offset"
-
-
-def test_turned_thrust_follows_the_total_thrust(tmp_path):
-    one = study(tmp_path, "{name: thrust_misalignment, angle: 0.35}")
-    thrust = one["wrench"]["thrust"]
-    assert thrust["off_deg"] == pytest.approx(np.degrees(0.35), abs=3)
-    assert not thrust["body_axes_differ"], "a difference of 20 degrees is a model error"
-    assert best(one, "Y") == "u_L+u_R"
-    assert share(one, "Y", "u_L+u_R") > 0.8
-    assert slope(one, "Y", "u_L+u_R") == pytest.approx(0.062 * np.sin(0.35), rel=0.1)
-    assert "total thrust u_L+u_R explains" in one["words"]
-
-
-def test_a_side_force_of_unequal_thrusts(tmp_path):
-    one = study(tmp_path, "{name: differential_side_force, c: 0.5}")
-    assert best(one, "Y") == "u_L-u_R"
-    assert share(one, "Y", "u_L-u_R") > 0.8
-    assert slope(one, "Y", "u_L-u_R") == pytest.approx(0.5 * 0.062, rel=0.15)
-    assert share(one, "X", "u_L-u_R") < 0.2
-
-
-def test_drag_follows_the_velocity(tmp_path):
-    one = study(tmp_path, "{name: momentum_drag, q: 0.05}", duration=25)
-    assert best(one, "X") == "u" and best(one, "Y") == "v"
-    assert slope(one, "X", "u") == pytest.approx(-0.05, rel=0.25)
-    assert slope(one, "Y", "v") == pytest.approx(-0.05, rel=0.25)
-
-
-def test_wind_follows_the_heading(tmp_path):
-    one = study(tmp_path, "{name: wind, wx: 1.0, wy: 0.0}", duration=25)
-    assert best(one, "Y") == "heading"
-    entry = one["wrench"]["channels"]["Y"]["against"]["heading"]
-    # Y_v times the wind's component to starboard
-    expected = -0.0271 * np.sin(np.radians(entry["centres"]))
-    assert np.corrcoef(entry["mean"], expected)[0, 1] > 0.95
-    assert np.ptp(entry["mean"]) == pytest.approx(2 * 0.0271, rel=0.35)
+    assert "largest missing part is side force Y" in one["words"]
 
 
 def test_lag_leaves_residuals_that_follow_the_input(tmp_path):
@@ -186,24 +116,7 @@ def test_lag_leaves_residuals_that_follow_the_input(tmp_path):
     heading = one["residuals"]["channels"]["heading"]
     assert not heading["autocorrelation"]["accepted"]
     assert not heading["input_difference"]["accepted"]
-    measured = one["wrench"]["thrust"]["measured"]
-    assert measured["force_per_unit_input"] == pytest.approx(0.062, rel=0.1), "lag does not reduce it"
     assert "residuals" in one["words"] and "still follow u_L" in one["words"]
-
-
-def test_error_is_located_in_the_room(tmp_path):
-    """The floor is rough on one side of the room only."""
-    one = study(
-        tmp_path,
-        "{name: rough, expression: {X: '-c*(x>0.3 ? 1 : 0)*u', Y: '-c*(x>0.3 ? 1 : 0)*v'},"
-        " parameters: {c: {value: 0.4, unit: N s/m, lower: 0, upper: 1}}}",
-        duration=30,
-    )
-    where = one["where"]["x"]
-    centres, error = np.array(where["centres"]), np.array(where["error"]["u"])
-    assert error[centres > 0.3].mean() > 4 * error[centres < 0.1].mean()
-    shares = {n: e["share_of_sum"]["share"] for n, e in one["where"].items()}
-    assert max(shares[n] for n in ("x", "y", "position")) > shares["heading"]
 
 
 def test_a_push_is_left_out_and_reported(tmp_path):
@@ -219,7 +132,6 @@ def test_a_push_is_left_out_and_reported(tmp_path):
     one = report["runs"][0]["models"]["tiny_whoover"]
     (event,) = one["wrench"]["disturbances"]
     assert event["start"] < 9 < event["end"] and event["end"] - event["start"] < 2.5
-    assert best(one, "Y") == "u_L-u_R" and share(one, "Y", "u_L-u_R") > 0.7
     assert "no input explains" in report["words"]
 
 
@@ -267,7 +179,6 @@ def test_files_and_pictures(tmp_path):
         "compare.json",
         "report.html",
         "run.png",
-        "run.where.png",
         "run.residuals.png",
     } | {
         "run.wrench.%s.%s" % (m, kind) for m in ("tiny_whoover", "other") for kind in ("png", "csv")
@@ -290,7 +201,7 @@ def test_files_and_pictures(tmp_path):
     result = identify("compare", bag, "--model", MODEL, "-o", drawn, "--format", "svg", "--json")
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout) == json.loads((drawn / "compare.json").read_text())
-    assert len(list(drawn.glob("*.svg"))) == 4
+    assert len(list(drawn.glob("*.svg"))) == 3
     assert all("<svg" in p.read_text()[:1000] for p in drawn.glob("*.svg"))
 
 
@@ -340,38 +251,6 @@ def test_the_two_days_of_the_real_recordings(tmp_path, recordings):
     for run in report["runs"]:
         one = run["models"]["fitted"]
         first_day = run["name"].startswith("2019-04-11")
-        thrust = one["wrench"]["thrust"]
-        assert thrust["body_axes_differ"] == first_day, (run["name"], thrust)
-        assert any("body axes differ" in s for s in one["summary"]) == first_day
         assert one["role"] == ("held_out" if first_day else "fit")
-        if first_day:
-            assert thrust["off_deg"] == pytest.approx(-90, abs=20), run["name"]
-            assert 0.04 < thrust["measured"]["force_per_unit_input"] < 0.12
-        else:
-            assert abs(thrust["off_deg"]) < 20, run["name"]
     pooled = report["pooled"]["fitted"]
     assert pooled["held_out"]["error"] > 2 * pooled["fit"]["error"]
-
-
-def test_random_correlation_explains_nothing():
-    """Two independent drifting series do not explain each other; a true cause does."""
-    from ground.analysis import failure
-
-    named = 0
-    for seed in range(40):
-        random = np.random.default_rng(seed)
-        drift = np.zeros((1500, 2))
-        for i in range(1, len(drift)):
-            drift[i] = 0.95 * drift[i - 1] + random.normal(size=2)
-        bins = np.clip(
-            np.digitize(drift[:, 1], np.quantile(drift[:, 1], [0.2, 0.4, 0.6, 0.8])), 0, 4
-        )
-        design = (bins[:, None] == np.arange(5)).astype(float)
-        share = failure.share_explained(design, drift[:, 0])
-        named += failure.is_named(share)
-        assert share["raw"] >= share["share"] >= 0
-        cause = failure.share_explained(design, design @ [0, 1, 2, 3, 4.0] * 3 + drift[:, 0])
-        variance = np.var(design @ [0, 1, 2, 3, 4.0] * 3)
-        expected = variance / (variance + np.var(drift[:, 0]))
-        assert cause["share"] == pytest.approx(expected, abs=0.2)
-    assert named <= 3

@@ -38,7 +38,7 @@ def studies(tmp_path_factory):
     given, right = (_core.load_model(str(path)) for path in (MODEL, truth))
     run = quality.Run(recording.read_bag(str(bag))).data(given)
     return [
-        inspection.inspect(run, given, "given", "held_out", right),
+        inspection.inspect(run, given, "given", "held_out"),
         inspection.inspect(run, right, "right"),
     ]
 
@@ -72,11 +72,8 @@ def tuned():
 DESCRIBED = {
     "fall": lambda studies: figures.fall([("given", 0.3), ("+ lag", 0.1)], 0.05, "all runs"),
     "motion": figures.motion,
-    "where": figures.where,
     "residual_correlation": figures.residual_correlation,
-    "wrench": lambda studies: wrench_figures.wrench(studies, "right"),
     "wrench_over_time": wrench_figures.wrench_over_time,
-    "shares": lambda studies: figures.shares([(s["label"], [s]) for s in studies]),
     "driven": lambda studies: driven(),
     "tuned": lambda studies: tuned(),
 }
@@ -167,13 +164,13 @@ def test_everything_in_a_figure_is_in_its_picture(pictures, name):
         for trace in figure["data"]
         if trace.get("name") and trace.get("showlegend", True)
     ]
-    assert entries == list(dict.fromkeys(named)) and (entries or name in ("fall", "shares"))
+    assert entries == list(dict.fromkeys(named)) and (entries or name == "fall")
     assert layout["meta"].split()[0] in whole.texts[0].get_text()
 
 
 NOT_QUANTITIES = {
     *("given", "right", "a", "b", "measured", "reference", "craft", "walls", "start", "heading"),
-    *("body axes", "added by the last model", "none better in error, saturation and effort"),
+    "none better in error, saturation and effort",
 }
 
 
@@ -186,8 +183,7 @@ def test_quantities_have_units(pictures, name):
     entries = [t["name"] for t in figure["data"] if t.get("name") and t.get("showlegend", True)]
     for text in filter(None, titles + [e for e in entries if e not in NOT_QUANTITIES]):
         assert re.search(r"\[[^\]]+\]", text), text
-    assert any(titles) or name == "shares"  # whose caption has the unit
-    assert name != "shares" or "[%]" in figure["layout"]["meta"]
+    assert any(titles)
 
 
 def test_texts_stay_inside_the_picture_and_do_not_overlap(pictures):

@@ -206,7 +206,7 @@ def test_figures_fit_on_paper(diagnosed, browser):
 
 def test_the_page_of_a_comparison(compared, browser):
     names = open_page(browser, compared / "report.html")
-    assert len(names) == 7
+    assert len(names) == 4
     assert_sound(browser, names)
     text = browser.find_element("tag name", "body").text
     assert "improved predicts best" in text and "prediction error" in text
@@ -223,7 +223,7 @@ def test_a_page_of_twenty_runs_stays_below_10_mb(folder, bags):
 
     def size(runs):
         sheet, path = page.Page("many"), folder / ("%d.html" % runs)
-        report._measured_against(sheet, [studies] * runs, [{"begins": 1.0}] * runs, "b")
+        report._measured_against(sheet, [studies] * runs, [{"begins": 1.0}] * runs)
         sheet.write(str(path), "#000")
         return path.stat().st_size
 

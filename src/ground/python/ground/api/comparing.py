@@ -61,17 +61,16 @@ class RunComparison(Shown):
 
     def to_dict(self, files: Files = None) -> Document:
         """Plain values, as compare.json has them; files: the run's files."""
-        named = files or {"comparison": None, "where": None, "residuals": None, "models": {}}
+        named = files or {"comparison": None, "residuals": None, "models": {}}
         return {
             "name": self.name,
             "bag": self.recording.bag,
             "picture": named["comparison"],
-            "pictures": {kind: named[kind] for kind in ("where", "residuals")},
+            "pictures": {"residuals": named["residuals"]},
             "models": {
                 study["label"]: dict(
                     study["numbers"],
                     role=study["role"],
-                    where=study["where"],
                     residuals=study["residuals"],
                     wrench=study["missing"].numbers,
                     files=named["models"].get(study["label"]),
@@ -280,8 +279,7 @@ def each_run(
     scheduler: Optional[str] = None,
     progress: Progress = None,
 ) -> Iterator[RunComparison]:
-    """The RunComparison of each run, in their order. For the first model it includes how much of
-    its missing wrench the last model accounts for."""
+    """The RunComparison of each run, in their order."""
     work = Work.of(progress)
     first = next(iter(models.values()))
     recordings = [recording.with_lift_of(first.core) for recording in recordings]
@@ -291,14 +289,11 @@ def each_run(
     note_suspicions(recordings, first)
     for model in models.values():
         note_heading_offset(model, recordings)
-    last = list(models.values())[-1].core if len(models) > 1 else None
     tasks = []
     for run in runs:
         task = []
-        for count, (label, model) in enumerate(models.items()):
-            role = _role(model, run.recording)
-            other = last if count == 0 else None
-            task.append((part.of(run, model), model.core, label, role, other))
+        for label, model in models.items():
+            task.append((part.of(run, model), model.core, label, _role(model, run.recording)))
         tasks.append(task)
     with workers.Workers(scheduler) as team:
         results = iter(zip(recordings, team.map(_inspect, tasks)))

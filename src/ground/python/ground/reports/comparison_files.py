@@ -16,7 +16,7 @@ from ground.reports import report, result_folder
 if TYPE_CHECKING:
     from ground.api.comparing import Comparison, RunComparison
 
-KINDS = ("comparison", "where", "residuals")  # kinds of pictures, one of each for a run
+KINDS = ("comparison", "residuals")  # kinds of pictures, one of each for a run
 HEADER = "t [s],X [N],Y [N],N [N m],sigma X [N],sigma Y [N],sigma N [N m]"
 
 
@@ -82,7 +82,6 @@ class Folder:
 
         named: Document = {
             "comparison": picture(run),
-            "where": picture(run + ".where"),
             "residuals": picture(run + ".residuals"),
             "models": {},
         }
@@ -146,13 +145,10 @@ def _draw(studies: List[Document], places: Document) -> None:
     from ground.reports import figures, picture, wrench_figures
 
     picture.write(places["comparison"], [figures.motion(studies)])
-    picture.write(places["where"], [figures.where(studies)])
     picture.write(places["residuals"], [figures.residual_correlation(studies)])
-    winner = studies[-1]["label"]
     for place, study in enumerate(studies):
         over_time = wrench_figures.wrench_over_time([study], place)
-        drawn = [over_time, wrench_figures.wrench([study], winner, place)]
-        picture.write(places["models"][study["label"]], drawn)
+        picture.write(places["models"][study["label"]], [over_time])
 
 
 def _write_wrench(path: str, study: Document) -> None:

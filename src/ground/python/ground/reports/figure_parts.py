@@ -7,7 +7,6 @@ from typing import Any, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 from plotly import io
 
-from ground.analysis import failure
 from ground.annotations import Array, Document
 from ground.recordings import repair
 from ground.reports import panels
@@ -17,15 +16,12 @@ from ground.reports.appearance import (
     model_color,
     model_line,
     model_mark,
-    short_label,
     thruster_line,
     transparent,
 )
 
 MAX_POINTS = 1000  # points of a curve; captions say what is left out
 NARROW_WIDTH, LEGEND_ROW = 300, 20  # a legend on a narrow page: width, height of a row [pixels]
-MAX_TICKS, STEPS = 3, (0.5, 1, 2, 5, 10)  # of a narrow axis; steps times a power of ten
-TICK_ROOM = 0.2  # between the ends of a narrow axis and its values, as a share of their span
 ARROW_HEAD = 0.3  # length of an arrow's head, as a share of the arrow
 TIME = "time since the start of the run [s]"
 Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # axes of a view from above
@@ -168,62 +164,12 @@ def bins(
     return trace
 
 
-def small_multiples(rows: int, columns: int) -> panels.Figure:
-    """Many small panels, close together."""
-    figure = panels.Figure(
-        rows=rows, cols=columns, horizontal_spacing=0.012, vertical_spacing=0.035
-    )
-    figure.update_xaxes(tickfont={"size": 9})
-    figure.update_yaxes(tickfont={"size": 9})
-    return figure
-
-
-def few_ticks(values: Sequence[float]) -> Document:
-    """Range and ticks of a narrow axis that shows these values: two or three round numbers, away from
-    its ends, beside which are the labels of the next axis."""
-    low, high = float(min(values)), float(max(values))
-    span = high - low or 1.0
-    unit = 10.0 ** math.floor(math.log10(span))
-    steps = [range(math.ceil(low / (s * unit)), math.floor(high / (s * unit)) + 1) for s in STEPS]
-    step, multiples = next((s * unit, m) for s, m in zip(STEPS, steps) if len(m) <= MAX_TICKS)
-    ticks = [step * i for i in multiples] or [low]
-    return {
-        "range": [low - TICK_ROOM * span, high + TICK_ROOM * span],
-        "tickvals": ticks,
-        "ticktext": ["%.3g" % tick for tick in ticks],
-    }
-
-
 def grid_blocks(columns: int, height: int, beside: int = 3) -> List[panels.Block]:
     """Blocks of a narrow page for many columns, some beside each other; height: of each [pixels]."""
     starts = range(1, columns + 1, beside)
     return [
         panels.Block(range(first, min(first + beside, columns + 1)), height) for first in starts
     ]
-
-
-def label_axes(
-    figure: panels.Figure, row: int, column: int, entry: Document, limits: Optional[Sequence[float]]
-) -> None:
-    """Name and unit of a variable under the last row; labels of y beside the first column."""
-    last = row == 2
-    figure.update_xaxes(
-        **few_ticks(entry["centres"]),
-        title="%s<br>[%s]" % (short_label(entry), entry["unit"]) if last else None,
-        showticklabels=last,
-        row=row + 1,
-        col=column + 1,
-    )
-    figure.update_yaxes(range=limits, showticklabels=column == 0, row=row + 1, col=column + 1)
-
-
-def note_share(
-    figure: panels.Figure, row: int, column: int, share: Mapping[str, float], shade: str, count: int
-) -> None:
-    """A share of the count-th model, bold if failure.is_named. row, column: from 0."""
-    named = failure.is_named(share)
-    text = "%s%.0f%%%s" % ("<b>" * named, 100 * share["share"], "</b>" * named)
-    note(figure, row + 1, column + 1, text, shade, 0.98, 12 * count)
 
 
 def note(

@@ -5,30 +5,24 @@ takes the results of ground.reports.inspection for one run and one or more model
 result of plotly's `to_plotly_json`, with the caption in layout.meta.
 """
 
-import math
 from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground.analysis import bands as bands_of
-from ground.analysis import failure, residuals
+from ground.analysis import residuals
 from ground.annotations import Array, Document
 from ground.recordings import windows
 from ground.reports import panels
 from ground.reports.appearance import (
     CHANNELS,
-    ERROR_AGAINST,
     FAINT,
     FLOOR,
     LINES,
     MEASURED,
     MODELS,
     NUMBERS,
-    ORANGES,
     TEXT,
-    VIRIDIS,
-    WARNING,
-    WRENCH,
     model_color,
     model_line,
     numbers_row,
@@ -43,18 +37,14 @@ from ground.reports.figure_parts import (
     bins,
     curve,
     every_so_many,
-    few_ticks,
     fewer,
     finish,
     grid_blocks,
-    label_axes,
     note,
-    note_share,
     outline,
     points,
     shaded,
     short,
-    small_multiples,
     with_gaps,
 )
 from ground.reports.words import number
@@ -63,8 +53,6 @@ ERROR = (
     "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "
     "its own initial velocities; σ are the run's standard deviations."
 )
-SHARES_GAP = 190  # between rows of `shares`, for names of variables and a title [pixels]
-TITLE_WIDTH = 32  # of a line of a panel's title [characters]
 LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 TABLE_HEAD, TABLE_ROW = 26, 24  # heights of a row [pixels]
 
@@ -139,10 +127,6 @@ def motion(
     figure.update_xaxes(matches="x4", range=[float(times[0]), float(times[-1])], col=1)
     figure.update_xaxes(title=Y_AXIS, row=1, col=2)
     figure.update_yaxes(title=X_AXIS, scaleanchor="x2", row=1, col=2)
-    for count, study in enumerate(s for s in studies if _axes_differ(s)):
-        text = "<b>BODY AXES DIFFER: thrust acts at %.0f deg<br>from the body x axis of %s</b>"
-        angle = study["missing"].numbers["thrust"]["measured"]["angle_deg"]
-        note(figure, 1, 2, text % (angle, study["label"]), WARNING, 0.5, 34 * count)
     figure.layout["hovermode"] = "x"
     margin = {"t": 50 if bands is None else 110, "b": 10 if table else 50}
     height = sum(heights) + 60 + sum(margin.values())
@@ -232,62 +216,6 @@ def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str
     return caption
 
 
-def where(studies: Sequence[Document]) -> Document:
-    """Normalised error of each channel against each measured variable, of every model, and a map of
-    the last one's."""
-    against = [name for name in ERROR_AGAINST if name in studies[0]["where"]]
-    figure = small_multiples(3, len(against) + 1)
-    for row, (channel, label, _) in enumerate(CHANNELS):
-        top = max(np.max(s["where"][n]["error"][channel]) for s in studies for n in against)
-        for column, name in enumerate(against):
-            for count, study in enumerate(studies):
-                entry = study["where"][name]
-                legend = row == column == 0
-                trace = bins(entry, entry["error"][channel], study["label"], count, legend)
-                figure.add(trace, row + 1, column + 1)
-                note_share(figure, row, column, entry["share"][channel], model_color(count), count)
-            label_axes(figure, row, column, studies[0]["where"][name], [0, 1.15 * top])
-        figure.update_yaxes(title="%s<br>mean |error|/σ [-]" % label, row=row + 1, col=1)
-        _add_map(figure, row, len(against), studies[-1]["where"]["position"], channel)
-    caption = (
-        "Run %s, windows of 1.5 s; percentage: share of its variance that the variable explains "
-        "beyond chance, bold if significant. Squares: mean |error|/σ of %s, place by place."
-        % (studies[0]["run"].name, studies[-1]["label"])
-    )
-    count = len(against)
-    blocks = [*grid_blocks(count, 330), panels.Block((count + 1,), 480, room=0.4)]
-    return finish(figure, 554, caption, margin={"r": 140, "b": 64}, blocks=blocks)
-
-
-def _add_map(figure: panels.Figure, row: int, column: int, entry: Document, channel: str) -> None:
-    """Mean error place by place, seen from above."""
-    x, y = np.array(entry["centres"]).T
-    at = {"row": row + 1, "col": column + 1}
-    bottom, top = figure.domain(**at)
-    title = {"text": "mean |error|/σ [-]", "side": "right", "font": {"size": 10}}
-    bar = {"x": 1.095, "y": (bottom + top) / 2, "len": top - bottom, "thickness": 8}
-    marker = {
-        "symbol": "square",
-        "size": 12,
-        "color": short(entry["error"][channel]),
-        "colorscale": VIRIDIS,
-        "cmin": 0,
-        "colorbar": dict(bar, title=title, tickfont={"size": 9}),
-    }
-    hover = "x %{y:.2f} m, y %{x:.2f} m: %{marker.color:.3g}<extra></extra>"
-    figure.add(points(y, x, marker, showlegend=False, hovertemplate=hover), **at)
-    figure.update_xaxes(**few_ticks(y), showticklabels=row == 2, **at)
-    figure.update_yaxes(range=_around(x), title="x [m]", side="right", nticks=5, **at)
-    if row == 2:
-        figure.update_xaxes(title="y [m]<br>(world_ned)", **at)
-
-
-def _around(values: Array) -> List[float]:
-    """Limits with room for the marks of the outermost values."""
-    room = max(0.13 * float(np.ptp(values)), 0.1)
-    return [float(values.min()) - room, float(values.max()) + room]
-
-
 def residual_correlation(studies: Sequence[Document]) -> Document:
     """Correlation of one-step residuals of every model with themselves and with the commands."""
     columns = {"autocorrelation": "itself", **residuals.commands(studies[0]["model"])}
@@ -341,90 +269,6 @@ def _add_correlation(
         figure.add(trace, row + 1, column + 1)
         text = "%d of %d outside" % (entry["outside"], entry["lags"])
     note(figure, row + 1, column + 1, text, shade, 0.98, 14 * count)
-
-
-def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
-    """Share of the variance of error and missing wrench that each variable explains beyond chance, mean
-    over runs. by_model: a model's label and its studies of all runs."""
-    rows = ["error of " + c[0] for c in CHANNELS] + ["missing " + c[0] for c in WRENCH]
-    across = min(2, len(by_model))
-    down = math.ceil(len(by_model) / across)
-    places: List[Optional[Document]] = [{} for _ in by_model]
-    places.append(None)
-    figure = panels.Figure(
-        rows=down,
-        cols=across,
-        specs=[places[across * row : across * (row + 1)] for row in range(down)],
-        titles=[wrapped(label, TITLE_WIDTH) for label, _ in by_model],
-        horizontal_spacing=0.03,
-        vertical_spacing=SHARES_GAP / _shares_height(down),
-    )
-    if across > 1:
-        figure.update_yaxes(matches="y", showticklabels=False, col=2)
-    for count, (_, studies) in enumerate(by_model):
-        row, col = count // across + 1, count % across + 1
-        names = [n for n in studies[0]["where"] if n != "position"]
-        table = [
-            [np.mean([s["where"][n]["share"][c]["share"] for s in studies]) for n in names]
-            for c, _, _ in CHANNELS
-        ]
-        for channel, _ in WRENCH:
-            entries = [s["missing"].numbers["channels"][channel] for s in studies]
-            table.append([np.mean([_share_of_missing(e, n) for e in entries]) for n in names])
-        percent = 100 * np.array(table)
-        figure.add(
-            {
-                "type": "heatmap",
-                "z": np.round(percent, 1).tolist(),
-                "x": names,
-                "y": rows,
-                "zmin": 0,
-                "zmax": 100,
-                "colorscale": ORANGES,
-                "showscale": False,
-                "hovertemplate": "%{y} by %{x}: %{z:.0f}%<extra></extra>",
-            },
-            row,
-            col,
-        )
-        for i, its_name in enumerate(rows):
-            for j, name in enumerate(names):
-                if percent[i, j] >= 10:
-                    figure.annotate(
-                        row,
-                        col,
-                        x=name,
-                        y=its_name,
-                        text="%.0f" % percent[i, j],
-                        font={"size": 11, "color": "#ffffff" if percent[i, j] > 60 else TEXT},
-                    )
-    figure.update_yaxes(autorange="reversed", automargin=True)
-    figure.update_xaxes(tickangle=-45, tickfont={"size": 11})
-    runs = len(by_model[0][1])
-    caption = (
-        "Share of the variance [%%] of the error and of the missing wrench that each variable "
-        "explains beyond chance, mean of %d run%s. u, v, r: surge, sway, yaw rate; X, Y, N: surge "
-        "force, side force, yaw moment; all in the body frame." % (runs, "s" * (runs > 1))
-    )
-    margin = {"t": 40, "b": 70, "l": 20}
-    area = _shares_height(down)
-    blocks = grid_blocks(across, area, 1)
-    return finish(figure, 110 + area, caption, margin, blocks=blocks)
-
-
-def _shares_height(rows: int) -> int:
-    """Height of the panels of `shares` in rows, and of the gaps between them [pixels]."""
-    return 220 * rows + SHARES_GAP * (rows - 1)
-
-
-def _share_of_missing(entry: Document, name: str) -> float:
-    """Share that a variable explains; 0 for a wrench within its uncertainty."""
-    return 0.0 if failure.is_negligible(entry) else float(entry["against"][name]["share"]["share"])
-
-
-def _axes_differ(study: Document) -> bool:
-    thrust = study["missing"].numbers["thrust"]
-    return thrust is not None and bool(thrust["body_axes_differ"])
 
 
 def _timed(trace: Document, times: Any) -> Document:

@@ -3,7 +3,7 @@
 import math
 from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from ground.analysis import failure
+from ground.analysis import missing_wrench
 from ground.analysis.criteria import Criteria
 from ground.annotations import Document
 from ground.recordings import suspicions
@@ -45,45 +45,19 @@ def sentence(text: str) -> str:
 
 
 def summary(
-    numbers: Document,
-    where: Document,
-    correlation: Document,
-    missing: Document,
-    commands: Mapping[str, str],
+    numbers: Document, correlation: Document, missing: Document, commands: Mapping[str, str]
 ) -> List[str]:
-    """A few sentences: axes that differ, the missing wrench, residuals, the error. commands: names of
-    what the residuals are correlated with."""
+    """A few sentences: the missing wrench, residuals, the error. commands: names of what the residuals are
+    correlated with."""
     found = []
-    thrust = missing["thrust"]
-    if thrust and thrust["body_axes_differ"]:
-        found.append(body_axes(thrust))
     if missing["disturbances"]:
         found.append(disturbances(missing["disturbances"]))
-    found.append(missing_wrench(missing["channels"]))
+    found.append(largest_missing(missing["channels"]))
     followed = followed_input(correlation["channels"], commands)
     if followed:
         found.append(followed)
-    found.append(error(numbers["error_by_channel"], where))
+    found.append(error(numbers["error_by_channel"]))
     return found
-
-
-def body_axes(thrust: Document) -> str:
-    """Difference between the axes of model and measurement, and the offset that removes it."""
-    measured, own = thrust["measured"], thrust["model"]
-    turn = -math.radians(thrust["off_deg"])
-    return (
-        "the body axes differ: measured thrust acts at %.0f deg (+-%.0f) from the model's body x "
-        "axis, %.3g N per unit input; the model has it at %.0f deg, %.3g N; a "
-        "heading_offset of %.2f rad on top of the model's would make them agree"
-        % (
-            measured["angle_deg"],
-            2 * measured["angle_standard_error_deg"],
-            measured["force_per_unit_input"],
-            own["angle_deg"],
-            own["force_per_unit_input"],
-            turn,
-        )
-    )
 
 
 def disturbances(events: Sequence[Document]) -> str:
@@ -95,27 +69,20 @@ def disturbances(events: Sequence[Document]) -> str:
     )
 
 
-def missing_wrench(channels: Document) -> str:
-    """The channel with the largest missing wrench, relative to full thrust, and what it depends on."""
+def largest_missing(channels: Document) -> str:
+    """The channel with the largest missing wrench, relative to full thrust."""
     name = max(channels, key=lambda c: float(channels[c]["rms"] / channels[c]["full_scale"]))
     channel = channels[name]
-    if failure.is_negligible(channel):
-        return "no wrench is missing beyond its uncertainty"
+    if missing_wrench.is_negligible(channel):
+        return "the missing force and moment are smaller than their uncertainty"
     ratio = channel["rms"] / channel["full_scale"]
-    text = "missing most is %s, rms %.3g %s (%s full thrust), mean %.3g %s" % (
-        failure.CHANNEL_NAMES[name],
+    return "the largest missing part is %s: %.3g %s rms (%s full thrust), mean %.3g %s" % (
+        missing_wrench.CHANNEL_NAMES[name],
         channel["rms"],
         channel["unit"],
         "%.0f%% of" % (100 * ratio) if ratio < 10 else "far above",
         channel["mean"],
         channel["unit"],
-    )
-    best, share = failure.best_variable(channel["against"])
-    if not failure.is_named(share):
-        return text + "; nothing measured explains how it varies"
-    return text + "; %s explains %.0f%% of its variance" % (
-        channel["against"][best]["label"],
-        100 * share["share"],
     )
 
 
@@ -140,20 +107,11 @@ def followed_input(channels: Document, commands: Mapping[str, str]) -> Optional[
     return text
 
 
-def error(by_channel: Dict[str, float], where: Document) -> str:
-    """The channel with the largest part of the error, and what the error depends on."""
+def error(by_channel: Dict[str, float]) -> str:
+    """The channel with the largest part of the error."""
     name = max(by_channel, key=by_channel.__getitem__)
-    text = "%s has %.0f%% of the error" % (
-        ERRORS[name],
-        100 * by_channel[name] / max(1e-300, sum(by_channel.values())),
-    )
-    best, share = failure.best_variable(where, "share_of_sum")
-    if not failure.is_named(share):
-        return text + "; no single variable predicts where the error is large"
-    return text + "; %s predicts best where it is large (%.0f%%)" % (
-        where[best]["label"],
-        100 * share["share"],
-    )
+    share = by_channel[name] / max(1e-300, sum(by_channel.values()))
+    return "%.0f%% of the error is in the %s" % (100 * share, ERRORS[name])
 
 
 def off_after_a_second(numbers: Document) -> str:

@@ -3,7 +3,7 @@
 compare.json, schema ground/compare/1 (SI units; null for a value that is not a number or does not exist):
 
 models    by label: file, effects, fitted_to (names of bags, from its provenance)
-runs      name, bag, picture (motion), pictures (where, residuals; null if not drawn), models: by label
+runs      name, bag, picture (motion), pictures (residuals; null if not drawn), models: by label
   role              fit or held_out, by the digests of recordings in the model's provenance; unknown where
                     its file has names only
   error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of 1.5 s; error_by_channel
@@ -12,17 +12,11 @@ runs      name, bag, picture (motion), pictures (where, residuals; null if not d
   fit_percent, rms  per channel, of the windows
   horizons          seconds (first: one sample), starts, median and rms of the errors of u, v, r
                     [sigma], position [mm] and heading [deg], each started at the measured state
-  where             per variable: centres of its bins, samples, mean |e|/s per channel, and share of
-                    its variance explained (raw; share: beyond chance; p: of so much by chance)
   residuals         kind; noise levels; per channel autocorrelation, input_sum, input_difference:
                     lags, value, band99, how many are outside, accepted; white
   wrench            noise levels; disturbances left out [s]; per channel X, Y, N: mean, rms, std,
                     sigma (median standard deviation of the estimate), full_scale (what full thrust
-                    gives), against: per variable mean and standard_error in its bins, and share;
-                    accounted (of the first of several models): share of its mean square that the
-                    last model accounts for, mean of that in the bins;
-                    thrust: direction in the model's body axes and size of the force that follows
-                    the command, by model and as measured; body_axes_differ. Over time in the CSV.
+                    gives). Over time in the CSV.
   files, summary    picture and series of the wrench; the sentences of the terminal
 pooled    by label: the numbers over all, fit, held_out and unknown runs
 ranking   errors by label, the least first, over runs: those that no model was fitted to (role held_out),
