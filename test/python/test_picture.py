@@ -211,10 +211,9 @@ def test_texts_stay_inside_the_picture_and_do_not_overlap(pictures):
 def test_the_same_model_has_the_same_colour_everywhere(studies, pictures):
     wanted = {s["label"]: appearance.model_color(i) for i, s in enumerate(studies)}
     alone = [
-        wrench_figures.wrench(studies[1:], first=1),
         wrench_figures.wrench_over_time(studies[1:], first=1),
     ]
-    described = [pictures[n][0] for n in ("motion", "where", "wrench", "residual_correlation")]
+    described = [pictures[n][0] for n in ("motion", "residual_correlation")]
     for figure in described + alone:
         lines = [t for t in figure["data"] if t.get("name") in wanted]
         assert lines and all(t["line"]["color"] == wanted[t["name"]] for t in lines)
