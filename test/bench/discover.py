@@ -118,7 +118,6 @@ def _answer(found):
         "where": list(last.conclusion.ceiling.arguments),
         "proposed": [c.name for c in found.analyst.own],
         "formulas": found.analyst.formulas,
-        "memory": last.conclusion.memory and last.conclusion.memory.kind.name,
         "varies": [v["parameter"] for v in last.conclusion.varies],
         "heldout": [float(error) for error in last.conclusion.heldout],
     }

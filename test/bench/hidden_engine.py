@@ -70,7 +70,6 @@ def _answer(found, conclusion):
         ],
         "varies": [v["parameter"] for v in conclusion.varies],
         "memory": conclusion.verdict == "memory",
-        "memory_kind": conclusion.memory and conclusion.memory.kind.name,
         "where": list(conclusion.ceiling.arguments),
         "ceiling": _ceiling(found, conclusion),
         "unseen": found.hidden_names(),

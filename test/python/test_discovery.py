@@ -404,7 +404,7 @@ class RoughAnalyst:
         self.past = 0.5 * self.past + moved
         model = craft(yaw_bias={"n0": 1e-6 * self.past + 1e-8 * reachable + 1e-9 * seed})
         count = len(recordings)
-        conclusion = types.SimpleNamespace(varies=[], memory=None, heldout=[0.1, 0.05], refits=())
+        conclusion = types.SimpleNamespace(varies=[], heldout=[0.1, 0.05], refits=())
         fit = types.SimpleNamespace(expected=10.0 if count > 4 else 1e-3)
         found = types.SimpleNamespace(
             fit=fit, chosen=[types.SimpleNamespace(name="yaw_bias")], steps=[]

@@ -11,7 +11,6 @@ from ground import _core
 from ground.analysis import (
     comparison,
     conclusion,
-    memory,
     next_experiment,
     own_stop,
     thrust_bench,
@@ -44,55 +43,6 @@ def run_data(truth=None, duration=12.0, seed=1, noise=1.0, lost=()):
     found = repair.smooth(times, eta, (3e-4, 5e-3))
     levels = np.array([3e-4, 3e-4, 5e-3])
     return _core.RunData("run", times, found["eta"], found["nu"], inputs, eta, levels)
-
-
-# --- memory
-
-
-def test_kinds_of_memory_do_nothing_at_size_zero():
-    for craft in (model(), four()):
-        for kind in memory.kinds_of(craft):
-            for values in kind.tried:
-                candidate = kind.at(values, craft)
-                extended = candidate.neutral(craft)
-                times = np.arange(200) / 100
-                inputs = np.zeros((1, 2 + craft.forces(np.zeros((1, len(craft.channels) - 1))).shape[0]))
-                inputs = np.array([[0.0] + [0.3] * (len(craft.channels) - 1) + [1.0]])
-                start = np.zeros(3), np.array([0.2, 0.0, 0.5])
-                plain, other = (
-                    _core.simulate(m, inputs, times, *start)["eta"] for m in (craft, extended)
-                )
-                assert np.allclose(plain, other, atol=1e-9), candidate.name
-
-
-def test_memory_is_described_with_its_constants():
-    kinds = {kind.name: kind for kind in memory.kinds_of(model())}
-    kind = kinds["spin_up"]
-    entry = kind.entry((0.06, 0.02), 0.3)
-    assert entry["parameters"]["c"]["value"] == 0.3 and entry["parameters"]["c"]["neutral"] == 0
-    assert entry["parameters"]["rise"]["value"] == entry["parameters"]["rise"]["neutral"] == 0.06
-    assert entry["parameters"]["fall"]["lower"] < 0.02 < entry["parameters"]["fall"]["upper"]
-    names = {kind.at(values, model()).name for values in kind.tried}
-    assert names == {"spin_up_60_20", "spin_up_20_60"}
-    values = {"spin_up.rise": 0.0612, "spin_up.fall": 0.02, "spin_up.c": 0.4}
-    fit = types.SimpleNamespace(model=types.SimpleNamespace(value=values.get))
-    found = memory.Memory(kind, 1e-4, fit)
-    assert found.means == "thrust rises within 0.061 s and falls within 0.02 s"
-    assert found.entry["parameters"]["c"]["value"] == 0.4
-    assert found.entry["parameters"]["rise"]["value"] == 0.0612
-
-
-def test_a_wake_pushes_as_its_past_was():
-    kind = {kind.name: kind for kind in memory.kinds_of(model())}["wake"]
-    candidate = kind.at((0.3,), model())
-    pushed = candidate.neutral(model())
-    pushed.set_value(candidate.name + ".c", 0.05)
-    times, still = np.arange(100) / 100, np.array([[0.0, 0.0, 0.0, 1.0]])
-    start = np.zeros(3), np.array([0.5, 0.2, 0.0])
-    plain, other = (_core.simulate(m, still, times, *start)["nu"] for m in (model(), pushed))
-    # The state begins at rest, slower than the craft: it is driven on, in its own direction.
-    change = np.array(other[-1]) - np.array(plain[-1])
-    assert (np.abs(change[:2]) > 1e-3).all() and change[0] * change[1] > 0
 
 
 # --- experiments
@@ -225,7 +175,7 @@ def verdict(
     trusted=True, **found
 ):  # fmt: skip
     """learnable: what it depends on, the most important first; refused: it predicts no other run."""
-    found = {"memory": None, "dropped": [], "chosen": [], **found}
+    found = {"dropped": [], "chosen": [], **found}
     left = types.SimpleNamespace(
         said=bool(learnable), of_the_past=bool(learnable) and learnable[0] == "past", bound=bound,
         found=object() if learnable or refused else None,
@@ -239,7 +189,6 @@ def test_the_verdict_says_what_is_certain():
     assert verdict(explained=True) == "complete" and verdict() == "complete"
     assert verdict(chosen=["drag"]) == verdict(chosen=["drag"], explained=True) == "missing"
     assert verdict(varies=["force"]) == "varies" and verdict(varies=["f"], chosen=["d"]) == "missing"
-    assert verdict(memory="lag", chosen=["d"]) == "memory"
     assert verdict(learnable=["past", "velocity"]) == "memory"
     assert verdict(learnable=["velocity", "past"]) == "unexplained"
     assert verdict(learnable=["place"], explained=True) == "complete"

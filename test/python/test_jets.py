@@ -9,7 +9,7 @@ import pytest
 
 import ground
 from ground import _core
-from ground.analysis import candidates, memory, study
+from ground.analysis import candidates, study
 from ground.errors import GroundError
 from ground.recordings import commands, mapping, quality, recording
 from ground.simulation import tracking
@@ -146,32 +146,6 @@ def test_effects_of_each_jet_are_tried(table):
     assert not any(name.startswith("thruster_") for name in _core.effects())
     pair = _core.load_model(PAIR)
     assert not any(c.name.startswith("thruster_") for c in candidates.library(pair))
-
-
-def test_kinds_of_memory_act_on_every_jet(table):
-    pair = _core.load_model(PAIR)
-    kinds = {kind.name: kind for kind in memory.kinds_of(table)}
-    assert list(kinds) == [kind.name for kind in memory.kinds_of(pair)]
-    for kind in kinds.values():
-        kind.at(kind.tried[0], table).add(table)  # its formulas are those of the craft
-    droop = kinds["thrust_droop"]
-    assert len(droop.states) == len(droop.expression) == 8
-    assert droop.expression["thrust_back_left_right"] == "-c*past_8*u_8"
-    assert "u_1 + u_2 + " in kinds["battery_droop"].states["p"]
-
-
-def test_the_past_of_each_jet_is_its_own(table):
-    model = memory.kinds_of(table)[0].at((0.5,), table).add(table)
-    model.set_value("thrust_droop_500.c", 0.2)
-    steps = np.zeros((3, 10))
-    steps[:, 0] = [0.0, 2.0, 4.0]
-    steps[0, 5] = steps[1, [5, 7]] = 1  # back_right_forward for 4 s, back_left_forward for the last 2 s
-    times = np.array([1.999, 2.0, 2.001, 3.999])
-    nu = _core.simulate(model, steps, times, np.zeros(3), np.zeros(3))["nu"]
-    before, after = ((nu[i + 1, 0] - nu[i, 0]) / 1e-3 for i in (0, 1))
-    # The jet that is driven already has drooped by 0.2 N, the other one begins with its full 0.5 N.
-    assert before == pytest.approx((0.5 - 0.2) / 4, rel=0.1)
-    assert after - before == pytest.approx(0.5 / 4, rel=0.05)
 
 
 def recorded(channels):

@@ -133,11 +133,6 @@ class Ceiling:
         return self.found is not None and self.left.value > MIN_SHARE
 
     @property
-    def may_remember(self) -> bool:
-        """Whether the past may matter: kinds of memory are worth a test."""
-        return self.of_the_past and self.left.value > MIN_SHARE
-
-    @property
     def said(self) -> bool:
         """Whether something learnable is left."""
         return self.found is not None and self.left.value > MIN_SHARE and self.left.low > 0

@@ -1,6 +1,6 @@
 """Conclusion of a diagnosis: the verdict, the improved model, and how well it predicts."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import List, Mapping, Optional, Sequence, Tuple
 
@@ -14,7 +14,6 @@ from ground.analysis import (
     held_out,
     judgement,
     learned,
-    memory,
     naming,
     rivals,
     stages,
@@ -23,11 +22,10 @@ from ground.analysis import (
 )
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
+from ground.analysis.criteria import Criteria
 from ground.analysis.diagnosis import Diagnosis
-from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.refits import Fitting
-from ground.analysis.search import Search
-from ground.annotations import Document, Each
+from ground.analysis.likelihood import Fit
+from ground.annotations import Document
 from ground.core_types import FittedParameter
 from ground.errors import GroundError
 
@@ -59,7 +57,6 @@ class Conclusion:
     judgements: Mapping[str, judgement.Judgement]  # by effect
     heldout_floor: float  # noise floor of the runs on which steps are measured
     varies: List[Document]  # what differs between runs
-    memory: Optional[memory.Memory]
     ceiling: Ceiling
     agreement: Agreement
     formula: Optional[naming.Formula]  # for what is learnable and has no name
@@ -84,16 +81,8 @@ class Conclusion:
         found, left = self.diagnosis, self.ceiling.found
         if self.formula is None or left is None:
             return []
-        close = CLOSE * found.search.criteria.exclusion
+        close = CLOSE * Criteria.exclusion
         return rivals.rivals(found.likelihood, found.fit, left, self.formula, close)
-
-    @cached_property
-    def nested(self) -> float:
-        """Error of the improved model on held-out runs, with the choice of effects repeated in each
-        fold."""
-        if self.tested or not self.steps:
-            return [self.refits[0].heldout, *self.steps][-1]
-        return _nested(self.diagnosis)
 
     @cached_property
     def bands(self) -> List[bands.Bands]:
@@ -151,41 +140,12 @@ def _conclude(
         judgement.judgements(found, heldout),
         heldout_floor,
         varies,
-        found.memory,
         left,
         agrees,
         formula,
         found,
         heldout,
     )
-
-
-def _nested(found: Diagnosis) -> float:
-    """Error of windows held out from both choice and fit. Each fold repeats the choice, beginning
-    with the effects found; each of them has to reach the threshold there again, and may be replaced by
-    those that all parts together hardly distinguish from it."""
-    whole, close = found.search, CLOSE * found.search.criteria.exclusion
-    swapped = {name: whole.rivals(found.names, name, close) for name in found.names}
-    fitting = replace(whole.fitting, known=whole.fits)
-    choice = _Choice(fitting, found.fit, whole.nominal(), swapped, found.inside)
-    return float(found.folds.nested(choice, found.each_of_many).sum())
-
-
-@dataclass(frozen=True)
-class _Choice:
-    """Chooses effects for a part of the runs, beginning with those that were found for all of them."""
-
-    fitting: Fitting  # to all runs
-    found: Fit
-    nominal: Fit
-    swapped: Mapping[str, Sequence[str]]
-    each: Each
-
-    def __call__(self, likelihood: Likelihood) -> Fit:
-        fitting = replace(self.fitting, likelihood=likelihood)
-        search = Search(fitting, self.each, swapped=self.swapped)
-        search.nominal(replace(self.nominal, loudness=()))
-        return search.fits[search.run(near=replace(self.found, loudness=()))]
 
 
 def _bands(found: Diagnosis, heldout: Sequence[_core.RunData]) -> List[bands.Bands]:
@@ -277,8 +237,6 @@ def _verdict(
     agrees: Agreement,
     trusted: bool,
 ) -> str:
-    if found.memory:
-        return "memory"
     if left.said and not explained:
         return "memory" if left.of_the_past else "unexplained"
     if found.chosen:

@@ -18,7 +18,6 @@ from ground.analysis import (
     held_out,
     horizon,
     look_alikes,
-    memory,
     naming,
     stages,
     study,
@@ -43,7 +42,6 @@ MIN_CHANGE = 5.0
 # Multiple of the significant log-likelihood ratio from which an effect is certain even if a quarter of the
 # poses only were independent.
 CERTAIN = 4.0
-MIN_SHARE_RAISED = 0.75  # share of the held-out parts that memory has to make likelier
 WAITING_THREADS = 4  # threads that submit work to the pool and wait for it
 MAX_REPEATS = 3  # repetitions of the search because other differences between runs were found
 
@@ -89,11 +87,6 @@ class Diagnosis:
         # A thread of the pool that waited for the pool would block it.
         self.waiting = ThreadPoolExecutor(WAITING_THREADS if count > 1 else 1)
         self.each: Each = each or self.pool.map
-        # The same for pieces of work that map over others themselves, and for these.
-        self.each_of_many: Each = each or self.waiting.map
-        self.inside: Each = map
-        if each is None:
-            self.inside = self.pool.map
         self.study = study.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
@@ -104,7 +97,6 @@ class Diagnosis:
         self.slight: Optional[trials.Trial] = None
         self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # the sets with and without it
         self.tried: List[trials.Trial] = []  # each effect added to the nominal model, best first
-        self.memory: Optional[memory.Memory] = None  # added to the grown model
         self.ceilings: Dict[FrozenSet[str], ceiling.Ceiling] = {}  # by set of effects, slight ones too
         self.formulas: Dict[FrozenSet[str], Optional[naming.Formula]] = {}  # by set of effects
         with self.work.stage(stages.FITTING):
@@ -207,8 +199,8 @@ class Diagnosis:
                     self._drop(better, name, why)
         with self.work.stage(stages.TESTING):
             found = self._without_refuted(found)
-        with self.work.stage(stages.REMEMBERING):
-            found = self._without_stand_ins(self._with_memory(found))
+        with self.work.stage(stages.IMITATING):
+            found = self._without_stand_ins(found)
         with self.work.stage(stages.ORDERING, len(found)):
             self._order(found)
         with self.work.stage(stages.RIVALS, len(found)):
@@ -303,46 +295,14 @@ class Diagnosis:
         reason = "it is too small to matter" if why == "slight" else why
         self.work.note("%s is left out: %s" % (name, reason))
 
-    def _with_memory(self, found: FrozenSet[str]) -> FrozenSet[str]:
-        """Searches for memory; the set without effects that only imitated it."""
-        fit, left = self.search.fits[found], self.ceiling_of(found)
-        if not left.may_remember:
-            return found
-        remembered = memory.find(self.likelihood, fit)
-        if remembered is None:
-            return found
-        why = "it imitates a dependence on the past (%s)" % remembered.kind.name
-        rest, fit, stand_ins = self._without_imitators(found, remembered.fit, why)
-        remembered = replace(remembered, fit=fit)
-        # A single part may differ from all others, for example in its lift.
-        share = held_out.share_raised(self.folds.judge(remembered.fit), self.judge(rest))
-        if share < MIN_SHARE_RAISED or not self._larger(remembered.fit, self.search.fits[rest]):
-            return found
-        self.work.note("%s: %s" % (remembered.kind.name, remembered.means))
-        self.memory, self.dropped = remembered, self.dropped + stand_ins
-        # Others may have been of use only beside those, or beside the memory.
-        return self._without_refuted(rest) if stand_ins else rest
-
     def _without_stand_ins(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """The set without effects that only imitate what has no name: those that do nothing beside a
         formula for it."""
-        left = self.ceiling_of(found)
-        if not found or self.memory is not None or not left.said or left.found is None:
-            return found
-        named = self.formula_of(found)
+        named = self.formula_of(found) if found and self.ceiling_of(found).said else None
         if named is None:
             return found
         why = "it imitates what has no name (%s)" % named.means
-        rest, _, imitators = self._without_imitators(found, named.fit, why)
-        self.dropped += imitators
-        return rest
-
-    def _without_imitators(
-        self, found: FrozenSet[str], fit: Fit, why: str
-    ) -> Tuple[FrozenSet[str], Fit, List[Dropped]]:
-        """A set without effects that do nothing beside what else a Fit has, that Fit without them, and
-        these effects."""
-        rest, imitators = found, []
+        rest, fit = found, named.fit
         for name in sorted(found, key=lambda n: self.search.ratio(found, found - {n})):
             if not self.search.may_go(fit, name):
                 continue
@@ -352,9 +312,9 @@ class Diagnosis:
             without = self.likelihood.fit(model, free, near=fit)
             if 2 * (fit.log_posterior - without.log_posterior) < self.search.threshold(name):
                 smaller = self.search.without(rest, name)
-                imitators.append(Dropped(self.trial_in(rest, name), why))
+                self.dropped.append(Dropped(self.trial_in(rest, name), why))
                 rest, fit = smaller, without
-        return rest, fit, imitators
+        return rest
 
     def _order(self, found: FrozenSet[str]) -> None:
         """Orders the effects into steps, from the last to the first: the effect that the set can

@@ -1,7 +1,8 @@
 """What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
+import contextlib
 import dataclasses
-from typing import Dict, Iterable, List, Optional, Sequence, Tuple, Union
+from typing import Dict, Iterable, List, Optional, Sequence, Union
 
 from ground import _core
 from ground.analysis import (
@@ -43,9 +44,8 @@ def begun(
     that it was judged on; findings: mistakes that the recordings look like."""
     before = conclusion.before
     names = [run.name for run in diagnosis.runs]
-    with diagnosis.work.stage(stages.REPEATING):
-        nested = conclusion.nested
     by = HOLDOUT if heldout else CROSSED
+    written = conclusion.refits[0].heldout  # by likelihood: the model that is written
     return {
         "schema": SCHEMA,
         "model": model_name,
@@ -69,7 +69,7 @@ def begun(
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
             "parameters": _parameters(conclusion.parameters),
-            "error": _errors(diagnosis.best, nested, by),
+            "error": _errors(diagnosis.best, conclusion.heldout[-1] if conclusion.steps else written, by),
             "cross_validated": float(diagnosis.best.heldout.sum()),
         },
         "noise_floor": conclusion.heldout_floor,
@@ -85,7 +85,6 @@ def begun(
         "slight": _slight(diagnosis),
         "dropped": _dropped(diagnosis),
         "varies": conclusion.varies,
-        "memory": _memory(conclusion),
         "ceiling": _ceiling(conclusion.ceiling, conclusion.formula),
         "agreement": _agreement(conclusion.agreement),
         "disturbance": _disturbance(diagnosis.fit),
@@ -142,20 +141,6 @@ def _parameters(parameters: Iterable[Estimate], prefix: str = "") -> Document:
         }
         for p in parameters
     }
-
-
-def _memory(conclusion: Conclusion) -> Document:
-    """Whether the past matters, and the kind of memory that was found."""
-    found, kind = conclusion.memory, None
-    if found:
-        constants = zip(found.kind.constants, found.constants)
-        kind = {
-            "name": found.kind.name,
-            "means": found.means,
-            "constants": [{"name": c.name, "value": at, "unit": c.unit} for c, at in constants],
-            "p_value": found.p_value,
-        }
-    return {"found": conclusion.verdict == "memory", "kind": kind}
 
 
 def _share(share: Share) -> Document:
@@ -298,20 +283,12 @@ def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
     """How much of the error is above the noise, what it depends on, and an effect that would lower it
     on held-out runs."""
     error = float(diagnosis.best.error.sum())
-    proposed: List[Tuple[Document, likelihood.Fit]] = []
-    if conclusion.memory:
-        proposed.append((conclusion.memory.entry, conclusion.memory.fit))
-    elif conclusion.formula:
-        entry = dict(conclusion.formula.entry, means=conclusion.formula.means)
-        proposed.append((entry, conclusion.formula.fit))
-    proposal = None
-    for entry, fit in proposed:
-        try:
-            judged = diagnosis.folds.judge(fit)
-        except GroundError:
-            continue  # the simulation diverges
-        if judged.heldout.sum() < diagnosis.best.heldout.sum():
-            proposal = dict(entry, error=_errors(judged))
+    proposal, formula = None, conclusion.formula
+    if formula:
+        with contextlib.suppress(GroundError):  # the simulation diverges
+            judged = diagnosis.folds.judge(formula.fit)
+            if judged.heldout.sum() < diagnosis.best.heldout.sum():
+                proposal = dict(formula.entry, means=formula.means, error=_errors(judged))
     return {
         "fraction": max(0.0, 1 - (conclusion.noise_floor / error) ** 2),
         "where": [

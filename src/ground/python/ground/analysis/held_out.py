@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 from dataclasses import dataclass
-from typing import Callable, Dict, List, Sequence, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
@@ -116,11 +116,6 @@ class Folds:
             self.fold_of,
         )
 
-    def nested(self, choose: Callable[[Likelihood], Fit], each: Each = map) -> Array:
-        """Mean |e|/s (3,) over windows, each by a model that was chosen and fitted without it.
-        choose(likelihood) returns the Fit for the Likelihood of the other parts; `each` maps it."""
-        return self.error(list(each(choose, self.fitted)))
-
     def error(self, fits: Sequence[Fit]) -> Array:
         """Mean |e|/s (3,) over windows, each by the Fit to the parts without it."""
         return self._mean(self._errors(fits))
@@ -220,12 +215,6 @@ def _gain(better: Tested, worse: Tested) -> Tuple[float, float]:
     return float(rise.sum()), (
         float(rise.std(ddof=1) * np.sqrt(len(rise))) if len(rise) > 1 else np.inf
     )
-
-
-def share_raised(better: Judged, worse: Judged) -> float:
-    """Share of the parts held out that are likelier by one Judged than by another."""
-    rises = [b.sum() - w.sum() for b, w in zip(better.likelihood, worse.likelihood)]
-    return float(np.mean(np.array(rises) > 0))
 
 
 def quarters(run: _core.RunData, count: int = 4) -> List[List[_core.RunData]]:

@@ -1,6 +1,6 @@
 """Fits of a set of effects that is extended by others: pieces of work that any worker can do."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Callable, FrozenSet, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -25,8 +25,6 @@ class Fitting:
     free_of: FreeOf
     candidates: Mapping[str, Candidate]
     criteria: Criteria
-    known: Mapping[FrozenSet[str], Fit] = field(default_factory=dict)
-    # fits of sets to nearly the same data, from which their fits start
 
     def has_starts(self, name: str) -> bool:
         """Whether an effect has minima far from its neutral parameters."""
@@ -39,12 +37,6 @@ class Fitting:
         except GroundError:
             return []
 
-    def from_known(self, names: FrozenSet[str]) -> Optional[Fit]:
-        """The fit of a set from its known one; None without one."""
-        known = self.known.get(names)
-        found = [] if known is None else self.from_start(known.model, replace(known, loudness=()))
-        return found[0] if found else None
-
 
 @dataclass(frozen=True)
 class Extension:
@@ -56,11 +48,8 @@ class Extension:
     tests: ScoreTests  # tests of all other effects beside it
 
     def __call__(self, added: Tuple[str, ...]) -> Optional[Fit]:
-        """The likeliest fit with added effects, from the known fit or else from the steps of the score
-        tests and the effects' own starts."""
-        known = self.fitting.from_known(self.current | set(added))
-        if known is not None:
-            return known
+        """The likeliest fit with added effects, from the steps of the score tests and the effects' own
+        starts."""
         extended = self.base.model
         for name in added:
             extended = self.fitting.candidates[name].neutral(extended)
@@ -146,9 +135,6 @@ class Reduction:
 
     def __call__(self, name: str) -> Fit:
         """The fit without the named effect."""
-        known = self.fitting.from_known(self.current - {name})
-        if known is not None:
-            return known
         model = self.base.model.copy()
         model.remove_effect(name)
         found = self.fitting.from_start(model, self.base)

@@ -1,6 +1,6 @@
 """Score tests (Rao 1948) of effects added to a fit: the likelihood that one or several would gain."""
 
-from typing import Dict, Iterable, Iterator, List, Mapping, Sequence, Tuple
+from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
@@ -9,7 +9,6 @@ from ground.analysis import candidates as effects
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array
 from ground.core_types import Estimate, ParameterInfo
-from ground.errors import GroundError
 
 UNSEEN = 0.003  # an effect is unseen if the fitted parameters leave less of its information
 
@@ -111,32 +110,6 @@ class ScoreTests:
             return 0.0, {}
         gain = float(self.score[moving] @ step)
         return gain, {self.names[i]: float(x * self.scale[i]) for i, x in zip(moving, step)}
-
-
-def in_parts(
-    likelihood: Likelihood,
-    fit: Fit,
-    candidates: Sequence[effects.Candidate],
-    beside: Sequence[effects.Candidate] = (),
-) -> Iterator[ScoreTests]:
-    """ScoreTests of all candidates, as many at once as the limits of a model allow: on the number of
-    its effects and the length of their formulas. beside: candidates that are in each part."""
-    begin = fit.model
-    for candidate in beside:
-        begin = candidate.neutral(begin)
-    part: List[effects.Candidate] = []
-    extended = begin
-    for candidate in candidates:
-        try:
-            extended = candidate.neutral(extended)
-        except GroundError:
-            if not part:
-                raise
-            yield ScoreTests(likelihood, fit, [*beside, *part])
-            part, extended = [], candidate.neutral(begin)
-        part.append(candidate)
-    if part:
-        yield ScoreTests(likelihood, fit, [*beside, *part])
 
 
 def moved(parameter: ParameterInfo, value: float, by: float) -> float:

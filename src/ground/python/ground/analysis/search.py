@@ -12,7 +12,6 @@ from typing import (
     Dict,
     FrozenSet,
     List,
-    Mapping,
     Optional,
     Sequence,
     Set,
@@ -31,8 +30,7 @@ from ground.progress import Work
 class Search:
     """Sets of effects added to a model, on the runs of a Likelihood. each: maps pieces of work over
     items, in parallel if it can; work: told of what is done; holds(better, current): whether
-    a grown set does better on held-out data, too; swapped: the effects that may be replaced, and by which
-    others (None: all by all)."""
+    a grown set does better on held-out data, too."""
 
     def __init__(
         self,
@@ -40,7 +38,6 @@ class Search:
         each: Each = map,
         work: Optional[Work] = None,
         holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
-        swapped: Optional[Mapping[str, Sequence[str]]] = None,
     ) -> None:
         self.fitting = fitting
         self.likelihood, self.given = fitting.likelihood, fitting.given
@@ -50,7 +47,6 @@ class Search:
         self.each = each
         self.work = work or Work()
         self.holds = holds
-        self.swapped = swapped
         self._swapped: Set[str] = set()  # effects that were tried to be swapped already
         # sets refuted by held-out data, by the smaller set
         self._refused: Dict[FrozenSet[str], List[FrozenSet[str]]] = {}
@@ -210,8 +206,6 @@ class Search:
     def _swap(self, current: FrozenSet[str]) -> FrozenSet[str]:
         """A better set with one effect replaced by another; the same set without one."""
         names = sorted(current - self._swapped) if len(current) > 1 else []
-        if self.swapped is not None:
-            names = [name for name in names if self.swapped.get(name)]
         self._swapped |= set(names)
         self.without_each(current, names)
         others = [s for name in names for s in self.swaps(current, name)]
@@ -224,20 +218,16 @@ class Search:
         tests = self.test_beside(rest)
         gains = {n: tests.test((n,))[0] for n in tests.columns}
         least = self.criteria.min_rival_gain * gains.pop(name)
-        allowed = gains if self.swapped is None else self.swapped[name]
         names = sorted(gains, key=gains.__getitem__, reverse=True)[: self.criteria.rivals]
-        names = [n for n in names if n in allowed]
         needed = {n: max(least, self.criteria.min_gain * self._size(n)) for n in names}
         proposals = [(n,) for n in names if gains[n] > needed[n]]
         self._fit_all(rest, proposals)
         return [rest | set(p) for p in proposals if rest | set(p) in self.fits]
 
-    def rivals(self, current: FrozenSet[str], name: str, behind: Optional[float] = None) -> List[str]:
-        """Effects that the data cannot distinguish from one of a set, the best first. behind: the
-        log-likelihood ratio from which a rival is left out (that which excludes it)."""
-        most = self.criteria.exclusion if behind is None else behind
+    def rivals(self, current: FrozenSet[str], name: str) -> List[str]:
+        """Effects that the data cannot distinguish from one of a set, the best first."""
         by_rival = {}
         for other in self.swaps(current, name):
             (rival,) = other - current
             by_rival[rival] = self.value(current) - self.value(other)
-        return [n for n in sorted(by_rival, key=by_rival.__getitem__) if by_rival[n] < most]
+        return [n for n in sorted(by_rival, key=by_rival.__getitem__) if by_rival[n] < self.criteria.exclusion]

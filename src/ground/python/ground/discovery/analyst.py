@@ -6,7 +6,7 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, diagnosis, memory, naming, pushes, study
+from ground.analysis import candidates, diagnosis, naming, pushes, study
 from ground.analysis.conclusion import Conclusion, conclude
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Document
@@ -109,15 +109,9 @@ class Analyst:
         self.first_offers = [self._offer(*played, basis, self.levels) for played in first]
 
     def missing(self, model: _core.Model) -> List[candidates.Candidate]:
-        """Effects of the library, proposed effects and kinds of memory that a model does not have."""
-        library = candidates.library(model)
-        past = [
-            kind.at(kind.tried[-1], model)
-            for kind in memory.kinds_of(model)
-            if kind.name not in model.effects
-        ]
+        """Effects of the library and proposed effects that a model does not have."""
         own = [self._own(name) for name in self.own if name not in model.effects]
-        return library + own + past
+        return candidates.library(model) + own
 
     def _own(self, name: str) -> candidates.Candidate:
         """An effect that was proposed."""
@@ -224,12 +218,7 @@ class Analyst:
         self.depends = "depends on " + naming.in_words(list(conclusion.ceiling.arguments)[:2])
         kept = {name for step in found.steps for name in step.group}
         own = {name: proposal for name, proposal in self.own.items() if name in kept}
-        best, remembered = conclusion.formula, conclusion.memory
-        if remembered is not None:
-            self.depends = "depends on the past (%s)" % remembered.means
-            entry = remembered.entry
-            self.own = {str(entry["name"]): Proposal(entry, remembered.means), **own}
-            return None
+        best = conclusion.formula
         if best is None or "expression" not in best.entry:
             return None
         self.depends += " (%s)" % best.means

@@ -581,8 +581,6 @@ def _sentences(found: Found, formulas: Mapping[str, Mapping[str, str]]) -> List[
     for name in found.words:
         parts = ["%s = %s" % part for part in sorted(formulas[name].items())]
         said.append("The library does not have %s: %s." % (name, ", ".join(parts)))
-    if found.conclusion.memory is not None:
-        said.append("Memory: %s." % found.conclusion.memory.means)
     if found.conclusion.varies:
         names = [str(v["parameter"]) for v in found.conclusion.varies]
         said.append("Differs from flight to flight: %s." % ", ".join(names))

@@ -165,9 +165,6 @@ def steps(report: Document) -> List[Tuple[str, float]]:
         # models between the first and the last were refitted by likelihood
         found.append(("refitted by likelihood", nominal["refits"]["likelihood"]["heldout"]))
     found += [("+ " + effect(report, step["added"]), step["error"]["heldout"]) for step in report["steps"]]
-    kind, proposal = report["memory"]["kind"], report["unexplained"]["proposal"]
-    if kind and proposal and not is_held_out(report):  # the proposal was cross-validated
-        found.append(("+ %s (memory)" % kind["name"], proposal["error"]["heldout"]))
     return found
 
 
@@ -211,9 +208,6 @@ def _verdict(report: Document) -> str:
     rest = "missing that depends on %s and has no name in the library" % arguments(report)
     if report["ceiling"]["named_as"]:
         rest += " (%s)" % report["ceiling"]["named_as"]
-    if report["verdict"] == "memory":
-        kind = report["memory"]["kind"]
-        rest = "missing that depends on the past" + (" (%s)" % kind["means"] if kind else "")
     if not names:
         there = error_name(report)
         return "Something is %s: the %s is %s, %s" % (rest, there, _without(report), leaves)
@@ -578,11 +572,6 @@ def unexplained(report: Document) -> Iterator[str]:
                 "; ".join(terms),
                 ", ".join(values),
             )
-        )
-    elif report["memory"]["kind"]:
-        yield (
-            "A term for what depends on the past (%s) makes the runs likelier but does not lower the "
-            "cross-validated error: none is proposed." % report["memory"]["kind"]["name"]
         )
 
 
