@@ -25,7 +25,7 @@ import hidden_visibility
 import hidden_white as white
 import resumed
 from ground import _core, workers
-from ground.analysis import next_experiment, study
+from ground.analysis import next_experiment, window_error
 from ground.errors import GroundError
 
 COUNTS = {**{kind: count for kind, (_, count) in hidden_cases.KINDS.items()}, **white.KINDS}
@@ -63,7 +63,7 @@ def run_white(case):
     _add_truth(found, lambda name: known[name] if name in known else white.neutral(name))
     if outside:  # a fit of its formula takes long
         return dict(case, found=found)
-    error = study.Study(runs, threads=1).fit(truth, study.free_parameters(truth)).heldout.sum()
+    error = window_error.Study(runs, threads=1).fit(truth, window_error.free_parameters(truth)).heldout.sum()
     return dict(case, true_error=float(error), found=found)
 
 

@@ -3,7 +3,7 @@
 import time
 
 from ground.analysis import baseline, candidates, diagnosis, diagnosis_report
-from ground.analysis.conclusion import conclude
+from ground.analysis.verdict import conclude
 from ground.errors import GroundError
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import hidden_craft
 import hidden_white
 from ground import _core
-from ground.analysis import study
+from ground.analysis import window_error
 from ground.recordings import windows
 from ground.simulation import experiments
 
@@ -15,10 +15,10 @@ SMALL = 1e-4  # relative change of a parameter, change of a velocity, for deriva
 
 def excess(runs, model):
     """Error of the refitted nominal model relative to what the poses' noise alone leaves."""
-    on = study.Study(runs, threads=1)
-    fitted = windows.problem(runs, on.windows).fit(model, study.NOMINAL, threads=1)["model"]
-    error = study.channel_errors(runs, on.windows, fitted).sum()
-    return float(error / study.noise_floor(runs, fitted).sum())
+    on = window_error.Study(runs, threads=1)
+    fitted = windows.problem(runs, on.windows).fit(model, window_error.NOMINAL, threads=1)["model"]
+    error = window_error.channel_errors(runs, on.windows, fitted).sum()
+    return float(error / window_error.noise_floor(runs, fitted).sum())
 
 
 def by_library(body, motions, wrenches):
@@ -81,7 +81,7 @@ def explained(runs, heldout, model, motions, wrenches):
     and in each run's standard deviations; and the error of the runs held out, as `study` has it, without
     and with the wrench. motions, wrenches: of all runs, those held out last.
     """
-    fitted = windows.problem(runs, windows.cut(runs)).fit(model, study.NOMINAL, threads=1)["model"]
+    fitted = windows.problem(runs, windows.cut(runs)).fit(model, window_error.NOMINAL, threads=1)["model"]
     held = [_held(run.times, *pair) for run, pair in zip(runs + heldout, zip(motions, wrenches))]
     squares, errors = [], []
     for factor in (0.0, 1.0):
@@ -89,7 +89,7 @@ def explained(runs, heldout, model, motions, wrenches):
         values, left = _fit(runs, model, fitted, acting[: len(runs)])
         squares.append(np.mean(np.concatenate(left) ** 2))
         best = fitted.copy()
-        for name, value in zip(study.NOMINAL, values):
+        for name, value in zip(window_error.NOMINAL, values):
             best.set_value(name, value)
         _, left = _fit(heldout, model, best, acting[len(runs) :], free=0)
         errors.append(float(3 * np.mean(np.abs(np.concatenate(left)))))
@@ -115,13 +115,13 @@ def _fit(runs, given, model, held, free=5):
     chosen = windows.cut(runs)
     problem = windows.problem(runs, chosen)
     starts = [np.array(runs[w.run].nu[w.first]) for w in chosen]
-    values = np.array([model.value(name) for name in study.NOMINAL])
-    unit = np.array([given.value(name) for name in study.NOMINAL])
+    values = np.array([model.value(name) for name in window_error.NOMINAL])
+    unit = np.array([given.value(name) for name in window_error.NOMINAL])
 
     def error(window, values, start):
         run, part = runs[window.run], slice(window.first, window.last + 1)
         changed = model.copy()
-        for name, value in zip(study.NOMINAL, values):
+        for name, value in zip(window_error.NOMINAL, values):
             changed.set_value(name, value)
         nu = _core.simulate(changed, run.inputs, run.times[part], run.eta[window.first], start,
                             run.drives, held[window.run][part])["nu"]  # fmt: skip

@@ -12,7 +12,7 @@ import yaml
 from catkin.find_in_workspaces import find_in_workspaces
 
 from ground import _core
-from ground.analysis import candidates, study
+from ground.analysis import candidates, window_error
 from ground.recordings import quality
 from ground.simulation import experiments
 
@@ -180,7 +180,7 @@ def truth(effects, factor, seed, strengths=STRENGTHS):
     random = np.random.default_rng(_number(seed, *effects))
     model = _core.load_model(MODEL)
     model.name = "truth"
-    for name in study.NOMINAL:
+    for name in window_error.NOMINAL:
         model.set_value(name, model.value(name) * random.uniform(1 - SPREAD, 1 + SPREAD))
     for effect in effects:
         if effect in OUTSIDE:
@@ -268,9 +268,9 @@ def calibrate(effects, seeds, excitation):
         ratios = []
         for seed in range(1, seeds + 1):
             model = truth([effect], 1.0, seed)
-            on_runs = study.Study(runs(model, excitation, 1.0, seed))
-            nominal = on_runs.fit(_core.load_model(MODEL), list(study.NOMINAL)).heldout.sum()
-            fitted = on_runs.fit(model, study.free_parameters(model))
+            on_runs = window_error.Study(runs(model, excitation, 1.0, seed))
+            nominal = on_runs.fit(_core.load_model(MODEL), list(window_error.NOMINAL)).heldout.sum()
+            fitted = on_runs.fit(model, window_error.free_parameters(model))
             ratios.append(nominal / fitted.heldout.sum())
         ratio = float(np.median(ratios))
         factor = np.sqrt((1.5**2 - 1) / max(1e-3, ratio**2 - 1))

@@ -18,7 +18,7 @@ import numpy as np
 
 import resumed
 from ground import _core, workers
-from ground.analysis import study
+from ground.analysis import window_error
 from ground.errors import GroundError
 from ground.recordings import quality, windows
 from ground.simulation import experiments, gains
@@ -89,11 +89,11 @@ def described(run, room):
 def fitted(run, model):
     """Estimates and standard deviations by name, as from `identify fit`."""
     data = [quality.Run(run).data(model)]
-    result = windows.problem(data, windows.cut(data)).fit(model, list(study.NOMINAL))
+    result = windows.problem(data, windows.cut(data)).fit(model, list(window_error.NOMINAL))
     return {
         p["name"]: {"value": p["value"], "deviation": (p["ci95"][1] - p["ci95"][0]) / (2 * Z95)}
         for p in result["parameters"]
-        if p["name"] in study.NOMINAL
+        if p["name"] in window_error.NOMINAL
     }
 
 
@@ -203,7 +203,7 @@ def _fit_rows(fits):
     pairs = [(f["bounded"], f["unbounded"]) for f in fits if f["bounded"] and f["unbounded"]]
     failed = {name: sum(not f[name] for f in fits) for name in ("bounded", "unbounded")}
     yield "fits that failed, bounded; unbounded", "%(bounded)d; %(unbounded)d" % failed
-    for name in study.NOMINAL if pairs else ():
+    for name in window_error.NOMINAL if pairs else ():
         sizes = np.array([[fit[name]["deviation"] for fit in pair] for pair in pairs])
         errors = np.array(
             [[fit[name]["value"] - model.value(name) for fit in pair] for pair in pairs]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ground import _core
-from ground.analysis import bands, held_out, study
+from ground.analysis import bands, folds, window_error
 from ground.analysis.likelihood import Likelihood
 from ground.recordings import windows
 from ground.reports import figures, picture, words
@@ -26,7 +26,7 @@ def fitted(seed):
     case = hidden_cases.make("disturbed_null", seed)
     runs, others = hidden_cases.record(case)
     model = hidden_cases.given_model(case)
-    return runs, others, Likelihood(runs, model).fit(model, study.NOMINAL)
+    return runs, others, Likelihood(runs, model).fit(model, window_error.NOMINAL)
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +41,8 @@ def shares(found):
 
 def of_folds(case):
     runs, _, fit = case
-    folds = held_out.Folds(runs, Likelihood(runs, fit.model), fit.model, windows.cut(runs))
-    return bands.of_folds(folds, fit)
+    split = folds.Folds(runs, Likelihood(runs, fit.model), fit.model, windows.cut(runs))
+    return bands.of_folds(split, fit)
 
 
 def test_held_out_runs_are_covered(cases):
@@ -82,8 +82,8 @@ def test_a_single_run_is_predicted_by_its_other_quarters(cases):
     near = dataclasses.replace(fit, loudness=())
     fit = Likelihood(alone, fit.model).fit(fit.model, fit.free, near=near)
     whole = Likelihood(alone, fit.model)
-    folds = held_out.Folds(alone, whole, fit.model, windows.cut(alone))
-    (found,) = bands.of_folds(folds, fit)
+    split = folds.Folds(alone, whole, fit.model, windows.cut(alone))
+    (found,) = bands.of_folds(split, fit)
     starts = [p.times[0] for p in found.predictions]
     assert starts == sorted(starts) and len(set(starts)) == len(starts)
     assert starts[0] < alone[0].times[0] + 1 and starts[-1] > alone[0].times[-1] - 2

@@ -9,10 +9,10 @@ import yaml
 from conftest import MODEL, ROOT, identify, write_bag
 
 from ground import _core
-from ground.analysis import candidates, dictionary, naming, pushes, rivals, scalars, study
+from ground.analysis import candidates, dictionary, naming, pushes, rivals, scalars, window_error
 from ground.analysis.agreement import agreement
 from ground.analysis.ceiling import ceiling, squared_errors
-from ground.analysis.conclusion import CLOSE
+from ground.analysis.verdict import CLOSE
 from ground.analysis.criteria import USUAL
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
@@ -410,7 +410,7 @@ def test_recordings_made_by_the_model_agree_with_it_and_a_burst_does_not(pushed)
     made = []
     for i, run in enumerate(runs):
         wrench = pushes.of_levels(run, fit.levels, random).wrench + np.array(fit.trims[i]["wrench"])
-        made.append(study.recorded(run, fit.model, random, wrench, fit.trims[i]["thrust"]))
+        made.append(window_error.recorded(run, fit.model, random, wrench, fit.trims[i]["thrust"]))
     assert agreement(made, cut, Likelihood(made, craft()), fit).holds
     odd = [flown(seed, push=0.005, burst=(2.0 + seed, 2.3 + seed, 0.4))[0] for seed in (1, 2, 3)]
     likelihood = Likelihood(odd, craft())

@@ -396,7 +396,7 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(
 ):
     from ground import _core
     from ground.analysis import candidates, diagnosis
-    from ground.analysis.conclusion import conclude
+    from ground.analysis.verdict import conclude
     from ground.recordings import quality, recording
 
     truth = with_effect(tmp_path / "truth.yaml", "{name: input_delay, delay: %g}" % delay)

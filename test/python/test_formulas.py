@@ -10,7 +10,7 @@ from test_own_stop import trial
 from ground import _core
 from ground.analysis import (
     comparison,
-    conclusion,
+    verdict,
     next_experiment,
     own_stop,
     thrust_bench,
@@ -170,7 +170,7 @@ def test_no_prediction_spans_a_gap():
 # --- verdicts
 
 
-def verdict(
+def verdict_of(
     explained=False, varies=(), learnable=(), agrees=True, bound=0.0, refused=False,
     trusted=True, **found
 ):  # fmt: skip
@@ -182,20 +182,20 @@ def verdict(
     )  # fmt: skip
     agreement = types.SimpleNamespace(holds=agrees)
     diagnosis = types.SimpleNamespace(**found)
-    return conclusion._verdict(diagnosis, explained, varies, left, agreement, trusted)
+    return verdict._verdict(diagnosis, explained, varies, left, agreement, trusted)
 
 
 def test_the_verdict_says_what_is_certain():
-    assert verdict(explained=True) == "complete" and verdict() == "complete"
-    assert verdict(chosen=["drag"]) == verdict(chosen=["drag"], explained=True) == "missing"
-    assert verdict(varies=["force"]) == "varies" and verdict(varies=["f"], chosen=["d"]) == "missing"
-    assert verdict(learnable=["past", "velocity"]) == "memory"
-    assert verdict(learnable=["velocity", "past"]) == "unexplained"
-    assert verdict(learnable=["place"], explained=True) == "complete"
-    assert verdict(learnable=["place"], chosen=["d"]) == "unexplained"
-    assert verdict(dropped=["d"], chosen=["e"]) == "missing"
-    assert verdict(chosen=["d"], trusted=False) == "undecided"
-    assert verdict(dropped=["d"], varies=["f"]) == "varies"
+    assert verdict_of(explained=True) == "complete" and verdict_of() == "complete"
+    assert verdict_of(chosen=["drag"]) == verdict_of(chosen=["drag"], explained=True) == "missing"
+    assert verdict_of(varies=["force"]) == "varies" and verdict_of(varies=["f"], chosen=["d"]) == "missing"
+    assert verdict_of(learnable=["past", "velocity"]) == "memory"
+    assert verdict_of(learnable=["velocity", "past"]) == "unexplained"
+    assert verdict_of(learnable=["place"], explained=True) == "complete"
+    assert verdict_of(learnable=["place"], chosen=["d"]) == "unexplained"
+    assert verdict_of(dropped=["d"], chosen=["e"]) == "missing"
+    assert verdict_of(chosen=["d"], trusted=False) == "undecided"
+    assert verdict_of(dropped=["d"], varies=["f"]) == "varies"
 
 
 @pytest.mark.parametrize(
@@ -203,8 +203,8 @@ def test_the_verdict_says_what_is_certain():
     [{"dropped": ["d"]}, {"agrees": False}, {"bound": 0.9}, {"refused": True}],
 )
 def test_runs_that_cannot_decide_are_not_called_complete(open_still):
-    assert verdict(**open_still) == "undecided"
-    assert verdict(explained=True, **open_still) == "complete"  # the poses' noise is all that is left
+    assert verdict_of(**open_still) == "undecided"
+    assert verdict_of(explained=True, **open_still) == "complete"  # the poses' noise is all that is left
 
 
 # --- curves of thrust

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ground import _core
-from ground.analysis import study
+from ground.analysis import window_error
 
 BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
 sys.path.insert(0, str(BENCH))
@@ -236,7 +236,7 @@ def test_a_nameless_effect_has_the_size_that_was_drawn(kind):
     assert hidden_share.excess(runs, given) == pytest.approx(case.excess, rel=0.02)
     # With its wrench the model leaves what the noise of the poses does.
     truth = hidden_cases.truth_about(case, runs, heldout)
-    floor = study.noise_floor(heldout, given).sum()
+    floor = window_error.noise_floor(heldout, given).sum()
     assert truth["errors_true"][0] > 1.3 * floor
     assert truth["errors_true"][1] < 1.2 * floor
     assert 0.5 < truth["explained_true"] < 1

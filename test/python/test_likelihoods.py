@@ -13,16 +13,16 @@ from ground import _core
 from ground.analysis import (
     bands,
     candidates,
-    held_out,
+    folds,
     likelihood,
     next_experiment,
-    study,
-    varying,
+    window_error,
+    run_differences,
 )
 from ground.errors import GroundError
 from ground.recordings import repair, windows
 
-FREE = study.NOMINAL
+FREE = window_error.NOMINAL
 NOISE = np.array([3e-4, 3e-4, 5e-3])
 
 
@@ -175,13 +175,13 @@ def test_a_model_whose_motion_is_not_finite_is_refused_and_never_wins():
         lambda: like.intervals(odd),
         lambda: like.scores(odd, odd.model, FREE),
         lambda: next_experiment._cost(next_experiment.Rival("odd", odd), runs, False),
-        lambda: study.calibrated_errors(runs, windows.cut(runs), like, odd),
+        lambda: window_error.calibrated_errors(runs, windows.cut(runs), like, odd),
     ):
         with pytest.raises(GroundError, match="not finite"):
             use()
-    folds = held_out.Folds(runs, like, model(), windows.cut(runs))
-    assert np.isinf(folds.nested(lambda _: odd)).all() and np.isfinite(folds.nested(lambda _: fit)).all()
-    assert held_out._blocks(folds.tested, [odd, odd, odd], 0) == [-np.inf]
+    split = folds.Folds(runs, like, model(), windows.cut(runs))
+    assert np.isinf(split.nested(lambda _: odd)).all() and np.isfinite(split.nested(lambda _: fit)).all()
+    assert folds._blocks(split.tested, [odd, odd, odd], 0) == [-np.inf]
     rivals = [next_experiment.Rival("odd", odd), next_experiment.Rival("fit", fit)]
     spin = next(next_experiment.choices()).schedule()
     assert next_experiment._disagreement(rivals, spin, NOISE) is None
@@ -226,15 +226,15 @@ def test_runs_with_other_forces_differ_and_others_do_not():
         [run_data(s, force=(f, 0.0)) for s, f in ((1, 0.01), (2, -0.01), (3, 0.012), (4, -0.008))], model()
     )
     fit = like.fit(model(), FREE)
-    found = varying.differences(like, fit)
+    found = run_differences.differences(like, fit)
     assert [d.kind.parameter for d in found] == ["surge force"] and found[0].p_value < 1e-4
     same = likelihood.Likelihood([run_data(s, force=(0.01, 0.0)) for s in (1, 2, 3)], model())
-    assert varying.differences(same, same.fit(model(), FREE)) == ()  # a force that all share
+    assert run_differences.differences(same, same.fit(model(), FREE)) == ()  # a force that all share
     one = likelihood.Likelihood([run_data(1)], model())
-    assert varying.differences(one, one.fit(model(), FREE)) == ()
-    levels = varying.with_all(like, dataclasses.replace(fit, levels={k: 0.0 for k in fit.levels})).levels
+    assert run_differences.differences(one, one.fit(model(), FREE)) == ()
+    levels = run_differences.with_all(like, dataclasses.replace(fit, levels={k: 0.0 for k in fit.levels})).levels
     usual = like.box.start(model()).levels
-    assert all(levels[k.level] == usual[k.level] > 0 for k in varying.KINDS)
+    assert all(levels[k.level] == usual[k.level] > 0 for k in run_differences.KINDS)
 
 
 # --- held-out parts
@@ -244,15 +244,15 @@ def test_folds_are_runs_or_quarters():
     runs = [run_data(seed) for seed in (1, 2, 3, 4, 5)]
     cut = windows.cut(runs)
     like = likelihood.Likelihood(runs, model(), ())
-    folds = held_out.Folds(runs, like, model(), cut)
-    assert folds.count == 4 and folds.fold_of.tolist() == [w.run % 4 for w in cut]
-    tested = [[run.name for run in part.runs] for part in folds.tested]
+    split = folds.Folds(runs, like, model(), cut)
+    assert split.count == 4 and split.fold_of.tolist() == [w.run % 4 for w in cut]
+    tested = [[run.name for run in part.runs] for part in split.tested]
     assert tested == [["run1", "run5"], ["run2"], ["run3"], ["run4"]]
-    assert [len(f.runs) for f in folds.fitted] == [3, 4, 4, 4]
-    two = held_out.Folds(runs[:2], likelihood.Likelihood(runs[:2], model(), ()), model(), cut)
+    assert [len(f.runs) for f in split.fitted] == [3, 4, 4, 4]
+    two = folds.Folds(runs[:2], likelihood.Likelihood(runs[:2], model(), ()), model(), cut)
     assert two.count == 2 and [[r.name for r in part.runs] for part in two.tested] == [["run1"], ["run2"]]
     one = likelihood.Likelihood(runs[:1], model(), ())
-    alone = held_out.Folds(runs[:1], one, model(), windows.cut(runs[:1]))
+    alone = folds.Folds(runs[:1], one, model(), windows.cut(runs[:1]))
     assert alone.count == 4 and (np.diff(alone.fold_of) >= 0).all() and set(alone.fold_of) == {0, 1, 2, 3}
     for part, tested in enumerate(alone.tested):
         assert np.array(tested.runs[0].times).mean() == pytest.approx(1 + 2 * part, abs=0.1)
@@ -261,19 +261,19 @@ def test_folds_are_runs_or_quarters():
 def test_a_judged_fit_has_errors_of_fits_to_the_other_parts():
     runs, like, fit = fitted(sigma=0.004)
     cut = windows.cut(runs)
-    folds = held_out.Folds(runs, like, model(), cut)
-    judged = folds.judge(fit)
-    assert np.allclose(judged.error, study.channel_errors(runs, cut, fit.model))
-    models = folds.models(fit)
+    split = folds.Folds(runs, like, model(), cut)
+    judged = split.judge(fit)
+    assert np.allclose(judged.error, window_error.channel_errors(runs, cut, fit.model))
+    models = split.models(fit)
     rows = np.vstack(
-        [study.window_errors(runs, [w], models[w.run].model)[0] for w in cut]  # nothing varies
+        [window_error.window_errors(runs, [w], models[w.run].model)[0] for w in cut]  # nothing varies
     )
     samples = [w.last - w.first + 1 for w in cut]
     assert np.allclose(judged.heldout, np.average(rows, axis=0, weights=samples))
     assert np.allclose(judged.by_window, rows.sum(axis=1)) and len(judged.likelihood) == 3
     assert set(judged.parameters) == set(FREE)
     near = dataclasses.replace(fit, loudness=())
-    nested = folds.nested(lambda part: part.fit(fit.model, fit.free, near=near))
+    nested = split.nested(lambda part: part.fit(fit.model, fit.free, near=near))
     assert nested.sum() == pytest.approx(judged.heldout.sum(), rel=0.1)
 
 
@@ -283,10 +283,10 @@ def test_an_effect_that_acts_gains_on_held_out_runs():
     extended = candidates.of_library("motor_lag").neutral(fit.model)
     with_it = like.fit(extended, FREE + ("motor_lag.tau",), near=fit)
     assert with_it.model.value("motor_lag.tau") == pytest.approx(value, rel=0.2)
-    folds = held_out.Folds(runs, like, model(), windows.cut(runs))
-    better, worse = folds.judge(with_it), folds.judge(fit)
-    found = held_out.compared(better.tested, worse.tested)
-    assert found.gain > 3 * found.gain_error > 0 and held_out.share_raised(better, worse) == 1.0
+    split = folds.Folds(runs, like, model(), windows.cut(runs))
+    better, worse = split.judge(with_it), split.judge(fit)
+    found = folds.compared(better.tested, worse.tested)
+    assert found.gain > 3 * found.gain_error > 0 and folds.share_raised(better, worse) == 1.0
     assert better.heldout.sum() < worse.heldout.sum()
 
 

@@ -17,7 +17,7 @@ def diagnosed(kind, seed):
     """A case of the bench, its Diagnosis and Conclusion."""
     import hidden_cases
     from ground.analysis import candidates, diagnosis
-    from ground.analysis.conclusion import conclude
+    from ground.analysis.verdict import conclude
 
     case = hidden_cases.make(kind, seed)
     fitted, held = hidden_cases.record(case)
@@ -66,22 +66,22 @@ def test_a_trim_that_differs_between_runs_is_reported_and_an_effect_beside_it_fo
 
 def test_gains_begin_at_what_a_fit_without_the_effect_reaches():
     """Also where the runs differ from one another, on folds of the runs and on others."""
-    from ground.analysis import study
-    from ground.analysis.conclusion import conclude
+    from ground.analysis import window_error
+    from ground.analysis.verdict import conclude
 
     _, found, conclusion = diagnosed("trim_single", 7)
     assert conclusion.varies and found.chosen
-    alone = study.Study(found.runs, threads=1).fit(found.given, study.NOMINAL)
+    alone = window_error.Study(found.runs, threads=1).fit(found.given, window_error.NOMINAL)
     by_folds = conclude(found)
     assert by_folds.steps[-1] < by_folds.before.heldout <= 1.001 * alone.heldout.sum()
     assert by_folds.before.heldout <= found.nominal.heldout.sum()
     held = conclusion.tested
     cut = windows.cut(held)
-    assert conclusion.before.heldout <= 1.001 * study.channel_errors(held, cut, alone.model).sum()
+    assert conclusion.before.heldout <= 1.001 * window_error.channel_errors(held, cut, alone.model).sum()
 
 
 def test_p_values_allow_for_bounds():
-    from ground.analysis.trials import p_value
+    from ground.analysis.evidence import p_value
     from scipy import stats
 
     assert p_value(0.0, 1, 1) == 1.0
@@ -111,14 +111,14 @@ def test_a_trim_of_the_runs_held_out_does_not_refuse_an_effect(seed):
 )
 def test_differences_between_runs_are_distinguished_from_a_slow_disturbance(kind, seed, expected):
     import hidden_cases
-    from ground.analysis import study, varying
+    from ground.analysis import window_error, run_differences
     from ground.analysis.likelihood import Likelihood
 
     case = hidden_cases.make(kind, seed)
     fitted, _ = hidden_cases.record(case)
     model = hidden_cases.given_model(case)
     likelihood = Likelihood(fitted, model)
-    found = varying.differences(likelihood, likelihood.fit(model, study.free_parameters(model)))
+    found = run_differences.differences(likelihood, likelihood.fit(model, window_error.free_parameters(model)))
     assert [d.kind.parameter for d in found] == expected
 
 

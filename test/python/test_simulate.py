@@ -144,10 +144,10 @@ def test_t_counts_from_the_drive_even_in_a_bag_that_begins_later(sagging, tmp_pa
     assert tau == pytest.approx(25, rel=0.05)
     assert (run.drives, run.drives_by) == (pytest.approx([0.5 - start], abs=0.03), "record")
     # The same holds for copies of a run.
-    from ground.analysis import study
+    from ground.analysis import window_error
 
     np.testing.assert_allclose(run.data(_load(model)).t[-1], 30, atol=2.1)
-    floor = study.noise_floor([run.data(_load(model))], _load(model))
+    floor = window_error.noise_floor([run.data(_load(model))], _load(model))
     assert floor.max() < 0.1
 
 

@@ -11,7 +11,7 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import pushes, study
+from ground.analysis import pushes, window_error
 from ground.analysis.ceiling import squared_errors
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array, Each, Random
@@ -92,11 +92,11 @@ def _recorded(
 ) -> _core.RunData:
     """An artificial recording of a run, with or without the disturbance and its trim."""
     if not disturbed:
-        return study.recorded(run, fit.model, random)
+        return window_error.recorded(run, fit.model, random)
     factor, trim = np.exp(fit.loudness[i]) if fit.loudness else 1.0, fit.trims[i]
     drawn = pushes.of_levels(run, fit.levels, random)
     wrench = factor * drawn.wrench + np.array(trim["wrench"])
-    return study.recorded(run, fit.model, random, wrench, trim["thrust"], factor * drawn.room)
+    return window_error.recorded(run, fit.model, random, wrench, trim["thrust"], factor * drawn.room)
 
 
 def _tails(likelihood: Likelihood, fit: Fit) -> List[float]:

@@ -17,7 +17,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import held_out, likelihood
+from ground.analysis import folds, likelihood
 from ground.analysis.distributions import student_limit
 from ground.analysis.likelihood import CAP, call
 from ground.annotations import Array, Document, Each, Flags
@@ -88,25 +88,25 @@ class Bands:
         return deviation, held
 
 
-def of_folds(folds: held_out.Folds, fit: likelihood.Fit) -> List[Bands]:
+def of_folds(split: folds.Folds, fit: likelihood.Fit) -> List[Bands]:
     """Bands of the runs that a likelihood.Fit was fitted to, each predicted by a refit without that run.
 
-    folds: held_out.Folds of these runs. The levels stay those of the fit; the expected loudness is
+    split: Folds of these runs. The levels stay those of the fit; the expected loudness is
     that of the other runs. Each quarter of a single run is predicted by a fit to the others; the
     end of a long horizon may lie in a quarter that was fitted to.
     """
-    models, runs = folds.models(fit), folds.runs
+    models, runs = split.models(fit), split.runs
     tasks: List[_Task] = []
     if len(runs) > 1:
         for i, run in enumerate(runs):
-            cut = [w for w in folds.cut if w.run == i]
-            fold = i % folds.count
-            tasks.append((run, models[fold], cut, _loudness(fit, fold, folds.count)))
-        return _all_of(tasks, folds.each)
+            cut = [w for w in split.cut if w.run == i]
+            fold = i % split.count
+            tasks.append((run, models[fold], cut, _loudness(fit, fold, split.count)))
+        return _all_of(tasks, split.each)
     for i, model in enumerate(models):
-        cut = [w for w, fold in zip(folds.cut, folds.fold_of) if fold == i]
+        cut = [w for w, fold in zip(split.cut, split.fold_of) if fold == i]
         tasks.append((runs[0], model, cut, _loudness(fit)))
-    found = [p for part in _all_of(tasks, folds.each) for p in part.predictions]
+    found = [p for part in _all_of(tasks, split.each) for p in part.predictions]
     return [Bands(runs[0], tuple(sorted(found, key=lambda p: float(p.times[0]))))]
 
 

@@ -11,7 +11,7 @@ from typing import Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import study
+from ground.analysis import window_error
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array
@@ -48,14 +48,14 @@ def refits(found: Diagnosis, heldout: Sequence[_core.RunData] = ()) -> Tuple[Ref
 
 def _by_simulation(found: Diagnosis, near: Fit, heldout: Sequence[_core.RunData]) -> Refit:
     given = found.given
-    fitted = found.study.fit(given, study.free_parameters(given), also=[near.model])
+    fitted = found.study.fit(given, window_error.free_parameters(given), also=[near.model])
     errors = list(_simulated(found, fitted, near, heldout))
     parameters = tuple(fitted.parameters.values())
     return Refit(SIMULATION, fitted.model, parameters, float(fitted.error.sum()), min(errors))
 
 
 def _simulated(
-    found: Diagnosis, fitted: study.Fit, near: Fit, heldout: Sequence[_core.RunData]
+    found: Diagnosis, fitted: window_error.Fit, near: Fit, heldout: Sequence[_core.RunData]
 ) -> Iterator[float]:
     """Errors of a fit by simulation error, as it is and, where runs differ, with the differences
     estimated as for all other models."""
@@ -66,7 +66,7 @@ def _simulated(
 
     if heldout:
         cut = windows.cut(heldout)
-        yield float(study.channel_errors(heldout, cut, fitted.model).sum())
+        yield float(window_error.channel_errors(heldout, cut, fitted.model).sum())
         if found.likelihood.varying:
             yield from errors_on(found, heldout, [known(found.likelihood, fitted.model)])
         return
@@ -87,7 +87,7 @@ def errors_on(
     samples = [w.last - w.first + 1 for w in cut]
 
     def error(fit: Fit) -> Array:
-        each = study.calibrated_errors(heldout, cut, likelihood, fit)
+        each = window_error.calibrated_errors(heldout, cut, likelihood, fit)
         return np.asarray(np.average(each, axis=0, weights=samples))
 
     return [float(error(fit).sum()) for fit in fits]

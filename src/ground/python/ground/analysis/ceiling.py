@@ -20,7 +20,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import dictionary, horizon
 from ground.analysis.dictionary import ARGUMENTS, PAST, Samples, Scales
-from ground.analysis.held_out import stretch
+from ground.analysis.folds import stretch
 from ground.analysis.likelihood import Fit, Likelihood, call
 from ground.analysis.regression import Regression, Term
 from ground.analysis.screening import refined, screened

@@ -2,7 +2,7 @@
 
 A search (ground.analysis.search) finds the set of effects under which the recorded poses are
 likeliest; a random disturbance is part of the model. Each effect also has to raise the likelihood
-of held-out data (ground.analysis.held_out), must not raise the error there, and has to be large
+of held-out data (ground.analysis.folds), must not raise the error there, and has to be large
 enough to matter. The last step measures what the grown model leaves (ground.analysis.ceiling).
 """
 
@@ -15,14 +15,14 @@ from typing import Dict, FrozenSet, List, Optional, Sequence, Tuple
 from ground import _core
 from ground.analysis import (
     ceiling,
-    held_out,
+    folds,
     horizon,
-    look_alikes,
+    indistinguishable,
     naming,
     stages,
-    study,
-    trials,
-    varying,
+    window_error,
+    evidence,
+    run_differences,
 )
 from ground.analysis.candidates import Candidate
 from ground.analysis.criteria import Criteria
@@ -30,7 +30,7 @@ from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import Search
-from ground.analysis.trials import Dropped
+from ground.analysis.evidence import Dropped
 from ground.annotations import Each
 from ground.core_types import Estimate
 from ground.progress import Work
@@ -51,7 +51,7 @@ class Step:
     """An effect that was added."""
 
     added: str
-    fit: held_out.Judged  # the model with the effect, fitted and judged
+    fit: folds.Judged  # the model with the effect, fitted and judged
     group: Tuple[str, ...]  # effects that the data cannot distinguish from it, itself first
 
 
@@ -72,7 +72,7 @@ class Diagnosis:
         budget: Optional[int] = None,
         threads: int = 0,
         work: Optional[Work] = None,
-        most: float = study.MAX_WINDOWS,
+        most: float = window_error.MAX_WINDOWS,
         each: Optional[Each] = None,
     ) -> None:
         self.runs = runs
@@ -87,35 +87,35 @@ class Diagnosis:
         # A thread of the pool that waited for the pool would block it.
         self.waiting = ThreadPoolExecutor(WAITING_THREADS if count > 1 else 1)
         self.each: Each = each or self.pool.map
-        self.study = study.Study(runs, threads=1, most=most)
+        self.study = window_error.Study(runs, threads=1, most=most)
         self.cut = self.study.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
         self.chosen: List[Candidate] = []  # in the order of their choice
         self.steps: List[Step] = []
         self.dropped: List[Dropped] = []
         # effect that the likelihood prefers and that is too small to matter
-        self.slight: Optional[trials.Trial] = None
+        self.slight: Optional[evidence.Trial] = None
         self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # the sets with and without it
-        self.tried: List[trials.Trial] = []  # each effect added to the nominal model, best first
+        self.tried: List[evidence.Trial] = []  # each effect added to the nominal model, best first
         self.ceilings: Dict[FrozenSet[str], ceiling.Ceiling] = {}  # by set of effects, slight ones too
         self.formulas: Dict[FrozenSet[str], Optional[naming.Formula]] = {}  # by set of effects
         with self.work.stage(stages.FITTING):
             # everything that may differ between runs does
             self.varied = Likelihood(runs, model, threads=self.threads)
-            fit = self.varied.fit(model, study.free_parameters(model))
-            self._begin(varying.differences(self.varied, fit), fit)
+            fit = self.varied.fit(model, window_error.free_parameters(model))
+            self._begin(run_differences.differences(self.varied, fit), fit)
 
-    def _begin(self, differences: Sequence[varying.Difference], near: Fit) -> None:
+    def _begin(self, differences: Sequence[run_differences.Difference], near: Fit) -> None:
         """Starts a search in which the differences between runs are random effects."""
         self.differences = differences
         levels = [d.kind.level for d in differences]
         self.likelihood = Likelihood(self.runs, self.given, levels, self.threads)
-        self.folds = held_out.Folds(self.runs, self.likelihood, self.given, self.cut, self.each)
+        self.folds = folds.Folds(self.runs, self.likelihood, self.given, self.cut, self.each)
         self.study.part_of = self.folds.fold_of
         fitting = Fitting(
             self.likelihood,
             self.given,
-            study.free_parameters,
+            window_error.free_parameters,
             {candidate.name: candidate for candidate in self.candidates},
             Criteria() if self.budget is None else Criteria(refitted=self.budget),
         )
@@ -125,7 +125,7 @@ class Diagnosis:
             self.work,
             lambda better, current: self._refuted(better, current) is None,
         )
-        self.judged: Dict[FrozenSet[str], held_out.Judged] = {}  # by set of effects
+        self.judged: Dict[FrozenSet[str], folds.Judged] = {}  # by set of effects
         self.search.nominal(near)
         self.nominal = self.judge(frozenset())
 
@@ -155,7 +155,7 @@ class Diagnosis:
         return self.fit.model
 
     @property
-    def best(self) -> held_out.Judged:
+    def best(self) -> folds.Judged:
         """held_out.Judged of the grown model."""
         return self.judged[self.names]
 
@@ -181,7 +181,7 @@ class Diagnosis:
                 self.formulas[names] = naming.formula(self.likelihood, fit, regression)
         return self.formulas[names]
 
-    def judge(self, names: FrozenSet[str]) -> held_out.Judged:
+    def judge(self, names: FrozenSet[str]) -> folds.Judged:
         """held_out.Judged of a set of effects that was fitted."""
         if names not in self.judged:
             self.judged[names] = self.folds.judge(self.search.fits[names])
@@ -215,7 +215,7 @@ class Diagnosis:
             # predicted without the difference.
             likeliest = max([found, *self.search.refused(found)], key=self.search.value)
             fit = self.search.fits[likeliest]
-            differences = varying.differences(self.varied, fit)
+            differences = run_differences.differences(self.varied, fit)
             same = {d.kind for d in differences} == {d.kind for d in self.differences}
             if same:
                 self.differences = differences
@@ -256,16 +256,16 @@ class Diagnosis:
         """Reason why held-out data speak against a set and for a smaller one; None if they do not.
         Effects that are certain without them need not be confirmed by them."""
         verdict = self.confirmed(found, rest).verdict
-        if verdict == held_out.WORSE:
+        if verdict == folds.WORSE:
             return "it makes predictions of runs that it was not fitted to worse"
         enough = CERTAIN * sum(self.search.threshold(name) for name in found - rest)
-        if verdict == held_out.BETTER or self.search.ratio(found, rest) >= enough:
+        if verdict == folds.BETTER or self.search.ratio(found, rest) >= enough:
             return None
         return "it does not make runs that it was not fitted to likelier"
 
-    def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> held_out.Comparison:
+    def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> folds.Comparison:
         """A set compared with a smaller one on parts of the runs that neither was fitted to."""
-        return held_out.compared(self.judge(found).tested, self.judge(rest).tested)
+        return folds.compared(self.judge(found).tested, self.judge(rest).tested)
 
     def _matters(self, found: FrozenSet[str], rest: FrozenSet[str]) -> bool:
         """Whether an effect changes predicted poses by more than their noise hides. On long runs the
@@ -348,11 +348,11 @@ class Diagnosis:
         first = self.steps[0].group if self.steps else ()
         refitted = [t.name for t in self.tried if t.refitted]
         values = {name: self.search.value(frozenset([name])) for name in refitted}
-        self.tried = trials.ranked(self.tried, first, values)
+        self.tried = evidence.ranked(self.tried, first, values)
 
     # Single effects added to the nominal model
 
-    def _trials(self) -> List[trials.Trial]:
+    def _trials(self) -> List[evidence.Trial]:
         """Trials of all effects, each added to the nominal model, best first."""
         tests = self.search.test_beside(frozenset())
         found = [self._trial(c, tests) for c in self.candidates]
@@ -361,7 +361,7 @@ class Diagnosis:
             found = sorted(found, key=lambda t: -t.gain)[: self.budget]
         return sorted(found, key=lambda t: t.delta_bic)
 
-    def _trial(self, candidate: Candidate, tests: ScoreTests) -> trials.Trial:
+    def _trial(self, candidate: Candidate, tests: ScoreTests) -> evidence.Trial:
         name, names = candidate.name, frozenset([candidate.name])
         if names in self.search.fits:
             return self.trial_in(names, name)
@@ -370,7 +370,7 @@ class Diagnosis:
         parameters = tests.estimates(model, name, step)
         return self._as_trial(name, model, parameters, gain, tests.seen(name) > UNSEEN, False)
 
-    def trial_in(self, found: FrozenSet[str], name: str) -> trials.Trial:
+    def trial_in(self, found: FrozenSet[str], name: str) -> evidence.Trial:
         """The Trial of an effect of a fitted set against the set without it."""
         fit = self.search.fits[found]
         parameters = [p for p in fit.parameters if p["name"].split(".")[0] == name]
@@ -387,26 +387,26 @@ class Diagnosis:
         gain: float,
         seen: bool,
         refitted: bool,
-    ) -> trials.Trial:
+    ) -> evidence.Trial:
         tried = len(self.candidates)
-        return trials.trial(name, model, parameters, gain, seen, refitted, tried, self.samples)
+        return evidence.trial(name, model, parameters, gain, seen, refitted, tried, self.samples)
 
-    def judged_of(self, trial: trials.Trial) -> Optional[held_out.Judged]:
+    def judged_of(self, trial: evidence.Trial) -> Optional[folds.Judged]:
         """held_out.Judged of the nominal model with a Trial's effect; None if it was not refitted."""
         names = frozenset([trial.name])
         return self.judge(names) if names in self.search.fits else None
 
     # Effects that these runs cannot show
 
-    def unseen(self) -> List[look_alikes.LookAlike]:
+    def unseen(self) -> List[indistinguishable.LookAlike]:
         """Effects that are neither in the grown model nor in a group, and that these runs could
-        not show: a list of look_alikes.LookAlikes."""
+        not show: a list of indistinguishable.LookAlikes."""
         found = self.pool.map(
-            lambda name: look_alikes.look_alike(self.search, self.names, name), self.hidden_names()
+            lambda name: indistinguishable.look_alike(self.search, self.names, name), self.hidden_names()
         )
         return [f for f in found if f]
 
     def hidden_names(self) -> List[str]:
         """Effects in no group that to first order equal a change of the grown model's parameters."""
         known = self.names.union(*(step.group for step in self.steps))
-        return look_alikes.names(self.search, self.names, known)
+        return indistinguishable.names(self.search, self.names, known)

@@ -8,17 +8,17 @@ from ground import _core
 from ground.analysis import (
     bands,
     candidates,
-    held_out,
+    folds,
     likelihood,
-    look_alikes,
+    indistinguishable,
     naming,
     next_experiment,
     stages,
-    study,
+    window_error,
 )
 from ground.analysis.agreement import Agreement
 from ground.analysis.ceiling import Ceiling, Share
-from ground.analysis.conclusion import MISREAD, Conclusion
+from ground.analysis.verdict import MISREAD, Conclusion
 from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Document
 from ground.core_types import Estimate
@@ -121,7 +121,7 @@ def completed(
 
 
 def _errors(
-    fit: Union[held_out.Judged, study.Fit, None],
+    fit: Union[folds.Judged, window_error.Fit, None],
     heldout: Optional[float] = None,
     by: str = CROSSED,
 ) -> Document:
@@ -194,7 +194,7 @@ def _disturbance(fit: likelihood.Fit) -> Document:
 
 
 def _candidates(
-    diagnosis: Diagnosis, alike: Sequence[look_alikes.LookAlike], thorough: bool
+    diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlike], thorough: bool
 ) -> List[Document]:
     """The effects, each tried with the refitted nominal model, best first."""
     tried, chosen = diagnosis.tried, {c.name for c in diagnosis.chosen}
@@ -251,7 +251,7 @@ def _slight(diagnosis: Diagnosis) -> Optional[Document]:
 
 def _next_experiment(
     diagnosis: Diagnosis,
-    alike: Sequence[look_alikes.LookAlike],
+    alike: Sequence[indistinguishable.LookAlike],
     thorough: bool,
     room: Optional[_core.RoomPlan],
 ) -> Optional[Document]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Dict, Optional, Sequence
 
 from ground import _core
-from ground.analysis import held_out, study
+from ground.analysis import folds, window_error
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.recordings import windows
@@ -16,9 +16,9 @@ class Judgement:
     """A model with an effect compared with the same model without it, on data that neither was fitted
     to."""
 
-    fitted: held_out.Comparison  # parts of the runs fitted to, each by a fit to the others
-    holdout: Optional[held_out.Comparison]  # runs that the user held out; None without any
-    together: Optional[held_out.Comparison]  # parts of all these runs; None where holdout decides
+    fitted: folds.Comparison  # parts of the runs fitted to, each by a fit to the others
+    holdout: Optional[folds.Comparison]  # runs that the user held out; None without any
+    together: Optional[folds.Comparison]  # parts of all these runs; None where holdout decides
 
 
 def judgements(found: Diagnosis, heldout: Sequence[_core.RunData]) -> Dict[str, Judgement]:
@@ -30,9 +30,9 @@ def judgements(found: Diagnosis, heldout: Sequence[_core.RunData]) -> Dict[str, 
         fits = found.search.fits[found.names], found.search.fits[rest]
         by_user, together = None, None
         if others:
-            by_user = held_out.compared(*map(others.tested, fits))
-            if by_user.verdict != held_out.BETTER:
-                together = held_out.compared(*map(others.crossed, fits))
+            by_user = folds.compared(*map(others.tested, fits))
+            if by_user.verdict != folds.BETTER:
+                together = folds.compared(*map(others.crossed, fits))
         result[name] = Judgement(found.confirmed(found.names, rest), by_user, together)
     return result
 
@@ -43,20 +43,20 @@ class _Others:
     def __init__(self, found: Diagnosis, runs: Sequence[_core.RunData]) -> None:
         self.found, self.runs, self.cut = found, runs, windows.cut(runs)
         self.likelihood = Likelihood(runs, found.given, found.likelihood.varying)
-        self._folds: Optional[held_out.Folds] = None
-        self._known: Dict[int, held_out.Tested] = {}
+        self._folds: Optional[folds.Folds] = None
+        self._known: Dict[int, folds.Tested] = {}
 
-    def tested(self, fit: Fit) -> held_out.Tested:
+    def tested(self, fit: Fit) -> folds.Tested:
         """A Fit on the user's runs."""
         if id(fit) not in self._known:
-            self._known[id(fit)] = held_out.tested(self.runs, self.cut, self.likelihood, fit)
+            self._known[id(fit)] = folds.tested(self.runs, self.cut, self.likelihood, fit)
         return self._known[id(fit)]
 
-    def crossed(self, fit: Fit) -> held_out.Tested:
+    def crossed(self, fit: Fit) -> folds.Tested:
         """A Fit on all runs, each by a fit to the others."""
         if self._folds is None:
             runs, found = [*self.found.runs, *self.runs], self.found
             likelihood = Likelihood(runs, found.given, found.likelihood.varying)
-            cut = windows.spread(windows.cut(runs), study.MAX_WINDOWS)
-            self._folds = held_out.Folds(runs, likelihood, found.given, cut, found.each)
+            cut = windows.spread(windows.cut(runs), window_error.MAX_WINDOWS)
+            self._folds = folds.Folds(runs, likelihood, found.given, cut, found.each)
         return self._folds.judge(fit).tested

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, distributions, study
+from ground.analysis import candidates, distributions, window_error
 from ground.annotations import Array, Document, Path
 from ground.api.models import (
     Model,
@@ -168,7 +168,7 @@ def add(
         seen.refuse_misread()
         held.refuse_misread()
     duration = sum(run.times[-1] - run.times[0] for run in seen.data)
-    work.expect(FITTING, 2 * (1 + len(study.LENGTHS)), COST * duration)
+    work.expect(FITTING, 2 * (1 + len(window_error.LENGTHS)), COST * duration)
     with work.stage(FITTING):
         before, after = _fits(given.core, extended, seen.data, work)
     errors = {
@@ -182,12 +182,12 @@ def add(
 
 def _fits(
     model: _core.Model, extended: _core.Model, runs: List[_core.RunData], work: Work
-) -> Tuple[study.Fit, study.Fit]:
+) -> Tuple[window_error.Fit, window_error.Fit]:
     """study.Fits of a _core.Model without the effect and with it; work: told of each."""
-    on_runs = study.Study(runs)
-    before = on_runs.fit(model, study.free_parameters(model), work=work)
+    on_runs = window_error.Study(runs)
+    before = on_runs.fit(model, window_error.free_parameters(model), work=work)
     refitted = candidates.carried_over(before.model, extended)
-    after = on_runs.fit(refitted, study.free_parameters(extended), also=[extended], work=work)
+    after = on_runs.fit(refitted, window_error.free_parameters(extended), also=[extended], work=work)
     return before, after
 
 
@@ -195,13 +195,13 @@ def _pair(before: Array, after: Array) -> Pair:
     return Pair(ChannelErrors.of(before), ChannelErrors.of(after))
 
 
-def _tested(runs: List[_core.RunData], before: study.Fit, after: study.Fit) -> Pair:
+def _tested(runs: List[_core.RunData], before: window_error.Fit, after: window_error.Fit) -> Pair:
     cut = windows.cut(runs)
-    return _pair(*(study.channel_errors(runs, cut, fit.model) for fit in (before, after)))
+    return _pair(*(window_error.channel_errors(runs, cut, fit.model) for fit in (before, after)))
 
 
 def _result(
-    effect: str, seen: Measured, before: study.Fit, after: study.Fit, errors: Dict[str, Pair]
+    effect: str, seen: Measured, before: window_error.Fit, after: window_error.Fit, errors: Dict[str, Pair]
 ) -> Addition:
     parameters = parameters_by_name(after.parameters.values())
     model = fitted_model(
@@ -219,7 +219,7 @@ def _result(
         parameters=parameters,
         parameters_before=parameters_by_name(before.parameters.values()),
         error=errors,
-        noise_floor=ChannelErrors.of(study.noise_floor(seen.data, after.model)),
+        noise_floor=ChannelErrors.of(window_error.noise_floor(seen.data, after.model)),
         folds="each run by a fit to the others" if several else "each quarter by a fit to the rest",
         verdict=_verdict(parameters, {p["name"]: p["neutral"] for p in own}, before, after, errors),
     )
@@ -228,8 +228,8 @@ def _result(
 def _verdict(
     parameters: Dict[str, Parameter],
     neutral: Dict[str, float],
-    before: study.Fit,
-    after: study.Fit,
+    before: window_error.Fit,
+    after: window_error.Fit,
     errors: Dict[str, Pair],
 ) -> Verdict:
     """The Verdict on an effect; neutral: values of its parameters at which it does nothing."""

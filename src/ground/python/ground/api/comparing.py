@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 
 from ground import workers
 from ground.analysis import comparison
-from ground.analysis.study import noise_floor
+from ground.analysis.window_error import noise_floor
 from ground.annotations import Document, Path
 from ground.api.models import Model, ModelLike
 from ground.api.recordings import (

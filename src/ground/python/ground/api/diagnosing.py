@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Callable, Dict, Iterable, List, Optional, Sequ
 import numpy as np
 
 from ground import _core, workers
-from ground.analysis import candidates, diagnosis, diagnosis_report, stages, study
-from ground.analysis.conclusion import MISREAD, Conclusion, conclude
+from ground.analysis import candidates, diagnosis, diagnosis_report, stages, window_error
+from ground.analysis.verdict import MISREAD, Conclusion, conclude
 from ground.annotations import Array, Document, Path
 from ground.api.models import (
     Model,
@@ -306,7 +306,7 @@ def _diagnosis(problem: Problem, work: Work, team: workers.Workers) -> diagnosis
         problem.tried,
         problem.budget,
         work=work,
-        most=math.inf if problem.thorough else study.MAX_WINDOWS,
+        most=math.inf if problem.thorough else window_error.MAX_WINDOWS,
         each=team.map if team.is_cluster else None,
     )
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core, core_types
-from ground.analysis import comparison, identifiability, study, unit_slips, validation
+from ground.analysis import comparison, identifiability, window_error, unit_slips, validation
 from ground.annotations import Array, Document, Path
 from ground.api.models import (
     Model,
@@ -188,7 +188,7 @@ def fit(
     recordings: Recordings,
     *,
     holdout: Recordings = (),
-    free: Sequence[str] = study.NOMINAL,
+    free: Sequence[str] = window_error.NOMINAL,
     objective: str = "least-squares",
     target: str = "velocities",
     window: float = windows.WINDOW,

@@ -6,8 +6,8 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, diagnosis, naming, pushes, study
-from ground.analysis.conclusion import Conclusion, conclude
+from ground.analysis import candidates, diagnosis, naming, pushes, window_error
+from ground.analysis.verdict import Conclusion, conclude
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Document
 from ground.discovery import beliefs, information, pieces
@@ -235,7 +235,7 @@ class Analyst:
 def error(run: _core.RunData, model: _core.Model) -> Optional[float]:
     """Mean |e|/s of a model over the windows of a run; None where its motion is not finite."""
     try:
-        found = float(study.channel_errors([run], windows.cut([run]), model).sum())
+        found = float(window_error.channel_errors([run], windows.cut([run]), model).sum())
     except GroundError:
         return None
     return found if np.isfinite(found) else None
@@ -254,6 +254,6 @@ def expected_errors(
         if trimmed:
             wrench = wrench + [fit.levels["trim_" + c] * random.normal() for c in "XYN"]
             thrust = fit.levels["thrust"] * random.normal()
-        artificial = study.recorded(run, fit.model, random, wrench, thrust, drawn.room)
-        errors.append(float(study.channel_errors([artificial], cut, fit.model, [run]).sum()))
+        artificial = window_error.recorded(run, fit.model, random, wrench, thrust, drawn.room)
+        errors.append(float(window_error.channel_errors([artificial], cut, fit.model, [run]).sum()))
     return errors

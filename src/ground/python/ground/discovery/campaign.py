@@ -19,8 +19,8 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import study
-from ground.analysis.conclusion import MISREAD
+from ground.analysis import window_error
+from ground.analysis.verdict import MISREAD
 from ground.annotations import Array
 from ground.discovery import analyst, choice, pieces, tracking
 from ground.discovery.analyst import Found
@@ -268,7 +268,7 @@ class Discovery:
         known = [error for error in (given, refitted) if error is not None]
         most = TOLERANCE * min([max(expected), *known])
         holds = final is not None and final <= most
-        noise = float(study.noise_floor([run], model).sum())
+        noise = float(window_error.noise_floor([run], model).sum())
         sentence = (
             "The final model %s: its error is %s, and at most %.3f confirms it; the noise of the poses alone "
             "leaves %.3f. The given model's is %s, refitted to the same flights %s."

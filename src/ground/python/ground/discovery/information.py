@@ -20,7 +20,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates as effects
-from ground.analysis import study
+from ground.analysis import window_error
 from ground.analysis.likelihood import CAP, Likelihood, call
 from ground.analysis.score_tests import solve, stepped
 from ground.annotations import Array
@@ -54,7 +54,7 @@ class Basis:
     ) -> "Basis":
         """The Basis of a model and the effects that may be missing. constants: parameters of the effects
         that change nothing where the effect does nothing."""
-        extended, free = model, study.free_parameters(model)
+        extended, free = model, window_error.free_parameters(model)
         for candidate in candidates:
             extended = candidate.neutral(extended)
         names, columns = list(free), {}
@@ -119,7 +119,7 @@ class _Change:
         self.problem = windows.problem([run], chosen)
         self.sigma = np.array(self.problem.sigma(0))
         self.before = np.concatenate(self.problem.simulate(model)["nu"])
-        self.floor = float(study.noise_floor([run], model).sum())
+        self.floor = float(window_error.noise_floor([run], model).sum())
 
     def of(self, other: _core.Model) -> float:
         """Infinite where the other motion is not finite."""

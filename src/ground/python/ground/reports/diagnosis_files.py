@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from ground import files
 from ground.analysis import diagnosis_report
-from ground.analysis.conclusion import MISREAD
+from ground.analysis.verdict import MISREAD
 from ground.recordings import quality
 from ground.reports import report, result_folder
 

@@ -6,7 +6,7 @@ from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 from ground import _core, origin
 from ground.analysis import bands as bands_of
-from ground.analysis.conclusion import Conclusion
+from ground.analysis.verdict import Conclusion
 from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Document
 from ground.recordings import findings

@@ -7,13 +7,13 @@ from typing import Iterator, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import files
-from ground.analysis import study, validation
+from ground.analysis import window_error, validation
 from ground.annotations import Document
 from ground.api import fitting
 from ground.recordings import windows
 from ground.verbs import common
 
-FREE = list(study.NOMINAL)
+FREE = list(window_error.NOMINAL)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import study
+from ground.analysis import window_error
 from ground.analysis.distributions import mean_not_above_zero
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array, Each, Indices
@@ -31,7 +31,7 @@ class Judged:
     ]  # by name: value, unit, ci95, deviation, identified, at_bound
     error: Array  # (3,) mean |e|/s of u, v, r over the windows of all runs
     heldout: Array  # (3,) the same, each window by a fit to the other parts; differences between
-    # runs are estimated from the run's poses before the window (study.calibrated_errors)
+    # runs are estimated from the run's poses before the window (window_error.calibrated_errors)
     by_window: Array  # (windows,) sum of the held-out errors of u, v, r in each window
     likelihood: Tuple[Array, ...]  # for each part: held-out log-likelihood of its blocks of time
     part_of: Indices  # (windows,) part that each window is in
@@ -109,7 +109,7 @@ class Folds:
         return Judged(
             fit.model,
             {p["name"]: p for p in fit.parameters},
-            study.channel_errors(self.runs, self.cut, fit.model),
+            window_error.channel_errors(self.runs, self.cut, fit.model),
             self._mean(heldout),
             heldout.sum(axis=1),
             tuple(self.each(functools.partial(_blocks, self.tested, refitted), range(self.count))),
@@ -128,7 +128,7 @@ class Folds:
             if len(inside):
                 chosen = [self.cut[i] for i in inside]
                 try:
-                    heldout[inside] = study.calibrated_errors(self.runs, chosen, self.whole, fit)
+                    heldout[inside] = window_error.calibrated_errors(self.runs, chosen, self.whole, fit)
                 except GroundError:  # its motion on the held-out part is not finite
                     heldout[inside] = np.inf
         return heldout
@@ -169,7 +169,7 @@ def tested(
 ) -> Tested:
     """A Fit on windows of runs that it was not fitted to, as it is; likelihood: of these runs."""
     try:
-        errors = study.calibrated_errors(runs, cut, likelihood, fit).sum(axis=1)
+        errors = window_error.calibrated_errors(runs, cut, likelihood, fit).sum(axis=1)
     except GroundError:  # its motion is not finite
         errors = np.full(len(cut), np.inf)
     return Tested(errors, np.array([w.run for w in cut]), tuple(_blocks_of(likelihood, fit)))

@@ -11,14 +11,14 @@ from ground.analysis import (
     bands,
     baseline,
     ceiling,
-    held_out,
+    folds,
     judgement,
     learned,
     naming,
     rivals,
     stages,
-    study,
-    varying,
+    window_error,
+    run_differences,
 )
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
@@ -112,10 +112,10 @@ def _conclude(
         left = left.unbounded()
 
     def floor_of(seed: int) -> float:
-        return float(study.noise_floor(found.runs, found.best.model, seed).sum())
+        return float(window_error.noise_floor(found.runs, found.best.model, seed).sum())
 
     floor = float(np.mean(list(found.pool.map(floor_of, range(FLOORS)))))
-    heldout_floor = float(study.noise_floor(heldout, found.best.model).sum()) if heldout else floor
+    heldout_floor = float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor
     varies = _varies(found)
     explained = found.best.error.sum() < EXPLAINED * floor
     trusted = agrees.holds or not found.chosen or _predicts_better(found)
@@ -167,7 +167,7 @@ def _varies(found: Diagnosis) -> List[Document]:
             "by_run": sizes[:, i].tolist(),
         }
         for d in found.differences
-        for i in [varying.KINDS.index(d.kind)]
+        for i in [run_differences.KINDS.index(d.kind)]
     ]
 
 
@@ -218,7 +218,7 @@ def _predicts_better(found: Diagnosis) -> bool:
 def _is_confirmed(found: Diagnosis, fit: Fit) -> bool:
     """Whether a Fit makes parts of the runs likelier that it was not fitted to."""
     judged = found.folds.judge(fit)
-    return held_out.compared(judged.tested, found.best.tested).verdict == held_out.BETTER
+    return folds.compared(judged.tested, found.best.tested).verdict == folds.BETTER
 
 
 def _crossed(found: Diagnosis, fit: Fit) -> float:
