@@ -24,9 +24,10 @@ import hidden_table
 import hidden_visibility
 import hidden_white as white
 import resumed
-from ground import _core, workers
 from ground.analysis import next_experiment, window_error
 from ground.errors import GroundError
+
+from ground import _core, workers
 
 COUNTS = {**{kind: count for kind, (_, count) in hidden_cases.KINDS.items()}, **white.KINDS}
 # Modules that a cluster's workers need, in the order of their imports.
@@ -63,7 +64,8 @@ def run_white(case):
     _add_truth(found, lambda name: known[name] if name in known else white.neutral(name))
     if outside:  # a fit of its formula takes long
         return dict(case, found=found)
-    error = window_error.Study(runs, threads=1).fit(truth, window_error.free_parameters(truth)).heldout.sum()
+    fitter, free = window_error.WindowFitter(runs, threads=1), window_error.free_parameters(truth)
+    error = fitter.fit(truth, free).heldout.sum()
     return dict(case, true_error=float(error), found=found)
 
 

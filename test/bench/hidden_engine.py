@@ -2,8 +2,8 @@
 
 import time
 
-from ground.analysis import baseline, candidates, diagnosis, diagnosis_report
-from ground.analysis.verdict import conclude
+from ground.analysis import candidates, diagnosis, diagnosis_report
+from ground.analysis.verdict import HeldOut, conclude
 from ground.errors import GroundError
 
 
@@ -89,7 +89,7 @@ def _ceiling(found, conclusion):
     if formula:
         tested = conclusion.tested
         kept = (
-            baseline.errors_on(found, tested, [formula.fit])[0]
+            HeldOut(found, tested).error(formula.fit)
             if tested
             else float(found.folds.judge(formula.fit).heldout.sum())
         )

@@ -1,13 +1,13 @@
 """Effects without a name measured by their truth: excess of the error, share of it that the effect causes,
 and share of the effect that the library explains."""
-import numpy as np
-
 import hidden_craft
 import hidden_white
-from ground import _core
+import numpy as np
 from ground.analysis import window_error
 from ground.recordings import windows
 from ground.simulation import experiments
+
+from ground import _core
 
 STEPS = 12  # largest number of Gauss-Newton steps
 SMALL = 1e-4  # relative change of a parameter, change of a velocity, for derivatives
@@ -15,7 +15,7 @@ SMALL = 1e-4  # relative change of a parameter, change of a velocity, for deriva
 
 def excess(runs, model):
     """Error of the refitted nominal model relative to what the poses' noise alone leaves."""
-    on = window_error.Study(runs, threads=1)
+    on = window_error.WindowFitter(runs, threads=1)
     fitted = windows.problem(runs, on.windows).fit(model, window_error.NOMINAL, threads=1)["model"]
     error = window_error.channel_errors(runs, on.windows, fitted).sum()
     return float(error / window_error.noise_floor(runs, fitted).sum())

@@ -10,11 +10,11 @@ import sys
 import numpy as np
 import yaml
 from catkin.find_in_workspaces import find_in_workspaces
-
-from ground import _core
 from ground.analysis import candidates, window_error
 from ground.recordings import quality
 from ground.simulation import experiments
+
+from ground import _core
 
 # Found through the sourced workspace: on a cluster's workers this file is in another folder.
 MODEL = find_in_workspaces(["share"], "ground", "cfg/hovercraft/tiny_whoover.yaml")[0]
@@ -268,7 +268,7 @@ def calibrate(effects, seeds, excitation):
         ratios = []
         for seed in range(1, seeds + 1):
             model = truth([effect], 1.0, seed)
-            on_runs = window_error.Study(runs(model, excitation, 1.0, seed))
+            on_runs = window_error.WindowFitter(runs(model, excitation, 1.0, seed))
             nominal = on_runs.fit(_core.load_model(MODEL), list(window_error.NOMINAL)).heldout.sum()
             fitted = on_runs.fit(model, window_error.free_parameters(model))
             ratios.append(nominal / fitted.heldout.sum())

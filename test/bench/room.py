@@ -15,13 +15,13 @@ import sys
 import time
 
 import numpy as np
-
 import resumed
-from ground import _core, workers
 from ground.analysis import window_error
 from ground.errors import GroundError
 from ground.recordings import quality, windows
 from ground.simulation import experiments, gains
+
+from ground import _core, workers
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 MODEL = os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover.yaml")

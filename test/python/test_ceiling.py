@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 import yaml
 from conftest import MODEL, ROOT, identify, write_bag
-
-from ground import _core
-from ground.analysis import candidates, dictionary, naming, pushes, rivals, scalars, window_error
+from ground.analysis import candidates, dictionary, naming, rivals, scalars, window_error
 from ground.analysis.agreement import agreement
 from ground.analysis.ceiling import ceiling, squared_errors
-from ground.analysis.verdict import CLOSE
 from ground.analysis.criteria import USUAL
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
+from ground.analysis.verdict import CLOSE
 from ground.recordings import repair, windows
+
+from ground import _core
 
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]
 TABLE = ROOT / "cfg" / "craft" / "air_table.yaml"
@@ -97,14 +97,14 @@ def measured(runs):
 
 @pytest.fixture(scope="module")
 def turning():
-    """Runs of a craft with a compass in slight pushes, the missing wrenches, and what is measured of them."""
+    """Runs of a craft with a compass in slight the missing wrenches, and what is measured of them."""
     made = [flown(seed, compass, push=0.01) for seed in (1, 2, 3)]
     return [run for run, _ in made], [acted for _, acted in made], measured([run for run, _ in made])
 
 
 @pytest.fixture(scope="module")
 def pushed():
-    """Runs of a craft that misses nothing, in pushes, and what is measured of them."""
+    """Runs of a craft that misses nothing, in and what is measured of them."""
     runs = [flown(seed, push=0.02)[0] for seed in (4, 5, 6)]
     return runs, measured(runs)
 
@@ -409,7 +409,7 @@ def test_recordings_made_by_the_model_agree_with_it_and_a_burst_does_not(pushed)
     random = np.random.default_rng(99)
     made = []
     for i, run in enumerate(runs):
-        wrench = pushes.of_levels(run, fit.levels, random).wrench + np.array(fit.trims[i]["wrench"])
+        wrench = window_error.pushes(run, fit.levels, random)[0] + np.array(fit.trims[i]["wrench"])
         made.append(window_error.recorded(run, fit.model, random, wrench, fit.trims[i]["thrust"]))
     assert agreement(made, cut, Likelihood(made, craft()), fit).holds
     odd = [flown(seed, push=0.005, burst=(2.0 + seed, 2.3 + seed, 0.4))[0] for seed in (1, 2, 3)]

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import conftest
 import numpy as np
 import pytest
-
-import ground
-from ground import _core
 from ground.analysis import candidates, window_error
 from ground.errors import GroundError
 from ground.recordings import commands, mapping, quality, recording
 from ground.simulation import tracking
+
+import ground
+from ground import _core
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 sys.path.insert(0, os.path.join(ROOT, "test", "bench"))
@@ -134,7 +134,7 @@ def test_a_fit_finds_the_parameters_of_the_table(table):
     start = table.copy()
     start.set_value("k", 0.35)
     start.set_value("I_z", 0.15)
-    fitted = window_error.Study(runs).fit(start, ["I_z", "X_u", "Y_v", "N_r", "k"]).model
+    fitted = window_error.WindowFitter(runs).fit(start, ["I_z", "X_u", "Y_v", "N_r", "k"]).model
     assert fitted.value("k") == pytest.approx(0.5, rel=0.01)
     assert fitted.value("I_z") == pytest.approx(0.08, rel=0.01)
 

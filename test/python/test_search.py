@@ -6,7 +6,6 @@ import sys
 import numpy as np
 import pytest
 from conftest import ROOT
-
 from ground.recordings import windows
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
@@ -71,7 +70,7 @@ def test_gains_begin_at_what_a_fit_without_the_effect_reaches():
 
     _, found, conclusion = diagnosed("trim_single", 7)
     assert conclusion.varies and found.chosen
-    alone = window_error.Study(found.runs, threads=1).fit(found.given, window_error.NOMINAL)
+    alone = window_error.WindowFitter(found.runs, threads=1).fit(found.given, window_error.NOMINAL)
     by_folds = conclude(found)
     assert by_folds.steps[-1] < by_folds.before.heldout <= 1.001 * alone.heldout.sum()
     assert by_folds.before.heldout <= found.nominal.heldout.sum()
@@ -111,7 +110,7 @@ def test_a_trim_of_the_runs_held_out_does_not_refuse_an_effect(seed):
 )
 def test_differences_between_runs_are_distinguished_from_a_slow_disturbance(kind, seed, expected):
     import hidden_cases
-    from ground.analysis import window_error, run_differences
+    from ground.analysis import run_differences, window_error
     from ground.analysis.likelihood import Likelihood
 
     case = hidden_cases.make(kind, seed)
@@ -138,8 +137,9 @@ def test_memory_is_found_and_no_effect_is_chosen_for_it(seed, kind):
 
 
 def test_thinning_keeps_the_information_of_the_poses():
-    from ground import _core
     from ground.analysis.thinning import thinned
+
+    from ground import _core
 
     random = np.random.default_rng(5)
     times = np.arange(0, 2, 1 / 240)

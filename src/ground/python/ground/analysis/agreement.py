@@ -11,7 +11,7 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import pushes, window_error
+from ground.analysis import window_error
 from ground.analysis.ceiling import squared_errors
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array, Each, Random
@@ -94,9 +94,9 @@ def _recorded(
     if not disturbed:
         return window_error.recorded(run, fit.model, random)
     factor, trim = np.exp(fit.loudness[i]) if fit.loudness else 1.0, fit.trims[i]
-    drawn = pushes.of_levels(run, fit.levels, random)
-    wrench = factor * drawn.wrench + np.array(trim["wrench"])
-    return window_error.recorded(run, fit.model, random, wrench, trim["thrust"], factor * drawn.room)
+    wrench, room = window_error.pushes(run, fit.levels, random)
+    wrench = factor * wrench + np.array(trim["wrench"])
+    return window_error.recorded(run, fit.model, random, wrench, trim["thrust"], factor * room)
 
 
 def _tails(likelihood: Likelihood, fit: Fit) -> List[float]:

@@ -15,22 +15,22 @@ from typing import Dict, FrozenSet, List, Optional, Sequence, Tuple
 from ground import _core
 from ground.analysis import (
     ceiling,
+    evidence,
     folds,
     horizon,
     indistinguishable,
     naming,
+    run_differences,
     stages,
     window_error,
-    evidence,
-    run_differences,
 )
 from ground.analysis.candidates import Candidate
 from ground.analysis.criteria import Criteria
+from ground.analysis.evidence import Dropped
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import Search
-from ground.analysis.evidence import Dropped
 from ground.annotations import Each
 from ground.core_types import Estimate
 from ground.progress import Work
@@ -87,8 +87,8 @@ class Diagnosis:
         # A thread of the pool that waited for the pool would block it.
         self.waiting = ThreadPoolExecutor(WAITING_THREADS if count > 1 else 1)
         self.each: Each = each or self.pool.map
-        self.study = window_error.Study(runs, threads=1, most=most)
-        self.cut = self.study.windows
+        self.fitter = window_error.WindowFitter(runs, threads=1, most=most)
+        self.cut = self.fitter.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
         self.chosen: List[Candidate] = []  # in the order of their choice
         self.steps: List[Step] = []
@@ -110,8 +110,7 @@ class Diagnosis:
         self.differences = differences
         levels = [d.kind.level for d in differences]
         self.likelihood = Likelihood(self.runs, self.given, levels, self.threads)
-        self.folds = folds.Folds(self.runs, self.likelihood, self.given, self.cut, self.each)
-        self.study.part_of = self.folds.fold_of
+        self.folds = folds.Folds(self.runs, self.likelihood, self.cut, self.each)
         fitting = Fitting(
             self.likelihood,
             self.given,

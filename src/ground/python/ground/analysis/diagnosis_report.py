@@ -2,24 +2,23 @@
 
 import contextlib
 import dataclasses
-from typing import Dict, Iterable, List, Optional, Sequence, Union
+from typing import Dict, Iterable, List, Optional, Sequence
 
 from ground import _core
 from ground.analysis import (
     bands,
     candidates,
     folds,
-    likelihood,
     indistinguishable,
+    likelihood,
     naming,
     next_experiment,
     stages,
-    window_error,
 )
 from ground.analysis.agreement import Agreement
 from ground.analysis.ceiling import Ceiling, Share
-from ground.analysis.verdict import MISREAD, Conclusion
 from ground.analysis.diagnosis import Diagnosis
+from ground.analysis.verdict import MISREAD, Conclusion
 from ground.annotations import Document
 from ground.core_types import Estimate
 from ground.errors import GroundError
@@ -54,7 +53,7 @@ def begun(
             **candidates.summaries(conclusion.improved),
         },
         "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},
-        "windows": {"used": len(diagnosis.cut), "available": diagnosis.study.available},
+        "windows": {"used": len(diagnosis.cut), "available": diagnosis.fitter.available},
         "verdict": conclusion.verdict,
         "findings": list(findings),
         "nominal": {
@@ -121,7 +120,7 @@ def completed(
 
 
 def _errors(
-    fit: Union[folds.Judged, window_error.Fit, None],
+    fit: Optional[folds.Judged],
     heldout: Optional[float] = None,
     by: str = CROSSED,
 ) -> Document:

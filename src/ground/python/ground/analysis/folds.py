@@ -1,45 +1,35 @@
-"""Simulation error and log-likelihood of models on runs that they were not fitted to."""
+"""Data that are held out of a fit: which parts, and how well models predict what they were not fitted to."""
 
 import dataclasses
 import functools
 from dataclasses import dataclass
-from typing import Dict, List, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core
+from ground import _core, core_types
 from ground.analysis import window_error
 from ground.analysis.distributions import mean_not_above_zero
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.annotations import Array, Each, Indices
+from ground.annotations import Array, Document, Each, Indices
 from ground.core_types import FittedParameter
 from ground.errors import GroundError
+from ground.progress import Work
+from ground.recordings import windows
 
-FOLDS = 4  # largest number of folds
+BLOCK = 6.0  # length of blocks of time [s]
+BLOCK_FOLDS = 10  # largest number of folds of blocks
+RUN_FOLDS = 20  # largest number of folds of runs, where each run has an error of its own
+BLOCKS, RUNS = "holding out blocks of time", "holding out runs"  # stages
 BETTER, UNDECIDED, WORSE = "better", "undecided", "worse"  # verdicts of a Comparison
 MIN_PARTS = 4  # from which on a t-test over parts has power
 MAX_CHANCE = 0.05  # probability with which a Comparison may say "worse" where nothing differs
 
+# Fits to windows, from the windows' initial states if any are given.
+Refit = Callable[[Sequence[_core.Window], Sequence[Array]], core_types.Fit]
 
-@dataclass
-class Judged:
-    """A fitted model and its errors."""
 
-    model: _core.Model
-    parameters: Dict[
-        str, FittedParameter
-    ]  # by name: value, unit, ci95, deviation, identified, at_bound
-    error: Array  # (3,) mean |e|/s of u, v, r over the windows of all runs
-    heldout: Array  # (3,) the same, each window by a fit to the other parts; differences between
-    # runs are estimated from the run's poses before the window (window_error.calibrated_errors)
-    by_window: Array  # (windows,) sum of the held-out errors of u, v, r in each window
-    likelihood: Tuple[Array, ...]  # for each part: held-out log-likelihood of its blocks of time
-    part_of: Indices  # (windows,) part that each window is in
-
-    @property
-    def tested(self) -> "Tested":
-        """How well it predicts what it was not fitted to."""
-        return Tested(self.by_window, self.part_of, self.likelihood)
+# Fits by likelihood
 
 
 @dataclass(frozen=True)
@@ -49,6 +39,18 @@ class Tested:
     by_window: Array  # (windows,) sum of the errors of u, v, r in each window
     part_of: Indices  # (windows,) part that each window is in
     likelihood: Tuple[Array, ...]  # for each part: log-likelihood of its blocks of time
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A fitted model and its errors."""
+
+    model: _core.Model
+    parameters: Mapping[str, FittedParameter]  # by name
+    error: Array  # (3,) mean |e|/s of u, v, r over the windows of all runs
+    heldout: Array  # (3,) the same, each window by a fit to the other parts; differences between
+    # runs are estimated from the run's poses before the window (window_error.calibrated_errors)
+    tested: Tested  # by the fits to the other parts
 
 
 @dataclass(frozen=True)
@@ -65,38 +67,25 @@ class Comparison:
 class Folds:
     """Runs (_core.RunData) split into folds: by run, or a single run by quarters of its time.
 
-    whole: their Likelihood; craft: as for Likelihood; cut: the windows that errors are taken over;
-    each: maps a function over items, in parallel if it can.
+    whole: their Likelihood; cut: the windows that errors are taken over; each: maps a function over items,
+    in parallel if it can.
     """
 
     def __init__(
-        self,
-        runs: Sequence[_core.RunData],
-        whole: Likelihood,
-        craft: _core.Model,
-        cut: Sequence[_core.Window],
-        each: Each = map,
+        self, runs: Sequence[_core.RunData], whole: Likelihood, cut: Sequence[_core.Window], each: Each = map
     ) -> None:
         self.runs, self.whole, self.cut, self.each = runs, whole, cut, each
         # the whole's runs are thinned already; a quarter is thinned by itself
-        self.parts = [[run] for run in whole.runs] if len(runs) > 1 else quarters(runs[0])
-        self.count = min(FOLDS, len(self.parts))
+        parts = list(whole.runs) if len(runs) > 1 else quarters(runs[0])
+        self.count = min(window_error.PARTS, len(parts))
         self.fitted: List[Likelihood] = []
         self.tested: List[Likelihood] = []
         for fold in range(self.count):
-            inside = [part for i, part in enumerate(self.parts) if i % self.count == fold]
-            outside = [part for i, part in enumerate(self.parts) if i % self.count != fold]
-            for parts, likelihoods in ((outside, self.fitted), (inside, self.tested)):
-                chosen = [run for part in parts for run in part]
-                likelihoods.append(Likelihood(chosen, craft, whole.varying, whole.threads))
-        self.fold_of = np.array([self._fold_of(w) for w in cut])
-
-    def _fold_of(self, window: _core.Window) -> int:
-        if len(self.runs) > 1:
-            return window.run % self.count
-        ends = [part[-1].times[-1] for part in self.parts]
-        middle = self.runs[0].times[(window.first + window.last) // 2]
-        return min(int(np.searchsorted(ends, middle)), self.count - 1)
+            inside = [part for i, part in enumerate(parts) if i % self.count == fold]
+            outside = [part for i, part in enumerate(parts) if i % self.count != fold]
+            for chosen, likelihoods in ((outside, self.fitted), (inside, self.tested)):
+                likelihoods.append(Likelihood(chosen, whole.craft, whole.varying, whole.threads))
+        self.fold_of = window_error.parts_of(runs, cut)
 
     def models(self, fit: Fit) -> List[Fit]:
         """Models refitted without each fold, starting from a Fit to all runs; its levels are kept."""
@@ -106,19 +95,14 @@ class Folds:
         """The Judged of a Fit to all runs."""
         refitted = self.models(fit)
         heldout = self._errors(refitted)
+        blocks = self.each(functools.partial(_blocks, self.tested, refitted), range(self.count))
         return Judged(
             fit.model,
             {p["name"]: p for p in fit.parameters},
             window_error.channel_errors(self.runs, self.cut, fit.model),
-            self._mean(heldout),
-            heldout.sum(axis=1),
-            tuple(self.each(functools.partial(_blocks, self.tested, refitted), range(self.count))),
-            self.fold_of,
+            window_error.mean(self.cut, heldout),
+            Tested(heldout.sum(axis=1), self.fold_of, tuple(blocks)),
         )
-
-    def error(self, fits: Sequence[Fit]) -> Array:
-        """Mean |e|/s (3,) over windows, each by the Fit to the parts without it."""
-        return self._mean(self._errors(fits))
 
     def _errors(self, fits: Sequence[Fit]) -> Array:
         """Errors (windows, 3), each window by the Fit to the parts without it."""
@@ -126,22 +110,24 @@ class Folds:
         for fold, fit in enumerate(fits):
             inside = np.flatnonzero(self.fold_of == fold)
             if len(inside):
-                chosen = [self.cut[i] for i in inside]
-                try:
-                    heldout[inside] = window_error.calibrated_errors(self.runs, chosen, self.whole, fit)
-                except GroundError:  # its motion on the held-out part is not finite
-                    heldout[inside] = np.inf
+                heldout[inside] = _errors(self.runs, [self.cut[i] for i in inside], self.whole, fit)
         return heldout
-
-    def _mean(self, errors: Array) -> Array:
-        samples = [w.last - w.first + 1 for w in self.cut]
-        return np.asarray(np.average(errors, axis=0, weights=samples))
 
 
 def _refitted(fitted: Sequence[Likelihood], fit: Fit, fold: int) -> Fit:
     """A Fit to all runs, its parameters refitted without a fold."""
     near = dataclasses.replace(fit, loudness=())
     return fitted[fold].fit(fit.model, fit.free, near=near, levels=False)
+
+
+def _errors(
+    runs: Sequence[_core.RunData], cut: Sequence[_core.Window], likelihood: Likelihood, fit: Fit
+) -> Array:
+    """window_error.calibrated_errors; infinite where the motion is not finite."""
+    try:
+        return window_error.calibrated_errors(runs, cut, likelihood, fit)
+    except GroundError:
+        return np.full((len(cut), 3), np.inf)
 
 
 def _blocks(tested: Sequence[Likelihood], fits: Sequence[Fit], fold: int) -> Array:
@@ -162,33 +148,33 @@ def _blocks_of(likelihood: Likelihood, fit: Fit) -> List[Array]:
 
 
 def tested(
-    runs: Sequence[_core.RunData],
-    cut: Sequence[_core.Window],
-    likelihood: Likelihood,
-    fit: Fit,
+    runs: Sequence[_core.RunData], cut: Sequence[_core.Window], likelihood: Likelihood, fit: Fit
 ) -> Tested:
     """A Fit on windows of runs that it was not fitted to, as it is; likelihood: of these runs."""
-    try:
-        errors = window_error.calibrated_errors(runs, cut, likelihood, fit).sum(axis=1)
-    except GroundError:  # its motion is not finite
-        errors = np.full(len(cut), np.inf)
+    errors = _errors(runs, cut, likelihood, fit).sum(axis=1)
     return Tested(errors, np.array([w.run for w in cut]), tuple(_blocks_of(likelihood, fit)))
 
 
 def compared(larger: Tested, smaller: Tested) -> Comparison:
     """Comparison of a model with an effect and one without it on the same held-out data."""
-    gain, gain_error = _gain(larger, smaller)
-    if not np.isfinite(gain):  # the motion is not finite with one of them, or with both
+    sums = [np.concatenate(found.likelihood).sum() for found in (larger, smaller)]
+    if not np.isfinite(sums).all():  # the motion is not finite with one of them, or with both
+        gain = float(sums[0] - sums[1]) if sums[0] != sums[1] else -np.inf
         return Comparison(BETTER if gain > 0 else WORSE, gain, 0.0, -gain, 0.0)
     blocks = [b - w for b, w in zip(larger.likelihood, smaller.likelihood)]
     off = larger.by_window - smaller.by_window
     parts = [off[larger.part_of == part] for part in np.unique(larger.part_of)]
+    rises = np.concatenate(blocks)
+    gain, gain_error = float(rises.sum()), _standard_error(rises) * len(rises)
     worse = _is_below_zero(blocks) or _is_below_zero([-part for part in parts])
     verdict = WORSE if worse else BETTER if gain > gain_error else UNDECIDED
-    rise, error = float(off.mean()), np.inf
-    if len(off) > 1 and np.isfinite(rise):
-        error = off.std(ddof=1) / np.sqrt(len(off))
-    return Comparison(verdict, gain, gain_error, rise, float(error))
+    return Comparison(verdict, gain, gain_error, float(off.mean()), _standard_error(off))
+
+
+def _standard_error(values: Array) -> float:
+    """That of the mean of values; infinite where it is not known."""
+    is_known = len(values) > 1 and np.isfinite(values).all()
+    return float(values.std(ddof=1) / np.sqrt(len(values))) if is_known else np.inf
 
 
 def _is_below_zero(parts: Sequence[Array]) -> bool:
@@ -206,34 +192,114 @@ def _is_below_zero(parts: Sequence[Array]) -> bool:
     return all(mean_not_above_zero(-v) < MAX_CHANCE for v in (values, np.array(sums)))
 
 
-def _gain(better: Tested, worse: Tested) -> Tuple[float, float]:
-    """Rise of the held-out log-likelihood from one model to another, and its standard error."""
-    sums = [np.concatenate(found.likelihood).sum() for found in (better, worse)]
-    if not np.isfinite(sums).all():
-        return (float(sums[0] - sums[1]) if sums[0] != sums[1] else -np.inf), 0.0
-    rise = np.concatenate(better.likelihood) - np.concatenate(worse.likelihood)
-    return float(rise.sum()), (
-        float(rise.std(ddof=1) * np.sqrt(len(rise))) if len(rise) > 1 else np.inf
-    )
-
-
-def quarters(run: _core.RunData, count: int = 4) -> List[List[_core.RunData]]:
-    """A run split into `count` stretches of time: lists of one _core.RunData."""
+def quarters(run: _core.RunData) -> List[_core.RunData]:
+    """A run split into stretches of time."""
     times = np.array(run.times)
-    edges = np.linspace(0, len(times), count + 1).astype(int)
-    return [[stretch(run, times, slice(a, b))] for a, b in zip(edges[:-1], edges[1:])]
+    edges = np.linspace(0, len(times), window_error.PARTS + 1).astype(int)
+    return [stretch(run, times, slice(a, b)) for a, b in zip(edges[:-1], edges[1:])]
 
 
 def stretch(run: _core.RunData, times: Array, part: slice) -> _core.RunData:
     """Some samples of a run; times: all of its instants."""
-    poses = np.array(run.poses)
+    eta, nu, poses = (np.array(values) for values in (run.eta, run.nu, run.poses))
+    poses = poses[part] if len(poses) else poses
     return _core.RunData(
-        run.name,
-        times[part],
-        np.array(run.eta)[part],
-        np.array(run.nu)[part],
-        np.array(run.inputs),
-        poses[part] if len(poses) else poses,
-        np.array(run.noise),
-        run.drives,
+        run.name, times[part], eta[part], nu[part], run.inputs, poses, run.noise, run.drives
     )
+
+
+# Fits to windows
+
+
+def leave_runs_out(
+    runs: Sequence[_core.RunData],
+    fit: Refit,
+    whole: core_types.Fit,
+    length: float = windows.WINDOW,
+    work: Optional[Work] = None,
+) -> List[Tuple[core_types.Fit, float]]:
+    """Fits without some of the runs, and their errors on those: [(fit's result, error)], one per run.
+
+    Each run is held out once: alone, or, with more than RUN_FOLDS runs, together with every RUN_FOLDS-th
+    other one. `fit(windows, initial)` fits to windows of `length` seconds of `runs` (_core.RunData)
+    from initial states of the windows; `whole` is its result over windows.cut(runs, length).
+    work: told of each fit.
+    """
+    cut = windows.cut(runs, length)
+    results = _refits(cut, [w.run % RUN_FOLDS for w in cut], fit, whole["initial"], work or Work())
+    fits = [results[i % RUN_FOLDS] for i in range(len(runs))]
+    return [(found, windows.error([run], found["model"])) for run, found in zip(runs, fits)]
+
+
+def leave_blocks_out(
+    runs: Sequence[_core.RunData],
+    models: Sequence[_core.Model],
+    fit: Refit,
+    block: float = BLOCK,
+    length: float = windows.WINDOW,
+    most: int = BLOCK_FOLDS,
+    work: Optional[Work] = None,
+) -> Optional[Document]:
+    """Errors on blocks of time: of models as they are, and of fits without the blocks.
+
+    Up to `most` blocks are held out one by one; of more blocks, every `most`-th one together. `fit`,
+    `length` and `work` as in leave_runs_out; without initial states fits begin at measured ones.
+    Returns {"models": one error per model, "heldout": error, "blocks", "folds": how many}, all
+    errors over the same windows; None when a fit without some fold would have no data.
+    """
+    blocks = _time_blocks(runs, block, length)
+    to_fit = [w for fitted, _ in blocks for w in fitted]
+    of_fit = [number % most for number, (fitted, _) in enumerate(blocks) for _ in fitted]
+    if len(set(of_fit)) < 2:
+        return None
+    whole = fit(to_fit, ())
+    results = _refits(to_fit, of_fit, fit, whole["initial"], work or Work())
+    errors, samples = [], []
+    for fold in range(min(most, len(blocks))):
+        inside = [w for _, held in blocks[fold::most] for w in held]
+        errors.append(windows.error(runs, results.get(fold, whole)["model"], inside))
+        samples.append(sum(w.last - w.first + 1 for w in inside))
+    every = [w for _, held in blocks for w in held]
+    return {
+        "models": [windows.error(runs, model, every) for model in models],
+        "heldout": float(np.average(errors, weights=samples)),
+        "blocks": len(blocks),
+        "folds": len(errors),
+    }
+
+
+def _time_blocks(
+    runs: Sequence[_core.RunData], duration: float, length: float
+) -> List[Tuple[List[_core.Window], List[_core.Window]]]:
+    """Windows to fit to and windows to test on, of each block that has windows to test on."""
+    blocks = []
+    for i, run in enumerate(runs):
+        start, end = run.times[0], run.times[-1]
+        edges = np.linspace(start, end, max(1, int(round((end - start) / duration))) + 1)
+        for a, b in zip(edges[:-1], edges[1:]):
+            held = windows.cut_part(run, i, a, b)
+            if held:
+                blocks.append((windows.cut_part(run, i, a, b, length), held))
+    return blocks
+
+
+def _refits(
+    cut: Sequence[_core.Window], folds: Sequence[int], fit: Refit, initial: Sequence[Array], work: Work
+) -> Dict[int, core_types.Fit]:
+    """Results of fits without each fold, by fold; folds, initial: fold and state of each window."""
+    results: Dict[int, core_types.Fit] = {}
+    work.more(len(set(folds)))
+    for fold in work.each(sorted(set(folds))):
+        rest = [k for k, f in enumerate(folds) if f != fold]
+        results[fold] = fit([cut[k] for k in rest], [initial[k] for k in rest])
+    return results
+
+
+def disagreements(fitted: core_types.Fit, others: core_types.Fit, most: float = 3.0) -> List[str]:
+    """Parameters whose estimate from one run and from the others differ by `most` deviations."""
+    names = []
+    for a, b in zip(fitted["parameters"], others["parameters"]):
+        if a["identified"] and b["identified"]:
+            if abs(a["value"] - b["value"]) > most * np.hypot(a["deviation"], b["deviation"]):
+                names.append(a["name"])
+    return names

@@ -12,15 +12,18 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, selection
+from ground.analysis import candidates
 from ground.analysis.dictionary import PLACE, Feature, dependence
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.regression import Regression, Term
-from ground.analysis.selection import MIN_RATIO
-from ground.annotations import Document
+from ground.analysis.distributions import chi_squared_above
+from ground.analysis.regression import LEVEL, Regression, Term
+from ground.annotations import Document, Flags
 from ground.errors import GroundError
 
 NAME = "proposed"
+MOST = 5  # features that are chosen from one regression
+MIN_RATIO = 12.0  # of the likelihoods with and without a feature
+EXPLAINED = 0.98  # part of the terms' gain from which a formula needs no further feature
 LONGEST = 6  # pieces of a formula
 ALONG = 3.0  # angle from an axis of the room within which a wave is said to go along it [deg]
 FADES = re.compile(r"^\((.*)\)/([\d.]+)$")
@@ -84,8 +87,29 @@ def formula(
     """The Formula of what a regression finds beside a Fit; None if nothing is significant. begun: a formula
     beside which it was found, to be made longer."""
     kept = begun.pieces if begun else ()
-    pieces = new_pieces(regression, selection.chosen(regression)[: LONGEST - len(kept)], begun)
+    pieces = new_pieces(regression, chosen_features(regression)[: LONGEST - len(kept)], begun)
     return of_pieces(likelihood, fit, [*kept, *pieces], begun) if pieces else None
+
+
+def chosen_features(
+    regression: Regression, among: Optional[Flags] = None, beside: Sequence[Term] = ()
+) -> List[Term]:
+    """Significant single features that mean something, each beside those before it and beside other
+    terms. among: features that may be chosen, by default all."""
+    allowed = np.array([f.family.named for f in regression.features])
+    if among is not None:
+        allowed &= among
+    terms: List[Term] = []
+    while len(terms) < MOST:
+        z = np.where(allowed, regression.significance([*beside, *terms]), 0.0)
+        j = regression.plainest(int(np.argmax(np.where(z > 0, z - 2 * np.log(regression.tried), -np.inf))), z)
+        if chi_squared_above(float(z[j]), 1) * regression.tried[j] > LEVEL:
+            break
+        term = regression.test(np.array([j]), [*beside, *terms], "feature %d" % j)
+        if term.ratio < max(MIN_RATIO, (1 - EXPLAINED) * sum(t.ratio for t in terms)):
+            break
+        terms.append(term)
+    return terms
 
 
 def new_pieces(
@@ -105,29 +129,28 @@ def new_pieces(
 def of_pieces(
     likelihood: Likelihood, fit: Fit, pieces: Sequence["Piece"], begun: Optional[Formula] = None
 ) -> Optional[Formula]:
-    """The Formula of those pieces that earn their place; begun: one that is nearly as good."""
-    made = _fitted(likelihood, fit, pieces, begun.fit if begun else fit)
+    """The Formula of those pieces that earn their place, in their simplest form that is as likely; begun: one
+    that is nearly as good. Sizes decide, and all constants are fitted in the end."""
+    made = _fitted(likelihood, fit, pieces, begun.fit if begun else fit, constants=False)
     while made is not None and len(made.pieces) > 1:
         worth = [_worth(made.fit, piece) for piece in made.pieces]
         if min(worth) > MIN_RATIO:
             break
         least = made.pieces[int(np.argmin(worth))]
-        shorter = _fitted(likelihood, fit, [p for p in made.pieces if p is not least], made.fit)
+        rest = [p for p in made.pieces if p is not least]
+        shorter = _fitted(likelihood, fit, rest, made.fit, constants=False)
         if shorter is None or made.ratio - shorter.ratio > MIN_RATIO:
             break
         made = shorter
-    return made if made is None or begun else _simplified(likelihood, fit, made)
-
-
-def _simplified(likelihood: Likelihood, fit: Fit, made: Formula) -> Formula:
-    """The Formula with the simpler pieces that are as likely."""
+    if made is None:
+        return None
     for i, piece in enumerate(made.pieces):
         for simpler in piece.simpler:
-            pieces = [*made.pieces[:i], simpler, *made.pieces[i + 1 :]]
-            other = _fitted(likelihood, fit, pieces, made.fit)
+            others = [*made.pieces[:i], simpler, *made.pieces[i + 1 :]]
+            other = _fitted(likelihood, fit, others, made.fit, constants=False)
             if other is not None and made.ratio - other.ratio < MIN_RATIO:
                 made = other
-    return made
+    return _fitted(likelihood, fit, made.pieces, made.fit)
 
 
 def _worth(fit: Fit, piece: "Piece") -> float:
@@ -280,10 +303,10 @@ def in_words(arguments: Sequence[str]) -> str:
 
 
 def _fitted(
-    likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit
+    likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit, constants: bool = True
 ) -> Optional[Formula]:
     """The Formula of pieces, fitted in the model of a Fit, from the levels of another one near; None where
-    that fails or helps nothing."""
+    that fails or helps nothing. constants: whether they are fitted beside the sizes."""
     values: Dict[str, float] = {}
     entry = _entry(pieces, fit)
     model = fit.model
@@ -293,7 +316,8 @@ def _fitted(
             for name, (value, _, _, _) in piece.parameters.items():
                 values[name] = value
                 start.set_value("%s.%s" % (entry["name"], name), value)
-        free = tuple("%s.%s" % (entry["name"], name) for name in values)
+        fitted_to = values if constants else [piece.size for piece in pieces]
+        free = tuple("%s.%s" % (entry["name"], name) for name in fitted_to)
         fitted = likelihood.fit(start, fit.free + free, near=near)
         if not np.isfinite(fitted.log_posterior):
             return None

@@ -11,7 +11,7 @@ from typing import Dict, List, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import dictionary, naming, selection
+from ground.analysis import dictionary, naming
 from ground.analysis.ceiling import Found
 from ground.analysis.dictionary import Family, Feature, Samples
 from ground.analysis.likelihood import Fit, Likelihood
@@ -39,7 +39,7 @@ def rivals(likelihood: Likelihood, fit: Fit, found: Found, best: Formula, behind
         beside = _best_of(regression, labels, kept)
         least = LINEAR * _gain(regression, [*beside, *_best_of(regression, labels, [piece])])
         for barred in (np.array(alike), np.array([label == piece.dependence for label in labels])):
-            chosen = selection.chosen(regression, ~barred, beside)
+            chosen = naming.chosen_features(regression, ~barred, beside)
             if not chosen or _gain(regression, [*beside, *chosen]) < least or tried == TRIED:
                 continue
             tried += 1

@@ -1,40 +1,37 @@
-"""Conclusion of a diagnosis: the verdict, the improved model, and how well it predicts."""
+"""The verdict of a diagnosis, the improved model, and how well it predicts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import (
     bands,
-    baseline,
     ceiling,
     folds,
-    judgement,
-    learned,
     naming,
     rivals,
+    run_differences,
     stages,
     window_error,
-    run_differences,
 )
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
 from ground.analysis.criteria import Criteria
 from ground.analysis.diagnosis import Diagnosis
-from ground.analysis.likelihood import Fit
+from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Document
 from ground.core_types import FittedParameter
 from ground.errors import GroundError
+from ground.recordings import windows
 
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave something without a name
 SAID = ("unexplained", "memory")  # ... of which runs show that it is there
-ENOUGH = 0.6  # of the error on parts held out: with a formula that leaves less, nothing else is tried
-BETTER = 0.9  # largest ratio of errors at which a longer formula, or a learned wrench, is worth it
+BETTER = 0.9  # largest ratio of errors at which a longer formula is worth it
 # Largest share of the error that a smooth function of one kind may have beside `complete`
 SMALL = 0.35
 # Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in
@@ -42,6 +39,28 @@ SMALL = 0.35
 CLOSE = 5.0
 LENGTHENED = 3  # formulas, each longer than the one before
 FLOORS = 5  # simulations over which the noise floor is averaged
+LIKELIHOOD, SIMULATION = "likelihood", "simulation"  # what a refit maximises or minimises
+
+
+@dataclass(frozen=True)
+class Refit:
+    """The model as it is, refitted without further effects: what the gain of effects is measured against.
+    Where an effect is missing, a fit by simulation error may predict much better than one by likelihood."""
+
+    by: str  # LIKELIHOOD or SIMULATION
+    model: _core.Model
+    parameters: Sequence[FittedParameter]
+    error: float  # on the runs fitted to
+    heldout: float  # on runs held out
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A model with an effect compared with the same model without it, on data that neither was fitted
+    to."""
+
+    fitted: folds.Comparison  # parts of the runs fitted to, each by a fit to the others
+    holdout: Optional[folds.Comparison]  # runs that the user held out; None without any
 
 
 @dataclass(frozen=True)
@@ -52,9 +71,9 @@ class Conclusion:
     improved: _core.Model  # refitted
     parameters: List[FittedParameter]  # the improved model's: name, unit, value, ci95, ...
     noise_floor: float
-    refits: Tuple[baseline.Refit, ...]  # the model as it is
+    refits: Tuple[Refit, ...]  # the model as it is
     steps: List[float]  # error on held-out runs after each step
-    judgements: Mapping[str, judgement.Judgement]  # by effect
+    judgements: Mapping[str, Judgement]  # by effect
     heldout_floor: float  # noise floor of the runs on which steps are measured
     varies: List[Document]  # what differs between runs
     ceiling: Ceiling
@@ -64,7 +83,7 @@ class Conclusion:
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
     @property
-    def before(self) -> baseline.Refit:
+    def before(self) -> Refit:
         """The refit that predicts best without further effects."""
         return min(self.refits, key=lambda refit: refit.heldout)
 
@@ -87,7 +106,27 @@ class Conclusion:
     @cached_property
     def bands(self) -> List[bands.Bands]:
         """bands.Bands of the grown model, one for each run held out."""
-        return _bands(self.diagnosis, self.tested)
+        found = self.diagnosis
+        if self.tested:
+            return bands.of_others(self.tested, found.fit, len(found.cut), found.pool.map)
+        return bands.of_folds(found.folds, found.fit)
+
+
+class HeldOut:
+    """Runs (_core.RunData) that the user held out of a Diagnosis."""
+
+    def __init__(self, found: Diagnosis, runs: Sequence[_core.RunData]) -> None:
+        self.runs, self.cut = runs, windows.cut(runs)
+        self.likelihood = Likelihood(runs, found.given, found.likelihood.varying)
+
+    def error(self, fit: Fit) -> float:
+        """Error of a Fit; differences between runs are estimated from the poses before each window."""
+        each = window_error.calibrated_errors(self.runs, self.cut, self.likelihood, fit)
+        return float(window_error.mean(self.cut, each).sum())
+
+    def tested(self, fit: Fit) -> folds.Tested:
+        """Errors and log-likelihood of a Fit."""
+        return folds.tested(self.runs, self.cut, self.likelihood, fit)
 
 
 def conclude(
@@ -110,15 +149,11 @@ def _conclude(
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
     if not agrees.holds and not left.said:
         left = left.unbounded()
-
-    def floor_of(seed: int) -> float:
-        return float(window_error.noise_floor(found.runs, found.best.model, seed).sum())
-
-    floor = float(np.mean(list(found.pool.map(floor_of, range(FLOORS)))))
-    heldout_floor = float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor
-    varies = _varies(found)
-    explained = found.best.error.sum() < EXPLAINED * floor
-    trusted = agrees.holds or not found.chosen or _predicts_better(found)
+    floors = found.pool.map(lambda seed: _floor(found, found.runs, seed), range(FLOORS))
+    floor, varies, refitted = float(np.mean(list(floors))), _varies(found), refits(found)
+    explained = float(found.best.error.sum()) < EXPLAINED * floor
+    after, before = float(found.best.heldout.sum()), min(refit.heldout for refit in refitted)
+    trusted = agrees.holds or not found.chosen or after < before
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, trusted)
     formula = None
     if verdict in NAMELESS or (verdict == "missing" and left.is_open):
@@ -130,15 +165,16 @@ def _conclude(
             verdict = _verdict(found, explained, varies, left, agrees, trusted)
         elif verdict == "missing":
             formula = None
+    by_user = HeldOut(found, heldout) if heldout else None
     return Conclusion(
         verdict,
         found.model,
         found.likelihood.intervals(found.fit),
         floor,
-        baseline.refits(found, heldout),
-        _steps(found, heldout),
-        judgement.judgements(found, heldout),
-        heldout_floor,
+        refitted if by_user is None else _on_others(found, refitted, by_user),
+        _steps(found, by_user),
+        _judgements(found, by_user),
+        _floor(found, heldout, 1) if heldout else floor,
         varies,
         left,
         agrees,
@@ -148,11 +184,55 @@ def _conclude(
     )
 
 
-def _bands(found: Diagnosis, heldout: Sequence[_core.RunData]) -> List[bands.Bands]:
-    """bands.Bands of the grown model, one for each run held out."""
-    if heldout:
-        return bands.of_others(heldout, found.fit, len(found.cut), found.pool.map)
-    return bands.of_folds(found.folds, found.fit)
+def _floor(found: Diagnosis, runs: Sequence[_core.RunData], seed: int) -> float:
+    """Error that the noise of the poses alone would leave on runs."""
+    return float(window_error.noise_floor(runs, found.best.model, seed).sum())
+
+
+def refits(found: Diagnosis) -> Tuple[Refit, ...]:
+    """The model as it is, refitted by likelihood and, where it can be simulated, by simulation error.
+    Errors are over the windows and folds of a Diagnosis."""
+    judged, given = found.nominal, found.given
+    by_likelihood = _refit(LIKELIHOOD, judged)
+    try:
+        free = window_error.free_parameters(given)
+        return by_likelihood, _refit(SIMULATION, found.fitter.fit(given, free, also=[judged.model]))
+    except GroundError:  # the simulation diverges
+        return (by_likelihood,)
+
+
+def _refit(by: str, fit: Union[folds.Judged, window_error.WindowFit]) -> Refit:
+    known = tuple(fit.parameters.values())
+    return Refit(by, fit.model, known, float(fit.error.sum()), float(fit.heldout.sum()))
+
+
+def _on_others(found: Diagnosis, refitted: Sequence[Refit], others: HeldOut) -> Tuple[Refit, ...]:
+    """Refits with their errors on runs that the user held out."""
+    known = {LIKELIHOOD: others.error(found.search.nominal())}
+    for refit in refitted[1:]:
+        errors = window_error.channel_errors(others.runs, others.cut, refit.model)
+        known[refit.by] = float(errors.sum())
+    return tuple(replace(refit, heldout=known[refit.by]) for refit in refitted)
+
+
+def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
+    """Error on runs held out after each step."""
+    if others is None:
+        return [float(step.fit.heldout.sum()) for step in found.steps]
+    names = [step.added for step in found.steps]
+    return [others.error(found.search.fits[frozenset(names[: i + 1])]) for i in range(len(names))]
+
+
+def _judgements(found: Diagnosis, others: Optional[HeldOut]) -> Dict[str, Judgement]:
+    """How sure each effect of the grown model is by data that decided nothing, by name."""
+    result = {}
+    for name in sorted(found.names):
+        rest = found.search.without(found.names, name)
+        by_user = None
+        if others:
+            by_user = folds.compared(*(others.tested(found.search.fits[s]) for s in (found.names, rest)))
+        result[name] = Judgement(found.confirmed(found.names, rest), by_user)
+    return result
 
 
 def _varies(found: Diagnosis) -> List[Document]:
@@ -172,30 +252,17 @@ def _varies(found: Diagnosis) -> List[Document]:
 
 
 def _name(found: Diagnosis, left: Ceiling, enough: float) -> Optional[naming.Formula]:
-    """A formula or a learned wrench for what is learnable: that with which parts held out are
-    predicted better. enough: error with which nothing more is looked for."""
+    """A formula for what is learnable, made longer while the cross-validated error falls and is above `enough`.
+    The first may raise the error: a function of the commands does without the constant that it needs."""
     if left.found is None:
         return None
-    before = float(found.best.heldout.sum())
-    best, least = _lengthened(found, before, enough)
-    if least > ENOUGH * before:
-        made = learned.learned(found.likelihood, found.fit, left.found)
-        if made is not None and _crossed(found, made.fit) < BETTER * least:
-            best = made
-    return best
-
-
-def _lengthened(
-    found: Diagnosis, before: float, enough: float
-) -> Tuple[Optional[naming.Formula], float]:
-    """The formula, made longer while the cross-validated error falls and is not small enough, and that
-    error; before: without a formula. The first may raise the error: a function of the commands does without
-    the constant that it needs."""
-    best, least = None, before
+    best, least = None, float(found.best.heldout.sum())
     made = found.formula_of(found.names)
     for number in range(LENGTHENED):
-        after = before if made is None else _crossed(found, made.fit)
-        if made is None or (after >= least and number > 0):
+        if made is None:
+            break
+        after = _crossed(found, made.fit)
+        if after >= least and number > 0:
             break
         is_done = after < enough or BETTER * least < after < least
         if after < least:
@@ -206,13 +273,7 @@ def _lengthened(
         if beside is None:
             break
         made = naming.formula(found.likelihood, found.fit, beside.regression, made)
-    return best, least
-
-
-def _predicts_better(found: Diagnosis) -> bool:
-    """Whether the model with the effects predicts parts held out better than each refit without them."""
-    without = min(refit.heldout for refit in baseline.refits(found))
-    return float(found.best.heldout.sum()) < without
+    return best
 
 
 def _is_confirmed(found: Diagnosis, fit: Fit) -> bool:
@@ -248,12 +309,3 @@ def _verdict(
     if not explained and (open_still or left.bound > SMALL):
         return "undecided"
     return "complete"
-
-
-def _steps(found: Diagnosis, heldout: Sequence[_core.RunData]) -> List[float]:
-    """Error on runs held out after each step."""
-    if not heldout:
-        return [float(step.fit.heldout.sum()) for step in found.steps]
-    names = [c.name for c in found.chosen]
-    fits = [found.search.fits[frozenset(names[: i + 1])] for i in range(len(names))]
-    return baseline.errors_on(found, heldout, fits)

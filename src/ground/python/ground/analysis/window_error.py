@@ -1,24 +1,21 @@
-"""A model and its variants on the same runs: fits, and errors on held-out data."""
+"""The error of models over windows: fits to it, errors on held-out data, and what noise alone would leave."""
 
-import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Dict, Iterable, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core, core_types
 from ground.analysis import candidates
-from ground.annotations import Array, Random
+from ground.annotations import Array, Indices, Random
 from ground.errors import GroundError
 from ground.progress import Work
 from ground.recordings import repair, windows
 
 if TYPE_CHECKING:
-    from ground.analysis.likelihood import Fit as LikelihoodFit
-    from ground.analysis.likelihood import Likelihood
+    from ground.analysis.likelihood import Fit, Likelihood
 
-PARTS = 4  # parts of a single run, held out one after the other
-FOLDS = 8  # largest number of folds of several runs; it bounds the refits
+PARTS = 4  # most parts of runs that are held out one after the other; quarters of a single run
 MAX_WINDOWS = 160  # four minutes, far more than it takes to distinguish the effects that matter
 # Lengths of the windows that models are fitted to [s]. Longer windows contain more information, but
 # disturbances add up along them.
@@ -27,50 +24,38 @@ MAX_ERROR_RATIO = 0.99  # largest ratio of held-out errors for which another len
 NOMINAL = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
 
 
-@dataclass
-class Fit:
-    """A model fitted to all windows of a study."""
+@dataclass(frozen=True)
+class WindowFit:
+    """A model fitted to windows."""
 
     model: _core.Model
-    parameters: Dict[
-        str, core_types.FittedParameter
-    ]  # by name: value, unit, ci95, deviation, identified, at_bound
+    parameters: Mapping[str, core_types.FittedParameter]  # by name
     error: Array  # (3,) mean |e|/s of u, v, r over the windows fitted to
     heldout: Array  # (3,) the same over all windows, each by a fit to the other parts
     by_window: Array  # (windows,) sum of the held-out errors of u, v, r in each window
-    by_part: Dict[int, _core.Model]  # the model refitted without each part
 
 
-class Study:
-    """Runs (_core.RunData), their windows, and the folds that are held out together.
+class WindowFitter:
+    """Fits models to windows of runs (_core.RunData), and again without each part of them.
 
-    Folds are runs (with more than FOLDS runs, every FOLDS-th one together), or quarters of a
-    single run; `part_of` may be set to other ones. Of long runs about `most` windows are used,
-    spread evenly, so that the work does not grow with them. Raises GroundError when runs are too short.
+    Of long runs about `most` windows are used, spread evenly, so that the work does not grow with them.
+    threads: 0 for all cores; with one thread results are reproducible. Raises GroundError when runs are
+    too short.
     """
 
     def __init__(
         self, runs: Sequence[_core.RunData], threads: int = 0, most: float = MAX_WINDOWS
     ) -> None:
-        self.runs = runs
-        # Threads of fits from scratch, 0 for all cores; with one thread results are reproducible.
-        self.threads = threads
+        self.runs, self.threads = runs, threads
         every = windows.cut(runs)
         self.windows = windows.spread(every, most)
         self.available = len(every)  # number of windows before thinning
-        self.width = 0.0  # width of refits' robust loss [standard deviations]; 0: each fit estimates it
-        self.length = windows.WINDOW  # length of the windows that are fitted to [s]
-        if len(runs) > 1:
-            self.part_of = np.array([w.run % FOLDS for w in self.windows])
-        else:
-            count = min(PARTS, len(self.windows))
-            if count < 2:
-                raise GroundError(
-                    "%s: too short to hold a part of it out; at least two windows of %.1f s are needed"
-                    % (runs[0].name, windows.WINDOW)
-                )
-            edges = np.arange(count + 1) * len(self.windows) // count
-            self.part_of = np.repeat(np.arange(count), np.diff(edges))
+        self.part_of = parts_of(runs, self.windows)
+        if len(set(self.part_of.tolist())) < 2:
+            raise GroundError(
+                "%s: too short to hold a part of it out; at least two windows of %.1f s are needed"
+                % (runs[0].name, windows.WINDOW)
+            )
 
     def fit(
         self,
@@ -78,97 +63,83 @@ class Study:
         free: Sequence[str],
         also: Sequence[_core.Model] = (),
         work: Optional[Work] = None,
-    ) -> Fit:
-        """Fits the free parameters, and again without each fold in turn.
+    ) -> WindowFit:
+        """Fits the free parameters, and again without each part in turn.
 
         The fit starts from the model's values and from those of the models in `also`, and keeps the
         best: parameters fitted without an effect may be far from the right ones with it. It chooses
-        the length of windows whose fits have the least held-out error; `refit` uses the same length
-        and outliers. work: told of each of len(LENGTHS) + 1 parts.
+        the length of windows whose fits have the least held-out error. work: told of each of
+        len(LENGTHS) + 1 parts.
         """
-        told = work or Work()
-        starts = [s for given in (model,) + tuple(also) for s in candidates.turned(given, free)]
-        near = self._best(starts, free, threads=self.threads)["model"]
-        told.step()
-        best: Optional[Tuple[Fit, float, float]] = None
-        for length in sorted(LENGTHS, key=lambda length: length != self.length):
-            self.length, self.width = length, 0.0
-            result = self._fit(self.windows, near, free, near=True, threads=self.threads)
-            self.width = result["width"] if np.isfinite(result["width"]) else 0.0
-            found = self._judged(result, free, self.threads)
-            if best is None or found.heldout.sum() < MAX_ERROR_RATIO * best[0].heldout.sum():
-                best = found, self.length, self.width
-            told.step()
-        assert best is not None
-        fit, self.length, self.width = best
-        return fit
-
-    def _best(
-        self, starts: Iterable[_core.Model], free: Sequence[str], **options: Any
-    ) -> core_types.Fit:
-        """The best fit from any start; GroundError when none can be simulated."""
-        found, failure = [], GroundError("there is no model to start from")
-        for start in starts:
+        told, found, failure = work or Work(), [], GroundError("there is no model to start from")
+        for start in [s for given in (model, *also) for s in candidates.turned(given, free)]:
             try:
-                found.append(self._fit(self.windows, start, free, **options))
+                found.append(self._fit(self.windows, start, free, LENGTHS[0]))
             except GroundError as error:
                 failure = error
         if not found:
             raise failure
-        return min(found, key=lambda result: result["objective"])
+        near = min(found, key=lambda result: result["objective"])["model"]
+        told.step()
+        fits = []
+        for length in LENGTHS:
+            fits.append(self._judged(near, free, length))
+            told.step()
+        long, short = fits
+        return short if short.heldout.sum() < MAX_ERROR_RATIO * long.heldout.sum() else long
 
-    def refit(self, starts: Sequence[_core.Model], free: Sequence[str]) -> Fit:
-        """Fits from models near the best, in one thread; no other start is tried."""
-        return self._judged(
-            self._best(starts, free, near=True, threads=1, width=self.width), free, 1
-        )
-
-    def _judged(self, result: core_types.Fit, free: Sequence[str], threads: int) -> Fit:
-        fitted = result["model"]
-        heldout = np.zeros((len(self.windows), 3))
+    def _judged(self, near: _core.Model, free: Sequence[str], length: float) -> WindowFit:
+        """The fit from a model near the best, to windows of a length, and its errors."""
+        result = self._fit(self.windows, near, free, length, near=True)
+        # the fits without a part have its robust loss, of a width in standard deviations, and its states
+        width = result["width"] if np.isfinite(result["width"]) else 0.0
         initial = iter(result["initial"])
-        states = [list(itertools.islice(initial, len(self._pieces(w)))) for w in self.windows]
-        by_part: Dict[int, _core.Model] = {}
+        states = [[next(initial) for _ in self._pieces(w, length)] for w in self.windows]
+        heldout = np.zeros((len(self.windows), 3))
         for part in np.unique(self.part_of).tolist():
-            inside = self.part_of == part
-            rest = np.flatnonzero(~inside)
-            by_part[part] = self._fit(
-                [self.windows[i] for i in rest],
-                fitted,
-                free,
-                near=True,
-                threads=threads,
-                width=self.width,
-                initial=[state for i in rest for state in states[i]],
-            )["model"]
-            tested = [self.windows[i] for i in np.flatnonzero(inside)]
-            heldout[inside] = window_errors(self.runs, tested, by_part[part])
-        samples = [w.last - w.first + 1 for w in self.windows]
-        return Fit(
-            fitted,
+            rest = np.flatnonzero(self.part_of != part)
+            known = [state for i in rest for state in states[i]]
+            other = self._fit(
+                [self.windows[i] for i in rest], result["model"], free, length,
+                near=True, width=width, initial=known,
+            )  # fmt: skip
+            inside = np.flatnonzero(self.part_of == part)
+            tested = [self.windows[i] for i in inside]
+            heldout[inside] = window_errors(self.runs, tested, other["model"])
+        return WindowFit(
+            result["model"],
             {p["name"]: p for p in result["parameters"]},
-            channel_errors(self.runs, self.windows, fitted),
-            np.average(heldout, axis=0, weights=samples),
+            channel_errors(self.runs, self.windows, result["model"]),
+            mean(self.windows, heldout),
             heldout.sum(axis=1),
-            by_part,
         )
 
-    def _pieces(self, window: _core.Window) -> List[_core.Window]:
+    def _pieces(self, window: _core.Window, length: float) -> List[_core.Window]:
         """The shorter windows that a window is cut into for a fit."""
-        return windows.cut_again(self.runs, window, self.length)
+        return windows.cut_again(self.runs, window, length)
 
     def _fit(
         self,
         chosen: Sequence[_core.Window],
         model: _core.Model,
         free: Sequence[str],
+        length: float,
         **options: Any,
     ) -> core_types.Fit:
-        pieces = [piece for w in chosen for piece in self._pieces(w)]
+        pieces = [piece for w in chosen for piece in self._pieces(w, length)]
         try:
-            return windows.problem(self.runs, pieces).fit(model, free, **options)
+            return windows.problem(self.runs, pieces).fit(model, free, threads=self.threads, **options)
         except (ValueError, RuntimeError) as error:
             raise GroundError(str(error))
+
+
+def parts_of(runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> Indices:
+    """The part (windows,) that each window is in: its run, of more than PARTS runs every PARTS-th one together;
+    or the quarter of a single run that its middle is in."""
+    if len(runs) > 1:
+        return np.array([w.run % PARTS for w in cut])
+    count = len(runs[0].times)
+    return np.array([PARTS * ((w.first + w.last) // 2) // count for w in cut])
 
 
 def free_parameters(model: _core.Model) -> List[str]:
@@ -188,10 +159,12 @@ def channel_errors(
 
     Their sum is the error that reports give. Raises GroundError when the model cannot be simulated.
     """
-    samples = [w.last - w.first + 1 for w in chosen]
-    return np.asarray(
-        np.average(window_errors(runs, chosen, model, truth), axis=0, weights=samples)
-    )
+    return mean(chosen, window_errors(runs, chosen, model, truth))
+
+
+def mean(cut: Sequence[_core.Window], errors: Array) -> Array:
+    """Mean (3,) of the errors (windows, 3) of windows, each sample with the same weight."""
+    return np.asarray(np.average(errors, axis=0, weights=[w.last - w.first + 1 for w in cut]))
 
 
 def window_errors(
@@ -218,7 +191,7 @@ def calibrated_errors(
     runs: Sequence[_core.RunData],
     chosen: Sequence[_core.Window],
     likelihood: "Likelihood",
-    fit: "LikelihoodFit",
+    fit: "Fit",
 ) -> Array:
     """window_errors of a Fit, as in use: differences between runs (wrench and thrust) are estimated
     from a run's poses before each window. likelihood: a Likelihood of the runs."""
@@ -299,3 +272,31 @@ def recorded(
     return _core.RunData(
         run.name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, run.drives
     )
+
+
+def pushes(
+    run: _core.RunData, levels: Mapping[str, float], random: Random
+) -> Tuple[Array, Array]:
+    """Random pushes of some levels of the likelihood, Ornstein-Uhlenbeck and white noise, at a run's samples,
+    each until the next: a wrench (n, 3) X, Y [N], N [N m] in the body's frame, and a force (n, 2) [N] along
+    the axes x, y of the room."""
+    steps = np.diff(np.array(run.times), append=run.times[-1] + 1e-3)
+    steps = np.maximum(steps, 1e-4)
+    wrench = np.empty((len(steps), 3))
+    for i, channel in enumerate("XYN"):
+        slow = _slow(steps, levels["sigma_" + channel], levels["time_" + channel], random)
+        white = levels["white_" + channel] / np.sqrt(steps) * random.normal(size=len(steps))
+        wrench[:, i] = slow + white
+    room = [_slow(steps, levels["sigma_room"], levels["time_room"], random) for _ in "xy"]
+    return wrench, np.column_stack(room)
+
+
+def _slow(steps: Array, sigma: float, time: float, random: Random) -> Array:
+    """An Ornstein-Uhlenbeck process of a deviation and correlation time [s] before each step [s]."""
+    left = np.exp(-steps / time)
+    fresh = sigma * np.sqrt(1 - left**2) * random.normal(size=len(steps))
+    value, values = float(sigma * random.normal()), np.empty(len(steps))
+    for i, (share, push) in enumerate(zip(left.tolist(), fresh.tolist())):
+        values[i] = value
+        value = share * value + push
+    return values

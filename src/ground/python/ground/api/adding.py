@@ -8,6 +8,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates, distributions, window_error
+from ground.analysis.window_error import WindowFit
 from ground.annotations import Array, Document, Path
 from ground.api.models import (
     Model,
@@ -182,9 +183,9 @@ def add(
 
 def _fits(
     model: _core.Model, extended: _core.Model, runs: List[_core.RunData], work: Work
-) -> Tuple[window_error.Fit, window_error.Fit]:
+) -> Tuple[WindowFit, WindowFit]:
     """study.Fits of a _core.Model without the effect and with it; work: told of each."""
-    on_runs = window_error.Study(runs)
+    on_runs = window_error.WindowFitter(runs)
     before = on_runs.fit(model, window_error.free_parameters(model), work=work)
     refitted = candidates.carried_over(before.model, extended)
     after = on_runs.fit(refitted, window_error.free_parameters(extended), also=[extended], work=work)
@@ -195,13 +196,13 @@ def _pair(before: Array, after: Array) -> Pair:
     return Pair(ChannelErrors.of(before), ChannelErrors.of(after))
 
 
-def _tested(runs: List[_core.RunData], before: window_error.Fit, after: window_error.Fit) -> Pair:
+def _tested(runs: List[_core.RunData], before: WindowFit, after: WindowFit) -> Pair:
     cut = windows.cut(runs)
     return _pair(*(window_error.channel_errors(runs, cut, fit.model) for fit in (before, after)))
 
 
 def _result(
-    effect: str, seen: Measured, before: window_error.Fit, after: window_error.Fit, errors: Dict[str, Pair]
+    effect: str, seen: Measured, before: WindowFit, after: WindowFit, errors: Dict[str, Pair]
 ) -> Addition:
     parameters = parameters_by_name(after.parameters.values())
     model = fitted_model(
@@ -228,8 +229,8 @@ def _result(
 def _verdict(
     parameters: Dict[str, Parameter],
     neutral: Dict[str, float],
-    before: window_error.Fit,
-    after: window_error.Fit,
+    before: WindowFit,
+    after: WindowFit,
     errors: Dict[str, Pair],
 ) -> Verdict:
     """The Verdict on an effect; neutral: values of its parameters at which it does nothing."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core, core_types
-from ground.analysis import comparison, identifiability, window_error, unit_slips, validation
+from ground.analysis import comparison, folds, identifiability, unit_slips, window_error
 from ground.annotations import Array, Document, Path
 from ground.api.models import (
     Model,
@@ -30,7 +30,7 @@ OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
 FITTING = "fitting"  # stage
 # Stages, and the usual time of a fit in each, for a second of recordings [s]
-STAGES = {FITTING: 1e-3, validation.BLOCKS: 5e-4, validation.RUNS: 5e-4}
+STAGES = {FITTING: 1e-3, folds.BLOCKS: 5e-4, folds.RUNS: 5e-4}
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ class _Problem:
         one = _Problem([self.runs[index]], self.free, self.objective, self.target, self.window)
         return one.fit(model, one.cut())
 
-    def refit_near(self, result: core_types.Fit) -> validation.Refit:
+    def refit_near(self, result: core_types.Fit) -> folds.Refit:
         """A function of windows and initial states that fits again, starting from a result and with
         the same outliers, so that a refit takes a few steps only."""
         width = result["width"] if np.isfinite(result["width"]) else 0.0
@@ -193,7 +193,7 @@ def fit(
     target: str = "velocities",
     window: float = windows.WINDOW,
     starts: int = 1,
-    block: float = validation.BLOCK,
+    block: float = folds.BLOCK,
     start: float = 0.0,
     end: Optional[float] = None,
     everything: bool = False,
@@ -230,12 +230,12 @@ def fit(
     with work.stage(FITTING):
         result = problem.fit(given.core, problem.cut(), starts)
     refit = problem.refit_near(result)
-    with work.stage(validation.BLOCKS):
+    with work.stage(folds.BLOCKS):
         blocks = _blocks(problem, given.core, result, refit, block, work)
     tested = _change(held.data, given.core, result["model"]) if held.data else None
     runs: List[RunFit] = []
     if len(seen.data) > 1:
-        with work.stage(validation.RUNS):
+        with work.stage(folds.RUNS):
             runs = _each(problem, result, refit, work)
     whole = _change(seen.data, given.core, result["model"])
     errors = Errors(whole.before, whole.after, _pooled(problem, runs), blocks, tested)
@@ -245,8 +245,8 @@ def fit(
 def _expect(work: Work, runs: List[_core.RunData], starts: int) -> None:
     """Tells work to expect the stages of a fit to runs."""
     duration = sum(run.times[-1] - run.times[0] for run in runs)
-    folds = min(len(runs), validation.RUN_FOLDS) + len(runs) if len(runs) > 1 else 0
-    units = {FITTING: starts, validation.BLOCKS: validation.FOLDS + 1, validation.RUNS: folds}
+    fits = min(len(runs), folds.RUN_FOLDS) + len(runs) if len(runs) > 1 else 0
+    units = {FITTING: starts, folds.BLOCKS: folds.BLOCK_FOLDS + 1, folds.RUNS: fits}
     for stage, cost in STAGES.items():
         work.expect(stage, units[stage], cost * duration)
 
@@ -266,12 +266,12 @@ def _blocks(
     problem: _Problem,
     start: _core.Model,
     result: core_types.Fit,
-    refit: validation.Refit,
+    refit: folds.Refit,
     block: float,
     work: Work,
 ) -> Optional[BlockErrors]:
     models = start, result["model"]
-    found = validation.leave_blocks_out(problem.runs, models, refit, block, problem.window, work=work)
+    found = folds.leave_blocks_out(problem.runs, models, refit, block, problem.window, work=work)
     if found is None:
         return None
     before, after = found["models"]
@@ -281,12 +281,12 @@ def _blocks(
 def _each(
     problem: _Problem,
     result: core_types.Fit,
-    refit: validation.Refit,
+    refit: folds.Refit,
     work: Work,
 ) -> List[RunFit]:
     """Every run by itself, and held out."""
     rows = []
-    held = validation.leave_runs_out(problem.runs, refit, result, problem.window, work=work)
+    held = folds.leave_runs_out(problem.runs, refit, result, problem.window, work=work)
     work.more(len(problem.runs))
     for i, (others, error) in enumerate(held):
         alone = problem.alone(i, result["model"])
@@ -297,7 +297,7 @@ def _each(
                 {p["name"]: p["ci95"] for p in alone["parameters"]},
                 windows.error([problem.runs[i]], alone["model"]),
                 error,
-                validation.disagreements(alone, others),
+                folds.disagreements(alone, others),
             )
         )
         work.step()

@@ -6,9 +6,9 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, diagnosis, naming, pushes, window_error
-from ground.analysis.verdict import Conclusion, conclude
+from ground.analysis import candidates, diagnosis, naming, window_error
 from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.verdict import Conclusion, conclude
 from ground.annotations import Document
 from ground.discovery import beliefs, information, pieces
 from ground.discovery.beliefs import State
@@ -249,11 +249,10 @@ def expected_errors(
     cut, errors = windows.cut([run]), []
     for seed in range(count):
         random = np.random.default_rng(seed)
-        drawn = pushes.of_levels(run, fit.levels, random)
-        wrench, thrust = drawn.wrench, 0.0
+        (wrench, room), thrust = window_error.pushes(run, fit.levels, random), 0.0
         if trimmed:
             wrench = wrench + [fit.levels["trim_" + c] * random.normal() for c in "XYN"]
             thrust = fit.levels["thrust"] * random.normal()
-        artificial = window_error.recorded(run, fit.model, random, wrench, thrust, drawn.room)
+        artificial = window_error.recorded(run, fit.model, random, wrench, thrust, room)
         errors.append(float(window_error.channel_errors([artificial], cut, fit.model, [run]).sum()))
     return errors

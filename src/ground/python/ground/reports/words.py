@@ -300,14 +300,11 @@ def _unconfirmed(report: Document) -> Iterator[str]:
     for name, found in by_user.items():
         if found["verdict"] == "better":
             continue
-        together = judged[name]["together"]
         is_worse = found["verdict"] == "worse"
-        yield "%s %s (%s); cross-validation of all runs together %s (%s)." % (
+        yield "%s %s (%s)." % (
             "But the held-out runs contradict" if is_worse else "The held-out runs cannot confirm",
             effect(report, name),
             _risen(found),
-            {"better": "confirms it", "worse": "contradicts it"}.get(together["verdict"], "cannot either"),
-            _risen(together),
         )
     for name, found in judged.items():
         if found["fitted"]["verdict"] != "better":

@@ -7,7 +7,7 @@ from typing import Iterator, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import files
-from ground.analysis import window_error, validation
+from ground.analysis import folds, window_error
 from ground.annotations import Document
 from ground.api import fitting
 from ground.recordings import windows
@@ -61,9 +61,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--block",
         type=common.positive,
-        default=validation.BLOCK,
+        default=folds.BLOCK,
         help="length of the blocks of time that are held out, in %d parts at most [s] (%%(default)s)"
-        % validation.FOLDS,
+        % folds.BLOCK_FOLDS,
     )
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
@@ -124,8 +124,8 @@ def _errors(
     """Data, and the error there of the start values, of the fit, and held out."""
     errors, thesis = found.error, found.thesis_objective
     several = "all runs; held out: each by a fit to the others"
-    if len(found.runs) > validation.RUN_FOLDS:
-        several = "all runs; held out: in %d parts" % validation.RUN_FOLDS
+    if len(found.runs) > folds.RUN_FOLDS:
+        several = "all runs; held out: in %d parts" % folds.RUN_FOLDS
     words = several if found.runs else "the run"
     yield words, (errors.before, errors.after, errors.heldout_runs)
     if errors.blocks:
