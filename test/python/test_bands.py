@@ -41,7 +41,7 @@ def shares(found):
 
 def of_folds(case):
     runs, _, fit = case
-    split = folds.Folds(runs, Likelihood(runs, fit.model), fit.model, windows.cut(runs))
+    split = folds.Folds(runs, Likelihood(runs, fit.model), windows.cut(runs))
     return bands.of_folds(split, fit)
 
 
@@ -82,7 +82,7 @@ def test_a_single_run_is_predicted_by_its_other_quarters(cases):
     near = dataclasses.replace(fit, loudness=())
     fit = Likelihood(alone, fit.model).fit(fit.model, fit.free, near=near)
     whole = Likelihood(alone, fit.model)
-    split = folds.Folds(alone, whole, fit.model, windows.cut(alone))
+    split = folds.Folds(alone, whole, windows.cut(alone))
     (found,) = bands.of_folds(split, fit)
     starts = [p.times[0] for p in found.predictions]
     assert starts == sorted(starts) and len(set(starts)) == len(starts)

@@ -1,5 +1,4 @@
 """How much of a model's error any function of what was recorded could still explain."""
-import dataclasses
 import math
 import re
 
@@ -10,9 +9,9 @@ from conftest import MODEL, ROOT, identify, write_bag
 from ground.analysis import candidates, dictionary, naming, rivals, scalars, window_error
 from ground.analysis.agreement import agreement
 from ground.analysis.ceiling import ceiling, squared_errors
-from ground.analysis.criteria import USUAL
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
+from ground.analysis.search import EXCLUSION
 from ground.analysis.verdict import CLOSE
 from ground.recordings import repair, windows
 
@@ -142,7 +141,7 @@ def test_a_moment_by_heading_gets_its_name_and_size(turning):
 def hypotheses(likelihood, fit, left):
     """The arguments of the likeliest formulas of what is learnable."""
     best = naming.formula(likelihood, fit, left.found.regression)
-    close = CLOSE * USUAL.exclusion
+    close = CLOSE * EXCLUSION
     formulas = [best, *rivals.rivals(likelihood, fit, left.found, best, close)]
     return [sorted({a for piece in f.pieces for a in piece.arguments}) for f in formulas]
 
@@ -231,25 +230,6 @@ def test_the_wrench_of_a_run_is_predicted_from_the_others(turning):
     first, other = np.array(sizes)
     assert other[2] == pytest.approx(first[2], rel=0.05)
     assert (np.abs(other[:2] - first[:2]) > 0.5 * np.abs(first[:2])).all()
-
-
-def test_what_a_sample_depends_on_is_known_then(pushed):
-    """Nothing looks ahead: what is recorded later changes no sample before."""
-    runs, (_, fit, _, _) = pushed
-    run = runs[0]
-    later = np.array(run.times) > 5.0
-    poses = np.array(run.poses)
-    poses[later] += np.linspace(0, 1, later.sum())[:, None]
-    rows = np.array(run.inputs)
-    rows[rows[:, 0] > 5.0, 1:3] = 0.3
-    other = _core.RunData("other", run.times, run.eta, run.nu, rows, poses, NOISE)
-    fit = dataclasses.replace(fit, loudness=fit.loudness[:1])
-    one, two = (dictionary.samples(Likelihood([r], craft()), fit, 0) for r in (run, other))
-    before = one.times < 4.9
-    for name, values in one.values.items():
-        assert np.allclose(values[before], two.values[name][before], atol=1e-9), name
-        changed = not np.allclose(values[~before], two.values[name][~before], atol=1e-3)
-        assert changed or name in ("t", "lift"), name
 
 
 # --- The dictionary
@@ -373,32 +353,6 @@ def test_formulas_have_their_units(path, length, time):
         assert np.allclose(second, first * factor, rtol=0.02, atol=0.01 * np.abs(first).max() * factor), (
             one.family.name, one.parts, one.unit,
         )  # fmt: skip
-
-
-def test_forces_fixed_in_the_room_do_not_turn_with_the_craft():
-    model = craft()
-    sampled, _ = path_of(model)
-    fields = ("force by place", "waves of force", "wide field of force", "force fixed in the room")
-    c, s = np.cos(sampled.values["psi"]), np.sin(sampled.values["psi"])
-    turned = dict(sampled.values, psi=sampled.values["psi"] + 1.0)
-    features = [f for f in dictionary.dictionary(model, SCALES) if f.family.name in fields]
-    here = dictionary.wrenches(features, model, sampled).transpose(2, 1, 0)
-    there = dictionary.wrenches(features, model, dictionary.samples_of(model, turned, sampled.times))
-    other_c, other_s = np.cos(turned["psi"]), np.sin(turned["psi"])
-    for feature, (X, Y, _), (x, y, _) in zip(features, here, there.transpose(2, 1, 0)):
-        assert np.allclose(c * X - s * Y, other_c * x - other_s * y), feature.parts
-        assert np.allclose(s * X + c * Y, other_s * x + other_c * y), feature.parts
-
-
-def test_the_past_is_a_mean_that_forgets():
-    times = np.cumsum(np.random.default_rng(4).uniform(0.005, 0.02, 300))
-    values = np.random.default_rng(5).normal(size=(300, 1))
-    found = dictionary.past(times, values, 0.2)[:, 0]
-    for i in (1, 7, 150, 299):
-        begins, ends = times[:i], times[1 : i + 1]
-        weights = np.exp(-(times[i] - ends) / 0.2) - np.exp(-(times[i] - begins) / 0.2)
-        assert found[i] == pytest.approx(weights @ values[:i, 0])
-    assert found[0] == 0
 
 
 # --- Whether what is left is the random push

@@ -1,18 +1,13 @@
 """Memory, experiments, verdicts, and curves of thrust, each with plain numbers."""
-import dataclasses
-import types
 
 import numpy as np
 import pytest
 from conftest import MODEL, ROOT, simulate_run
-from test_own_stop import trial
 
 from ground import _core
 from ground.analysis import (
     comparison,
-    verdict,
     next_experiment,
-    own_stop,
     thrust_bench,
     thrust_curve,
     unit_slips,
@@ -81,22 +76,6 @@ def test_a_schedule_has_the_levels_and_the_lift_of_its_experiment():
     assert max(spans) == pytest.approx(8.0) and min(spans) >= 7.0  # eight seconds of thrust
 
 
-def test_a_run_of_an_experiment_ends_with_its_lift():
-    schedule = next(next_experiment.choices()).schedule()
-    noise = np.array([1e-4, 1e-4, 1e-3])
-    run = next_experiment._run(model(), schedule, noise)
-    times = np.array(run.times)
-    assert np.allclose(np.diff(times), 1 / 120)
-    lifted = schedule.rows[schedule.rows[:, 3] > 0, 0]
-    ends = schedule.rows[schedule.rows[:, 0] > lifted.max(), 0]
-    assert times[-1] < (ends.min() if len(ends) else schedule.end) <= times[-1] + 1 / 120 + 1e-9
-    assert np.array_equal(np.array(run.poses), np.array(run.eta)) and np.allclose(run.noise, noise)
-    full = np.array(run.inputs)[:, 1:3].max()
-    assert full == pytest.approx(model().input_max * schedule.rows[:, 1:3].max())
-    same = next_experiment._run(model(), schedule, noise)
-    assert np.array_equal(np.array(same.eta), np.array(run.eta))
-
-
 # --- comparisons
 
 
@@ -132,31 +111,6 @@ def test_pooled_numbers_are_those_of_all_samples():
     assert [row["seconds"] for row in found["horizons"]] == pytest.approx([0.01, 0.1, 0.25, 0.5, 1, 2, 4])
 
 
-def test_pieces_of_an_evaluation_are_samples_of_its_run():
-    run = run_data(duration=5.0)
-    found = comparison.evaluate(run, model())
-    for piece in found.pieces:
-        assert np.array_equal(piece["times"], np.array(run.times)[piece["index"]])
-        assert np.array_equal(piece["measured"], np.array(run.nu)[piece["index"]])
-        assert len(piece["nu"]) == len(piece["eta"]) == len(piece["index"])
-    assert len(found.index) == len(found.residual) == sum(len(p["index"]) for p in found.pieces)
-
-
-def test_the_objective_of_the_thesis_needs_four_seconds():
-    craft = model()
-    assert comparison.thesis_objective(run_data(duration=3.5), craft) is None
-    wrong = craft.copy()
-    wrong.set_value("k", 1.2 * craft.value("k"))
-    long = run_data(duration=8.0)
-    assert 0 < 3 * comparison.thesis_objective(long, craft) < comparison.thesis_objective(long, wrong)
-    runs = [run_data(duration=d) for d in (3.0, 5.0, 6.0)]
-    each = [comparison.thesis_objective(run, craft) for run in runs[1:]]
-    assert comparison.mean_thesis_objective(runs, craft) == pytest.approx(np.mean(each))
-    assert comparison.mean_thesis_objective(runs[:1], craft) is None
-    gap = run_data(duration=6.0, lost=[(1.0, 1.4)])  # also across a gap
-    assert comparison.thesis_objective(gap, craft) is not None
-
-
 def test_no_prediction_spans_a_gap():
     run = run_data(duration=6.0, lost=[(2.5, 3.0)])
     found = comparison.evaluate(run, model())
@@ -165,46 +119,6 @@ def test_no_prediction_spans_a_gap():
     # Starts every 0.1 s of 2.5 and 3 s without a gap, in as much as the horizon fits.
     assert rows[1.0] == pytest.approx(15 + 20, abs=3) and rows[2.0] == pytest.approx(5 + 10, abs=3)
     assert rows[1.0] < rows[0.5] < rows[0.1]
-
-
-# --- verdicts
-
-
-def verdict_of(
-    explained=False, varies=(), learnable=(), agrees=True, bound=0.0, refused=False,
-    trusted=True, **found
-):  # fmt: skip
-    """learnable: what it depends on, the most important first; refused: it predicts no other run."""
-    found = {"dropped": [], "chosen": [], **found}
-    left = types.SimpleNamespace(
-        said=bool(learnable), of_the_past=bool(learnable) and learnable[0] == "past", bound=bound,
-        found=object() if learnable or refused else None,
-    )  # fmt: skip
-    agreement = types.SimpleNamespace(holds=agrees)
-    diagnosis = types.SimpleNamespace(**found)
-    return verdict._verdict(diagnosis, explained, varies, left, agreement, trusted)
-
-
-def test_the_verdict_says_what_is_certain():
-    assert verdict_of(explained=True) == "complete" and verdict_of() == "complete"
-    assert verdict_of(chosen=["drag"]) == verdict_of(chosen=["drag"], explained=True) == "missing"
-    assert verdict_of(varies=["force"]) == "varies" and verdict_of(varies=["f"], chosen=["d"]) == "missing"
-    assert verdict_of(learnable=["past", "velocity"]) == "memory"
-    assert verdict_of(learnable=["velocity", "past"]) == "unexplained"
-    assert verdict_of(learnable=["place"], explained=True) == "complete"
-    assert verdict_of(learnable=["place"], chosen=["d"]) == "unexplained"
-    assert verdict_of(dropped=["d"], chosen=["e"]) == "missing"
-    assert verdict_of(chosen=["d"], trusted=False) == "undecided"
-    assert verdict_of(dropped=["d"], varies=["f"]) == "varies"
-
-
-@pytest.mark.parametrize(
-    "open_still",
-    [{"dropped": ["d"]}, {"agrees": False}, {"bound": 0.9}, {"refused": True}],
-)
-def test_runs_that_cannot_decide_are_not_called_complete(open_still):
-    assert verdict_of(**open_still) == "undecided"
-    assert verdict_of(explained=True, **open_still) == "complete"  # the poses' noise is all that is left
 
 
 # --- curves of thrust
@@ -231,38 +145,6 @@ def test_a_curve_that_is_measured_exactly_is_found(fit, force):
     assert found.largest == 1.0 and found.full == pytest.approx(force(np.array([1.0]))[0], abs=1e-6)
     scaled = fit(INPUTS, WORKING, 5 * WORKING * force(INPUTS))
     assert np.allclose(scaled.force(INPUTS), 5 * force(INPUTS), atol=1e-5)
-
-
-def test_words_and_orders_of_curves():
-    forces = WORKING * (0.1 * INPUTS + 0.3 * INPUTS**2)
-    curves = [c for c in (fit(INPUTS, WORKING, forces) for _, fit in thrust_curve.KINDS) if c]
-    assert [c.words for c in curves[:5]] == [
-        "proportional force", "power", "polynomial of degree 1", "polynomial of degree 2",
-        "polynomial of degree 3",
-    ]  # fmt: skip
-    assert [c.words for c in curves[5:]] == ["table of %d inputs" % len(c.knots) for c in curves[5:]]
-    assert [c.order for c in curves] == [1, 2, 2, 3, 4, 3, 5, 9]
-    inputs = np.linspace(0.1, 1, 40)
-    noisy = 0.3 * inputs**2 + 0.01 * np.random.default_rng(1).normal(size=40)
-    tables = [fit(inputs, np.ones(40), noisy) for kind, fit in thrust_curve.KINDS if kind == "table"]
-    assert len(tables) == 4
-    for coarse, fine in zip(tables, tables[1:]):  # each has the inputs of the one before, and more
-        assert all(np.abs(np.array(fine.knots[1:]) - w).min() < 1e-9 for w in coarse.knots[1:])
-        left = [((noisy - curve.force(inputs)) ** 2).sum() for curve in (coarse, fine)]
-        assert fine.order > coarse.order and left[1] <= left[0] + 1e-12
-
-
-def test_a_table_of_a_curve_ascends_from_nothing_to_one():
-    for fit, force in (
-        (thrust_curve.polynomial(2), lambda w: 0.1 * w + 0.3 * w**2),
-        (thrust_curve.table(4), lambda w: np.interp(w, [0, 0.3, 0.6, 1.0], [0, 0.2, 0.2, 0.9])),
-        (thrust_curve.polynomial(1), lambda w: 0.4 * np.maximum(0, w - 0.21)),
-    ):
-        curve = fit(INPUTS, WORKING, WORKING * force(INPUTS))
-        inputs, shares = np.array(curve.table()).T
-        assert inputs[0] == shares[0] == 0 and shares[-1] == pytest.approx(1, abs=1e-6)
-        assert (np.diff(inputs) > 0).all() and (np.diff(shares) >= 0).all() and inputs[-1] == 1.0
-        assert np.allclose(shares[2:-1] * curve.full, curve.force(inputs[2:-1]), atol=1e-6)
 
 
 def test_curves_that_fall_or_have_too_few_inputs_are_none():
@@ -308,38 +190,6 @@ def test_gains_of_thrusters_have_the_mean_1():
         assert low < found.values[name] < high and high - low < 0.02
 
 
-def test_the_scatter_of_repetitions_is_that_of_their_groups():
-    given = bench([1.0, 1.2], lambda w: 0.2 * w, 0.05, repeat=3)
-    deviation, squares, freedom = thrust_bench._pure_error(given)
-    groups = {}
-    for w, at, force in zip(given.inputs, given.together, given.forces):
-        groups.setdefault((w, *at), []).append(force)
-    expected = sum(((np.array(g) - np.mean(g)) ** 2).sum() for g in groups.values())
-    assert squares == pytest.approx(expected) and freedom == 2 * len(groups)
-    assert deviation == pytest.approx(np.sqrt(expected / freedom))
-    assert np.isnan(thrust_bench._pure_error(bench([1.0], lambda w: w, repeat=1))[0])
-
-
-def test_one_repetition_does_not_decide_about_the_curve():
-    """Two measurements that are the same by chance say nothing about the scatter."""
-    given = bench([1.0], lambda w: 0.2 * w, 0.02, levels=12, repeat=1)
-    columns = given.inputs, given.together, given.repetition, given.forces
-    twice = thrust_bench.Bench(*(np.append(a, a[-1:], axis=0) for a in columns))
-    assert thrust_bench._pure_error(twice)[2] == 1
-    assert thrust_bench.fit(twice, ["a"]).curve.kind == "linear"
-
-
-def test_columns_are_named_by_their_thrusters():
-    names = ["left", "right", "top_1"]
-    cases = {
-        "left": ["left"], "right_2": ["right"], "left+right": ["left", "right"], "both": names,
-        "both_3": names, "top_1": ["top_1"], "top_1_2": ["top_1"], "left+right_2": ["left", "right"],
-        "front": [], "": [],
-    }  # fmt: skip
-    for text, expected in cases.items():
-        assert thrust_bench._thrusters(text, names) == expected, text
-
-
 def test_a_table_is_read_in_newtons_and_shares_of_the_input(tmp_path):
     path = tmp_path / "bench.csv"
     path.write_text("pwm,left,left+right,left_2\n1000,0,0,0\n1500,10,20,12\n\n2000,30,60,34\n")
@@ -357,88 +207,6 @@ def test_a_table_is_read_in_newtons_and_shares_of_the_input(tmp_path):
     for wrong in (["3"], ["0"], ["front"]):
         with pytest.raises(GroundError, match="no thruster is called %s" % wrong[0]):
             thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, wrong)
-
-
-# --- the craft that stops by itself
-
-
-@pytest.mark.parametrize("time", [0.1, 0.4, 1.0])
-def test_a_change_of_slope_is_found_exactly(time):
-    times = np.arange(-0.5, 2.0, 0.01)
-    speeds = own_stop._shape(0.4, 0.3, time, 1.5, times)
-    found = own_stop.find_break(times, speeds, -0.4, 1.5)
-    assert (found.time, found.slope, found.braking) == pytest.approx((time, 0.3, 1.5), abs=1e-3)
-    assert found.deviation < 1e-3 and found.brakes
-    end = max(0.0, 0.4 + 0.3 * time - 1.5 * (1.5 - time))
-    assert found.loss == pytest.approx(0.4 + 0.3 * time - end, abs=1e-3)
-    later = own_stop.find_break(times + 7, speeds, 6.6, 8.5)
-    assert later.time == pytest.approx(7 + time, abs=1e-3)
-    double = own_stop.find_break(times, 2 * speeds, -0.4, 1.5)
-    assert (double.slope, double.braking) == pytest.approx((0.6, 3.0), abs=2e-3)
-
-
-def test_braking_is_more_than_gliding():
-    def change(braking, loss):
-        return own_stop.Break(0.2, 0.01, 0.3, braking, loss)
-
-    assert change(0.5, 0.1).brakes and not change(0.49, 0.1).brakes and not change(0.5, 0.09).brakes
-
-
-def test_a_craft_has_to_move_at_the_last_packet():
-    assert own_stop.judge(trial(0.3, speed=0.17, noise=0.0, thrust=0.1)).outcome == own_stop.PASSED
-    slow = own_stop.judge(trial(0.3, speed=0.14, noise=0.0, thrust=0.1))
-    assert slow.outcome == own_stop.UNDECIDED and slow.speed == pytest.approx(0.14, abs=0.01)
-    assert "it moved at 0.1" in slow.reason and "0.15 m/s are needed" in slow.reason
-
-
-def test_a_verdict_does_not_depend_on_the_clock():
-    given = dataclasses.replace(trial(0.4, telemetry=True), last_packet=0.004)
-    plain = own_stop.judge(given)
-    moved = dataclasses.replace(
-        given,
-        times=given.times + 50,
-        last_packet=50.004,
-        silence_end=given.silence_end + 50,
-        telemetry_times=given.telemetry_times + 50,
-    )
-    later = own_stop.judge(moved)
-    assert later.outcome == plain.outcome == own_stop.PASSED
-    for name in ("stopped_after", "uncertainty", "braking", "speed", "telemetry_after"):
-        assert getattr(later, name) == pytest.approx(getattr(plain, name), abs=1e-3), name
-
-
-def test_the_deviation_of_a_break_is_that_of_repeated_trials():
-    times = np.arange(-0.5, 2.0, 0.01)
-    found = []
-    for seed in range(16):
-        speeds = own_stop._shape(0.4, 0.3, 0.5, 1.5, times)
-        speeds = speeds + np.random.default_rng(seed).normal(0, 0.01, len(times))
-        found.append(own_stop.find_break(times, speeds, -0.4, 1.5))
-    scatter = np.std([one.time for one in found])
-    assert 0.6 * scatter < np.mean([one.deviation for one in found]) < 1.7 * scatter
-
-
-def test_few_telemetry_packets_say_nothing():
-    given = trial(0.4, telemetry=True)
-    assert own_stop.judge(given).telemetry_after is not None
-    for count, says in ((11, False), (30, True)):
-        picked = np.searchsorted(given.telemetry_times, np.linspace(-0.3, 0.5, count))
-        few = dataclasses.replace(
-            given, telemetry_times=given.telemetry_times[picked], telemetry=given.telemetry[picked]
-        )
-        assert (own_stop.judge(few).telemetry_after is not None) == says
-
-
-@pytest.mark.parametrize("time,seen", [(0.43, True), (0.51, True), (0.75, False)])
-def test_telemetry_shows_a_change_until_shortly_after_the_break(time, seen):
-    """The mocap's break is at 0.4 s; what happens to the craft later is something else."""
-    packets = np.arange(-0.3, 1.2, 0.02)
-    values = np.column_stack([100.0 * (packets > time), 0 * packets, 0 * packets])
-    given = dataclasses.replace(trial(0.4), telemetry_times=packets, telemetry=values)
-    found = own_stop._telemetry_change(given, 0.4)
-    assert (found is not None) == seen
-    if seen:
-        assert found == pytest.approx(time, abs=0.011)
 
 
 # --- units of typed values

@@ -21,7 +21,6 @@ import hidden_grammar  # noqa: E402
 import hidden_noise  # noqa: E402
 import hidden_score  # noqa: E402
 import hidden_share  # noqa: E402
-import hidden_table  # noqa: E402
 import hidden_visibility  # noqa: E402
 import hidden_white  # noqa: E402
 import resumed  # noqa: E402
@@ -316,28 +315,6 @@ def test_scores_of_sets_and_groups():
     assert not hidden_score.is_right(result([], ["c"]))
 
 
-def test_scores_of_reports_intervals_and_p_values():
-    assert hidden_score.says_varies(result(varies=["yaw_bias"]))
-    assert not hidden_score.says_varies(result())
-    assert hidden_score.says_memory(result(verdict="memory"))
-    assert hidden_score.false_memory(result(memory=True))
-    assert hidden_score.false_memory(result(memory=True, kind="history")) is None
-    assert hidden_score.made_worse(result([], ["a"])) is False
-    together = {"fit": [1.0, 0.5], "steps": [1.0, 1.1, 0.5]}  # two effects that lower it only together
-    assert hidden_score.made_worse(result([], ["a"], errors=together)) is False
-    too_many = {"fit": [1.0, 0.5], "steps": [1.0, 0.4, 0.5]}
-    assert hidden_score.made_worse(result([], ["a"], errors=too_many))
-    assert hidden_score.made_worse(result(errors=too_many)) is None
-    held = {"name": "a.x", "ci95": [0, 2], "identified": True, "true": 1.0}
-    parameters = [held, dict(held, true=3.0), dict(held, identified=False), dict(held, name="k")]
-    found = result(["a"], parameters=parameters)
-    assert hidden_score.intervals(found) == [True, False]
-    assert hidden_score.intervals(found, effects=False) == [True]
-    assert hidden_score.intervals(result(["b"], parameters=parameters)) == []
-    free = {"yaw_bias": 0.3, "input_delay": 1.0}
-    assert hidden_score.p_values(result(p_values=free)) == [0.3]
-
-
 def unnamed(verdict="complete", ceiling=None, steps=(1.0,), **more):
     """A result of a nameless effect of heading and velocity that causes half of the error held out."""
     effects = {"nameless": {"arguments": ["heading", "velocity"]}}
@@ -346,65 +323,6 @@ def unnamed(verdict="complete", ceiling=None, steps=(1.0,), **more):
     found = result(kind="nameless", effects=effects, verdict=verdict, errors=errors, **truth, **more)
     found["found"]["ceiling"] = ceiling
     return found
-
-
-def test_scores_of_nameless_effects():
-    seen = {"learnable": [0.65, 0.6, 0.8], "named": [0.0, 0.0, 0.0], "kept": 0.7}
-    seen["arguments"] = {"place": 0.1, "velocity": 0.5}
-    good = unnamed("unexplained", seen)
-    assert hidden_score.is_said(good) and hidden_score.has_right_argument(good)
-    assert hidden_score.halves_excess(good) and hidden_score.learnable_holds(good)
-    assert hidden_score.is_falsely_complete(good) is False
-    small = {"learnable": [0.1, 0.0, 0.2], "arguments": {"place": 0.1}, "kept": 0.8}
-    bad = unnamed("complete", small)
-    assert not hidden_score.has_right_argument(bad) and not hidden_score.halves_excess(bad)
-    assert hidden_score.excludes_truth(bad) and hidden_score.is_falsely_complete(bad)
-    silent = unnamed()  # without a ceiling
-    assert hidden_score.has_right_argument(silent) is None is hidden_score.learnable_holds(silent)
-    assert not hidden_score.halves_excess(silent)
-    rows = {line[0]: line[1:] for line in hidden_table.lines([good, bad])}
-    assert rows["nameless: said"][:2] == ["50.0%", "2"]
-
-
-def test_nulls_may_name_what_equals_their_trim():
-    trim = result([], ["yaw_bias"], allowed=["yaw_bias"])
-    assert not hidden_score.says_missing(trim)
-    assert hidden_score.says_missing(result([], ["yaw_bias"]))
-    assert hidden_score.says_missing(result(verdict="memory"))
-    assert not hidden_score.says_missing(result(verdict="varies"))
-
-
-def test_the_table_gives_rates_with_intervals_beside_their_bounds():
-    nulls = [result(kind="disturbed_null", seed=seed) for seed in range(400)]
-    for null, p in zip(nulls, np.linspace(0.001, 0.999, 400)):
-        null["found"]["p_values"] = {"yaw_bias": p}
-    rows = {line[0]: line[1:] for line in hidden_table.lines(nulls)}
-    chosen = rows["disturbed nulls: an effect chosen"]
-    assert chosen[:5] == ["0.0%", "400", "0.0 to 0.9%", "<= 1%", "yes"]
-    assert rows["disturbed nulls: p-values below 1%; Kolmogorov-Smirnov"][4] == "yes"
-    for null in nulls[:6]:
-        null["found"]["chosen"] = ["yaw_bias"]
-    for null in nulls:
-        null["found"]["p_values"]["yaw_bias"] **= 2
-    rows = {line[0]: line[1:] for line in hidden_table.lines(nulls)}
-    assert rows["disturbed nulls: an effect chosen"][4] == "no"
-    assert rows["disturbed nulls: p-values below 1%; Kolmogorov-Smirnov"][4] == "no"
-    assert "| 1.5% | 400 |" in hidden_table.markdown(hidden_table.lines(nulls))
-
-
-def test_verdicts_are_counted_by_kind():
-    results = [result(kind=kind, verdict=verdict) for kind, verdict in ("ax", "bx", "ay", "ax")]
-    counted = hidden_table.verdicts(results)
-    assert counted == [["verdicts", "x", "y"], ["a", "2", "1"], ["b", "1", "0"]]
-
-
-def test_the_table_gives_the_rate_among_visible_effects():
-    one = {"kind": "disturbed_single", "level": 0.02}
-    seen = result(["a"], ["a"], visibility={"a": 100.0}, **one)
-    unseen = result(["a"], [], visibility={"a": 3.0}, **one)
-    rows = {line[0]: line[1:] for line in hidden_table.lines([seen, unseen])}
-    found = rows["one effect, disturbance 2%: found"]
-    assert found[0] == "50.0%" and found[-1] == "100.0% of 1"
 
 
 def test_an_interrupted_bench_resumes(tmp_path):

@@ -1,5 +1,4 @@
 """Statistics behind the analysis, against plain references and scipy.stats."""
-import types
 
 import numpy as np
 import pytest
@@ -11,12 +10,10 @@ from ground.analysis import (
     bands,
     distributions,
     folds,
-    score_tests,
     window_error,
     evidence,
-    validation,
 )
-from ground.recordings import repair, windows
+from ground.recordings import repair
 
 
 def model():
@@ -48,12 +45,6 @@ def test_tails_are_those_of_scipy(freedom):
         assert distributions.student_limit(chance, freedom) == pytest.approx(
             stats.t.isf(chance, freedom)
         )
-
-
-def test_heads_are_binomial():
-    for tosses in (1, 3, 6):
-        found = [distributions.heads(count, tosses) for count in range(tosses + 1)]
-        assert found == pytest.approx(stats.binom.pmf(range(tosses + 1), tosses, 0.5))
 
 
 def test_the_mean_is_tested_as_by_scipy():
@@ -147,27 +138,6 @@ def test_an_artificial_recording_has_the_noise_and_the_motion_of_the_model():
     assert not np.array_equal(floor, window_error.noise_floor([run], craft, 2))
 
 
-# --- blocks that are held out
-
-
-def test_each_fold_is_fitted_without_its_windows():
-    seen = []
-
-    def fit(cut, initial):
-        seen.append((list(cut), list(initial)))
-        return {"model": len(seen)}
-
-    from ground.progress import Work
-
-    found = validation._refits([10, 11, 12, 13], [0, 1, 0, 2], fit, "abcd", Work())
-    assert found == {0: {"model": 1}, 1: {"model": 2}, 2: {"model": 3}}
-    assert seen == [
-        ([11, 13], ["b", "d"]),
-        ([10, 12, 13], ["a", "c", "d"]),
-        ([10, 11, 12], ["a", "b", "c"]),
-    ]
-
-
 # --- bands
 
 
@@ -198,102 +168,3 @@ def test_coverage_is_the_share_of_measurements_inside():
     alone = bands.coverage(many[:1])
     assert all(row["ci95"] is None and row["coverage"] == 0.8 for row in alone)
     assert bands.coverage([bands.Bands(run, ())]) == []
-
-
-def of_folds(monkeypatch, runs, count):
-    """What bands.of_folds predicts: (run, model, windows, loudness) of each part."""
-    cut = windows.cut(runs)
-    fold_of = [w.run % count if len(runs) > 1 else i % count for i, w in enumerate(cut)]
-    folds = types.SimpleNamespace(
-        runs=runs, count=count, cut=cut, fold_of=fold_of, each=map,
-        models=lambda fit: ["without %d" % fold for fold in range(count)],
-    )  # fmt: skip
-    asked = []
-
-    def predict(task):
-        asked.append(task)
-        starts = [prediction(float(task[0].times[w.first]), 9.0) for w in task[2]]
-        return bands.Bands(None, tuple(starts))
-
-    monkeypatch.setattr(bands, "_predict", predict)
-    fit = types.SimpleNamespace(loudness=(1.0, 2.0, 6.0)[: len(runs)])
-    return bands.of_folds(folds, fit), asked, cut
-
-
-def test_bands_of_runs_are_by_models_without_them(monkeypatch):
-    runs = [run_data(5.0, seed=seed) for seed in (1, 2, 3)]
-    for count, loudness in ((3, [4.0, 3.5, 1.5]), (2, [2.0, 3.5, 2.0])):
-        found, asked, cut = of_folds(monkeypatch, runs, count)
-        assert [one.run for one in found] == runs and len(asked) == 3
-        for i, (run, craft, some, loud) in enumerate(asked):
-            assert run is runs[i] and craft == "without %d" % (i % count)
-            assert some == [w for w in cut if w.run == i] and loud == loudness[i]
-    two, asked, _ = of_folds(monkeypatch, runs[:2], 2)
-    assert [one.run for one in two] == runs[:2] and [task[3] for task in asked] == [2.0, 1.0]
-
-
-def test_bands_of_one_run_are_by_models_without_its_parts(monkeypatch):
-    run = run_data(9.0)
-    (found,), asked, cut = of_folds(monkeypatch, [run], 2)
-    assert found.run is run and [task[1] for task in asked] == ["without 0", "without 1"]
-    assert [task[2] for task in asked] == [cut[::2], cut[1::2]] and [task[3] for task in asked] == [1.0] * 2
-    begins = [float(one.times[0]) for one in found.predictions]
-    assert begins == [run.times[w.first] for w in cut]  # the order of the parts
-
-
-# --- score tests
-
-
-def scores_of(A, blocks, scale, neutral_at_bound=()):
-    """ScoreTests of two effects, "a" with one parameter and "b" with two, beside two fitted ones."""
-    tests = score_tests.ScoreTests.__new__(score_tests.ScoreTests)
-    tests.nuisance, tests.nuisance_scale, tests.scale = ["k", "X_u"], scale[:2], scale[2:]
-    tests.names, tests.columns = ["a.p", "b.p", "b.q"], {"a": [0], "b": [1, 2]}
-    tests.side = np.array([1 if name in neutral_at_bound else 0 for name in tests.names])
-    tests._project({"information": A, "score": blocks}, 2)
-    return tests
-
-
-def random_scores(seed=1):
-    random = np.random.default_rng(seed)
-    root = random.normal(size=(5, 5))
-    return root @ root.T + np.eye(5), random.normal(size=(7, 5)), random.uniform(0.5, 2, 5)
-
-
-def test_a_score_test_is_the_gain_of_the_quadratic_likelihood():
-    """To second order the log-likelihood is s'x - x'Ax/2; its largest values with and without the effect
-    differ by the gain. Here the score of what was fitted is not zero."""
-    A, blocks, scale = random_scores()
-    tests, s = scores_of(A, blocks, scale), blocks.sum(axis=0)
-
-    def most(at):
-        step = np.linalg.solve(A[np.ix_(at, at)], s[at])
-        return s[at] @ step, step
-
-    for names, at in ((["a"], [2]), (["b"], [3, 4]), (["a", "b"], [2, 3, 4])):
-        gain, step = tests.test(names)
-        whole, best = most([0, 1] + at)
-        assert gain == pytest.approx(whole - most([0, 1])[0])
-        expected = dict(zip([tests.names[i - 2] for i in at], best[2:] * scale[at]))
-        assert step == pytest.approx(expected)
-    assert tests.test([]) == (0.0, {})
-
-
-def test_an_effect_that_fitted_parameters_imitate_is_hidden():
-    A, blocks, scale = random_scores()
-    tests = scores_of(A, blocks, scale)
-    assert 0 < tests.seen("a") < 1 and not tests.hidden("a")
-    inverse = np.linalg.inv(A[np.ix_([0, 1, 2], [0, 1, 2])])
-    assert tests.seen("a") == pytest.approx(1 / inverse[2, 2] / A[2, 2])
-    copied = np.array(A)
-    copied[2], copied[:, 2] = copied[0], copied[:, 0]
-    copied[2, 2] = copied[0, 0] * (1 + 1e-4)
-    same = scores_of(copied, blocks, scale)
-    assert same.seen("a") < 0.003 and same.hidden("a")
-    steps = same.in_place("a", 0.5)
-    assert steps["a.p"] == pytest.approx(0.5 * scale[2])
-    assert steps["k"] == pytest.approx(-0.5 * scale[0], rel=1e-3)
-    assert steps["X_u"] == pytest.approx(0, abs=1e-3)
-    blind = np.array(A)
-    blind[2] = blind[:, 2] = 0
-    assert not scores_of(blind, blocks, scale).hidden("a")  # it does nothing at all

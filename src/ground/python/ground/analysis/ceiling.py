@@ -59,7 +59,6 @@ class Found:
     terms: List[Term]
     fit: Fit  # with the wrench as a known input
     wrenches: List[Array]  # of each run (thinned), predicted from the others [N], [N m]
-    gain: float  # log-likelihood that it gains on runs that it was not fitted to
     arguments: Dict[str, float]  # part of it that each accounts for, largest first
 
 
@@ -81,15 +80,20 @@ class Ceiling:
     named: Share
     learnable: Share
     chance: Share
-    of_runs: Share  # the part of chance that differs from run to run but is constant in each
     left: Share  # learnable part of what the grown model leaves
     arguments: Dict[str, float]  # part of the learnable share that each accounts for
     found: Optional[Found]
     # largest share of what is left that the data allow a function of one kind, and what was found
     bound: float
-    errors: Dict[str, float]  # root mean square of e/s: before, with the effects, with the wrench too
-    squares: Tuple[Array, Array, Array]  # the same of each window, squared
+    squares: Tuple[Array, Array, Array]  # mean square of e/s of each window: before, with the effects, with
+    # the wrench too
     poses: Optional[Poses]
+
+    @property
+    def errors(self) -> Dict[str, float]:
+        """Root mean square errors: before, now with the effects, and after with the wrench too."""
+        roots = [float(np.sqrt(square.mean())) for square in self.squares]
+        return dict(zip(("before", "now", "after"), roots))
 
     @property
     def of_the_past(self) -> bool:
@@ -123,7 +127,6 @@ class Ceiling:
             learnable=replace(learnable, high=max(learnable.high, self.learnable.high)),
             chance=_share(reached, np.zeros_like(reached), start),
             left=replace(left, high=max(left.high, self.left.high)),
-            errors={**self.errors, "after": _root(reached)},
             squares=(start, now, reached),
         )
 
@@ -173,12 +176,10 @@ def ceiling(
         _share(start, now, start),
         replace(learnable, high=min(1.0, max(learnable.high, bound * now.sum() / whole))),
         _share(after, np.zeros_like(after), start),
-        _share(now, _errors_or(now, lambda: _with_own_constants(runs, cut, fit)), start),
         replace(left, high=min(1.0, bound)),
         found.arguments if found else {},
         found,
         bound,
-        {"before": _root(start), "now": _root(now), "after": _root(after)},
         (start, now, after),
         _poses(runs, before, fit.model, found, known),
     )
@@ -272,10 +273,6 @@ def _excerpt(
     return shorter, replace(fit, loudness=loudness, trims=trims), pieces, windows.cut(pieces)
 
 
-def _root(errors: Array) -> float:
-    return float(np.sqrt(errors.mean()))
-
-
 def _share(worse: Array, better: Array, whole: Array) -> Share:
     """Fall of the mean error of windows over the whole, with a jackknife over windows."""
     fall, total, count = worse - better, whole.sum(), len(whole)
@@ -299,7 +296,7 @@ def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
         terms = wider.choose(parts)
         if not terms:
             break
-        gain, wrenches = wider.gain(terms, parts), wider.predicted(terms, parts)
+        wrenches = wider.predicted(terms, parts)
         current = Likelihood(
             [with_known(run, w) for run, w in zip(likelihood.runs, wrenches)],
             likelihood.craft,
@@ -313,7 +310,7 @@ def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
         rise = refitted.log_posterior - near.log_posterior
         if rise < RISE:
             break
-        best = Found(wider, terms, refitted, wrenches, gain, _arguments(wider, terms))
+        best = Found(wider, terms, refitted, wrenches, _arguments(wider, terms))
         if rise < ENOUGH:
             break
         regression = wider.again(current, refitted, wider.promising(PROMISING, terms))
@@ -346,20 +343,6 @@ def _at_all(wrench: Array, run: _core.RunData, thin: _core.RunData) -> Array:
 
 
 # Errors
-
-
-def _with_own_constants(
-    runs: Sequence[_core.RunData], cut: Sequence[_core.Window], fit: Fit
-) -> Array:
-    """squared_errors of windows with the constant wrench and the thrust that a Fit has for each run."""
-    errors = np.empty(len(cut))
-    for i, trim in enumerate(fit.trims):
-        own = fit.model.copy()
-        own.set_value("k", own.value("k") * (1 + trim["thrust"]))
-        known = [np.tile(trim["wrench"], (len(run.times), 1)) for run in runs]
-        at = [j for j, window in enumerate(cut) if window.run == i]
-        errors[at] = squared_errors(runs, [cut[j] for j in at], own, known)
-    return errors
 
 
 def squared_errors(
@@ -413,16 +396,11 @@ def _arguments(regression: Regression, terms: Sequence[Term]) -> Dict[str, float
     shares: Dict[str, float] = {}
     whole = _explained(regression, terms, terms)
     for name in ARGUMENTS:
-        without = [t for t in terms if name not in arguments_of(regression, t)]
+        without = [t for t in terms if name not in regression.arguments(t)]
         if len(without) < len(terms):
             part = 1 - _explained(regression, terms, without) / max(whole, 1e-300)
             shares[name] = float(np.clip(part, 0, 1))
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
-
-
-def arguments_of(regression: Regression, term: Term) -> Sequence[str]:
-    """What a term depends on."""
-    return sorted(regression.features[int(term.columns[0])].family.arguments)
 
 
 def _explained(regression: Regression, terms: Sequence[Term], of: Sequence[Term]) -> float:

@@ -25,14 +25,12 @@ from ground.analysis import (
     window_error,
 )
 from ground.analysis.candidates import Candidate
-from ground.analysis.criteria import Criteria
 from ground.analysis.evidence import Dropped
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
-from ground.analysis.search import Search
+from ground.analysis.search import REFITTED, Search
 from ground.annotations import Each
-from ground.core_types import Estimate
 from ground.progress import Work
 
 # An effect matters if it moves the predicted pose at the horizon by this multiple of the noise of a
@@ -42,7 +40,6 @@ MIN_CHANGE = 5.0
 # Multiple of the significant log-likelihood ratio from which an effect is certain even if a quarter of the
 # poses only were independent.
 CERTAIN = 4.0
-WAITING_THREADS = 4  # threads that submit work to the pool and wait for it
 MAX_REPEATS = 3  # repetitions of the search because other differences between runs were found
 
 
@@ -59,7 +56,7 @@ class Diagnosis:
     """A model compared with runs, and grown by the missing effects.
 
     runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are
-    refitted in a step, best by score test first (None: as Criteria say); threads: 0 for all
+    refitted in a step, best by score test first (None: search.REFITTED); threads: 0 for all
     cores; work: told of what is done; most: largest number of windows over which the error is taken;
     each: maps pieces of work, which can be pickled, over items (None: in the threads).
     """
@@ -84,8 +81,6 @@ class Diagnosis:
         self.threads = 1 if threads else 0
         count = threads or len(os.sched_getaffinity(0))
         self.pool = ThreadPoolExecutor(count)
-        # A thread of the pool that waited for the pool would block it.
-        self.waiting = ThreadPoolExecutor(WAITING_THREADS if count > 1 else 1)
         self.each: Each = each or self.pool.map
         self.fitter = window_error.WindowFitter(runs, threads=1, most=most)
         self.cut = self.fitter.windows
@@ -111,15 +106,10 @@ class Diagnosis:
         levels = [d.kind.level for d in differences]
         self.likelihood = Likelihood(self.runs, self.given, levels, self.threads)
         self.folds = folds.Folds(self.runs, self.likelihood, self.cut, self.each)
-        fitting = Fitting(
-            self.likelihood,
-            self.given,
-            window_error.free_parameters,
-            {candidate.name: candidate for candidate in self.candidates},
-            Criteria() if self.budget is None else Criteria(refitted=self.budget),
-        )
+        by_name = {candidate.name: candidate for candidate in self.candidates}
         self.search = Search(
-            fitting,
+            Fitting(self.likelihood, self.given, by_name),
+            REFITTED if self.budget is None else self.budget,
             self.each,
             self.work,
             lambda better, current: self._refuted(better, current) is None,
@@ -155,7 +145,7 @@ class Diagnosis:
 
     @property
     def best(self) -> folds.Judged:
-        """held_out.Judged of the grown model."""
+        """folds.Judged of the grown model."""
         return self.judged[self.names]
 
     def ceiling_of(self, found: Optional[FrozenSet[str]] = None) -> ceiling.Ceiling:
@@ -181,7 +171,7 @@ class Diagnosis:
         return self.formulas[names]
 
     def judge(self, names: FrozenSet[str]) -> folds.Judged:
-        """held_out.Judged of a set of effects that was fitted."""
+        """folds.Judged of a set of effects that was fitted."""
         if names not in self.judged:
             self.judged[names] = self.folds.judge(self.search.fits[names])
         return self.judged[names]
@@ -233,10 +223,8 @@ class Diagnosis:
             names = sorted(found)
             self.judge(found)
             self.search.without_each(found, names)
-            objections = list(
-                self.waiting.map(lambda name, found=found: self._objection(found, name), names)
-            )
-            refused = [(name, why) for name, why in zip(names, objections) if why]
+            objections = [(name, self._objection(found, name)) for name in names]
+            refused = [(name, why) for name, why in objections if why]
             if not refused:
                 return found
             name, why = min(refused, key=lambda r: self.search.ratio(found, found - {r[0]}))
@@ -249,7 +237,8 @@ class Diagnosis:
         rest = self.search.without(found, name)
         why = self._refuted(found, rest)
         self.work.step()
-        return why if why or self._matters(found, rest) else "slight"
+        # on long runs the likelihood detects a millisecond of network latency as a delay
+        return why if why or self._change(found, rest).relative >= MIN_CHANGE else "slight"
 
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Optional[str]:
         """Reason why held-out data speak against a set and for a smaller one; None if they do not.
@@ -266,26 +255,16 @@ class Diagnosis:
         """A set compared with a smaller one on parts of the runs that neither was fitted to."""
         return folds.compared(self.judge(found).tested, self.judge(rest).tested)
 
-    def _matters(self, found: FrozenSet[str], rest: FrozenSet[str]) -> bool:
-        """Whether an effect changes predicted poses by more than their noise hides. On long runs the
-        likelihood detects a millisecond of network latency as a delay."""
-        return self._larger(self.search.fits[found], self.search.fits[rest])
-
-    def _larger(self, with_it: Fit, without: Fit) -> bool:
-        """Whether a Fit changes predicted poses by more than their noise hides."""
-        return self._change(with_it, without).relative >= MIN_CHANGE
-
-    def _change(self, with_it: Fit, without: Fit) -> horizon.Change:
-        """By how much a Fit changes predicted poses."""
-        models = (without.model, with_it.model)
+    def _change(self, found: FrozenSet[str], rest: FrozenSet[str]) -> horizon.Change:
+        """By how much a set changes the poses that a smaller one predicts."""
+        models = (self.search.fits[rest].model, self.search.fits[found].model)
         return horizon.change(self.runs, self.starts, self.prediction_time, models)
 
     def _drop(self, found: FrozenSet[str], name: str, why: str) -> None:
         self.search.without(found, name)
         trial = self.trial_in(found, name)
         if why == "slight":
-            fits = self.search.fits
-            self.slight = replace(trial, change=self._change(fits[found], fits[found - {name}]))
+            self.slight = replace(trial, change=self._change(found, found - {name}))
             self.slight_sets = found, found - {name}
         else:
             # An effect may be refused several times, in different sets: the last reason counts.
@@ -335,15 +314,9 @@ class Diagnosis:
 
     def _mark_equals(self) -> None:
         """Groups each chosen effect with those that the data cannot distinguish from it."""
-        def rivals_of(step: Step) -> List[str]:
-            found = self.search.rivals(self.names, step.added)
+        for i, step in enumerate(self.steps):
+            self.steps[i] = replace(step, group=(step.added, *self.search.rivals(self.names, step.added)))
             self.work.step()
-            return found
-
-        rivals = self.waiting.map(rivals_of, self.steps)
-        self.steps = [
-            replace(step, group=(step.added, *names)) for step, names in zip(self.steps, rivals)
-        ]
         first = self.steps[0].group if self.steps else ()
         refitted = [t.name for t in self.tried if t.refitted]
         values = {name: self.search.value(frozenset([name])) for name in refitted}
@@ -366,32 +339,19 @@ class Diagnosis:
             return self.trial_in(names, name)
         gain, step = tests.test((name,))
         model = candidate.neutral(self.search.fits[frozenset()].model)
-        parameters = tests.estimates(model, name, step)
-        return self._as_trial(name, model, parameters, gain, tests.seen(name) > UNSEEN, False)
+        parameters, seen = tests.estimates(model, name, step), tests.seen(name) > UNSEEN
+        tried = len(self.candidates)
+        return evidence.trial(name, model, parameters, gain, seen, False, tried, self.samples)
 
     def trial_in(self, found: FrozenSet[str], name: str) -> evidence.Trial:
         """The Trial of an effect of a fitted set against the set without it."""
-        fit = self.search.fits[found]
+        fit, gain = self.search.fits[found], self.search.ratio(found, found - {name})
         parameters = [p for p in fit.parameters if p["name"].split(".")[0] == name]
-        seen = any(p["identified"] for p in parameters)
-        return self._as_trial(
-            name, fit.model, parameters, self.search.ratio(found, found - {name}), seen, True
-        )
-
-    def _as_trial(
-        self,
-        name: str,
-        model: _core.Model,
-        parameters: Sequence[Estimate],
-        gain: float,
-        seen: bool,
-        refitted: bool,
-    ) -> evidence.Trial:
-        tried = len(self.candidates)
-        return evidence.trial(name, model, parameters, gain, seen, refitted, tried, self.samples)
+        seen, tried = any(p["identified"] for p in parameters), len(self.candidates)
+        return evidence.trial(name, fit.model, parameters, gain, seen, True, tried, self.samples)
 
     def judged_of(self, trial: evidence.Trial) -> Optional[folds.Judged]:
-        """held_out.Judged of the nominal model with a Trial's effect; None if it was not refitted."""
+        """folds.Judged of the nominal model with a Trial's effect; None if it was not refitted."""
         names = frozenset([trial.name])
         return self.judge(names) if names in self.search.fits else None
 

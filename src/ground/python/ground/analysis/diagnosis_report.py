@@ -154,7 +154,6 @@ def _ceiling(left: Ceiling, formula: Optional[naming.Formula]) -> Document:
         "named": _share(left.named),
         "learnable": _share(left.learnable),
         "chance": _share(left.chance),
-        "of_runs": _share(left.of_runs),
         "of_left": _share(left.left),
         "bound": left.bound,
         "said": left.said,

@@ -1,19 +1,22 @@
 """Fits of a set of effects that is extended by others: pieces of work that any worker can do."""
 
 from dataclasses import dataclass
-from typing import Callable, FrozenSet, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import FrozenSet, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
 from ground.analysis.candidates import Candidate
-from ground.analysis.criteria import Criteria
+from ground.analysis.window_error import free_parameters
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests, stepped
 from ground.errors import GroundError
 from ground.recordings import windows
 
-FreeOf = Callable[[_core.Model], Sequence[str]]  # names of a model's free parameters
+STEPS = (1.0, 0.3, 0.1)  # parts of the score test's step that refits start from
+SIZES = (0.5, 0.2, -0.2)  # start values of an effect that score tests cannot see, over its typical size
+WINDOWS = 40  # on which far starts are tried by simulation error
+MAX_FAR_ERROR = 0.98  # largest error from a far start, relative to the neutral one, for a fit
 
 
 @dataclass(frozen=True)
@@ -22,9 +25,7 @@ class Fitting:
 
     likelihood: Likelihood
     given: _core.Model
-    free_of: FreeOf
     candidates: Mapping[str, Candidate]
-    criteria: Criteria
 
     def has_starts(self, name: str) -> bool:
         """Whether an effect has minima far from its neutral parameters."""
@@ -33,7 +34,7 @@ class Fitting:
     def from_start(self, start: _core.Model, near: Optional[Fit]) -> List[Fit]:
         """The fit from a start, as a list; an empty one where it cannot be simulated."""
         try:
-            return [self.likelihood.fit(start, self.free_of(start), near)]
+            return [self.likelihood.fit(start, free_parameters(start), near)]
         except GroundError:
             return []
 
@@ -67,8 +68,7 @@ class Extension:
         the fitted parameters do as well, all parts are the same."""
         _, step = self.tests.test(added)
         all_the_same = not step or any(self.tests.hidden(name) for name in added)
-        steps = self.fitting.criteria.steps
-        for part in steps[:1] if all_the_same else steps:
+        for part in STEPS[:1] if all_the_same else STEPS:
             yield stepped(extended, step, part)
 
     def _unseen_starts(
@@ -77,7 +77,7 @@ class Extension:
         """Models to start from where score tests do not point to, and Fits whose levels are near."""
         for name in added:
             if self.tests.hidden(name):
-                for part in self.fitting.criteria.sizes:
+                for part in SIZES:
                     yield stepped(extended, self.tests.in_place(name, part)), self.base
         far = [name for name in added if self.fitting.has_starts(name)]
         if far and ((not self.current and len(added) == 1) or self._is_far_off()):
@@ -103,13 +103,13 @@ class Extension:
         if not others:
             return []
         runs = fitting.likelihood.runs
-        chosen = windows.spread(windows.cut(runs), fitting.criteria.windows)
+        chosen = windows.spread(windows.cut(runs), WINDOWS)
         problem = windows.problem(runs, chosen)
 
         def fitted(model: _core.Model) -> Tuple[float, _core.Model]:
             """The error and the fit from a start; infinite where it cannot be simulated."""
             try:
-                found = problem.fit(model, fitting.free_of(model), threads=1)
+                found = problem.fit(model, free_parameters(model), threads=1)
             except (RuntimeError, ValueError):
                 return np.inf, model
             return found["objective"], found["model"]
@@ -118,7 +118,7 @@ class Extension:
         better = [
             model
             for error, model in (fitted(other) for other in others)
-            if error < fitting.criteria.max_far_error * least
+            if error < MAX_FAR_ERROR * least
         ]
         # The fit from neutral may have found its way, where the likelihood would not.
         return better or [near]
@@ -143,5 +143,5 @@ class Reduction:
         neutral = self.nominal.model  # the others are unstable without it
         for other in sorted(self.current - {name}):
             neutral = self.fitting.candidates[other].neutral(neutral)
-        return self.fitting.likelihood.fit(neutral, self.fitting.free_of(neutral), self.nominal)
+        return self.fitting.likelihood.fit(neutral, free_parameters(neutral), self.nominal)
 

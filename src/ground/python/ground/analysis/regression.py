@@ -418,6 +418,10 @@ class Regression:
         best = np.argsort(-self.significance())[:most]
         return np.array(sorted(whole | set(best.tolist())))
 
+    def arguments(self, term: Term) -> AbstractSet[str]:
+        """What a term depends on."""
+        return self.features[int(term.columns[0])].family.arguments
+
     def label(self, j: int) -> str:
         """A feature in words of its formulas."""
         return ", ".join("%s: %s" % part for part in self.features[j].parts.items())

@@ -23,25 +23,42 @@ from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.likelihood import Fit
 from ground.analysis.refits import Extension, Fitting, Reduction
 from ground.analysis.score_tests import ScoreTests
+from ground.analysis.window_error import free_parameters
 from ground.annotations import Each
 from ground.progress import Work
 
 
+LEVEL = 0.01  # probability of choosing an effect although none is missing
+REFITTED = 4  # effects that are refitted in a step, best by score test first
+PAIRS = 2  # pairs that are refitted in a step
+MIN_BEST_GAIN = 0.3  # least expected gain of what may be the best addition, over the largest one
+MIN_GAIN = 3.0  # expected gain per parameter that a refit needs
+# An effect is tested for removal if its Wald ratio is below this multiple of its threshold. The Wald ratio
+# is far too large where levels would change with the removal.
+WALD_MARGIN = 10.0
+RIVALS = 3  # effects that are tried in the place of a chosen one
+MIN_RIVAL_GAIN = 0.4  # least expected gain of a rival, relative to the chosen effect's
+# Log-likelihood ratio from which a rival is excluded. If the rival were true, so large a ratio would
+# have a probability of at most 0.4% (its root is the least number of standard deviations).
+EXCLUSION = 7.0
+
+
 class Search:
-    """Sets of effects added to a model, on the runs of a Likelihood. each: maps pieces of work over
-    items, in parallel if it can; work: told of what is done; holds(better, current): whether
+    """Sets of effects added to a model, on the runs of a Likelihood. refitted: number of effects that are
+    refitted in a step; each: maps pieces of work over items, in parallel if it can; work: told of what is done; holds(better, current): whether
     a grown set does better on held-out data, too."""
 
     def __init__(
         self,
         fitting: Fitting,
+        refitted: int = REFITTED,
         each: Each = map,
         work: Optional[Work] = None,
         holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
     ) -> None:
         self.fitting = fitting
         self.likelihood, self.given = fitting.likelihood, fitting.given
-        self.candidates, self.criteria = fitting.candidates, fitting.criteria
+        self.candidates, self.refitted = fitting.candidates, refitted
         self._sizes: Dict[str, int] = {}  # parameters of an effect
         self._thresholds: Dict[int, float] = {}  # by number of parameters
         self.each = each
@@ -57,7 +74,7 @@ class Search:
         """The Fit of the model as it is."""
         if frozenset() not in self.fits:
             self.fits[frozenset()] = self.likelihood.fit(
-                self.given, self.fitting.free_of(self.given), near
+                self.given, free_parameters(self.given), near
             )
         return self.fits[frozenset()]
 
@@ -96,7 +113,7 @@ class Search:
 
     def _threshold(self, size: int) -> float:
         if size not in self._thresholds:
-            chance = self.criteria.level / max(1, len(self.candidates))
+            chance = LEVEL / max(1, len(self.candidates))
             self._thresholds[size] = chi_squared_limit(chance, size)
         return self._thresholds[size]
 
@@ -133,7 +150,7 @@ class Search:
             return [list(proposals)]
         tests = self.test_beside(current)
         gains = {proposal: tests.test(proposal)[0] for proposal in proposals}
-        least = self.criteria.min_best_gain * max(gains.values(), default=0.0)
+        least = MIN_BEST_GAIN * max(gains.values(), default=0.0)
         first = [p for p in proposals if gains[p] >= least]
         return [first, [p for p in proposals if gains[p] < least]]
 
@@ -142,16 +159,16 @@ class Search:
         return self._refused.get(current, [])
 
     def _proposals(self, current: FrozenSet[str]) -> List[Tuple[str, ...]]:
-        tests, criteria = self.test_beside(current), self.criteria
+        tests = self.test_beside(current)
         rest = list(tests.columns)
         gains: Dict[Tuple[str, ...], float] = {
             (n,): tests.test((n,))[0] - self._size(n) for n in rest
         }
         singles = sorted(gains, key=gains.__getitem__, reverse=True)
         promising = [
-            s for s in singles if gains[s] + self._size(s[0]) > criteria.min_gain * self._size(s[0])
+            s for s in singles if gains[s] + self._size(s[0]) > MIN_GAIN * self._size(s[0])
         ]
-        chosen = promising[: criteria.refitted]
+        chosen = promising[: self.refitted]
         turned: List[Tuple[str, ...]] = [
             (n,)
             for n in rest
@@ -166,7 +183,7 @@ class Search:
                 pairs[pair] = gain
         best = sorted(pairs, key=pairs.__getitem__, reverse=True)
         least = max((gains[s] for s in chosen), default=0)
-        return chosen + turned + [p for p in best if pairs[p] > least][: criteria.pairs]
+        return chosen + turned + [p for p in best if pairs[p] > least][:PAIRS]
 
     def _fit_all(self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]) -> None:
         """Fits a set extended by each proposal."""
@@ -201,7 +218,7 @@ class Search:
 
     def may_go(self, fit: Fit, name: str) -> bool:
         """Whether a Fit may do without an effect, by its Wald ratio; a refit then decides."""
-        return fit.ratio_without(name) < self.criteria.wald_margin * self.threshold(name)
+        return fit.ratio_without(name) < WALD_MARGIN * self.threshold(name)
 
     def _swap(self, current: FrozenSet[str]) -> FrozenSet[str]:
         """A better set with one effect replaced by another; the same set without one."""
@@ -217,9 +234,9 @@ class Search:
         rest = self.without(current, name)
         tests = self.test_beside(rest)
         gains = {n: tests.test((n,))[0] for n in tests.columns}
-        least = self.criteria.min_rival_gain * gains.pop(name)
-        names = sorted(gains, key=gains.__getitem__, reverse=True)[: self.criteria.rivals]
-        needed = {n: max(least, self.criteria.min_gain * self._size(n)) for n in names}
+        least = MIN_RIVAL_GAIN * gains.pop(name)
+        names = sorted(gains, key=gains.__getitem__, reverse=True)[:RIVALS]
+        needed = {n: max(least, MIN_GAIN * self._size(n)) for n in names}
         proposals = [(n,) for n in names if gains[n] > needed[n]]
         self._fit_all(rest, proposals)
         return [rest | set(p) for p in proposals if rest | set(p) in self.fits]
@@ -230,4 +247,4 @@ class Search:
         for other in self.swaps(current, name):
             (rival,) = other - current
             by_rival[rival] = self.value(current) - self.value(other)
-        return [n for n in sorted(by_rival, key=by_rival.__getitem__) if by_rival[n] < self.criteria.exclusion]
+        return [n for n in sorted(by_rival, key=by_rival.__getitem__) if by_rival[n] < EXCLUSION]

@@ -19,9 +19,9 @@ from ground.analysis import (
 )
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
-from ground.analysis.criteria import Criteria
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.search import EXCLUSION
 from ground.annotations import Document
 from ground.core_types import FittedParameter
 from ground.errors import GroundError
@@ -100,7 +100,7 @@ class Conclusion:
         found, left = self.diagnosis, self.ceiling.found
         if self.formula is None or left is None:
             return []
-        close = CLOSE * Criteria.exclusion
+        close = CLOSE * EXCLUSION
         return rivals.rivals(found.likelihood, found.fit, left, self.formula, close)
 
     @cached_property

@@ -4,13 +4,11 @@ import math
 from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ground.analysis import missing_wrench
-from ground.analysis.criteria import Criteria
 from ground.annotations import Document
 from ground.recordings import suspicions
 from ground.recordings.windows import WINDOW
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
-EXCLUDED = Criteria.exclusion  # log-likelihood ratio from which a rival is excluded
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
 ABOVE = 1.15  # ratio of error to noise floor from which more may be missing
 MIN_ROOM = 0.3  # part of the random wrench's force from which a force in the room is reported
@@ -454,8 +452,6 @@ def ceiling(report: Document) -> str:
     )
     if found["said"]:
         sentence += "; the learnable part depends on %s" % arguments(report)
-    if report["varies"] and found["of_runs"]["ci95"][0] > 0:
-        sentence += "; %s are constant in each run and differ between runs" % part(found["of_runs"])
     sentence += "."
     if found["poses"]:
         poses = found["poses"]

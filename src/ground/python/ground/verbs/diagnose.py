@@ -3,7 +3,7 @@
 import argparse
 
 from ground import workers
-from ground.analysis import candidates, criteria
+from ground.analysis import candidates, search
 from ground.annotations import Document
 from ground.api.recordings import Part
 from ground.verbs import common
@@ -39,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=common.count,
         metavar="N",
         help="number of effects to refit in each step, the most promising by a score test (%d)"
-        % criteria.Criteria.refitted,
+        % search.REFITTED,
     )
     parser.add_argument(
         "--thorough",
