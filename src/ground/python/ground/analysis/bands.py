@@ -11,8 +11,8 @@ their information gives. This widens the bands by 2% on the recordings of 2019, 
 few calm seconds.
 """
 
-from dataclasses import dataclass, replace
-from typing import List, Optional, Sequence, Tuple
+from dataclasses import dataclass
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
@@ -47,11 +47,6 @@ class Prediction:
     high: Array  # (n, 6)
     measured: Array  # (n, 6) x, y, psi (unwrapped) as measured; u, v, r smoothed
 
-    def sample(self, horizon: float) -> Optional[int]:
-        """Row at a horizon [s]; None if the prediction ends before it."""
-        at = int(np.searchsorted(self.times, self.times[0] + horizon, side="right")) - 1
-        return at if self.times[at] - self.times[0] > horizon - TOLERANCE else None
-
 
 @dataclass(frozen=True)
 class Bands:
@@ -79,8 +74,9 @@ class Bands:
         """At a horizon [s]: standard deviations (k, 6), and whether the bands hold the measurements."""
         deviation, held = np.zeros((0, 6)), np.zeros((0, 6), bool)
         for prediction in self.predictions:
-            row = prediction.sample(horizon)
-            if row is not None:
+            times = prediction.times - prediction.times[0]
+            row = int(np.searchsorted(times, horizon, side="right")) - 1
+            if times[row] > horizon - TOLERANCE:
                 measured = prediction.measured[row]
                 within = (prediction.low[row] <= measured) & (measured <= prediction.high[row])
                 deviation = np.vstack([deviation, prediction.deviation[row]])
@@ -91,23 +87,18 @@ class Bands:
 def of_folds(split: folds.Folds, fit: likelihood.Fit) -> List[Bands]:
     """Bands of the runs that a likelihood.Fit was fitted to, each predicted by a refit without that run.
 
-    split: Folds of these runs. The levels stay those of the fit; the expected loudness is
-    that of the other runs. Each quarter of a single run is predicted by a fit to the others; the
-    end of a long horizon may lie in a quarter that was fitted to.
+    split: Folds of these runs. The levels stay those of the fit; the expected loudness is that of the
+    other runs. Each quarter of a single run is predicted by a fit to the others; the end of a long
+    horizon may lie in a quarter that was fitted to.
     """
     models, runs = split.models(fit), split.runs
     tasks: List[_Task] = []
-    if len(runs) > 1:
-        for i, run in enumerate(runs):
-            cut = [w for w in split.cut if w.run == i]
-            fold = i % split.count
-            tasks.append((run, models[fold], cut, _loudness(fit, fold, split.count)))
-        return _all_of(tasks, split.each)
-    for i, model in enumerate(models):
-        cut = [w for w, fold in zip(split.cut, split.fold_of) if fold == i]
-        tasks.append((runs[0], model, cut, _loudness(fit)))
-    found = [p for part in _all_of(tasks, split.each) for p in part.predictions]
-    return [Bands(runs[0], tuple(sorted(found, key=lambda p: float(p.times[0]))))]
+    for i, run in enumerate(runs):
+        for fold, model in enumerate(models):
+            cut = [w for w, f in zip(split.cut, split.fold_of) if w.run == i and f == fold]
+            others = [v for k, v in enumerate(fit.loudness) if len(runs) == 1 or k % split.count != fold]
+            tasks.append((run, model, cut, _mean(others)))
+    return _all_of(runs, [task for task in tasks if task[2]], split.each)
 
 
 def of_others(
@@ -118,31 +109,28 @@ def of_others(
     most: approximate number of windows in which predictions start, spread evenly over the runs;
     each: maps a function over items, in parallel if it can.
     """
-    cut = windows.spread(windows.cut(runs), most)
-    return _all_of(
-        [
-            (run, fit, [w for w in cut if w.run == i], _loudness(fit))
-            for i, run in enumerate(runs)
-        ],
-        each,
-    )
+    cut, loudness = windows.spread(windows.cut(runs), most), _mean(fit.loudness)
+    tasks = [(run, fit, [w for w in cut if w.run == i], loudness) for i, run in enumerate(runs)]
+    return _all_of(runs, tasks, each)
 
 
-def _all_of(tasks: Sequence[_Task], each: Each) -> List[Bands]:
-    """Bands of each task's own run, not of a worker's copy."""
-    return [replace(found, run=task[0]) for task, found in zip(tasks, each(_predict, tasks))]
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else 0.0
 
 
-def _loudness(fit: likelihood.Fit, fold: Optional[int] = None, count: int = 1) -> float:
-    """Expected loudness of a new run: the mean over the fitted runs, without one fold."""
-    known = [value for i, value in enumerate(fit.loudness) if i % count != fold]
-    return float(np.mean(known)) if known else 0.0
+def _all_of(runs: Sequence[_core.RunData], tasks: Sequence[_Task], each: Each) -> List[Bands]:
+    """Bands of runs by the predictions of tasks, each of one of the runs."""
+    found: List[List[Prediction]] = [[] for _ in runs]
+    for task, predictions in zip(tasks, each(_predict, tasks)):
+        found[[run is task[0] for run in runs].index(True)] += predictions
+    starts = [sorted(some, key=lambda one: float(one.times[0])) for some in found]
+    return [Bands(run, tuple(some)) for run, some in zip(runs, starts)]
 
 
-def _predict(task: _Task) -> Bands:
-    """Bands of a run from starts in its windows; without predictions if a motion is not finite."""
+def _predict(task: _Task) -> List[Prediction]:
+    """Predictions of a run from starts in its windows; none if a motion is not finite."""
     run, fit, cut, loudness = task
-    times = np.array(run.times)
+    times, measured = np.array(run.times), _measured(run)
     starts, horizons = _starts(times, cut)
     box = call(_core.GreyBox, [run], fit.model)
     try:
@@ -162,25 +150,22 @@ def _predict(task: _Task) -> Bands:
             cap=CAP,
         )
     except GroundError:
-        return Bands(run, ())
-    measured = _measured(run)
+        return []
     predictions = []
     for one in found:
         rows = slice(one["first"], one["first"] + len(one["mean"]))
         truth = measured[rows].copy()
         # The filter's heading may differ by whole turns.
         truth[:, 2] += 2 * np.pi * np.round((one["mean"][0, 2] - truth[0, 2]) / (2 * np.pi))
-        predictions.append(
-            Prediction(times[rows], one["mean"], one["deviation"], one["low"], one["high"], truth)
-        )
-    return Bands(run, tuple(predictions))
+        bands = (one[name] for name in ("mean", "deviation", "low", "high"))
+        predictions.append(Prediction(times[rows], *bands, truth))
+    return predictions
 
 
 def _starts(times: Array, cut: Sequence[_core.Window]) -> Tuple[List[int], List[float]]:
     """Samples to predict from, and horizons [s]: the longest at the start of each window, a short
     one every SHORT seconds inside. None starts at a stretch's first pose: the filter first has to
-learn the motion.
-    """
+    learn the motion."""
     found = {}
     for window in cut:
         first, last = window.first, window.last
@@ -228,32 +213,21 @@ def coverage(bands: Sequence[Bands]) -> List[Document]:
             continue
         deviation = np.median(np.vstack([d for d, _ in found]), axis=0)
         held = np.array([h.sum(axis=0) for _, h in found])
-        counts = np.array([len(h) for _, h in found])
+        counts, runs = np.array([len(h) for _, h in found]), len(found)
         share = held.sum(axis=0) / counts.sum()
-        half = _half_width(held - counts[:, None] * share, counts)
+        off = np.sqrt(((held - counts[:, None] * share) ** 2).sum(axis=0)) / counts.sum()
+        half = student_limit(0.025, runs - 1) * np.sqrt(runs / (runs - 1)) * off if runs > 1 else None
         for i, channel in enumerate(CHANNELS):
+            ends = None if half is None else [max(0.0, share[i] - half[i]), min(1.0, share[i] + half[i])]
             rows.append(
                 {
                     "horizon": horizon,
                     "channel": channel,
                     "unit": UNITS[i],
                     "coverage": float(share[i]),
-                    "ci95": None if half is None else _interval(share[i], half[i]),
+                    "ci95": ends and [float(end) for end in ends],
                     "sd": float(deviation[i]),
                     "predictions": int(counts.sum()),
                 }
             )
     return rows
-
-
-def _interval(share: float, half: float) -> List[float]:
-    return [max(0.0, float(share - half)), min(1.0, float(share + half))]
-
-
-def _half_width(off: Array, counts: Array) -> Optional[Array]:
-    """Half of the 95% interval of shares; off: (clusters, n) counts minus expected ones."""
-    clusters = len(counts)
-    if clusters < 2:
-        return None
-    error = np.sqrt(clusters / (clusters - 1) * (off**2).sum(axis=0)) / counts.sum()
-    return np.asarray(student_limit(0.025, clusters - 1) * error)

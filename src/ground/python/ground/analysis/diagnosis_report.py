@@ -2,29 +2,25 @@
 
 import contextlib
 import dataclasses
-from typing import Dict, Iterable, List, Optional, Sequence
+from typing import Iterable, List, Mapping, Optional, Sequence
 
 from ground import _core
 from ground.analysis import (
     bands,
     candidates,
-    folds,
     indistinguishable,
-    likelihood,
-    naming,
     next_experiment,
     stages,
 )
-from ground.analysis.agreement import Agreement
-from ground.analysis.ceiling import Ceiling, Share
+from ground.analysis.ceiling import Share
 from ground.analysis.diagnosis import Diagnosis
+from ground.analysis.evidence import Trial
 from ground.analysis.verdict import MISREAD, Conclusion
 from ground.annotations import Document
 from ground.core_types import Estimate
 from ground.errors import GroundError
 
 SCHEMA = "ground/diagnosis/1"
-# Refits for the report alone are bounded, so that its cost grows linearly with the data.
 # What a held-out error is of: parts of the runs fitted to, each by a fit to the others, or runs that the
 # user held out.
 CROSSED, HOLDOUT = "cross-validation", "holdout"
@@ -41,52 +37,65 @@ def begun(
 ) -> Document:
     """The part of the report that the verdict needs, of a Diagnosis and its Conclusion; heldout: the runs
     that it was judged on; findings: mistakes that the recordings look like."""
-    before = conclusion.before
+    before, left, agrees = conclusion.before, conclusion.ceiling, conclusion.agreement
     names = [run.name for run in diagnosis.runs]
     by = HOLDOUT if heldout else CROSSED
-    written = conclusion.refits[0].heldout  # by likelihood: the model that is written
+    after = conclusion.steps[-1] if conclusion.steps else conclusion.refits[0].heldout
     return {
         "schema": SCHEMA,
         "model": model_name,
-        "means": {
-            **candidates.summaries(before.model),
-            **candidates.summaries(conclusion.improved),
-        },
+        "means": {**candidates.summaries(before.model), **candidates.summaries(conclusion.improved)},
         "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},
         "windows": {"used": len(diagnosis.cut), "available": diagnosis.fitter.available},
         "verdict": conclusion.verdict,
         "findings": list(findings),
         "nominal": {
             "parameters": _parameters(before.parameters),
-            "error": {"fit": before.error, "heldout": before.heldout, "by": by},
+            "error": _error(before.error, before.heldout, by),
             "cross_validated": float(diagnosis.nominal.heldout.sum()),
             "by": before.by,
-            "refits": {
-                r.by: {"fit": r.error, "heldout": r.heldout, "by": by} for r in conclusion.refits
-            },
+            "refits": {r.by: _error(r.error, r.heldout, by) for r in conclusion.refits},
         },
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
             "parameters": _parameters(conclusion.parameters),
-            "error": _errors(diagnosis.best, conclusion.heldout[-1] if conclusion.steps else written, by),
+            "error": _error(diagnosis.best.error.sum(), after, by),
             "cross_validated": float(diagnosis.best.heldout.sum()),
         },
         "noise_floor": conclusion.heldout_floor,
         "steps": [
             {
                 "added": step.added,
-                "error": _errors(step.fit, error, by),
+                "error": _error(step.fit.error.sum(), error, by),
                 "group": list(step.group),
                 "judged": dataclasses.asdict(conclusion.judgements[step.added]),
             }
             for step, error in zip(diagnosis.steps, conclusion.steps)
         ],
-        "slight": _slight(diagnosis),
-        "dropped": _dropped(diagnosis),
+        "slight": _slight(diagnosis.slight),
+        "dropped": [
+            {**_tried(d.trial), "why": d.why, "p_value": d.trial.p_value} for d in diagnosis.dropped
+        ],
         "varies": conclusion.varies,
-        "ceiling": _ceiling(conclusion.ceiling, conclusion.formula),
-        "agreement": _agreement(conclusion.agreement),
-        "disturbance": _disturbance(diagnosis.fit),
+        "ceiling": {
+            "named": _share(left.named),
+            "learnable": _share(left.learnable),
+            "chance": _share(left.chance),
+            "of_left": _share(left.left),
+            "bound": left.bound,
+            "said": left.said,
+            "arguments": left.arguments,
+            "terms": [] if left.found is None else [term.name for term in left.found.terms],
+            "error": left.errors,
+            "named_as": conclusion.formula and conclusion.formula.means,
+            "poses": left.poses and dataclasses.asdict(left.poses),
+        },
+        "agreement": {
+            "error": {"measured": agrees.error, "expected": agrees.expected, "noise": agrees.noise},
+            "deviations": agrees.deviations,
+            "holds": agrees.holds,
+        },
+        "disturbance": _disturbance(diagnosis.fit.levels),
     }
 
 
@@ -107,7 +116,7 @@ def completed(
         alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
         described, banded = _candidates(diagnosis, alike, thorough), bands.coverage(conclusion.bands)
     proposed = _next_experiment(diagnosis, alike, thorough, room)
-    left: Document = {"fraction": 0.0, "where": [], "proposal": None}
+    left: Document = {"where": [], "proposal": None}
     if conclusion.verdict in ("unexplained", "memory", "undecided"):
         left = _unexplained(diagnosis, conclusion)
     return {
@@ -119,15 +128,9 @@ def completed(
     }
 
 
-def _errors(
-    fit: Optional[folds.Judged],
-    heldout: Optional[float] = None,
-    by: str = CROSSED,
-) -> Document:
-    if fit is None:
-        return {"fit": None, "heldout": None, "by": by}
-    heldout = fit.heldout.sum() if heldout is None else heldout
-    return {"fit": float(fit.error.sum()), "heldout": float(heldout), "by": by}
+def _error(fit: Optional[float], heldout: Optional[float], by: str = CROSSED) -> Document:
+    """Errors on the runs fitted to and on those held out."""
+    return {"fit": fit and float(fit), "heldout": heldout and float(heldout), "by": by}
 
 
 def _parameters(parameters: Iterable[Estimate], prefix: str = "") -> Document:
@@ -146,49 +149,30 @@ def _share(share: Share) -> Document:
     return {"share": share.value, "ci95": [share.low, share.high]}
 
 
-def _ceiling(left: Ceiling, formula: Optional[naming.Formula]) -> Document:
-    """Shares of the squared error: named, learnable, chance; and what the learnable part depends on."""
-    found = left.found
-    terms = [] if found is None else [term.name for term in found.terms]
-    return {
-        "named": _share(left.named),
-        "learnable": _share(left.learnable),
-        "chance": _share(left.chance),
-        "of_left": _share(left.left),
-        "bound": left.bound,
-        "said": left.said,
-        "arguments": left.arguments,
-        "terms": terms,
-        "error": left.errors,
-        "named_as": formula and formula.means,
-        "poses": left.poses and dataclasses.asdict(left.poses),
-    }
-
-
-def _agreement(found: Agreement) -> Document:
-    return {
-        "error": {"measured": found.error, "expected": found.expected, "noise": found.noise},
-        "deviations": found.deviations,
-        "holds": found.holds,
-    }
-
-
-def _disturbance(fit: likelihood.Fit) -> Document:
+def _disturbance(levels: Mapping[str, float]) -> Document:
     """The fitted levels: of the wrench in the body's frame, of the force in the room's, of the poses,
     and between runs."""
-    levels = fit.levels
-
-    def channels(kind: str) -> Dict[str, float]:
-        return {c: levels["%s_%s" % (kind, c)] for c in "XYN"}
-
+    channels = {
+        kind: {c: levels["%s_%s" % (kind, c)] for c in "XYN"} for kind in ("sigma", "time", "white", "trim")
+    }
+    channels["trim"]["thrust"] = levels["thrust"]
     return {
-        "sigma": channels("sigma"),
-        "time": channels("time"),
-        "white": channels("white"),
+        **channels,
         "room": {"sigma": levels["sigma_room"], "time": levels["time_room"]},
-        "trim": dict(channels("trim"), thrust=levels["thrust"]),
         "noise": {"position": levels["position"], "heading": levels["heading"]},
     }
+
+
+def _tried(trial: Trial) -> Document:
+    """An effect with its parameters."""
+    return {"effect": trial.name, "parameters": _parameters(trial.parameters, trial.name + ".")}
+
+
+def _slight(trial: Optional[Trial]) -> Optional[Document]:
+    """The effect that is detected but too small to matter; None without one."""
+    if trial is None or trial.change is None:
+        return None
+    return {**_tried(trial), "p_value": trial.chance, "change": dataclasses.asdict(trial.change)}
 
 
 def _candidates(
@@ -200,51 +184,24 @@ def _candidates(
     taken_over = {a.name: list(a.moved) for a in alike}
     groups = {step.added: list(step.group) for step in diagnosis.steps}
     first = [t.name for t in tried if t.equal]
-    return [
-        {
-            "effect": trial.name,
-            "rank": rank,
-            "p_value": trial.chance,
-            "delta_bic": float(trial.delta_bic),
-            "inclusion": trial.inclusion,
-            "error": _errors(diagnosis.judged_of(trial) if trial.name in judged else None),
-            "selected": trial.name in chosen,
-            "group": (
-                first
-                if trial.equal
-                else groups.get(trial.name, [trial.name]) + taken_over.get(trial.name, [])
-            ),
-            "seen": trial.name not in taken_over,
-            "parameters": _parameters(trial.parameters, trial.name + "."),
-        }
-        for rank, trial in enumerate(tried, 1)
-    ]
-
-
-def _dropped(diagnosis: Diagnosis) -> List[Document]:
-    """Effects that the likelihood prefers and that were not added."""
-    return [
-        {
-            "effect": d.trial.name,
-            "why": d.why,
-            "p_value": d.trial.p_value,
-            "parameters": _parameters(d.trial.parameters, d.trial.name + "."),
-        }
-        for d in diagnosis.dropped
-    ]
-
-
-def _slight(diagnosis: Diagnosis) -> Optional[Document]:
-    """The effect that is detected but too small to matter; None without one."""
-    trial = diagnosis.slight
-    if trial is None or trial.change is None:
-        return None
-    return {
-        "effect": trial.name,
-        "p_value": trial.chance,
-        "change": dataclasses.asdict(trial.change),
-        "parameters": _parameters(trial.parameters, trial.name + "."),
-    }
+    described = []
+    for rank, trial in enumerate(tried, 1):
+        fit = diagnosis.judged_of(trial) if trial.name in judged else None
+        group = groups.get(trial.name, [trial.name]) + taken_over.get(trial.name, [])
+        described.append(
+            {
+                **_tried(trial),
+                "rank": rank,
+                "p_value": trial.chance,
+                "delta_bic": float(trial.delta_bic),
+                "inclusion": trial.inclusion,
+                "error": _error(fit.error.sum(), fit.heldout.sum()) if fit else _error(None, None),
+                "selected": trial.name in chosen,
+                "group": first if trial.equal else group,
+                "seen": trial.name not in taken_over,
+            }
+        )
+    return described
 
 
 def _next_experiment(
@@ -278,17 +235,15 @@ def _next_experiment(
 
 
 def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
-    """How much of the error is above the noise, what it depends on, and an effect that would lower it
-    on held-out runs."""
-    error = float(diagnosis.best.error.sum())
+    """What the error depends on, and an effect that would lower it on held-out runs."""
     proposal, formula = None, conclusion.formula
     if formula:
         with contextlib.suppress(GroundError):  # the simulation diverges
             judged = diagnosis.folds.judge(formula.fit)
             if judged.heldout.sum() < diagnosis.best.heldout.sum():
-                proposal = dict(formula.entry, means=formula.means, error=_errors(judged))
+                error = _error(judged.error.sum(), judged.heldout.sum())
+                proposal = dict(formula.entry, means=formula.means, error=error)
     return {
-        "fraction": max(0.0, 1 - (conclusion.noise_floor / error) ** 2),
         "where": [
             {"variable": name, "share": share}
             for name, share in conclusion.ceiling.arguments.items()
