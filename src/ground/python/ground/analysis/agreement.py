@@ -17,8 +17,8 @@ from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array, Each, Random
 from ground.errors import GroundError
 
-DRAWS = 10
-FAR = 4.5  # standard deviations of the artificial recordings
+DRAWS = 15
+FAR = 3.3  # standard deviations of the artificial recordings
 
 
 _Made = Tuple[float, List[float]]  # error, and tails of the wrench

@@ -130,27 +130,24 @@ def of_pieces(
     likelihood: Likelihood, fit: Fit, pieces: Sequence["Piece"], begun: Optional[Formula] = None
 ) -> Optional[Formula]:
     """The Formula of those pieces that earn their place, in their simplest form that is as likely; begun: one
-    that is nearly as good. Sizes decide, and all constants are fitted in the end."""
-    made = _fitted(likelihood, fit, pieces, begun.fit if begun else fit, constants=False)
+    that is nearly as good, whose form is kept."""
+    made = _fitted(likelihood, fit, pieces, begun.fit if begun else fit)
     while made is not None and len(made.pieces) > 1:
         worth = [_worth(made.fit, piece) for piece in made.pieces]
         if min(worth) > MIN_RATIO:
             break
         least = made.pieces[int(np.argmin(worth))]
-        rest = [p for p in made.pieces if p is not least]
-        shorter = _fitted(likelihood, fit, rest, made.fit, constants=False)
+        shorter = _fitted(likelihood, fit, [p for p in made.pieces if p is not least], made.fit)
         if shorter is None or made.ratio - shorter.ratio > MIN_RATIO:
             break
         made = shorter
-    if made is None:
-        return None
-    for i, piece in enumerate(made.pieces):
+    for i, piece in enumerate(made.pieces if made and not begun else ()):
         for simpler in piece.simpler:
-            others = [*made.pieces[:i], simpler, *made.pieces[i + 1 :]]
-            other = _fitted(likelihood, fit, others, made.fit, constants=False)
+            pieces = [*made.pieces[:i], simpler, *made.pieces[i + 1 :]]
+            other = _fitted(likelihood, fit, pieces, made.fit)
             if other is not None and made.ratio - other.ratio < MIN_RATIO:
                 made = other
-    return _fitted(likelihood, fit, made.pieces, made.fit)
+    return made
 
 
 def _worth(fit: Fit, piece: "Piece") -> float:
@@ -303,10 +300,10 @@ def in_words(arguments: Sequence[str]) -> str:
 
 
 def _fitted(
-    likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit, constants: bool = True
+    likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit
 ) -> Optional[Formula]:
     """The Formula of pieces, fitted in the model of a Fit, from the levels of another one near; None where
-    that fails or helps nothing. constants: whether they are fitted beside the sizes."""
+    that fails or helps nothing."""
     values: Dict[str, float] = {}
     entry = _entry(pieces, fit)
     model = fit.model
@@ -316,8 +313,7 @@ def _fitted(
             for name, (value, _, _, _) in piece.parameters.items():
                 values[name] = value
                 start.set_value("%s.%s" % (entry["name"], name), value)
-        fitted_to = values if constants else [piece.size for piece in pieces]
-        free = tuple("%s.%s" % (entry["name"], name) for name in fitted_to)
+        free = tuple("%s.%s" % (entry["name"], name) for name in values)
         fitted = likelihood.fit(start, fit.free + free, near=near)
         if not np.isfinite(fitted.log_posterior):
             return None

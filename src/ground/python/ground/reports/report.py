@@ -62,7 +62,7 @@ def diagnosis(
         _evidence(sheet, report)
         _open_questions(sheet, report)
     _quality(sheet, described)
-    seeds = "all random numbers have fixed seeds (noise floor 0 to 4, artificial recordings 1 to 10)"
+    seeds = "all random numbers have fixed seeds (noise floor 0 to 4, artificial recordings 1 to 15)"
     add_origin(sheet, inputs, [_held_out(report["runs"]), seeds])
     sheet.write(path, COLORS[report["verdict"]], force)
 
