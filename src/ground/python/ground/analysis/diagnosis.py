@@ -82,7 +82,6 @@ class Diagnosis:
         self.candidates = candidates
         self.budget = budget
         self.work = work or Work()
-        self.plan = stages.Plan(self.work, sum(len(run.times) for run in runs))
         # A fit alone uses all cores; fits beside each other share them.
         self.threads = 1 if threads else 0
         count = threads or len(os.sched_getaffinity(0))
@@ -108,7 +107,6 @@ class Diagnosis:
         self.memory: Optional[memory.Memory] = None  # added to the grown model
         self.ceilings: Dict[FrozenSet[str], ceiling.Ceiling] = {}  # by set of effects, slight ones too
         self.formulas: Dict[FrozenSet[str], Optional[naming.Formula]] = {}  # by set of effects
-        self.plan.begin()
         with self.work.stage(stages.FITTING):
             # everything that may differ between runs does
             self.varied = Likelihood(runs, model, threads=self.threads)
@@ -132,7 +130,7 @@ class Diagnosis:
         self.search = Search(
             fitting,
             self.each,
-            self.plan,
+            self.work,
             lambda better, current: self._refuted(better, current) is None,
         )
         self.judged: Dict[FrozenSet[str], held_out.Judged] = {}  # by set of effects
@@ -201,7 +199,6 @@ class Diagnosis:
         """Adds the effects that earn their place."""
         with self.work.stage(stages.SEARCHING):
             found = self._likeliest_set()
-        self.plan.found(len(found))
         self.tried = self._trials()
         for better in self.search.refused(found):
             for name in sorted(better - found):
@@ -248,7 +245,6 @@ class Diagnosis:
             objections = list(
                 self.waiting.map(lambda name, found=found: self._objection(found, name), names)
             )
-            self.plan.tested(len(names), sum(why is not None for why in objections))
             refused = [(name, why) for name, why in zip(names, objections) if why]
             if not refused:
                 return found

@@ -116,7 +116,6 @@ def completed(
         alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
         described, banded = _candidates(diagnosis, alike, thorough), bands.coverage(conclusion.bands)
     proposed = _next_experiment(diagnosis, alike, thorough, room)
-    diagnosis.plan.planned()
     left: Document = {"fraction": 0.0, "where": [], "proposal": None}
     if conclusion.verdict in ("unexplained", "memory", "undecided"):
         left = _unexplained(diagnosis, conclusion)

@@ -138,8 +138,7 @@ def propose(
             told.step()
 
     best, proposed = 0.0, choice[0]
-    with told.stage(REFITTING):
-        told.more(min(MAX_REFITTED, len(found)), at_most=True)
+    with told.stage(REFITTING, min(MAX_REFITTED, len(found))):
         for at in range(0, min(MAX_REFITTED, len(found)), BATCH):
             some = [experiment for _, experiment in found[at : at + BATCH]]
             # A refit brings rivals closer to each other, and clearer than clear is not needed.

@@ -24,13 +24,13 @@ from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.likelihood import Fit
 from ground.analysis.refits import Extension, Fitting, Reduction
 from ground.analysis.score_tests import ScoreTests
-from ground.analysis.stages import Plan
 from ground.annotations import Each
+from ground.progress import Work
 
 
 class Search:
     """Sets of effects added to a model, on the runs of a Likelihood. each: maps pieces of work over
-    items, in parallel if it can; plan: told of what is done and expected; holds(better, current): whether
+    items, in parallel if it can; work: told of what is done; holds(better, current): whether
     a grown set does better on held-out data, too; swapped: the effects that may be replaced, and by which
     others (None: all by all)."""
 
@@ -38,7 +38,7 @@ class Search:
         self,
         fitting: Fitting,
         each: Each = map,
-        plan: Optional[Plan] = None,
+        work: Optional[Work] = None,
         holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
         swapped: Optional[Mapping[str, Sequence[str]]] = None,
     ) -> None:
@@ -48,7 +48,7 @@ class Search:
         self._sizes: Dict[str, int] = {}  # parameters of an effect
         self._thresholds: Dict[int, float] = {}  # by number of parameters
         self.each = each
-        self.plan = plan or Plan()
+        self.work = work or Work()
         self.holds = holds
         self.swapped = swapped
         self._swapped: Set[str] = set()  # effects that were tried to be swapped already
@@ -81,7 +81,7 @@ class Search:
                 if better == current:
                     return current
             current = self._prune(better)
-            self.plan.work.note("with %s" % (", ".join(sorted(current)) or "no effect"))
+            self.work.note("with %s" % (", ".join(sorted(current)) or "no effect"))
 
     def ratio(self, names: FrozenSet[str], without: FrozenSet[str]) -> float:
         """Log-likelihood ratio 2 (L1 - L0) of two sets of effects that were fitted."""
@@ -118,8 +118,6 @@ class Search:
     def _grow(self, current: FrozenSet[str]) -> Optional[FrozenSet[str]]:
         """A better set with another effect or pair; None without one."""
         proposals = self._proposals(current)
-        new = sum(current | set(p) not in self.fits for p in proposals)
-        self.plan.round(new, self._coming(current), len(current))
         for some in self._promising_first(current, proposals):
             self._fit_all(current, some)
             fitted = [current | set(p) for p in some if current | set(p) in self.fits]
@@ -174,27 +172,12 @@ class Search:
         least = max((gains[s] for s in chosen), default=0)
         return chosen + turned + [p for p in best if pairs[p] > least][: criteria.pairs]
 
-    def _coming(self, current: FrozenSet[str]) -> int:
-        """Number of effects that a search is expected to add to a set: those which score tests, one
-        after the other and each beside those before, call significant."""
-        tests, gain = self.test_beside(current), 0.0
-        chosen: Tuple[str, ...] = ()
-        rest = list(tests.columns)
-        while rest:
-            gains = {n: tests.test((*chosen, n))[0] - gain for n in rest}
-            best = max(gains, key=lambda n: gains[n] - self.threshold(n))
-            if gains[best] < self.threshold(best):
-                break
-            chosen, gain = (*chosen, best), gain + gains[best]
-            rest.remove(best)
-        return len(chosen)
-
     def _fit_all(self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]) -> None:
         """Fits a set extended by each proposal."""
         wanted = [p for p in proposals if current | set(p) not in self.fits]
         extend = Extension(self.fitting, current, self.fits[current], self.test_beside(current))
         for added, fit in zip(wanted, self.each(extend, wanted)):
-            self.plan.work.step()
+            self.work.step()
             if fit is not None:
                 self.fits[current | set(added)] = fit
 
@@ -229,7 +212,6 @@ class Search:
         names = sorted(current - self._swapped) if len(current) > 1 else []
         if self.swapped is not None:
             names = [name for name in names if self.swapped.get(name)]
-        self.plan.swaps(len(names))
         self._swapped |= set(names)
         self.without_each(current, names)
         others = [s for name in names for s in self.swaps(current, name)]

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 
 FITTING = "fitting without the effect and with it"  # stage
-COST = 3e-3  # usual time of a part of it, for a second of recordings [s]
 
 
 @dataclass(frozen=True)
@@ -161,15 +160,12 @@ def add(
     given, part = Model.of(model), Part(start, end, everything)
     candidate = candidates.named(os.fspath(effect), given.core)
     extended = candidate.add(given.core)
-    work.expect(FITTING, None)
     seen = measured(recordings, given, part, work)
     held = held_out(holdout, given, part, work, seen)
     if not as_recorded:
         seen.refuse_misread()
         held.refuse_misread()
-    duration = sum(run.times[-1] - run.times[0] for run in seen.data)
-    work.expect(FITTING, 2 * (1 + len(study.LENGTHS)), COST * duration)
-    with work.stage(FITTING):
+    with work.stage(FITTING, 2 * (1 + len(study.LENGTHS))):
         before, after = _fits(given.core, extended, seen.data, work)
     errors = {
         "fit": _pair(before.error, after.error),

@@ -32,7 +32,6 @@ SCHEMA = "ground/compare/1"
 # Whether a model was fitted to a run: it was, it was not, or its file does not tell
 ROLES = ("fit", "held_out", "unknown")
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
-COST = 0.03  # usual time to compare a second of a recording with a model [s]
 Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
 Files = Optional[Document]  # files of one run: pictures and series, by their subject
 
@@ -286,7 +285,6 @@ def each_run(
     first = next(iter(models.values()))
     recordings = [recording.with_lift_of(first.core) for recording in recordings]
     lengths = [1 + int(recording.duration) for recording in recordings]
-    work.expect(COMPARING, sum(lengths), COST * len(models))
     runs = repaired(recordings, work)
     note_suspicions(recordings, first)
     for model in models.values():
@@ -302,10 +300,10 @@ def each_run(
         tasks.append(task)
     with workers.Workers(scheduler) as team:
         results = iter(zip(recordings, team.map(_inspect, tasks)))
-        for length in lengths:
-            with work.unit(COMPARING, length):
-                recording, studies = next(results)
-            yield RunComparison(recording, studies)
+        with work.stage(COMPARING, sum(lengths)):
+            for length, (recording, studies) in zip(lengths, results):
+                work.step(length)
+                yield RunComparison(recording, studies)
 
 
 def _inspect(task: Sequence[Tuple[Any, ...]]) -> List[Document]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Callable, Dict, Iterable, List, Optional, Sequ
 import numpy as np
 
 from ground import _core, workers
-from ground.analysis import candidates, diagnosis, diagnosis_report, stages, study
+from ground.analysis import candidates, diagnosis, diagnosis_report, study
 from ground.analysis.conclusion import MISREAD, Conclusion, conclude
 from ground.annotations import Array, Document, Path
 from ground.api.models import (
@@ -230,7 +230,6 @@ def read_problem(
     own = [os.fspath(effect) for effect in effects]
     tried = effects_to_try(given, only, exclude, own)
     given_room = None if room is None else Room.of(room)
-    work.expect(stages.SEARCHING, None)
     seen = measured(recordings, given, part, work)
     held = held_out(holdout, given, part, work, seen)
     files = [effect for effect in own if effect not in candidates.on_request()]

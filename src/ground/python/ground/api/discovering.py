@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 FLYING = "discovering"  # stage; unit: a second of flight
 BUDGET = campaign.Settings.budget  # longest time of flight [s]
 REST = 2.0  # length of a simulation that checks the conditions [s]
-SECOND = 0.5  # usual cost of a second of flight and of its diagnosis [s]
 
 Told = Callable[[Story], None]
 
@@ -129,8 +128,7 @@ def discover(
     work = Work.of(progress)
     listener = _Listener(kept, plan, told, work)
     settings = campaign.Settings(budget, track, seed)
-    work.expect(FLYING, round(budget), SECOND, at_most=True)
-    with work.stage(FLYING):
+    with work.stage(FLYING, round(budget)):
         flying = campaign.Discovery(given.core, laboratory, settings, kept, listener)
         listener(flying.story)
         story = flying.run()

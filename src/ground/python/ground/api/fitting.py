@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
 FITTING = "fitting"  # stage
-# Stages, and the usual time of a fit in each, for a second of recordings [s]
-STAGES = {FITTING: 1e-3, validation.BLOCKS: 5e-4, validation.RUNS: 5e-4}
 
 
 @dataclass(frozen=True)
@@ -221,12 +219,9 @@ def fit(
     work = Work.of(progress)
     given, part = Model.of(model), Part(start, end, everything)
     _check(objective, target)
-    for stage in STAGES:
-        work.expect(stage, None)
     seen = measured(recordings, given, part, work)
     held = held_out(holdout, given, part, work, seen)
     problem = _Problem(seen.data, list(free), objective, target, window)
-    _expect(work, seen.data, starts)
     with work.stage(FITTING):
         result = problem.fit(given.core, problem.cut(), starts)
     refit = problem.refit_near(result)
@@ -240,15 +235,6 @@ def fit(
     whole = _change(seen.data, given.core, result["model"])
     errors = Errors(whole.before, whole.after, _pooled(problem, runs), blocks, tested)
     return _result(given, seen, starts, result, errors, runs)
-
-
-def _expect(work: Work, runs: List[_core.RunData], starts: int) -> None:
-    """Tells work to expect the stages of a fit to runs."""
-    duration = sum(run.times[-1] - run.times[0] for run in runs)
-    folds = min(len(runs), validation.RUN_FOLDS) + len(runs) if len(runs) > 1 else 0
-    units = {FITTING: starts, validation.BLOCKS: validation.FOLDS + 1, validation.RUNS: folds}
-    for stage, cost in STAGES.items():
-        work.expect(stage, units[stage], cost * duration)
 
 
 def _check(objective: str, target: str) -> None:

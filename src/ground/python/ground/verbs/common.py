@@ -6,7 +6,7 @@ from typing import Any, Iterator, List, Optional, Sequence
 
 import numpy as np
 
-from ground import errors
+from ground import errors, progress
 from ground.api import recordings as api
 from ground.errors import GroundError
 from ground.recordings import mapping, readers, settings
@@ -150,7 +150,7 @@ def angle(text: str) -> float:
 def say(arguments: argparse.Namespace, text: str = "") -> None:
     """Prints a line, unless the result is printed as JSON."""
     if not arguments.json:
-        print(text, flush=True)  # at once, also into a pipe
+        progress.say(text)
 
 
 def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:

@@ -65,22 +65,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
     models = comparing.labelled(arguments.model)
-    arguments.work.expect(comparing.COMPARING, None)
     recordings = common.read(arguments)
     folder = comparison_files.Folder(
         arguments.output, list(models), not arguments.numbers, arguments.format, arguments.force
     )
     folder.prepare([recording.name for recording in recordings])
     part = Part(arguments.start, arguments.end, arguments.all)
-    if not arguments.numbers:
-        arguments.work.expect(DRAWING, len(recordings), 1.5 * (1 + len(models)))
-        arguments.work.expect(common.PAGE, 1, 2.0)
     runs = []
     with folder.replaced():
         for compared in comparing.each_run(
             models, recordings, part, arguments.scheduler, arguments.work
         ):
-            with arguments.work.unit(DRAWING):
+            with arguments.work.stage(DRAWING):
                 folder.write_run(compared)
             _say_run(arguments, compared)
             runs.append(compared)

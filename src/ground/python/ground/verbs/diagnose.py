@@ -65,7 +65,6 @@ def run(arguments: argparse.Namespace) -> Document:
 
     work = arguments.work
     folder = diagnosis_files.Folder(arguments.output, arguments.force)
-    work.expect(common.PAGE, 1, 7.0)
     problem = diagnosing.read_problem(
         arguments.model,
         common.reading(arguments, arguments.bags),

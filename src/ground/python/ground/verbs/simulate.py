@@ -11,7 +11,6 @@ from ground.api import simulating
 from ground.api.models import Model
 from ground.api.simulating import DESIGNS, DURATION, GAINS, KINDS, REFERENCE
 from ground.recordings.settings import AXES
-from ground.simulation import bag_writer
 from ground.simulation import tracking as loop
 from ground.simulation.experiments import SimulatedRun
 from ground.verbs import common, conditions, listing
@@ -194,8 +193,6 @@ def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
     model = Model.load(arguments.model)
-    arguments.work.expect(SIMULATING, 1, 0.2)
-    bag_writer.expect(arguments.work, arguments.duration or DURATION)
     with arguments.work.stage(SIMULATING):
         run = simulating.simulate(
             model,

@@ -43,10 +43,9 @@ def run(arguments: argparse.Namespace) -> Document:
     runs: List[Document] = []
     longest: Optional[Tuple[tracks.Track, Document, Recording]] = None
     recordings = common.read(arguments)
-    arguments.work.expect(FOLLOWING, len(recordings), 0.5)
     for recording in recordings:
         drives = []
-        with arguments.work.unit(FOLLOWING):
+        with arguments.work.stage(FOLLOWING):
             read = list(tracks.read(recording.path, recording))
         for track in read:
             numbers = tracks.numbers(track, arguments.settled)

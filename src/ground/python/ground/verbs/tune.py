@@ -32,7 +32,6 @@ REFERENCES = [
 ]
 # Stages; unit: a drive that is simulated
 STAGES = ("drives of the search", "drives of the finalists", "drives of the test")
-DRIVE = 0.005  # usual time of one [s]
 HELD_OUT = ["rhodonea", "circle:size=1.5,rate_of_turn=0.8"]
 THESIS = {
     "TrajectoryTracking": {
@@ -145,10 +144,8 @@ def _search(
         len(seen) * counts[1] * tuning.FINALISTS,
         len(seen + unseen) * counts[2] * (len(first) + 1),
     ]
-    for stage, units in zip(STAGES, drives):
-        work.expect(stage, units, DRIVE)
     try:
-        with work.stage(STAGES[0]):
+        with work.stage(STAGES[0], drives[0]):
             tried = tuning.search(
                 team,
                 first,
@@ -161,13 +158,13 @@ def _search(
                 rate,
                 work,
             )
-        with work.stage(STAGES[1]):
+        with work.stage(STAGES[1], drives[1]):
             chosen = tuning.choose(
                 team, tried, first, model, seen, places[1], weights, seeds[1], rate, work
             )
         tuned = gains.choice(arguments.controller)
         gains.put(tuned, chosen[0].gains)
-        with work.stage(STAGES[2]):
+        with work.stage(STAGES[2], drives[2]):
             compared = tuning.evaluate(
                 team, first + [tuned], model, seen + unseen, places[2], weights, seeds[2], rate, work
             )
