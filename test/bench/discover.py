@@ -29,7 +29,7 @@ import hidden_visibility
 import hidden_white
 import resumed
 import room
-from ground import _core, workers
+from ground import _core, command_line, workers
 from ground.discovery import campaign, choice, pieces, story, tracking
 from ground.errors import GroundError
 from hidden_white import MODEL
@@ -210,7 +210,7 @@ def main():
     parser.add_argument("--seed-base", type=int, default=1, help="seed of the first craft (1)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--hours", type=float, default=float("inf"), help="begin no case after this time")
-    workers.add_scheduler_argument(parser)
+    command_line.add_options(parser, workers.Scheduled)
     parser.add_argument("--results", default="build/discover.jsonl", help="file of JSON lines")
     parser.add_argument("--markdown", help="file for the table")
     options = parser.parse_args()

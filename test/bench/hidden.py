@@ -24,7 +24,7 @@ import hidden_table
 import hidden_visibility
 import hidden_white as white
 import resumed
-from ground import _core, workers
+from ground import _core, command_line, workers
 from ground.analysis import next_experiment, study
 from ground.errors import GroundError
 
@@ -183,7 +183,7 @@ def main():
     parser.add_argument("--noise", type=float, default=1.0, help="factor on the noise in white cases")
     parser.add_argument("--excitation", default="varied", choices=["varied", "prbs"],
                         help="excitation in white cases")  # fmt: skip
-    workers.add_scheduler_argument(parser)
+    command_line.add_options(parser, workers.Scheduled)
     parser.add_argument("--results", default="build/hidden.jsonl", help="file of JSON lines")
     parser.add_argument("--markdown", help="file for the table")
     parser.add_argument("--picture", help="file for the matrix of white single effects")

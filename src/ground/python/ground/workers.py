@@ -1,15 +1,15 @@
 """Parallel work on all cores, or on the machines of a Dask cluster."""
 
-import argparse
 import copyreg
-import inspect
 import os
 import signal
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from typing import Any, Callable, Dict, Iterable, Iterator, Optional, Sequence, Tuple, Type, TypeVar
 
 from ground import _core
+from ground.command_line import option
 from ground.errors import GroundError
 
 _T = TypeVar("_T")
@@ -19,12 +19,14 @@ RETRIES = 3  # repetitions of a piece of work that failed or whose worker died
 PATIENCE = 10  # timeout of a scheduler [s]
 
 
-def add_scheduler_argument(parser: argparse.ArgumentParser) -> None:
-    """Adds --scheduler."""
-    parser.add_argument(
-        "--scheduler",
+@dataclass(frozen=True)
+class Scheduled:
+    """Where work is done."""
+
+    scheduler: Optional[str] = option(
+        None,
+        "Dask scheduler whose cluster does the work, in a network you trust (default: all cores here)",
         metavar="tcp://HOST:PORT",
-        help="Dask scheduler whose cluster does the work, in a network you trust (default: all cores here)",
     )
 
 
@@ -32,12 +34,11 @@ class Workers:
     """A pool of workers; use it in a with statement.
 
     scheduler: address of a Dask scheduler, None for this computer; its workers need this package (start
-    them where setup.bash was sourced). processes: uses processes of this computer instead of threads,
-    for work that holds the interpreter. With processes, and on a cluster, functions must be defined in
-    modules, and items and results must be picklable. A cluster gets the data of a callable object, or of
-    a functools.partial, once, not with each item. Pickles are sent over the cluster's network:
-    whoever can reach the scheduler can run code here. modules: files that a cluster's workers need
-    besides this package. Raises GroundError when the scheduler does not answer.
+    them where setup.bash was sourced), and whoever can reach the scheduler can run code here. processes:
+    uses processes of this computer instead of threads, for work that holds the interpreter. With
+    processes, and on a cluster, functions must be defined in modules, and items and results must be
+    picklable. modules: files that a cluster's workers need besides this package. Raises GroundError when
+    the scheduler does not answer.
     """
 
     def __init__(
@@ -47,65 +48,39 @@ class Workers:
         count: Optional[int] = None,
         modules: Sequence[str] = (),
     ) -> None:
-        self._client: Any = None
-        self._pool: Optional[Executor] = None
+        count = count or len(os.sched_getaffinity(0))
+        self.is_cluster = scheduler is not None  # whether the work is done elsewhere
+        self._pool: Any
         if scheduler:
-            self._client = _connect(scheduler)
+            self._pool = _connect(scheduler)
             for path in modules:
-                self._client.upload_file(path)
+                self._pool.upload_file(path)
+        elif processes:
+            self._pool = ProcessPoolExecutor(count, initializer=_end_quietly)
         else:
-            count = count or len(os.sched_getaffinity(0))
-            self._pool = (
-                ProcessPoolExecutor(count, initializer=_end_quietly)
-                if processes
-                else ThreadPoolExecutor(count)
-            )
+            self._pool = ThreadPoolExecutor(count)
 
     def __enter__(self) -> "Workers":
         return self
 
     def __exit__(self, *_: Any) -> None:
-        if self._client:
-            self._client.close()
-        if self._pool:
-            self._pool.shutdown()
-
-    @property
-    def is_cluster(self) -> bool:
-        """Whether the work is done elsewhere."""
-        return self._client is not None
+        self._pool.close() if self.is_cluster else self._pool.shutdown()
 
     def map(self, work: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[_R]:
         """Yields work(item) in the order of the items; an exception of one is raised in its place."""
-        if self._pool:
+        if self.is_cluster:
+            every = list(items)
+            held = self._pool.scatter(work, broadcast=True)  # once, not with each item
+            futures = self._pool.map(_call, [held] * len(every), every, pure=False, retries=RETRIES)
             try:
-                yield from self._pool.map(work, items)
-            except BrokenProcessPool:
-                raise GroundError("a process was ended from outside, perhaps for lack of memory")
+                yield from (future.result() for future in futures)
+            finally:
+                self._pool.cancel(futures)
             return
-        from distributed import KilledWorker
-
-        every = list(items)
-        if inspect.isfunction(work):
-            futures = self._client.map(work, every, pure=False, retries=RETRIES)
-        else:
-            # A task of its own, which is repeated if the worker that holds its result dies.
-            held = self._client.submit(_itself, work, pure=False)
-            given = [held] * len(every)
-            futures = self._client.map(_call, given, every, pure=False, retries=RETRIES)
         try:
-            for future in futures:
-                yield future.result()
-        except KilledWorker as error:
-            raise GroundError("a piece of work has ended several workers: %s" % error)
-        except ImportError as error:
-            raise GroundError("a module is missing on the workers: %s" % error)
-        finally:
-            self._client.cancel(futures)
-
-
-def _itself(work: _T) -> _T:
-    return work
+            yield from self._pool.map(work, items)
+        except BrokenProcessPool:
+            raise GroundError("a process was ended from outside, perhaps for lack of memory")
 
 
 def _call(work: Callable[[_T], _R], item: _T) -> _R:
@@ -120,12 +95,12 @@ def _end_quietly() -> None:
 def _connect(address: str) -> Any:
     try:
         from distributed import Client
+
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
     except ImportError:
         raise GroundError(
             "Dask is missing: install python3-distributed (Debian) or distributed from PyPI"
         )
-    try:
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise GroundError("%s: no Dask scheduler answers (%s)" % (address, error))
     if not client.scheduler_info()["workers"]:

@@ -8,8 +8,8 @@ import numpy as np
 
 from ground import _core
 from ground.annotations import Path
-from ground.api.models import Model
-from ground.api.values import distinct_labels
+from ground.models import Model
+from ground.results import distinct_labels
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.progress import Work
 from ground.recordings import findings, many, quality, readers, settings, suspicions

@@ -6,7 +6,7 @@ from typing import (
     TYPE_CHECKING,
     Dict,
     Iterable,
-    List,
+    Iterator,
     Mapping,
     Optional,
     Sequence,
@@ -18,8 +18,8 @@ import numpy as np
 
 from ground import _core, core_types, errors, files, origin
 from ground.annotations import Array, Path
-from ground.api.values import Row, Shown
 from ground.errors import GroundError
+from ground.results import Shown
 
 if TYPE_CHECKING:
     import pandas
@@ -49,11 +49,6 @@ class Parameter:
 def parameters_by_name(found: Iterable[core_types.FittedParameter]) -> Dict[str, Parameter]:
     """Parameters, by name, from the dictionaries that a fit of the core returns."""
     return {p["name"]: Parameter(**p) for p in found}
-
-
-def parameter_rows(parameters: Mapping[str, Parameter]) -> List[Row]:
-    """Rows of a table: name, value, interval, unit."""
-    return [[p.name, "%.4g" % p.value, p.interval, p.unit] for p in parameters.values()]
 
 
 def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
@@ -182,13 +177,13 @@ class Model(Shown):
         index = pandas.Index([p["name"] for p in described], name="parameter")
         return pandas.DataFrame(rows, index=index, columns=["value", "unit", "meaning"])
 
-    def _table(self) -> Tuple[str, Row, List[Row]]:
+    def lines(self) -> Iterator[str]:
+        """Title, effects and parameters."""
         from ground.analysis import candidates
 
-        title = "%s, effects: %s" % (self.name, candidates.listed(self.core) or "none")
-        described = self.core.parameters()
-        rows = [[p["name"], "%.4g" % self.core.value(p["name"]), p["unit"]] for p in described]
-        return title, ["parameter", "value", "unit"], list(rows)
+        yield "%s, effects: %s" % (self.name, candidates.listed(self.core) or "none")
+        for p in self.core.parameters():
+            yield "%-24s %12.4g %s" % (p["name"], self.core.value(p["name"]), p["unit"])
 
 
 ModelLike = Union[Model, Path]
