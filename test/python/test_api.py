@@ -59,7 +59,7 @@ def test_importing_the_package_loads_nothing_heavy():
     code = "import sys, ground; dir(ground); print(*sys.modules)"
     loaded = subprocess.check_output([sys.executable, "-c", code], universal_newlines=True).split()
     assert "ground" in loaded
-    heavy = {"numpy", "scipy", "matplotlib", "pandas", "rospy", "ground._core", "ground.api", "ground.fitting"}
+    heavy = {"numpy", "scipy", "matplotlib", "pandas", "rospy", "ground._core", "ground.fitting"}
     assert heavy & set(loaded) == set()
 
 

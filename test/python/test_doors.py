@@ -104,14 +104,6 @@ def point(model=None, **changes):
     return _core.GreyBoxPoint(first.model, {**first.levels, **changes}, loudness)
 
 
-NOISE = _core.WrenchFilter(craft(), GOOD).likeliest_noise(_core.WrenchNature.random_walk)
-
-
-def wrench_noise(**changes):
-    usual = {name: getattr(NOISE, name) for name in ("force", "moment", "position", "heading")}
-    return changed_fields(_core.WrenchNoise(), **{**usual, **changes})
-
-
 def tracking(model=None, believed=None, eta=(0, 0, 0), mocap=None, **changes):
     params = changed_fields(_core.TrackingParams(), **{"duration": 1.0, **changes})
     return _core.track_reference(model or craft(), believed or craft(), params, np.array(eta, float),
@@ -141,10 +133,6 @@ def reference(**changes):
 def forecast(model=None, **changes):
     given = {"run": 0, "starts": [50], "horizons": [0.3], "draws": 19, **changes}
     return box().forecast(point(model), **given)
-
-
-def uncertain(information, scale=(1.0,)):
-    return forecast(free=["k"], information=np.array([[information]]), scale=list(scale))
 
 
 def play(
@@ -258,10 +246,6 @@ def cases_of_indices():
     yield "a forecast from sample -1", lambda: forecast(starts=[-1])
     yield "a forecast from behind the end", lambda: forecast(starts=[200])
     yield "descending starts of forecasts", lambda: forecast(starts=[60, 50], horizons=[1, 1])
-    acting = np.ones((200, 1))
-    for channel in (-1, 3, 50):
-        yield "smooth on channel %d" % channel, lambda c=channel: _core.WrenchFilter(
-            craft(), GOOD).smooth(NOISE, acting, [c])
 
 
 def cases_of_likelihood():
@@ -311,48 +295,6 @@ def cases_of_likelihood():
             lambda b=bad: box().intervals(point(), b, ["k"])
     yield "intervals with an unknown level held", \
         lambda: box().intervals(point(), good, ["k"], held=["loud"])
-
-
-def cases_of_forecasts():
-    for value in (NAN, -1.0):
-        yield "forecast over %s s" % value, lambda v=value: forecast(horizons=[v])
-    for value in BAD:
-        yield "forecast with velocity noise %s" % value, \
-            lambda v=value: forecast(velocity_noise=np.array([v, 0, 0]))
-        yield "forecast with scale %s" % value, lambda v=value: uncertain(1.0, [v])
-        yield "forecast with information %s" % value, lambda v=value: uncertain(1e3 * v)
-    for draws in (-1, 0, 1):
-        yield "forecast of %d draws" % draws, lambda d=draws: forecast(draws=d, part=0.01)
-    for part in (-0.5, 0.0, 1.0, 1.5, NAN):
-        yield "band of %s" % part, lambda p=part: forecast(part=p)
-    yield "too few horizons", lambda: forecast(horizons=[])
-    yield "too many horizons", lambda: forecast(horizons=[0.1, 0.1])
-    yield "no information", lambda: forecast(free=["k"], scale=[1.0])
-    yield "too few scales", lambda: uncertain(1.0, [])
-    yield "information of two parameters", lambda: forecast(
-        free=["k"], information=np.eye(2), scale=[1.0])
-
-
-def cases_of_wrenches():
-    filters = _core.WrenchFilter(craft(), GOOD)
-    walk = _core.WrenchNature.random_walk
-    for name in ("force", "moment", "position", "heading"):
-        for value in BAD + ([0.0] if name in ("position", "heading") else []):
-            noise = wrench_noise(**{name: value})
-            yield "innovations with %s %s" % (name, value), \
-                lambda n=noise: filters.innovations(walk, n)
-            yield "smooth with %s %s" % (name, value), lambda n=noise: filters.smooth(n)
-    yield "innovations with no noise", lambda: filters.innovations(walk, _core.WrenchNoise())
-    smooth = lambda *a: filters.smooth(NOISE, *a)  # noqa: E731
-    acted = lambda acting: box().residuals(point(), 0, acting=acting)  # noqa: E731
-    for what, odd in (("NaN", NAN), ("infinite", INF)):
-        yield "smooth with a wrench %s" % what, lambda x=odd: smooth(changed(np.ones((200, 1)), x), [0])
-        yield "residuals with a wrench %s" % what, lambda x=odd: acted(changed(np.ones((200, 3)), x))
-    yield "smooth with a short wrench", lambda: smooth(np.ones((3, 1)), [0])
-    yield "residuals with a short wrench", lambda: acted(np.ones((3, 3)))
-    yield "smooth with too few channels", lambda: smooth(np.ones((200, 2)), [0])
-    yield "smooth with channels alone", lambda: smooth(None, [0])
-    yield "residuals with two columns", lambda: acted(np.ones((200, 2)))
 
 
 def cases_of_simulation_error():
@@ -504,9 +446,8 @@ def cases_of_experiments():
 
 
 CASES = dict(pair for make in (
-    cases_of_runs, cases_of_models, cases_of_indices, cases_of_likelihood, cases_of_forecasts,
-    cases_of_wrenches, cases_of_simulation_error, cases_of_inputs, cases_of_places,
-    cases_of_experiments,
+    cases_of_runs, cases_of_models, cases_of_indices, cases_of_likelihood,
+    cases_of_simulation_error, cases_of_inputs, cases_of_places, cases_of_experiments,
 ) for pair in make())
 
 
@@ -547,6 +488,6 @@ def test_good_arguments_do_not():
     for threads in (1, 2):
         for entry, call in estimators(two, threads).items():
             assert outcome(call) == "returned", entry
-    for call in (forecast, lambda: uncertain(1.0), play, tracking, excite, simulate,
+    for call in (forecast, play, tracking, excite, simulate,
                  lambda: excite(room=room())):
         assert outcome(call) == "returned"

@@ -16,8 +16,8 @@ from typing import (
 
 import numpy as np
 
-from ground import _core, core_types, errors, files, origin
-from ground.annotations import Array, Path
+from ground import _core, errors, files, origin
+from ground.annotations import Array, Document, Path
 from ground.errors import GroundError
 from ground.results import Shown
 
@@ -46,7 +46,7 @@ class Parameter:
         return "[%.4g, %.4g]" % self.ci95 if self.identified else "not identifiable from these data"
 
 
-def parameters_by_name(found: Iterable[core_types.FittedParameter]) -> Dict[str, Parameter]:
+def parameters_by_name(found: Iterable[Document]) -> Dict[str, Parameter]:
     """Parameters, by name, from the dictionaries that a fit of the core returns."""
     return {p["name"]: Parameter(**p) for p in found}
 

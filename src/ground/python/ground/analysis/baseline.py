@@ -14,8 +14,7 @@ from ground import _core
 from ground.analysis import study
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.annotations import Array
-from ground.core_types import FittedParameter
+from ground.annotations import Array, Document
 from ground.errors import GroundError
 from ground.recordings import windows
 
@@ -28,7 +27,7 @@ class Refit:
 
     by: str  # LIKELIHOOD or SIMULATION
     model: _core.Model
-    parameters: Sequence[FittedParameter]
+    parameters: Sequence[Document]
     error: float  # on the runs fitted to
     heldout: float  # on runs held out
 

@@ -29,7 +29,6 @@ from ground.analysis.refits import Fitting
 from ground.analysis.search import Search
 from ground.analysis.second_opinion import Opinion, second_opinion
 from ground.annotations import Document, Each
-from ground.core_types import FittedParameter
 from ground.errors import GroundError
 
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
@@ -53,7 +52,7 @@ class Conclusion:
 
     verdict: str  # complete, missing, varies, memory, unexplained, undecided or misread
     improved: _core.Model  # refitted
-    parameters: List[FittedParameter]  # the improved model's: name, unit, value, ci95, ...
+    parameters: List[Document]  # the improved model's: name, unit, value, ci95, ...
     noise_floor: float
     refits: Tuple[baseline.Refit, ...]  # the model as it is
     steps: List[float]  # error on held-out runs after each step

@@ -32,8 +32,7 @@ from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import Search
 from ground.analysis.trials import Dropped
-from ground.annotations import Each
-from ground.core_types import Estimate
+from ground.annotations import Document, Each
 from ground.progress import Work
 
 # An effect matters if it moves the predicted pose at the horizon by this multiple of the noise of a
@@ -423,7 +422,7 @@ class Diagnosis:
         self,
         name: str,
         model: _core.Model,
-        parameters: Sequence[Estimate],
+        parameters: Sequence[Document],
         gain: float,
         seen: bool,
         refitted: bool,

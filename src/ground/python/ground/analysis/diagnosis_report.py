@@ -21,7 +21,6 @@ from ground.analysis.ceiling import Ceiling, Share
 from ground.analysis.conclusion import MISREAD, Conclusion
 from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Document
-from ground.core_types import Estimate
 from ground.errors import GroundError
 
 SCHEMA = "ground/diagnosis/1"
@@ -139,7 +138,7 @@ def _errors(
     return {"fit": float(fit.error.sum()), "heldout": float(heldout), "by": by}
 
 
-def _parameters(parameters: Iterable[Estimate], prefix: str = "") -> Document:
+def _parameters(parameters: Iterable[Document], prefix: str = "") -> Document:
     return {
         p["name"][len(prefix) :]: {
             "value": p["value"],

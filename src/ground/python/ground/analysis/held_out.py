@@ -11,8 +11,7 @@ from ground import _core
 from ground.analysis import study
 from ground.analysis.distributions import mean_not_above_zero
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.annotations import Array, Each, Indices
-from ground.core_types import FittedParameter
+from ground.annotations import Array, Document, Each, Indices
 from ground.errors import GroundError
 
 FOLDS = 4  # largest number of folds
@@ -27,7 +26,7 @@ class Judged:
 
     model: _core.Model
     parameters: Dict[
-        str, FittedParameter
+        str, Document
     ]  # by name: value, unit, ci95, deviation, identified, at_bound
     error: Array  # (3,) mean |e|/s of u, v, r over the windows of all runs
     heldout: Array  # (3,) the same, each window by a fit to the other parts; differences between

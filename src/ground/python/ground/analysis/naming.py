@@ -134,7 +134,7 @@ def _worth(fit: Fit, piece: "Piece") -> float:
     """Squared ratio of the size of a piece to its standard deviation, roughly the log-likelihood ratio to
     the formula without it."""
     size = next(p for p in fit.parameters if p["name"].split(".")[-1] == piece.size)
-    return (size["value"] / size["deviation"]) ** 2 if size["identified"] else 0.0
+    return float(size["value"] / size["deviation"]) ** 2 if size["identified"] else 0.0
 
 
 # Pieces

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, Dict, Iterable, List, Optional, Sequence,
 
 import numpy as np
 
-from ground import _core, core_types
+from ground import _core
 from ground.analysis import candidates
-from ground.annotations import Array, Random
+from ground.annotations import Array, Document, Random
 from ground.errors import GroundError
 from ground.progress import Work
 from ground.recordings import repair, windows
@@ -33,7 +33,7 @@ class Fit:
 
     model: _core.Model
     parameters: Dict[
-        str, core_types.FittedParameter
+        str, Document
     ]  # by name: value, unit, ci95, deviation, identified, at_bound
     error: Array  # (3,) mean |e|/s of u, v, r over the windows fitted to
     heldout: Array  # (3,) the same over all windows, each by a fit to the other parts
@@ -105,7 +105,7 @@ class Study:
 
     def _best(
         self, starts: Iterable[_core.Model], free: Sequence[str], **options: Any
-    ) -> core_types.Fit:
+    ) -> Document:
         """The best fit from any start; GroundError when none can be simulated."""
         found, failure = [], GroundError("there is no model to start from")
         for start in starts:
@@ -115,7 +115,7 @@ class Study:
                 failure = error
         if not found:
             raise failure
-        return min(found, key=lambda result: result["objective"])
+        return min(found, key=lambda result: float(result["objective"]))
 
     def refit(self, starts: Sequence[_core.Model], free: Sequence[str]) -> Fit:
         """Fits from models near the best, in one thread; no other start is tried."""
@@ -123,7 +123,7 @@ class Study:
             self._best(starts, free, near=True, threads=1, width=self.width), free, 1
         )
 
-    def _judged(self, result: core_types.Fit, free: Sequence[str], threads: int) -> Fit:
+    def _judged(self, result: Document, free: Sequence[str], threads: int) -> Fit:
         fitted = result["model"]
         heldout = np.zeros((len(self.windows), 3))
         initial = iter(result["initial"])
@@ -163,7 +163,7 @@ class Study:
         model: _core.Model,
         free: Sequence[str],
         **options: Any,
-    ) -> core_types.Fit:
+    ) -> Document:
         pieces = [piece for w in chosen for piece in self._pieces(w)]
         try:
             return windows.problem(self.runs, pieces).fit(model, free, **options)

@@ -4,7 +4,7 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core, core_types
+from ground import _core
 from ground.annotations import Array, Document
 from ground.progress import Work
 from ground.recordings import windows
@@ -12,7 +12,7 @@ from ground.recordings import windows
 BLOCK = 6.0  # length of blocks of time [s]
 FOLDS = 10  # largest number of folds of blocks, whatever the length of the runs
 # Fits to windows, from the windows' initial states if any are given.
-Refit = Callable[[Sequence[_core.Window], Sequence[Array]], core_types.Fit]
+Refit = Callable[[Sequence[_core.Window], Sequence[Array]], Document]
 RUN_FOLDS = 20  # largest number of folds of runs
 BLOCKS, RUNS = "holding out blocks of time", "holding out runs"  # stages
 
@@ -20,11 +20,11 @@ BLOCKS, RUNS = "holding out blocks of time", "holding out runs"  # stages
 def leave_runs_out(
     runs: Sequence[_core.RunData],
     fit: Refit,
-    whole: core_types.Fit,
+    whole: Document,
     length: float = windows.WINDOW,
     most: int = RUN_FOLDS,
     work: Optional[Work] = None,
-) -> List[Tuple[core_types.Fit, float]]:
+) -> List[Tuple[Document, float]]:
     """Fits without some of the runs, and their errors on those: [(fit's result, error)], one per run.
 
     Each run is held out once: alone, or, with more than `most` runs, together with every `most`-th
@@ -100,9 +100,9 @@ def _refits(
     fit: Refit,
     initial: Sequence[Array],
     work: Work,
-) -> Dict[int, core_types.Fit]:
+) -> Dict[int, Document]:
     """Results of fits without each fold, by fold; folds, initial: fold and state of each window."""
-    results: Dict[int, core_types.Fit] = {}
+    results: Dict[int, Document] = {}
     work.more(len(set(folds)))
     for fold in work.each(sorted(set(folds))):
         rest = [k for k, f in enumerate(folds) if f != fold]
@@ -110,7 +110,7 @@ def _refits(
     return results
 
 
-def disagreements(fitted: core_types.Fit, others: core_types.Fit, most: float = 3.0) -> List[str]:
+def disagreements(fitted: Document, others: Document, most: float = 3.0) -> List[str]:
     """Parameters whose estimate from one run and from the others differ by `most` deviations."""
     names = []
     for a, b in zip(fitted["parameters"], others["parameters"]):

@@ -33,8 +33,7 @@ noise_floor  error that the noise of the poses alone would leave there, if the b
 import argparse
 import json
 import os
-from dataclasses import dataclass
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
 from ground import bag_arguments, command_line, workers
 from ground.analysis import comparison
@@ -63,24 +62,19 @@ WRITING = "writing pictures and the page"  # stage
 Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
 
 
-@dataclass(frozen=True)
-class CompareOptions(workers.Scheduled, bag_arguments.Span):
-    """How models are compared."""
-
-
-@command_line.takes(CompareOptions)
+@command_line.takes(bag_arguments.Span)
 def compare(
     models: Models,
     recordings: Recordings,
     *,
     progress: Progress = None,
-    options: CompareOptions,
+    options: bag_arguments.Span,
 ) -> Comparison:
     """Models against recordings: errors, and where they come from.
 
     models: one or several, or {label: model}; recordings: recordings or bags. progress: called with a
     ground.progress.Report at each step. GroundError when a file cannot be read, a model cannot be
-    simulated, or a run or model is given twice. Options, as keyword arguments or as CompareOptions:
+    simulated, or a run or model is given twice. Options, as keyword arguments or as bag_arguments.Span:
 
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.compare([craft, craft.with_effect("yaw_bias", n0=2e-5)], bag)
@@ -95,7 +89,7 @@ def compare(
     if not given:
         raise GroundError(NO_RECORDING)
     note_differences(given)
-    runs = _each_run(named, given, options.part, options.scheduler, Work.of(progress))
+    runs = _each_run(named, given, options.part, Work.of(progress))
     return _conclude(named, list(runs))
 
 
@@ -139,7 +133,6 @@ def _each_run(
     models: Dict[str, Model],
     recordings: Sequence[Recording],
     part: Part,
-    scheduler: Optional[str],
     work: Work,
 ) -> Iterator[RunComparison]:
     """The RunComparison of each run, in their order. For the first model it includes how much of
@@ -160,7 +153,7 @@ def _each_run(
             other = last if count == 0 else None
             task.append((part.of(run, model), model.core, label, role, other))
         tasks.append(task)
-    with workers.Workers(scheduler) as team:
+    with workers.Workers() as team:
         results = iter(zip(recordings, team.map(_inspect, tasks)))
         with work.stage(COMPARING, sum(lengths)):
             for length, (recording, studies) in zip(lengths, results):
@@ -219,7 +212,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--model", metavar="M.yaml", action="append", required=True, help="model; once for each model"
     )
     command_line.add_output(parser, "DIR", "folder for results")
-    command_line.add_options(parser, CompareOptions)
+    command_line.add_options(parser, bag_arguments.Span)
     parser.add_argument(
         "--format", choices=["png", "svg"], default="png", help="format of pictures (%(default)s)"
     )
@@ -233,7 +226,7 @@ def run(arguments: argparse.Namespace) -> Document:
     models = labelled(arguments.model)
     recordings = list(bag_arguments.reading(arguments, arguments.bags))
     _, numbers = prepare(arguments.output, arguments.force)
-    chosen = command_line.options(arguments, CompareOptions)
+    chosen = command_line.options(arguments, bag_arguments.Span)
     found = compare(models, recordings, options=chosen, progress=arguments.work)
     command_line.say(arguments, str(found))
     with arguments.work.stage(WRITING):

@@ -10,7 +10,7 @@ import numpy as np
 from ground import _core, command_line, files
 from ground.annotations import Document, Path
 from ground.command_line import count, option, positive, seconds, seed
-from ground.control import listing
+from ground.simulation import listing
 from ground.control.words import effort_lines, metres
 from ground.errors import GroundError
 from ground.models import Model, ModelLike

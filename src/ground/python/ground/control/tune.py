@@ -7,7 +7,7 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 from ground import _core, command_line, files, workers
 from ground.annotations import Document
 from ground.command_line import count, option, positive, seed
-from ground.control import listing
+from ground.simulation import listing
 from ground.control.words import metres
 from ground.errors import GroundError
 from ground.models import Model
@@ -42,7 +42,7 @@ THESIS = {
 
 
 @dataclass(frozen=True)
-class TuneOptions(workers.Scheduled):
+class TuneOptions:
     """What is searched, and how long."""
 
     controller: str = option("TrajectoryTracking", "(%(default)s)", choices=list(tuning.SPACE))
@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> Document:
     try:
         seen = tuning.cells({k: _task(k) for k in options.references}, model)
         unseen = tuning.cells({k: _task(k) for k in options.holdout}, model)
-        with workers.Workers(options.scheduler) as team:
+        with workers.Workers() as team:
             tuned, tried, compared = _search(options, arguments.work, team, model, seen, unseen)
     except (ValueError, RuntimeError) as error:
         raise GroundError(str(error))

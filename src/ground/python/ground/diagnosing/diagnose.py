@@ -9,7 +9,7 @@ from typing import Callable, Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
-from ground import bag_arguments, command_line, workers
+from ground import bag_arguments, command_line
 from ground.analysis import candidates, criteria, diagnosis, diagnosis_report, study
 from ground.analysis.conclusion import MISREAD, Conclusion, conclude
 from ground.annotations import Array, Document, Path
@@ -26,7 +26,7 @@ WRITING = "writing the page"  # stage
 
 
 @dataclass(frozen=True)
-class DiagnoseOptions(workers.Scheduled, bag_arguments.AsRecorded, bag_arguments.Span):
+class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Span):
     """What is looked for, and with how much work."""
 
     only: Optional[Sequence[str]] = option(
@@ -92,21 +92,20 @@ def diagnose(
     work = Work.of(progress)
     problem = _problem(model, recordings, holdout, work, options)
     room = problem.room()
-    with workers.Workers(options.scheduler) as team:
-        found, misread = _diagnosis(problem, work, team), problem.misread
-        if not misread:
-            found.grow()
-            if problem.is_turned and "heading_offset" not in found.model.effects:
-                # The search has not found what the commands show: what it found instead is not physics.
-                found, misread = _diagnosis(problem, work, team), True
-        held = problem.held.data
-        conclusion = conclude(found, held, misread)
-        name = problem.model.path or problem.model.name
-        report = diagnosis_report.begun(found, conclusion, name, held, problem.findings)
-        for line in words.concluded(report):
-            told(line)
-        walls = room.core if room else None
-        report = diagnosis_report.completed(report, found, conclusion, options.thorough, walls)
+    found, misread = _diagnosis(problem, work), problem.misread
+    if not misread:
+        found.grow()
+        if problem.is_turned and "heading_offset" not in found.model.effects:
+            # The search has not found what the commands show: what it found instead is not physics.
+            found, misread = _diagnosis(problem, work), True
+    held = problem.held.data
+    conclusion = conclude(found, held, misread)
+    name = problem.model.path or problem.model.name
+    report = diagnosis_report.begun(found, conclusion, name, held, problem.findings)
+    for line in words.concluded(report):
+        told(line)
+    walls = room.core if room else None
+    report = diagnosis_report.completed(report, found, conclusion, options.thorough, walls)
     return _result(problem, found, conclusion, report)
 
 
@@ -166,7 +165,7 @@ def _check_known(named: Iterable[str], by_default: List[str]) -> None:
             raise GroundError("there is no effect %s; there are %s" % (name, ", ".join(known)))
 
 
-def _diagnosis(problem: Problem, work: Work, team: workers.Workers) -> diagnosis.Diagnosis:
+def _diagnosis(problem: Problem, work: Work) -> diagnosis.Diagnosis:
     """The model as it is, refitted."""
     return diagnosis.Diagnosis(
         problem.runs,
@@ -175,7 +174,6 @@ def _diagnosis(problem: Problem, work: Work, team: workers.Workers) -> diagnosis
         problem.budget,
         work=work,
         most=math.inf if problem.thorough else study.MAX_WINDOWS,
-        each=team.map if team.is_cluster else None,
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core, bag_arguments, command_line, core_types, files
+from ground import _core, bag_arguments, command_line, files
 from ground.analysis import comparison, identifiability, study, unit_slips, validation
 from ground.annotations import Array, Document
 from ground.api.recordings import Measured, Recordings, held_out, measured
@@ -71,7 +71,7 @@ class _Problem:
 
     def fit(
         self, model: _core.Model, cut: Sequence[_core.Window], starts: int = 1, **options: Any
-    ) -> core_types.Fit:
+    ) -> Document:
         """The core's result of a fit of a _core.Model to windows."""
         objective = getattr(_core.Objective, self.options.objective.replace("-", "_"))
         target = getattr(_core.Target, self.options.target)
@@ -81,17 +81,17 @@ class _Problem:
         except (ValueError, RuntimeError) as error:
             raise GroundError(str(error))
 
-    def alone(self, index: int, model: _core.Model) -> core_types.Fit:
+    def alone(self, index: int, model: _core.Model) -> Document:
         """The core's result of a fit to one run."""
         one = _Problem([self.runs[index]], self.options)
         return one.fit(model, one.cut())
 
-    def refit_near(self, result: core_types.Fit) -> validation.Refit:
+    def refit_near(self, result: Document) -> validation.Refit:
         """A function of windows and initial states that fits again, starting from a result and with
         the same outliers, so that a refit takes a few steps only."""
         width = result["width"] if np.isfinite(result["width"]) else 0.0
 
-        def refit(part: Sequence[_core.Window], initial: Sequence[Array]) -> core_types.Fit:
+        def refit(part: Sequence[_core.Window], initial: Sequence[Array]) -> Document:
             return self.fit(result["model"], part, near=True, width=width, initial=initial)
 
         return refit
@@ -157,7 +157,7 @@ def _change(runs: List[_core.RunData], start: _core.Model, fitted: _core.Model) 
 def _blocks(
     problem: _Problem,
     start: _core.Model,
-    result: core_types.Fit,
+    result: Document,
     refit: validation.Refit,
     work: Work,
 ) -> Optional[BlockErrors]:
@@ -173,7 +173,7 @@ def _blocks(
 
 def _each(
     problem: _Problem,
-    result: core_types.Fit,
+    result: Document,
     refit: validation.Refit,
     work: Work,
 ) -> List[RunFit]:
@@ -209,7 +209,7 @@ def _result(
     given: Model,
     seen: Measured,
     starts: int,
-    result: core_types.Fit,
+    result: Document,
     errors: Errors,
     runs: List[RunFit],
 ) -> Fit:

@@ -10,7 +10,7 @@ import numpy as np
 from ground import _core, command_line, files
 from ground.annotations import Document, Path
 from ground.command_line import count, number, option, seed
-from ground.control import listing
+from ground.simulation import listing
 from ground.errors import GroundError, OptionError, warn
 from ground.models import Model, ModelLike, Room, RoomLike
 from ground.recordings import run_parameters

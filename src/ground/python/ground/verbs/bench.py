@@ -7,7 +7,7 @@ from typing import Any, Dict, Iterator, Tuple
 import numpy as np
 import yaml
 
-from ground import _core, bag_arguments, command_line, core_types, files
+from ground import _core, bag_arguments, command_line, files
 from ground.analysis import candidates, thrust_bench
 from ground.annotations import Document
 from ground.fitting.fit import fit
@@ -157,7 +157,7 @@ def _put_into(
     return fitted, {"k": ("k", 1.0)}
 
 
-def _listed(thruster: core_types.Thruster) -> Dict[str, Any]:
+def _listed(thruster: Document) -> Dict[str, Any]:
     """A thruster of the pair as model files list it."""
     return {
         "name": thruster["name"],
