@@ -295,6 +295,6 @@ def run(arguments: argparse.Namespace) -> Document:
         progress=arguments.work,
     )
     found.save(arguments.output, arguments.force)
-    command_line.say(arguments, str(found))
     command_line.say(arguments, "written to %s" % arguments.output)
+    command_line.say(arguments, str(found))
     return {"model": arguments.output, **found.to_dict()}

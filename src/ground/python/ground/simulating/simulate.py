@@ -1,6 +1,7 @@
 """simulate: a recording of a simulated experiment."""
 
 import argparse
+import functools
 import os
 from dataclasses import dataclass, fields, make_dataclass, replace
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar, Union
@@ -48,6 +49,11 @@ TRACKING = (
 
 _P = TypeVar("_P", bound=_core.DriveParams)
 Disturbance = Union[bool, Sequence[float]]
+
+
+_input = functools.partial(option, None, group="input")
+_tracking = functools.partial(option, None, group="tracking")
+_PLACE: Document = {"type": number, "nargs": 2, "metavar": ("X", "Y")}
 
 
 def _mocap(name: str, metavar: str, text: str) -> Any:
@@ -130,48 +136,30 @@ class _Options(Acting):
         nargs=3,
         metavar=("U", "V", "R"),
     )
-    clock: Optional[float] = option(
-        None, "bits per second (15)", range=(0.1, 500.0), metavar="HZ", group="input"
+    clock: Optional[float] = _input("bits per second (15)", range=(0.1, 500.0), metavar="HZ")
+    order: Optional[int] = _input(
+        "order N of a sequence of 2^N - 1 bits (9)", type=int, range=(2, 20), metavar="2..20"
     )
-    order: Optional[int] = option(
-        None,
-        "order N of a sequence of 2^N - 1 bits (9)",
-        type=int,
-        range=(2, 20),
-        metavar="2..20",
-        group="input",
+    rows_per_bit: Optional[int] = _input(
+        "FILE.csv of bits: lines per bit (found from the file)", type=count, metavar="N"
     )
-    rows_per_bit: Optional[int] = option(
-        None,
-        "FILE.csv of bits: lines per bit (found from the file)",
-        type=count,
-        metavar="N",
-        group="input",
-    )
-    levels: Optional[Sequence[float]] = option(
-        None,
+    levels: Optional[Sequence[float]] = _input(
         "inputs, 0..1, or -1..1 if a thruster can be reversed: low and high; any number for steps, "
         "single-thruster and multilevel-prbs (0 1; these 0 0.25 0.5 0.75 1)",
         range=(-1.0, 1.0),
         nargs="+",
         metavar="LEVEL",
-        group="input",
     )
-    hold: Optional[float] = option(
-        None, "time for which a level is held [s] (1)", range=(0.02, 100.0), metavar="S", group="input"
+    hold: Optional[float] = _input(
+        "time for which a level is held [s] (1)", range=(0.02, 100.0), metavar="S"
     )
-    room: Optional[RoomLike] = option(
-        None,
-        "play bursts of the input between returns home, inside this room",
-        metavar="ROOM.yaml",
-        group="input",
+    room: Optional[RoomLike] = _input(
+        "play bursts of the input between returns home, inside this room", metavar="ROOM.yaml"
     )
-    burst: Optional[float] = option(
-        None,
+    burst: Optional[float] = _input(
         "with --room, longest burst [s] (%g)" % _core.ReturnParams().burst,
         range=(0.1, experiments.LONGEST),
         metavar="S",
-        group="input",
     )
     axes: str = option(
         AXES, "world_ned x, y, z in the mocap's axes (%(default)s)", group="motion capture"
@@ -183,44 +171,31 @@ class _Options(Acting):
         metavar="RAD",
         group="motion capture",
     )
-    controller: Optional[str] = option(
-        None, "(TrajectoryTracking)", choices=list(loop.CONTROLLERS), group="tracking"
+    controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(loop.CONTROLLERS))
+    reference: Optional[str] = _tracking(
+        "(circle)", choices=[kind for kind in loop.KINDS if kind != "file"]
     )
-    reference: Optional[str] = option(
-        None, "(circle)", choices=[kind for kind in loop.KINDS if kind != "file"], group="tracking"
-    )
-    origin: Optional[Sequence[float]] = option(
-        None, "centre or start [m] (0 0)", type=number, nargs=2, metavar=("X", "Y"), group="tracking"
-    )
-    end: Optional[Sequence[float]] = option(
-        None, "end of a line [m] (2.5 2.5)", type=number, nargs=2, metavar=("X", "Y"), group="tracking"
-    )
+    origin: Optional[Sequence[float]] = _tracking("centre or start [m] (0 0)", **_PLACE)
+    end: Optional[Sequence[float]] = _tracking("end of a line [m] (2.5 2.5)", **_PLACE)
     sharp: bool = option(False, "line: start and stop suddenly", group="tracking")
-    control_rate: Optional[float] = option(
-        None,
-        "control rate (%g)" % _core.TrackingParams().life.rate,
-        type=number,
-        metavar="HZ",
-        group="tracking",
+    control_rate: Optional[float] = _tracking(
+        "control rate (%g)" % _core.TrackingParams().life.rate, type=number, metavar="HZ"
     )
-    max_error: Optional[float] = option(
-        None,
+    max_error: Optional[float] = _tracking(
         "error at which the controller stops when it lasts for 1 s, 0: a quarter of the reference's "
         "half-width [m] (never)",
         type=number,
         metavar="M",
-        group="tracking",
     )
-    controller_model: Optional[ModelLike] = option(
-        None, "the controller's model (--model)", metavar="C.yaml", group="tracking"
+    controller_model: Optional[ModelLike] = _tracking(
+        "the controller's model (--model)", metavar="C.yaml"
     )
 
 
 def _tunable(parameter: _core.TunableInfo) -> Tuple[str, Any, Any]:
     """A field for a parameter of a reference or a controller."""
     more = listing.option(parameter, parameter.default)
-    shown = option(None, more.pop("help"), type=number, group="tracking", **more)
-    return parameter.name, Optional[float], shown
+    return parameter.name, Optional[float], _tracking(more.pop("help"), type=number, **more)
 
 
 #: An experiment: _Options, and parameters of references and controllers.
