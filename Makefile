@@ -15,7 +15,7 @@ SEED ?= 1
 # CMake options in addition to the preset "default" (CMakePresets.json)
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
-.PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking bench-scaling \
+.PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking \
   bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes bench-plans \
   bench-commands bench-diagnose docs install clean
 
@@ -38,7 +38,7 @@ fresh:
 	  "$$clone/ground/.ci/fresh" make test
 
 # Spelling, Python and its types, XML, catkin packages, long functions; TIDY=1: clang-tidy over all C++ as well, which is slow.
-lint: $(if $(TIDY),build)
+lint: build
 	@$(in_ros) .ci/lint $(if $(TIDY),spelling python types xml packages functions tidy)
 
 # All C++ tests under sanitizers: address and undefined behaviour, then threads.
@@ -121,10 +121,6 @@ bench-own-stop: build
 # The wait for a diagnosis and its growth with the data. OPTIONS="--part growth", "--recordings DIR"
 bench-diagnose: build
 	@$(in_workspace) test/bench/diagnose_speed.py $(OPTIONS)
-
-# Sweeps on all cores and on a Dask cluster, with a prediction for 1000 workers.
-bench-scaling: build
-	@$(in_workspace) test/bench/scaling.py
 
 # An hour of simulated experiment: memory, timing, warnings. OPTIONS="seconds:=600"
 bench-soak: build

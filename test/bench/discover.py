@@ -17,27 +17,13 @@ import discover_cases as cases
 import discover_floor
 import discover_lab
 import discover_table
-import hidden_cases
 import hidden_craft
-import hidden_grammar
-import hidden_noise
-import hidden_pilot
-import hidden_score
-import hidden_share
-import hidden_table
-import hidden_visibility
-import hidden_white
 import resumed
-import room
 from ground import _core, workers
 from ground.discovery import campaign, choice, pieces, story, tracking
 from ground.errors import GroundError
 from hidden_white import MODEL
 
-# Modules that a cluster's workers need, in the order of their imports.
-MODULES = (hidden_white, hidden_grammar, hidden_craft, hidden_noise, hidden_pilot, hidden_share)
-MODULES += (hidden_cases, hidden_visibility, hidden_score, hidden_table, resumed, room, cases)
-MODULES += (discover_lab, discover_floor, discover_table)
 ROOM = os.path.join(os.path.dirname(MODEL), os.pardir, "room", "room_4x4.yaml")
 CHECKS = (9001, 9002, 9003)  # numbers of the flights that compare the tracking
 
@@ -181,12 +167,7 @@ def key_of(result):
 
 def bench(options):
     """Runs the jobs without a result and prints the table of all jobs."""
-    with workers.Workers(
-        options.scheduler,
-        processes=True,
-        count=options.jobs,
-        modules=[module.__file__ for module in MODULES],
-    ) as team:
+    with workers.Workers(processes=True, count=options.jobs) as team:
         wanted = list(jobs_of(options))
         results = resumed.results(
             team, options.results, wanted, tuple, key_of, run_case, options.hours
@@ -209,7 +190,6 @@ def main():
     parser.add_argument("--seed-base", type=int, default=1, help="seed of the first craft (1)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--hours", type=float, default=float("inf"), help="begin no case after this time")
-    workers.add_scheduler_argument(parser)
     parser.add_argument("--results", default="build/discover.jsonl", help="file of JSON lines")
     parser.add_argument("--markdown", help="file for the table")
     options = parser.parse_args()

@@ -13,13 +13,7 @@ import sys
 import time
 
 import hidden_cases
-import hidden_craft
 import hidden_engine
-import hidden_grammar
-import hidden_noise
-import hidden_pilot
-import hidden_score
-import hidden_share
 import hidden_table
 import hidden_visibility
 import hidden_white as white
@@ -30,9 +24,6 @@ from ground.errors import GroundError
 from ground import _core, workers
 
 COUNTS = {**{kind: count for kind, (_, count) in hidden_cases.KINDS.items()}, **white.KINDS}
-# Modules that a cluster's workers need, in the order of their imports.
-MODULES = (white, hidden_grammar, hidden_craft, hidden_noise, hidden_pilot, hidden_share, hidden_cases)
-MODULES += (hidden_visibility, hidden_engine, hidden_score, hidden_table, resumed)
 
 
 def run_case(job):
@@ -130,12 +121,7 @@ def key_of(result):
 
 def bench(options):
     """Runs the jobs without a result and prints the table of all jobs."""
-    with workers.Workers(
-        options.scheduler,
-        processes=True,
-        count=options.jobs,
-        modules=[module.__file__ for module in MODULES],
-    ) as team:
+    with workers.Workers(processes=True, count=options.jobs) as team:
         found = resumed.results(
             team,
             options.results,
@@ -185,7 +171,6 @@ def main():
     parser.add_argument("--noise", type=float, default=1.0, help="factor on the noise in white cases")
     parser.add_argument("--excitation", default="varied", choices=["varied", "prbs"],
                         help="excitation in white cases")  # fmt: skip
-    workers.add_scheduler_argument(parser)
     parser.add_argument("--results", default="build/hidden.jsonl", help="file of JSON lines")
     parser.add_argument("--markdown", help="file for the table")
     parser.add_argument("--picture", help="file for the matrix of white single effects")

@@ -14,9 +14,8 @@ import jsonschema
 import numpy as np
 import pytest
 
-from ground import terminal
+from ground import progress
 
-QUIET = terminal.QUIET
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "epfl_2019"
 MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
@@ -25,7 +24,7 @@ MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
 @pytest.fixture(scope="session", autouse=True)
 def no_progress():
     """Nothing is shown of work in this process, however busy the computer is."""
-    with mock.patch.object(terminal, "QUIET", float("inf")):
+    with mock.patch.object(progress, "QUIET", float("inf")):
         yield
 
 

@@ -17,8 +17,7 @@ import ground
 
 GAINS = ROOT / "cfg" / "gains" / "tiny_whoover.yaml"
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
-API = ROOT / "src" / "ground" / "python" / "ground" / "api"
-MODULES = sorted(path.stem for path in API.glob("[a-z]*.py"))
+MODULES = sorted({home for home in ground._HOMES.values()})
 HIDDEN = 2e-5  # constant yaw moment of the simulated craft [N m]
 
 
@@ -31,15 +30,9 @@ def flown(tmp_path_factory):
     return bag
 
 
-def test_there_are_modules():
-    assert {"fitting", "comparing", "diagnosing", "adding", "simulating", "tracking"} <= set(
-        MODULES
-    )
-
-
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_hold(name, flown):
-    module = importlib.import_module("ground.api." + name)
+    module = importlib.import_module(name)
     files = {
         "ground": ground,
         "bag": str(flown),
@@ -49,7 +42,7 @@ def test_examples_hold(name, flown):
     }
     found = doctest.testmod(module, extraglobs=files)
     assert found.failed == 0
-    public = [n for n in ground.__all__ if ground._HOMES[n] == "ground.api." + name]
+    public = [n for n in ground.__all__ if ground._HOMES[n] == name]
     verbs = [n for n in public if n.islower()]
     assert found.attempted >= 2 * len(verbs), "a public function has no example"
 
@@ -66,7 +59,7 @@ def test_importing_the_package_loads_nothing_heavy():
     code = "import sys, ground; dir(ground); print(*sys.modules)"
     loaded = subprocess.check_output([sys.executable, "-c", code], universal_newlines=True).split()
     assert "ground" in loaded
-    heavy = {"numpy", "scipy", "matplotlib", "pandas", "rospy", "ground._core", "ground.api"}
+    heavy = {"numpy", "scipy", "matplotlib", "pandas", "rospy", "ground._core", "ground.fitting"}
     assert heavy & set(loaded) == set()
 
 
@@ -74,9 +67,9 @@ def test_results_are_frozen_and_show_themselves(flown):
     found = ground.fit(MODEL, flown, free=["k"])
     with pytest.raises(AttributeError):
         found.objective = 0.0
-    assert "k" in repr(found) and "[N]" not in repr(found)
+    assert "95% interval" in repr(found) and "held out" in str(found)
     page = found._repr_html_()
-    assert page.startswith("<table>") and "95% interval" in page
+    assert "<table" in page and "low" in page
     frame = found.to_frame()
     assert frame.loc["k", "low"] < frame.loc["k", "value"] < frame.loc["k", "high"]
     assert ground.Model.load(MODEL).to_frame().loc["m", "unit"] == "kg"
@@ -129,7 +122,6 @@ def test_errors_name_arguments_as_python_has_them(flown):
     cases = {
         "burst needs room": dict(burst=3.0),
         "clock does not go with input tracking": dict(input="tracking", clock=3.0),
-        "there is no option colour": dict(colour="red"),
         "lift: 2 is not between 0 and 1": dict(lift=2.0),
         "'sing' is neither one of": dict(input="sing"),
         "mocap has no colour": dict(mocap={"colour": 1.0}),
@@ -171,7 +163,7 @@ def test_results_write_the_files_of_the_verbs(flown, tmp_path):
     assert all(pathlib.Path(p).is_file() for p in written)
     improved = ground.Model.load(tmp_path / "diagnosed" / "improved.yaml")
     assert improved.effects == ("yaw_bias",)
-    assert diagnosed.sentences and "yaw_bias" in diagnosed._repr_html_()
+    assert "yaw_bias" in str(diagnosed) and "yaw_bias" in diagnosed._repr_html_()
 
 
 def test_the_notebook_runs_and_finds_the_hidden_effect(monkeypatch):

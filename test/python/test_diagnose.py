@@ -241,9 +241,9 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
     import argparse
 
     from ground.errors import GroundError
-    from ground.api.diagnosing import effects_to_try
-    from ground.api.models import Model
-    from ground.verbs import diagnose as verb
+    from ground.diagnosing import diagnose as verb
+    from ground.diagnosing.diagnose import effects_to_try
+    from ground.models import Model
 
     own = {}
     for name in ("gust", "swirl"):

@@ -13,30 +13,6 @@ def run_verb(*arguments):
         return parsed.run(parsed)
 
 
-def test_the_work_of_a_fit_grows_with_the_length_of_a_run_not_with_its_square(
-    tmp_path, monkeypatch
-):
-    from ground.recordings import windows
-
-    problem, handled = windows.problem, []
-
-    def counted(runs, chosen, *target):
-        handled.append(len(chosen))
-        return problem(runs, chosen, *target)
-
-    monkeypatch.setattr(windows, "problem", counted)
-    work, blocks = {}, {}
-    for duration in (30, 120):
-        bag = write_bag(tmp_path / ("run%d.bag" % duration), duration=duration, seed=3)
-        handled.clear()
-        out = tmp_path / ("f%d.yaml" % duration)
-        report = run_verb("fit", bag, "--model", MODEL, "-o", out, "--block", 2)
-        work[duration], blocks[duration] = sum(handled), report["error"]["blocks"]
-    assert work[120] < 1.3 * 4 * work[30], work
-    assert [blocks[d]["count"] for d in (30, 120)] == [15, 60]
-    assert [blocks[d]["folds"] for d in (30, 120)] == [10, 10]
-
-
 def test_blocks_held_out_in_parts_have_the_error_of_blocks_held_out_one_by_one(tmp_path):
     from ground import _core
     from ground.analysis import window_error, validation
@@ -96,21 +72,6 @@ def test_parameters_not_identifiable_with_constant_commands_keep_their_start(tmp
     assert fitted.value("k") == pytest.approx(0.062, rel=0.1)
     assert fitted.provenance.not_identified == ["I_z", "N_r"]
     assert "not_identified: [I_z, N_r]  # kept at their start values" in out.read_text()
-
-
-def test_if_only_a_ratio_is_identifiable_one_parameter_keeps_its_start(tmp_path):
-    from ground import _core
-
-    other = tmp_path / "other.yaml"
-    other.write_text(MODEL.read_text().replace("N_r: 4.62e-5", "N_r: 9e-5"))
-    spin = write_bag(tmp_path / "run.bag", change=constant(0.0, (0.5, 0.2, 6)))
-    report = run_verb("fit", spin, "--model", other, "-o", tmp_path / "f.yaml")
-    fitted, start = _core.load_model(str(tmp_path / "f.yaml")), _core.load_model(str(other))
-    assert fitted.provenance.not_identified == ["I_z", "N_r", "k"]
-    assert fitted.value("k") == start.value("k")
-    assert start.value("N_r") == fitted.value("N_r") or start.value("I_z") == fitted.value("I_z")
-    assert fitted.value("N_r") / fitted.value("I_z") == pytest.approx(4.62e-5 / 8.8e-5, rel=0.03)
-    assert not report["parameters"]["I_z"]["identified"]
 
 
 def swapped(times, eta, inputs):

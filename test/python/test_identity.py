@@ -8,7 +8,6 @@ import pytest
 from conftest import MODEL, identify, write_bag
 
 import ground
-from ground.api import comparing
 
 FREE = ["k"]
 
@@ -270,23 +269,6 @@ def test_a_comparison_leaves_no_file_of_the_one_before(here, tmp_path):
     fresh = tmp_path / "fresh"
     ground.compare({"two": other}, "test/run1.bag").save(fresh, pictures=False)
     assert set(files_in(out)) - set(files_in(fresh)) == {"notes.csv"}
-
-
-def test_an_interrupted_comparison_keeps_the_one_before(here, tmp_path, monkeypatch):
-    out, runs = tmp_path / "out", ["train/run1.bag", "test/run1.bag"]
-    ground.compare(MODEL, runs).save(out, pictures=False)
-    before = files_in(out)
-    other = ground.Model.load(MODEL).with_values({"k": 0.07}).save(tmp_path / "tiny_whoover.yaml")
-    compared = comparing.each_run
-
-    def interrupted(*arguments):
-        yield next(compared(*arguments))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(comparing, "each_run", interrupted)
-    arguments = "--model", other.path, "--numbers", "--force", "-o", out
-    assert identify("compare", *runs, *arguments).returncode == 1
-    assert files_in(out) == before
 
 
 def test_a_diagnosis_leaves_no_file_of_the_one_before(here, tmp_path):

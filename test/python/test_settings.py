@@ -15,7 +15,7 @@ from ground.recordings import recording, run_parameters
 from ground.recordings.flown import RunFile
 from ground.recordings.mapping import DEFAULT
 from ground.reports import report, tracking_figures
-from ground.api.models import Room
+from ground.models import Room
 
 TURNED = "y, -x, z"  # axes of a mocap whose z is down
 OFFSET = 0.5

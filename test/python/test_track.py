@@ -71,15 +71,6 @@ def test_the_mvwt_tracks_as_in_the_thesis():
     assert found["caution"] is None
 
 
-def test_a_reference_beyond_the_crafts_abilities_is_reported():
-    wave = ["--reference", "sinusoid", "--speed", 0.3, "--rate-of-turn", 0.5]
-    loop = ["--model", MVWT, "--gains", GAINS / "thesis_4_10.yaml", "--max-error", "inf"]
-    result = program("track", *loop, *wave)
-    assert result.returncode == 0
-    assert "cannot follow it exactly" in result.stdout
-    assert "yaw moment" in result.stdout
-
-
 @pytest.mark.parametrize("gains, kind", THESIS)
 def test_the_small_craft_tracks_as_in_the_thesis(gains, kind):
     from ground.simulation import gains as files, tracking
@@ -177,22 +168,6 @@ def test_output_and_picture(tmp_path):
     assert text.returncode == 1 and "exists" in text.stderr
 
 
-def test_only_tracking_controllers_are_accepted():
-    for verb in (["track"], ["identify", "simulate", "--input", "tracking", "-o", "/tmp/no.bag"]):
-        refused = program(*verb, "--model", MODEL, "--controller", "OpenLoopPRBS")
-        assert refused.returncode == 2
-        assert "invalid choice: 'OpenLoopPRBS'" in refused.stderr
-        assert "ModelPredictive" in refused.stderr and "usage: " in refused.stderr
-    from ground import _core
-    from ground.simulation import gains, tracking
-
-    model = _core.load_model(str(MODEL))
-    baseline = tracking.run(
-        model, model, gains.choice("OpenLoopPRBS"), tracking.task("circle")
-    ).numbers
-    assert baseline["rms"] > 1 and baseline["effort"] == pytest.approx(0.5, abs=0.1)
-
-
 # The README's fit to all three recordings of the real craft, as factors on tiny_whoover.yaml.
 REAL = ["I_z=1.182", "X_u=2.091", "Y_v=1.587", "N_r=0.0476", "k=1.229"]
 
@@ -235,13 +210,6 @@ def test_a_reference_from_a_file(tmp_path):
     assert found["window"][1] > 8
     slower = track(*loop, "--speed", 0.15, "--smooth")
     assert slower["window"][1] > 1.5 * found["window"][1]
-
-
-def test_a_line_to_another_end():
-    loop = ["--model", MODEL, "--controller", "ModelPredictive", "--reference", "line"]
-    found = track(*loop, "--origin", 0, 0.5, "--end", -1, 1.5, "--speed", 0.5, "--end-time", 14)
-    assert found["window"] == [0, 14]
-    assert found["after_stop_max"] < 0.02
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 from conftest import MODEL, identify, program, write_bag
 
@@ -42,32 +41,6 @@ def test_the_error_equals_that_of_the_simulation(driven, tmp_path):
     assert settled["saturated_fraction"] < drive["saturated_fraction"]
 
 
-def test_wanted_inputs_controller_and_computing_times_are_reported(driven, tmp_path):
-    import rosbag
-
-    path, computed = tmp_path / "wanted.bag", []
-    with rosbag.Bag(str(driven[0])) as source, rosbag.Bag(str(path), "w") as bag:
-        for topic, message, time in source.read_messages():
-            if topic == "/controls/wanted":
-                message.left, message.right = 1.5, -0.25
-            if topic == "/controls":
-                message.header.frame_id = "/tracking"
-            if topic == "/decision":
-                computed.append(0.001 * (1 + len(computed)))
-                message.computing = computed[-1]
-            bag.write(topic, message, time)
-    (drive,) = tracking(path)["runs"][0]["drives"]
-    assert drive["controller"] == "/tracking"
-    assert drive["wanted_outside"] == 1.0
-    assert drive["wanted_largest"] == 1.5
-    milliseconds = 1e3 * np.array(computed)
-    assert drive["compute_ms"] == {
-        "median": pytest.approx(np.median(milliseconds), abs=1),
-        "p999": pytest.approx(np.quantile(milliseconds, 0.999), abs=1),
-        "max": pytest.approx(milliseconds.max(), abs=1),
-    }
-
-
 def test_a_run_without_decisions_has_no_numbers_on_them(driven, tmp_path):
     import rosbag
 
@@ -91,19 +64,6 @@ def test_track_and_tracking_print_the_same_numbers(driven):
     for word in ("error", "saturated", "effort", "wanted", "computing"):
         assert "\n%s " % word in simulated.stdout, word
         assert "\n%s " % word in recorded, word
-
-
-def test_a_pause_of_the_reference_separates_two_drives(driven):
-    from ground.recordings import recording as recordings, tracks
-
-    recording = recordings.read_bag(str(driven[0]))
-    (whole,) = tracks.read(str(driven[0]), recording)
-    references = np.column_stack([whole.times + whole.began, whole.reference, 0 * whole.reference])
-    pause = (whole.times < 6) | (whole.times > 7)
-    parts = np.split(references[pause], np.flatnonzero(np.diff(references[pause, 0]) > 0.5) + 1)
-    nothing = np.empty((0, 3)), np.empty((0, 2)), []
-    found = [tracks._track(recording, part, *nothing) for part in parts]
-    assert [round(track.times[-1]) for track in found] == [6, 8]
 
 
 def test_a_bag_without_a_reference_is_refused(tmp_path):

@@ -4,7 +4,7 @@ import json
 import numpy as np
 import pytest
 import yaml
-from conftest import MODEL, ROOT, process, program
+from conftest import MODEL, ROOT, program
 
 TABLE_4_1 = ROOT / "cfg" / "hovercraft" / "tiny_whoover_4_1.yaml"
 GAINS = ROOT / "cfg" / "gains"
@@ -50,13 +50,6 @@ def test_the_tuned_gains_are_ten_times_better_on_the_circle(errors, thesis):
     assert tuned < 0.1 * np.median(errors[thesis, "circle"])
 
 
-@pytest.mark.parametrize("thesis", ["thesis_4_11", "thesis_4_12"])
-@pytest.mark.parametrize("reference", REFERENCES)
-def test_the_tuned_gains_are_better_everywhere(errors, thesis, reference):
-    tuned, others = (errors[gains, reference] for gains in ("tiny_whoover", thesis))
-    assert np.quantile(tuned, 0.95) < np.quantile(others, 0.95)
-
-
 def test_a_search_finds_better_gains_and_writes_them(tmp_path):
     out, picture = tmp_path / "gains.yaml", tmp_path / "gains.png"
     search = ["--model", TABLE_4_1, "--evaluations", 90, "--starts", 1, "--test-starts", 6]
@@ -80,19 +73,6 @@ def test_a_search_finds_better_gains_and_writes_them(tmp_path):
     # Existing files are not overwritten.
     refused = program("tune", *search)
     assert refused.returncode == 1 and "exists" in refused.stderr
-
-
-def test_the_same_search_finds_the_same_gains(tmp_path):
-    texts = []
-    for run in (program, process):
-        out = tmp_path / run.__name__
-        search = ["--evaluations", 24, "--starts", 1, "--test-starts", 2, "--holdout"]
-        result = run(
-            "tune", "--model", MODEL, *search, "--references", "line", "-o", out, "--json"
-        )
-        assert result.returncode == 0, result.stderr
-        texts.append(out.read_text())
-    assert texts[0] == texts[1]
 
 
 @pytest.mark.parametrize(

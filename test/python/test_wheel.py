@@ -148,7 +148,7 @@ def test_controllers_run(bare):
     found = json.loads(run(bare / "track", "--model", MODEL, *options))
     wanted = json.loads(program("track", "--model", MODEL, *options).stdout)
     assert found["final"] == pytest.approx(wanted["final"], rel=1e-3)
-    assert "--scheduler" in run(bare / "tune", "--help")
+    assert "--evaluations" in run(bare / "tune", "--help")
 
 
 def test_the_wheel_has_no_nodes(bare):

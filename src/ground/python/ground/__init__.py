@@ -14,42 +14,45 @@ os.environ.setdefault("GLOG_minloglevel", "3")
 
 # Public name: its module. A module is loaded on first use: those that a fit needs take a second.
 _HOMES = {
-    "Addition": "ground.api.adding",
-    "Comparison": "ground.api.comparing",
-    "Diagnosis": "ground.api.diagnosing",
+    "Addition": "ground.adding",
+    "Comparison": "ground.comparing.result",
+    "Diagnosis": "ground.diagnosing.result",
     "Discovery": "ground.api.discovering",
-    "Fit": "ground.api.fitting",
+    "Fit": "ground.fitting.result",
     "GroundError": "ground.errors",
     "GroundWarning": "ground.errors",
-    "Model": "ground.api.models",
+    "Model": "ground.models",
     "OptionError": "ground.errors",
-    "Parameter": "ground.api.models",
+    "Parameter": "ground.models",
     "Recording": "ground.recordings.recording",
-    "Room": "ground.api.models",
-    "RunComparison": "ground.api.comparing",
+    "Room": "ground.models",
+    "RunComparison": "ground.comparing.result",
     "SimulatedRun": "ground.simulation.experiments",
-    "Tracking": "ground.api.tracking",
-    "add": "ground.api.adding",
-    "compare": "ground.api.comparing",
-    "diagnose": "ground.api.diagnosing",
+    "Tracking": "ground.control.track",
+    "add": "ground.adding",
+    "compare": "ground.comparing.compare",
+    "diagnose": "ground.diagnosing.diagnose",
     "discover": "ground.api.discovering",
-    "fit": "ground.api.fitting",
+    "fit": "ground.fitting.fit",
     "read": "ground.api.recordings",
-    "simulate": "ground.api.simulating",
-    "track": "ground.api.tracking",
+    "simulate": "ground.simulating.simulate",
+    "track": "ground.control.track",
 }
 if TYPE_CHECKING:
-    from ground.api.adding import Addition, add
-    from ground.api.comparing import Comparison, RunComparison, compare
-    from ground.api.diagnosing import Diagnosis, diagnose
+    from ground.adding import Addition, add
     from ground.api.discovering import Discovery, discover
-    from ground.api.fitting import Fit, fit
-    from ground.api.models import Model, Parameter, Room
+    from ground.fitting.fit import fit
+    from ground.fitting.result import Fit
+    from ground.models import Model, Parameter, Room
     from ground.api.recordings import read
-    from ground.api.simulating import simulate
-    from ground.api.tracking import Tracking, track
+    from ground.comparing.compare import compare
+    from ground.comparing.result import Comparison, RunComparison
+    from ground.control.track import Tracking, track
+    from ground.diagnosing.diagnose import diagnose
+    from ground.diagnosing.result import Diagnosis
     from ground.errors import GroundError, GroundWarning, OptionError
     from ground.recordings.recording import Recording
+    from ground.simulating.simulate import simulate
     from ground.simulation.experiments import SimulatedRun
 
 __all__ = [  # the names of _HOMES, repeated for type checkers

@@ -17,7 +17,8 @@ else:  # NumPy 1.17 of Ubuntu 20.04 has no types
 
 Random = np.random.Generator
 Path = Union[str, "os.PathLike[str]"]
-Document = Dict[str, Any]  # JSON values
+Document = Dict[str, Any]  # JSON values, and what functions of the compiled core return
+Setting = Union[float, bool, str]  # value of a parameter in the core's tables
 Message = Any  # a message of ROS, whose classes have no types
 Time = Any  # genpy.Time
 Say = Callable[[str], None]  # called with a sentence on what is being done

@@ -5,8 +5,7 @@ import json
 import sys
 from typing import Iterator, Optional, Sequence
 
-from ground import completion, errors, files, terminal, verbs
-from ground.progress import Work
+from ground import completion, errors, files, progress, verbs
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
@@ -36,7 +35,7 @@ def _run(name: str, arguments: argparse.Namespace) -> int:
     def work() -> int:
         with files.protect(_inputs(arguments)), errors.warnings_as_lines():
             try:
-                with terminal.shown(name, arguments.progress) as arguments.work:
+                with progress.shown(name, arguments.progress) as arguments.work:
                     result = arguments.run(arguments)
             except errors.OptionError as error:
                 arguments.refuse(error.as_options)
@@ -78,13 +77,12 @@ def _parser(used: Optional[Sequence[str]] = None) -> argparse.ArgumentParser:
 
 def _configure(parser: argparse.ArgumentParser, verb: verbs.Verb) -> None:
     module = verb.load()
-    parser.set_defaults(run=module.run, refuse=parser.error, work=Work())
+    parser.set_defaults(run=module.run, refuse=parser.error, work=progress.Work())
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     parser.add_argument(
         "--progress",
-        choices=terminal.HOWS,
-        help="how work of over %g s is shown on standard error (bar on a terminal, else lines)"
-        % terminal.QUIET,
+        choices=progress.HOWS,
+        help="how work is shown on standard error (bar on a terminal, else lines)",
     )
     errors.add_debug(parser)
     module.configure(parser)

@@ -8,6 +8,8 @@ import traceback
 import warnings
 from typing import Any, Callable, Iterator, TextIO, Type
 
+from ground.progress import say
+
 # What a user can do about errors of the operating system.
 ADVICE = {
     errno.ENOSPC: "make room, or name another folder",
@@ -64,7 +66,7 @@ def warnings_as_lines() -> Iterator[None]:
 
         def show(message: Any, category: Type[Warning], *where: Any, **options: Any) -> None:
             if issubclass(category, GroundWarning):
-                print("%s%s" % (category.PREFIX, message), file=sys.stderr)
+                say("%s%s" % (category.PREFIX, message), sys.stderr)
             else:
                 usual(message, category, *where, **options)
 

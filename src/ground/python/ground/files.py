@@ -5,43 +5,35 @@ import json
 import math
 import os
 import tempfile
-from typing import Any, Dict, Iterable, Iterator, Optional, Sequence, Tuple
+from typing import Any, Iterable, Iterator, Optional, Sequence, Set, Tuple
 
 import yaml
 
 from ground.errors import GroundError, reason
 
-_kept: Optional[Dict[Tuple[int, int], str]] = (
-    None  # inside protect: files that must not be replaced, (device, inode) -> why
-)
-_FORMAT = "%s %s: it is not overwritten, --force or not; name another output"
+_inputs: Set[Tuple[int, int]] = set()  # inside protect: files that must not be replaced, (device, inode)
 
 
 @contextlib.contextmanager
 def protect(paths: Iterable[str]) -> Iterator[None]:
-    """Inside the block no file among `paths` can be replaced, under any name, nor a file that the
-    block itself has written. Names without a file are ignored."""
-    global _kept
-    before, _kept = _kept, dict(_kept or {})
-    for path in paths:
-        _keep(path, "is read by this command")
+    """Inside the block no file among `paths` can be replaced, under any name. Names without a file are
+    ignored."""
+    global _inputs
+    before = _inputs
+    _inputs = {place for place in map(_place, paths) if place} | before
     try:
         yield
     finally:
-        _kept = before
+        _inputs = before
 
 
-def _keep(path: str, why: str) -> None:
-    with contextlib.suppress(OSError, ValueError):
+def _place(path: str) -> Optional[Tuple[int, int]]:
+    """Device and inode of a file; None without one."""
+    try:
         status = os.stat(path)
-        if _kept is not None:
-            _kept[status.st_dev, status.st_ino] = why
-
-
-def _forget(path: str) -> None:
-    """Lets a new file be replaced, which may have the inode of a deleted one."""
-    status = os.stat(path)
-    (_kept or {}).pop((status.st_dev, status.st_ino), None)
+    except (OSError, ValueError):
+        return None
+    return status.st_dev, status.st_ino
 
 
 def refuse_existing(path: str, force: bool) -> None:
@@ -49,11 +41,9 @@ def refuse_existing(path: str, force: bool) -> None:
     a link), not a regular file, exists and `force` is not set, or is in a folder that does not exist
     or cannot be written. Call it before long work starts."""
     if os.path.lexists(path):
-        with contextlib.suppress(FileNotFoundError):  # a dangling link
-            status = os.stat(path)
-            why = (_kept or {}).get((status.st_dev, status.st_ino))
-            if why:
-                raise GroundError(_FORMAT % (path, why))
+        if _place(path) in _inputs:
+            text = "%s is read by this command: it is not overwritten, --force or not; name another output"
+            raise GroundError(text % path)
         if os.path.isdir(path):
             raise GroundError("%s is a folder; name a file" % path)
         if not os.path.isfile(path) and not os.path.islink(path):
@@ -79,9 +69,8 @@ def temporary_file(folder: str, suffix: str = "", prefix: str = ".ground-") -> s
 
 
 @contextlib.contextmanager
-def new_file(path: str, force: bool = False, again: bool = False) -> Iterator[str]:
-    """Gives a temporary name beside `path`; the file becomes `path` when the block succeeds. again:
-    the same command may replace it with a later state."""
+def new_file(path: str, force: bool = False) -> Iterator[str]:
+    """Gives a temporary name beside `path`; the file becomes `path` when the block succeeds."""
     refuse_existing(path, force)
     folder, name = os.path.split(os.path.abspath(path))
     try:
@@ -89,15 +78,9 @@ def new_file(path: str, force: bool = False, again: bool = False) -> Iterator[st
     except OSError as error:
         raise GroundError("%s: cannot be written (%s)" % (path, reason(error))) from error
     try:
-        _forget(temporary)
         yield temporary
-        if force:
-            refuse_existing(path, force)  # may have changed since the first call, before long work
-            os.replace(temporary, path)
-        else:
-            _move(temporary, path)
-        if not again:
-            _keep(path, "has just been written by this command")
+        refuse_existing(path, force)  # may have changed since the first call, before long work
+        os.replace(temporary, path)
     except OSError as error:
         if error.filename not in (None, temporary, path):
             raise  # another file's, which the block read
@@ -105,26 +88,6 @@ def new_file(path: str, force: bool = False, again: bool = False) -> Iterator[st
     finally:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(temporary)
-
-
-def _move(temporary: str, path: str) -> None:
-    """Renames a file to a name that must not exist; GroundError when it does."""
-    try:
-        try:
-            os.link(temporary, path)
-        except FileExistsError:
-            raise
-        except OSError:
-            # A file system without hard links: reserve the name, which fails if it exists, and
-            # rename over the empty file.
-            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-            try:
-                os.replace(temporary, path)
-            except BaseException:
-                os.unlink(path)
-                raise
-    except FileExistsError:
-        raise GroundError("%s was created by another program meanwhile; it is left as it is" % path)
 
 
 def plain(value: Any) -> Any:
@@ -136,9 +99,9 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def write_json(path: str, value: Any, force: bool = False, again: bool = False) -> None:
-    """Writes a value as JSON, None for numbers that are not finite; again, GroundError as of new_file."""
-    with new_file(path, force, again) as temporary:
+def write_json(path: str, value: Any, force: bool = False) -> None:
+    """Writes a value as JSON, None for numbers that are not finite; GroundError as from new_file."""
+    with new_file(path, force) as temporary:
         with open(temporary, "w") as file:
             json.dump(plain(value), file, indent=1, allow_nan=False)
             file.write("\n")

@@ -10,7 +10,6 @@ import yaml
 
 from ground import _core
 from ground.annotations import Document
-from ground.core_types import EffectInfo, ModelParameter
 from ground.errors import GroundError
 
 # The error has several minima over a full turn, so that fits begin at several angles [rad].
@@ -55,7 +54,7 @@ def _with_effect(name: str, model: _core.Model) -> _core.Model:
     return extended
 
 
-def effects(model: Optional[_core.Model] = None) -> Dict[str, EffectInfo]:
+def effects(model: Optional[_core.Model] = None) -> Dict[str, Document]:
     """The effects of the library by name, as _core.effects() has them, with a model those of its
     single thrusters as well; GroundError where a library of GROUND_EFFECT_LIBRARIES cannot be used.
     """
@@ -152,7 +151,7 @@ def turned(model: _core.Model, free: Sequence[str]) -> Iterator[_core.Model]:
                 yield other
 
 
-def parameters_of(model: _core.Model, effect: str) -> List[ModelParameter]:
+def parameters_of(model: _core.Model, effect: str) -> List[Document]:
     """Descriptions of an effect's parameters in a model that has it."""
     return [p for p in model.parameters() if p["name"].split(".")[0] == effect]
 

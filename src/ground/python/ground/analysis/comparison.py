@@ -25,7 +25,7 @@ def thesis_objective(run: _core.RunData, model: _core.Model) -> Optional[float]:
     if not found or run.times[found[0].last] - start < 0.9 * THESIS_SPAN:
         return None
     problem = _core.SimulationError([run], found[:1])
-    return problem.simulate(model, _core.Objective.thesis)["objective"]
+    return float(problem.simulate(model, _core.Objective.thesis)["objective"])
 
 
 def mean_thesis_objective(runs: Sequence[_core.RunData], model: _core.Model) -> Optional[float]:

@@ -17,7 +17,6 @@ from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
 from ground.analysis.verdict import MISREAD, Conclusion
 from ground.annotations import Document
-from ground.core_types import Estimate
 from ground.errors import GroundError
 
 SCHEMA = "ground/diagnosis/1"
@@ -133,7 +132,7 @@ def _error(fit: Optional[float], heldout: Optional[float], by: str = CROSSED) ->
     return {"fit": fit and float(fit), "heldout": heldout and float(heldout), "by": by}
 
 
-def _parameters(parameters: Iterable[Estimate], prefix: str = "") -> Document:
+def _parameters(parameters: Iterable[Document], prefix: str = "") -> Document:
     return {
         p["name"][len(prefix) :]: {
             "value": p["value"],

@@ -6,10 +6,10 @@ from typing import Iterable, List, Mapping, Optional, Sequence
 import numpy as np
 
 from ground import _core
+from ground.annotations import Document
 from ground.analysis import candidates
 from ground.analysis.distributions import chi_squared_above, heads
 from ground.analysis.horizon import Change
-from ground.core_types import Estimate
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Trial:
 
     name: str
     model: _core.Model  # with it; refitted, or moved by one step of the score test
-    parameters: Sequence[Estimate]  # the effect's: name, unit, value, ci95, identified
+    parameters: Sequence[Document]  # the effect's: name, unit, value, ci95, identified
     gain: float  # log-likelihood ratio 2 (L1 - L0) against the model without
     p_value: float  # not corrected for the number of effects tried
     chance: float  # corrected for it
@@ -41,7 +41,7 @@ class Dropped:
 def trial(
     name: str,
     model: _core.Model,
-    parameters: Sequence[Estimate],
+    parameters: Sequence[Document],
     gain: float,
     seen: bool,
     refitted: bool,

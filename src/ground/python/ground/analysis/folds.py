@@ -7,12 +7,11 @@ from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core, core_types
+from ground import _core
 from ground.analysis import window_error
 from ground.analysis.distributions import mean_not_above_zero
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array, Document, Each, Indices
-from ground.core_types import FittedParameter
 from ground.errors import GroundError
 from ground.progress import Work
 from ground.recordings import windows
@@ -26,7 +25,7 @@ MIN_PARTS = 4  # from which on a t-test over parts has power
 MAX_CHANCE = 0.05  # probability with which a Comparison may say "worse" where nothing differs
 
 # Fits to windows, from the windows' initial states if any are given.
-Refit = Callable[[Sequence[_core.Window], Sequence[Array]], core_types.Fit]
+Refit = Callable[[Sequence[_core.Window], Sequence[Array]], Document]
 
 
 # Fits by likelihood
@@ -46,7 +45,7 @@ class Judged:
     """A fitted model and its errors."""
 
     model: _core.Model
-    parameters: Mapping[str, FittedParameter]  # by name
+    parameters: Mapping[str, Document]  # by name
     error: Array  # (3,) mean |e|/s of u, v, r over the windows of all runs
     heldout: Array  # (3,) the same, each window by a fit to the other parts; differences between
     # runs are estimated from the run's poses before the window (window_error.calibrated_errors)
@@ -214,10 +213,10 @@ def stretch(run: _core.RunData, times: Array, part: slice) -> _core.RunData:
 def leave_runs_out(
     runs: Sequence[_core.RunData],
     fit: Refit,
-    whole: core_types.Fit,
+    whole: Document,
     length: float = windows.WINDOW,
     work: Optional[Work] = None,
-) -> List[Tuple[core_types.Fit, float]]:
+) -> List[Tuple[Document, float]]:
     """Fits without some of the runs, and their errors on those: [(fit's result, error)], one per run.
 
     Each run is held out once: alone, or, with more than RUN_FOLDS runs, together with every RUN_FOLDS-th
@@ -285,9 +284,9 @@ def _time_blocks(
 
 def _refits(
     cut: Sequence[_core.Window], folds: Sequence[int], fit: Refit, initial: Sequence[Array], work: Work
-) -> Dict[int, core_types.Fit]:
+) -> Dict[int, Document]:
     """Results of fits without each fold, by fold; folds, initial: fold and state of each window."""
-    results: Dict[int, core_types.Fit] = {}
+    results: Dict[int, Document] = {}
     work.more(len(set(folds)))
     for fold in work.each(sorted(set(folds))):
         rest = [k for k, f in enumerate(folds) if f != fold]
@@ -295,7 +294,7 @@ def _refits(
     return results
 
 
-def disagreements(fitted: core_types.Fit, others: core_types.Fit, most: float = 3.0) -> List[str]:
+def disagreements(fitted: Document, others: Document, most: float = 3.0) -> List[str]:
     """Parameters whose estimate from one run and from the others differ by `most` deviations."""
     names = []
     for a, b in zip(fitted["parameters"], others["parameters"]):

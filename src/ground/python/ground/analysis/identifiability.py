@@ -5,13 +5,12 @@ from typing import Iterator, List
 import numpy as np
 
 from ground.annotations import Document
-from ground.core_types import Fit
 
 WELL_KNOWN = 0.03  # relative deviation below which a parameter is well known
 MAX_COMBINED = 0.5  # largest deviation of a combination to be named, relative to its better part
 
 
-def weak_directions(fit: Fit) -> List[Document]:
+def weak_directions(fit: Document) -> List[Document]:
     """Pairs of parameters of which only the ratio or product is identifiable, strongest first.
 
     Returns dictionaries with `parameters` (two names), `known_as` ("a/b", or "a + b" for some
@@ -44,7 +43,7 @@ def weak_directions(fit: Fit) -> List[Document]:
     return sorted(found, key=lambda w: float(-w["strength"]))
 
 
-def sentences(fit: Fit) -> Iterator[str]:
+def sentences(fit: Document) -> Iterator[str]:
     """Sentences for the user about parameters that are not identifiable."""
     for p in fit["parameters"]:
         if p["identified"] and p["at_bound"]:

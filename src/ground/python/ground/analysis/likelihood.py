@@ -14,8 +14,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.thinning import thinned
-from ground.annotations import Array
-from ground.core_types import FittedParameter, ModelParameter, Residuals, RunTrim
+from ground.annotations import Array, Document
 from ground.errors import GroundError
 
 _T = TypeVar("_T")
@@ -39,10 +38,10 @@ class Fit:
     information: Array  # (free, free) Fisher information, of coordinates / scale
     scale: Array  # (free,) scale of the coordinates
     parameters: Tuple[
-        FittedParameter, ...
+        Document, ...
     ]  # name, unit, value, ci95, deviation, at_bound, identified
     level_information: Array  # Fisher information of the levels' logs, then of each run's loudness
-    trims: Tuple[RunTrim, ...]  # one for each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
+    trims: Tuple[Document, ...]  # one for each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
     converged: bool
 
     @property
@@ -61,9 +60,9 @@ class Fit:
         return float(away @ np.linalg.lstsq(covariance, away, rcond=1e-10)[0])
 
 
-def _from_neutral(parameter: ModelParameter, model: _core.Model) -> float:
+def _from_neutral(parameter: Document, model: _core.Model) -> float:
     """Distance of a parameter's coordinate from where it does nothing."""
-    value, neutral = model.value(parameter["name"]), parameter["neutral"]
+    value, neutral = model.value(parameter["name"]), float(parameter["neutral"])
     # a parameter that is neutral at infinity has its reciprocal as coordinate
     return 1 / value if np.isinf(neutral) else value - neutral
 
@@ -134,7 +133,7 @@ class Likelihood:
             found["converged"],
         )
 
-    def intervals(self, fit: Fit) -> List[FittedParameter]:
+    def intervals(self, fit: Fit) -> List[Document]:
         """The fitted parameters, with 95% intervals that include the uncertainty of the levels: a
         list of dictionaries as Fit has them."""
         return call(
@@ -160,7 +159,7 @@ class Likelihood:
         found = self.residuals(point, run)["constants"]
         return np.array(self.runs[run].times), np.array(found)
 
-    def residuals(self, point: _core.GreyBoxPoint, run: int, **acting: Any) -> Residuals:
+    def residuals(self, point: _core.GreyBoxPoint, run: int, **acting: Any) -> Document:
         """GreyBox.residuals; GroundError when the motion is not finite."""
         return call(self.box.residuals, point, run, cap=CAP, **acting)
 

@@ -141,7 +141,9 @@ def of_pieces(
         if shorter is None or made.ratio - shorter.ratio > MIN_RATIO:
             break
         made = shorter
-    for i, piece in enumerate(made.pieces if made and not begun else ()):
+    if made is None or begun:
+        return made
+    for i, piece in enumerate(made.pieces):
         for simpler in piece.simpler:
             pieces = [*made.pieces[:i], simpler, *made.pieces[i + 1 :]]
             other = _fitted(likelihood, fit, pieces, made.fit)
@@ -154,7 +156,7 @@ def _worth(fit: Fit, piece: "Piece") -> float:
     """Squared ratio of the size of a piece to its standard deviation, roughly the log-likelihood ratio to
     the formula without it."""
     size = next(p for p in fit.parameters if p["name"].split(".")[-1] == piece.size)
-    return (size["value"] / size["deviation"]) ** 2 if size["identified"] else 0.0
+    return float(size["value"] / size["deviation"]) ** 2 if size["identified"] else 0.0
 
 
 # Pieces

@@ -7,8 +7,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import candidates as effects
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.annotations import Array
-from ground.core_types import Estimate, ParameterInfo
+from ground.annotations import Array, Document
 
 UNSEEN = 0.003  # an effect is unseen if the fitted parameters leave less of its information
 
@@ -74,9 +73,9 @@ class ScoreTests:
         steps.update(zip(self.nuisance, map(float, moved)))
         return steps
 
-    def estimates(self, model: _core.Model, name: str, step: Mapping[str, float]) -> List[Estimate]:
+    def estimates(self, model: _core.Model, name: str, step: Mapping[str, float]) -> List[Document]:
         """Parameters of an effect after the step of its score test: dictionaries as of a fit."""
-        found: List[Estimate] = []
+        found: List[Document] = []
         for i, p in zip(self.columns[name], effects.parameters_of(model, name)):
             value = moved(p, p["neutral"], step.get(p["name"], 0.0))
             identified = self.information[i, i] > 0 and self.seen(name) > UNSEEN
@@ -112,13 +111,13 @@ class ScoreTests:
         return gain, {self.names[i]: float(x * self.scale[i]) for i, x in zip(moving, step)}
 
 
-def moved(parameter: ParameterInfo, value: float, by: float) -> float:
+def moved(parameter: Document, value: float, by: float) -> float:
     """A value after a step of its coordinate, kept inside its range."""
     # the coordinate of the inertia and of time constants that are neutral at infinity is 1 / value
     if np.isinf(parameter["neutral"]) or parameter["name"] == "I_z":
         rate = (0 if np.isinf(value) else 1 / value) + by
         if rate <= 0:
-            return parameter["neutral"] if np.isinf(parameter["neutral"]) else value
+            return float(parameter["neutral"]) if np.isinf(parameter["neutral"]) else value
         return float(np.clip(1 / rate, parameter["lower"], parameter["upper"]))
     return float(np.clip(value + by, parameter["lower"], parameter["upper"]))
 
@@ -132,7 +131,7 @@ def stepped(model: _core.Model, steps: Mapping[str, float], part: float = 1.0) -
     return changed
 
 
-def _side(parameter: ParameterInfo) -> int:
+def _side(parameter: Document) -> int:
     """1 or -1 where a coordinate can only grow or fall from its neutral value, else 0."""
     if parameter["neutral"] == parameter["lower"]:
         return 1

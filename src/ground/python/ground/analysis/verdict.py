@@ -23,7 +23,6 @@ from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.search import EXCLUSION
 from ground.annotations import Document
-from ground.core_types import FittedParameter
 from ground.errors import GroundError
 from ground.recordings import windows
 
@@ -49,7 +48,7 @@ class Refit:
 
     by: str  # LIKELIHOOD or SIMULATION
     model: _core.Model
-    parameters: Sequence[FittedParameter]
+    parameters: Sequence[Document]
     error: float  # on the runs fitted to
     heldout: float  # on runs held out
 
@@ -69,7 +68,7 @@ class Conclusion:
 
     verdict: str  # complete, missing, varies, memory, unexplained, undecided or misread
     improved: _core.Model  # refitted
-    parameters: List[FittedParameter]  # the improved model's: name, unit, value, ci95, ...
+    parameters: List[Document]  # the improved model's: name, unit, value, ci95, ...
     noise_floor: float
     refits: Tuple[Refit, ...]  # the model as it is
     steps: List[float]  # error on held-out runs after each step
@@ -252,8 +251,9 @@ def _varies(found: Diagnosis) -> List[Document]:
 
 
 def _name(found: Diagnosis, left: Ceiling, enough: float) -> Optional[naming.Formula]:
-    """A formula for what is learnable, made longer while the cross-validated error falls and is above `enough`.
-    The first may raise the error: a function of the commands does without the constant that it needs."""
+    """A formula for what is learnable, made longer while the cross-validated error falls and is
+    above `enough`. The first may raise the error: a function of the commands does without the constant
+    that it needs."""
     if left.found is None:
         return None
     best, least = None, float(found.best.heldout.sum())

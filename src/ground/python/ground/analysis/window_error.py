@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core, core_types
+from ground import _core
 from ground.analysis import candidates
-from ground.annotations import Array, Indices, Random
+from ground.annotations import Array, Document, Indices, Random
 from ground.errors import GroundError
 from ground.progress import Work
 from ground.recordings import repair, windows
@@ -29,7 +29,7 @@ class WindowFit:
     """A model fitted to windows."""
 
     model: _core.Model
-    parameters: Mapping[str, core_types.FittedParameter]  # by name
+    parameters: Mapping[str, Document]  # by name
     error: Array  # (3,) mean |e|/s of u, v, r over the windows fitted to
     heldout: Array  # (3,) the same over all windows, each by a fit to the other parts
     by_window: Array  # (windows,) sum of the held-out errors of u, v, r in each window
@@ -79,7 +79,7 @@ class WindowFitter:
                 failure = error
         if not found:
             raise failure
-        near = min(found, key=lambda result: result["objective"])["model"]
+        near = min(found, key=lambda result: float(result["objective"]))["model"]
         told.step()
         fits = []
         for length in LENGTHS:
@@ -125,7 +125,7 @@ class WindowFitter:
         free: Sequence[str],
         length: float,
         **options: Any,
-    ) -> core_types.Fit:
+    ) -> Document:
         pieces = [piece for w in chosen for piece in self._pieces(w, length)]
         try:
             return windows.problem(self.runs, pieces).fit(model, free, threads=self.threads, **options)
@@ -134,8 +134,8 @@ class WindowFitter:
 
 
 def parts_of(runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> Indices:
-    """The part (windows,) that each window is in: its run, of more than PARTS runs every PARTS-th one together;
-    or the quarter of a single run that its middle is in."""
+    """The part (windows,) that each window is in: its run, of more than PARTS runs every PARTS-th one
+    together; or the quarter of a single run that its middle is in."""
     if len(runs) > 1:
         return np.array([w.run % PARTS for w in cut])
     count = len(runs[0].times)

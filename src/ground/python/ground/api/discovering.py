@@ -2,20 +2,20 @@
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Callable, Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
 
 import numpy as np
 
 from ground import _core
 from ground.annotations import Document, Path
-from ground.api import simulating
-from ground.api.models import Model, ModelLike, Room, RoomLike
-from ground.api.values import Row, Shown, number
+from ground.models import Model, ModelLike, Room, RoomLike
+from ground.results import Shown
 from ground.discovery import campaign
 from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import Story
 from ground.errors import OptionError
 from ground.progress import Progress, Work
+from ground.simulating import simulate as simulating
 from ground.simulation import experiments
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 FLYING = "discovering"  # stage; unit: a second of flight
 BUDGET = campaign.Settings.budget  # longest time of flight [s]
 REST = 2.0  # length of a simulation that checks the conditions [s]
-SECOND = 0.5  # usual cost of a second of flight and of its diagnosis [s]
 
 Told = Callable[[Story], None]
 
@@ -67,19 +66,9 @@ class Discovery(Shown):
         index = pandas.Index([f.flight.number for f in self.story.flights], name="flight")
         return pandas.DataFrame(rows, index, [*labels, "floor"], dtype=float)
 
-    def _table(self) -> Tuple[str, Row, List[Row]]:
-        labels = [version.label for version in self.story.versions]
-        rows = [
-            [
-                "%d, %s" % (flown.flight.number, flown.flight.purpose),
-                "%.1f" % flown.seconds,
-                *(number(flown.errors.get(label)) for label in labels),
-                number(flown.floor),
-            ]
-            for flown in self.story.flights
-        ]
-        head = ["flight", "seconds", *("error, " + label for label in labels), "floor"]
-        return " ".join(self.sentences), head, list(rows)
+    def lines(self) -> Iterator[str]:
+        """What `identify discover` prints at its end."""
+        yield from self.sentences
 
 
 def discover(
@@ -92,7 +81,7 @@ def discover(
     seed: int = 1,
     track: bool = True,
     mocap: Optional[Mapping[str, float]] = None,
-    disturbance: Union[simulating.Disturbance, Sequence[float]] = False,
+    disturbance: simulating.Disturbance = False,
     trim: Optional[float] = None,
     told: Optional[Told] = None,
     progress: Progress = None,
@@ -129,8 +118,7 @@ def discover(
     work = Work.of(progress)
     listener = _Listener(kept, plan, told, work)
     settings = campaign.Settings(budget, track, seed)
-    work.expect(FLYING, round(budget), SECOND, at_most=True)
-    with work.stage(FLYING):
+    with work.stage(FLYING, round(budget)):
         flying = campaign.Discovery(given.core, laboratory, settings, kept, listener)
         listener(flying.story)
         story = flying.run()

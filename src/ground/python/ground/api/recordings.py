@@ -8,8 +8,8 @@ import numpy as np
 
 from ground import _core
 from ground.annotations import Path
-from ground.api.models import Model
-from ground.api.values import distinct_labels
+from ground.models import Model
+from ground.results import distinct_labels
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.progress import Work
 from ground.recordings import findings, many, quality, readers, settings, suspicions
@@ -56,9 +56,6 @@ def read(
 
 READING = "reading recordings (kB)"  # stage; unit: a kilobyte
 REPAIRING = "repairing recordings"  # stage
-READ = 2e-4  # usual time to read a kilobyte [s]
-# usual time to repair a recording [s], and what adds to it for each of its poses or kilobytes [s]
-REPAIR, REPAIR_POSE, REPAIR_KILOBYTE = 0.3, 3e-5, 6e-5
 
 
 def reading(
@@ -71,16 +68,13 @@ def reading(
     found, work = [], work or Work()
     bags = readers.listed(paths, mapping)
     ends = np.cumsum([readers.size(path) // 1000 for path in bags]).tolist()
-    size = ends[-1] if ends else 0
-    work.expect(READING, size, READ)
-    work.expect(REPAIRING, len(bags), REPAIR + REPAIR_KILOBYTE * size / max(1, len(bags)))
     begins = [0, *ends]
     told = work
 
     def tell(number: int, share: float) -> None:
         told.reach(begins[number] + int(share * (ends[number] - begins[number])))
 
-    with work.stage(READING):
+    with work.stage(READING, ends[-1] if ends else 0):
         for path, end, recording in zip(bags, ends, many.read(bags, mapping, tell)):
             found.append(recording)
             work.reach(end)
@@ -141,8 +135,6 @@ def taken(given: Recordings) -> List[Recording]:
 
 def repaired(found: Sequence[Recording], work: Work) -> List[quality.Run]:
     """The recordings with their motion repaired, which takes time; work: told of each."""
-    poses = float(np.mean([len(recording.eta) for recording in found] or [0]))
-    work.expect(REPAIRING, len(found), REPAIR + REPAIR_POSE * poses)
     with work.stage(REPAIRING, len(found)):
         return list(work.each(many.repair(found)))
 

@@ -75,7 +75,7 @@ class Journal:
     def keep(self, story: Story) -> None:
         """Replaces the story."""
         if self.folder:
-            files.write_json(self.path(STORY), story.to_dict(), force=True, again=True)
+            files.write_json(self.path(STORY), story.to_dict(), force=True)
 
     def keep_inputs(self, name: str, channels: List[str], rows: Array) -> None:
         """Writes inputs as a CSV file that a controller can play."""

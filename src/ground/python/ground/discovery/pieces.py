@@ -6,8 +6,8 @@ from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core, core_types
-from ground.annotations import Array
+from ground import _core
+from ground.annotations import Array, Document
 from ground.simulation import experiments
 
 SECONDS = 4.0  # length of a piece [s]
@@ -152,7 +152,7 @@ def _from(rows: Array, start: float) -> Array:
     return left
 
 
-def _inside(found: core_types.Motion, home: Array, reach: float) -> int:
+def _inside(found: Document, home: Array, reach: float) -> int:
     """Number of samples until the craft would have to turn back."""
     eta, nu = found["eta"], found["nu"]
     c, s = np.cos(eta[:, 2]), np.sin(eta[:, 2])

@@ -338,15 +338,13 @@ class IdentificationNode:
         status.header.stamp = rospy.Time.now()
         status.elapsed = time.monotonic() - began
         status.what, status.done, status.of = report.what, report.done, report.of
-        status.share, status.at_most = report.share, report.at_most
-        status.left = -1.0 if report.left is None else report.left
         self._status.publish(status)
         if report.note or report.what != self._stage:
             rospy.loginfo("%s: %s", task, report)
         self._stage = report.what
 
     def _say(self, state: int, task: str, message: str, began: Optional[float] = None) -> None:
-        status = Status(state=state, task=task, message=message, left=-1.0)
+        status = Status(state=state, task=task, message=message)
         status.header.stamp = rospy.Time.now()
         status.elapsed = 0.0 if began is None else time.monotonic() - began
         self._status.publish(status)

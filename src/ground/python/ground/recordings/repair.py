@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Dict, Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, ArrayLike, Flags
-from ground.core_types import Smoothed
+from ground.annotations import Array, ArrayLike, Document, Flags
 from ground.errors import GroundError
 from ground.recordings import bursts, frame_clock
 
@@ -90,7 +89,7 @@ def repair(recording: "Recording") -> Motion:
     )
 
 
-def smooth(times: Array, eta: Array, noise: Tuple[float, float]) -> Smoothed:
+def smooth(times: Array, eta: Array, noise: Tuple[float, float]) -> Document:
     """_core.smooth for poses with this noise (position [m], heading [rad])."""
     params = _core.EstimatorParams()
     params.position_noise, params.heading_noise = noise

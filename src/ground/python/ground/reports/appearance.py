@@ -33,7 +33,7 @@ NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after 1 s"]
 
 def model_color(index: int) -> str:
     """Colour of a model by its number."""
-    return MODELS[index % len(MODELS)]
+    return str(MODELS[index % len(MODELS)])
 
 
 def model_line(index: int, width: float) -> Document:

@@ -28,7 +28,7 @@ def write(story: Story, folder: str, room: Optional[_core.RoomPlan] = None) -> s
     """
     made = _StoryPage(story, folder, room)
     path = os.path.join(folder, NAME)
-    made.sheet().write(path, COLORS.get(story.verdict, appearance.LESS), force=True, again=True)
+    made.sheet().write(path, COLORS.get(story.verdict, appearance.LESS), force=True)
     return path
 
 

@@ -222,9 +222,8 @@ class Page:
         """Ends the part that `fold` began."""
         self.add("</details>")
 
-    def write(self, path: str, color: str, force: bool = False, again: bool = False) -> None:
-        """Writes the page; raises GroundError when the file exists and `force` is not set. again: the
-        same command may replace it with a later state."""
+    def write(self, path: str, color: str, force: bool = False) -> None:
+        """Writes the page; raises GroundError when the file exists and `force` is not set."""
         text = PAGE.substitute(
             title=html.escape(self.title),
             color=color,
@@ -237,7 +236,7 @@ class Page:
             plotly=self._library.result(),
             figures=_packed(json.dumps(self._figures, separators=(",", ":"), default=list)),
         )
-        with files.new_file(path, force, again) as temporary:
+        with files.new_file(path, force) as temporary:
             with open(temporary, "w", encoding="utf-8") as file:
                 file.write(text)
 

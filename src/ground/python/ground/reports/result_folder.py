@@ -8,7 +8,7 @@ from typing import Iterable, Iterator
 
 from ground import files
 from ground.annotations import Document
-from ground.errors import GroundError, reason
+from ground.errors import GroundError, reason, sentence
 
 
 def prepare(folder: str, paths: Iterable[str], force: bool) -> None:
@@ -55,3 +55,16 @@ def replaced(folder: str, stale: Iterable[str], force: bool) -> Iterator[str]:
             with contextlib.suppress(FileNotFoundError, GroundError):
                 files.refuse_existing(path, force=True)
                 os.unlink(path)
+
+
+@contextlib.contextmanager
+def page(path: str, numbers: str) -> Iterator[None]:
+    """Wraps a block that writes the page `path`. If it fails, GroundError says that the file `numbers`
+    is kept, and how to make the page."""
+    try:
+        yield
+    except (GroundError, OSError) as error:
+        raise GroundError(
+            "the page could not be written (%s); the numbers are kept in %s: make room, then repeat the "
+            "command with --force to write the page %s" % (sentence(error), numbers, path)
+        )

@@ -578,14 +578,8 @@ def extent(report: Document) -> Iterator[str]:
         )
 
 
-def diagnosis(report: Document) -> Iterator[str]:
-    """Lines that the terminal prints for a diagnosis."""
-    yield from concluded(report)
-    yield from described(report)
-
-
 def concluded(report: Document) -> Iterator[str]:
-    """The first of these lines, which need the part of the report that the verdict needs."""
+    """The first lines that the terminal prints for a diagnosis; they need what the verdict needs."""
     yield verdict(report)
     yield from findings(report)
 

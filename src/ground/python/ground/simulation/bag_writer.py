@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 WRITING = "writing the bag (thousands of messages)"  # stage
 TOLD = 1000  # messages that are a unit of it
-MESSAGES, MESSAGE = 260.0, 3e-5  # usual messages per second of a run, and time to write one [s]
 DRIVE_PERIOD = 0.5  # period of the records of when the drive began [s]
 STATUS_PERIOD = 0.5  # period at which an unchanged status is repeated [s]
 STARTED = ("WAITING", "LIFTING", "RUNNING", "RECOVERING")  # states in which it gives commands
@@ -69,11 +68,6 @@ def write(
                 bag.write(topic, message, _time(received))
                 counts[topic] = counts.get(topic, 0) + 1
     return counts
-
-
-def expect(work: Work, duration: float) -> None:
-    """Tells work to expect that a run of some duration [s] will be written."""
-    work.expect(WRITING, 1 + int(MESSAGES * duration / TOLD), TOLD * MESSAGE)
 
 
 def _time(seconds: float) -> Time:

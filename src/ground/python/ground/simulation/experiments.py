@@ -12,8 +12,8 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from ground import _core, core_types
-from ground.annotations import Array
+from ground import _core
+from ground.annotations import Array, Document
 from ground.errors import GroundError
 from ground.progress import Progress, Work
 from ground.recordings import digest
@@ -238,7 +238,7 @@ def simulate(
 
 def _log(
     model: _core.Model, drive: Drive, believed: _core.Model, *where: Any
-) -> core_types.ExperimentLog:
+) -> Document:
     """The core's log; where: pose, velocity, mocap, seed, disturbance, plant."""
     if isinstance(drive, Schedule):
         return _core.play_schedule(model, drive.rows, drive.end, *where)
@@ -248,7 +248,7 @@ def _log(
 
 
 def _recorded(
-    log: core_types.ExperimentLog, name: str, source: str, full_scale: float
+    log: Document, name: str, source: str, full_scale: float
 ) -> SimulatedRun:
     """The run on the clock of a recording; full_scale: the largest input of the thrusters."""
     frames, commands, truth = log["frames"], log["commands"], log["truth"]

@@ -8,7 +8,7 @@ from typing import Dict, Iterable, Mapping, Optional
 import yaml
 
 from ground import _core, files
-from ground.core_types import Setting
+from ground.annotations import Setting
 from ground.errors import GroundError
 
 CONTROLLERS = {info.name: info for info in _core.controller_table()}

@@ -7,7 +7,6 @@ import numpy as np
 
 from ground import _core
 from ground.annotations import Array, Document
-from ground.core_types import EffectUse, ExperimentLog
 from ground.errors import GroundError
 from ground.progress import Work
 from ground.recordings import tracking_error
@@ -145,7 +144,7 @@ def anywhere(count: int, seed: int, reach: float) -> List[Start]:
     return [(place, np.zeros(3)) for place in places]
 
 
-def effect_use(kind: str, model: _core.Model) -> EffectUse:
+def effect_use(kind: str, model: _core.Model) -> Document:
     """How a kind of controller uses the effects of its model: `used` and `unused` ones, and a `remark`
     for users. GroundError when it must not use the model."""
     use = _core.effect_use(kind, model)
@@ -199,7 +198,7 @@ def run(
     return found
 
 
-def _tracked(log: ExperimentLog, task: Task, input_max: float) -> Tracked:
+def _tracked(log: Document, task: Task, input_max: float) -> Tracked:
     began = log["references"][0, 0]
     truth, decisions = log["truth"], log["decisions"]
     times = truth[:, 0] - began

@@ -20,8 +20,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document
-from ground.core_types import Setting
+from ground.annotations import Array, Document, Setting
 from ground.errors import GroundError
 from ground.progress import Work
 from ground.simulation import gains, tracking

@@ -1,7 +1,7 @@
-"""The verbs of the command line, one module each.
+"""The verbs of the command line, and where each is.
 
-A module has configure(parser) and run(arguments); run returns what --json prints. It is loaded when its
-verb is used: all of them take a third of a second.
+A module of a verb has configure(parser) and run(arguments); run returns what --json prints. It is loaded
+when its verb is used: all of them take a third of a second.
 """
 
 import importlib
@@ -18,52 +18,20 @@ class Verb(NamedTuple):
 
     def load(self) -> ModuleType:
         """Its module."""
-        return importlib.import_module("ground.verbs." + self.module)
+        return importlib.import_module("ground." + self.module)
 
 
 ALL = [
-    Verb(
-        "import",
-        "import_csv",
-        "converts CSV written by rostopic echo -p to a bag that the other verbs read",
-    ),
-    Verb("info", "info", "contents and oddities of recordings, and their usable parts"),
-    Verb(
-        "bench",
-        "bench",
-        "fits thrust, its curve and gains to forces measured on a bench (thesis 3.2)",
-    ),
-    Verb(
-        "simulate",
-        "simulate",
-        "records a simulated experiment to a bag, without ROS running and faster than real time",
-    ),
-    Verb("fit", "fit", "fits a model's parameters to recordings by simulation error"),
-    Verb(
-        "compare",
-        "compare",
-        "models against recordings: errors, where they come from, and pictures",
-    ),
-    Verb(
-        "diagnose",
-        "diagnose",
-        "which physical effect is missing in a model, with evidence, and the model with it",
-    ),
-    Verb(
-        "discover",
-        "discover",
-        "a simulated craft finds its own physics: it flies, is diagnosed, and flies again",
-    ),
-    Verb("add", "add", "adds an effect to a model, refits it, and shows the error before and after"),
-    Verb(
-        "tracking",
-        "tracking",
-        "how recorded crafts followed their reference: path, error, saturation, computing time",
-    ),
+    Verb("import", "verbs.import_csv", "converts CSV of rostopic echo -p to a bag"),
+    Verb("info", "verbs.info", "contents and oddities of recordings, and their usable parts"),
+    Verb("bench", "verbs.bench", "fits thrust, its curve and gains to forces of a bench (thesis 3.2)"),
+    Verb("simulate", "simulating.simulate", "records a simulated experiment to a bag, without ROS running"),
+    Verb("fit", "fitting.fit", "fits a model's parameters to recordings by simulation error"),
+    Verb("compare", "comparing.compare", "models against recordings: errors, where they come from, pictures"),
+    Verb("diagnose", "diagnosing.diagnose", "which physical effect a model lacks, and the model with it"),
+    Verb("discover", "verbs.discover", "a simulated craft flies and finds its own physics"),
+    Verb("add", "adding", "adds an effect to a model, refits it, and shows the error before and after"),
+    Verb("tracking", "control.tracking", "how recorded crafts followed their reference"),
 ]
-TRACK = Verb(
-    "track",
-    "track",
-    "drives a simulated craft along a reference, without ROS running and faster than real time",
-)
-TUNE = Verb("tune", "tune", "searches for the gains of a controller in closed loop, on all cores")
+TRACK = Verb("track", "control.track", "drives a simulated craft along a reference, without ROS running")
+TUNE = Verb("tune", "control.tune", "searches for the gains of a controller in closed loop, on all cores")

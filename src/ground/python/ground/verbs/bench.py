@@ -7,14 +7,14 @@ from typing import Any, Dict, Iterator, Tuple
 import numpy as np
 import yaml
 
-from ground import _core, core_types, files
+from ground import _core, bag_arguments, command_line, files
 from ground.analysis import candidates, thrust_bench
 from ground.annotations import Document
-from ground.api import fitting
-from ground.api.models import Model, with_provenance
+from ground.fitting.fit import fit
+from ground.fitting.result import Fit
+from ground.models import Model, with_provenance
 from ground.errors import GroundError
 from ground.recordings import digest
-from ground.verbs import common
 
 NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
 EFFECTS = {"a": "thrust_asymmetry", "p": "thrust_curve"}  # of a left and a right thruster
@@ -56,11 +56,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--runs",
         metavar="BAG",
         nargs="+",
-        action=common.Bags,
+        action=bag_arguments.Bags,
         default=[],
         help="recorded runs, to say how the bench agrees with motion",
     )
-    common.add_reading_arguments(parser)
+    bag_arguments.add_reading_arguments(parser)
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
 
 
@@ -92,11 +92,11 @@ def run(arguments: argparse.Namespace) -> Document:
     motion = _motion(arguments, fitted.core) if arguments.runs else None
     fitted.save(arguments.output, arguments.force)
     for line in _lines(arguments, model, found):
-        common.say(arguments, line)
+        command_line.say(arguments, line)
     if motion is not None:
         for line in _agreement(fitted.core, found, motion):
-            common.say(arguments, line)
-    common.say(arguments, "written to %s" % arguments.output)
+            command_line.say(arguments, line)
+    command_line.say(arguments, "written to %s" % arguments.output)
     return {
         "model": arguments.output,
         "curve": found.curve.kind,
@@ -157,7 +157,7 @@ def _put_into(
     return fitted, {"k": ("k", 1.0)}
 
 
-def _listed(thruster: core_types.Thruster) -> Dict[str, Any]:
+def _listed(thruster: Document) -> Dict[str, Any]:
     """A thruster of the pair as model files list it."""
     return {
         "name": thruster["name"],
@@ -184,17 +184,17 @@ def _put_into_pair(model: _core.Model, found: thrust_bench.Thrust) -> Tuple[_cor
     return fitted, places
 
 
-def _motion(arguments: argparse.Namespace, model: _core.Model) -> fitting.Fit:
+def _motion(arguments: argparse.Namespace, model: _core.Model) -> Fit:
     """A fit of the model with the bench's curve to recorded runs, thrust free."""
-    return fitting.fit(
+    return fit(
         Model(model),
-        common.reading(arguments, arguments.runs),
+        bag_arguments.reading(arguments, arguments.runs),
         progress=arguments.work,
     )
 
 
 def _agreement(
-    model: _core.Model, found: thrust_bench.Thrust, motion: fitting.Fit
+    model: _core.Model, found: thrust_bench.Thrust, motion: Fit
 ) -> Iterator[str]:
     """How the bench agrees with what motion tells."""
     moved = motion.parameters["k"]

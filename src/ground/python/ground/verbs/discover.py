@@ -2,10 +2,10 @@
 
 import argparse
 
+from ground import command_line
 from ground.annotations import Document
-from ground.api import simulating
 from ground.errors import GroundError
-from ground.verbs import common, conditions
+from ground.simulating.simulate import MOCAP, Acting, Mocap
 
 DETAILS = """
 The craft flies bursts of inputs in a room, without ROS and faster than real time. All flights so far
@@ -37,14 +37,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--budget",
-        type=common.positive,
+        type=command_line.positive,
         default=180.0,
         metavar="S",
         help="longest time of flight [s] (%(default)g)",
     )
     parser.add_argument(
         "--seed",
-        type=common.seed,
+        type=command_line.seed,
         default=1,
         help="for the mocap's noise and losses, the disturbance, and the inputs (%(default)s)",
     )
@@ -53,21 +53,21 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="do not compare how the given and the final model track a reference",
     )
-    conditions.add_disturbance_arguments(parser.add_argument_group("disturbance"))
-    conditions.add_mocap_arguments(parser.add_argument_group("motion capture"))
+    command_line.add_options(parser, Acting)
+    command_line.add_options(parser, Mocap)
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
     # imported here because they are slow to load
     from ground.api import discovering
-    from ground.api.models import Model
+    from ground.models import Model
     from ground.reports.discovery_words import Teller
 
     model = Model.load(arguments.model)
 
     def say(text: str) -> None:
-        common.say(arguments, text)
+        command_line.say(arguments, text)
 
     try:
         found = discovering.discover(
@@ -78,8 +78,8 @@ def run(arguments: argparse.Namespace) -> Document:
             budget=arguments.budget,
             seed=arguments.seed,
             track=not arguments.no_track,
-            mocap=conditions.given(arguments, simulating.MOCAP),
-            disturbance=conditions.disturbance(arguments.disturbance),
+            mocap=command_line.given(arguments, MOCAP),
+            disturbance=arguments.disturbance,
             trim=arguments.trim,
             told=Teller(say, model.core),
             progress=arguments.work,

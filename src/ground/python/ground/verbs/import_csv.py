@@ -2,10 +2,9 @@
 
 import argparse
 
-from ground import files
+from ground import command_line, files
 from ground.annotations import Document
 from ground.recordings import csv_exports
-from ground.verbs import common
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +25,7 @@ def run(arguments: argparse.Namespace) -> Document:
     counts = csv_exports.write_bag(
         arguments.controls, arguments.pose, arguments.output, arguments.force, arguments.work
     )
-    common.say(
+    command_line.say(
         arguments,
         "%s: %d poses, %d commands" % (arguments.output, counts["pose"], counts["controls"]),
     )

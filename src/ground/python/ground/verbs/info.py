@@ -3,18 +3,17 @@
 import argparse
 from typing import List
 
-from ground import files
+from ground import bag_arguments, command_line, files
 from ground.annotations import Document
 from ground.api import recordings as api
-from ground.api.models import Model
+from ground.models import Model
 from ground.errors import GroundError
 from ground.recordings import findings, layouts, mapping, quality, readers
-from ground.verbs import common
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
-    common.add_bag_arguments(parser)
+    bag_arguments.add_bag_arguments(parser)
     parser.add_argument(
         "--write-mapping",
         metavar="M.yaml",
@@ -34,20 +33,20 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     if arguments.output:
         return _write_mapping(arguments)
     model = Model.load(arguments.model).core if arguments.model else None
-    recordings = list(common.read(arguments))
+    recordings = list(bag_arguments.read(arguments))
     if model:
         recordings = [recording.with_lift_of(model) for recording in recordings]
     described = quality.describe(api.repaired(recordings, arguments.work))
     for d in described:
-        common.say(arguments, d["name"])
+        command_line.say(arguments, d["name"])
         for name, value in findings.facts(d):
-            common.say(arguments, "  %-11s %s" % (name, value))
+            command_line.say(arguments, "  %-11s %s" % (name, value))
         for finding in findings.findings(d):
-            common.say(arguments, "  - %s" % finding)
+            command_line.say(arguments, "  - %s" % finding)
     if model:
         with arguments.work.stage("judging which channel drives which thruster"):
             verdict = layouts.judge(recordings, layouts.thrusters_of(model))
-        common.say(arguments, layouts.sentence(verdict))
+        command_line.say(arguments, layouts.sentence(verdict))
         described = [dict(d, layout=verdict.describe()) for d in described]
     return described
 
@@ -63,7 +62,7 @@ def _write_mapping(arguments: argparse.Namespace) -> List[Document]:
             file.write(text)
     try:
         mapping.load(output)
-        common.say(arguments, "%s: look through it, then give --mapping %s" % (output, output))
+        command_line.say(arguments, "%s: look through it, then give --mapping %s" % (output, output))
     except GroundError as error:
-        common.say(arguments, "%s: a draft to complete (%s)" % (output, error))
+        command_line.say(arguments, "%s: a draft to complete (%s)" % (output, error))
     return [{"mapping": output, "drafted_from": path}]

@@ -109,8 +109,9 @@ def thrusters_of(model: _core.Model) -> List[Thruster]:
         thrusters = [Thruster("left", 0.0, -lever, 0.0), Thruster("right", 0.0, lever, 0.0)]
     else:
         thrusters = [
-            Thruster(one["channel"], *one["position"], math.radians(one["direction"]))
+            Thruster(one["channel"], x, y, math.radians(one["direction"]))
             for one in model.thrusters
+            for x, y in [one["position"]]
         ]
     c, s = math.cos(turn), math.sin(turn)
     return [

@@ -3,23 +3,22 @@
 import argparse
 from typing import Iterator, List, Optional, Sequence, Tuple
 
-from ground import files
+from ground import bag_arguments, command_line, files
 from ground.annotations import Document
-from ground.api.models import Room
+from ground.control.words import effort_lines, metres
+from ground.models import Room
 from ground.recordings import tracks
 from ground.recordings.recording import Recording
-from ground.verbs import common
-from ground.verbs.track import effort_lines, metres
 
 FOLLOWING = "comparing paths with references"  # stage; unit: a recording
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
-    common.add_bag_arguments(parser)
+    bag_arguments.add_bag_arguments(parser)
     parser.add_argument(
         "--settled",
-        type=common.seconds,
+        type=command_line.seconds,
         default=0.0,
         metavar="S",
         help="time after the start of the reference from which errors count [s] (%(default)g)",
@@ -42,11 +41,10 @@ def run(arguments: argparse.Namespace) -> Document:
     room = Room.load(arguments.room) if arguments.room else None
     runs: List[Document] = []
     longest: Optional[Tuple[tracks.Track, Document, Recording]] = None
-    recordings = common.read(arguments)
-    arguments.work.expect(FOLLOWING, len(recordings), 0.5)
+    recordings = bag_arguments.read(arguments)
     for recording in recordings:
         drives = []
-        with arguments.work.unit(FOLLOWING):
+        with arguments.work.stage(FOLLOWING):
             read = list(tracks.read(recording.path, recording))
         for track in read:
             numbers = tracks.numbers(track, arguments.settled)
@@ -57,7 +55,7 @@ def run(arguments: argparse.Namespace) -> Document:
         changes = len(recording.changes)
         runs.append({"run": recording.name, "drives": drives, "changes": changes})
         for line in _lines(recording.name, drives, changes):
-            common.say(arguments, line)
+            command_line.say(arguments, line)
     result: Document = {"settled": arguments.settled, "runs": runs}
     if arguments.picture and longest:
         from ground.reports import picture, tracking_figures
@@ -71,7 +69,7 @@ def run(arguments: argparse.Namespace) -> Document:
         with arguments.work.stage("drawing the picture"):
             picture.write(arguments.picture, [shown], arguments.force)
         result["picture"] = arguments.picture
-        common.say(arguments, "written to %s" % arguments.picture)
+        command_line.say(arguments, "written to %s" % arguments.picture)
     return result
 
 

@@ -1,16 +1,18 @@
 """add: adds a physical effect to a model and refits it, with the error before and after."""
 
+import argparse
 import os
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
+from typing import TYPE_CHECKING, Dict, Iterator, List, Tuple
 
 import numpy as np
 
-from ground import _core
+from ground import _core, bag_arguments, command_line, files
 from ground.analysis import candidates, distributions, window_error
 from ground.analysis.window_error import WindowFit
 from ground.annotations import Array, Document, Path
-from ground.api.models import (
+from ground.api.recordings import Measured, Recordings, held_out, measured
+from ground.models import (
     Model,
     ModelLike,
     Parameter,
@@ -18,17 +20,15 @@ from ground.api.models import (
     parameter_frame,
     parameters_by_name,
 )
-from ground.api.recordings import Measured, Part, Recordings, held_out, measured
-from ground.api.values import Row, Shown
 from ground.progress import Progress, Work
 from ground.recordings import windows
+from ground.results import Shown
 
 if TYPE_CHECKING:
     import pandas
 
 
 FITTING = "fitting without the effect and with it"  # stage
-COST = 3e-3  # usual time of a part of it, for a second of recordings [s]
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,10 @@ class ChannelErrors:
         """Errors from the mean |e|/s of u, v, r (3,)."""
         u, v, r = map(float, channels)
         return cls(u, v, r, float(np.sum(channels)))
+
+    def line(self, name: str) -> str:
+        """A line of a table."""
+        return "%-48s %8.3f %8.3f %8.3f %8.3f" % (name, self.u, self.v, self.r, self.error)
 
 
 @dataclass(frozen=True)
@@ -115,41 +119,47 @@ class Addition(Shown):
         """Writes the model with the effect; see Model.save."""
         return self.model.save(path, force)
 
-    def _table(self) -> Tuple[str, Row, List[Row]]:
-        title = "%s with %s: %s; noise of the poses alone: error %.3f" % (
-            self.model.name,
-            self.effect,
-            self.verdict.sentence,
-            self.noise_floor.error,
-        )
-        rows = [
-            [kind, "%.3f" % p.before.error, "%.3f" % p.after.error, "%+.0f%%" % (100 * p.change)]
-            for kind, p in self.error.items()
-        ]
-        return title, ["error", "without", "with", "change"], list(rows)
+    def lines(self) -> Iterator[str]:
+        """What `identify add` prints."""
+        yield "%-28s %12s %12s   %s" % ("parameter", "without", "with", "95% interval")
+        for name, p in self.parameters.items():
+            was = self.parameters_before.get(name)
+            before, unit = "" if was is None else "%.4g" % was.value, p.unit if p.identified else ""
+            yield ("%-28s %12s %12.4g   %s %s" % (name, before, p.value, p.interval, unit)).rstrip()
+        words = {"fit": "the runs fitted to", "heldout": "held out: " + self.folds}
+        yield ""
+        yield "%-48s %8s %8s %8s %8s" % ("error over windows of 1.5 s", "u", "v", "r", "all")
+        for kind, pair in self.error.items():
+            yield words.get(kind, "the held-out runs")
+            yield pair.before.line("  before")
+            yield pair.after.line("  after")
+            yield "  %-46s %35s" % ("", "%+.0f%%" % (100 * pair.change))
+        yield self.noise_floor.line("noise of the poses alone")
+        yield self.verdict.sentence
 
 
+@dataclass(frozen=True)
+class AddOptions(bag_arguments.AsRecorded, bag_arguments.Span):
+    """Which part of the recordings is used."""
+
+
+@command_line.takes(AddOptions)
 def add(
     model: ModelLike,
     effect: Path,
     recordings: Recordings,
     *,
     holdout: Recordings = (),
-    start: float = 0.0,
-    end: Optional[float] = None,
-    everything: bool = False,
-    as_recorded: bool = False,
     progress: Progress = None,
+    options: AddOptions,
 ) -> Addition:
     """Adds an effect to a model. The models with and without it are fitted to the recordings, and to
     all but a part of them.
 
     effect: a name of the library, or a YAML file with one effect as model files have it.
-    recordings, holdout: recordings or bags to fit to and to test on. start, end: the part of every
-    run, on the run's clock [s]; everything: includes parts that are not usable. as_recorded: also uses
-    recordings that look misread. progress: called with a ground.progress.Report at each step.
-    GroundError when there is no such effect, or the recordings are too short or look misread (swapped
-    channels, wrong signs, units or clocks).
+    recordings, holdout: recordings or bags to fit to and to test on. progress: called with a
+    ground.progress.Report at each step. GroundError when there is no such effect, or the recordings are
+    too short or look misread (swapped channels, wrong signs, units or clocks). Options:
 
     >>> found = ground.add(model_file, "yaw_bias", bag)  # this craft turns by itself
     >>> low, high = found.parameters["yaw_bias.n0"].ci95
@@ -159,18 +169,15 @@ def add(
     (True, True)
     """
     work = Work.of(progress)
-    given, part = Model.of(model), Part(start, end, everything)
+    given, part = Model.of(model), options.part
     candidate = candidates.named(os.fspath(effect), given.core)
     extended = candidate.add(given.core)
-    work.expect(FITTING, None)
     seen = measured(recordings, given, part, work)
     held = held_out(holdout, given, part, work, seen)
-    if not as_recorded:
+    if not options.as_recorded:
         seen.refuse_misread()
         held.refuse_misread()
-    duration = sum(run.times[-1] - run.times[0] for run in seen.data)
-    work.expect(FITTING, 2 * (1 + len(window_error.LENGTHS)), COST * duration)
-    with work.stage(FITTING):
+    with work.stage(FITTING, 2 * (1 + len(window_error.LENGTHS))):
         before, after = _fits(given.core, extended, seen.data, work)
     errors = {
         "fit": _pair(before.error, after.error),
@@ -184,7 +191,7 @@ def add(
 def _fits(
     model: _core.Model, extended: _core.Model, runs: List[_core.RunData], work: Work
 ) -> Tuple[WindowFit, WindowFit]:
-    """study.Fits of a _core.Model without the effect and with it; work: told of each."""
+    """window_error.Fits of a _core.Model without the effect and with it; work: told of each."""
     on_runs = window_error.WindowFitter(runs)
     before = on_runs.fit(model, window_error.free_parameters(model), work=work)
     refitted = candidates.carried_over(before.model, extended)
@@ -261,3 +268,34 @@ def _interval(before: Array, after: Array) -> Tuple[float, float]:
     limit = distributions.student_limit(0.025, len(change) - 1)
     half = limit * float(change.std(ddof=1)) / np.sqrt(len(change))
     return float(change.mean() - half), float(change.mean() + half)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of identify add."""
+    parser.add_argument(
+        "effect",
+        metavar="EFFECT",
+        help="name of an effect of the library, or a YAML file with one effect as model files have it",
+    )
+    bag_arguments.add_bag_arguments(parser)
+    command_line.add_model(parser, "model that it is added to")
+    command_line.add_output(parser, "N.yaml")
+    bag_arguments.add_holdout_argument(parser)
+    command_line.add_options(parser, AddOptions)
+
+
+def run(arguments: argparse.Namespace) -> Document:
+    """Runs identify add; returns what --json prints."""
+    files.refuse_existing(arguments.output, arguments.force)
+    found = add(
+        arguments.model,
+        arguments.effect,
+        bag_arguments.reading(arguments, arguments.bags),
+        holdout=bag_arguments.reading(arguments, arguments.holdout),
+        options=command_line.options(arguments, AddOptions),
+        progress=arguments.work,
+    )
+    found.save(arguments.output, arguments.force)
+    command_line.say(arguments, "written to %s" % arguments.output)
+    command_line.say(arguments, str(found))
+    return {"model": arguments.output, **found.to_dict()}

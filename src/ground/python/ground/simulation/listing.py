@@ -3,7 +3,7 @@
 from typing import Any, Dict, Iterable, Optional
 
 from ground import _core
-from ground.core_types import Setting
+from ground.annotations import Setting
 from ground.simulation import gains, tracking
 
 

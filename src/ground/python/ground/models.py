@@ -6,7 +6,7 @@ from typing import (
     TYPE_CHECKING,
     Dict,
     Iterable,
-    List,
+    Iterator,
     Mapping,
     Optional,
     Sequence,
@@ -16,10 +16,10 @@ from typing import (
 
 import numpy as np
 
-from ground import _core, core_types, errors, files, origin
-from ground.annotations import Array, Path
-from ground.api.values import Row, Shown
+from ground import _core, errors, files, origin
+from ground.annotations import Array, Document, Path
 from ground.errors import GroundError
+from ground.results import Shown
 
 if TYPE_CHECKING:
     import pandas
@@ -46,14 +46,9 @@ class Parameter:
         return "[%.4g, %.4g]" % self.ci95 if self.identified else "not identifiable from these data"
 
 
-def parameters_by_name(found: Iterable[core_types.FittedParameter]) -> Dict[str, Parameter]:
+def parameters_by_name(found: Iterable[Document]) -> Dict[str, Parameter]:
     """Parameters, by name, from the dictionaries that a fit of the core returns."""
     return {p["name"]: Parameter(**p) for p in found}
-
-
-def parameter_rows(parameters: Mapping[str, Parameter]) -> List[Row]:
-    """Rows of a table: name, value, interval, unit."""
-    return [[p.name, "%.4g" % p.value, p.interval, p.unit] for p in parameters.values()]
 
 
 def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
@@ -182,13 +177,13 @@ class Model(Shown):
         index = pandas.Index([p["name"] for p in described], name="parameter")
         return pandas.DataFrame(rows, index=index, columns=["value", "unit", "meaning"])
 
-    def _table(self) -> Tuple[str, Row, List[Row]]:
+    def lines(self) -> Iterator[str]:
+        """Title, effects and parameters."""
         from ground.analysis import candidates
 
-        title = "%s, effects: %s" % (self.name, candidates.listed(self.core) or "none")
-        described = self.core.parameters()
-        rows = [[p["name"], "%.4g" % self.core.value(p["name"]), p["unit"]] for p in described]
-        return title, ["parameter", "value", "unit"], list(rows)
+        yield "%s, effects: %s" % (self.name, candidates.listed(self.core) or "none")
+        for p in self.core.parameters():
+            yield "%-24s %12.4g %s" % (p["name"], self.core.value(p["name"]), p["unit"])
 
 
 ModelLike = Union[Model, Path]

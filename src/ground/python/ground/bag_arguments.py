@@ -1,0 +1,120 @@
+"""Arguments of command lines for recordings: which ones, how they are read, and which part is used."""
+
+import argparse
+from dataclasses import dataclass
+from typing import Any, Iterator, List, Optional, Sequence
+
+from ground.api import recordings as api
+from ground.command_line import number, option, seconds
+from ground.errors import GroundError
+from ground.recordings import mapping, readers, settings
+from ground.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class Span:
+    """The part of every run that is used."""
+
+    start: float = option(0.0, "start, on the run's clock [s]", name="--from", type=seconds, metavar="S")
+    end: Optional[float] = option(
+        None, "end, on the run's clock [s]", name="--to", type=seconds, metavar="S"
+    )
+    everything: bool = option(
+        False, "use the whole recording, not only what info calls usable", name="--all"
+    )
+
+    @property
+    def part(self) -> api.Part:
+        """The part."""
+        return api.Part(self.start, self.end, self.everything)
+
+
+@dataclass(frozen=True)
+class AsRecorded:
+    """Whether recordings are used that look misread."""
+
+    as_recorded: bool = option(
+        False, "use recordings that look misread (swapped channels, wrong signs, units or clocks), too"
+    )
+
+
+class Bags(argparse.Action):
+    """Bags on the command line; a folder stands for the bags in it."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: Optional[str] = None,
+    ) -> None:
+        """Sets the list of bags; exits with status 1 when a folder has none."""
+        try:
+            setattr(namespace, self.dest, readers.listed(values))
+        except GroundError as error:
+            parser.exit(1, "%s: %s\n" % (parser.prog, error))
+
+
+def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the bags, and how they are read."""
+    parser.add_argument(
+        "bags", metavar="BAG", nargs="+", action=Bags, help="recorded run, or folder of them"
+    )
+    add_reading_arguments(parser)
+
+
+def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds how recordings are read, and settings that replace the recorded ones."""
+    parser.add_argument(
+        "--axes",
+        help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % settings.AXES,
+    )
+    parser.add_argument(
+        "--heading-offset",
+        type=number,
+        metavar="RAD",
+        help="measured minus true heading, subtracted from the measured one [rad] (as recorded, else 0)",
+    )
+    parser.add_argument(
+        "--mapping",
+        metavar="M.yaml",
+        help="topics, fields, units and channels (identify info --write-mapping drafts one)",
+    )
+    parser.add_argument("--pose-topic", metavar="TOPIC", help="topic of the poses")
+    parser.add_argument("--command-topic", metavar="TOPIC", help="topic of the commands")
+    parser.add_argument(
+        "--body", metavar="NAME", help="child frame, or part of the topic's name, of the craft"
+    )
+
+
+def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
+    """Adds --holdout."""
+    parser.add_argument(
+        "--holdout",
+        metavar="BAG",
+        nargs="+",
+        action=Bags,
+        default=[],
+        help="runs to test on, not fitted to",
+    )
+
+
+def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:
+    """The recordings in the bags, read when the first one is asked for."""
+    given = mapping.load(arguments.mapping) if arguments.mapping else mapping.DEFAULT
+    given = given.with_options(
+        arguments.pose_topic,
+        arguments.command_topic,
+        arguments.body,
+        arguments.axes,
+        arguments.heading_offset,
+    )
+    return api.reading(bags, given, arguments.work)
+
+
+def read(arguments: argparse.Namespace) -> List[Recording]:
+    """The recordings in the arguments' bags; GroundError when one cannot be read or is given twice.
+    Warns of different settings."""
+    found = list(reading(arguments, arguments.bags))
+    api.note_differences(found)
+    return found

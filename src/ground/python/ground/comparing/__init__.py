@@ -1,0 +1,1 @@
+"""compare: models against recordings, and where they fail."""

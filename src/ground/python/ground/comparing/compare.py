@@ -1,0 +1,229 @@
+"""compare: models against recordings, and where they fail.
+
+compare.json, schema ground/compare/1 (SI units; null for a value that is not a number or does not exist):
+
+models    by label: file, effects, fitted_to (names of bags, from its provenance)
+runs      name, bag, picture (motion), pictures (residuals; null if not drawn), models: by label
+  role              fit or held_out, by the digests of recordings in the model's provenance; unknown where
+                    its file has names only
+  error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of 1.5 s; error_by_channel
+  prediction_error  the same with initial velocities from the first 0.4 s, of the rest
+  thesis_objective  (3.4) over the first 4 s
+  fit_percent, rms  per channel, of the windows
+  horizons          seconds (first: one sample), starts, median and rms of the errors of u, v, r
+                    [sigma], position [mm] and heading [deg], each started at the measured state
+  residuals         kind; noise levels; per channel autocorrelation, input_sum, input_difference:
+                    lags, value, band99, how many are outside, accepted; white
+  wrench            noise levels; disturbances left out [s]; per channel X, Y, N: mean, rms, std,
+                    sigma (median standard deviation of the estimate), full_scale (what full thrust
+                    gives). Over time in the CSV.
+  files, summary    picture and series of the wrench; the sentences of the terminal
+pooled    by label: the numbers over all, fit, held_out and unknown runs
+ranking   errors by label, the least first, over runs: those that no model was fitted to (role held_out),
+          or all where there are none (role fit or unknown; fitted: by which models)
+noise_floor  error that the noise of the poses alone would leave there, if the best model were true
+"""
+
+import argparse
+import json
+import os
+from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
+
+from ground import bag_arguments, command_line, workers
+from ground.analysis import comparison
+from ground.analysis.window_error import noise_floor
+from ground.annotations import Document
+from ground.api.recordings import (
+    NO_RECORDING,
+    Part,
+    Recordings,
+    note_differences,
+    note_heading_offset,
+    note_suspicions,
+    repaired,
+    taken,
+)
+from ground.comparing.result import ROLES, Comparison, Ranking, RunComparison, prepare
+from ground.errors import GroundError
+from ground.models import Model, ModelLike
+from ground.progress import Progress, Work
+from ground.recordings.recording import Recording
+from ground.reports import inspection
+from ground.results import distinct_labels
+
+COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
+WRITING = "writing pictures and the page"  # stage
+Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
+
+
+@command_line.takes(bag_arguments.Span)
+def compare(
+    models: Models,
+    recordings: Recordings,
+    *,
+    progress: Progress = None,
+    options: bag_arguments.Span,
+) -> Comparison:
+    """Models against recordings: errors, and where they come from.
+
+    models: one or several, or {label: model}; recordings: recordings or bags. progress: called with a
+    ground.progress.Report at each step. GroundError when a file cannot be read, a model cannot be
+    simulated, or a run or model is given twice. Options, as keyword arguments or as bag_arguments.Span:
+
+    >>> craft = ground.Model.load(model_file)
+    >>> found = ground.compare([craft, craft.with_effect("yaw_bias", n0=2e-5)], bag)
+    >>> print(found.best)  # this craft turns by itself
+    Tiny Whoover with yaw_bias
+    >>> found.runs[0].numbers[found.best]["error"] < 2 * found.noise_floor
+    True
+    >>> found.to_frame().index.names
+    FrozenList(['run', 'model'])
+    """
+    named, given = labelled(models), taken(recordings)
+    if not given:
+        raise GroundError(NO_RECORDING)
+    note_differences(given)
+    runs = _each_run(named, given, options.part, Work.of(progress))
+    return _conclude(named, list(runs))
+
+
+def labelled(models: Models) -> Dict[str, Model]:
+    """Models by their names in tables: the given ones, else a file's name, or the title and the effects.
+    GroundError when there is none, or one is given twice."""
+    if isinstance(models, Mapping):
+        named = {label: Model.of(model) for label, model in models.items()}
+    else:
+        given = [models] if isinstance(models, (Model, str, os.PathLike)) else list(models)
+        loaded = [Model.of(model) for model in given]
+        labels = distinct_labels([_label(m) for m in loaded], [m.path for m in loaded])
+        named = dict(zip(labels, loaded))
+    if not named:
+        raise GroundError("no models are given")
+    first: Dict[str, str] = {}
+    for label, model in named.items():
+        other = first.setdefault(model.format(), label)
+        if other != label:
+            names = dict.fromkeys(named[one].path or one for one in (other, label))
+            raise GroundError("the same model is given twice: %s" % " and ".join(names))
+    return named
+
+
+def _label(model: Model) -> str:
+    """A model's name in tables, which others may share."""
+    return model.label if model.path else " with ".join(
+        filter(None, (model.name, ", ".join(model.effects)))
+    )
+
+
+def _role(model: Model, recording: Recording) -> str:
+    """One of ROLES."""
+    provenance = model.core.provenance
+    if provenance.bags and not provenance.digests:
+        return "unknown"  # the file is older than digests
+    return "fit" if recording.identity in provenance.digests else "held_out"
+
+
+def _each_run(
+    models: Dict[str, Model],
+    recordings: Sequence[Recording],
+    part: Part,
+    work: Work,
+) -> Iterator[RunComparison]:
+    """The RunComparison of each run, in their order."""
+    first = next(iter(models.values()))
+    recordings = [recording.with_lift_of(first.core) for recording in recordings]
+    lengths = [1 + int(recording.duration) for recording in recordings]
+    runs = repaired(recordings, work)
+    note_suspicions(recordings, first)
+    for model in models.values():
+        note_heading_offset(model, recordings)
+    tasks = []
+    for run in runs:
+        task = []
+        for label, model in models.items():
+            task.append((part.of(run, model), model.core, label, _role(model, run.recording)))
+        tasks.append(task)
+    with workers.Workers() as team:
+        results = iter(zip(recordings, team.map(_inspect, tasks)))
+        with work.stage(COMPARING, sum(lengths)):
+            for length, (recording, studies) in zip(lengths, results):
+                work.step(length)
+                yield RunComparison(recording, studies)
+
+
+def _inspect(task: Sequence[Tuple[Any, ...]]) -> List[Document]:
+    return [inspection.inspect(*one) for one in task]
+
+
+def _conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison:
+    """The Comparison over all runs."""
+    pooled: Dict[str, Document] = {}
+    for label in models:
+        of_model = _studies(runs, label)
+        groups = {role: [s["evaluation"] for s in of_model if s["role"] == role] for role in ROLES}
+        pooled[label] = {
+            "all": comparison.numbers([s["evaluation"] for s in of_model]),
+            **{role: comparison.numbers(groups[role]) if groups[role] else None for role in ROLES},
+        }
+    held_out = [run for run in runs if all(s["role"] == "held_out" for s in run.studies)]
+    ranked = held_out or runs
+    ranking = _ranking(list(models), ranked)
+    best = next(iter(ranking.errors))
+    data = [s["run"] for s in _studies(ranked, best)]
+    floor = float(noise_floor(data, models[best].core).sum())
+    return Comparison(models, runs, pooled, ranking, floor)
+
+
+def _studies(runs: Sequence[RunComparison], label: str) -> List[Document]:
+    """Studies of a model against runs."""
+    return [s for run in runs for s in run.studies if s["label"] == label]
+
+
+def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
+    """Models by their error over runs."""
+    errors, roles = {}, {}
+    for label in labels:
+        studies = _studies(runs, label)
+        errors[label] = float(comparison.numbers([s["evaluation"] for s in studies])["error"])
+        roles[label] = {s["role"] for s in studies}
+    worst = next(role for role in ("fit", "unknown", "held_out") if any(role in r for r in roles.values()))
+    return Ranking(
+        role=worst,
+        runs=[run.name for run in runs],
+        errors={label: errors[label] for label in sorted(errors, key=errors.__getitem__)},
+        fitted=[label for label in labels if worst != "held_out" and worst in roles[label]],
+    )
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of identify compare."""
+    bag_arguments.add_bag_arguments(parser)
+    parser.add_argument(
+        "--model", metavar="M.yaml", action="append", required=True, help="model; once for each model"
+    )
+    command_line.add_output(parser, "DIR", "folder for results")
+    command_line.add_options(parser, bag_arguments.Span)
+    parser.add_argument(
+        "--format", choices=["png", "svg"], default="png", help="format of pictures (%(default)s)"
+    )
+    parser.add_argument(
+        "--numbers", action="store_true", help="compare.json and CSV only: no pictures, no report"
+    )
+
+
+def run(arguments: argparse.Namespace) -> Document:
+    """Runs identify compare; returns what --json prints."""
+    models = labelled(arguments.model)
+    recordings = list(bag_arguments.reading(arguments, arguments.bags))
+    _, numbers = prepare(arguments.output, arguments.force)
+    chosen = command_line.options(arguments, bag_arguments.Span)
+    found = compare(models, recordings, options=chosen, progress=arguments.work)
+    command_line.say(arguments, str(found))
+    with arguments.work.stage(WRITING):
+        place = found.save(
+            arguments.output, not arguments.numbers, arguments.format, arguments.force
+        )
+    command_line.say(arguments, "written to %s" % place)
+    with open(numbers) as file:
+        result: Document = json.load(file)
+    return result

@@ -1,0 +1,290 @@
+"""A comparison: its numbers, its lines of text, and the folder in which it is kept."""
+
+import os
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence
+
+import numpy as np
+
+from ground import files
+from ground.analysis import comparison
+from ground.annotations import Document, Path
+from ground.models import Model
+from ground.recordings import quality
+from ground.recordings.recording import Recording
+from ground.reports import result_folder, words
+from ground.results import Shown, distinct_labels
+
+if TYPE_CHECKING:
+    import pandas
+
+SCHEMA = "ground/compare/1"
+# Whether a model was fitted to a run: it was, it was not, or its file does not tell
+ROLES = ("fit", "held_out", "unknown")
+KINDS = ("comparison", "residuals")  # kinds of pictures, one of each for a run
+WRENCH = "t [s],X [N],Y [N],N [N m],sigma X [N],sigma Y [N],sigma N [N m]"
+COLUMNS = "%9s %7s %10s %9s %14s %15s"
+HEAD = COLUMNS % ("runs", "error", "prediction", "(3.4) 4 s", "fit u,v,r [%]", "off after 1 s")
+Files = Optional[Document]  # files of one run: pictures and series, by their subject
+
+
+class _Frame(Shown):
+    """Errors as a table."""
+
+    def rows(self) -> Iterator[Sequence[Any]]:
+        """Run, model, role and numbers."""
+        raise NotImplementedError
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """A row for each run and model: error, prediction_error, thesis_objective and the fit of u,
+        v and r [%]; indexed by run and model."""
+        import pandas
+
+        names = ["error", "prediction_error", "thesis_objective"]
+        rows = [
+            [run, label, role, *(n[name] for name in names), *n["fit_percent"].values()]
+            for run, label, role, n in self.rows()
+        ]
+        fits = ["fit_" + channel for channel in comparison.CHANNELS]
+        frame = pandas.DataFrame(rows, columns=["run", "model", "role", *names, *fits])
+        return frame.set_index(["run", "model"])
+
+
+@dataclass(frozen=True, repr=False)
+class RunComparison(_Frame):
+    """All models against one run."""
+
+    recording: Recording
+    studies: List[Document]  #: one for each model, from ground.reports.inspection.inspect
+
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+        return self.recording.name
+
+    @property
+    def numbers(self) -> Document:
+        """Error numbers by model (keys of comparison.numbers)."""
+        return {study["label"]: study["numbers"] for study in self.studies}
+
+    @property
+    def summary(self) -> Dict[str, List[str]]:
+        """Sentences on what stands out, by model."""
+        return {study["label"]: study["summary"] for study in self.studies}
+
+    def to_dict(self, files: Files = None) -> Document:
+        """Plain values, as compare.json has them; files: the run's files."""
+        named = files or {"comparison": None, "residuals": None, "models": {}}
+        return {
+            "name": self.name,
+            "bag": self.recording.bag,
+            "picture": named["comparison"],
+            "pictures": {"residuals": named["residuals"]},
+            "models": {
+                study["label"]: dict(
+                    study["numbers"],
+                    role=study["role"],
+                    residuals=study["residuals"],
+                    wrench=study["missing"].numbers,
+                    files=named["models"].get(study["label"]),
+                    summary=study["summary"],
+                )
+                for study in self.studies
+            },
+        }
+
+    def rows(self) -> Iterator[Sequence[Any]]:
+        """Run, model, role and numbers."""
+        for s in self.studies:
+            yield self.name, s["label"], s["role"], s["numbers"]
+
+    def lines(self) -> Iterator[str]:
+        """Errors of the models, and what stands out."""
+        yield self.name
+        yield from _table([(s["label"], s["role"], s["numbers"]) for s in self.studies])
+        for study in self.studies:
+            for sentence in study["summary"]:
+                yield "  %s: %s" % (study["label"], sentence)
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Models by their error, the least first. It says which one predicts best only where no model was
+    fitted to the runs."""
+
+    role: str  #: "held_out": no model was fitted to the runs; "fit": one was; "unknown"
+    runs: List[str]  #: all that no model was fitted to; where there are none, all runs
+    errors: Dict[str, float]  #: by label, over these runs
+    fitted: List[str]  #: labels of models that were fitted to any of them, or that may have been
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison(_Frame):
+    """Models against recordings."""
+
+    models: Dict[str, Model]  #: by label
+    runs: List[RunComparison]
+    pooled: Dict[str, Document]  #: by label: error numbers over all, fit, held_out and unknown runs
+    ranking: Ranking
+    noise_floor: float  #: error that the noise of the poses alone would leave on the ranking's runs
+
+    @property
+    def best(self) -> str:
+        """Label of the model with the least error; `ranking` says whether it was fitted to the runs."""
+        return next(iter(self.ranking.errors))
+
+    @property
+    def sentence(self) -> str:
+        """Which model predicts or fits best, in words."""
+        return str(words.comparison(asdict(self.ranking), self.noise_floor))
+
+    def rows(self) -> Iterator[Sequence[Any]]:
+        """Run, model, role and numbers."""
+        for run in self.runs:
+            yield from run.rows()
+
+    def lines(self) -> Iterator[str]:
+        """What `identify compare` prints."""
+        for run in self.runs:
+            yield from run.lines()
+        if len(self.runs) > 1:
+            yield "all runs"
+            yield from _table(
+                [(label, role, of[role]) for label, of in self.pooled.items() for role in ROLES if of[role]]
+            )
+        yield self.sentence
+
+    def to_dict(self, files: Optional[Sequence[Files]] = None) -> Document:
+        """Plain values, as compare.json has them; files: the files of each run."""
+        named = files or [None] * len(self.runs)
+        return {
+            "schema": SCHEMA,
+            "models": {
+                label: {
+                    "file": model.path or None,
+                    "effects": model.core.effects,
+                    "fitted_to": model.core.provenance.bags,
+                }
+                for label, model in self.models.items()
+            },
+            "runs": [run.to_dict(of_run) for run, of_run in zip(self.runs, named)],
+            "pooled": self.pooled,
+            "ranking": asdict(self.ranking),
+            "noise_floor": self.noise_floor,
+        }
+
+    def save(
+        self, folder: Path, pictures: bool = True, form: str = "png", force: bool = False
+    ) -> str:
+        """Writes compare.json and, for every run, the missing wrench as CSV; with `pictures` also the
+        pictures and the page report.html. form: "png" or "svg". Returns the path of the page, or of
+        the JSON. Files of an older comparison in the folder go. GroundError when a file cannot be
+        written, or exists and `force` is not set."""
+        place = os.fspath(folder)
+        page, numbers = prepare(place, force)
+        stems = distinct_labels([_stem(run.name) for run in self.runs], [""] * len(self.runs))
+        named = [self._names(place, stem, "." + form if pictures else "") for stem in stems]
+        older = result_folder.older(numbers, SCHEMA)
+        stale = [os.path.basename(path) for path in _files(older.get("runs"))]
+        result = self.to_dict(named)
+        with result_folder.replaced(place, [*stale, *(["report.html"] if older else [])], force) as new:
+            for run, own in zip(self.runs, named):
+                _write_run(run, own, new)
+            files.write_json(os.path.join(new, os.path.basename(numbers)), result)
+        if not pictures:
+            return numbers
+        from ground.reports import report
+
+        inputs = [run.recording.path for run in self.runs]
+        inputs += [model.path for model in self.models.values()]
+        with result_folder.page(page, numbers):
+            report.comparison(
+                page,
+                result,
+                [run.studies for run in self.runs],
+                quality.describe([run.recording.repaired for run in self.runs]),
+                [path for path in inputs if path],
+                force,
+            )
+        return page
+
+    def _names(self, folder: str, run: str, ending: str) -> Document:
+        """Names of all files of one run; None for pictures that are not drawn, without an ending."""
+        run = os.path.join(folder, run)
+
+        def picture(stem: str) -> Optional[str]:
+            return stem + ending if ending else None
+
+        labels = list(self.models)
+        stems = distinct_labels([_stem(label) for label in labels], [""] * len(labels))
+        wrenches = {label: "%s.wrench.%s" % (run, stem) for label, stem in zip(labels, stems)}
+        return {
+            "comparison": picture(run),
+            "residuals": picture(run + ".residuals"),
+            "models": {
+                label: {"wrench_picture": picture(stem), "wrench_csv": stem + ".csv"}
+                for label, stem in wrenches.items()
+            },
+        }
+
+
+def prepare(folder: str, force: bool) -> Sequence[str]:
+    """Makes the folder of a comparison; paths of its page and of its numbers. GroundError when it cannot be
+    made, or has them and `force` is not set."""
+    paths = [os.path.join(folder, name) for name in ("report.html", "compare.json")]
+    result_folder.prepare(folder, paths, force)
+    return paths
+
+
+def _table(rows: Sequence[Sequence[Any]]) -> Iterator[str]:
+    """A table of labels, roles and numbers."""
+    width = max(len(row[0]) for row in rows)
+    yield "  %-*s " % (width, "model") + HEAD
+    for label, role, n in rows:
+        cells = (
+            role.replace("_", " "),
+            "%.3f" % n["error"],
+            words.number(n["prediction_error"]),
+            words.number(n["thesis_objective"]),
+            ", ".join("%.0f" % n["fit_percent"][c] for c in comparison.CHANNELS),
+            words.off_after_a_second(n),
+        )
+        yield "  %-*s " % (width, label) + COLUMNS % cells
+
+
+def _stem(label: str) -> str:
+    """A run's or model's name as a part of names of files."""
+    return label.replace(os.sep, "_").lstrip(".") or "unnamed"
+
+
+def _files(value: Any) -> Iterator[str]:
+    """All names of pictures and tables in a document."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list):
+        for item in value:
+            yield from _files(item)
+    elif isinstance(value, str) and value.endswith((".png", ".svg", ".csv")):
+        yield value
+
+
+def _write_run(run: RunComparison, named: Document, folder: str) -> None:
+    """Writes the files of one run into a folder."""
+
+    def place(path: str) -> str:
+        return os.path.join(folder, os.path.basename(path))
+
+    for study in run.studies:
+        missing = study["missing"]
+        rows = np.column_stack([missing.times, missing.wrench, missing.sigma])
+        files.write_csv(place(named["models"][study["label"]]["wrench_csv"]), WRENCH, rows)
+    if not named["comparison"]:
+        return
+    from ground.reports import figures, picture, wrench_figures
+
+    drawn: Sequence[Any] = (figures.motion, figures.residual_correlation)
+    for kind, draw in zip(KINDS, drawn):
+        picture.write(place(named[kind]), [draw(run.studies)])
+    for number, study in enumerate(run.studies):
+        shown = [wrench_figures.wrench_over_time([study], number)]
+        picture.write(place(named["models"][study["label"]]["wrench_picture"]), shown)

@@ -1,0 +1,1 @@
+"""Controllers in closed loop: track, tune, and how recorded crafts followed their reference."""

@@ -1,0 +1,317 @@
+"""track: a controller in closed loop with a simulated craft."""
+
+import argparse
+import os
+from dataclasses import dataclass, make_dataclass
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+
+import numpy as np
+
+from ground import _core, command_line, files
+from ground.annotations import Document, Path
+from ground.command_line import count, option, positive, seconds, seed
+from ground.simulation import listing
+from ground.control.words import effort_lines, metres
+from ground.errors import GroundError
+from ground.models import Model, ModelLike
+from ground.progress import Progress, Work
+from ground.results import Shown
+from ground.simulation import gains as gain_files
+from ground.simulation import tracking
+from ground.simulation.tracking import PLACES, Tracked
+
+if TYPE_CHECKING:
+    import pandas
+
+DRIVING = "simulating drives"  # stage; unit: a drive
+MAX_STOPS = 5  # stops that are printed
+# options that set a parameter of the reference
+NUMBERS = {"size": positive, "rate_of_turn": float, "petals": float, "speed": positive}
+Gains = Union[Path, Mapping[str, float]]
+
+DETAILS = "\n" + listing.references() + "\n" + listing.controllers(tracking.CONTROLLERS) + """
+Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file: all of it). Without
+--noise the controller knows the true state at its rate; with it, mocap_state estimates the state from
+a mocap of 100 Hz with noise of 0.3 mm and 5 mrad. --delay is the time from measurement to command.
+The craft starts at rest at the origin; with --seed near it, and with --starts N from N places, and
+medians are printed. As on the floor, a controller stops when the error has been larger than
+--max-error for a second, or when the craft never arrives; its errors then count as infinite.
+"""
+
+
+@dataclass(frozen=True, repr=False)
+class Tracking(Shown):
+    """How a controller followed a reference, from one start or several."""
+
+    controller: str
+    reference: str
+    runs: List[Tracked]  #: a run from each start
+    numbers: Dict[str, Any]  #: medians over the runs: rms, max, final [m], saturated_fraction, effort, ...
+    window: Tuple[float, float]  #: start and end of what errors count, since the reference began [s]
+    max_error: float  #: error at which a controller stops itself [m]
+    caution: str  #: why the craft cannot follow the reference exactly; empty when it can
+    remark: str  #: how the controller uses the model's effects; empty when nothing is odd
+    effects: Dict[str, List[str]]  #: effects that the controller has used and unused
+    gains: Document
+    seed: Optional[int]
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the distance from the reference, median over the runs [m]."""
+        return float(self.numbers["rms"])
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the controller stopped itself in every run."""
+        return int(self.numbers["stopped"]) == len(self.runs)
+
+    @property
+    def stops(self) -> List[Document]:
+        """Run, time [s] and reason of each that ended early."""
+        return list(self.numbers["stops"])
+
+    def to_dict(self) -> Document:
+        """Plain values, as `track --json` prints them but for the names of files."""
+        return {
+            "seed": self.seed,
+            "starts": len(self.runs),
+            "window": list(self.window),
+            "max_error": self.max_error,
+            "caution": self.caution or None,
+            "effects": self.effects,
+            "gains": self.gains,
+            **self.numbers,
+        }
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Every frame of every run: run, t [s] since the reference began, x, y [m], psi [rad],
+        x_reference, y_reference, error [m]."""
+        import pandas
+
+        rows = [
+            np.column_stack(
+                [np.full(len(run.times), i), run.times, run.eta, run.reference, run.errors]
+            )
+            for i, run in enumerate(self.runs, 1)
+        ]
+        columns = ["run", "t", "x", "y", "psi", "x_reference", "y_reference", "error"]
+        return pandas.DataFrame(np.vstack(rows), columns=columns).astype({"run": int})
+
+    def lines(self) -> Iterator[str]:
+        """What `track` prints."""
+        numbers, many = self.numbers, len(self.runs) > 1
+        if self.remark:
+            yield "model      %s" % self.remark
+        if self.caution:
+            yield "note: %s" % self.caution
+        starts = ", medians of %d starts" % len(self.runs) if many else ""
+        yield "%s on %s, %g to %g s%s" % (self.controller, self.reference, *self.window, starts)
+        yield "error      %s rms, %s at most" % (metres(numbers["rms"]), metres(numbers["max"]))
+        if many:
+            ends = [metres(numbers["rms_quantiles"][q]) for q in ("p05", "p95")]
+            yield "           5 to 95%% of the starts: %s to %s rms" % tuple(ends)
+        if numbers.get("after_stop_max") is not None:
+            after = metres(numbers["after_stop_max"]), tracking.AFTER_STOP
+            yield "after stop %s at most, from %g s after the end on" % after
+        yield from effort_lines(numbers)
+        if numbers["stopped"]:
+            yield "stopped    %d of %d runs ended early" % (numbers["stopped"], len(self.runs))
+        for stop in self.stops[:MAX_STOPS]:
+            yield "           run %(run)d at %(time).2f s: %(reason)s" % stop
+        if len(self.stops) > MAX_STOPS:
+            yield "           and %d more" % (len(self.stops) - MAX_STOPS)
+
+
+def _factor(text: str) -> Tuple[str, float]:
+    name, separator, factor = text.partition("=")
+    try:
+        value = float(factor)
+    except ValueError:
+        value = np.nan
+    if not separator or not np.isfinite(value):
+        raise argparse.ArgumentTypeError("'%s' is not NAME=FACTOR" % text)
+    return name, value
+
+
+def _bound(text: str) -> float:
+    value = float(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError("%s is not positive" % text)
+    return value
+
+
+@dataclass(frozen=True)
+class _Options:
+    """A controller, a craft, and the conditions of the loop."""
+
+    controller: str = option("TrajectoryTracking", "(%(default)s)", choices=list(tracking.CONTROLLERS))
+    truth: Optional[ModelLike] = option(None, "true model of the craft (--model)", metavar="T.yaml")
+    gains: Optional[Gains] = option(
+        None, "gains of the controller, as tune writes them", metavar="G.yaml"
+    )
+    perturb: Union[Mapping[str, float], Sequence[Tuple[str, float]]] = option(
+        (),
+        "parameters of the craft to multiply: k=0.85 I_z=1.15",
+        type=_factor,
+        nargs="+",
+        metavar="NAME=FACTOR",
+    )
+    noise: bool = option(False, "mocap noise, and the estimator")
+    delay: float = option(0.0, "time from measurement to command [s]", type=seconds, metavar="S")
+    loss: float = option(0.0, "share of frames lost, 0..1", range=(0.0, 0.999))
+    rate: float = option(50.0, "(50)", type=positive, metavar="HZ")
+    seed: Optional[int] = option(None, "for noise and start (start: the origin)", type=seed)
+    smooth: bool = option(False, "line, waypoints: start and stop gently")
+    settled: Optional[float] = option(None, "errors count from here [s]", type=seconds, metavar="S")
+    end_time: Optional[float] = option(None, "errors count to here [s]", type=positive, metavar="S")
+    max_error: float = option(
+        0.0,
+        "error at which it stops, inf for never (a quarter of the reference's half-width, 0.05 to 0.5)",
+        type=_bound,
+        metavar="M",
+    )
+    starts: int = option(1, "number of starts (%(default)s)", type=count, metavar="N")
+    spread: float = option(
+        tracking.SPREAD,
+        "1 sigma of all states of N starts about rest at the origin (%(default)s)",
+        type=positive,
+    )
+    anywhere: Optional[float] = option(
+        None, "start at rest up to M metres off in x and y, any heading", type=positive, metavar="M"
+    )
+
+
+def _fields() -> Iterator[Tuple[str, Any, Any]]:
+    """Fields for the parameters of references."""
+    for parameter in _core.reference_parameters():
+        if parameter.name in NUMBERS:
+            more = listing.option(parameter, None)
+            kind = NUMBERS[parameter.name]
+            yield parameter.name, Optional[float], option(None, more.pop("help"), type=kind, **more)
+    for place in PLACES:
+        help = "of a line or of waypoints [m]"
+        yield place, Any, option(None, help, type=float, nargs=2, metavar=("X", "Y"))
+
+
+#: What is tracked: _Options, and parameters of references.
+TrackOptions = make_dataclass("TrackOptions", list(_fields()), bases=(_Options,), frozen=True)
+
+
+@command_line.takes(TrackOptions)
+def track(
+    model: ModelLike,
+    reference: str = "circle",
+    *,
+    progress: Progress = None,
+    options: _Options,
+    **settings: Any,
+) -> Tracking:
+    """A controller that follows a reference in closed loop with a simulated craft, without ROS.
+
+    model: the controller's model. reference: its kind, or a CSV file. gains may also be names and values,
+    and perturb {name: factor}. settings: further parameters of the reference, such as x, y, end_x, end_y
+    [m]. GroundError when something does not exist or the motion is not finite. Options, as keyword
+    arguments or as TrackOptions:
+
+    >>> found = ground.track(model_file, "circle", gains=gains_file, end_time=30, settled=20)
+    >>> found.stopped, found.rms < 0.03  # [m]
+    (False, True)
+    """
+    command_line.check(options)
+    believed = Model.of(model)
+    moves = believed if options.truth is None else Model.of(options.truth)
+    try:
+        truth = tracking.perturbed(moves.core, dict(options.perturb))
+    except ValueError as error:
+        raise GroundError("--perturb: %s" % error)
+    choice = _choice(options.controller, options.gains)
+    use = tracking.effect_use(options.controller, believed.core)
+    work, first = Work.of(progress), 1 if options.seed is None else options.seed
+    places = _starts(options, first)
+    conditions = tracking.Conditions(options.noise, options.delay, options.loss)
+    try:
+        task = tracking.task(
+            reference, options.settled, options.end_time, **{**_settings(options), **settings}
+        )
+        loop = (truth, believed.core, choice, task, places, conditions, first)
+        with work.stage(DRIVING, len(places)):
+            runs = tracking.many(*loop, options.rate, options.max_error, work=work)
+    except (ValueError, RuntimeError) as error:
+        raise GroundError(str(error))
+    return Tracking(
+        controller=choice.kind,
+        reference=reference,
+        runs=runs,
+        numbers=tracking.pooled(runs),
+        window=(task.settled, task.until),
+        max_error=options.max_error or task.reference.default_max_error(),
+        caution=str(task.reference.infeasibility(believed.core)),
+        remark=str(use["remark"]),
+        effects={"used": use["used"], "unused": use["unused"]},
+        gains=gain_files.get(choice),
+        seed=options.seed,
+    )
+
+
+def _settings(options: _Options) -> Document:
+    """Parameters of the reference that were given."""
+    settings = command_line.given(options, [*NUMBERS, "smooth"])
+    for name, places in PLACES.items():
+        settings.update(zip(places, getattr(options, name) or ()))
+    return settings
+
+
+def _choice(controller: str, gains: Optional[Gains]) -> _core.ControllerChoice:
+    if isinstance(gains, Mapping):
+        choice = gain_files.choice(controller)
+        gain_files.put(choice, dict(gains))
+        return choice
+    return gain_files.choice(controller, None if gains is None else os.fspath(gains))
+
+
+def _starts(options: _Options, first: int) -> List[tracking.Start]:
+    """Where and how fast the craft starts: at rest at the origin, or about it."""
+    if options.anywhere:
+        return list(tracking.anywhere(options.starts, first, options.anywhere))
+    if options.starts > 1 or options.seed is not None:
+        return list(tracking.starts(options.starts, first, options.spread))
+    return [(np.zeros(3), np.zeros(3))]
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of track."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = DETAILS
+    command_line.add_model(parser, "the controller's model")
+    parser.add_argument("--reference", default="circle", metavar="KIND", help="see below (%(default)s)")
+    command_line.add_options(parser, TrackOptions)
+    parser.add_argument("--picture", metavar="FILE.png", help="path, error and inputs of the run")
+    parser.add_argument("--force", action="store_true", help="overwrite the picture")
+
+
+def run(arguments: argparse.Namespace) -> Document:
+    """Runs track; returns what --json prints. GroundError when the controller stopped."""
+    if arguments.picture:
+        files.refuse_existing(arguments.picture, arguments.force)
+    options: _Options = command_line.options(arguments, TrackOptions)
+    found = track(arguments.model, arguments.reference, options=options, progress=arguments.work)
+    result = {
+        "controller": arguments.controller,
+        "model": arguments.model,
+        "truth": arguments.truth or arguments.model,
+        "reference": arguments.reference,
+        **found.to_dict(),
+    }
+    if arguments.picture:
+        from ground.reports import picture, tracking_figures
+
+        name = "%s, %s" % (found.controller, found.reference)
+        caption = tracking_figures.caption(name, found.runs[0].numbers)
+        shown = tracking_figures.driven(found.runs[0], caption, found.window)
+        with arguments.work.stage("drawing the picture"):
+            picture.write(arguments.picture, [shown], arguments.force)
+        result["picture"] = arguments.picture
+    command_line.say(arguments, str(found))
+    if found.stopped:
+        raise GroundError("the controller stopped: at %(time).2f s: %(reason)s" % found.stops[0])
+    return result

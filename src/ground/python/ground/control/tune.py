@@ -1,0 +1,245 @@
+"""tune: search for the gains of a controller."""
+
+import argparse
+from dataclasses import dataclass
+from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+
+from ground import _core, command_line, files, workers
+from ground.annotations import Document
+from ground.command_line import count, option, positive, seed
+from ground.simulation import listing
+from ground.control.words import metres
+from ground.errors import GroundError
+from ground.models import Model
+from ground.progress import Work
+from ground.simulation import gains, tracking, tuning
+
+DETAILS = """
+Every candidate follows the references from several starts: with the model as it is, with mocap noise
+and 20 ms of delay, and with a craft whose thrust is 15% lower, whose damping is 30% higher and whose
+inertia is 15% higher than in the model. The score is the error (median and worst start) plus weighted
+saturation and effort. The search starts from the gains of the thesis, among others.
+The table shows starts and references that the search has not used (--holdout).
+
+A reference is one of those below, if wanted with other parameters, as in
+circle:size=1.5,rate_of_turn=0.8 or line:speed=0.5.
+
+""" + listing.references() + "\n" + listing.controllers(tuning.SPACE)
+REFERENCES = (
+    "circle",
+    "line",
+    "sinusoid",
+    "circle:size=1.2,rate_of_turn=0.9",
+    "sinusoid:speed=0.3,size=0.8,rate_of_turn=0.4",
+)
+HELD_OUT = ("rhodonea", "circle:size=1.5,rate_of_turn=0.8")
+THESIS = {
+    "TrajectoryTracking": {
+        "(4.11)": dict(k_e=4.0, k_z=3e-4, k_phi_1=0.005, k_phi_2=0.005, delta_1=-0.01, delta_2=0.0),
+        "(4.12)": dict(k_e=0.5, k_z=4e-4, k_phi_1=0.05, k_phi_2=0.05, delta_1=-0.01, delta_2=0.0),
+    }
+}
+
+
+@dataclass(frozen=True)
+class TuneOptions:
+    """What is searched, and how long."""
+
+    controller: str = option("TrajectoryTracking", "(%(default)s)", choices=list(tuning.SPACE))
+    gains: Optional[str] = option(
+        None, "gains to start from and to compare with", metavar="G.yaml"
+    )
+    references: Sequence[str] = option(
+        REFERENCES,
+        "references to search on, see below (%s)" % " ".join(REFERENCES),
+        nargs="+",
+        metavar="KIND",
+    )
+    holdout: Sequence[str] = option(
+        HELD_OUT,
+        "further references to test on (%s)" % " ".join(HELD_OUT),
+        nargs="*",
+        metavar="KIND",
+    )
+    evaluations: int = option(1200, "(%(default)s)", type=count, metavar="N")
+    starts: int = option(4, "starts of a candidate (%(default)s)", type=count, metavar="N")
+    test_starts: int = option(100, "fresh starts of the test (%(default)s)", type=count, metavar="N")
+    saturation_weight: float = option(0.3, "(%(default)s)", type=float)
+    effort_weight: float = option(0.3, "(%(default)s)", type=float)
+    rate: float = option(50.0, "(50)", type=positive, metavar="HZ")
+    seed: int = option(1, "(%(default)s)", type=seed)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of tune."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = DETAILS
+    command_line.add_model(parser, "model of the craft")
+    command_line.add_output(parser, "GAINS.yaml")
+    command_line.add_options(parser, TuneOptions)
+    parser.add_argument("--picture", metavar="FILE.png", help="candidates, and errors before and after")
+
+
+def run(arguments: argparse.Namespace) -> Document:
+    """Runs tune; returns what --json prints."""
+    for path in (arguments.output, arguments.picture):
+        if path:
+            files.refuse_existing(path, arguments.force)
+    options = command_line.options(arguments, TuneOptions)
+    model = Model.load(arguments.model).core
+    use = tracking.effect_use(options.controller, model)
+    if use["remark"]:
+        command_line.say(arguments, "model: %s" % use["remark"])
+    try:
+        seen = tuning.cells({k: _task(k) for k in options.references}, model)
+        unseen = tuning.cells({k: _task(k) for k in options.holdout}, model)
+        with workers.Workers() as team:
+            tuned, tried, compared = _search(options, arguments.work, team, model, seen, unseen)
+    except (ValueError, RuntimeError) as error:
+        raise GroundError(str(error))
+    result = {
+        "controller": options.controller,
+        "model": arguments.model,
+        "gains": compared["tuned"].gains,
+        "output": arguments.output,
+        **_result(options, compared, seen + unseen, tried),
+        "effects": {"used": use["used"], "unused": use["unused"]},
+    }
+    medians = [
+        "%s %s" % (c.reference, metres(compared["tuned"].quantile(c.name, 0.5)))
+        for c in seen + unseen
+        if c.condition == "nominal"
+    ]
+    comments = [
+        "Found by tune: %d candidates on %s of %s."
+        % (len(tried), ", ".join(options.references), model.name),
+        "Median error of %d fresh starts, nominal: %s." % (options.test_starts, "; ".join(medians)),
+    ]
+    gains.write(arguments.output, tuned, comments, arguments.force)
+    if arguments.picture:
+        from ground.reports import picture, tracking_figures
+
+        with arguments.work.stage("drawing the picture"):
+            shown = tracking_figures.tuned(compared, tried, result)
+            picture.write(arguments.picture, [shown], arguments.force)
+    command_line.say(arguments, "\n".join(_lines(result)))
+    return result
+
+
+def _search(
+    options: TuneOptions,
+    work: Work,
+    team: workers.Workers,
+    model: _core.Model,
+    seen: List[tuning.Cell],
+    unseen: List[tuning.Cell],
+) -> Tuple[_core.ControllerChoice, List[tuning.Candidate], Dict[str, tuning.Candidate]]:
+    """The ControllerChoice found, the Candidates tried, and the Candidates to compare, by name."""
+    weights = tuning.Weights(options.saturation_weight, options.effort_weight)
+    before = _starting(options)
+    first, rate = list(before.values()), options.rate
+    seeds = [1000 * options.seed + offset for offset in (0, 300, 600)]
+    counts = (options.starts, 5 * options.starts, options.test_starts)
+    places = [tracking.starts(count, seed) for count, seed in zip(counts, seeds)]
+    with work.stage("drives of the search"):
+        tried = tuning.search(
+            team, first, model, seen, places[0], weights, options.evaluations, seeds[0], rate, work
+        )
+    with work.stage("drives of the finalists", len(seen) * counts[1] * tuning.FINALISTS):
+        chosen = tuning.choose(
+            team, tried, first, model, seen, places[1], weights, seeds[1], rate, work
+        )
+    tuned = gains.choice(options.controller)
+    gains.put(tuned, chosen[0].gains)
+    with work.stage("drives of the test", len(seen + unseen) * counts[2] * (len(first) + 1)):
+        compared = tuning.evaluate(
+            team, first + [tuned], model, seen + unseen, places[2], weights, seeds[2], rate, work
+        )
+    return tuned, tried, dict(zip([*before, "tuned"], compared))
+
+
+def _task(text: str) -> tracking.Task:
+    """The tracking.Task of KIND:NAME=NUMBER,NAME=NUMBER."""
+    kind, _, rest = text.partition(":")
+    settings = {}
+    for item in filter(None, rest.split(",")):
+        name, _, value = item.partition("=")
+        try:
+            settings[name] = float(value)
+        except ValueError:
+            raise GroundError("%s: '%s' is not a number" % (text, value))
+    try:
+        return tracking.task(kind, **settings)
+    except GroundError as error:
+        raise GroundError("%s: %s" % (text, error))
+
+
+def _starting(options: TuneOptions) -> Dict[str, _core.ControllerChoice]:
+    """Name to the _core.ControllerChoice to start from and to compare with."""
+    found = {}
+    if options.gains:
+        found["given"] = gains.choice(options.controller, options.gains)
+    for name, values in THESIS.get(options.controller, {}).items():
+        found[name] = gains.choice(options.controller)
+        gains.put(found[name], values)
+    return found or {"default": gains.choice(options.controller)}
+
+
+def _result(
+    options: TuneOptions,
+    compared: Mapping[str, tuning.Candidate],
+    cells: Sequence[tuning.Cell],
+    tried: Sequence[tuning.Candidate],
+) -> Document:
+    rows = []
+    for cell in cells:
+        rows.append(
+            {
+                "reference": cell.reference,
+                "condition": cell.condition,
+                "held_out": cell.reference not in options.references,
+                "rms": {
+                    name: {q: c.quantile(cell.name, share) for q, share in _SHARES.items()}
+                    for name, c in compared.items()
+                },
+            }
+        )
+    return {
+        "candidates": len(tried),
+        "test_starts": options.test_starts,
+        "table": rows,
+        "saturated": {name: c.saturated for name, c in compared.items()},
+        "effort": {name: c.effort for name, c in compared.items()},
+        "trade_off": [
+            {
+                "gains": c.gains,
+                "error": 10 ** tuning.score(c, tuning.Weights(0, 0)),
+                "saturated": c.saturated,
+                "effort": c.effort,
+            }
+            for c in tuning.trade_off(tried)
+        ],
+    }
+
+
+_SHARES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
+
+
+def _lines(result: Document) -> Iterator[str]:
+    """What tune prints."""
+    names = list(result["saturated"])
+    labels = [
+        "%s%s, %s" % (row["reference"], " *" if row["held_out"] else "", row["condition"])
+        for row in result["table"]
+    ]
+    form = "%%-%ds" % (2 + max(map(len, labels))) + "%24s" * len(names)
+    yield "error rms, median (95%%) of %d fresh starts" % result["test_starts"]
+    yield form % ("", *names)
+    for label, row in zip(labels, result["table"]):
+        found = [row["rms"][name] for name in names]
+        yield form % (label, *("%s (%s)" % (metres(q["median"]), metres(q["p95"])) for q in found))
+    yield form % ("saturated", *("%.1f%%" % (100 * result["saturated"][n]) for n in names))
+    yield form % ("effort", *("%.3f" % result["effort"][n] for n in names))
+    yield "* not used by the search"
+    gained = ", ".join("%s %.4g" % item for item in result["gains"].items())
+    yield "%s: %s" % (result["output"], gained)

@@ -1,0 +1,1 @@
+"""diagnose: which physical effect is missing in a model."""

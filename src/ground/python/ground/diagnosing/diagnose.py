@@ -1,0 +1,253 @@
+"""diagnose: which physical effect is missing in a model."""
+
+import argparse
+import math
+import os
+import shlex
+from dataclasses import dataclass
+from typing import Callable, Dict, Iterable, List, Optional, Sequence
+
+import numpy as np
+
+from ground import bag_arguments, command_line
+from ground.analysis import candidates, diagnosis, diagnosis_report, search, window_error
+from ground.analysis.verdict import MISREAD, Conclusion, conclude
+from ground.annotations import Array, Document, Path
+from ground.api.recordings import Recordings, held_out, measured
+from ground.command_line import count, option
+from ground.diagnosing.result import Diagnosis, Problem, prepare
+from ground.errors import GroundError
+from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
+from ground.progress import Progress, Work
+from ground.reports import words
+
+ON_REQUEST = ", ".join(candidates.on_request())
+WRITING = "writing the page"  # stage
+
+
+@dataclass(frozen=True)
+class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Span):
+    """What is looked for, and with how much work."""
+
+    only: Optional[Sequence[str]] = option(
+        None,
+        "effects to try, of the library and of --effects (all but %s)" % ON_REQUEST,
+        metavar="EFFECT",
+        nargs="+",
+    )
+    exclude: Sequence[str] = option((), "effects not to try", metavar="EFFECT", nargs="+")
+    effects: Sequence[Path] = option(
+        (),
+        "effects to try as well: your own, one in each FILE.yaml, as model files list them, or by name those "
+        "of the library that are not tried by default (%s)" % ON_REQUEST,
+        metavar="EFFECT",
+        nargs="+",
+    )
+    budget: Optional[int] = option(
+        None,
+        "number of effects to refit in each step, the most promising by a score test (%d)"
+        % search.REFITTED,
+        type=count,
+        metavar="N",
+    )
+    thorough: bool = option(
+        False,
+        "use all data, however long it takes: all windows, held-out errors of all effects, all runs for the "
+        "next experiment and in the pictures",
+    )
+    room: Optional[RoomLike] = option(
+        None,
+        "room of the next experiment (that of the first run that has one, else 4 x 4 m)",
+        metavar="ROOM.yaml",
+    )
+
+
+@command_line.takes(DiagnoseOptions)
+def diagnose(
+    model: ModelLike,
+    recordings: Recordings,
+    *,
+    holdout: Recordings = (),
+    told: Callable[[str], None] = lambda line: None,
+    progress: Progress = None,
+    options: DiagnoseOptions,
+) -> Diagnosis:
+    """Which physical effects are missing in a model, with evidence, and the model with them.
+
+    recordings, holdout: recordings or bags to fit to and to test on; holdout judges what is found
+    and decides nothing. Without it, parts of recordings are held out. told: called with each line of the
+    verdict as soon as it is known. progress: called with a ground.progress.Report at each step.
+    GroundError when a file cannot be read, there is no such effect or the recordings are too short.
+    Options, as keyword arguments or as DiagnoseOptions:
+
+    >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "quadratic_drag"])
+    >>> found.verdict, found.effects  # this craft turns by itself
+    ('missing', ('yaw_bias',))
+    >>> low, high = found.parameters["yaw_bias.n0"].ci95
+    >>> low < 2e-5 < high  # [N m], the moment that turns it
+    True
+    >>> found.to_frame().loc["yaw_bias", "selected"]
+    True
+    """
+    work = Work.of(progress)
+    problem = _problem(model, recordings, holdout, work, options)
+    room = problem.room()
+    found, misread = _diagnosis(problem, work), problem.misread
+    if not misread:
+        found.grow()
+        if problem.is_turned and "heading_offset" not in found.model.effects:
+            # The search has not found what the commands show: what it found instead is not physics.
+            found, misread = _diagnosis(problem, work), True
+    held = problem.held.data
+    conclusion = conclude(found, held, misread)
+    name = problem.model.path or problem.model.name
+    report = diagnosis_report.begun(found, conclusion, name, held, problem.findings)
+    for line in words.concluded(report):
+        told(line)
+    walls = room.core if room else None
+    report = diagnosis_report.completed(report, found, conclusion, options.thorough, walls)
+    return _result(problem, found, conclusion, report)
+
+
+def _problem(
+    model: ModelLike,
+    recordings: Recordings,
+    holdout: Recordings,
+    work: Work,
+    options: DiagnoseOptions,
+) -> Problem:
+    """Reads all that a diagnosis needs."""
+    given = Model.of(model)
+    own = [os.fspath(effect) for effect in options.effects]
+    tried = effects_to_try(given, options.only, options.exclude, own)
+    room = None if options.room is None else Room.of(options.room)
+    seen = measured(recordings, given, options.part, work)
+    held = held_out(holdout, given, options.part, work, seen)
+    files = [effect for effect in own if effect not in candidates.on_request()]
+    return Problem(
+        given, tried, seen, held, files, options.budget, options.thorough, room, options.as_recorded
+    )
+
+
+def effects_to_try(
+    model: Model,
+    only: Optional[Sequence[str]] = None,
+    exclude: Sequence[str] = (),
+    effects: Sequence[str] = (),
+) -> List[candidates.Candidate]:
+    """Effects of the library and of `effects`, selected by `only` and `exclude`. Those of `effects`
+    are tried in addition to the library's in `only`, unless `only` names one of them; they replace
+    those of the library with the same names. GroundError when one does not exist or does not fit
+    the model."""
+    own = [candidates.named(effect, model.core) for effect in effects]
+    names = [c.name for c in own]
+    library = [c for c in candidates.library(model.core, only or ()) if c.name not in names]
+    by_default = [c.name for c in library] + names + list(model.effects)
+    _check_known([*(only or ()), *exclude], by_default)
+    for path, name in zip(effects, names):
+        if names.count(name) > 1:
+            raise GroundError("%s: --effects has another effect %s" % (path, name))
+    wanted = set(only or by_default)
+    if not wanted & set(names):
+        wanted |= set(names)
+    chosen = [c for c in library + own if c.name in wanted and c.name not in exclude]
+    if not chosen:
+        raise GroundError("no effect is left to try")
+    for candidate in chosen:
+        candidate.add(model.core)  # raises before long work starts if it does not fit the model
+    return chosen
+
+
+def _check_known(named: Iterable[str], by_default: List[str]) -> None:
+    known = by_default + [name for name in candidates.on_request() if name not in by_default]
+    for name in named:
+        if name not in known:
+            raise GroundError("there is no effect %s; there are %s" % (name, ", ".join(known)))
+
+
+def _diagnosis(problem: Problem, work: Work) -> diagnosis.Diagnosis:
+    """The model as it is, refitted."""
+    return diagnosis.Diagnosis(
+        problem.runs,
+        problem.model.core,
+        problem.tried,
+        problem.budget,
+        work=work,
+        most=math.inf if problem.thorough else window_error.MAX_WINDOWS,
+    )
+
+
+def _result(
+    problem: Problem,
+    found: diagnosis.Diagnosis,
+    conclusion: Conclusion,
+    report: Document,
+) -> Diagnosis:
+    parameters = parameters_by_name(conclusion.parameters)
+    return Diagnosis(
+        verdict=conclusion.verdict,
+        effects=tuple(report["improved"]["effects"]),
+        improved=problem.model if conclusion.verdict == MISREAD else fitted_model(
+            conclusion.improved,
+            problem.seen.recordings,
+            _errors(report["nominal"]["error"]),
+            _errors(report["improved"]["error"]),
+            parameters,
+        ),
+        parameters=parameters,
+        error=tuple(conclusion.heldout),
+        noise_floor=conclusion.heldout_floor,
+        next_inputs=_next_inputs(problem, report["next_experiment"]),
+        report=report,
+        problem=problem,
+        found=found,
+        conclusion=conclusion,
+    )
+
+
+def _errors(error: Document) -> Dict[str, float]:
+    """An error of a report, as model files keep it."""
+    return {kind: error[kind] for kind in ("fit", "heldout")}
+
+
+def _next_inputs(problem: Problem, proposed: Document) -> Optional[Array]:
+    """Takes the inputs out of the proposal, and adds the room to its command line."""
+    if not proposed:
+        return None
+    file = problem.room_file()
+    if file:
+        proposed["launch"] += " room:=%s" % shlex.quote(os.path.abspath(file))
+    return np.array(proposed.pop("rows"), float)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of identify diagnose."""
+    bag_arguments.add_bag_arguments(parser)
+    command_line.add_model(parser, "the model to diagnose")
+    command_line.add_output(parser, "DIR", "folder for results")
+    bag_arguments.add_holdout_argument(parser)
+    command_line.add_options(parser, DiagnoseOptions)
+
+
+def run(arguments: argparse.Namespace) -> Document:
+    """Runs identify diagnose; returns what --json prints."""
+
+    def say(line: str) -> None:
+        command_line.say(arguments, line)
+
+    prepare(arguments.output, arguments.force)
+    found = diagnose(
+        arguments.model,
+        bag_arguments.reading(arguments, arguments.bags),
+        holdout=bag_arguments.reading(arguments, arguments.holdout),
+        told=say,
+        options=command_line.options(arguments, DiagnoseOptions),
+        progress=arguments.work,
+    )
+    for line in words.described(found.report):
+        say(line)
+    with arguments.work.stage(WRITING):
+        written = found.save(arguments.output, arguments.force)
+    for path in ["", *written]:
+        say("written to %s" % path if path else "")
+    return found.to_dict()

@@ -1,0 +1,166 @@
+"""A diagnosis: its numbers, its lines of text, and the folder in which it is kept."""
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
+
+from ground import _core, files
+from ground.analysis import candidates, diagnosis, diagnosis_report
+from ground.analysis.verdict import MISREAD, Conclusion
+from ground.annotations import Array, Document, Path
+from ground.api.recordings import Measured
+from ground.models import Model, Parameter, Room
+from ground.recordings import quality
+from ground.recordings.recording import Recording
+from ground.reports import result_folder, words
+from ground.results import Shown
+
+if TYPE_CHECKING:
+    import pandas
+
+# Files of a diagnosis, in the order in which a user is told of them
+FILES = ("diagnosis.json", "report.html", "improved.yaml", "proposal.yaml", "next_experiment.csv")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is diagnosed."""
+
+    model: Model
+    tried: List[candidates.Candidate]
+    seen: Measured  #: recordings to fit to
+    held: Measured  #: recordings to test on; empty: parts of `seen` are held out
+    own: List[str]  #: files of effects
+    budget: Optional[int]
+    thorough: bool
+    given_room: Optional[Room]
+    as_recorded: bool = False  #: diagnoses recordings that look misread, too
+
+    @property
+    def runs(self) -> List[_core.RunData]:
+        """_core.RunData fitted to."""
+        return self.seen.data
+
+    @property
+    def findings(self) -> List[Document]:
+        """Mistakes that the recordings look like, as diagnosis.json has them."""
+        return [finding.describe() for finding in self.seen.findings + self.held.findings]
+
+    @property
+    def misread(self) -> bool:
+        """Whether effects are not looked for, because the recordings look misread."""
+        return not self.as_recorded and any(finding["misread"] for finding in self.findings)
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether the heading looks off by a constant, which is an effect of the library, too."""
+        return not self.as_recorded and any(f["kind"] == "offset" for f in self.findings)
+
+    @property
+    def inputs(self) -> List[str]:
+        """Paths of all that was read."""
+        bags = [r.path for r in self.seen.recordings + self.held.recordings]
+        return [path for path in [*bags, self.model.path, *self.own] if path]
+
+    def flown_in(self) -> Optional[Recording]:
+        """The first run that a room was kept with."""
+        return next((r for r in self.seen.recordings if "room" in r.files), None)
+
+    def room(self) -> Optional[Room]:
+        """Where the next experiment has to stay; None if no room is known."""
+        flown = self.flown_in()
+        return self.given_room or (Room.of_recording(flown) if flown else None)
+
+    def room_file(self) -> str:
+        """A file of that room; empty without one."""
+        flown = self.flown_in()
+        if self.given_room:
+            return self.given_room.path
+        return str(flown.files["room"].place()) if flown else ""
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
+    """Which effects are missing in a model, by how much they improve it, and the model with them."""
+
+    verdict: str  #: complete, missing, varies, memory, unexplained, undecided or misread
+    effects: Tuple[str, ...]  #: effects that were added, in the order in which the error falls
+    improved: Model  #: the model with them, refitted
+    parameters: Dict[str, Parameter]  #: its parameters, by name
+    #: held-out error of the best refit without the effects, then after each effect
+    error: Tuple[float, ...]
+    noise_floor: float  #: error there that the noise of the poses alone would leave
+    next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: the proposed experiment
+    report: Document  #: everything, as diagnosis.json has it
+    problem: Problem  #: what was diagnosed
+    found: diagnosis.Diagnosis  #: the search, for the page
+    conclusion: Conclusion
+
+    def lines(self) -> Iterator[str]:
+        """What `identify diagnose` prints."""
+        yield from words.concluded(self.report)
+        yield from words.described(self.report)
+
+    def to_dict(self) -> Document:
+        """Plain values, as diagnosis.json has them."""
+        return self.report
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """The effects tried, best first, indexed by name: p_value, delta_bic, inclusion, error_fit,
+        error_heldout, selected, seen."""
+        import pandas
+
+        rows = self.report["candidates"]
+        columns = ["p_value", "delta_bic", "inclusion", "selected", "seen"]
+        index = pandas.Index([row["effect"] for row in rows], name="effect")
+        frame = pandas.DataFrame([[row[c] for c in columns] for row in rows], index, columns)
+        for place, kind in enumerate(("fit", "heldout"), 3):
+            errors = [row["error"][kind] for row in rows]
+            frame.insert(place, "error_" + kind, pandas.array(errors, dtype="Float64"))
+        return frame
+
+    def save(self, folder: Path, force: bool = False) -> List[str]:
+        """Writes diagnosis.json, improved.yaml, the page report.html and, where there are any,
+        proposal.yaml and next_experiment.csv. Returns their paths. Files of an older diagnosis in the
+        folder go. GroundError when a file cannot be written, or exists and `force` is not set."""
+        from ground.reports import report
+
+        place = os.fspath(folder)
+        paths = prepare(place, force)
+        stale = FILES if result_folder.older(paths[0], diagnosis_report.SCHEMA) else ()
+        with result_folder.replaced(place, stale, force) as new:
+            self._write(new)
+            written = {*os.listdir(new), os.path.basename(paths[1])}
+        with result_folder.page(paths[1], paths[0]):
+            report.diagnosis(
+                paths[1],
+                self.report,
+                self.found,
+                self.conclusion,
+                quality.describe(self.problem.seen.runs + self.problem.held.runs),
+                self.problem.held.data,
+                self.problem.inputs,
+                force,
+                self.problem.thorough,
+            )
+        return [path for path in paths if os.path.basename(path) in written]
+
+    def _write(self, folder: str) -> None:
+        """Writes all files except the page."""
+        numbers, _, improved, proposal, experiment = (os.path.join(folder, name) for name in FILES)
+        files.write_json(numbers, self.report)
+        if self.verdict != MISREAD:
+            self.improved.save(improved)
+        if self.report["unexplained"]["proposal"]:
+            entry = diagnosis_report.effect_entry(self.report["unexplained"]["proposal"])
+            files.write_yaml(proposal, entry)
+        if self.next_inputs is not None:
+            files.write_csv(experiment, "time,left,right", self.next_inputs)
+
+
+def prepare(folder: str, force: bool) -> List[str]:
+    """Makes the folder of a diagnosis; paths of its files. GroundError when it cannot be made, or has one of
+    them and `force` is not set."""
+    paths = [os.path.join(folder, name) for name in FILES]
+    result_folder.prepare(folder, paths, force)
+    return paths

@@ -1,0 +1,1 @@
+"""fit: a model's parameters from recordings."""

@@ -1,0 +1,62 @@
+"""How results show themselves, and names that differ from each other."""
+
+import html
+import os
+from collections import Counter
+from typing import TYPE_CHECKING, Collection, Iterator, List, Sequence
+
+if TYPE_CHECKING:
+    import pandas
+
+
+class Shown:
+    """A result. Printed, it is what the command line prints; a notebook shows its first line and its
+    table."""
+
+    def lines(self) -> Iterator[str]:
+        """The lines that the command line prints."""
+        raise NotImplementedError
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Its numbers as a table."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines())
+
+    def _repr_html_(self) -> str:
+        first = next(iter(self.lines()), "")
+        return "<p>%s</p>%s" % (html.escape(first), self.to_frame().to_html(max_rows=20))
+
+
+def distinct_labels(
+    labels: Sequence[str], paths: Sequence[str], reserved: Collection[str] = (), link: str = "/"
+) -> List[str]:
+    """Labels that differ from each other and from reserved ones. One that does not gets names of folders
+    of its path in front, as many as it takes, or a number where these are no help. paths: "" for what is
+    not a file; link: joins the names."""
+    counts = Counter([*labels, *set(reserved)])
+    used = {*reserved, *(label for label in labels if counts[label] == 1)}
+    found = list(labels)
+    for label in [label for label in counts if counts[label] > 1]:
+        places = [i for i, other in enumerate(labels) if other == label]
+        for i, name in zip(places, _with_folders(label, [paths[i] for i in places], used, link)):
+            found[i] = name
+            number = 2
+            while found[i] in used:
+                found[i], number = "%s-%d" % (name, number), number + 1
+            used.add(found[i])
+    return found
+
+
+def _with_folders(
+    label: str, paths: Sequence[str], used: Collection[str], link: str
+) -> List[str]:
+    """A label with as few folders of each path as make it unique; the label itself without a path."""
+    folders = [os.path.dirname(os.path.abspath(path)).split(os.sep) if path else [] for path in paths]
+    found = [label] * len(paths)
+    for depth in range(1, 1 + max(map(len, folders))):
+        found = [link.join([*filter(None, names[-depth:]), label]) for names in folders]
+        if len(set(found)) == len(found) and not set(found) & set(used):
+            break
+    return found

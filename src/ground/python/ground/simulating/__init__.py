@@ -1,0 +1,1 @@
+"""simulate: a recording of a simulated experiment."""

@@ -1,0 +1,546 @@
+"""simulate: a recording of a simulated experiment."""
+
+import argparse
+import functools
+import os
+from dataclasses import dataclass, fields, make_dataclass, replace
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar, Union
+
+import numpy as np
+
+from ground import _core, command_line, files
+from ground.annotations import Document, Path
+from ground.command_line import count, number, option, seed
+from ground.simulation import listing
+from ground.errors import GroundError, OptionError, warn
+from ground.models import Model, ModelLike, Room, RoomLike
+from ground.recordings import run_parameters
+from ground.recordings.settings import AXES
+from ground.simulation import experiments, gains
+from ground.simulation import tracking as loop
+from ground.simulation.experiments import SimulatedRun
+
+DESIGNS = {info.name: info for info in _core.design_table()}
+KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]
+DURATION = 20.0  # [s]
+WITH_RETURNS = 4  # longest experiment with bursts and returns, in lengths of the timed rows
+SIMULATING = "simulating"  # stage
+
+# Options that belong to some inputs only, by the part that they belong to
+LIFT = ("lift", "lift_time")
+PATTERN = ("clock", "order", "levels", "hold", "rows_per_bit")
+BURSTS = ("room", "burst")
+# parameters of references and controllers that are options here
+REFERENCE = [
+    p for p in _core.reference_parameters() if p.name in ("size", "rate_of_turn", "petals", "speed")
+]
+GAINS = gains.CONTROLLERS["TrajectoryTracking"].parameters
+TRACKING = (
+    "controller",
+    "reference",
+    "origin",
+    "end",
+    "sharp",
+    "controller_model",
+    "max_error",
+    "control_rate",
+    *(parameter.name for parameter in REFERENCE + GAINS),
+)
+
+_P = TypeVar("_P", bound=_core.DriveParams)
+Disturbance = Union[bool, Sequence[float]]
+
+
+_input = functools.partial(option, None, group="input")
+_tracking = functools.partial(option, None, group="tracking")
+_PLACE: Document = {"type": number, "nargs": 2, "metavar": ("X", "Y")}
+
+
+def _mocap(name: str, metavar: str, text: str) -> Any:
+    """An option that replaces a value of the motion capture."""
+    text = "%s (%g)" % (text, getattr(_core.MocapParams(), name))
+    return option(None, text, type=number, metavar=metavar, group="motion capture")
+
+
+@dataclass(frozen=True)
+class Mocap:
+    """The motion capture; what is None is usual."""
+
+    rate: Optional[float] = _mocap("rate", "HZ", "frames per second")
+    position_noise: Optional[float] = _mocap("position_noise", "M", "noise of x and y, 1 sigma")
+    heading_noise: Optional[float] = _mocap("heading_noise", "RAD", "noise of the heading, 1 sigma")
+    latency: Optional[float] = _mocap("latency", "S", "time from capture to delivery")
+    loss: Optional[float] = _mocap("loss", "SHARE", "share of single frames lost, 0..1")
+    gap_rate: Optional[float] = _mocap("gap_rate", "1/S", "losses of tracking per second")
+    gap_length: Optional[float] = _mocap("gap_length", "S", "mean duration of a loss of tracking")
+
+
+MOCAP = tuple(f.name for f in fields(Mocap))
+
+
+@dataclass(frozen=True)
+class Acting:
+    """What acts on the craft beside the model."""
+
+    disturbance: Disturbance = option(
+        False,
+        "apply a random wrench: its standard deviation as a share of full thrust (X, Y) and of the moment of "
+        "one thruster (N), and its correlation time [s]; without numbers, the disturbance of the model file",
+        type=number,
+        nargs="*",
+        metavar="SHARE TIME",
+        group="disturbance",
+    )
+    trim: Optional[float] = option(
+        None,
+        "differences from run to run, 1 sigma: a constant wrench, in the same shares, and a factor on the "
+        "thrust",
+        range=(0.0, 0.3),
+        metavar="SHARE",
+        group="disturbance",
+    )
+
+
+@dataclass(frozen=True)
+class _Options(Acting):
+    """An experiment."""
+
+    seed: int = option(
+        1,
+        "for the mocap's noise and losses, the disturbance, and the start of the PRBS (%(default)s)",
+        type=seed,
+    )
+    duration: Optional[float] = option(
+        None,
+        "duration of the input [s] (%g, or that of the rows in FILE.csv)" % DURATION,
+        range=(0.1, experiments.LONGEST),
+        metavar="S",
+    )
+    lift: Optional[float] = option(
+        None, "input of the lift fan, 0..1 (1)", range=(0.0, 1.0), metavar="LIFT"
+    )
+    lift_time: Optional[float] = option(
+        None, "lift alone before thrust [s] (1)", range=(0.0, 30.0), metavar="S"
+    )
+    start_pose: Sequence[float] = option(
+        (0.0, 0.0, 0.0),
+        "pose at the start, world_ned [m, m, rad] (0 0 0)",
+        type=number,
+        nargs=3,
+        metavar=("X", "Y", "PSI"),
+    )
+    start_velocity: Sequence[float] = option(
+        (0.0, 0.0, 0.0),
+        "velocity at the start, body [m/s, m/s, rad/s] (0 0 0)",
+        type=number,
+        nargs=3,
+        metavar=("U", "V", "R"),
+    )
+    clock: Optional[float] = _input("bits per second (15)", range=(0.1, 500.0), metavar="HZ")
+    order: Optional[int] = _input(
+        "order N of a sequence of 2^N - 1 bits (9)", type=int, range=(2, 20), metavar="2..20"
+    )
+    rows_per_bit: Optional[int] = _input(
+        "FILE.csv of bits: lines per bit (found from the file)", type=count, metavar="N"
+    )
+    levels: Optional[Sequence[float]] = _input(
+        "inputs, 0..1, or -1..1 if a thruster can be reversed: low and high; any number for steps, "
+        "single-thruster and multilevel-prbs (0 1; these 0 0.25 0.5 0.75 1)",
+        range=(-1.0, 1.0),
+        nargs="+",
+        metavar="LEVEL",
+    )
+    hold: Optional[float] = _input(
+        "time for which a level is held [s] (1)", range=(0.02, 100.0), metavar="S"
+    )
+    room: Optional[RoomLike] = _input(
+        "play bursts of the input between returns home, inside this room", metavar="ROOM.yaml"
+    )
+    burst: Optional[float] = _input(
+        "with --room, longest burst [s] (%g)" % _core.ReturnParams().burst,
+        range=(0.1, experiments.LONGEST),
+        metavar="S",
+    )
+    axes: str = option(
+        AXES, "world_ned x, y, z in the mocap's axes (%(default)s)", group="motion capture"
+    )
+    heading_offset: float = option(
+        0.0,
+        "heading of the rigid body minus the craft's; recorded with the run, like the axes (0)",
+        type=number,
+        metavar="RAD",
+        group="motion capture",
+    )
+    controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(loop.CONTROLLERS))
+    reference: Optional[str] = _tracking(
+        "(circle)", choices=[kind for kind in loop.KINDS if kind != "file"]
+    )
+    origin: Optional[Sequence[float]] = _tracking("centre or start [m] (0 0)", **_PLACE)
+    end: Optional[Sequence[float]] = _tracking("end of a line [m] (2.5 2.5)", **_PLACE)
+    sharp: bool = option(False, "line: start and stop suddenly", group="tracking")
+    control_rate: Optional[float] = _tracking(
+        "control rate (%g)" % _core.TrackingParams().life.rate, type=number, metavar="HZ"
+    )
+    max_error: Optional[float] = _tracking(
+        "error at which the controller stops when it lasts for 1 s, 0: a quarter of the reference's "
+        "half-width [m] (never)",
+        type=number,
+        metavar="M",
+    )
+    controller_model: Optional[ModelLike] = _tracking(
+        "the controller's model (--model)", metavar="C.yaml"
+    )
+
+
+def _tunable(parameter: _core.TunableInfo) -> Tuple[str, Any, Any]:
+    """A field for a parameter of a reference or a controller."""
+    more = listing.option(parameter, parameter.default)
+    return parameter.name, Optional[float], _tracking(more.pop("help"), type=number, **more)
+
+
+#: An experiment: _Options, and parameters of references and controllers.
+SimulateOptions = make_dataclass(
+    "SimulateOptions", [_tunable(p) for p in REFERENCE + GAINS], bases=(_Options,), frozen=True
+)
+
+
+@command_line.takes(SimulateOptions)
+def simulate(
+    model: ModelLike,
+    input: Path = "prbs",
+    *,
+    name: str = "simulated",
+    mocap: Optional[Mapping[str, float]] = None,
+    options: _Options,
+) -> SimulatedRun:
+    """A recording of a simulated experiment, without ROS and faster than real time.
+
+    model: the true model of the craft. input: a design ("prbs", "multilevel-prbs", "spin", ...:
+    `identify simulate --help` lists them), "tracking" for a controller in the loop, or a CSV file of
+    bits or timed rows. mocap: rate [Hz], position_noise [m], heading_noise [rad], latency [s], loss
+    (0..1), gap_rate [1/s], gap_length [s]. OptionError when an option does not go with the input,
+    GroundError when nothing can be recorded. Options, as keyword arguments or as SimulateOptions;
+    disturbance may be True for that of the model:
+
+    >>> run = ground.simulate(model_file, "prbs", duration=5, seed=3)
+    >>> run
+    <SimulatedRun simulated: 6.99 s, 700 poses, 401 commands>
+    >>> run.truth_wrench.any()  # no disturbance acted
+    False
+    >>> ground.simulate(model_file, "prbs", burst=2)
+    Traceback (most recent call last):
+    ...
+    ground.errors.OptionError: burst needs room
+    """
+    command_line.check(options)
+    mover = Model.of(model)
+    believed = None if options.controller_model is None else Model.of(options.controller_model)
+    drive = _Drive(os.fspath(input), options, mover.core)
+    acting = disturbance_on(mover, options.disturbance, options.trim)
+    try:
+        _core.AxisMapping(options.axes, options.heading_offset)
+        run = experiments.simulate(
+            mover.core,
+            drive.params,
+            name,
+            options.start_pose,
+            options.start_velocity,
+            mocap_params(mocap or {}),
+            options.seed,
+            believed.core if believed else None,
+            acting,
+        )
+    except ValueError as error:
+        raise OptionError("{why}", why=error) from error
+    return replace(
+        run,
+        axes=options.axes,
+        heading_offset=options.heading_offset,
+        sequence=drive.sequence,
+        disturbance=acting,
+        made_with=run_parameters.document(drive.parameters(mover, believed or mover)),
+    )
+
+
+class _Drive:
+    """What drives the craft.
+
+    Attributes: params, a Schedule or _core.DriveParams; sequence, one line on how a file of bits is
+    played (else empty). OptionError when an option does not go with the input.
+    """
+
+    def __init__(self, kind: str, options: _Options, craft: _core.Model) -> None:
+        if kind not in KINDS and not kind.lower().endswith(".csv"):
+            known = ", ".join(KINDS)
+            raise OptionError(
+                "'{kind}' is neither one of {known} nor a .csv file", kind=kind, known=known
+            )
+        self.kind, self._craft = kind, craft
+        self.options = command_line.given(options, (*PATTERN, *BURSTS, *TRACKING, *LIFT))
+        room = self.options.get("room")
+        self.room = None if room is None else Room.of(room)
+        self.sequence = ""
+        self.params: experiments.Drive
+        if kind == "tracking":
+            self._refuse_unused(kind)
+            self.params = self._tracking(options.duration or DURATION)
+        else:
+            self._play(options.seed, options.duration)
+
+    def _play(self, seed: int, duration: Optional[float]) -> None:
+        """A design or a file, open loop or in bursts."""
+        kind, options = self.kind, self._given(PATTERN)
+        if kind in KINDS:
+            options["seed"] = seed
+        else:
+            kind, options["file"] = "file", self.kind
+        try:
+            signal = experiments.design(kind, duration or DURATION, self._craft, **options)
+        except ValueError as error:
+            raise OptionError("{why}", why=error) from error
+        timed = kind == "file" and not signal.description  # rows under a header, not bits
+        self._refuse_unused("lifted" if signal.has_lift else "timed" if timed else kind)
+        length = duration or signal.end * (WITH_RETURNS if timed and self.room else 1)
+        if self.room is not None:
+            self.params = self._bursts(kind, options, length)
+        elif "burst" in self.options:
+            raise OptionError("{0} needs {1}", "burst", "room")
+        elif signal.has_lift:
+            self.params = experiments.as_given(signal.rows, length)
+        else:
+            self.params = experiments.with_lift(signal.rows[:, :-1], length, **self._given(LIFT))
+        if not signal.has_lift or self.room is not None:
+            self.sequence = signal.description
+
+    def _bursts(self, kind: str, options: Document, duration: float) -> _core.ExcitationParams:
+        params = _core.ExcitationParams()
+        params.design = experiments.design_params(kind, self._craft, **options)
+        if "burst" in self.options:
+            params.returns.burst = self.options["burst"]
+        return self._with_life(params, duration)
+
+    def _with_life(self, params: _P, duration: float) -> _P:
+        """The _core.DriveParams with the parameters of all controllers."""
+        params.start, params.tail = experiments.LEAD, experiments.TAIL
+        params.duration, params.room = duration, self.room.core if self.room else None
+        for name, value in self._given(LIFT).items():
+            setattr(params.life, name, value)
+        if "control_rate" in self.options:
+            params.life.rate = self.options["control_rate"]
+        return params
+
+    def _tracking(self, duration: float) -> _core.TrackingParams:
+        params = self._with_life(_core.TrackingParams(), duration)
+        params.max_error = self.options.get("max_error", np.inf)
+        params.controller.kind = self.options.get("controller", params.controller.kind)
+        settings = self._given([parameter.name for parameter in REFERENCE])
+        for place, names in loop.PLACES.items():
+            settings.update(zip(names, self.options.get(place, ())))
+        if "sharp" in self.options:
+            settings["smooth"] = False
+        try:
+            gains.put(params.controller, self._given([parameter.name for parameter in GAINS]))
+            params.reference = loop.reference(self.options.get("reference", "circle"), **settings)
+        except GroundError as error:
+            raise OptionError("{why}", why=error) from error
+        if self.room is not None:
+            leaves = _core.leaves_room(params.reference, self.room.core)
+            if leaves:
+                raise OptionError(
+                    "the reference does not fit into {room}: {why}",
+                    room=self.room.path or self.room.name,
+                    why=leaves,
+                )
+        return params
+
+    def _given(self, names: Sequence[str]) -> Document:
+        return {name: self.options[name] for name in names if name in self.options}
+
+    def _refuse_unused(self, kind: str) -> None:
+        for name in self.options:
+            if name not in _takes(kind):
+                raise OptionError(
+                    "{0} does not go with {1} {input}", name, "input", input=self.kind
+                )
+
+    def parameters(self, mover: Model, believed: Model) -> Dict[str, Dict[str, str]]:
+        """Parameters of the run, by the ROS nodes that would have them."""
+        controller = {"design": self.kind if self.kind in KINDS else "file"}
+        if isinstance(self.params, _core.ExcitationParams):
+            controller.update(kind="Excitation")
+        elif isinstance(self.params, _core.TrackingParams):
+            chosen = self.params
+            controller = {"kind": chosen.controller.kind, "reference": chosen.reference.kind}
+        if self.kind not in KINDS:
+            controller["file"] = self.kind
+        if isinstance(self.params, _core.DriveParams):
+            controller["model"] = believed.path
+        if self.room is not None:
+            controller["room"] = self.room.path
+        return {"controller": controller, "simulator": {"model": mover.path}}
+
+
+def _takes(kind: str) -> List[str]:
+    """Options that an input takes. Kinds "timed" and "lifted" are CSV files with a column time, and
+    with a column lift as well."""
+    if kind == "tracking":
+        return [*TRACKING, *LIFT, "room"]
+    if kind in ("timed", "lifted"):
+        return [*BURSTS, *(LIFT if kind == "timed" else ())]
+    return [*(name for name in DESIGNS[kind].takes if name in PATTERN), *LIFT, *BURSTS]
+
+
+def mocap_params(settings: Mapping[str, float]) -> _core.MocapParams:
+    """The _core.MocapParams with these settings."""
+    params = _core.MocapParams()
+    for name, value in settings.items():
+        if name not in MOCAP:
+            raise OptionError("mocap has no {name}", name=name)
+        setattr(params, name, value)
+    return params
+
+
+def disturbance_on(
+    model: Model, given: Disturbance, trim: Optional[float]
+) -> Optional[_core.Disturbance]:
+    """The _core.Disturbance that acts; None where none does."""
+    if given is False and trim is None:
+        return None
+    if given is True or (given is not False and len(given) == 0):
+        found = model.core.copy().disturbance
+        if found.empty():
+            raise OptionError(
+                "{0}: {model} has none; give SHARE and TIME",
+                "disturbance",
+                model=model.path or model.name,
+            )
+        if trim is None:
+            return found
+    elif given is False:
+        found = _core.Disturbance()
+    elif len(given) == 2 and 0 <= given[0] <= 1 and given[1] > 0:
+        found = experiments.disturbance_in_shares(model.core, *given)
+    else:
+        raise OptionError(
+            "{0} takes a SHARE between 0 and 1 and a positive TIME, or nothing, not {values}",
+            "disturbance",
+            values=" ".join("%g" % value for value in given),
+        )
+    own = experiments.disturbance_in_shares(model.core, trim=trim or 0.0)
+    found.trim, found.trim_thrust = own.trim, own.trim_thrust
+    return found
+
+DETAILS = (
+    "\ninputs:\n"
+    + "".join("  %-18s %s\n" % (name, info.text) for name, info in DESIGNS.items() if name in KINDS)
+    + """  tracking           a controller follows a reference, by the poses that the mocap delivers
+  FILE.csv           bits LEFT,RIGHT a line (1 or 0, -1) played at --clock between two --levels, or
+                     rows under time,left,right or time,left,right,lift, each held until the next (a
+                     craft that lists its thrusters has its channels there, and no bits); a bit
+                     that was recorded as several equal lines is one bit (--rows-per-bit)
+
+With --room a design is played in bursts, and between them ModelPredictive drives the craft home, so
+that it stays inside; a tracking controller stops before it would leave.
+
+Half a second of rest, then lift alone for --lift-time, then --duration of input, then half a second
+with everything off. A file with a column lift is played as it is. The same command line gives the
+same bag, bit by bit, except for the computing times of a controller (topic decision). The topics are
+those of record.launch; simulator/truth has the true motion.
+
+A disturbance in the model file acts only with --disturbance; without it, a line says so.
+"""
+)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of identify simulate."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = DETAILS
+    command_line.add_model(parser, "true model of the craft")
+    parser.add_argument(
+        "--input",
+        type=_kind,
+        required=True,
+        metavar="KIND",
+        help=", ".join(KINDS) + " or FILE.csv (below)",
+    )
+    command_line.add_output(parser, "RUN.bag")
+    command_line.add_options(parser, SimulateOptions)
+    command_line.add_options(parser, Mocap)
+
+
+def run(arguments: argparse.Namespace) -> Document:
+    """Runs identify simulate; returns what --json prints."""
+    files.refuse_existing(arguments.output, arguments.force)
+    model = Model.load(arguments.model)
+    with arguments.work.stage(SIMULATING):
+        made = simulate(
+            model,
+            arguments.input,
+            name=os.path.splitext(os.path.basename(arguments.output))[0],
+            mocap=command_line.given(arguments, MOCAP),
+            options=command_line.options(arguments, SimulateOptions),
+        )
+    counts = made.save(arguments.output, arguments.force, arguments.work)
+    for line in _lines(arguments, model, made):
+        command_line.say(arguments, line)
+    if made.stopped:
+        warn("the controller stopped: %s" % made.stopped)
+    return {
+        "bag": arguments.output,
+        "input": arguments.input,
+        "sequence": made.sequence or None,
+        "seed": arguments.seed,
+        "disturbance": _described(made.disturbance),
+        "duration": made.length,
+        "messages": counts,
+        "frames_not_delivered": made.frames_not_delivered,
+        "bursts": made.bursts,
+        "stopped": made.stopped or None,
+        "tracking_error": made.tracking_error,
+    }
+
+
+def _lines(arguments: argparse.Namespace, model: Model, run: SimulatedRun) -> Iterator[str]:
+    yield "%s: %.2f s, %d poses (%d frames not delivered), %d commands" % (
+        arguments.output,
+        run.length,
+        len(run.pose_times),
+        run.frames_not_delivered,
+        len(run.control_times),
+    )
+    if run.sequence:
+        yield "%s: %s" % (arguments.input, run.sequence)
+    if run.marks:
+        yield _bursts(run)
+    if run.disturbance is None and not model.core.disturbance.empty():
+        yield "%s has a disturbance, which did not act: --disturbance applies it" % arguments.model
+    if run.tracking_error is not None:
+        yield "tracking error: %.3f m rms" % run.tracking_error
+
+
+def _described(disturbance: Optional[_core.Disturbance]) -> Optional[Document]:
+    """A disturbance for --json, SI units."""
+    if disturbance is None:
+        return None
+    found = {name: list(getattr(disturbance, name)) for name in ("sigma", "time", "white", "trim")}
+    return dict(found, trim_thrust=disturbance.trim_thrust)
+
+
+def _bursts(run: SimulatedRun) -> str:
+    """One line on the bursts of an excitation."""
+    times = [mark[0] for mark in run.marks] + [run.control_times[run.controls[:, -1] > 0][-1]]
+    driven = sum(b - a for a, b, mark in zip(times, times[1:], run.marks) if mark[2])
+    return "%d bursts, %.1f s of %.1f s; between them the craft returned home" % (
+        sum(mark[2] for mark in run.marks),
+        driven,
+        times[-1] - times[0],
+    )
+
+
+def _kind(text: str) -> str:
+    if text not in KINDS and not text.lower().endswith(".csv"):
+        raise argparse.ArgumentTypeError(
+            "'%s' is neither one of %s nor a .csv file" % (text, ", ".join(KINDS))
+        )
+    return text
