@@ -118,6 +118,8 @@ def discover(
     """
     if not budget > 0:
         raise OptionError("{0}: {value:g} is not positive", "budget", value=budget)
+    from ground.reports import discovery_page  # slow to load
+
     given, mover, kept = Model.of(model), Model.of(truth), os.fspath(folder)
     plan = _usual_room() if room is None else Room.of(room).core
     params = simulating.mocap_params(mocap or {})
@@ -127,14 +129,36 @@ def discover(
         mover.core, given.core, plan, params, acting, seed, folder=kept
     )
     work = Work.of(progress)
-    listener = _Listener(kept, plan, told, work)
     settings = campaign.Settings(budget, track, seed)
+    page = os.path.join(kept, discovery_page.NAME) if kept else ""
+
+    def listen(story: Story) -> None:
+        if kept:
+            discovery_page.write(story, kept, plan)
+        work.reach(int(min(story.flown, story.budget)))
+        if story.activity:
+            work.note(story.activity)
+        if told is not None:
+            told(story)
+
     work.expect(FLYING, round(budget), SECOND, at_most=True)
     with work.stage(FLYING):
-        flying = campaign.Discovery(given.core, laboratory, settings, kept, listener)
-        listener(flying.story)
+        flying = campaign.Discovery(given.core, laboratory, settings, kept, listen)
+        listen(flying.story)
         story = flying.run()
-    return _result(flying, story, kept, listener.page)
+    last = story.findings[-1] if story.findings else None
+    final = story.versions[-1]
+    return Discovery(
+        verdict=story.verdict,
+        effects=tuple(last.effects) if last else (),
+        groups=dict(last.groups) if last else {},
+        model=Model(flying.models[final.label], os.path.join(kept, final.file) if kept else ""),
+        sure=story.sure,
+        confirmed=story.confirmation is not None and story.confirmation.holds,
+        seconds=story.flown,
+        story=story,
+        page=page,
+    )
 
 
 def _usual_room() -> _core.RoomPlan:
@@ -150,43 +174,3 @@ def _check(truth: _core.Model, mocap: _core.MocapParams, acting: Optional[_core.
         experiments.simulate(truth, rest, mocap=mocap, disturbance=acting)
     except ValueError as error:
         raise OptionError("{why}", why=error) from error
-
-
-class _Listener:
-    """Hears of each change of a story: writes the page, tells `told`, and counts seconds of flight."""
-
-    def __init__(
-        self, folder: str, room: _core.RoomPlan, told: Optional[Told], work: Work
-    ) -> None:
-        self._folder, self._room, self._told, self._work = folder, room, told, work
-        self._activity = ""
-        self.page = ""  # path of the page
-
-    def __call__(self, story: Story) -> None:
-        if self._folder:
-            from ground.reports import discovery_page
-
-            self.page = discovery_page.write(story, self._folder, self._room)
-        self._work.reach(int(min(story.flown, story.budget)))
-        if story.activity and story.activity != self._activity:
-            self._work.note(story.activity)
-        self._activity = story.activity
-        if self._told is not None:
-            self._told(story)
-
-
-def _result(flying: campaign.Discovery, story: Story, folder: str, page: str) -> Discovery:
-    last = story.findings[-1] if story.findings else None
-    final = story.versions[-1]
-    path = os.path.join(folder, final.file) if folder else ""
-    return Discovery(
-        verdict=story.verdict,
-        effects=tuple(last.effects) if last else (),
-        groups=dict(last.groups) if last else {},
-        model=Model(flying.models[final.label], path),
-        sure=story.sure,
-        confirmed=story.confirmation is not None and story.confirmation.holds,
-        seconds=story.flown,
-        story=story,
-        page=page,
-    )
