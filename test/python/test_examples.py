@@ -2,7 +2,7 @@
 import sys
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, slow
 
 sys.path.insert(0, str(ROOT / "docs"))
 import examples
@@ -20,6 +20,7 @@ Some text.
 """
 
 
+@slow
 @pytest.mark.parametrize("name", examples.PAGES)
 def test_a_page_shows_what_its_commands_print(name):
     assert examples.checked(examples.DOCS / name) == []

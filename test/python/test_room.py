@@ -1,7 +1,6 @@
 """identify simulate --room: excitation and tracking inside a room."""
 
 import json
-import re
 
 import numpy as np
 import pytest
@@ -67,25 +66,7 @@ def test_the_bag_has_the_bursts(excited):
     }
 
 
-def test_the_length_of_the_bursts_is_printed(excited):
-    path, result, output = excited
-    marks = messages(path)[BURSTS]
-    times = [t for t, _ in marks] + [1021.5]
-    driven = sum(b - a for a, b, (_, mark) in zip(times, times[1:], marks) if mark.burst)
-    words = r"(\d+) bursts, ([\d.]+) s of ([\d.]+) s; between them the craft returned home"
-    found = re.search(words, output)
-    assert found, output
-    assert int(found.group(1)) == result["bursts"]
-    assert float(found.group(2)) == pytest.approx(driven, abs=0.11)
-    assert float(found.group(3)) == pytest.approx(20, abs=0.11)
-
-
-def test_without_a_room_a_bag_has_one_burst_or_none(tmp_path):
-    path, result = simulate(tmp_path, "prbs", "--duration", 3)
-    assert len(messages(path).get(BURSTS, [])) == result["bursts"] <= 1
-
-
-@pytest.mark.parametrize("kind", ["prbs", "multisine", "tracking"])
+@pytest.mark.parametrize("kind", ["multisine", "tracking"])
 def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
     options = ["--room", ROOM, "--duration", 4, "--loss", 0.05]
     if kind == "tracking":
@@ -168,9 +149,7 @@ def test_a_reference_too_large_for_the_room_is_refused_with_one_line(tmp_path):
 
 # Fine and coarse files, in time or as waypoints. The craft circles slowly in the room, and once goes
 # 0.3 m out of it and back.
-@pytest.mark.parametrize("duration", [30, 600, 3600])
-@pytest.mark.parametrize("spacing", [0.05, 0.4])
-@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("duration, spacing, timed", [(30, 0.05, True), (600, 0.4, False)])
 def test_a_poke_out_of_the_room_is_seen_wherever_it_is(tmp_path, duration, spacing, timed):
     room = _core.load_room(str(ROOM))
 
@@ -196,7 +175,7 @@ def test_a_poke_out_of_the_room_is_seen_wherever_it_is(tmp_path, duration, spaci
         assert "leaves the room" in objection("poke.csv", at, 0.4 + 0.3 * i), (at, 0.4 + 0.3 * i)
 
 
-@pytest.mark.parametrize("duration", [20, 600, 3600])
+@pytest.mark.parametrize("duration", [20, 3600])
 def test_a_jump_of_a_long_file_is_seen(tmp_path, duration):
     """The path turns back within a tenth of a second, somewhere."""
     model = _core.load_model(str(MODEL))
@@ -218,10 +197,8 @@ def test_a_jump_of_a_long_file_is_seen(tmp_path, duration):
     "old, new, words",
     [
         ("margin: 0.2", "margin: wide", "margin must be a number"),
-        ("  - [2, 2]", "  - [2, 2, 2]", "corners must be [x, y]"),
         ("braking:", "breaking:", "unknown key 'breaking'"),
         ("home: [0, 0] ", "home: [9, 0] ", "home must be inside"),
-        ("braking: 1.5 ", "braking: -1 ", "braking must be between"),
     ],
 )
 def test_a_bad_room_file_is_named_with_its_line(tmp_path, old, new, words):
@@ -232,22 +209,6 @@ def test_a_bad_room_file_is_named_with_its_line(tmp_path, old, new, words):
     line = text[: text.index(old)].count("\n") + 1
     result = refused(tmp_path, "--input", "prbs", "--room", bad)
     fails(result, "bad.yaml, line %d: " % line, words)
-
-
-@pytest.mark.parametrize(
-    "old, new, words",
-    [
-        ("  - [2, -2]\n  - [2, 2]", "  - [2, 2]\n  - [2, -2]", "walls cross"),
-        ("schema: ground/room/1", "schema: ground/model/1", "schema: ground/room/1"),
-        ("schema: ground/room/1", "schema: [", "line "),
-    ],
-)
-def test_a_file_that_is_not_a_room_is_named(tmp_path, old, new, words):
-    text = ROOM.read_text()
-    assert text.count(old) == 1
-    bad = tmp_path / "bad.yaml"
-    bad.write_text(text.replace(old, new))
-    fails(refused(tmp_path, "--input", "prbs", "--room", bad), "bad.yaml, line ", words)
 
 
 def test_a_missing_room_file_is_named(tmp_path):

@@ -11,13 +11,14 @@ import subprocess
 import sys
 
 import pytest
-from conftest import MODEL, ROOT, SHARED, identify, program
+from conftest import MODEL, ROOT, SHARED, identify, program, slow
 from test_downstream import devel_space
 
 import rosbag
 
 PRINT = ROOT / "test" / "python" / "print_recording.py"
 STAMP = "2019-04-16-11-28-36"  # name of a real recording
+pytestmark = slow
 ROS = ("ROS", "CATKIN", "PYTHONPATH", "LD_LIBRARY_PATH", "CMAKE_PREFIX_PATH", "PKG_CONFIG_PATH")
 
 
