@@ -30,7 +30,7 @@ import hidden_white
 import resumed
 import room
 from ground import _core, workers
-from ground.discovery import campaign, choice, pieces, story, tracking
+from ground.discovery import campaign, choice, flights, pieces, story, tracking
 from ground.errors import GroundError
 from ground.simulation import experiments
 from hidden_white import MODEL
@@ -72,7 +72,7 @@ def run_case(job):
     place = _core.load_room(ROOM)
     start = time.perf_counter()
     lab = discover_lab.HiddenLaboratory(case, model, place)
-    settings = campaign.Settings(budget=cases.KINDS[kind][2], seed=seed)
+    settings = flights.Settings(budget=cases.KINDS[kind][2], seed=seed)
     result = dict(case.describe(), chooser=chooser)
     try:
         found = campaign.Discovery(model, lab, settings, choose=CHOOSERS[chooser], threads=1)

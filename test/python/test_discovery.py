@@ -16,9 +16,10 @@ import ground
 from ground import _core
 from ground.analysis import candidates
 from ground.analysis.likelihood import Likelihood
-from ground.discovery import beliefs, campaign, choice, information, pieces, tracking
+from ground.discovery import beliefs, campaign, choice, flights, information, pieces, tracking
 from ground.discovery.analyst import Analyst
-from ground.discovery.campaign import Discovery, Settings
+from ground.discovery.campaign import Discovery
+from ground.discovery.flights import Settings
 from ground.discovery.journal import Journal
 from ground.discovery.laboratory import Landed
 from ground.discovery.simulated import SimulatedLaboratory
@@ -394,7 +395,7 @@ def short(state, offers, longest, seed):
 @pytest.fixture
 def swift(monkeypatch):
     """Makes a discovery whose diagnoses take no time."""
-    read, known = campaign.readers.read, {}
+    read, known = flights.readers.read, {}
 
     def read_once(path):
         content = pathlib.Path(path).read_bytes()
@@ -402,7 +403,7 @@ def swift(monkeypatch):
             known[content] = read(path)
         return known[content]
 
-    monkeypatch.setattr(campaign.readers, "read", read_once)
+    monkeypatch.setattr(flights.readers, "read", read_once)
     monkeypatch.setattr(campaign.analyst, "Analyst", RoughAnalyst)
     monkeypatch.setattr(campaign.analyst, "expected_errors", lambda _, fit, *__, **___: [fit.expected])
 
@@ -562,8 +563,8 @@ def varied(seed, scale=1.0, flights=3):
 def tracked(before, after, stopped=""):
     """A story of flights with these errors in parts [m], before and after; stopped: why the last one was."""
     story = Story("craft", "room", 180.0, [Version(GIVEN, "", [], 0), Version("final", "", [], 1)])
-    for label, flights in ((GIVEN, before), ("final", after)):
-        for parts in flights:
+    for label, flown in ((GIVEN, before), ("final", after)):
+        for parts in flown:
             flight = tracking.planned(len(story.flights) + 1, label, room())
             story.flights.append(Flown(flight, "", 15.0, label, tracking_parts=list(parts)))
     story.flights[-1].stopped = stopped

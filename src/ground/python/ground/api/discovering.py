@@ -11,7 +11,7 @@ from ground.annotations import Document, Path
 from ground.api import simulating
 from ground.api.models import Model, ModelLike, Room, RoomLike
 from ground.api.values import Row, Shown, number
-from ground.discovery import campaign
+from ground.discovery import campaign, flights
 from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import Story
 from ground.errors import OptionError
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pandas
 
 FLYING = "discovering"  # stage; unit: a second of flight
-BUDGET = campaign.Settings.budget  # longest time of flight [s]
+BUDGET = flights.Settings.budget  # longest time of flight [s]
 REST = 2.0  # length of a simulation that checks the conditions [s]
 SECOND = 0.5  # usual cost of a second of flight and of its diagnosis [s]
 
@@ -129,7 +129,7 @@ def discover(
         mover.core, given.core, plan, params, acting, seed, folder=kept
     )
     work = Work.of(progress)
-    settings = campaign.Settings(budget, track, seed)
+    settings = flights.Settings(budget, track, seed)
     page = os.path.join(kept, discovery_page.NAME) if kept else ""
 
     def listen(story: Story) -> None:
