@@ -34,8 +34,6 @@ def test_a_page_shows_what_its_commands_print(name):
         ("error   0.228 m after 3 runs\n...", False),
         ("error   0.218 m after 4 runs\n...", False),
         ("error   0.218 m after 3 runs\na", False),
-        ("...\nb, 12 ms", True),
-        ("...\na", False),
         ("...\na\n...", True),
         ("a\n...", False),
         ("error ...\n...\nb, 12 ms", True),

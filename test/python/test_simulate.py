@@ -170,23 +170,6 @@ def test_poses_are_the_truth_with_noise_in_the_mocaps_axes(tmp_path):
     assert np.abs(off.mean(axis=0) / off.std(axis=0)).max() < 5 / math.sqrt(len(off))
 
 
-def test_the_function_gives_the_contents_of_the_bag(tmp_path):
-    from ground import _core
-    from ground.recordings.recording import read_bag, Recording
-    from ground.simulation import experiments
-
-    path, _ = simulate(tmp_path, "spin", "--seed", 7, "--loss", 0.1, "--duration", 5)
-    mocap = _core.MocapParams()
-    mocap.loss = 0.1
-    drive = experiments.with_lift(experiments.rows("spin", 5), 5)
-    run = experiments.simulate(_core.load_model(str(MODEL)), drive, mocap=mocap, seed=7)
-    assert isinstance(run, Recording)
-    read = read_bag(str(path))
-    for name in ("pose_times", "eta", "control_times", "controls"):
-        np.testing.assert_allclose(getattr(read, name), getattr(run, name), atol=2e-9)
-    assert 0.8 < len(run.pose_times) / len(run.truth_times) < 0.97
-
-
 @pytest.mark.parametrize("kind", ["prbs", "tracking", "timed"])
 def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
     if kind == "timed":
@@ -201,17 +184,6 @@ def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
     assert same(first) != same(other)
     info = identify("info", first, "--json")
     assert info.returncode == 0, info.stderr
-
-
-def test_an_initial_velocity_decays(tmp_path):
-    path, _ = simulate(
-        tmp_path, "coast-down", "--levels", 0, 0, "--start-velocity", 1.5, 0, 0, "--duration", 5
-    )
-    found = messages(path)
-    last = max(time for time, command in found["/controls"] if command.lift > 0)
-    t, u = [(time - 1000, m.nu[0]) for time, m in found[TRUTH] if time <= last][-1]
-    assert t > 4 and u == pytest.approx(1.5 * math.exp(-0.0055 / 0.0583 * t), rel=1e-6)
-    assert found[TRUTH][-1][1].nu[0] < u - 0.1  # without lift the floor brakes it
 
 
 def test_csv_of_a_recording_plays_at_its_clock_and_reports_it(tmp_path):
