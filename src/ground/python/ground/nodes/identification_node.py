@@ -76,8 +76,8 @@ class LiveBuffer:
             self._settings.append(message)
 
     def _take(self, message: Message, topic: str) -> None:
-        now = rospy.Time.now()
         with self._lock:
+            now = rospy.Time.now()  # inside, so that it ascends from message to message
             if self._messages and now < self._messages[-1][0]:
                 self._messages.clear()  # a bag that begins again
             self._messages.append((now, topic, message))
