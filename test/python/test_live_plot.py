@@ -117,16 +117,6 @@ def test_diagrams_have_curves_units_and_the_names_of_models(window):
             assert low <= np.nanmin(values) and np.nanmax(values) <= high
 
 
-def test_an_axis_stays_while_it_fits(window):
-    view = window.diagrams[2].plot.vb
-    drive(window.feed, 1000, 7)
-    window.redraw()
-    before = view.viewRange()[1]
-    drive(window.feed, 1007, 7)
-    window.redraw()
-    assert view.viewRange()[1] == before
-
-
 def test_no_line_is_drawn_across_a_gap_or_an_invalid_state(window):
     drive(window.feed, 1000, 1)
     drive(window.feed, 1002, 1)
@@ -237,12 +227,6 @@ def test_a_picture_is_saved_and_not_overwritten(window, tmp_path):
     with pytest.raises(GroundError, match="plot.png exists"):
         window.save(str(path))
     window.save(str(path), force=True)
-
-
-def test_closing_the_window_ends_the_plot(application, monkeypatch):
-    monkeypatch.setattr(signal, "signal", lambda *_: None)
-    live_plot.QtCore.QTimer.singleShot(200, application.closeAllWindows)
-    live_plot.show(live_feed.Feed(DURATION))
 
 
 def test_a_failure_while_drawing_ends_the_plot_with_the_reason(application, monkeypatch):

@@ -7,7 +7,6 @@ import threading
 import numpy as np
 import pytest
 import yaml
-from conftest import MODEL
 
 from ground.analysis import own_stop
 from ground.errors import GroundError
@@ -133,28 +132,6 @@ def test_telemetry_confirms_or_contradicts_the_time():
         assert doubtful.telemetry_after == pytest.approx(0.1, abs=0.05)
         mute = changed(given, telemetry=0 * given.telemetry)
         assert own_stop.judge(mute).telemetry_after is None
-
-
-def test_a_silence_that_the_sender_cut_short_is_undecided():
-    from ground.nodes import stop_trial
-
-    given = trial(0.2)
-    assert stop_trial.verdict_of(given, stop_trial.AFTER_SILENCE).outcome == own_stop.PASSED
-    verdict = stop_trial.verdict_of(given, "the state is invalid: lost")
-    assert verdict.outcome == own_stop.UNDECIDED
-    assert verdict.reason == "the silence was cut short: the state is invalid: lost"
-
-
-def test_the_distance_of_a_craft_that_does_not_stop_is_predicted():
-    from ground import _core
-    from ground.nodes import stop_trial
-
-    model = _core.load_model(str(MODEL))
-    push = stop_trial.Push(thrust=0.2, thrust_time=1.0, silence=1.0)
-    times = np.array([0.0, 2.0])
-    inputs = np.array([[0.0, push.thrust, push.thrust, push.lift]])
-    run = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
-    assert push.distance(model) == pytest.approx(run["eta"][-1, 0], rel=0.1)
 
 
 def test_records_are_added_and_none_is_lost(tmp_path, monkeypatch):
