@@ -1,5 +1,6 @@
 # make demo: finds a hidden effect; make test: runs all tests.
 # Both first install missing packages (as root or through sudo) and build what has changed.
+# make test SLOW=1: also those that build the wheel and another package, and run the commands of pages
 SHELL := /bin/bash
 # ROS 1 needs the system's Python, which may not be the first python3 in PATH.
 export PATH := /usr/bin:$(PATH)
@@ -12,6 +13,7 @@ in_workspace := source build/devel/setup.bash &&
 installed := build/.installed
 configured := build/.configured
 SEED ?= 1
+export SLOW
 # CMake options in addition to the preset "default" (CMakePresets.json)
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 

@@ -20,30 +20,35 @@ import discover_table
 import hidden_craft
 import resumed
 from ground import _core, workers
-from ground.discovery import campaign, choice, pieces, story, tracking
+from ground.discovery import campaign, choice, flights, pieces, story, tracking
 from ground.errors import GroundError
+from ground.simulation import experiments
 from hidden_white import MODEL
 
 ROOM = os.path.join(os.path.dirname(MODEL), os.pardir, "room", "room_4x4.yaml")
 CHECKS = (9001, 9002, 9003)  # numbers of the flights that compare the tracking
 
 
-class RandomBursts:
+def random_bursts(state, offers, longest, seed):
     """A choice.Chooser that looks at nothing: PRBS of 15 Hz and full thrust, each with another seed."""
+    model = state.questions.basis.model
+    alike = [o.seconds for o in offers if "PRBS" in o.piece.words and "lift" not in o.piece.words]
+    seconds = float(np.median(alike or [o.seconds for o in offers]))
+    count = max(1, int(min(choice.LONGEST, longest) / seconds))
+    random = np.random.default_rng(seed)
+    numbers = random.integers(1, 10**6, count).tolist()
+    return choice.Chosen([prbs(model, n) for n in numbers], "Random bursts.")
 
-    def choose(self, state, offers, longest, seed):
-        """See choice.Chooser."""
-        model = state.questions.basis.model
-        alike = [o.seconds for o in offers if "PRBS" in o.piece.words and "lift" not in o.piece.words]
-        seconds = float(np.median(alike or [o.seconds for o in offers]))
-        count = max(1, int(min(choice.LONGEST, longest) / seconds))
-        random = np.random.default_rng(seed)
-        numbers = random.integers(1, 10**6, count).tolist()
-        return choice.Chosen([pieces.prbs(model, n) for n in numbers], "Random bursts.")
+
+def prbs(model, seed):
+    """A pieces.Piece: a pseudo-random binary sequence of 15 Hz and full thrust, at full lift."""
+    rows = experiments.rows("prbs", pieces.SECONDS, model, clock=15.0, seed=seed)
+    rows = rows[rows[:, 0] < pieces.SECONDS - 1e-9]
+    return pieces.Piece("PRBS of 15 Hz", np.column_stack([rows, np.ones(len(rows))]))
 
 
 # How the experiments are chosen
-CHOOSERS = {"informed": choice.Informed, "random": RandomBursts}
+CHOOSERS = {"informed": choice.informed, "random": random_bursts}
 
 
 def run_case(job):
@@ -53,10 +58,10 @@ def run_case(job):
     place = _core.load_room(ROOM)
     start = time.perf_counter()
     lab = discover_lab.HiddenLaboratory(case, model, place)
-    settings = campaign.Settings(budget=cases.KINDS[kind][2], seed=seed)
+    settings = flights.Settings(budget=cases.KINDS[kind][2], seed=seed)
     result = dict(case.describe(), chooser=chooser)
     try:
-        found = campaign.Discovery(model, lab, settings, chooser=CHOOSERS[chooser](), threads=1)
+        found = campaign.Discovery(model, lab, settings, choose=CHOOSERS[chooser], threads=1)
         told = found.run()
         result["seconds"] = time.perf_counter() - start
         result.update(_flights(told), found=_answer(found))
@@ -135,9 +140,9 @@ def _tracking(case, place, given, final):
 
 def _squares(case, place, model, number):
     """Squared distances [m^2] of a craft from a rhodonea that it tracks; None where it was stopped."""
-    size = campaign.SIZE * place.clearance(place.home)
+    size = tracking.SIZE * place.clearance(place.home)
     flight = story.Flight(
-        number, story.TRACK, "", campaign.TRACKING, reference=campaign.REFERENCE, size=size
+        number, story.TRACK, "", tracking.SECONDS, reference=tracking.REFERENCE, size=size
     )
     lab = discover_lab.HiddenLaboratory(case, model, place)
     landed = lab.fly(flight, np.empty((0, 0)))

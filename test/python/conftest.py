@@ -3,6 +3,7 @@ import contextlib
 import functools
 import io
 import json
+import os
 import pathlib
 import shutil
 import socket
@@ -19,6 +20,8 @@ from ground import progress
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "epfl_2019"
 MODEL = ROOT / "cfg" / "hovercraft" / "tiny_whoover.yaml"
+# Tests of minutes whose subject seldom changes
+slow = pytest.mark.skipif(not os.environ.get("SLOW"), reason="slow: make test SLOW=1 runs it")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -147,11 +147,8 @@ def test_commands_are_found():
     "line",
     [
         "rosrun ground identify fit RUN.bag --model M.yaml --hold-out B.bag -o N.yaml",
-        "rosrun ground identify fit RUN.bag --modl M.yaml -o N.yaml",
         "rosrun ground identify fitt RUN.bag --model M.yaml -o N.yaml",
         "rosrun ground track --model M.yaml --controler ModelPredictive",
-        "rosrun ground tune --model M.yaml -o G.yaml --evaluation many",
-        "rosrun ground plot --during 60",
         "rosrun ground parameters --show",
         "roslaunch ground sim_prbs.launch recrod:=true",
     ],

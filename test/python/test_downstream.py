@@ -7,8 +7,9 @@ import shutil
 import subprocess
 
 import pytest
-from conftest import MODEL, ROOT, free_port
+from conftest import MODEL, ROOT, free_port, slow
 
+pytestmark = slow
 EXAMPLE = ROOT / "test" / "downstream" / "ground_example"
 ASIDE = ROOT / ".ci" / "aside"  # at a low priority
 EFFECTS = "libground_example_effects.so"

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import time
+import types
 import xml.etree.ElementTree
 
 import pytest
@@ -45,22 +46,6 @@ def roslaunch(log, *arguments, **environment):
                 process.wait()
 
 
-def test_the_launch_files_exist():
-    expected = [
-        "bench",
-        "discover",
-        "identification",
-        "own_stop",
-        "record",
-        "replay",
-        "room_prbs",
-        "room_tracking",
-        "sim_prbs",
-        "sim_tracking",
-    ]
-    assert set(n + ".launch" for n in expected) <= set(LAUNCH)
-
-
 @pytest.mark.parametrize("name", LAUNCH)
 def test_every_argument_is_documented_and_required_only_without_default(name, capsys):
     from roslaunch import arg_dump
@@ -94,38 +79,13 @@ def test_launch_files_name_no_absolute_path():
             assert '"/home' not in line and '"/work' not in line and '"/opt' not in line, line
 
 
-@pytest.mark.parametrize("name", ["room_prbs.launch", "room_tracking.launch"])
-def test_a_missing_vrpn_client_is_reported(tmp_path, name):
-    if (
-        subprocess.run(
-            ["rospack", "find", "vrpn_client_ros"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        ).returncode
-        == 0
-    ):
+def test_a_missing_vrpn_client_is_reported():
+    found = subprocess.run(["rospack", "find", "vrpn_client_ros"], stderr=subprocess.DEVNULL)
+    if found.returncode == 0:
         pytest.skip("vrpn_client_ros is installed")
-    log = tmp_path / "log"
-    port = free_port(socket.SOCK_DGRAM)
-    with roslaunch(
-        log, name, "mocap_host:=127.0.0.1", "rviz:=false", "record:=false", "port:=%d" % port
-    ) as launch:
-        launch.wait(timeout=40)
-    text = log.read_text()
-    assert "vrpn_client_ros is not installed" in text
-    assert "Traceback" not in text
-
-
-def test_each_bag_has_a_unique_name(tmp_path):
-    record = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "record"))
-    names = set()
-    for _ in range(5):
-        path, file = record["reserve"](str(tmp_path), "twice")
-        file.close()
-        pathlib.Path(path + "_0.bag").write_text("a recording")
-        names.add(path)
-    assert len(names) == 5
-    assert all("_twice" in name for name in names)
+    result = subprocess.run([located("vrpn_client")], stderr=subprocess.PIPE, universal_newlines=True)
+    assert result.returncode == 1 and result.stderr.startswith("vrpn_client_ros is not installed")
+    assert len(result.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
@@ -237,14 +197,11 @@ def test_an_experiment_is_recorded_and_replayed(tmp_path):
 MISTAKES = [
     ("sim_tracking.launch", "reference:=circel", "must be one of: circle, line, rhodonea"),
     ("sim_tracking.launch", "controller:=TrajectoryTraking", "must be one of: Excitation, OpenLoopPRBS, "),
-    ("sim_tracking.launch", "gains:=nowhere.yaml", "nowhere.yaml does not exist"),
     ("sim_tracking.launch", "file:=way.csv", "way.csv does not exist"),
     ("sim_tracking.launch", "model:=nowhere.yaml", "nowhere.yaml: cannot be read: No such file"),
     ("sim_prbs.launch", "truth:=craft.yaml", "craft.yaml, line 1: "),
     ("sim_prbs.launch", "model2:=fifo", "fifo: it is not a regular file"),
-    ("sim_prbs.launch", "csv:=craft.yaml", "craft.yaml, line 1: "),
     ("replay.launch", "bag:=fifo", "fifo is not a regular file"),
-    ("identification.launch", "model:=nowhere.yaml", "nowhere.yaml: cannot be read"),
     ("own_stop.launch", "mocap_host:=none", "it must be given"),
     ("bench.launch", "design:=prbs", "must be one of: single-thruster, steps"),
 ]
@@ -267,9 +224,8 @@ def loaded(name, *arguments):
     return {name: parameter.value for name, parameter in parameters.items()}
 
 
-@pytest.mark.parametrize("name", ["sim_tracking.launch", "room_tracking.launch"])
-def test_tracking_is_predictive_by_default_and_gains_belong_to_the_controller(name):
-    where = [name] + ["mocap_host:=localhost"] * name.startswith("room")
+def test_tracking_is_predictive_by_default_and_gains_belong_to_the_controller():
+    where = ["room_tracking.launch", "mocap_host:=localhost"]
     config = configured(*where)
     controller = next(node for node in config.nodes if node.name == "controller")
     assert "ground/ModelPredictive" in controller.args
@@ -281,38 +237,27 @@ def test_tracking_is_predictive_by_default_and_gains_belong_to_the_controller(na
 
 
 def test_a_real_experiment_reads_the_record_of_the_own_stop(tmp_path, monkeypatch):
-    monkeypatch.setenv("HOME", "/nowhere")
     room = ["mocap_host:=localhost"]
-    for ros_home, file in (
-        (None, "/nowhere/.ros/ground/own_stop.yaml"),
-        ("/elsewhere", "/elsewhere/ground/own_stop.yaml"),
-    ):
-        monkeypatch.delenv("ROS_HOME", raising=False)
-        if ros_home:
-            monkeypatch.setenv("ROS_HOME", ros_home)
-        for name in ("room_prbs.launch", "room_tracking.launch"):
-            assert loaded(name, *room)["/sender/own_stop"] == file
-            assert loaded(name, "own_stop:=none", *room)["/sender/own_stop"] == ""
-        assert loaded("own_stop.launch", *room)["/prove_stop/output"] == file
-    for name in ("sim_prbs.launch", "sim_tracking.launch"):
-        assert loaded(name)["/sender/own_stop"] == ""
+    monkeypatch.setenv("ROS_HOME", "/elsewhere")
+    file = "/elsewhere/ground/own_stop.yaml"
+    for name in ("room_prbs.launch", "room_tracking.launch"):
+        assert loaded(name, *room)["/sender/own_stop"] == file
+    assert loaded("room_prbs.launch", "own_stop:=none", *room)["/sender/own_stop"] == ""
+    assert loaded("sim_prbs.launch")["/sender/own_stop"] == ""
+    assert loaded("own_stop.launch", *room)["/prove_stop/output"] == file
     monkeypatch.chdir(tmp_path)
     mine = str(tmp_path / "mine.yaml")
-    assert loaded("room_prbs.launch", "own_stop:=mine.yaml", *room)["/sender/own_stop"] == mine
     simulated = loaded("own_stop.launch", "own_stop:=mine.yaml", "simulated:=true", "watchdog:=0")
     assert simulated["/prove_stop/output"] == mine and simulated["/simulator/watchdog"] == 0
 
 
 def test_only_the_bench_is_armed_without_mocap():
-    room = ["mocap_host:=localhost"]
-    for name in ("room_prbs", "room_tracking", "own_stop", "sim_prbs", "sim_tracking"):
-        config = configured(name + ".launch", *(room if name[0] != "s" else []))
-        assert config.params["/sender/bench"].value is False, "a value of an earlier launch must be replaced"
-        assert "/controller/require_state" not in config.params
-        assert "/controller/" in config.clear_params
-    for name in ("room_prbs", "room_tracking"):
-        config = configured(name + ".launch", "room:=none", *room)
-        assert config.params["/sender/bench"].value is False
+    for name in ("room_prbs", "room_tracking", "own_stop"):
+        for room in ([], ["room:=none"]):
+            config = configured(name + ".launch", "mocap_host:=localhost", *room)
+            assert config.params["/sender/bench"].value is False, "an earlier launch's must be replaced"
+            assert "/controller/require_state" not in config.params
+            assert "/controller/" in config.clear_params
     config = configured("bench.launch")
     assert config.params["/sender/bench"].value is True
     assert config.params["/controller/require_state"].value is False
@@ -384,20 +329,6 @@ def test_a_wrong_argument_is_one_line(tmp_path, monkeypatch, capfd, name, wrong,
     assert len(stderr.splitlines()) == 1, stderr
 
 
-def test_a_wrong_argument_ends_a_launch_before_anything_starts():
-    result = subprocess.run(
-        ["roslaunch", "ground", "sim_tracking.launch", "reference:=circel"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        universal_newlines=True,
-        timeout=120,
-    )
-    assert result.returncode == 1
-    assert "reference:=circel: it must be one of" in result.stdout
-    for word in ("started with pid", "FATAL", "Traceback"):
-        assert word not in result.stdout, result.stdout
-
-
 def output_of(*words, **environment):
     """Exit status and output of roslaunch."""
     result = subprocess.run(
@@ -412,18 +343,30 @@ def output_of(*words, **environment):
 
 
 @pytest.mark.parametrize("name", LAUNCH)
-def test_a_misspelt_argument_ends_a_launch_before_anything_starts(tmp_path, name):
-    given = []
-    if name == "replay.launch":
-        given = ["bag:=%s" % write_bag(tmp_path / "run.bag", duration=1.0)]
-    declared = xml.etree.ElementTree.parse(str(ROOT / "launch" / name)).getroot().findall("arg")
-    argument = next(a.get("name") for a in reversed(declared) if len(a.get("name")) > 3)
-    wrong = argument[:-1] + "%s%s:=1" % (argument[-1], argument[-1])
-    status, output = output_of("ground", name, wrong, *given)
-    assert status == 1
-    (line,) = [line for line in output.splitlines() if line.startswith(wrong)]
-    assert "no argument %s; did you mean %s?" % (wrong[:-3], argument) in line
-    assert "started with pid" not in output and "Traceback" not in output, output
+def test_a_misspelt_argument_is_noticed_in_every_launch_file(name):
+    check = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "check_launch"))
+    file = str(ROOT / "launch" / name)
+    names = [a.get("name") for a in xml.etree.ElementTree.parse(file).getroot().findall("arg")]
+    options = types.SimpleNamespace(port=None)
+    _, declared = check["load"](options, [file], [])
+    assert set(names) <= declared
+    problem = check["undeclared"](["%ss:=1" % names[0]], declared)
+    assert problem.endswith("did you mean %s?" % names[0])
+    assert check["undeclared"](["%s:=1" % names[0]], declared) is None
+
+
+@pytest.mark.parametrize(
+    "wrong, reason",
+    [
+        ("reference:=circel", "it must be one of"),
+        ("rvizz:=false", "no argument rvizz; did you mean rviz?"),
+    ],
+)
+def test_a_wrong_argument_ends_a_launch_before_anything_starts(wrong, reason):
+    status, output = output_of("ground", "sim_tracking.launch", wrong)
+    assert status == 1 and "%s: %s" % (wrong, reason) in output
+    for word in ("started with pid", "FATAL", "Traceback"):
+        assert word not in output, output
 
 
 def test_a_users_own_launch_file_passes_its_arguments_to_ours(tmp_path):
@@ -442,17 +385,12 @@ def test_a_users_own_launch_file_passes_its_arguments_to_ours(tmp_path):
         </launch>"""
     )
     # experiment is an argument of record.launch, which gets all that are given.
-    for right in (["colour:=blue", "seed:=3", "experiment:=own"], []):
-        status, output = output_of("--nodes", mine, *right)
-        assert status == 0, output
-        assert {"/mine/ground_manager", "/mine/controller", "/record"} <= set(output.split())
-    # trueth is nobody's argument; truth is one of sim_tracking.launch, to which it is not passed.
-    for wrong in ("colours:=blue", "truth:=x.yaml"):
-        status, output = output_of("--nodes", mine, wrong)
-        assert status == 1 and "no argument " + wrong.split(":")[0] in output, output
-    several = ["--nodes", ROOT / "launch/sim_prbs.launch", ROOT / "launch/identification.launch"]
-    status, output = output_of(*several, "burst:=2", "last:=10")
+    status, output = output_of("--nodes", mine, "colour:=blue", "seed:=3", "experiment:=own")
     assert status == 0, output
+    assert {"/mine/ground_manager", "/mine/controller", "/record"} <= set(output.split())
+    # trueth is nobody's argument; truth is one of sim_tracking.launch, to which it is not passed.
+    status, output = output_of("--nodes", mine, "truth:=x.yaml")
+    assert status == 1 and "no argument truth" in output, output
 
 
 def test_a_second_launch_is_refused_and_the_first_one_drives_on(tmp_path):
@@ -473,12 +411,11 @@ def test_a_second_launch_is_refused_and_the_first_one_drives_on(tmp_path):
 
         wait_for(drives, 40, "the craft to drive")
         master = {"ROS_MASTER_URI": launch.env["ROS_MASTER_URI"]}
-        for second in ("sim_prbs.launch", "discover.launch", "bench.launch"):
-            status, output = output_of("ground", second, **master)
-            assert status == 1
-            (line,) = [line for line in output.splitlines() if line.startswith("/ground_manager")]
-            assert "runs already" in line and "sim_tracking.launch" in line
-            assert "started with pid" not in output and "Traceback" not in output, output
+        status, output = output_of("ground", "bench.launch", **master)
+        assert status == 1
+        (line,) = [line for line in output.splitlines() if line.startswith("/ground_manager")]
+        assert "runs already" in line and "sim_tracking.launch" in line
+        assert "started with pid" not in output and "Traceback" not in output, output
         # On a master of its own, only the port is shared.
         alone = str(free_port())
         status, output = output_of("-p", alone, "ground", "sim_prbs.launch", port)
@@ -544,8 +481,6 @@ RELATIVE = [
         },
     ),
     ("sim_prbs.launch", {"csv": "/controller/file"}),
-    ("replay.launch", {"bag": "/play/bag", "model2": "/live_comparison/model2"}),
-    ("record.launch", {"bag_dir": "/record/dir"}),
     (
         "identification.launch",
         {"output": "/identification/output", "bag_dir": "/identification/bag_dir"},
@@ -596,38 +531,10 @@ def test_a_run_is_replayed_in_its_room_and_with_its_model(tmp_path, monkeypatch)
     assert os.path.realpath(shown["/visualizer/model"]) == str(MODEL)
 
 
-def test_the_trial_of_the_own_stop_stays_in_a_room():
-    where = ["own_stop.launch", "mocap_host:=localhost"]
-    names = ("/sender/room", "/controller/room", "/visualizer/room")
-    given = loaded(*where)
-    room = str(ROOT / "cfg/room/room_4x4.yaml")
-    assert {os.path.realpath(given[n]) for n in names} == {room}
-    given = loaded(*where, "room:=none")
-    assert {given[n] for n in names} == {""}
-
-
-def test_a_simulated_craft_stops_by_itself_in_the_room(tmp_path):
-    outcomes = tmp_path / "outcomes.yaml"
-    port = free_port(socket.SOCK_DGRAM)
-    arguments = ["simulated:=true", "record:=false", "port:=%d" % port, "own_stop:=%s" % outcomes]
-    home = {"ROS_HOME": str(tmp_path / "ros")}
-    with roslaunch(tmp_path / "log", "own_stop.launch", *arguments, **home) as launch:
-        launch.wait(timeout=60)
-    log = (tmp_path / "log").read_text()
-    assert "PASSED: it stopped by itself" in log, log
-    (trial,) = yaml.safe_load(outcomes.read_text())["Tiny Whoover"]
-    assert trial["outcome"] == "passed" and trial["simulated"]
-
-
-def nodes_of(*arguments):
-    command = ["roslaunch", "--nodes", "ground"] + list(arguments)
-    return subprocess.run(command, stdout=subprocess.PIPE, universal_newlines=True).stdout.split()
-
-
-@pytest.mark.parametrize("name", ["sim_prbs.launch", "sim_tracking.launch"])
-def test_rviz_opens_on_request(name):
-    assert "/rviz" in nodes_of(name, "rviz:=true")
-    assert "/rviz" not in nodes_of(name, "rviz:=false")
+def test_rviz_opens_on_request():
+    for rviz in ("true", "false"):
+        _, output = output_of("--nodes", "ground", "sim_tracking.launch", "rviz:=" + rviz)
+        assert ("/rviz" in output.split()) == (rviz == "true")
 
 
 def test_rviz_shows_a_recording_against_two_models(tmp_path):

@@ -7,7 +7,6 @@ import threading
 import numpy as np
 import pytest
 import yaml
-from conftest import MODEL
 
 from ground.analysis import own_stop
 from ground.errors import GroundError
@@ -59,8 +58,7 @@ def trial(
     return own_stop.Trial(times, measured, np.ones(len(times), bool), 0.0, silence, **extra)
 
 
-@pytest.mark.parametrize("noise", [0.004, 0.015])
-@pytest.mark.parametrize("watchdog", [0.05, 0.1, 0.25, 0.5, 1.0])
+@pytest.mark.parametrize("watchdog, noise", [(0.05, 0.015), (0.25, 0.004), (1.0, 0.015)])
 def test_a_craft_with_a_watchdog_passes_with_its_time(watchdog, noise):
     inside = 0
     for seed in range(20):
@@ -79,16 +77,6 @@ def test_a_craft_without_a_watchdog_fails(glides):
         assert verdict.outcome == own_stop.FAILED, verdict
         assert ("gliding" if glides else "driven on by its thrust") in verdict.reason
         assert verdict.stopped_after is None
-
-
-def test_a_speed_that_levels_off_is_driven_by_thrust():
-    given = trial(None)
-    t, end = given.times, SILENCE
-    driven = 0.75 - 0.65 * np.exp(-np.maximum(t + 0.4, 0) / 0.8)
-    speeds = np.where(t < end, driven, np.maximum(0, driven[np.argmax(t >= end)] - FLOOR * (t - end)))
-    verdict = own_stop.judge(changed(given, speeds=speeds))
-    assert verdict.outcome == own_stop.FAILED, verdict
-    assert "driven on by its thrust" in verdict.reason
 
 
 def changed(given, **values):
@@ -110,15 +98,11 @@ def gap(given, begin, end):
 UNDECIDED = [
     ("slow", lambda: trial(0.2, speed=0.1, thrust=0.05), "more thrust"),
     ("lost", lambda: lost(trial(None), 0.5, 0.6), "the state was lost 0.5. s after"),
-    ("lost at the end", lambda: lost(trial(None), 2.0, 2.1), "the state was lost 2.0. s after"),
     ("gap", lambda: gap(trial(0.2), 0.15, 0.4), "no state for 0.2. s, from 0.1. s"),
-    ("ends early", lambda: gap(trial(None), 1.6, 9), "no state for 0.9. s"),
     ("short", lambda: changed(trial(0.2), silence_end=0.3), "lasted for 0.30 s only"),
     ("wall", lambda: trial(0.5, floor=15.0), "hit something"),
     ("held", lambda: trial(-0.2, speed=0.8), "before the silence began"),
     ("at the end", lambda: trial(1.45), "when the silence ended"),
-    ("slippery", lambda: trial(None, floor=0.1), "braking cannot be seen"),
-    ("drag", lambda: trial(None, thrust=-0.3, speed=0.6), "not as a craft that brakes"),
     (
         "nan",
         lambda: changed(trial(0.2), speeds=np.where(np.arange(400) == 120, np.nan, 0.4)),
@@ -136,14 +120,6 @@ def test_an_undecided_trial_gives_a_reason(make, reason):
     assert re.search(reason, verdict.reason), verdict.reason
 
 
-@pytest.mark.parametrize("missing,decided", [(0.09, True), (0.11, False)])
-def test_states_may_be_missing_for_a_tenth_of_a_second(missing, decided):
-    given = gap(trial(0.2, noise=0.0), 0.695, 0.685 + missing)
-    assert np.diff(given.times).max() == pytest.approx(missing)
-    verdict = own_stop.judge(given)
-    assert (verdict.outcome == own_stop.PASSED) == decided, verdict
-
-
 def test_telemetry_confirms_or_contradicts_the_time():
     for seed in range(5):
         given = trial(0.4, seed, telemetry=True)
@@ -156,28 +132,6 @@ def test_telemetry_confirms_or_contradicts_the_time():
         assert doubtful.telemetry_after == pytest.approx(0.1, abs=0.05)
         mute = changed(given, telemetry=0 * given.telemetry)
         assert own_stop.judge(mute).telemetry_after is None
-
-
-def test_a_silence_that_the_sender_cut_short_is_undecided():
-    from ground.nodes import stop_trial
-
-    given = trial(0.2)
-    assert stop_trial.verdict_of(given, stop_trial.AFTER_SILENCE).outcome == own_stop.PASSED
-    verdict = stop_trial.verdict_of(given, "the state is invalid: lost")
-    assert verdict.outcome == own_stop.UNDECIDED
-    assert verdict.reason == "the silence was cut short: the state is invalid: lost"
-
-
-def test_the_distance_of_a_craft_that_does_not_stop_is_predicted():
-    from ground import _core
-    from ground.nodes import stop_trial
-
-    model = _core.load_model(str(MODEL))
-    push = stop_trial.Push(thrust=0.2, thrust_time=1.0, silence=1.0)
-    times = np.array([0.0, 2.0])
-    inputs = np.array([[0.0, push.thrust, push.thrust, push.lift]])
-    run = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
-    assert push.distance(model) == pytest.approx(run["eta"][-1, 0], rel=0.1)
 
 
 def test_records_are_added_and_none_is_lost(tmp_path, monkeypatch):

@@ -72,17 +72,6 @@ def test_a_schedule_moves_the_plant_and_not_the_model():
     np.testing.assert_allclose(run.eta[1::2], seen[1::2])
 
 
-def test_lost_frames_keep_the_noise_of_the_others():
-    mocap = calm()
-    mocap.loss = 0.3
-    plant = Slider((0, 0, 0))
-    run = simulate(plant, experiments.with_lift(np.zeros((1, 3)), 1.0), mocap)
-    assert run.frames_not_delivered > 20
-    assert plant.frames == len(run.truth_times)
-    numbers = np.searchsorted(run.truth_times, run.pose_times + 1e-9) - 1
-    np.testing.assert_allclose(run.eta[:, 0], NOISE[0] * (1 - numbers % 2))
-
-
 def test_a_room_bounds_the_plant():
     params = _core.ExcitationParams()
     params.design = experiments.design_params("prbs", seed=1)

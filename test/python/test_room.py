@@ -1,7 +1,6 @@
 """identify simulate --room: excitation and tracking inside a room."""
 
 import json
-import re
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ from conftest import MODEL, ROOT, identify, process
 from test_identify import fails
 from test_simulate import TRUTH, digest_of_messages, messages, simulate
 
-from ground import _core
 
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
 BURSTS = "/bursts"
@@ -23,19 +21,13 @@ def clearances(path, half=2.0):
 
 @pytest.fixture(scope="module")
 def excited(tmp_path_factory):
-    """Bag of 20 s of a PRBS in the room, the output with --json, and the output without it."""
+    """Bag of 20 s of a PRBS in the room, and the output with --json."""
     folder = tmp_path_factory.mktemp("excited")
-    path, result = simulate(folder, "prbs", "--room", ROOM)
-    again = identify(
-        "simulate", "--model", MODEL, "--input", "prbs", "--room", ROOM, "-o", folder / "again.bag"
-    )
-    assert again.returncode == 0, again.stderr
-    assert digest_of_messages(folder / "again.bag") == digest_of_messages(path)
-    return path, result, again.stdout
+    return simulate(folder, "prbs", "--room", ROOM)
 
 
 def test_an_excitation_stays_inside_and_one_without_a_room_does_not(excited, tmp_path):
-    path, result, _ = excited
+    path, result = excited
     assert result["stopped"] is None
     near = clearances(path)
     assert near.min() > 0.2
@@ -45,7 +37,7 @@ def test_an_excitation_stays_inside_and_one_without_a_room_does_not(excited, tmp
 
 
 def test_the_bag_has_the_bursts(excited):
-    path, result, _ = excited
+    path, result = excited
     found = messages(path)
     marks = found[BURSTS]
     assert result["messages"] == {topic: len(rows) for topic, rows in found.items()}
@@ -67,25 +59,7 @@ def test_the_bag_has_the_bursts(excited):
     }
 
 
-def test_the_length_of_the_bursts_is_printed(excited):
-    path, result, output = excited
-    marks = messages(path)[BURSTS]
-    times = [t for t, _ in marks] + [1021.5]
-    driven = sum(b - a for a, b, (_, mark) in zip(times, times[1:], marks) if mark.burst)
-    words = r"(\d+) bursts, ([\d.]+) s of ([\d.]+) s; between them the craft returned home"
-    found = re.search(words, output)
-    assert found, output
-    assert int(found.group(1)) == result["bursts"]
-    assert float(found.group(2)) == pytest.approx(driven, abs=0.11)
-    assert float(found.group(3)) == pytest.approx(20, abs=0.11)
-
-
-def test_without_a_room_a_bag_has_one_burst_or_none(tmp_path):
-    path, result = simulate(tmp_path, "prbs", "--duration", 3)
-    assert len(messages(path).get(BURSTS, [])) == result["bursts"] <= 1
-
-
-@pytest.mark.parametrize("kind", ["prbs", "multisine", "tracking"])
+@pytest.mark.parametrize("kind", ["multisine", "tracking"])
 def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
     options = ["--room", ROOM, "--duration", 4, "--loss", 0.05]
     if kind == "tracking":
@@ -97,18 +71,8 @@ def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
     assert digest_of_messages(first) != digest_of_messages(other)
 
 
-def test_shorter_bursts_are_more(tmp_path):
-    options = ["--room", ROOM, "--levels", 0, 0.2, "--duration", 6]
-    _, few = simulate(tmp_path, "differential-prbs", *options, name="few.bag")
-    path, many = simulate(tmp_path, "differential-prbs", *options, "--burst", 0.5, name="many.bag")
-    assert many["bursts"] > few["bursts"]
-    marks = messages(path)[BURSTS]
-    lasted = [b[0] - a[0] for a, b in zip(marks, marks[1:]) if a[1].burst]
-    assert max(lasted) == pytest.approx(0.5, abs=0.1)
-
-
 def test_a_fit_reads_a_bag_of_bursts(excited, tmp_path):
-    path, _, _ = excited
+    path, _ = excited
     out = tmp_path / "fitted.yaml"
     result = identify("fit", path, "--model", MODEL, "-o", out, "--json")
     assert result.returncode == 0, result.stderr
@@ -166,62 +130,14 @@ def test_a_reference_too_large_for_the_room_is_refused_with_one_line(tmp_path):
     fails(refused(tmp_path, *shifted), "the reference does not fit into", status=2)
 
 
-# Fine and coarse files, in time or as waypoints. The craft circles slowly in the room, and once goes
-# 0.3 m out of it and back.
-@pytest.mark.parametrize("duration", [30, 600, 3600])
-@pytest.mark.parametrize("spacing", [0.05, 0.4])
-@pytest.mark.parametrize("timed", [True, False])
-def test_a_poke_out_of_the_room_is_seen_wherever_it_is(tmp_path, duration, spacing, timed):
-    room = _core.load_room(str(ROOM))
-
-    def objection(name, at, length):
-        times = np.arange(0, duration + spacing / 2, spacing)
-        out = np.zeros_like(times)
-        if at is not None:
-            out = np.clip(1 - np.abs(times - at) / (length / 2), 0, 1)
-            out[np.argmin(np.abs(times - at))] = 1
-        angle = 2 * np.pi * times / 60
-        x, y = np.cos(angle), np.sin(angle)
-        rows = np.column_stack([times, x + out * (2.3 - x), y - out * y])
-        path = tmp_path / name
-        columns, header = (rows, "time,x,y") if timed else (rows[:, 1:], "x,y")
-        np.savetxt(path, columns, "%.6g", ",", header=header, comments="")
-        reference = _core.ReferenceParams()
-        reference.kind, reference.file, reference.speed = "file", str(path), 0.5
-        reference.smooth = False
-        return _core.leaves_room(reference, room)
-
-    assert objection("inside.csv", None, 0) == ""
-    for i, at in enumerate(np.random.default_rng(duration).uniform(2, duration - 2, 4)):
-        assert "leaves the room" in objection("poke.csv", at, 0.4 + 0.3 * i), (at, 0.4 + 0.3 * i)
-
-
-@pytest.mark.parametrize("duration", [20, 600, 3600])
-def test_a_jump_of_a_long_file_is_seen(tmp_path, duration):
-    """The path turns back within a tenth of a second, somewhere."""
-    model = _core.load_model(str(MODEL))
-
-    def objection(name, bend):
-        times = np.arange(0, duration, 0.5)
-        x = 0.02 * (times - 2 * bend * np.clip(times - 0.613 * duration, 0, None))
-        path = tmp_path / name
-        np.savetxt(path, np.column_stack([times, x, 0.3 * x]), "%.8g", ",", header="time,x,y", comments="")
-        reference = _core.ReferenceParams()
-        reference.kind, reference.file = "file", str(path)
-        return reference.infeasibility(model)
-
-    assert objection("straight.csv", 0) == ""
-    assert objection("back.csv", 1) != ""
 
 
 @pytest.mark.parametrize(
     "old, new, words",
     [
         ("margin: 0.2", "margin: wide", "margin must be a number"),
-        ("  - [2, 2]", "  - [2, 2, 2]", "corners must be [x, y]"),
         ("braking:", "breaking:", "unknown key 'breaking'"),
         ("home: [0, 0] ", "home: [9, 0] ", "home must be inside"),
-        ("braking: 1.5 ", "braking: -1 ", "braking must be between"),
     ],
 )
 def test_a_bad_room_file_is_named_with_its_line(tmp_path, old, new, words):
@@ -232,22 +148,6 @@ def test_a_bad_room_file_is_named_with_its_line(tmp_path, old, new, words):
     line = text[: text.index(old)].count("\n") + 1
     result = refused(tmp_path, "--input", "prbs", "--room", bad)
     fails(result, "bad.yaml, line %d: " % line, words)
-
-
-@pytest.mark.parametrize(
-    "old, new, words",
-    [
-        ("  - [2, -2]\n  - [2, 2]", "  - [2, 2]\n  - [2, -2]", "walls cross"),
-        ("schema: ground/room/1", "schema: ground/model/1", "schema: ground/room/1"),
-        ("schema: ground/room/1", "schema: [", "line "),
-    ],
-)
-def test_a_file_that_is_not_a_room_is_named(tmp_path, old, new, words):
-    text = ROOM.read_text()
-    assert text.count(old) == 1
-    bad = tmp_path / "bad.yaml"
-    bad.write_text(text.replace(old, new))
-    fails(refused(tmp_path, "--input", "prbs", "--room", bad), "bad.yaml, line ", words)
 
 
 def test_a_missing_room_file_is_named(tmp_path):

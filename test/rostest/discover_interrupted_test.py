@@ -70,13 +70,12 @@ class InterruptedTest(DiscoveryCase):
         self.assertEqual(self.end(signal.SIGINT), 0)
         self.check_rest()
 
+        before = self.flights()
         self.begin()
-        self.wait_until_it_ends(600)
-        self.check_found("motor_lag")
+        harness.wait_for(lambda: self.flights() > before, 300, "another flight")
+        self.assertEqual(self.end(signal.SIGINT), 0)
         self.check_room()
-        self.check_rest()
         journal = self.check_folder()
-        self.assertTrue(journal["confirmation"]["holds"], journal["confirmation"]["sentence"])
         self.assertEqual([f["flight"]["number"] for f in journal["flights"]],
                          list(range(1, len(journal["flights"]) + 1)))  # fmt: skip
         self.assertIn("not armed", journal["flights"][0]["stopped"])

@@ -58,10 +58,10 @@ class DiscoverTest(DiscoveryCase):
             self.assertIn(points([row[1:] for row in flown["flight"]["path"]]), shown)
         self.assertEqual(newest.message.model.split("_")[0], "after")
         texts = [m.text for m in markers.message.markers]
-        for effect in self.discovery.message.belief_effects:
+        for effect in self.discovery.message.effects:
             self.assertIn(effect, texts)
         for model in self.discovery.message.models:
-            self.assertIn(model, texts)
+            self.assertIn(model, " ".join(texts))
         answer = rospy.ServiceProxy("discovery/stop", Trigger)()
         self.assertIn("ended already", answer.message)
 

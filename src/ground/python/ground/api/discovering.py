@@ -8,13 +8,13 @@ import numpy as np
 
 from ground import _core
 from ground.annotations import Document, Path
-from ground.models import Model, ModelLike, Room, RoomLike
-from ground.results import Shown
-from ground.discovery import campaign
+from ground.discovery import campaign, flights
 from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import Story
 from ground.errors import OptionError
+from ground.models import Model, ModelLike, Room, RoomLike
 from ground.progress import Progress, Work
+from ground.results import Shown
 from ground.simulating import simulate as simulating
 from ground.simulation import experiments
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pandas
 
 FLYING = "discovering"  # stage; unit: a second of flight
-BUDGET = campaign.Settings.budget  # longest time of flight [s]
+BUDGET = flights.Settings.budget  # longest time of flight [s]
 REST = 2.0  # length of a simulation that checks the conditions [s]
 
 Told = Callable[[Story], None]
@@ -107,6 +107,8 @@ def discover(
     """
     if not budget > 0:
         raise OptionError("{0}: {value:g} is not positive", "budget", value=budget)
+    from ground.reports import discovery_page  # slow to load
+
     given, mover, kept = Model.of(model), Model.of(truth), os.fspath(folder)
     plan = _usual_room() if room is None else Room.of(room).core
     params = simulating.mocap_params(mocap or {})
@@ -116,13 +118,35 @@ def discover(
         mover.core, given.core, plan, params, acting, seed, folder=kept
     )
     work = Work.of(progress)
-    listener = _Listener(kept, plan, told, work)
-    settings = campaign.Settings(budget, track, seed)
+    settings = flights.Settings(budget, track, seed)
+    page = os.path.join(kept, discovery_page.NAME) if kept else ""
+
+    def listen(story: Story) -> None:
+        if kept:
+            discovery_page.write(story, kept, plan)
+        work.reach(int(min(story.flown, story.budget)))
+        if story.activity:
+            work.note(story.activity)
+        if told is not None:
+            told(story)
+
     with work.stage(FLYING, round(budget)):
-        flying = campaign.Discovery(given.core, laboratory, settings, kept, listener)
-        listener(flying.story)
+        flying = campaign.Discovery(given.core, laboratory, settings, kept, listen)
+        listen(flying.story)
         story = flying.run()
-    return _result(flying, story, kept, listener.page)
+    last = story.findings[-1] if story.findings else None
+    final = story.versions[-1]
+    return Discovery(
+        verdict=story.verdict,
+        effects=tuple(last.effects) if last else (),
+        groups=dict(last.groups) if last else {},
+        model=Model(flying.models[final.label], os.path.join(kept, final.file) if kept else ""),
+        sure=story.sure,
+        confirmed=story.confirmation is not None and story.confirmation.holds,
+        seconds=story.flown,
+        story=story,
+        page=page,
+    )
 
 
 def _usual_room() -> _core.RoomPlan:
@@ -138,43 +162,3 @@ def _check(truth: _core.Model, mocap: _core.MocapParams, acting: Optional[_core.
         experiments.simulate(truth, rest, mocap=mocap, disturbance=acting)
     except ValueError as error:
         raise OptionError("{why}", why=error) from error
-
-
-class _Listener:
-    """Hears of each change of a story: writes the page, tells `told`, and counts seconds of flight."""
-
-    def __init__(
-        self, folder: str, room: _core.RoomPlan, told: Optional[Told], work: Work
-    ) -> None:
-        self._folder, self._room, self._told, self._work = folder, room, told, work
-        self._activity = ""
-        self.page = ""  # path of the page
-
-    def __call__(self, story: Story) -> None:
-        if self._folder:
-            from ground.reports import discovery_page
-
-            self.page = discovery_page.write(story, self._folder, self._room)
-        self._work.reach(int(min(story.flown, story.budget)))
-        if story.activity and story.activity != self._activity:
-            self._work.note(story.activity)
-        self._activity = story.activity
-        if self._told is not None:
-            self._told(story)
-
-
-def _result(flying: campaign.Discovery, story: Story, folder: str, page: str) -> Discovery:
-    last = story.findings[-1] if story.findings else None
-    final = story.versions[-1]
-    path = os.path.join(folder, final.file) if folder else ""
-    return Discovery(
-        verdict=story.verdict,
-        effects=tuple(last.effects) if last else (),
-        groups=dict(last.groups) if last else {},
-        model=Model(flying.models[final.label], path),
-        sure=story.sure,
-        confirmed=story.confirmation is not None and story.confirmation.holds,
-        seconds=story.flown,
-        story=story,
-        page=page,
-    )

@@ -232,6 +232,25 @@ class Analyst:
         return beliefs.Group(values, best.ratio)
 
 
+def sentences(found: Found, formulas: Mapping[str, Mapping[str, str]]) -> List[str]:
+    """What a diagnosis says, in a few sentences. formulas: of effects that the library does not have."""
+    chosen = [c.name for c in found.diagnosis.chosen]
+    errors = found.conclusion.heldout
+    said = []
+    for name in found.words:
+        parts = ["%s = %s" % part for part in sorted(formulas[name].items())]
+        said.append("The library does not have %s: %s." % (name, ", ".join(parts)))
+    if found.conclusion.varies:
+        names = [str(v["parameter"]) for v in found.conclusion.varies]
+        said.append("Differs from flight to flight: %s." % ", ".join(names))
+    if chosen:
+        said.append(
+            "The error on held-out flights is %.3f with what was found, and %.3f with the given model, "
+            "refitted." % (errors[-1], errors[0])
+        )
+    return said
+
+
 def error(run: _core.RunData, model: _core.Model) -> Optional[float]:
     """Mean |e|/s of a model over the windows of a run; None where its motion is not finite."""
     try:

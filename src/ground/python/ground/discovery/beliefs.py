@@ -18,7 +18,6 @@ from typing import Collection, Dict, List, Mapping, NamedTuple
 
 import numpy as np
 
-from ground import _core
 from ground.analysis.diagnosis import Diagnosis
 from ground.annotations import Array
 from ground.discovery.information import DECIDED, Basis, Information, Question, Questions
@@ -79,8 +78,8 @@ def before(basis: Basis, information: Information, sizes: Mapping[str, float]) -
     asked = [Question(name, doubt=_doubt(PRIOR)) for name in basis.columns]
     asked += [Question(name, doubt=PARTLY) for name in basis.free]
     questions = Questions(basis, information.scale, sizes, {}, asked)
-    tests = _tests(basis, information, sizes)
-    beliefs = [Belief(name, PRIOR * test.matters, OPEN, 0.0) for name, test in tests.items()]
+    tests = _Known(basis, information, sizes, {}).tests()
+    beliefs = [Belief(name, PRIOR * test.matters, OPEN, 0.0, None) for name, test in tests.items()]
     return State(questions, information, beliefs, asked)
 
 
@@ -98,9 +97,10 @@ def after(
     not have; information: of all flights, at the grown model; reachable: information matrix of the
     flights that may still come; noise: error that the poses' noise leaves, relative to that of the
     model without effects."""
-    tests = _tests(basis, information, sizes)
-    probability = _probabilities(groups, tests, basis, information, sizes)
-    questions = _questions(groups, probability, basis, information, sizes)
+    known = _Known(basis, information, sizes, groups)
+    tests = known.tests()
+    probability = known.probabilities(tests)
+    questions = known.questions(probability)
     now = questions.visibility(information.matrix)
     later = questions.visibility(information.matrix + reachable)
     rivals = {q.rival for q in questions.asked}
@@ -125,7 +125,7 @@ def after(
     for name, group in groups.items():
         undecided = any(q.about == name and q.rival for q in still_open)
         state = OPEN if undecided else HIDDEN if len(group.values) > 1 else PRESENT
-        share = min(1.0, noise * _size(name, basis, sizes))
+        share = min(1.0, noise * known.size(name))
         beliefs += [Belief(m, probability[m], state, group.ratio, share) for m in group.values]
     return State(questions, information, sorted(beliefs, key=lambda b: -b.probability), still_open)
 
@@ -137,94 +137,83 @@ def _decided_state(test: Test) -> str:
     return SLIGHT if test.matters <= LIKELY else HIDDEN  # something else explains as much
 
 
-def _probabilities(
-    groups: Mapping[str, Group],
-    tests: Mapping[str, Test],
-    basis: Basis,
-    information: Information,
-    sizes: Mapping[str, float],
-) -> Dict[str, float]:
-    """Probability that each effect acts. The members of a group share that of the found one."""
-    probability = {name: test.acts for name, test in tests.items()}
-    for name, group in groups.items():
-        one_of_them = _probability(_found_odds(group, name, basis, information, sizes))
-        best = max(group.values.values())
-        weights = {member: float(np.exp(0.5 * (v - best))) for member, v in group.values.items()}
-        for member, weight in weights.items():
-            probability[member] = weight / sum(weights.values()) * one_of_them
-    return probability
+@dataclass(frozen=True)
+class _Known:
+    """What flights tell of the effects of a Basis. See `after`."""
 
+    basis: Basis
+    information: Information
+    sizes: Mapping[str, float]
+    groups: Mapping[str, Group]
 
-def _questions(
-    groups: Mapping[str, Group],
-    probability: Mapping[str, float],
-    basis: Basis,
-    information: Information,
-    sizes: Mapping[str, float],
-) -> Questions:
-    """Everything that may still be asked after a diagnosis."""
-    asked = [Question(name, doubt=_doubt(probability[name])) for name in basis.columns]
-    for name, group in groups.items():
-        asked += [Question(name, m) for m in group.values if m != name and m in basis.columns]
-    asked += [Question(name, doubt=PARTLY) for name in basis.free if "." not in name]
-    acting = {n: _coordinate(basis.model, n) for n in basis.free if n.split(".")[0] in groups}
-    return Questions(basis, information.scale, sizes, acting, asked)
+    def tests(self) -> Dict[str, Test]:
+        """The Test of each effect that the model does not have."""
+        basis, count = self.basis, len(self.basis.free)
+        A, s = self.information.matrix, self.information.score
+        onto = solve(A[:count, :count], A[:count, count:])
+        left = A[count:, count:] - A[count:, :count] @ onto
+        score = s[count:] - s[:count] @ onto
+        found = {}
+        for name, columns in basis.columns.items():
+            at = np.array(columns) - count
+            sizes = np.array([self.sizes[basis.names[i]] for i in columns])
+            unit = SPREAD * sizes / self.information.scale[columns]
+            a = np.eye(len(at)) + left[np.ix_(at, at)] * np.outer(unit, unit)
+            b = score[at] * unit
+            mean, covariance = np.linalg.solve(a, b), np.linalg.inv(a)
+            gain = 0.5 * b @ mean - 0.5 * np.linalg.slogdet(a)[1]
+            acts = _probability(float(np.log(PRIOR / (1 - PRIOR)) + gain))
+            drawn = np.random.default_rng(0).multivariate_normal(mean, covariance, DRAWS)
+            matters = float(np.mean(SPREAD * np.linalg.norm(drawn, axis=1) >= 1))
+            found[name] = Test(acts, matters, float(SPREAD * np.linalg.norm(mean)))
+        return found
 
+    def probabilities(self, tests: Mapping[str, Test]) -> Dict[str, float]:
+        """Probability that each effect acts. The members of a group share that of the found one."""
+        probability = {name: test.acts for name, test in tests.items()}
+        for name, group in self.groups.items():
+            one_of_them = _probability(self._found_odds(group.ratio, name))
+            best = max(group.values.values())
+            weights = {member: np.exp(0.5 * (v - best)) for member, v in group.values.items()}
+            for member, weight in weights.items():
+                probability[member] = float(weight / sum(weights.values()) * one_of_them)
+        return probability
 
-def _tests(
-    basis: Basis, information: Information, sizes: Mapping[str, float]
-) -> Dict[str, Test]:
-    """The Test of each effect of a Basis."""
-    count = len(basis.free)
-    A, s = information.matrix, information.score
-    onto = solve(A[:count, :count], A[:count, count:])
-    left = A[count:, count:] - A[count:, :count] @ onto
-    score = s[count:] - s[:count] @ onto
-    found = {}
-    for name, columns in basis.columns.items():
-        at = np.array(columns) - count
-        unit = SPREAD * np.array([sizes[basis.names[i]] / information.scale[i] for i in columns])
-        a = np.eye(len(at)) + left[np.ix_(at, at)] * np.outer(unit, unit)
-        b = score[at] * unit
-        mean, covariance = np.linalg.solve(a, b), np.linalg.inv(a)
-        gain = 0.5 * b @ mean - 0.5 * np.linalg.slogdet(a)[1]
-        acts = _probability(float(np.log(PRIOR / (1 - PRIOR)) + gain))
-        drawn = np.random.default_rng(0).multivariate_normal(mean, covariance, DRAWS)
-        matters = float(np.mean(SPREAD * np.linalg.norm(drawn, axis=1) >= 1))
-        found[name] = Test(acts, matters, float(SPREAD * np.linalg.norm(mean)))
-    return found
+    def questions(self, probability: Mapping[str, float]) -> Questions:
+        """Everything that may still be asked. probability: that each effect acts."""
+        basis = self.basis
+        asked = [Question(name, doubt=_doubt(probability[name])) for name in basis.columns]
+        for name, group in self.groups.items():
+            asked += [Question(name, m) for m in group.values if m != name and m in basis.columns]
+        asked += [Question(name, doubt=PARTLY) for name in basis.free if "." not in name]
+        acting = {n: self._coordinate(n) for name in self.groups for n in basis.parameters(name)}
+        return Questions(basis, self.information.scale, self.sizes, acting, asked)
 
+    def size(self, name: str) -> float:
+        """Size of a found effect, in sizes that matter; very large where these are not known."""
+        own = self.basis.parameters(name)
+        sizes = [self._coordinate(n) / self.sizes.get(n, 1e-9) for n in own]
+        return float(np.linalg.norm(sizes))
 
-def _found_odds(
-    group: Group,
-    name: str,
-    basis: Basis,
-    information: Information,
-    sizes: Mapping[str, float],
-) -> float:
-    """Log odds of an effect of the grown model."""
-    own = [i for i, n in enumerate(basis.free) if n.split(".")[0] == name]
-    rest = [i for i in range(len(basis.free)) if i not in own]
-    A = information.matrix
-    into = A[np.ix_(rest, own)]
-    left = A[np.ix_(own, own)] - into.T @ solve(A[np.ix_(rest, rest)], into)
-    scale = information.scale[own]
-    unit = SPREAD * np.array([sizes.get(basis.free[i], s) for i, s in zip(own, scale)]) / scale
-    cost = np.linalg.slogdet(np.eye(len(own)) + left * np.outer(unit, unit))[1]
-    return float(np.log(PRIOR / (1 - PRIOR)) + 0.5 * (group.ratio - cost))
+    def _found_odds(self, ratio: float, name: str) -> float:
+        """Log odds of an effect of the grown model. ratio: of likelihoods with and without it, 2 ln."""
+        own = [self.basis.free.index(n) for n in self.basis.parameters(name)]
+        rest = [i for i in range(len(self.basis.free)) if i not in own]
+        A = self.information.matrix
+        into = A[np.ix_(rest, own)]
+        left = A[np.ix_(own, own)] - into.T @ solve(A[np.ix_(rest, rest)], into)
+        scale = self.information.scale[own]
+        sizes = [self.sizes.get(self.basis.free[i], s) for i, s in zip(own, scale)]
+        unit = SPREAD * np.array(sizes) / scale
+        cost = np.linalg.slogdet(np.eye(len(own)) + left * np.outer(unit, unit))[1]
+        return float(np.log(PRIOR / (1 - PRIOR)) + 0.5 * (ratio - cost))
 
-
-def _size(name: str, basis: Basis, sizes: Mapping[str, float]) -> float:
-    """Size of a found effect, in sizes that matter; very large where these are not known."""
-    own = [n for n in basis.free if n.split(".")[0] == name]
-    return float(np.linalg.norm([_coordinate(basis.model, n) / sizes.get(n, 1e-9) for n in own]))
-
-
-def _coordinate(model: _core.Model, name: str) -> float:
-    """Distance of a parameter's coordinate from where it does nothing."""
-    described = next(p for p in model.parameters() if p["name"] == name)
-    value, neutral = model.value(name), described["neutral"]
-    return float(1 / value if np.isinf(neutral) else value - neutral)
+    def _coordinate(self, name: str) -> float:
+        """Distance of a parameter's coordinate from where it does nothing."""
+        model = self.basis.model
+        described = next(p for p in model.parameters() if p["name"] == name)
+        value, neutral = model.value(name), described["neutral"]
+        return float(1 / value if np.isinf(neutral) else value - neutral)
 
 
 def _probability(log_odds: float) -> float:

@@ -1,7 +1,7 @@
 """Which flight comes next."""
 
 from dataclasses import dataclass, replace
-from typing import List, Protocol, Sequence, Tuple
+from typing import Callable, List, Sequence, Tuple
 
 from ground import _core
 from ground.annotations import Array
@@ -31,24 +31,18 @@ class Chosen:
     why: str
 
 
-class Chooser(Protocol):
-    """Chooses the pieces of the next excitation."""
-
-    def choose(self, state: State, offers: Sequence[Offer], longest: float, seed: int) -> Chosen:
-        """state: what is known; offers: what can be flown; longest: time that is left [s]; seed: of
-        the flight."""
+# Chooses the pieces of the next excitation, by what is known, what can be flown, the time that is left
+# [s] and the seed of the flight.
+Chooser = Callable[[State, Sequence[Offer], float, int], Chosen]
 
 
-class Informed:
-    """Chooses the pieces that remove most doubt per second."""
-
-    def choose(self, state: State, offers: Sequence[Offer], longest: float, seed: int) -> Chosen:
-        """See Chooser."""
-        asked = replace(state.questions, asked=state.open)
-        known = state.information.matrix
-        chosen = information.greedy(asked, known, offers, min(LONGEST, longest)) or [offers[0]]
-        after = known + sum(offer.gain for offer in chosen)
-        return Chosen([offer.piece for offer in chosen], _reason(asked, known, after))
+def informed(state: State, offers: Sequence[Offer], longest: float, seed: int) -> Chosen:
+    """Chooses the pieces that remove most doubt per second. See Chooser."""
+    asked = replace(state.questions, asked=state.open)
+    known = state.information.matrix
+    chosen = information.greedy(asked, known, offers, min(LONGEST, longest)) or [offers[0]]
+    after = known + sum(offer.gain for offer in chosen)
+    return Chosen([offer.piece for offer in chosen], _reason(asked, known, after))
 
 
 def rest(model: _core.Model, seed: int) -> Chosen:

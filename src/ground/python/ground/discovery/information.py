@@ -65,6 +65,10 @@ class Basis:
             names += described
         return Basis(model, extended, free, columns, names)
 
+    def parameters(self, effect: str) -> List[str]:
+        """The free parameters of an effect that the model has."""
+        return [name for name in self.free if name.split(".")[0] == effect]
+
 
 @dataclass(frozen=True)
 class Information:
@@ -181,7 +185,7 @@ class Questions:
     def _apart(self, question: Question, matrix: Array) -> float:
         """Visibility of a found effect beside a rival that takes its place."""
         basis = self.basis
-        own = [i for i, n in enumerate(basis.free) if n.split(".")[0] == question.about]
+        own = [basis.free.index(n) for n in basis.parameters(question.about)]
         rest = [i for i in range(len(basis.free)) if i not in own] + basis.columns[question.rival]
         size = np.array([self.acting[basis.free[i]] / self.scale[i] for i in own])
         into = matrix[np.ix_(rest, own)]

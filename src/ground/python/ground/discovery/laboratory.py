@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import List, Optional, Protocol, Sequence
 
+import numpy as np
+
 from ground import _core
 from ground.annotations import Array
 from ground.discovery.story import Flight, Point
@@ -21,6 +23,12 @@ class Landed:
     tracking_parts: Sequence[float] = ()
     # x, y [m], psi [rad] at which a simulated craft rests; empty for a real one
     rest: Sequence[float] = ()
+
+
+def lifted(recording: Recording) -> float:
+    """Time with the lift on [s]: from each command with lift to the next command."""
+    steps: Array = np.diff(recording.control_times)
+    return float(steps[recording.lift[:-1] > 0].sum())
 
 
 class Laboratory(Protocol):

@@ -55,13 +55,6 @@ def pieces(model: _core.Model, seed: int) -> List[Piece]:
     return found
 
 
-def prbs(model: _core.Model, seed: int, clock: float = 15.0) -> Piece:
-    """A pseudo-random binary sequence of full thrust, at full lift."""
-    rows = experiments.rows("prbs", SECONDS, model, clock=clock, seed=seed)
-    rows = rows[rows[:, 0] < SECONDS - 1e-9]
-    return Piece("PRBS of %g Hz" % clock, np.column_stack([rows, np.ones(len(rows))]))
-
-
 def _designs(seed: int) -> List[Tuple[str, str, Dict[str, Any]]]:
     designs: List[Tuple[str, str, Dict[str, Any]]] = []
     for clock, (low, high) in itertools.product(CLOCKS, LEVELS):

@@ -10,7 +10,7 @@ import numpy as np
 from ground import _core, files
 from ground.annotations import Array
 from ground.discovery import tracking
-from ground.discovery.laboratory import Landed
+from ground.discovery.laboratory import Landed, lifted
 from ground.discovery.story import Flight, Point
 from ground.errors import GroundError
 from ground.recordings import readers
@@ -136,12 +136,6 @@ def excitation(room: _core.RoomPlan, inputs: Array, path: str) -> _core.Excitati
     params.duration, params.room = MOST * float(inputs[-1, 0]), room
     params.life.lift_time = 0.0  # the inputs begin with lift alone
     return params
-
-
-def lifted(run: experiments.SimulatedRun) -> float:
-    """Time with the lift on [s]."""
-    on = run.control_times[run.controls[:, -1] > 0]
-    return float(on[-1] - on[0]) if len(on) else 0.0
 
 
 def tracking_parts(run: experiments.SimulatedRun) -> List[float]:

@@ -5,7 +5,7 @@ Plain values, which the journal, the page, and the topics of the node share.
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Dict, List, Optional, Tuple, Type, TypeVar
+from typing import Any, Dict, List, Optional, Tuple, Union, get_args, get_origin, get_type_hints
 
 from ground.annotations import Document
 
@@ -26,7 +26,6 @@ LEFT = "what is left"  # the question what no effect explains
 GIVEN = "given"  # label of the model that a discovery begins with
 
 Point = Tuple[float, float, float]  # time since the flight began [s], x, y [m], world_ned
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Belief:
     state: str  # OPEN, PRESENT, ABSENT, HIDDEN or SLIGHT
     visibility: float  # expected 2 ln L of the effect at the size that matters, in all flights so far
     # Change of the motion by the effect, as it is estimated, relative to the error without effects
-    share: Optional[float] = None  # None: not known
+    share: Optional[float]  # None: not known
 
 
 @dataclass(frozen=True)
@@ -109,8 +108,8 @@ class Confirmation:
     floor: float
     holds: bool
     sentence: str
-    refitted: Optional[float] = None  # with the given model, fitted to the same flights; None: not known
-    most: Optional[float] = None  # largest error of the final model that confirms it
+    refitted: Optional[float]  # with the given model, fitted to the same flights; None: not finite
+    most: float  # largest error of the final model that confirms it
 
 
 @dataclass(frozen=True)
@@ -122,8 +121,8 @@ class TrackingCheck:
     after: Optional[float]
     taken_back: bool  # whether the controller has the given model again
     sentence: str
-    label: str = ""  # the final model's; empty in stories of before this was kept
-    decided: bool = True  # whether the flights show which of the models tracks better
+    label: str  # the final model's
+    decided: bool  # whether the flights show which of the models tracks better
 
 
 @dataclass
@@ -168,32 +167,18 @@ class Story:
     @staticmethod
     def from_dict(document: Document) -> "Story":
         """The Story of plain values; KeyError or TypeError when they are not those of a story."""
-        plain = {name: value for name, value in document.items() if name != "schema"}
-        plain["versions"] = [Version(**v) for v in plain["versions"]]
-        plain["flights"] = [_flown(f) for f in plain["flights"]]
-        plain["findings"] = [_finding(f) for f in plain["findings"]]
-        plain["planned"] = plain["planned"] and _flight(plain["planned"])
-        plain["confirmation"] = _optional(Confirmation, plain["confirmation"])
-        plain["tracking"] = _optional(TrackingCheck, plain["tracking"])
-        return Story(**plain)
+        found: Story = _read(Story, document)
+        return found
 
 
-def _flown(values: Document) -> Flown:
-    flight, path = _flight(values["flight"]), _points(values["path"])
-    return Flown(**dict(values, flight=flight, path=path))
-
-
-def _finding(values: Document) -> Finding:
-    return Finding(**dict(values, beliefs=[Belief(**b) for b in values["beliefs"]]))
-
-
-def _flight(values: Document) -> Flight:
-    return Flight(**dict(values, path=_points(values["path"])))
-
-
-def _points(rows: List[List[float]]) -> List[Point]:
-    return [(row[0], row[1], row[2]) for row in rows]
-
-
-def _optional(kind: Type[_T], values: Optional[Document]) -> Optional[_T]:
-    return None if values is None else kind(**values)
+def _read(kind: Any, value: Any) -> Any:
+    """A value of a type, from plain values. Every field has to be there."""
+    if dataclasses.is_dataclass(kind):
+        kinds = get_type_hints(kind)
+        return kind(**{name: _read(kinds[name], value[name]) for name in kinds})
+    parts = get_args(kind)
+    if get_origin(kind) is list:
+        return [_read(parts[0], item) for item in value]
+    if get_origin(kind) is Union:  # an Optional
+        return None if value is None else _read(parts[0], value)
+    return tuple(value) if get_origin(kind) is tuple else value

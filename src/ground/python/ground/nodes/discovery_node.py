@@ -13,7 +13,8 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from visualization_msgs.msg import MarkerArray
 
 from ground import _core
-from ground.discovery.campaign import Discovery, Settings
+from ground.discovery.campaign import Discovery
+from ground.discovery.flights import Settings
 from ground.discovery.story import Story
 from ground.errors import GroundError, sentence
 from ground.nodes import discovery_markers, discovery_messages
@@ -92,17 +93,14 @@ class DiscoveryNode:
             self._discovery = Discovery(
                 self._model, self._laboratory, self._settings, self._folder, self._tell
             )
-        except Ended:
-            return
-        except Exception as error:
-            self.broken = sentence(error)
-            return
-        try:
             self._tell(self._discovery.story)
             self._discovery.run()
         except Ended:
             pass
         except Exception as error:
+            if self._discovery is None:
+                self.broken = sentence(error)
+                return
             self._failure = sentence(error)
             rospy.logerr("discovery: %s", self._failure)
             self._publish()

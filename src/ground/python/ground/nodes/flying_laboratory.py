@@ -6,7 +6,7 @@ import math
 import os
 import threading
 import time
-from typing import List, Sequence
+from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 from ground import _core, files
 from ground.annotations import Array, Message, Say
 from ground.discovery import simulated, tracking
-from ground.discovery.laboratory import Landed
+from ground.discovery.laboratory import Landed, lifted
 from ground.discovery.story import GIVEN, Flight, Point
 from ground.errors import GroundError
 from ground.nodes import live_parameters
@@ -159,15 +159,8 @@ class FlyingLaboratory:
         node = self._players[name]
         if flight.reference:
             home = self.room.home
-            node.set(
-                {
-                    "reference": flight.reference,
-                    "size": float(flight.size),
-                    "x": float(home[0]),
-                    "y": float(home[1]),
-                    "duration": float(flight.duration),
-                }
-            )
+            place = {"x": float(home[0]), "y": float(home[1]), "size": float(flight.size)}
+            node.set({"reference": flight.reference, "duration": float(flight.duration), **place})
             return flight.duration + SPARE
         path = os.path.join(self._folder, flight.inputs)
         longest = simulated.excitation(self.room, inputs, path).duration
@@ -202,10 +195,7 @@ class FlyingLaboratory:
         if sender is None:
             return "waits for the sender, which publishes no status"
         if sender.state == SenderStatus.FAULT:
-            return "the sender is in FAULT (%s): disarm it, then arm by hand: %s" % (
-                sender.reason,
-                arm,
-            )
+            return "the sender is in FAULT (%s): disarm it, then arm by hand: %s" % (sender.reason, arm)
         if sender.state != SenderStatus.ARMED:
             return "the sender is not armed (%s): arm by hand: %s" % (sender.reason, arm)
         return ""
@@ -226,92 +216,53 @@ class FlyingLaboratory:
     def _drive(self, name: str, longest: float) -> str:
         """Starts a controller and watches it to its end. Returns why it ended early, or ""."""
         self._check()
-        watch = self._newest.watch(name)
+        started, began, asked = time.monotonic(), False, ""
         answer = _call(name + "/start", Trigger)
         if not answer.success:
             raise GroundError("%s was not started: %s" % (name, answer.message))
-        asked = ""
-        while not watch.ended():
+        while True:
+            status, heard = self._newest.controllers[name]
+            # An earlier one may be the last of the flight before.
+            began = began or heard - started > LATE or (status and status.state not in IDLE)
+            if began and status.state in ENDED:
+                break
             if not asked:
-                asked = self._reason_to_stop(watch, longest)
+                if self._asked.is_set():
+                    asked = self._why
+                elif began and status.elapsed > longest:
+                    asked = "it has not come to its end within %.0f s" % longest
                 if asked:
                     _call(name + "/stop", Trigger)
-            if watch.waits():
+            if began and status.state == ControllerStatus.WAITING:
                 self._say(self._sender_problem())
-            if watch.silence() > SILENCE:
+            if time.monotonic() - max(started, heard) > SILENCE:
                 raise GroundError("%s is silent for %g s: its node has ended" % (name, SILENCE))
             time.sleep(LOOK)
         self._say("")
-        status = watch.status
         if status.state == ControllerStatus.DONE:
             return ""
         if not asked and (status.reason == BY_HAND or status.reason.endswith(TAKEN_OVER)):
             self._stopped("%s: %s" % (name, status.reason))
         return asked or str(status.reason)
 
-    def _reason_to_stop(self, watch: "_Watch", longest: float) -> str:
-        if self._asked.is_set():
-            return self._why
-        if watch.elapsed() > longest:
-            return "it has not come to its end within %.0f s" % longest
-        return ""
-
-
-class _Watch:
-    """Statuses of a controller since the watch began."""
-
-    def __init__(self) -> None:
-        self.status: Message = None
-        self._began = False
-        self._since = self._heard = time.monotonic()
-
-    def take(self, status: Message) -> None:
-        self._heard = time.monotonic()
-        # An earlier one may be the last of the flight before.
-        late = self._heard - self._since > LATE
-        self._began = self._began or late or status.state not in IDLE
-        self.status = status
-
-    def ended(self) -> bool:
-        status = self.status
-        return self._began and status is not None and status.state in ENDED
-
-    def waits(self) -> bool:
-        """Whether the controller waits for a state or the sender."""
-        status = self.status
-        return self._began and status is not None and status.state == ControllerStatus.WAITING
-
-    def elapsed(self) -> float:
-        """Time for which the controller drives [s]."""
-        return float(self.status.elapsed) if self.status is not None and self._began else 0.0
-
-    def silence(self) -> float:
-        """Time since the newest status [s]."""
-        return time.monotonic() - self._heard
-
 
 class _Newest:
     """The newest statuses of the controllers and of the sender."""
 
     def __init__(self, controllers: List[str]) -> None:
-        self.controllers = controllers
+        # by controller: its status (None before the first), and when it came, time.monotonic() [s]
+        self.controllers: Dict[str, Tuple[Message, float]] = dict.fromkeys(controllers, (None, 0.0))
         self.sender: Message = None
         self.stamp = rospy.Time()
-        self._watches = {name: _Watch() for name in controllers}
         self._listeners = [
             rospy.Subscriber(name + "/status", ControllerStatus, self._take, name, queue_size=100)
             for name in controllers
         ]
         self._listeners.append(rospy.Subscriber("sender/status", SenderStatus, self._take_sender))
 
-    def watch(self, name: str) -> _Watch:
-        """A _Watch of a controller from now on."""
-        self._watches[name] = watch = _Watch()
-        return watch
-
     def _take(self, status: Message, name: str) -> None:
         self.stamp = status.header.stamp
-        self._watches[name].take(status)
+        self.controllers[name] = status, time.monotonic()
 
     def _take_sender(self, status: Message) -> None:
         self.stamp = status.header.stamp
@@ -333,13 +284,6 @@ def _state(name: str) -> int:
         return int(rospy.wait_for_message(name + "/status", ControllerStatus, START).state)
     except rospy.ROSException:
         raise GroundError("%s publishes no status" % rospy.resolve_name(name))
-
-
-def lifted(recording: Recording) -> float:
-    """Time with the lift on [s]: from each command with lift to the next command."""
-    on = recording.lift[:-1] > 0
-    steps: Array = np.diff(recording.control_times)
-    return float(steps[on].sum())
 
 
 def _landed(bag: str, stopped: str, tracked: bool) -> Landed:

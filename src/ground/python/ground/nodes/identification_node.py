@@ -44,6 +44,7 @@ Status = IdentificationStatus
 FIRST_CHECK = 3.0  # time until live topics are looked at for the first time [s]
 CHECK_PERIOD = 1.0  # period of later looks, until all are heard [s]
 PATIENCE = 5.0  # timeout of a process that was asked to end [s]
+MADE = {"fit": "fitted.yaml", "diagnose": "improved.yaml", "add": "extended.yaml"}
 MAX_SETTINGS = 1000  # changes of the mocap's settings that are kept
 
 
@@ -75,8 +76,8 @@ class LiveBuffer:
             self._settings.append(message)
 
     def _take(self, message: Message, topic: str) -> None:
-        now = rospy.Time.now()
         with self._lock:
+            now = rospy.Time.now()  # inside, so that it ascends from message to message
             if self._messages and now < self._messages[-1][0]:
                 self._messages.clear()  # a bag that begins again
             self._messages.append((now, topic, message))
@@ -151,13 +152,14 @@ class IdentificationNode:
         self._busy = threading.Lock()
         self._child: Optional["subprocess.Popen[str]"] = None
         self._cancelled = False
-        self._stage = ""  # last reported stage of the running task
+        self._began = 0.0  # when the running task began, time.monotonic() [s]
+        self._stage = ""  # its last reported stage
         self._status = rospy.Publisher("~status", Status, queue_size=10, latch=True)
         self._result = rospy.Publisher("~result", String, queue_size=1, latch=True)
         self._newest = rospy.Publisher("~model", String, queue_size=1, latch=True)
         self._newest.publish(self.model)
         self._say(Status.IDLE, "", "ready")
-        for task in ("fit", "diagnose", "add"):
+        for task in MADE:
             rospy.Service("~" + task, Identify, lambda request, t=task: self.serve(t, request))
         rospy.Service("~cancel", Trigger, self._cancel)
         rospy.Service("~offer", OfferModel, self._offer)
@@ -190,57 +192,45 @@ class IdentificationNode:
     def serve(self, task: str, request: IdentifyRequest) -> IdentifyResponse:
         """Runs a task to its end."""
         if not self._busy.acquire(blocking=False):
-            return IdentifyResponse(
-                success=False, message="busy with another task; ~cancel ends it"
-            )
+            message = "busy with another task; ~cancel ends it"
+            return IdentifyResponse(success=False, message=message)
+        self._began, self._cancelled = time.monotonic(), False
         try:
-            began = time.monotonic()
-            try:
-                response = self._run(task, request, began)
-            except Exception as error:
-                rospy.logdebug("%s: %s", task, traceback.format_exc())
-                response = IdentifyResponse(success=False, message=sentence(error))
-            state = Status.DONE if response.success else Status.FAILED
-            self._say(state, task, response.message, began)
-            return response
-        finally:
-            self._busy.release()
+            response = self._run(task, request)
+        except Exception as error:
+            rospy.logdebug("%s: %s", task, traceback.format_exc())
+            response = IdentifyResponse(success=False, message=sentence(error))
+        state = Status.DONE if response.success else Status.FAILED
+        self._say(state, task, response.message)
+        self._busy.release()
+        return response
 
-    def _run(self, task: str, request: IdentifyRequest, began: float) -> IdentifyResponse:
+    def _run(self, task: str, request: IdentifyRequest) -> IdentifyResponse:
         model = _existing(request.model or self.model, "model")
         if task == "add" and not request.effect:
             raise GroundError("effect is empty: which one shall be added?")
         if request.last < 0:
             raise GroundError("last is %g s: seconds before now have to be positive" % request.last)
         folder = self._new_folder(task)
+        made = os.path.join(folder, MADE[task])
         try:
-            return self._run_in(folder, task, request, model, began)
+            recordings = self._recordings(request, folder)
+            command = [self._program, task] + [request.effect] * (task == "add") + recordings
+            command += ["--model", model, "--json", "--progress", "json"] + self._settings
+            command += ["-o", folder if task == "diagnose" else made]
+            result = json.loads(self._execute(task, command))
         finally:
             with contextlib.suppress(OSError):
                 os.rmdir(folder)  # if it is empty, because the task failed
-
-    def _run_in(
-        self, folder: str, task: str, request: IdentifyRequest, model: str, began: float
-    ) -> IdentifyResponse:
-        recordings = self._recordings(request, folder)
-        made = os.path.join(
-            folder,
-            {"fit": "fitted.yaml", "diagnose": "improved.yaml", "add": "extended.yaml"}[task],
-        )
-        command = [self._program, task] + ([request.effect] if task == "add" else []) + recordings
-        command += ["--model", model, "--json", "--progress", "json"] + self._settings
-        command += ["-o", folder if task == "diagnose" else made]
-        result = json.loads(self._execute(task, command, began))
         if task != "diagnose":
             files.write_json(os.path.join(folder, task + ".json"), result)
         self._result.publish(json.dumps(result))
-        if not os.path.exists(made):  # misread recordings give no model
-            return IdentifyResponse(success=False, message=_found(task, result), folder=folder)
-        self.model = made
-        self._newest.publish(made)
-        return IdentifyResponse(
-            success=True, message=_found(task, result), model=made, folder=folder
-        )
+        answer = IdentifyResponse(message=_found(task, result), folder=folder)
+        if os.path.exists(made):  # misread recordings give no model
+            self.model = answer.model = made
+            self._newest.publish(made)
+            answer.success = True
+        return answer
 
     def _recordings(self, request: IdentifyRequest, folder: str) -> List[str]:
         if request.last > 0:
@@ -263,11 +253,12 @@ class IdentificationNode:
                 continue
         raise GroundError("%s: all names for the folder are in use" % stem)
 
-    def _execute(self, task: str, command: List[str], began: float) -> str:
+    def _execute(self, task: str, command: List[str]) -> str:
         """Returns what the command prints and publishes its progress as status. GroundError when it
         fails."""
-        self._cancelled = False
-        self._say(Status.RUNNING, task, "begins", began)
+        if self._cancelled:
+            raise GroundError("cancelled")
+        self._say(Status.RUNNING, task, "begins")
         lines: Deque[str] = collections.deque(maxlen=20)
         child = self._child = subprocess.Popen(
             command,
@@ -278,11 +269,10 @@ class IdentificationNode:
         )
 
         def listen() -> None:
-            for line in child.stderr or ():
-                line = line.strip()
+            for line in map(str.strip, child.stderr or ()):
                 report = _reported(line)
                 if report:
-                    self._report(task, report, began)
+                    self._report(task, report)
                 elif line:
                     lines.append(line)
                     rospy.logwarn("%s", line)
@@ -300,7 +290,7 @@ class IdentificationNode:
         return str(printed)
 
     def _cancel(self, _: TriggerRequest) -> TriggerResponse:
-        if self._child is None:
+        if not self._busy.locked():
             return TriggerResponse(success=False, message="nothing runs")
         self._end()
         return TriggerResponse(success=True, message="cancelled")
@@ -332,24 +322,30 @@ class IdentificationNode:
                 answers.append("%s: does not answer (%s)" % (name, error))
         return OfferModelResponse(success=taken and bool(answers), answers=answers)
 
-    def _report(self, task: str, report: Report, began: float) -> None:
+    def _report(self, task: str, report: Report) -> None:
         """Publishes the progress of a task; logs what is found and new stages."""
-        status = Status(state=Status.RUNNING, task=task, message=str(report))
-        status.header.stamp = rospy.Time.now()
-        status.elapsed = time.monotonic() - began
-        status.what, status.done, status.of = report.what, report.done, report.of
-        self._status.publish(status)
+        self._publish(
+            Status.RUNNING,
+            task,
+            str(report),
+            what=report.what,
+            done=report.done,
+            of=report.of,
+        )
         if report.note or report.what != self._stage:
             rospy.loginfo("%s: %s", task, report)
         self._stage = report.what
 
-    def _say(self, state: int, task: str, message: str, began: Optional[float] = None) -> None:
-        status = Status(state=state, task=task, message=message)
-        status.header.stamp = rospy.Time.now()
-        status.elapsed = 0.0 if began is None else time.monotonic() - began
-        self._status.publish(status)
+    def _say(self, state: int, task: str, message: str) -> None:
+        self._publish(state, task, message)
         if task:
             rospy.loginfo("%s: %s", task, message)
+
+    def _publish(self, state: int, task: str, message: str, **progress: object) -> None:
+        status = Status(state=state, task=task, message=message, **progress)
+        status.header.stamp = rospy.Time.now()
+        status.elapsed = time.monotonic() - self._began if task else 0.0
+        self._status.publish(status)
 
 
 def _reported(line: str) -> Optional[Report]:

@@ -44,20 +44,19 @@ class Parameter:
         except ValueError:
             raise GroundError("%s: %s is not a number of type %s" % (self.name, text, self.kind))
 
-    def nudged(self, value: Any, up: bool, factor: float = 1.0) -> Any:
-        """A value a little higher or lower, inside the range: by 5%, or 1 in 200 of the range at 0."""
-        sign = factor if up else -factor
+    def nudged(self, value: Any, steps: float) -> Any:
+        """A value some steps higher, inside the range: of 5%, or of 1 in 200 of the range at 0; the next
+        or the last one of choices."""
         if self.choices:
             at = self.choices.index(value) if value in self.choices else 0
-            return self.choices[(at + (1 if up else -1)) % len(self.choices)]
+            return self.choices[(at + (1 if steps > 0 else -1)) % len(self.choices)]
         if self.kind == "bool":
             return not value
-        if self.kind == "int":
-            return min(self.upper, max(self.lower, value + int(sign)))
         if self.kind == "str":
             return value
-        step = 0.05 * abs(value) or (self.upper - self.lower) / 200
-        return min(self.upper, max(self.lower, float("%.6g" % (value + sign * step))))
+        step = 1 if self.kind == "int" else 0.05 * abs(value) or (self.upper - self.lower) / 200
+        moved = float("%.6g" % (value + steps * step))
+        return min(self.upper, max(self.lower, int(moved) if self.kind == "int" else moved))
 
 
 class Node:

@@ -1,6 +1,6 @@
 """Why nothing arrives on topics, and what to do about it. Without ROS: names and types are given."""
 
-from typing import List, Mapping, Optional, Sequence
+from typing import Mapping, Optional, Sequence
 
 
 def missing(
@@ -11,36 +11,30 @@ def missing(
     wanted: types by topic; heard: topics that messages have come from; published: types by topic, of
     all that have publishers.
     """
-    silent = {topic: kind for topic, kind in wanted.items() if topic not in heard}
-    if not silent:
-        return None
-    return "nothing arrives on " + "; ".join(
-        _of_topic(topic, kind, published) for topic, kind in silent.items()
-    )
-
-
-def _of_topic(topic: str, kind: str, published: Mapping[str, str]) -> str:
-    """One silent topic: what publishes there, and what would help."""
-    what = "%s (%s): " % (topic, kind)
-    found = published.get(topic)
-    if found is None:
-        others = _others(topic, kind, published)
-        remedy = "start what publishes it (sim_prbs.launch, room_prbs.launch, or rosbag play)"
-        if others:
-            remedy = "remap one of %s to it, or start what publishes it" % ", ".join(others)
-        return what + "it has no publisher; " + remedy
-    if found != kind:
-        return (
-            what
-            + "its publisher sends %s; publish %s there, or record it and give the bag, which can be "
-            "of any type" % (found, kind)
-        )
-    return (
-        what + "it has a publisher of this type that sends nothing or cannot be reached; see whether its "
-        "source runs, and ROS_IP or ROS_HOSTNAME of its computer"
-    )
-
-
-def _others(topic: str, kind: str, published: Mapping[str, str]) -> List[str]:
-    """Other topics of the type, by name."""
-    return sorted(name for name, found in published.items() if found == kind and name != topic)
+    reasons = []
+    for topic, kind in wanted.items():
+        if topic in heard:
+            continue
+        sent = published.get(topic)
+        others = sorted(name for name, found in published.items() if found == kind)
+        if sent == kind:
+            why = (
+                "it has a publisher of this type that sends nothing or cannot be reached; see whether "
+                "its source runs, and ROS_IP or ROS_HOSTNAME of its computer"
+            )
+        elif sent is not None:
+            why = (
+                "its publisher sends %s; publish %s there, or record it and give the bag, which can be of "
+                "any type" % (sent, kind)
+            )
+        elif others:
+            why = "it has no publisher; remap one of %s to it, or start what publishes it" % (
+                ", ".join(others)
+            )
+        else:
+            why = (
+                "it has no publisher; start what publishes it (sim_prbs.launch, room_prbs.launch, or "
+                "rosbag play)"
+            )
+        reasons.append("%s (%s): %s" % (topic, kind, why))
+    return "nothing arrives on " + "; ".join(reasons) if reasons else None

@@ -6,18 +6,18 @@ import signal
 import subprocess
 import time
 from dataclasses import dataclass
-from typing import Any, Callable, Iterator, List, Optional, Tuple, Union
+from typing import Any, Callable, Iterator, List, Tuple, Union
 
 import numpy as np
 import roslib.packages
 import rospy
 from ground_msgs.msg import ControllerStatus, SenderStatus, State, Telemetry
 from ground_msgs.srv import Silence
-from std_srvs.srv import SetBool, Trigger, TriggerResponse
+from std_srvs.srv import SetBool, Trigger
 
 from ground import _core
 from ground.analysis import own_stop
-from ground.annotations import Message, Say
+from ground.annotations import Say
 from ground.errors import GroundError
 
 DRIVE = "prove_stop_drive"  # the nodelet that gives the push
@@ -49,16 +49,20 @@ class Stack:
     def __init__(self, manager: str) -> None:
         self.manager = rospy.resolve_name(manager)
         self.model = _core.load_model(_parameter("sender/model"))
-        self.simulated = _published("simulator/truth") or rospy.get_param("/use_sim_time", False)
+        published = [name for name, _ in rospy.get_published_topics()]
+        truth = rospy.resolve_name("simulator/truth")
+        self.simulated = truth in published or rospy.get_param("/use_sim_time", False)
         self.statuses: List[SenderStatus] = []
         self.states: List[State] = []
         self.telemetry: List[Telemetry] = []
+        self.drive: List[ControllerStatus] = []
         self._listeners = [
             rospy.Subscriber(topic, kind, heard.append, tcp_nodelay=True)
             for topic, kind, heard in (
                 ("sender/status", SenderStatus, self.statuses),
                 ("state", State, self.states),
                 ("sender/telemetry", Telemetry, self.telemetry),
+                (DRIVE + "/status", ControllerStatus, self.drive),
             )
         ]
         self.silence = _service("sender/silence", Silence)
@@ -67,47 +71,38 @@ class Stack:
     def try_stop(self, push: Push, patience: float, say: Say = print) -> Tuple[own_stop.Trial, str]:
         """Waits until the sender is armed, pushes the craft and is silent. Returns the Trial and the
         sender's reason for the end of the silence."""
-        with self._drive(push) as drive:
+        with self._loaded(push):
             self._wait_armed(patience, say)
             self._check_at_rest()
             try:
-                return self._push(drive, push, say)
+                return self._push(push, say)
             except BaseException:
                 with contextlib.suppress(rospy.ServiceException, rospy.ROSException):
                     self.arm(False)
                 raise
 
     @contextlib.contextmanager
-    def _drive(self, push: Push) -> Iterator["_Drive"]:
-        """A controller that gives constant thrust, loaded beside the launch's own."""
+    def _loaded(self, push: Push) -> Iterator[None]:
+        """Loads a controller that gives constant thrust beside the launch's own."""
         _wait(lambda: self.statuses, "the sender publishes no status")
         nodelet = roslib.packages.find_node("nodelet", "nodelet")[0]
-        values = dict(
-            left_low=push.thrust,
-            left_high=push.thrust,
-            right_low=push.thrust,
-            right_high=push.thrust,
-            lift=push.lift,
-            lift_time=push.lift_time,
-            duration=push.thrust_time + push.silence + 1.0,
-        )
+        values = {side + end: push.thrust for side in ("left_", "right_") for end in ("low", "high")}
+        values.update(lift=push.lift, lift_time=push.lift_time)
+        values["duration"] = push.thrust_time + push.silence + 1.0
         command = [nodelet, "load", "ground/OpenLoopPRBS", self.manager, "__name:=" + DRIVE]
         command += ["_%s:=%r" % (name, float(value)) for name, value in values.items()]
+        del self.drive[:]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
-        drive = _Drive()
+        fails = "no nodelet can be loaded into %s: is it the launch's manager?" % self.manager
         try:
-            _wait(
-                lambda: drive.status or process.poll() is not None,
-                "no nodelet can be loaded into %s: is it the launch's manager?" % self.manager,
-            )
+            _wait(lambda: self.drive or process.poll() is not None, fails)
             if process.poll() is not None:
-                raise GroundError("no nodelet can be loaded into %s" % self.manager)
-            yield drive
+                raise GroundError(fails)
+            yield
         finally:
-            if drive.status and drive.status.state != ControllerStatus.STOPPED:
+            if self.drive and self.drive[-1].state != ControllerStatus.STOPPED:
                 with contextlib.suppress(rospy.ServiceException, rospy.ROSException, GroundError):
-                    drive.stop()
-            drive.close()
+                    _service(DRIVE + "/stop", Trigger)()
             process.send_signal(signal.SIGINT)
             try:
                 process.wait(timeout=ANSWER)
@@ -137,45 +132,47 @@ class Stack:
                 "/controller/stop), let it come to rest, and try again" % speed
             )
 
-    def _push(self, drive: "_Drive", push: Push, say: Say) -> Tuple[own_stop.Trial, str]:
+    def _push(self, push: Push, say: Say) -> Tuple[own_stop.Trial, str]:
         del self.states[:], self.telemetry[:]
-        answer = drive.start()
+        answer = _service(DRIVE + "/start", Trigger)()
         if not answer.success:
             raise GroundError("the push was refused: %s" % answer.message)
         say("lift, then thrust %.2f for %.1f s" % (push.thrust, push.thrust_time))
-
         _wait(
-            lambda: drive.runs_for(push.thrust_time) or drive.ended(),
-            lambda: "the push did not start: %s" % drive.status.reason,
+            lambda: self._ended() or self._pushed() >= push.thrust_time,
+            lambda: "the push did not start: %s" % self.drive[-1].reason,
             push.lift_time + push.thrust_time + ANSWER,
         )
-        if drive.ended():
-            raise GroundError(
-                "the push was stopped: %s; the sender: %s"
-                % (drive.status.reason, self.statuses[-1].reason)
-            )
+        if self._ended():
+            reasons = self.drive[-1].reason, self.statuses[-1].reason
+            raise GroundError("the push was stopped: %s; the sender: %s" % reasons)
         answer = self.silence(push.silence)
         if not answer.success:
             raise GroundError("the sender does not fall silent: %s" % answer.message)
-        drive.stop()
+        _service(DRIVE + "/stop", Trigger)()
         say("silence for %.1f s" % push.silence)
         began = answer.last_packet
 
         def after() -> List[SenderStatus]:
-            return [
-                s
-                for s in list(self.statuses)
-                if s.header.stamp > began and s.state != SenderStatus.ARMED
-            ]
+            late = [s for s in list(self.statuses) if s.header.stamp > began]
+            return [s for s in late if s.state != SenderStatus.ARMED]
 
         _wait(after, "the silence does not end", push.silence + ANSWER)
         end = after()[0]
-        _wait(
-            lambda: (self.states[-1].header.stamp - end.header.stamp).to_sec() > TAIL,
-            "no state came after the silence",
-            required=False,
-        )
+        with contextlib.suppress(GroundError):  # it is judged by the states that have come
+            _wait(
+                lambda: (self.states[-1].header.stamp - end.header.stamp).to_sec() > TAIL,
+                "no state came after the silence",
+            )
         return self._trial(began, end), end.reason
+
+    def _ended(self) -> bool:
+        return self.drive[-1].state in (ControllerStatus.STOPPED, ControllerStatus.DONE)
+
+    def _pushed(self) -> float:
+        """Time since the thrust began [s]."""
+        running = [s for s in list(self.drive) if s.state == ControllerStatus.RUNNING]
+        return float((rospy.Time.now() - running[0].header.stamp).to_sec()) if running else 0.0
 
     def _trial(self, began: rospy.Time, end: SenderStatus) -> own_stop.Trial:
         zero = began.to_sec() - 100.0  # smaller numbers keep more digits of a fraction
@@ -189,38 +186,6 @@ class Stack:
             telemetry_times=np.array([m.header.stamp.to_sec() - zero for m in telemetry]),
             telemetry=np.array([m.acc for m in telemetry], float).reshape(-1, 3),
         )
-
-
-class _Drive:
-    """The nodelet that gives the push."""
-
-    def __init__(self) -> None:
-        self.status: Message = None  # the newest ControllerStatus
-        self._running: Optional[rospy.Time] = None
-        self._listener = rospy.Subscriber(DRIVE + "/status", ControllerStatus, self._take)
-
-    def _take(self, status: ControllerStatus) -> None:
-        if status.state != ControllerStatus.RUNNING:
-            self._running = None
-        elif self._running is None:
-            self._running = status.header.stamp
-        self.status = status
-
-    def runs_for(self, seconds: float) -> bool:
-        running = self._running
-        return running is not None and (rospy.Time.now() - running).to_sec() >= seconds
-
-    def ended(self) -> bool:
-        return self.status.state in (ControllerStatus.STOPPED, ControllerStatus.DONE)
-
-    def start(self) -> TriggerResponse:
-        return _service(DRIVE + "/start", Trigger)()
-
-    def stop(self) -> TriggerResponse:
-        return _service(DRIVE + "/stop", Trigger)()
-
-    def close(self) -> None:
-        self._listener.unregister()
 
 
 def verdict_of(trial: own_stop.Trial, ended: str) -> own_stop.Verdict:
@@ -240,11 +205,6 @@ def _parameter(name: str) -> str:
     return str(value)
 
 
-def _published(topic: str) -> bool:
-    full = rospy.resolve_name(topic)
-    return any(name == full for name, _ in rospy.get_published_topics())
-
-
 def _service(name: str, kind: Any) -> rospy.ServiceProxy:
     try:
         rospy.wait_for_service(name, ANSWER)
@@ -254,19 +214,14 @@ def _service(name: str, kind: Any) -> rospy.ServiceProxy:
 
 
 def _wait(
-    condition: Callable[[], Any],
-    message: Union[str, Callable[[], str]],
-    timeout: float = ANSWER,
-    required: bool = True,
+    condition: Callable[[], Any], message: Union[str, Callable[[], str]], timeout: float = ANSWER
 ) -> None:
-    """Waits, in wall time, until condition() holds. If it does not and is required, raises GroundError
-    with the message, which may be a function that is called then."""
+    """Waits, in wall time, until condition() holds; else raises GroundError with the message, which may
+    be a function that is called then."""
     deadline = time.monotonic() + timeout
     while not condition():
         if rospy.is_shutdown():
             raise GroundError("ROS was shut down")
         if time.monotonic() > deadline:
-            if required:
-                raise GroundError(message() if callable(message) else message)
-            return
+            raise GroundError(message() if callable(message) else message)
         time.sleep(0.005)

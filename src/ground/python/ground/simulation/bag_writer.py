@@ -1,5 +1,8 @@
 """Simulated runs as bags, like those that launch/record.launch records."""
 
+import heapq
+import operator
+from itertools import repeat
 from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, List, Optional, Tuple
 
 import numpy as np
@@ -37,6 +40,7 @@ STARTED = ("WAITING", "LIFTING", "RUNNING", "RECOVERING")  # states in which it 
 PATH_STEP = 5  # references between points of the path
 MARKER_HEIGHT = 0.04  # height of the markers above the floor [m]
 NS = 10**9
+WORLD = "world_ned"
 
 
 def write(
@@ -59,9 +63,11 @@ def write(
     told = work or Work()
     with files.new_file(path, force) as temporary:
         with told.stage(WRITING), codecs.installed().bag_writer(temporary) as bag:
-            total, rows = _in_order(run, axes, heading_offset)
-            told.more(total // TOLD + 1)  # the last one: the index
-            for number, (received, topic, stamp, message) in enumerate(rows):
+            series = _series(run, axes, heading_offset)
+            told.more(sum(len(s[1]) for s in series) // TOLD + 1)  # the last one: the index
+            rows = [zip(times, repeat(topic), stamps, found) for topic, times, stamps, found in series]
+            in_order = heapq.merge(*rows, key=operator.itemgetter(0))
+            for number, (received, topic, stamp, message) in enumerate(in_order):
                 told.reach(number // TOLD)
                 message.header.seq = counts.get(topic, 0)
                 message.header.stamp = _time(stamp)
@@ -74,57 +80,45 @@ def _time(seconds: float) -> Time:
     return codecs.installed().Time(*divmod(int(round(seconds * NS)), NS))
 
 
-def _new(kind: str, **fields: Any) -> Message:
-    return codecs.installed().new(kind, **fields)
+def _new(kind: str, frame: str = "", **fields: Any) -> Message:
+    message = codecs.installed().new(kind, **fields)
+    if frame:
+        message.header.frame_id = frame
+    return message
 
 
-def _in_order(
+def _series(
     run: "SimulatedRun", axes: str, heading_offset: float
-) -> Tuple[int, Iterator[Tuple[float, str, float, Message]]]:
-    """Number of all messages of a run; record time, topic, stamp and message of each, in the order of
-    recording."""
+) -> List[Tuple[str, Array, Array, Iterable[Message]]]:
+    """Topic, record times, stamps and messages of all series of a run."""
     start = run.truth_times[:1]
     made = start if run.made_with else start[:0]
     drives, marks = _drives(run), np.array([mark[0] for mark in run.marks], float)
     decided, statuses = run.decisions[:, 0], _statuses(run)
     reported = np.array([status[0] for status in statuses], float)
-    series = [
-        (
-            SETTINGS,
-            start,
-            start,
-            [_new("ground_msgs/MocapSettings", axes=axes, heading_offset=heading_offset)],
-        ),
+    followed = _reference_times(run)
+    began = (_new("ground_msgs/Drive", began=_time(at)) for at in drives[:, 0])
+    settings = [_new("ground_msgs/MocapSettings", axes=axes, heading_offset=heading_offset)]
+    return [
+        (SETTINGS, start, start, settings),
         (RUN_SETTINGS, made, made, [_new("ground_msgs/RunSettings", yaml=run.made_with)]),
         (TRUTH, run.truth_times, run.truth_times, _truths(run)),
         (POSE, run.delivered, run.pose_times, _poses(run, axes, heading_offset)),
-        (REFERENCE, _reference_times(run), run.references[:, 0], _references(run)),
-        (REFERENCE_PATH, _reference_times(run)[:1], run.references[:1, 0], _reference_path(run)),
-        (DRIVE, drives[:, 1], drives[:, 1], _drive_records(drives)),
+        (REFERENCE, followed, run.references[:, 0], _references(run)),
+        (REFERENCE_PATH, followed[:1], run.references[:1, 0], _reference_path(run)),
+        (DRIVE, drives[:, 1], drives[:, 1], began),
         (STATUS, reported, reported, _status_messages(statuses)),
         (BURSTS, marks, marks, _bursts(run)),
         (WANTED, decided, decided, _wanted(run)),
         (DECISION, decided, decided, _decisions(run)),
         (CONTROLS, run.control_times, run.control_times, _controls(run)),
     ]
-    received = np.concatenate([s[1] for s in series])
-    source = np.repeat(np.arange(len(series)), [len(s[1]) for s in series])
-    rows = [zip(s[1], s[2], s[3]) for s in series]
-    order = source[np.argsort(received, kind="stable")]
-
-    def ordered() -> Iterator[Tuple[float, str, float, Message]]:
-        for which in order:
-            at, stamp, message = next(rows[which])
-            yield at, series[which][0], stamp, message
-
-    return len(order), ordered()
 
 
 def _poses(run: "SimulatedRun", axes: str, heading_offset: float) -> Iterator[Message]:
     mapping = _core.AxisMapping(axes, heading_offset)
     for eta in run.eta:
-        message = _new("geometry_msgs/PoseStamped")
-        message.header.frame_id = "mocap"
+        message = _new("geometry_msgs/PoseStamped", "mocap")
         position, orientation = mapping.to_mocap(eta, MARKER_HEIGHT)
         p, q = message.pose.position, message.pose.orientation
         p.x, p.y, p.z = position
@@ -162,9 +156,7 @@ def _wanted(run: "SimulatedRun") -> Iterator[Message]:
 
 def _decisions(run: "SimulatedRun") -> Iterator[Message]:
     for row in run.decisions:
-        message = _new("ground_msgs/Decision", state=_time(row[1]), computing=row[2])
-        message.header.frame_id = CONTROLLER
-        yield message
+        yield _new("ground_msgs/Decision", CONTROLLER, state=_time(row[1]), computing=row[2])
 
 
 def _statuses(run: "SimulatedRun") -> List[Tuple[float, str, str, float]]:
@@ -204,16 +196,9 @@ def _drives(run: "SimulatedRun") -> Array:
     return np.array(rows, float).reshape(-1, 2)
 
 
-def _drive_records(drives: Array) -> Iterator[Message]:
-    for began in drives[:, 0]:
-        yield _new("ground_msgs/Drive", began=_time(began))
-
-
 def _truths(run: "SimulatedRun") -> Iterator[Message]:
     for eta, nu, nu_dot in zip(run.truth_eta, run.truth_nu, run.truth_nu_dot):
-        message = _new("ground_msgs/State", eta=eta, nu=nu, nu_dot=nu_dot, valid=True)
-        message.header.frame_id = "world_ned"
-        yield message
+        yield _new("ground_msgs/State", WORLD, eta=eta, nu=nu, nu_dot=nu_dot, valid=True)
 
 
 def _reference_times(run: "SimulatedRun") -> Array:
@@ -224,22 +209,18 @@ def _reference_times(run: "SimulatedRun") -> Array:
 
 def _references(run: "SimulatedRun") -> Iterator[Message]:
     for row in run.references:
-        message = _new(
-            "ground_msgs/Reference", p=row[1:3], p_dot=row[3:5], p_ddot=row[5:7], p_dddot=row[7:9]
-        )
-        message.header.frame_id = "world_ned"
-        yield message
+        p, *derivatives = row[1:9].reshape(4, 2)
+        fields = dict(zip(("p_dot", "p_ddot", "p_dddot"), derivatives))
+        yield _new("ground_msgs/Reference", WORLD, p=p, **fields)
 
 
 def _reference_path(run: "SimulatedRun") -> Iterator[Message]:
     """The whole reference as a path, as controllers publish it when they start."""
     if not len(run.references):
         return
-    message = _new("nav_msgs/Path")
-    message.header.frame_id = "world_ned"
+    message = _new("nav_msgs/Path", WORLD)
     for row in run.references[::PATH_STEP]:
-        pose = _new("geometry_msgs/PoseStamped")
-        pose.header.frame_id = "world_ned"
+        pose = _new("geometry_msgs/PoseStamped", WORLD)
         pose.pose.position.x, pose.pose.position.y = row[1:3]
         pose.pose.orientation.w = 1
         message.poses.append(pose)

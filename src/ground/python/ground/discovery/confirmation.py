@@ -1,0 +1,43 @@
+"""Whether the final model predicts a flight that neither fit nor choice has seen."""
+
+from typing import Optional
+
+import numpy as np
+
+from ground import _core
+from ground.analysis import window_error
+from ground.discovery import analyst
+from ground.discovery.analyst import Found
+from ground.discovery.story import GIVEN, Confirmation, Flown
+
+TOLERANCE = 1.1  # largest ratio of a final model's error to those that are expected of it
+
+
+def of(flown: Flown, run: _core.RunData, found: Found, model: _core.Model) -> Confirmation:
+    """The Confirmation by a flight. run: its recording; found: the diagnosis of all flights before it;
+    model: the final one."""
+    varies = bool(found.conclusion.varies)
+    expected = analyst.expected_errors(run, found.diagnosis.fit, trimmed=varies)
+    # The given model, fitted to the same flights by simulation error, or by likelihood
+    fitted = [analyst.error(run, refit.model) for refit in found.conclusion.refits]
+    refitted = min((error for error in fitted if error is not None), default=None)
+    given, final = flown.errors.get(GIVEN), analyst.error(run, model)
+    most = TOLERANCE * min(e for e in (max(expected), given, refitted) if e is not None)
+    holds = final is not None and final <= most
+    noise = float(window_error.noise_floor([run], model).sum())
+    sentence = (
+        "The final model %s the flight: its error is %s, and at most %.3f confirms it; the noise of the "
+        "poses alone leaves %.3f. The given model's is %s, refitted to the same flights %s."
+        % (
+            "predicts" if holds else "does not predict",
+            _number(final), most, noise, _number(given), _number(refitted),
+        )
+    )  # fmt: skip
+    floor = float(np.mean(expected))
+    return Confirmation(
+        flown.flight.number, given, final, floor, holds, sentence, refitted, most
+    )
+
+
+def _number(value: Optional[float]) -> str:
+    return "not finite" if value is None else "%.3f" % value

@@ -1,0 +1,179 @@
+"""What the live plot shows: the last seconds of some topics, and the last statuses of nodes."""
+
+import contextlib
+import math
+import threading
+import time
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+import rosgraph
+import rospy
+from ground_msgs.msg import (
+    ControllerStatus,
+    Controls,
+    DiscoveryStatus,
+    ModelError,
+    Reference,
+    SenderStatus,
+    State,
+)
+
+from ground.annotations import Array, Message
+
+WATCH = 1.0  # period at which the master is checked [s]
+JUMP = 0.5  # jump back in time that clears the samples, more than disorder of messages [s]
+GAP = 0.3  # longest gap between samples across which a line is drawn [s]
+_PREDICTED = ["nu[0]", "nu[1]", "nu[2]", "error", "wrench[0]", "wrench[1]", "wrench[2]"]
+_INPUTS = ["left", "right", "lift"]
+TOPICS: Dict[str, Tuple[Any, List[str]]] = {  # type, and the fields that are drawn
+    "state": (State, ["eta[0]", "eta[1]", "nu[0]", "nu[1]", "nu[2]"]),
+    "model_error": (ModelError, _PREDICTED),
+    "model_error2": (ModelError, _PREDICTED),
+    "controls": (Controls, _INPUTS),
+    "controls/wanted": (Controls, _INPUTS),
+    "reference": (Reference, ["p[0]", "p[1]"]),
+}
+EXPECTED = ["state", "model_error", "controls"]  # every experiment and every replay has these
+MODELS = ["model_error", "model_error2"]
+STATUSES = {"controller/status": ControllerStatus, "sender/status": SenderStatus}
+
+
+class History:
+    """Stamps and numbers of a topic. Columns never change once written, so that readers need no copy."""
+
+    def __init__(self, count: int, duration: float) -> None:
+        """count: numbers of a sample; duration: kept before the newest one [s]."""
+        self._duration = duration
+        self._columns = np.empty((1 + count, 1024))
+        self._end = 0
+        self.newest = -math.inf  # stamp [s]
+
+    def add(self, stamp: float, numbers: Sequence[float]) -> None:
+        """Adds a sample; one that is not newer than the newest is left out."""
+        if stamp <= self.newest:
+            return
+        if stamp - self.newest > GAP and self._end:
+            self._append(self.newest + GAP / 2, [math.nan] * len(numbers))
+        self._append(stamp, numbers)
+        self.newest = stamp
+
+    def since(self, stamp: float) -> Array:
+        """Samples from a stamp on [s], (1 + count, n): stamps [s], and the numbers."""
+        used = self._columns[:, : self._end]
+        return used[:, int(np.searchsorted(used[0], stamp)) :]
+
+    def _append(self, stamp: float, numbers: Sequence[float]) -> None:
+        if self._end == self._columns.shape[1]:
+            kept = self.since(stamp - self._duration)
+            self._end = kept.shape[1]
+            self._columns = np.hstack([kept, np.empty((len(kept), self._end + 1024))])
+        self._columns[:, self._end] = [stamp, *numbers]
+        self._end += 1
+
+
+class Feed:
+    """The newest data of the topics: samples, and the last statuses.
+
+    Subscribes: state, model_error, model_error2, controls, controls/wanted, reference,
+    discovery/status, controller/status, sender/status. It subscribes again when the master is
+    replaced, as by a restarted launch file.
+    """
+
+    def __init__(self, duration: float) -> None:
+        """duration: length of the history [s]."""
+        self.duration = duration
+        self.models: Dict[str, ModelError] = {}  # topic to newest message
+        self.statuses: Dict[str, Tuple[Message, float]] = {}  # newest message, received [s]
+        self.discovery: Optional[Message] = None  # the newest DiscoveryStatus
+        self.invalid = ""  # why the newest state is invalid
+        self.heard = -math.inf  # when the newest sample came, time.monotonic() [s]
+        self.master_answers = True
+        self._lock = threading.Lock()
+        self._subscribers: List[rospy.Subscriber] = []
+        self._clear()
+
+    def connect(self) -> None:
+        """Subscribes; the node has to be initialised."""
+        master = rosgraph.Master(rospy.get_name())
+        known = _pid(master)  # first, so that the end of a master right afterwards is noticed
+        self._subscribe()
+        threading.Thread(target=self._watch_master, args=(master, known), daemon=True).start()
+
+    def take(self, message: Message, topic: str) -> None:
+        """Takes a message of one of TOPICS. Time that jumps back clears all curves: a bag or a
+        simulation began again."""
+        stamp = message.header.stamp.to_sec()
+        numbers = [_number(message, field) for field in TOPICS[topic][1]]
+        if topic in MODELS:
+            self.models[topic] = message
+        elif topic == "state":
+            self.invalid = "" if message.valid else message.status or "no reason is given"
+            numbers = numbers if message.valid else [math.nan] * len(numbers)
+        self.heard = time.monotonic()
+        with self._lock:
+            if stamp < self._histories[topic].newest - JUMP:
+                self._clear()
+            if stamp > 0:  # others have no stamp
+                self._histories[topic].add(stamp, numbers)
+
+    def take_status(self, message: Message, topic: str) -> None:
+        """Takes a message of one of STATUSES."""
+        self.statuses[topic] = (message, time.monotonic())
+
+    def take_discovery(self, message: Message) -> None:
+        """Takes a DiscoveryStatus."""
+        self.discovery = message
+
+    def samples(self) -> Tuple[float, Dict[str, Array]]:
+        """The newest stamp [s] (infinite before the first), and the samples by topic, as History.since
+        has them. They are not copies."""
+        with self._lock:
+            now = max(history.newest for history in self._histories.values())
+            return now, {t: h.since(now - self.duration) for t, h in self._histories.items()}
+
+    def _clear(self) -> None:
+        self._histories = {t: History(len(f), self.duration) for t, (_, f) in TOPICS.items()}
+
+    def _subscribe(self) -> None:
+        listened = [rospy.Subscriber("discovery/status", DiscoveryStatus, self.take_discovery)]
+        for topic, (kind, _) in TOPICS.items():
+            listened.append(rospy.Subscriber(topic, kind, self.take, topic))
+        for topic, kind in STATUSES.items():
+            listened.append(rospy.Subscriber(topic, kind, self.take_status, topic))
+        self._subscribers = listened
+
+    def _watch_master(self, master: rosgraph.Master, known: Optional[int]) -> None:
+        while not rospy.is_shutdown():
+            pid = _pid(master)
+            self.master_answers = pid is not None
+            if pid and known and pid != known:
+                for subscriber in self._subscribers:
+                    subscriber.unregister()
+                self._subscribe()
+            known = pid or known
+            time.sleep(WATCH)
+
+
+def _pid(master: rosgraph.Master) -> Optional[int]:
+    """Number of the master's process; None when it does not answer."""
+    with contextlib.suppress(OSError, rosgraph.MasterException):
+        return int(master.getPid())
+    return None
+
+
+def _number(message: Message, field: str) -> float:
+    name, _, index = field.rstrip("]").partition("[")
+    value = getattr(message, name)
+    return float(value[int(index)] if index else value)
+
+
+def tracking_error(state: Array, reference: Array) -> Array:
+    """Distance between craft and reference at the reference's stamps, up to the newest state, as
+    (2, n): stamps [s], distance [m]; NaN where the state is not valid. state, reference: samples of
+    these topics."""
+    if not state.shape[1]:
+        return np.empty((2, 0))
+    times, *p = reference[:, reference[0] <= state[0, -1]]
+    at = [np.interp(times, state[0], row, left=math.nan) for row in state[1:3]]
+    return np.array([times, np.hypot(at[0] - p[0], at[1] - p[1])])
