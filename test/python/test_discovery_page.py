@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 import stories
-from browsing import CROWDED, assert_sound, open_page, shape
+from browsing import assert_fits, assert_sound, open_page
 from conftest import ROOT
 
 from ground import _core, files
@@ -88,24 +88,6 @@ def test_a_flight_is_drawn_as_planned_and_as_flown(whole, browser):
     assert "input, left" in names and "input, lift" in names
 
 
-@pytest.mark.parametrize("width", [400, 500, 1200])
-def test_nothing_overlaps_or_is_cut_off(whole, browser, as_wide_as, width):
-    as_wide_as(width)
-    open_page(browser, whole)
-    assert shape(browser) == {"wide" if width > 600 else "narrow"}
-    wide = browser.execute_script("return document.documentElement.scrollWidth")
-    assert wide <= width
-    assert browser.execute_script(CROWDED) == []
-
-
-def test_figures_fit_on_paper(whole, browser):
-    open_page(browser, whole)
-    browser.execute_script("window.dispatchEvent(new Event('beforeprint'))")
-    assert shape(browser) == {"paper"}
-    assert browser.execute_script(CROWDED) == []
-    browser.execute_script("window.dispatchEvent(new Event('afterprint'))")
-
-
 def planned():
     made = stories.begun()
     made.planned = stories.flight(1, tale.LOOK)
@@ -179,12 +161,10 @@ SAYS = {
 @pytest.mark.parametrize("story", SAYS, ids=lambda story: story.__name__)
 def test_a_story_has_a_page_at_any_time(story, browser, as_wide_as, tmp_path):
     page = written(story(), tmp_path)
-    as_wide_as(400)
-    open_page(browser, page)
-    assert browser.execute_script(CROWDED) == []
-    as_wide_as(1200)
-    names = open_page(browser, page)
-    assert browser.execute_script(CROWDED) == []
+    for width in (400, 1200):
+        as_wide_as(width)
+        names = open_page(browser, page)
+        assert_fits(browser, width)
     assert_sound(browser, names)
     text = text_of(browser)
     for part in SAYS[story]:

@@ -34,7 +34,7 @@ ROLES = ("fit", "held_out", "unknown")
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
 COST = 0.03  # usual time to compare a second of a recording with a model [s]
 Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
-Files = Optional[Document]  # files of one run: pictures and series, by their subject
+Files = Mapping[str, str]  # CSV files of one run, by model
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,14 +59,11 @@ class RunComparison(Shown):
         """Sentences on what stands out, by model."""
         return {study["label"]: study["summary"] for study in self.studies}
 
-    def to_dict(self, files: Files = None) -> Document:
+    def to_dict(self, files: Optional[Files] = None) -> Document:
         """Plain values, as compare.json has them; files: the run's files."""
-        named = files or {"comparison": None, "where": None, "residuals": None, "models": {}}
         return {
             "name": self.name,
             "bag": self.recording.bag,
-            "picture": named["comparison"],
-            "pictures": {kind: named[kind] for kind in ("where", "residuals")},
             "models": {
                 study["label"]: dict(
                     study["numbers"],
@@ -74,7 +71,7 @@ class RunComparison(Shown):
                     where=study["where"],
                     residuals=study["residuals"],
                     wrench=study["missing"].numbers,
-                    files=named["models"].get(study["label"]),
+                    files={"wrench_csv": files[study["label"]]} if files else None,
                     summary=study["summary"],
                 )
                 for study in self.studies
@@ -117,7 +114,7 @@ class Comparison(Shown):
         """Which model predicts or fits best, in words."""
         return str(words.comparison(asdict(self.ranking), self.noise_floor))
 
-    def to_dict(self, files: Optional[Sequence[Files]] = None) -> Document:
+    def to_dict(self, files: Optional[Sequence[Optional[Files]]] = None) -> Document:
         """Plain values, as compare.json has them; files: the files of each run."""
         named = files or [None] * len(self.runs)
         return {
@@ -161,21 +158,19 @@ class Comparison(Shown):
         names = pandas.MultiIndex.from_tuples(index, names=["run", "model"])
         return pandas.DataFrame(rows, index=names, columns=columns)
 
-    def save(
-        self, folder: Path, pictures: bool = True, form: str = "png", force: bool = False
-    ) -> str:
-        """Writes compare.json and, for every run, the missing wrench as CSV; with `pictures` also the
-        pictures and the page report.html. form: "png" or "svg". Returns the path of the page, or of
-        the JSON. GroundError when a file cannot be written, or exists and `force` is not set."""
+    def save(self, folder: Path, page: bool = True, force: bool = False) -> str:
+        """Writes compare.json and, for every run, the missing wrench as CSV; with `page` also
+        report.html. Returns the path of the page, or of the JSON. GroundError when a file cannot be
+        written, or exists and `force` is not set."""
         from ground.reports import comparison_files
 
-        kept = comparison_files.Folder(os.fspath(folder), list(self.models), pictures, form, force)
+        kept = comparison_files.Folder(os.fspath(folder), list(self.models), page, force)
         kept.prepare([run.name for run in self.runs])
         with kept.replaced():
             for run in self.runs:
                 kept.write_run(run)
             numbers = kept.write_numbers(self)
-        if pictures:
+        if page:
             kept.write_page(self, numbers)
         return kept.to_look_at
 

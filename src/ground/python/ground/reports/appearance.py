@@ -19,7 +19,6 @@ MISSING = _core.palette["missing"]
 WARNING, GOOD, BUSY = "#a00000", "#00694d", "#8a5f00"
 TEXT, LESS, LINES, FAINT = "#222222", "#555555", "#dddddd", "#f2f2f0"
 CHOSEN = "#fff3d6"  # background of what was chosen
-SHADE = "#f16913"  # background of panels with a significant share
 # Not by colour alone: each model has its own dashes and marks.
 DASHES = ["solid", "dash", "dot", "dashdot"]
 MARKS = ["circle", "square", "diamond", "triangle-up"]

@@ -196,7 +196,7 @@ def _measured_against(
     sheet.figure(figures.shares(by_model))
     sheet.heading("Measured against each model")
     if len(inspected) > 1:
-        sheet.paragraph("Open a run to see it; open runs are printed.", "caption screen")
+        sheet.paragraph("Open a run to see it.", "caption")
     for count, (studies, about) in enumerate(zip(inspected, described)):
         run = studies[0]["run"]
         errors = ", ".join(
@@ -212,7 +212,7 @@ def _run(
     sheet: page.Page, studies: List[Document], winner: str, bands: Optional[bands_of.Bands]
 ) -> None:
     """One run against all models."""
-    sheet.figure(figures.motion(studies, bands, table=False), ZOOM)
+    sheet.figure(figures.motion(studies, bands), ZOOM)
     sheet.table(
         NUMBERS, [appearance.numbers_row(s["label"], s["role"], s["numbers"]) for s in studies]
     )
@@ -253,7 +253,7 @@ def _evidence(sheet: page.Page, report: Document) -> None:
         for c in report["candidates"]
     ]
     chosen = [i for i, c in enumerate(report["candidates"]) if c["selected"]]
-    sheet.table(head + ["=parameters", "not distinguished from"], rows, chosen)
+    sheet.table(head + ["parameters", "not distinguished from"], rows, chosen)
     sheet.subheading("Improved model")
     nominal, improved = report["nominal"]["parameters"], report["improved"]["parameters"]
     rows = [

@@ -3,7 +3,7 @@
 compare.json, schema ground/compare/1 (SI units; null for a value that is not a number or does not exist):
 
 models    by label: file, effects, fitted_to (names of bags, from its provenance)
-runs      name, bag, picture (motion), pictures (where, residuals; null if not drawn), models: by label
+runs      name, bag, models: by label
   role              fit or held_out, by the digests of recordings in the model's provenance; unknown where
                     its file has names only
   error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of 1.5 s; error_by_channel
@@ -23,7 +23,7 @@ runs      name, bag, picture (motion), pictures (where, residuals; null if not d
                     last model accounts for, mean of that in the bins;
                     thrust: direction in the model's body axes and size of the force that follows
                     the command, by model and as measured; body_axes_differ. Over time in the CSV.
-  files, summary    picture and series of the wrench; the sentences of the terminal
+  files, summary    series of the wrench; the sentences of the terminal
 pooled    by label: the numbers over all, fit, held_out and unknown runs
 ranking   errors by label, the least first, over runs: those that no model was fitted to (role held_out),
           or all where there are none (role fit or unknown; fitted: by which models)
@@ -41,8 +41,6 @@ from ground.api.recordings import Part
 from ground.reports import comparison_files, words
 from ground.verbs import common
 
-DRAWING = "drawing pictures"  # stage
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
@@ -53,12 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--model", metavar="M.yaml", action="append", required=True, help="model; once for each model"
     )
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder for results")
-    parser.add_argument(
-        "--format", choices=["png", "svg"], default="png", help="format of pictures (%(default)s)"
-    )
-    parser.add_argument(
-        "--numbers", action="store_true", help="compare.json and CSV only: no pictures, no report"
-    )
+    parser.add_argument("--numbers", action="store_true", help="compare.json and CSV only: no page")
     parser.add_argument("--force", action="store_true", help="overwrite results in the folder")
 
 
@@ -68,20 +61,18 @@ def run(arguments: argparse.Namespace) -> Document:
     arguments.work.expect(comparing.COMPARING, None)
     recordings = common.read(arguments)
     folder = comparison_files.Folder(
-        arguments.output, list(models), not arguments.numbers, arguments.format, arguments.force
+        arguments.output, list(models), not arguments.numbers, arguments.force
     )
     folder.prepare([recording.name for recording in recordings])
     part = Part(arguments.start, arguments.end, arguments.all)
     if not arguments.numbers:
-        arguments.work.expect(DRAWING, len(recordings), 1.5 * (1 + len(models)))
         arguments.work.expect(common.PAGE, 1, 2.0)
     runs = []
     with folder.replaced():
         for compared in comparing.each_run(
             models, recordings, part, arguments.scheduler, arguments.work
         ):
-            with arguments.work.unit(DRAWING):
-                folder.write_run(compared)
+            folder.write_run(compared)
             _say_run(arguments, compared)
             runs.append(compared)
         found = comparing.conclude(models, runs)
@@ -94,7 +85,7 @@ def run(arguments: argparse.Namespace) -> Document:
         return result
     with arguments.work.stage(common.PAGE), common.page(folder.page, folder.numbers):
         folder.write_page(found, result)
-    common.say(arguments, "to look at: %s; pictures and numbers beside it" % folder.page)
+    common.say(arguments, "to look at: %s; numbers beside it" % folder.page)
     return result
 
 

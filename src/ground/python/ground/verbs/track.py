@@ -71,7 +71,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="M",
         help="start at rest up to M metres off in x and y, any heading",
     )
-    parser.add_argument("--picture", metavar="FILE.png", help="path, error and inputs of the run")
+    parser.add_argument(
+        "--picture",
+        metavar="FILE.png",
+        help="path, error and inputs of the run; FILE.html: a page, which needs no Chromium",
+    )
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 

@@ -50,7 +50,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", required=True, metavar="M.yaml", help="model of the craft")
     parser.add_argument("--gains", metavar="G.yaml", help="gains to start from and to compare with")
     parser.add_argument("-o", "--output", required=True, metavar="GAINS.yaml")
-    parser.add_argument("--picture", metavar="FILE.png", help="candidates, and errors before and after")
+    parser.add_argument(
+        "--picture",
+        metavar="FILE.png",
+        help="candidates, and errors before and after; FILE.html: a page, which needs no Chromium",
+    )
     parser.add_argument("--force", action="store_true", help="overwrite these files")
     parser.add_argument(
         "--references",
