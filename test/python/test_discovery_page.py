@@ -179,7 +179,7 @@ def test_missing_and_damaged_files_are_left_out(tmp_path):
     (tmp_path / "flight-02.csv").unlink()
     discovery_page.write(story, str(tmp_path))
     text = page.read_text()
-    assert "flight 3" in text and "wind.wx" not in text
+    assert "Flight 3" in text and "wind.wx" not in text
 
 
 def test_a_command_may_write_the_page_after_each_step(tmp_path):

@@ -35,7 +35,7 @@ def studies(tmp_path_factory):
     given, right = (_core.load_model(str(path)) for path in (MODEL, truth))
     run = quality.Run(recording.read_bag(str(bag))).data(given)
     return [
-        inspection.inspect(run, given, "given", "held_out", right),
+        inspection.inspect(run, given, "given", "held_out"),
         inspection.inspect(run, right, "right"),
     ]
 
@@ -69,11 +69,8 @@ def tuned():
 DESCRIBED = {
     "fall": lambda studies: figures.fall([("given", 0.3), ("+ lag", 0.1)], 0.05, "all runs"),
     "motion": figures.motion,
-    "where": figures.where,
     "residual_correlation": figures.residual_correlation,
-    "wrench": lambda studies: wrench_figures.wrench(studies, "right"),
     "wrench_over_time": wrench_figures.wrench_over_time,
-    "shares": lambda studies: figures.shares([(s["label"], [s]) for s in studies]),
     "driven": lambda studies: driven(),
     "tuned": lambda studies: tuned(),
 }
@@ -91,7 +88,7 @@ def test_plotly_knows_every_property_of_a_figure(drawn, name):
 
 NOT_QUANTITIES = {
     *("given", "right", "a", "b", "measured", "reference", "craft", "walls", "start", "heading"),
-    *("body axes", "added by the last model", "none better in error, saturation and effort"),
+    "none better in error, saturation and effort",
 }
 
 
@@ -104,12 +101,12 @@ def test_quantities_have_units(drawn, name):
     entries = [t["name"] for t in data if t.get("name") and t.get("showlegend", True)]
     for text in filter(None, titles + [e for e in entries if e not in NOT_QUANTITIES]):
         assert re.search(r"\[[^\]]+\]", text), text
-    assert any(titles) or "[%]" in layout["meta"]
+    assert any(titles)
 
 
 def test_the_same_model_has_the_same_colour_everywhere(studies, drawn):
     wanted = {s["label"]: appearance.model_color(i) for i, s in enumerate(studies)}
-    for name in ("motion", "where", "wrench", "residual_correlation", "wrench_over_time"):
+    for name in ("motion", "residual_correlation", "wrench_over_time"):
         lines = [t for t in drawn[name]["data"] if t.get("name") in wanted]
         assert lines and all(t["line"]["color"] == wanted[t["name"]] for t in lines)
 

@@ -25,15 +25,8 @@ MARKS = ["circle", "square", "diamond", "triangle-up"]
 VIRIDIS, ORANGES = (
     colors.make_colorscale(scale) for scale in (_core.palette["scale"], colors.sequential.Oranges)
 )
-LABEL_WIDTH = 10  # longest line of a narrow axis's title [characters]
 CHANNELS = [(c, words.ERRORS[c], comparison.UNITS[c]) for c in comparison.CHANNELS]
 WRENCH = list(failure.CHANNEL_NAMES.items())
-# Variables (failure.variables); of those of thrusters the ones that the craft has.
-ERROR_AGAINST = ["time", "u_L+u_R", "u_L-u_R", "thrust ahead", "moment"]
-ERROR_AGAINST += ["speed", "r", "heading", "x", "y"]
-WRENCH_AGAINST = ["u_L", "u_R", "u_L+u_R", "u_L-u_R"]
-WRENCH_AGAINST += ["thrust ahead", "thrust to starboard", "moment"]
-WRENCH_AGAINST += ["u", "v", "r", "heading", "x", "y"]
 NUMBERS = ["model", "runs", "error [-]", "prediction error [-]", "(3.4), 4 s [-]"]  # columns of numbers_row
 NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after 1 s"]
 
@@ -70,14 +63,6 @@ def transparent(color: str, opacity: float) -> str:
 def scaled(entry: Document) -> Tuple[float, str]:
     """Factor and unit in which the numbers of a channel of the wrench are easy to read."""
     return (1e3, "m" + entry["unit"]) if entry["full_scale"] < 1 else (1.0, entry["unit"])
-
-
-def short_label(entry: Document) -> str:
-    """Short name of a variable, in lines of at most LABEL_WIDTH characters where words allow it."""
-    label = str(entry["label"]).split("thrust ")[-1].split("difference ")[-1]
-    for rest in (" since ", ",", " of the "):
-        label = label.split(rest)[0]
-    return "<br>".join(textwrap.wrap(label, LABEL_WIDTH, break_long_words=False))
 
 
 def wrapped(text: str, width: int) -> str:

@@ -17,6 +17,7 @@ from ground.reports.appearance import (
     MEASURED,
     MODELS,
     ORANGES,
+    TEXT,
     WARNING,
     model_color,
     model_line,
@@ -26,11 +27,9 @@ from ground.reports.appearance import (
 from ground.reports.figure_parts import (
     X_AXIS,
     Y_AXIS,
-    cell_font,
     curve,
     every_so_many,
     fewer,
-    percentages,
     points,
     short,
     walls,
@@ -212,16 +211,27 @@ def beliefs(story: Story) -> Optional[Document]:
     columns = ["%d" % finding.after for finding in findings]
     percent = [[_percent(column[n]) if n in column else None for column in table] for n in names]
     rounded = [[None if p is None else round(p, 1) for p in row] for row in percent]
-    trace = percentages(rounded, columns, names, ORANGES)
-    trace["customdata"] = [[b[n].state if n in b else "" for b in table] for n in names]
-    trace["hovertemplate"] = "%{y} after flight %{x}: %{z:.0f}%, %{customdata}<extra></extra>"
     figure = Panels()
-    figure.add(trace)
+    figure.add(
+        {
+            "type": "heatmap",
+            "z": rounded,
+            "x": columns,
+            "y": names,
+            "zmin": 0,
+            "zmax": 100,
+            "colorscale": ORANGES,
+            "showscale": False,
+            "customdata": [[b[n].state if n in b else "" for b in table] for n in names],
+            "hovertemplate": "%{y} after flight %{x}: %{z:.0f}%, %{customdata}<extra></extra>",
+        }
+    )
     for row, name in zip(percent, names):
         for place, (column, value) in enumerate(zip(table, row)):
             if value is not None:
                 text = CELLS.get(column[name].state, "%s").replace("%s", "%.0f" % value)
-                figure.note(text, place, name, inside=False, font=cell_font(value))
+                font = {"size": 11, "color": "#ffffff" if value > 60 else TEXT}
+                figure.note(text, place, name, inside=False, font=font)
     figure.update_xaxes(title="after flight", type="category")
     figure.update_yaxes(autorange="reversed", automargin=True, type="category", tickvals=names)
     caption = (

@@ -1,18 +1,15 @@
 """Parts of the package's figures (plotly): curves, arrows, notes, small multiples."""
 
-from typing import Any, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.analysis import failure
 from ground.annotations import Array, Document
 from ground.recordings import repair
 from ground.reports.appearance import (
-    TEXT,
     model_color,
     model_line,
     model_mark,
-    short_label,
     thruster_line,
     transparent,
 )
@@ -102,45 +99,6 @@ def walls(room: Any) -> Document:
     corners = np.array(list(room.corners) + [room.corners[0]])
     line = {"color": "#aaaaaa", "width": 4}
     return dict(curve(corners[:, 1], corners[:, 0], "walls", line, True), hoverinfo="skip")
-
-
-def percentages(z: Any, x: Sequence[str], y: Sequence[str], scale: Any) -> Document:
-    """A heatmap of percentages."""
-    colors = {"zmin": 0, "zmax": 100, "colorscale": scale, "showscale": False}
-    return {"type": "heatmap", "z": z, "x": list(x), "y": list(y), **colors}
-
-
-def cell_font(percent: float) -> Document:
-    """Font of a text on a cell of `percentages`."""
-    return {"size": 11, "color": "#ffffff" if percent > 60 else TEXT}
-
-
-def small_multiples(entries: Sequence[Document], y_titles: Sequence[str]) -> Panels:
-    """A row of small panels for each title, a column for each variable, with its name and unit below.
-
-    entries: "label", "unit" and "centres" of each variable.
-    """
-    figure = Panels(len(y_titles), len(entries), gaps=(0.012, 0.035), shared="xy")
-    figure.update_xaxes(tickfont={"size": 9}, nticks=4)
-    figure.update_yaxes(tickfont={"size": 9})
-    for row, title in enumerate(y_titles, 1):
-        figure.update_yaxes(title=title, row=row, col=1)
-    for col, entry in enumerate(entries, 1):
-        low, high = min(entry["centres"]), max(entry["centres"])
-        room = 0.3 * ((high - low) or 1.0)  # for labels beside those of the next panel
-        figure.update_xaxes(range=[low - room, high + room], col=col)
-        title = "%s<br>[%s]" % (short_label(entry), entry["unit"])
-        figure.update_xaxes(title=title, row=len(y_titles), col=col)
-    return figure
-
-
-def note_share(
-    figure: Panels, row: int, col: int, share: Mapping[str, float], shade: str, count: int
-) -> None:
-    """A share of the count-th model, bold if failure.is_named."""
-    named = failure.is_named(share)
-    text = "%s%.0f%%%s" % ("<b>" * named, 100 * share["share"], "</b>" * named)
-    note(figure, row, col, text, shade, 0.98, 12 * count)
 
 
 def note(

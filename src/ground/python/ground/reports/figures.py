@@ -9,18 +9,14 @@ from typing import Any, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground.analysis import bands as bands_of
-from ground.analysis import failure, residuals
+from ground.analysis import residuals
 from ground.annotations import Array, Document
 from ground.recordings import windows
 from ground.reports.appearance import (
     CHANNELS,
-    ERROR_AGAINST,
     FLOOR,
     MEASURED,
     MODELS,
-    ORANGES,
-    WARNING,
-    WRENCH,
     model_color,
     model_line,
     wrapped,
@@ -32,18 +28,14 @@ from ground.reports.figure_parts import (
     add_commands,
     area,
     bins,
-    cell_font,
     curve,
     every_so_many,
     fewer,
     note,
-    note_share,
     outline,
-    percentages,
     points,
     shaded,
     short,
-    small_multiples,
     with_gaps,
 )
 from ground.reports.panels import Panels
@@ -53,7 +45,6 @@ ERROR = (
     "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "
     "its own initial velocities; σ are the run's standard deviations."
 )
-TITLE_WIDTH = 32  # of a line of a panel's title [characters]
 LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 
 
@@ -114,10 +105,6 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
     figure.update_xaxes(range=[float(times[0]), float(times[-1])], col=1)
     figure.update_xaxes(title=Y_AXIS, row=1, col=2)
     figure.update_yaxes(title=X_AXIS, scaleanchor="x2", row=1, col=2)
-    for count, study in enumerate(s for s in studies if _axes_differ(s)):
-        text = "<b>BODY AXES DIFFER: thrust acts at %.0f deg<br>from the body x axis of %s</b>"
-        angle = study["missing"].numbers["thrust"]["measured"]["angle_deg"]
-        note(figure, 1, 2, text % (angle, study["label"]), WARNING, 0.5, 34 * count)
     figure.layout["hovermode"] = "x"
     margin = {"t": 50 if bands is None else 130}
     return figure.finish(663 + margin["t"], _motion_caption(run, every.step, bands), margin)
@@ -187,29 +174,6 @@ def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str
     return caption
 
 
-def where(studies: Sequence[Document]) -> Document:
-    """Normalised error of each channel against each measured variable, of every model."""
-    known = studies[0]["where"]
-    against = [name for name in ERROR_AGAINST if name in known]
-    titles = ["%s<br>mean |error|/σ [-]" % label for _, label, _ in CHANNELS]
-    figure = small_multiples([known[name] for name in against], titles)
-    for row, (channel, _, _) in enumerate(CHANNELS, 1):
-        for col, name in enumerate(against, 1):
-            for count, study in enumerate(studies):
-                entry, legend = study["where"][name], row == col == 1
-                values = entry["error"][channel]
-                trace = bins(entry["centres"], values, study["label"], count, legend)
-                figure.add(trace, row, col)
-                note_share(figure, row, col, entry["share"][channel], model_color(count), count)
-        top = max(np.max(s["where"][n]["error"][channel]) for s in studies for n in against)
-        figure.update_yaxes(range=[0, 1.15 * top], row=row)
-    caption = (
-        "Run %s, windows of 1.5 s; percentage: share of its variance that the variable explains "
-        "beyond chance, bold if significant." % studies[0]["run"].name
-    )
-    return figure.finish(554, caption, {"b": 64})
-
-
 def residual_correlation(studies: Sequence[Document]) -> Document:
     """Correlation of one-step residuals of every model with themselves and with the commands."""
     columns = {"autocorrelation": "itself", **residuals.commands(studies[0]["model"])}
@@ -253,48 +217,3 @@ def _add_correlation(
         figure.add(bins(lags, entry["value"], label, count, row == col == 1), row, col)
         text = "%d of %d outside" % (entry["outside"], entry["lags"])
     note(figure, row, col, text, shade, 0.98, 14 * count)
-
-
-def shares(by_model: Sequence[Tuple[str, Sequence[Document]]]) -> Document:
-    """Share of the variance of error and missing wrench that each variable explains beyond chance, mean
-    over runs. by_model: a model's label and its studies of all runs."""
-    rows = ["error of " + c[0] for c in CHANNELS] + ["missing " + c[0] for c in WRENCH]
-    labels = [wrapped(label, TITLE_WIDTH) for label, _ in by_model]
-    down = len(by_model)
-    height = 150 * down + 110
-    figure = Panels(down, gaps=(0, 0.15 / down), shared="x", titles=labels)
-    for row, (_, studies) in enumerate(by_model, 1):
-        names = [n for n in studies[0]["where"] if n != "position"]
-        table = [
-            [np.mean([s["where"][n]["share"][c]["share"] for s in studies]) for n in names]
-            for c, _, _ in CHANNELS
-        ]
-        for channel, _ in WRENCH:
-            entries = [s["missing"].numbers["channels"][channel] for s in studies]
-            table.append([np.mean([_share_of_missing(e, n) for e in entries]) for n in names])
-        percent = np.round(100 * np.array(table), 1)
-        trace = percentages(percent.tolist(), names, rows, ORANGES)
-        trace["hovertemplate"] = "%{y} by %{x}: %{z:.0f}%<extra></extra>"
-        figure.add(trace, row, 1)
-        for i, j in np.argwhere(percent >= 10):
-            font = cell_font(percent[i, j])
-            figure.note("%.0f" % percent[i, j], names[j], rows[i], row, inside=False, font=font)
-    figure.update_yaxes(autorange="reversed", automargin=True)
-    figure.update_xaxes(tickangle=-45, tickfont={"size": 11})
-    runs = len(by_model[0][1])
-    caption = (
-        "Share of the variance [%%] of the error and of the missing wrench that each variable "
-        "explains beyond chance, mean of %d run%s. u, v, r: surge, sway, yaw rate; X, Y, N: surge "
-        "force, side force, yaw moment; all in the body frame." % (runs, "s" * (runs > 1))
-    )
-    return figure.finish(height, caption, {"t": 40, "b": 70, "l": 20})
-
-
-def _share_of_missing(entry: Document, name: str) -> float:
-    """Share that a variable explains; 0 for a wrench within its uncertainty."""
-    return 0.0 if failure.is_negligible(entry) else float(entry["against"][name]["share"]["share"])
-
-
-def _axes_differ(study: Document) -> bool:
-    thrust = study["missing"].numbers["thrust"]
-    return thrust is not None and bool(thrust["body_axes_differ"])

@@ -56,9 +56,8 @@ def diagnosis(
             "%d of %d runs, spread evenly, are drawn; identify diagnose --thorough draws all."
             % (most, len(runs))
         )
-    winner = words.effects(report, report["improved"]["effects"])
     banded = {id(band.run): band for band in conclusion.bands}
-    _measured_against(sheet, inspected, [described[i] for i in drawn], winner, banded)
+    _measured_against(sheet, inspected, [described[i] for i in drawn], banded)
     if report["verdict"] != "misread":
         _evidence(sheet, report)
         _open_questions(sheet, report)
@@ -156,7 +155,7 @@ def comparison(
     runs = {"held_out": "held-out runs", "fit": "runs used for fitting"}.get(ranking["role"], "all runs")
     sheet.figure(figures.fall(errors, result["noise_floor"], "error on " + runs))
     _numbers(sheet, result["pooled"])
-    _measured_against(sheet, inspected, described, list(result["models"])[-1])
+    _measured_against(sheet, inspected, described)
     _quality(sheet, described)
     add_origin(sheet, inputs, ["all random numbers have fixed seeds (noise floor 1)"])
     sheet.write(path, appearance.MODELS[1], force)
@@ -183,17 +182,12 @@ def _measured_against(
     sheet: page.Page,
     inspected: Sequence[List[Document]],
     described: Sequence[Document],
-    winner: str,
     banded: Optional[Mapping[int, bands_of.Bands]] = None,
 ) -> None:
-    """All runs against all models: over time and place, and where they fail.
+    """All runs against all models: over time and place.
 
     banded: bands.Bands by the id of their run.
     """
-    labels = [s["label"] for s in inspected[0]]
-    sheet.heading("Where it fails")
-    by_model = [(label, [studies[i] for studies in inspected]) for i, label in enumerate(labels)]
-    sheet.figure(figures.shares(by_model))
     sheet.heading("Measured against each model")
     if len(inspected) > 1:
         sheet.paragraph("Open a run to see it.", "caption")
@@ -204,13 +198,11 @@ def _measured_against(
             for s in studies
         )
         sheet.fold(run.name, "%s; error: %s" % (findings.when(about), errors), count == 0)
-        _run(sheet, studies, winner, (banded or {}).get(id(run)))
+        _run(sheet, studies, (banded or {}).get(id(run)))
         sheet.end_fold()
 
 
-def _run(
-    sheet: page.Page, studies: List[Document], winner: str, bands: Optional[bands_of.Bands]
-) -> None:
+def _run(sheet: page.Page, studies: List[Document], bands: Optional[bands_of.Bands]) -> None:
     """One run against all models."""
     sheet.figure(figures.motion(studies, bands), ZOOM)
     sheet.table(
@@ -218,9 +210,7 @@ def _run(
     )
     sheet.points("%s: %s." % (s["label"], line) for s in studies for line in s["summary"])
     for heading, figure in (
-        ("Error against what was measured", figures.where(studies)),
-        ("Missing wrench against what was measured", wrench_figures.wrench(studies, winner)),
-        ("Missing wrench over time", wrench_figures.wrench_over_time(studies)),
+        ("Missing wrench", wrench_figures.wrench_over_time(studies)),
         ("Residuals", figures.residual_correlation(studies)),
     ):
         sheet.subheading(heading)
