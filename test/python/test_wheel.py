@@ -103,18 +103,6 @@ def test_fit_finds_the_same_parameters(bare, bags, tmp_path):
         (tmp_path / "ros.yaml").unlink()
 
 
-def test_compare_writes_its_report(bare, bags, tmp_path):
-    # a model file of the wheel
-    model = bare.parent / "share" / "ground" / "cfg" / "hovercraft" / MODEL.name
-    options = ("--model", model, "--json", "-o")
-    found = json.loads(run(bare / "identify", "compare", bags[0], *options, tmp_path / "bare"))
-    wanted = json.loads(identify("compare", bags[0], *options, tmp_path / "ros").stdout)
-    names = {path.name for path in (tmp_path / "ros").iterdir()}
-    assert {path.name for path in (tmp_path / "bare").iterdir()} == names
-    error = [r["pooled"]["tiny_whoover"]["held_out"]["error"] for r in (found, wanted)]
-    assert error[0] == pytest.approx(error[1], rel=1e-6)
-
-
 def contents(path):
     with rosbag.Bag(str(path)) as bag:
         return list(bag.read_messages())
@@ -149,11 +137,6 @@ def test_controllers_run(bare):
     wanted = json.loads(program("track", "--model", MODEL, *options).stdout)
     assert found["final"] == pytest.approx(wanted["final"], rel=1e-3)
     assert "--scheduler" in run(bare / "tune", "--help")
-
-
-def test_the_wheel_has_no_nodes(bare):
-    script = "import importlib.util as u; print(u.find_spec('ground.nodes'), u.find_spec('rospy'))"
-    assert run(bare / "python", "-c", script).split() == ["None", "None"]
 
 
 def test_the_whole_wheel_configures_without_catkin(tmp_path):
