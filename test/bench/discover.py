@@ -6,7 +6,6 @@ nor integrator nor disturbance nor noise are the project's. Each craft flies twi
 a discovery chooses, and with random ones, for the same certainty. Results go to a file of JSON lines; an
 interrupted bench continues where it stopped.
 """
-import argparse
 import os
 import sys
 import time
@@ -25,10 +24,8 @@ import hidden_pilot
 import hidden_score
 import hidden_share
 import hidden_table
-import hidden_visibility
 import hidden_white
 import resumed
-import room
 from ground import _core, workers
 from ground.discovery import campaign, choice, pieces, story, tracking
 from ground.errors import GroundError
@@ -36,7 +33,7 @@ from hidden_white import MODEL
 
 # Modules that a cluster's workers need, in the order of their imports.
 MODULES = (hidden_white, hidden_grammar, hidden_craft, hidden_noise, hidden_pilot, hidden_share)
-MODULES += (hidden_cases, hidden_visibility, hidden_score, hidden_table, resumed, room, cases)
+MODULES += (hidden_cases, hidden_score, hidden_table, resumed, cases)
 MODULES += (discover_lab, discover_floor, discover_table)
 ROOM = os.path.join(os.path.dirname(MODEL), os.pardir, "room", "room_4x4.yaml")
 CHECKS = (9001, 9002, 9003)  # numbers of the flights that compare the tracking
@@ -192,34 +189,21 @@ def bench(options):
         results = resumed.results(
             team, options.results, wanted, tuple, key_of, run_case, options.hours
         )
-    text = discover_table.summary(results)
-    print(text)
-    if options.markdown:
-        with open(options.markdown, "w") as file:
-            file.write(discover_table.markdown(results))
+    print(discover_table.summary(results))
+    results = discover_table.usable(results)
+    tables = discover_table.lines(results), discover_table.verdicts(results)
+    hidden_table.write(options.markdown, *tables)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = resumed.parser(__doc__, "build/discover.jsonl")
     kinds = list(cases.KINDS)
     parser.add_argument("--kinds", nargs="+", default=kinds, choices=kinds, metavar="KIND",
                         help="some of %s (all)" % ", ".join(kinds))  # fmt: skip
     parser.add_argument("--choosers", nargs="+", default=list(CHOOSERS), choices=list(CHOOSERS),
                         help="how experiments are chosen (both)")  # fmt: skip
-    parser.add_argument("--count", type=int, help="number of crafts of each kind (depends on the kind)")
-    parser.add_argument("--seed-base", type=int, default=1, help="seed of the first craft (1)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
-    parser.add_argument("--hours", type=float, default=float("inf"), help="begin no case after this time")
     workers.add_scheduler_argument(parser)
-    parser.add_argument("--results", default="build/discover.jsonl", help="file of JSON lines")
-    parser.add_argument("--markdown", help="file for the table")
-    options = parser.parse_args()
-    if options.jobs < 1 or (options.count is not None and options.count < 1):
-        parser.error("--count and --jobs must be positive")
-    try:
-        bench(options)
-    except (GroundError, OSError) as error:
-        return str(error)
+    return resumed.status(bench, parser.parse_args())
 
 
 if __name__ == "__main__":
