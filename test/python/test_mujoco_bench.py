@@ -40,14 +40,14 @@ def test_a_quarter_of_the_cases_is_null_and_all_effects_take_their_turn():
 
 @pytest.fixture
 def engine_moves(tmp_path, monkeypatch):
-    """Motion of the engine's craft without random wrench: moved(case) gives the run's plan, times, poses."""
+    """Motion of the engine's craft without random wrench: moved(case) gives the run's times and poses."""
 
     def moved(case):
         del case.runs[1:]
         monkeypatch.setattr(hidden_cases, "FITTED", 1)
         mujoco_cases.record(case, "body", str(PYTHON), str(tmp_path))
         found = np.load(tmp_path / "moved.npz")
-        return hidden_cases.schedule(case.runs[0]["drive"]), found["times 0"], found["eta 0"]
+        return found["times 0"], found["eta 0"]
 
     return moved
 
@@ -62,10 +62,10 @@ def test_the_engine_agrees_with_independent_equations(engine_moves, effect):
     case = mujoco_cases.make(seed)[0]
     for run in case.runs:
         run["push"] = {"sigma": [0.0] * 3, "time": [1.0] * 3, "white": [0.0] * 3, "trim": [0.0] * 3}
-    plan, times, eta = engine_moves(case)
-    expected = hidden_cases.moved(case, 0, plan)
+    times, eta = engine_moves(case)
+    _, expected = hidden_cases.flight(case, 0)
     poses = hidden_craft.seen(case.effects, expected.poses(times[:3000]))
-    nothing = hidden_cases.moved(case, 0, plan, effects={}).poses(times[:3000])
+    nothing = hidden_cases.flight(case, 0, effects={})[1].poses(times[:3000])
     off, change = (np.abs(a - b).max() for a, b in ((eta[:3000], poses), (nothing, poses)))
     assert off < max(2e-4, 0.05 * change)
 

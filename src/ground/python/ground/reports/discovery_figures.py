@@ -12,7 +12,6 @@ from ground.discovery.story import Flight, Flown, Point, Story
 from ground.reports.appearance import (
     FLOOR,
     LESS,
-    LINES,
     MARKS,
     MEASURED,
     MODELS,
@@ -61,10 +60,8 @@ def errors(story: Story) -> Optional[Document]:
     known += [flown.floor for flown in flights if flown.floor]
     top = ROOM_ABOVE * max(known, default=1.0)
     figure = Panels()
-    _add_newest(figure, story, flights)
     for count, version in enumerate(shown(story)):
         _add_model(figure, flights, count, version, top)
-    _add_refitted(figure, story)
     _add_floor(figure, flights)
     for flown in flights:
         if flown.flight.purpose == tale.CONFIRM:
@@ -117,8 +114,7 @@ def log_ticks(low: float, high: float) -> List[float]:
 def _errors_caption(flights: Sequence[Flown]) -> str:
     caption = (
         "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s; logarithmic. "
-        "Each model predicts the flights after those that it was fitted to. Wide band: the newest model "
-        "before each flight."
+        "Each model predicts the flights after those that it was fitted to, which have open marks."
     )
     if any(flown.floor is not None for flown in flights):
         caption += " Floor: what noise of the poses and the disturbance leave to a true model."
@@ -137,18 +133,6 @@ def newest(story: Story, flown: Flown) -> Optional[str]:
         if v.label in flown.errors and v.after < flown.flight.number
     ]
     return before[-1] if before else None
-
-
-def _add_newest(figure: Panels, story: Story, flights: Sequence[Flown]) -> None:
-    at, values = [], []
-    for flown in flights:
-        label = newest(story, flown)
-        if label is not None:
-            value = flown.errors[label]
-            at.append(flown.flight.number)
-            values.append(math.nan if value is None else max(value, MIN_ERROR))
-    line = {"color": LINES, "width": 14}
-    figure.add(dict(curve(at, values, "newest model", line, False), hoverinfo="skip"))
 
 
 def _add_model(
@@ -178,14 +162,6 @@ def _add_model(
     figure.add(dict(trace, hovertemplate="%{customdata}<extra></extra>"))
 
 
-def _add_refitted(figure: Panels, story: Story) -> None:
-    """The error of the given model on the confirming flight, fitted to the flights before it."""
-    found = story.confirmation
-    if found is not None and found.refitted is not None:
-        marker = {"size": 9, "symbol": MARKS[0] + "-open", "color": model_color(0)}
-        figure.add(points([found.flight], [found.refitted], marker, name="given, refitted"))
-
-
 def _add_floor(figure: Panels, flights: Sequence[Flown]) -> None:
     """A level at each flight that has one."""
     at: List[float] = []
@@ -210,12 +186,11 @@ def beliefs(story: Story) -> Optional[Document]:
     names = _considered(story)
     columns = ["%d" % finding.after for finding in findings]
     percent = [[_percent(column[n]) if n in column else None for column in table] for n in names]
-    rounded = [[None if p is None else round(p, 1) for p in row] for row in percent]
     figure = Panels()
     figure.add(
         {
             "type": "heatmap",
-            "z": rounded,
+            "z": [[None if p is None else round(p, 1) for p in row] for row in percent],
             "x": columns,
             "y": names,
             "zmin": 0,
