@@ -18,7 +18,7 @@ export SLOW
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking \
-  bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes bench-plans \
+  bench-soak bench-table bench-faults bench-own-stop bench-plans \
   bench-commands bench-diagnose docs install clean
 
 build: $(configured)
@@ -55,8 +55,7 @@ fuzz: build
 coverage: $(installed)
 	@$(in_ros) .ci/coverage
 
-# Whether the tests notice random mutants of the C++ core, or of the Python package.
-# OPTIONS="--of python --count 150 --seed 3", OPTIONS="--help"
+# Whether the tests notice random mutants of the C++ core. OPTIONS="--count 150 --seed 3", OPTIONS="--help"
 mutants: build
 	@$(in_ros) .ci/mutants $(OPTIONS)
 
@@ -80,18 +79,14 @@ bench-table: build
 bench-faults: build
 	@$(in_workspace) test/bench/faults.py
 
-# info, fit and compare on bags that are cut or have flipped bits. OPTIONS="--cuts 50 --flips 100"
-bench-damage: build
-	@$(in_workspace) test/bench/damage.py $(OPTIONS)
-
 # Diagnoses effects hidden in simulated crafts; prints a table; resumes after an interruption.
 # OPTIONS="--kinds disturbed_null --count 20", OPTIONS="--help"
 bench-hidden: build
 	@$(in_workspace) test/bench/hidden.py --results build/hidden.jsonl \
-	  --markdown build/hidden.md --picture build/hidden.png $(OPTIONS)
+	  --markdown build/hidden.md $(OPTIONS)
 
-# Diagnoses crafts that MuJoCo's engine moves, beside peers on the same data; prints a table; resumes after
-# an interruption. OPTIONS="--count 24 --peers sysid sindy ridge", OPTIONS="--help"
+# Diagnoses crafts that MuJoCo's engine moves; prints a table; resumes after an interruption.
+# OPTIONS="--count 24", OPTIONS="--help"
 bench-mujoco: build
 	@$(in_workspace) test/bench/mujoco_bench.py --python "$$(test/bench/peer_python build/peers)" \
 	  --results build/mujoco.jsonl --markdown build/mujoco.md $(OPTIONS)
@@ -102,25 +97,11 @@ bench-discover: build
 	@$(in_workspace) test/bench/discover.py --results build/discover.jsonl \
 	  --markdown build/discover.md $(OPTIONS)
 
-# Recordings read with mistakes in units, axes, signs, clocks and swaps, and honest ones.
-# OPTIONS="--count 48 --honest 24"
-bench-mistakes: build
-	@$(in_workspace) test/bench/mistakes.py $(OPTIONS)
-
-# Excitation and tracking inside a room over 200 seeds; resumes after an interruption.
-# OPTIONS="--count 20"
-bench-room: build
-	@$(in_workspace) test/bench/room.py --results build/room.jsonl $(OPTIONS)
-
-# Runs every experiment that a diagnosis can propose by its printed line. OPTIONS="--only PRBS"
-bench-lines: build
-	@$(in_workspace) test/bench/printed_lines.py $(OPTIONS)
-
 # Tests prove_stop on simulated crafts with and without watchdogs.
 bench-own-stop: build
 	@$(in_workspace) test/bench/own_stop.py $(OPTIONS)
 
-# The wait for a diagnosis and its growth with the data. OPTIONS="--part growth", "--recordings DIR"
+# The wait for a diagnosis. OPTIONS="--recordings DIR"
 bench-diagnose: build
 	@$(in_workspace) test/bench/diagnose_speed.py $(OPTIONS)
 
@@ -133,10 +114,10 @@ bench-soak: build
 bench-tracking: build
 	@$(in_workspace) test/bench/tracking.py $(OPTIONS)
 
-# Plans of ModelPredictive: closed loops with noise, cold starts, decisions with a deadline.
+# Plans of ModelPredictive: closed loops with noise, decisions with a deadline.
 bench-plans: build
 	@.ci/build build ground_benchmarks
-	@$(in_workspace) for part in warm cold deadline; do rosrun ground plans $$part || exit 1; done
+	@$(in_workspace) for part in warm deadline; do rosrun ground plans $$part || exit 1; done
 
 # The documentation from docs/ and from the code, hence always rebuilt; warnings, such as broken links, are errors.
 # LINKCHECK=1 also checks external links, which needs a network.

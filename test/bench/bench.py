@@ -29,7 +29,6 @@ LATENCY = re.compile(
     r"([0-9.]+) ms, most ([0-9.]+) ms"
 )
 GRANTED = re.compile(r"real time: ([^\x1b\n]+)")
-SHARE = re.compile(r"live comparison (\w+).*takes ([0-9.]+)% of a core")
 
 
 class Table:
@@ -126,22 +125,10 @@ def screening(table):
     table.add("screening, %d effects, one thread" % len(every), times, "ms")
 
 
-def diagnoses(table, peers):
-    command = [os.path.join(HERE, "which_effect.py"), "--json"]
-    rows = json.loads(run(*command, *(["--peers", peers] if peers else [])))
-    right = sum(r["told"] for r in rows)
-    table.add("diagnosis, four runs of 8 s, one thread", [r["seconds"] for r in rows], "s", 5,
-              "right in %d of %d" % (right, len(rows)))  # fmt: skip
-    if peers:
-        right = sum(r["pysindy"] == r["hidden"] for r in rows)
-        table.add("diagnosis, PySINDy", [r["pysindy_seconds"] for r in rows], "s", None,
-                  "right in %d of %d" % (right, len(rows)))  # fmt: skip
-
-
 def waits(table):
     """What a person waits for: the first line and the page of `identify diagnose`, on all cores."""
-    command = [os.path.join(HERE, "diagnose_speed.py"), "--json", "--part", "waits"]
-    for name, times in json.loads(run(*command))["waits"].items():
+    command = [os.path.join(HERE, "diagnose_speed.py"), "--json"]
+    for name, times in json.loads(run(*command)).items():
         for what, goal in (("verdict", 4), ("page", 6)):
             seconds = [found[what] for found in times]
             table.add("%s of a diagnosis, hidden: %s" % (what, name), seconds, "s", goal)
@@ -164,22 +151,8 @@ def simulation(table):
 
 
 def controllers(table):
-    ours = {}
     for name, repetitions in google("controllers").items():
-        ours[name] = table.add(
-            "iteration, " + name, [b["real_time"] / 1e3 for b in repetitions], "us"
-        )
-    cases = run(binary("controllers"), "--cases")
-    peer = subprocess.run(
-        [sys.executable, os.path.join(HERE, "peer_tracking.py")], input=cases, check=True,
-        stdout=subprocess.PIPE, universal_newlines=True,
-    ).stdout.split("\n")  # fmt: skip
-    if float(peer[1]) > 1e-9:
-        sys.exit("bench: inputs of the thesis's controller in Python differ by %s" % peer[1])
-    times = 1e6 * np.array(peer[0].split(), float)
-    ratio = np.median(times) / ours["TrajectoryTracking (backstepping)"]
-    table.add("iteration, the thesis's controller in Python", times, "us", None,
-              "%.0f times ground's" % ratio)  # fmt: skip
+        table.add("iteration, " + name, [b["real_time"] / 1e3 for b in repetitions], "us")
 
 
 def plans(table, peers):
@@ -229,25 +202,6 @@ def busy(count):
             hog.wait()
 
 
-def live(table):
-    for on in ("false", "true"):
-        out = run("roslaunch", "ground", "live_comparison.launch", "live:=" + on, check=False)
-        found = SHARE.search(out)
-        if not found:
-            sys.exit("bench: no live comparison:\n" + out[-2000:])
-        table.add("ground station at 100 Hz, live comparison " + found.group(1),
-                  float(found.group(2)), "%")  # fmt: skip
-
-
-def growth(table):
-    names = {"bags": "%(bags)d bags of 10 s", "effects": "%(effects)d effects free",
-             "window": "windows of %(window)g s"}  # fmt: skip
-    for line in run(os.path.join(HERE, "growth.py")).splitlines():
-        case = json.loads(line)
-        table.add("fit, " + names[case["what"]] % case, case["seconds"], "s", None,
-                  "%.0f MB more memory" % case["MB"])  # fmt: skip
-
-
 def commands(table):
     """What a person waits for: short recordings, and the sizes that have goals."""
     import tempfile
@@ -280,7 +234,7 @@ def machine():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--peers", metavar="PYTHON", help="interpreter that has CasADi, JAX and PySINDy")
+    parser.add_argument("--peers", metavar="PYTHON", help="interpreter that has JAX and Crocoddyl")
     parser.add_argument("--json", metavar="FILE", required=True)
     parser.add_argument("--only", nargs="+", help="parts: " + " ".join(PARTS))
     arguments = parser.parse_args()
@@ -290,7 +244,7 @@ def main():
     for name, part in PARTS.items():
         if arguments.only and name not in arguments.only:
             continue
-        part(table, arguments.peers) if name in ("fit", "diagnoses", "plans") else part(table)
+        part(table, arguments.peers) if name in ("fit", "plans") else part(table)
     with open(arguments.json, "w") as file:
         json.dump({"machine": on, "rows": table.rows}, file, indent=1)
     missed = [r["name"] for r in table.rows if r["goal"] and r["median"] > r["goal"]]
@@ -300,9 +254,9 @@ def main():
 
 
 PARTS = {
-    "steps": steps, "fit": fit, "screening": screening, "diagnoses": diagnoses, "waits": waits,
+    "steps": steps, "fit": fit, "screening": screening, "waits": waits,
     "simulation": simulation, "controllers": controllers, "plans": plans, "latency": latency,
-    "live": live, "growth": growth, "commands": commands,
+    "commands": commands,
 }  # fmt: skip
 
 if __name__ == "__main__":

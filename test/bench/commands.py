@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """How long a person waits for each verb of identify, on recordings of 30 s to 1 h and on 1 to 1000 bags.
 
-Each command runs as a process of its own. Prints wall time, processor time, peak memory (of all its
-processes, shared pages once) and the time of the first line that it shows, and writes the same as JSON.
+Each command runs as a process of its own. Prints wall time, processor time, peak memory (of its
+largest process) and the time of the first line that it shows, and writes the same as JSON.
 Recordings are simulated into a folder, once; results go to a file of JSON lines, so that an interrupted
 bench continues where it stopped.
 """
@@ -33,7 +33,6 @@ SIZES.update({"100bags": (100, 10), "1000bags": (1000, 10)})
 # Largest wall time [s] and memory [MB]
 GOALS = {("fit", "1h"): (10, 1000), ("fit", "1000bags"): (60, 4000)}
 FIRST_LINE = 1.5  # largest time of the first line [s]
-SAMPLING = 0.2  # time between samples of memory [s]
 LAUNCH = ("import sys; from ground import cli; sys.exit(cli.main(sys.argv[1:]))",)
 
 
@@ -122,61 +121,23 @@ def measure(arguments, limit):
         stderr=subprocess.STDOUT,
         start_new_session=True,
     )
-    lines = []
-
-    def listen():
-        for line in process.stdout:
-            lines.append((time.monotonic() - begin, line.decode(errors="replace")))
-
-    listener = threading.Thread(target=listen)
-    listener.start()
-    memory, ended = 0.0, None
-    while ended is None and time.monotonic() - begin < limit:
-        memory = max(memory, _memory(process.pid), _peak(process.pid))
-        pid, status, usage = os.wait4(process.pid, os.WNOHANG)
-        if pid:
-            ended = time.monotonic() - begin
-            break
-        time.sleep(SAMPLING if time.monotonic() - begin > 2 else 0.01)
-    if ended is None:
-        os.killpg(process.pid, signal.SIGKILL)
-        _, _, usage = os.wait4(process.pid, 0)
-        status = None
+    lines, timer = [], threading.Timer(limit, os.killpg, (process.pid, signal.SIGKILL))
+    timer.start()
+    for line in process.stdout:
+        lines.append((time.monotonic() - begin, line.decode(errors="replace")))
+    _, status, usage = os.wait4(process.pid, 0)
+    ended = time.monotonic() - begin
+    timer.cancel()
+    killed = os.WIFSIGNALED(status)
     process.returncode = 0  # it was waited for here
-    listener.join()
     return {
-        "seconds": ended,
+        "seconds": None if killed else ended,
         "processor": usage.ru_utime + usage.ru_stime,
-        "MB": memory,
+        "MB": usage.ru_maxrss / 1e3,
         "first_line": lines[0][0] if lines else None,
-        "status": None if status is None else os.WEXITSTATUS(status),
+        "status": None if killed else os.WEXITSTATUS(status),
         "last": lines[-1][1].strip() if lines else "",
     }
-
-
-def _memory(pid):
-    """Memory of a process and its descendants [MB]; what they share counts once."""
-    total, open_pids = 0.0, [pid]
-    while open_pids:
-        one = open_pids.pop()
-        try:
-            with open("/proc/%d/smaps_rollup" % one) as file:
-                total += sum(int(line.split()[1]) for line in file if line.startswith("Pss:"))
-            for task in os.listdir("/proc/%d/task" % one):
-                with open("/proc/%d/task/%s/children" % (one, task)) as file:
-                    open_pids += map(int, file.read().split())
-        except (OSError, ValueError):
-            pass  # it has ended
-    return total / 1e3
-
-
-def _peak(pid):
-    """Peak memory of one process [MB]."""
-    try:
-        with open("/proc/%d/status" % pid) as file:
-            return max(int(line.split()[1]) for line in file if line.startswith("VmHWM")) / 1e3
-    except (OSError, ValueError):
-        return 0.0  # it has ended
 
 
 def run(folder, limit, job):

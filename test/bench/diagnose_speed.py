@@ -1,11 +1,8 @@
 #!/usr/bin/python3
-"""How long a person waits for `identify diagnose`, and how its cost grows with the data.
+"""How long a person waits for `identify diagnose`: to the first line of the verdict and to the page.
 
-Measures the time to the first line of the verdict and to the page, of four runs of 8 s with one effect,
-several and none hidden, and of the recordings of 2019-04-16 if --recordings has them; then the
-processor's time for growing numbers of runs, seconds, effects tried and effects hidden. The growth is
-that of the last doubling, without the time that nothing takes: 2 is linear. Prints a table, or one JSON
-object with --json.
+Four runs of 8 s with one effect, several and none hidden, and the recordings of 2019-04-16 if --recordings
+has them. Prints a table, or one JSON object with --json.
 """
 import argparse
 import json
@@ -17,8 +14,6 @@ import tempfile
 import time
 
 import yaml
-
-from ground import _core
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 MODEL = os.path.join(HERE, "../../cfg/hovercraft/tiny_whoover.yaml")
@@ -41,7 +36,6 @@ HIDDEN = {
 }
 STAMPS = ["2019-04-16-11-24-59", "2019-04-16-11-28-36", "2019-04-16-11-30-28"]
 GOALS = {"verdict": 4.0, "page": 6.0, "recordings": 30.0}  # [s]
-MOST = 2.4  # largest growth by a doubling: linear within 20%
 
 
 def record(folder, name, effects, count, seconds):
@@ -106,62 +100,25 @@ def waits(folder, recordings, repeats):
     return found
 
 
-def growth(folder):
-    """Times by what grows, for each of its values."""
-    lag, three = HIDDEN["motor_lag"], list(HIDDEN.values())[-1]
-    bags = record(folder, "growing", lag, 16, 8)
-    names = sorted(n for n, e in _core.effects().items() if not e["opt_in"] and n != "motor_lag")
-    found = {}
-    found["runs of 8 s"] = {n: diagnose(bags[:n]) for n in (4, 8, 16)}
-    found["seconds of each of four runs"] = {
-        s: diagnose(record(folder, "long%d" % s, lag, 4, s)) for s in (8, 16, 32)
-    }
-    found["effects tried"] = {
-        n: diagnose(bags[:4], "--only", "motor_lag", *names[: n - 1]) for n in (5, 10, 20)
-    }
-    found["effects hidden"] = {
-        n: diagnose(record(folder, "hidden%d" % n, three[:n], 4, 8)) for n in (1, 2, 3)
-    }
-    return found
-
-
-def ratio(times):
-    """Growth from the second to the last value, for a doubling of it: the increments' ratio."""
-    (a, first), (b, second), (c, third) = (
-        (value, found["processor"]) for value, found in times.items()
-    )
-    slopes = (second - first) / (b - a), (third - second) / (c - b)
-    return 2 * max(0.0, slopes[1]) / slopes[0] if slopes[0] > 0 else 0.0
-
-
-def print_table(result):
+def print_table(waits):
     print("%-42s %10s %10s %10s" % ("diagnosis [s]", "verdict", "page", "processor"))
-    for name, repeated in result["waits"].items():
+    for name, repeated in waits.items():
         real = name.startswith("recordings")
         for times in repeated:
             print("%-42s %10.2f %10.2f %10.2f" % (name, *times.values()), end="")
             late = times["page"] > GOALS["recordings" if real else "page"]
             late |= not real and times["verdict"] > GOALS["verdict"]
             print("  late" if late else "")
-    for what, times in result["growth"].items():
-        values = ", ".join("%s: %.1f s" % (n, found["processor"]) for n, found in times.items())
-        grown = ratio(times)
-        print("%s: %s; a doubling %.2f times%s" % (what, values, grown, " (over)" * (grown > MOST)))
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recordings", metavar="DIR", help="folder of controls_*.csv and pose_*.csv")
     parser.add_argument("--repeats", type=int, default=3, help="of each simulated case (3)")
-    parser.add_argument("--part", choices=["waits", "growth"], help="one of both")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
-    result = {"waits": {}, "growth": {}}
     with tempfile.TemporaryDirectory() as folder:
-        if arguments.part != "growth":
-            result["waits"] = waits(folder, arguments.recordings, arguments.repeats)
-        if arguments.part != "waits":
-            result["growth"] = growth(folder)
+        result = waits(folder, arguments.recordings, arguments.repeats)
     if arguments.json:
         print(json.dumps(result))
     else:

@@ -6,7 +6,6 @@ nor integrator nor disturbance nor noise are the project's. Each craft flies twi
 a discovery chooses, and with random ones, for the same certainty. Results go to a file of JSON lines; an
 interrupted bench continues where it stopped.
 """
-import argparse
 import os
 import sys
 import time
@@ -18,6 +17,7 @@ import discover_floor
 import discover_lab
 import discover_table
 import hidden_craft
+import hidden_table
 import resumed
 from ground import _core, workers
 from ground.discovery import campaign, choice, flights, pieces, story, tracking
@@ -177,33 +177,20 @@ def bench(options):
         results = resumed.results(
             team, options.results, wanted, tuple, key_of, run_case, options.hours
         )
-    text = discover_table.summary(results)
-    print(text)
-    if options.markdown:
-        with open(options.markdown, "w") as file:
-            file.write(discover_table.markdown(results))
+    print(discover_table.summary(results))
+    results = discover_table.usable(results)
+    tables = discover_table.lines(results), discover_table.verdicts(results)
+    hidden_table.write(options.markdown, *tables)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = resumed.parser(__doc__, "build/discover.jsonl")
     kinds = list(cases.KINDS)
     parser.add_argument("--kinds", nargs="+", default=kinds, choices=kinds, metavar="KIND",
                         help="some of %s (all)" % ", ".join(kinds))  # fmt: skip
     parser.add_argument("--choosers", nargs="+", default=list(CHOOSERS), choices=list(CHOOSERS),
                         help="how experiments are chosen (both)")  # fmt: skip
-    parser.add_argument("--count", type=int, help="number of crafts of each kind (depends on the kind)")
-    parser.add_argument("--seed-base", type=int, default=1, help="seed of the first craft (1)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
-    parser.add_argument("--hours", type=float, default=float("inf"), help="begin no case after this time")
-    parser.add_argument("--results", default="build/discover.jsonl", help="file of JSON lines")
-    parser.add_argument("--markdown", help="file for the table")
-    options = parser.parse_args()
-    if options.jobs < 1 or (options.count is not None and options.count < 1):
-        parser.error("--count and --jobs must be positive")
-    try:
-        bench(options)
-    except (GroundError, OSError) as error:
-        return str(error)
+    return resumed.status(bench, parser.parse_args())
 
 
 if __name__ == "__main__":

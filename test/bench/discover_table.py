@@ -9,7 +9,6 @@ import discover_lab
 import hidden_score as score
 import hidden_table
 from hidden_table import Row
-from room import wilson
 
 HALF = 0.5
 FLOOR_RATIO = 1.1  # largest ratio of the confirming flight's error to that of the true motion
@@ -123,23 +122,8 @@ def _random(result):
 
 
 def lines(results):
-    """Lines of the table, each a list of strings: what, rate or median, count, interval, bound, kept."""
-    table = [HEAD]
-    for row in _rows():
-        answers = [answer for answer, _ in row.answers(results)]
-        if answers:
-            low, high = wilson(sum(answers), len(answers))
-            share = "%.1f%%" % (100 * np.mean(answers))
-            interval = "%.1f to %.1f%%" % (100 * low, 100 * high)
-            kept = ""
-            if row.bound:
-                kept = _yes(hidden_table.is_held(row.bound, sum(answers), len(answers)))
-            table.append([row.what, share, str(len(answers)), interval, _bound(row.bound), kept])
-    return table + _medians(results)
-
-
-def _bound(bound):
-    return "%s %g%%" % (bound[0], 100 * bound[1]) if bound else ""
+    """Lines of the table, each a list of strings (HEAD): rates, then medians."""
+    return [HEAD] + hidden_table.lines(results, _rows())[1:] + _medians(results)
 
 
 def _yes(held):
@@ -237,10 +221,3 @@ def summary(results):
         len(results), np.median(seconds), max(seconds),
     ))  # fmt: skip
     return "\n".join(said)
-
-
-def markdown(results):
-    """The tables as Markdown."""
-    results = usable(results)
-    both = (lines(results), verdicts(results))
-    return "".join("%s\n\n" % hidden_table.markdown(table) for table in both)

@@ -1,8 +1,8 @@
 """The fit of fit_speed.py with JAX: exact forward sensitivities, the whole search compiled by XLA.
 
 The sensitivities of all runs go through one scan over time, in float64. Velocities are separate arrays
-over the runs, so that XLA fuses a step into few loops. The search of fit_casadi.py runs inside two
-`while_loop`s, without returns to Python.
+over the runs, so that XLA fuses a step into few loops. The search runs inside two `while_loop`s,
+without returns to Python.
 """
 import sys
 import time
@@ -102,7 +102,7 @@ def make_fit(problem):
         return -jnp.concatenate([parameters, velocities.ravel()])
 
     def minimise(x, width):
-        """Levenberg-Marquardt, as in fit_casadi.py."""
+        """Levenberg-Marquardt."""
 
         def iterate(state):
             x, cost, A, b, damping, count, _ = state

@@ -1,4 +1,4 @@
-"""The problem of fit_speed.py for scipy and CasADi: nine runs, 5 parameters, 27 velocities.
+"""The problem of fit_speed.py for scipy and JAX: nine runs, 5 parameters, 27 velocities.
 
 Residuals are (simulated - measured) velocities over the run's standard deviations, samples by
 channels. Unknowns are I_z, X_u, Y_v, N_r, k, each over its start value, then u, v, r at the start of

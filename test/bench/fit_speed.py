@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Times of a fit by ground, scipy over vectorised numpy, CasADi and JAX, on the same artificial data.
+"""Times of a fit by ground, scipy over vectorised numpy, and JAX, on the same artificial data.
 
 Nine runs of 4 s, PRBS {0, 1} at 20 Hz, 100 Hz samples, RK4 with h = 0.005 s, five parameters from
 0.2 each and nine initial velocities. Each contender runs on one core, in the interpreter that has it;
@@ -23,11 +23,6 @@ TRUTH = [1e-3, 5e-2, 5e-2, 1e-3, 0.1]  # thesis, table 3.1
 START = [0.2] * 5
 MAX_DIFFERENCE = 1e-3  # relative, of the parameters that two contenders find
 RUNS, DURATION, SAMPLES_PER_SECOND, STEPS_PER_SECOND, CLOCK, NOISE = 9, 4, 100, 200, 20, 0.1
-PEERS = [
-    ("CasADi, interpreted", "fit_casadi.py", "interpreted"),
-    ("CasADi, compiled", "fit_casadi.py", "compiled"),
-    ("JAX, jitted", "fit_jax.py"),
-]
 
 
 def make_model(path, values):
@@ -63,12 +58,12 @@ def fit_core(runs, model):
     return times[1:], [p["value"] for p in result["parameters"]]
 
 
-def fit_elsewhere(python, script, data, folder, *arguments):
+def fit_elsewhere(python, script, data, folder):
     """Times [s], parameters and facts of a contender. Raises CalledProcessError if it fails."""
     result = os.path.join(folder, "result.npz")
     environment = dict(os.environ, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
     environment.pop("PYTHONPATH", None)  # holds ROS modules for the system's Python
-    command = [python, os.path.join(HERE, script), data, result, *arguments]
+    command = [python, os.path.join(HERE, script), data, result]
     subprocess.run(command, check=True, env=environment, cwd=folder)
     with np.load(result) as found:
         return dict(found)
@@ -101,11 +96,11 @@ def contest(peers):
         found = fit_elsewhere("/usr/bin/python3", "fit_scipy.py", data, folder)
         rows.append(("scipy over numpy", found["times"], found["theta"]))
         notes.append("scipy over numpy: %s" % found["versions"])
-        for name, script, *kind in PEERS if peers else []:
-            found = fit_elsewhere(os.path.abspath(peers), script, data, folder, *kind)
-            rows.append((name, found["times"], found["theta"]))
-            note = "%s: %s; set up in %.2f s, which is not counted"
-            notes.append(note % (name, found["versions"], found["build"]))
+        if peers:
+            found = fit_elsewhere(os.path.abspath(peers), "fit_jax.py", data, folder)
+            rows.append(("JAX, jitted", found["times"], found["theta"]))
+            note = "JAX: %s; set up in %.2f s, which is not counted"
+            notes.append(note % (found["versions"], found["build"]))
     os.sched_setaffinity(0, cores)
     if len(cores) > 1:
         rows.append(("ground, %d cores" % len(cores), *fit_core(runs, start)))
@@ -114,7 +109,7 @@ def contest(peers):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--peers", metavar="PYTHON", help="interpreter of CasADi and JAX, if any")
+    parser.add_argument("--peers", metavar="PYTHON", help="interpreter of JAX, if any")
     parser.add_argument("--json", action="store_true", help="print name and times [s] of each")
     arguments = parser.parse_args()
     rows, notes = contest(arguments.peers)

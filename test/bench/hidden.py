@@ -5,21 +5,17 @@ A case is a kind and a seed: four runs of 8 s to fit to and two held out. The be
 disturbance and measurement (hidden_cases); kinds that begin with white_ use the project's simulator.
 Results go to a file of JSON lines; an interrupted bench continues where it stopped.
 """
-import argparse
 import functools
 import json
-import os
 import sys
 import time
 
 import hidden_cases
 import hidden_engine
 import hidden_table
-import hidden_visibility
 import hidden_white as white
 import resumed
 from ground.analysis import next_experiment, window_error
-from ground.errors import GroundError
 
 from ground import _core, workers
 
@@ -40,8 +36,7 @@ def run_case(job):
     thorough = "nameless" in case.effects
     found = hidden_engine.diagnose(fitted, heldout, hidden_cases.given_model(case), thorough)
     _add_truth(found, functools.partial(hidden_cases.true_value, case))
-    visibility = hidden_visibility.visibility(case)
-    result = dict(case.describe(), visibility=visibility, seconds_of_data=made, found=found)
+    result = dict(case.describe(), seconds_of_data=made, found=found)
     return dict(result, **hidden_cases.truth_about(case, fitted, heldout)) if thorough else result
 
 
@@ -135,7 +130,7 @@ def bench(options):
 
 
 def summary(results, options):
-    """Prints the table of the results; writes table and picture if options ask for them."""
+    """Prints the table of the results; writes the table if an option asks for it."""
     for r in [r for r in results if "failed" in r["found"]]:
         print("failed: %s %d: %s" % (r["kind"], r["seed"], r["found"]["failed"]))
     results = [r for r in results if "failed" not in r["found"]]
@@ -148,36 +143,21 @@ def summary(results, options):
     seconds = sorted(r["found"]["seconds"] for r in results)
     words = "\n%d cases; seconds a diagnosis on one core: median %.1f, most %.1f"
     print(words % (len(results), seconds[len(seconds) // 2], seconds[-1]))
-    if options.markdown:
-        with open(options.markdown, "w") as file:
-            file.write("%s\n\n" % hidden_table.markdown(table))
-            file.write("%s\n" % hidden_table.markdown(verdicts))
-    if options.picture and any(r["kind"] == "white_single" for r in results):
-        hidden_table.draw(results, options.picture)
+    hidden_table.write(options.markdown, table, verdicts)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = resumed.parser(__doc__, "build/hidden.jsonl")
     kinds = ["new", "white"] + list(COUNTS)
     parser.add_argument("--kinds", nargs="+", default=kinds[:2], choices=kinds, metavar="KIND",
                         help="some of %s; white: all that begin with white_; new: all others (both)"
                         % ", ".join(kinds[2:]))  # fmt: skip
-    parser.add_argument("--count", type=int, help="number of cases of each kind (depends on the kind)")
-    parser.add_argument("--seed-base", type=int, default=1, help="seed of the first case (1)")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
-    parser.add_argument("--hours", type=float, default=float("inf"), help="begin no case after this time")
     parser.add_argument("--strength", default="moderate", choices=list(white.LEVELS),
                         help="strength of effects in white cases")  # fmt: skip
     parser.add_argument("--noise", type=float, default=1.0, help="factor on the noise in white cases")
     parser.add_argument("--excitation", default="varied", choices=["varied", "prbs"],
                         help="excitation in white cases")  # fmt: skip
-    parser.add_argument("--results", default="build/hidden.jsonl", help="file of JSON lines")
-    parser.add_argument("--markdown", help="file for the table")
-    parser.add_argument("--picture", help="file for the matrix of white single effects")
-    try:
-        bench(parser.parse_args())
-    except (GroundError, OSError) as error:
-        return str(error)
+    return resumed.status(bench, parser.parse_args())
 
 
 if __name__ == "__main__":

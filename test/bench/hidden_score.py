@@ -59,12 +59,6 @@ def is_right(result):
     return is_found(result) and not false_effects(result)
 
 
-def is_visible(result, least):
-    """Whether each hidden effect raises 2 ln L by `least` or more; None if unknown."""
-    visibility = result.get("visibility")
-    return min(visibility.values()) >= least if visibility else None
-
-
 def not_unexplained(result):
     return result["found"]["verdict"] != "unexplained"
 

@@ -2,13 +2,11 @@
 from dataclasses import dataclass
 from typing import Callable, Optional, Tuple
 
-import numpy as np
 from scipy import stats
 
 import hidden_craft
 import hidden_score as score
 import hidden_white
-from hidden_visibility import VISIBLE
 
 NAMELESS = ("nameless", "local")
 ALL_NULLS = ("null", "disturbed_null", "noise_null", "odd_noise", "trim")
@@ -28,17 +26,14 @@ class Row:
     only: Callable = lambda result: True  # whether the row uses a result
 
     def answers(self, results):
-        """(answer, whether the hidden effects are visible) for all results of the row."""
+        """Answers for all results of the row."""
         given = []
         for result in results:
             if (self.kinds and result["kind"] not in self.kinds) or not self.only(result):
                 continue
             answer = self.ask(result)
-            visible = score.is_visible(result, VISIBLE)
-            for one in answer if isinstance(answer, list) else [answer]:
-                if one is not None:
-                    given.append((bool(one), visible))
-        return given
+            given += answer if isinstance(answer, list) else [answer]
+        return [bool(one) for one in given if one is not None]
 
 
 def _at_level(level):
@@ -158,28 +153,21 @@ def is_held(bound, yes, count):
     return yes <= share * count + 1e-9 if sense == "<=" else yes >= share * count - 1e-9
 
 
-def lines(results):
-    """Lines of the table, each a list of strings: what, rate, count, interval, bound, whether it is kept,
-    and the rate among results whose hidden effects are all visible."""
-    table = [["what", "rate", "of", "95% interval", "bound", "kept", "visible ones"]]
-    for row in _rows():
+HEAD = ["what", "rate", "of", "95% interval", "bound", "kept"]
+
+
+def lines(results, rows=None):
+    """Lines of the table, each a list of strings (HEAD); rows: the questions, those of this bench if None."""
+    table = [HEAD]
+    for row in _rows() if rows is None else rows:
         answers = row.answers(results)
-        if not answers:
-            continue
-        yes, count, low, high = rate([answer for answer, _ in answers])
-        seen = [answer for answer, visible in answers if visible]
-        table.append(
-            [
-                row.what,
-                "%.1f%%" % (100 * yes / count),
-                "%d" % count,
-                "%.1f to %.1f%%" % (100 * low, 100 * high),
-                bound(row.bound),
-                "" if row.bound is None else "yes" if is_held(row.bound, yes, count) else "no",
-                "%.1f%% of %d" % (100 * np.mean(seen), len(seen)) if seen else "",
-            ]
-        )
-    return table + _p_values(results)
+        if answers:
+            yes, count, low, high = rate(answers)
+            interval = "%.1f to %.1f%%" % (100 * low, 100 * high)
+            kept = "" if row.bound is None else "yes" if is_held(row.bound, yes, count) else "no"
+            share = "%.1f%%" % (100 * yes / count)
+            table.append([row.what, share, "%d" % count, interval, bound(row.bound), kept])
+    return table if rows is not None else table + _p_values(results)
 
 
 def verdicts(results):
@@ -211,13 +199,20 @@ def _p_values(results):
     interval = "%.1f to %.1f%%" % (100 * low, 100 * high)
     kept = "yes" if chance > UNIFORM else "no"
     share = "%.1f%%" % (100 * yes / count)
-    return [[name, share, "%d" % count, interval, "KS p > %g" % UNIFORM, kept, "p = %.2g" % chance]]
+    return [[name + " p = %.2g" % chance, share, "%d" % count, interval, "KS p > %g" % UNIFORM, kept]]
 
 
 def markdown(table):
     """The table as Markdown."""
     head, *rest = table
     return "\n".join("| %s |" % " | ".join(line) for line in [head, ["---"] * len(head)] + rest)
+
+
+def write(path, *tables):
+    """Writes tables as Markdown, if there is a path."""
+    if path:
+        with open(path, "w") as file:
+            file.write("\n\n".join(map(markdown, tables)) + "\n")
 
 
 def text(table):
@@ -237,40 +232,3 @@ def wrong(results):
             found = ",".join(r["found"]["chosen"]) or "nothing"
             words = "%s %d: hidden %s, found %s, %s"
             yield words % (r["kind"], r["seed"], hidden, found, r["found"]["verdict"])
-
-
-def matrix(results):
-    """Names (n,), and shares (n, n + 1) of the cases by hidden effect and by the effect found first; the
-    last column is nothing found."""
-    names = list(hidden_white.strengths())
-    counts = np.zeros((len(names), len(names) + 1))
-    for r in results:
-        if r["kind"] == "white_single" and _is_moderate(r):
-            first = r["found"]["first"][0] if r["found"]["chosen"] else None
-            at = names.index(first) if first in names else len(names)
-            counts[names.index(r["hidden"][0]), at] += 1
-    return names, counts / np.maximum(1, counts.sum(axis=1))[:, None]
-
-
-def draw(results, path):
-    """Writes the matrix as a picture."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    names, shares = matrix(results)
-    figure, axis = plt.subplots(figsize=(9, 8))
-    axis.imshow(shares, cmap="Blues", vmin=0, vmax=1)
-    for i, j in zip(*np.nonzero(shares)):
-        color = "white" if shares[i, j] > 0.5 else "black"
-        number = "%.0f" % (100 * shares[i, j])
-        axis.text(j, i, number, ha="center", va="center", size=7, color=color)
-    axis.set_xticks(range(len(names) + 1))
-    axis.set_xticklabels(names + ["nothing"], rotation=90, fontsize=8)
-    axis.set_yticks(range(len(names)))
-    axis.set_yticklabels(names, fontsize=8)
-    axis.set_xlabel("found first [% of cases]")
-    axis.set_ylabel("hidden in the simulated craft")
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)

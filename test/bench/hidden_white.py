@@ -1,11 +1,5 @@
-#!/usr/bin/python3
-"""The hidden-effect bench in white noise: an effect hidden in the project's own simulated craft.
-
-As a program it checks STRENGTHS: it prints the error ratio that each effect causes.
-"""
-import argparse
+"""The hidden-effect bench in white noise: an effect hidden in the project's own simulated craft."""
 import hashlib
-import sys
 
 import numpy as np
 import yaml
@@ -23,7 +17,7 @@ SPREAD = 0.2  # largest relative difference of true nominal parameters from the 
 NOISE = (3e-4, 5e-3)  # standard deviation of mocap noise [m], [rad]
 
 # Size of each effect's parameters [SI] at which the refitted nominal model's held-out error is
-# 1.5 times that of the refitted truth, for excitation "varied", by `hidden_white.py`.
+# 1.5 times that of the refitted truth, for excitation "varied".
 STRENGTHS = {
     "input_delay": {"delay": 0.005},
     "motor_lag": {"tau": 0.006},
@@ -259,32 +253,3 @@ def _schedule(excitation, i, seed):
     ][i]
     rows = experiments.rows("prbs", length, clock=clock, levels=levels, seed=number)
     return experiments.with_lift(rows, length, lift)
-
-
-def calibrate(effects, seeds, excitation):
-    """Prints the ratio of the nominal model's error to the truth's, and the factor on the strength that
-    makes the ratio 1.5."""
-    for effect in effects:
-        ratios = []
-        for seed in range(1, seeds + 1):
-            model = truth([effect], 1.0, seed)
-            on_runs = window_error.WindowFitter(runs(model, excitation, 1.0, seed))
-            nominal = on_runs.fit(_core.load_model(MODEL), list(window_error.NOMINAL)).heldout.sum()
-            fitted = on_runs.fit(model, window_error.free_parameters(model))
-            ratios.append(nominal / fitted.heldout.sum())
-        ratio = float(np.median(ratios))
-        factor = np.sqrt((1.5**2 - 1) / max(1e-3, ratio**2 - 1))
-        print("%-24s ratio %.2f; for 1.5 multiply by %.3g" % (effect, ratio, factor), flush=True)
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--effects", nargs="+", default=list(strengths()) + list(OUTSIDE))
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--excitation", default="varied", choices=["varied", "prbs"])
-    options = parser.parse_args()
-    calibrate(options.effects, options.seeds, options.excitation)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

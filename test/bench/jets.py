@@ -1,15 +1,7 @@
-#!/usr/bin/python3
-"""How often a diagnosis of an air-bearing table with eight jets names the jet that is wrong.
-
-Half of the cases have a weak jet (-20%), half a jet that is turned by 5 degrees; any of the eight,
-by the number of the case. The truth is a plate in the world's frame with an integrator of its own,
-which shares nothing with the project's model. Prints a line of JSON for each case, then the count.
-"""
-import argparse
-import json
+"""An air-bearing table with eight jets, one of which is wrong: a weak jet (-20%), or one that is turned by 5
+degrees. The truth is a plate in the world's frame with an integrator of its own, which shares nothing with
+the project's model."""
 import math
-import sys
-import time
 
 import numpy as np
 
@@ -17,7 +9,6 @@ from ground import _core
 from ground.analysis import candidates, diagnosis
 from ground.recordings import repair
 
-MODEL = "cfg/craft/air_table.yaml"
 RUNS, DURATION, HOLD = 4, 20.0, 0.5  # runs of a case, their length [s], how long commands last [s]
 RATE, STEP = 100.0, 0.005  # rate of the poses [Hz]; step of the integration [s]
 NOISE = (3e-4, 1e-3)  # standard deviations of poses [m], [rad], for markers 0.3 m apart
@@ -108,25 +99,3 @@ def diagnosed(seed, model, threads=0):
         "right": set(found.names) == {hidden},
         "values": {n: v for n, v in values.items() if n.split(".")[0] == name},
     }
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=40, help="how many cases (40)")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first (0)")
-    parser.add_argument("--model", default=MODEL, help="the table (%s)" % MODEL)
-    arguments = parser.parse_args()
-    model = _core.load_model(arguments.model)
-    right = 0
-    for seed in range(arguments.first, arguments.first + arguments.seeds):
-        begin = time.perf_counter()
-        result = diagnosed(seed, model)
-        result["seconds"] = round(time.perf_counter() - begin, 1)
-        right += result["right"]
-        print(json.dumps(result), flush=True)
-    print("effect and jet named in %d of %d" % (right, arguments.seeds))
-    return 0 if right >= 0.95 * arguments.seeds else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

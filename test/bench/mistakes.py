@@ -1,17 +1,10 @@
-#!/usr/bin/python3
-"""Recordings read with a mistake (units, axes, signs, clocks, swaps), and honest ones: how many mistakes
-identify info names with the remedy, and how many it sees where there are none.
+"""Recordings read with a mistake (units, axes, signs, clocks, swaps), and honest ones, for tests."""
 
-mistakes.py [--count 30] [--honest 10] [--base 0 ...] [--only NAME ...]
-"""
-
-import argparse
 import collections
 import math
 import pathlib
 import re
 import sys
-import tempfile
 
 import numpy as np
 
@@ -325,64 +318,3 @@ def honest(number, folder, table=HONEST, base=0):
         run.axes = run.read_as = Z_UP
     said = info(run, folder)
     return chosen.name, [line for line in said.splitlines() if SUSPECTS.search(line)], said
-
-
-def wilson(count, of, z=1.96):
-    """95% interval of a share (Wilson 1927)."""
-    if not of:
-        return 0.0, 1.0
-    share = count / of
-    middle = (share + z * z / (2 * of)) / (1 + z * z / of)
-    half = z * math.sqrt(share * (1 - share) / of + z * z / (4 * of * of)) / (1 + z * z / of)
-    return max(0.0, middle - half), min(1.0, middle + half)
-
-
-def counted(words, count, of):
-    return "%d of %d %s (95%%: %.0f to %.0f%%)" % (
-        count, of, words, *(100 * share for share in wilson(count, of)))  # fmt: skip
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=30, help="mistakes for each base")
-    parser.add_argument("--honest", type=int, default=10, help="runs without one for each base")
-    parser.add_argument("--base", type=int, nargs="+", default=[0], help="first seeds")
-    parser.add_argument("--only", nargs="+", help="names of mistakes and honest runs")
-    arguments = parser.parse_args()
-
-    def chosen(table):
-        return [m for m in table if not arguments.only or m.name in arguments.only]
-
-    kinds, runs = chosen(MISTAKES + OTHERS), chosen(HONEST)
-    named, false = collections.Counter(), collections.Counter()
-    tried, quiet = collections.Counter(), collections.Counter()
-    with tempfile.TemporaryDirectory() as place:
-        folder = pathlib.Path(place)
-        for base in arguments.base:
-            # A base takes up where the one before it ends in the tables, so that all kinds have a turn.
-            for _ in range(arguments.count if kinds else 0):
-                at = sum(tried.values())
-                name, found, said = mistaken(at, folder / ("mistake%d" % at), kinds, base)
-                named[name] += found
-                tried[name] += 1
-                if not found:
-                    print("MISSED %s (base %d)\n    %s" % (name, base, said.replace("\n", "\n    ")))
-            for _ in range(arguments.honest if runs else 0):
-                at = sum(quiet.values())
-                name, lines, _ = honest(at, folder / ("honest%d" % at), runs, base)
-                false[name] += bool(lines)
-                quiet[name] += 1
-                if lines:
-                    print("FALSE ALARM %s (base %d)\n    %s" % (name, base, "\n    ".join(lines)))
-    for name in tried:
-        print("%-26s %d of %d named" % (name, named[name], tried[name]))
-    for name in quiet:
-        print("%-26s %d of %d suspected" % (name, false[name], quiet[name]))
-    mistakes, runs = sum(tried.values()), sum(quiet.values())
-    print(counted("mistakes named with the remedy", sum(named.values()), mistakes))
-    print(counted("honest runs suspected", sum(false.values()), runs))
-    return 0 if sum(named.values()) >= 0.9 * mistakes and not sum(false.values()) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

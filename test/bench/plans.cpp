@@ -2,8 +2,6 @@
 //
 // plans warm [SECONDS] [EFFECT=VALUE...]: closed loops with noise. Processor time of the decisions,
 // their improvements, their costs above those of the plans improved further, the tracking error.
-// plans cold [COUNT]: first decisions far from the reference. How many plans are as good as the
-// best that any start reached, after one decision and after more decisions on the same problem.
 // plans deadline [MILLISECONDS] [COUNT] [HOGS]: decisions far from the reference that end in time,
 // beside HOGS busy processes for each core, at real-time priority where the system grants it.
 #include <sched.h>
@@ -13,7 +11,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
@@ -111,51 +108,6 @@ void warm(double seconds, const std::vector<std::string>& effects) {
   }
 }
 
-void cold(int count) {
-  const Model model = craft();
-  const PredictiveParams params;
-  const double step = params.horizon / params.steps;
-  const std::unique_ptr<TrajectoryOptimizer> many =
-      TrajectoryOptimizer::make(model, params.steps, step);
-  constexpr std::array<int, 4> kDecisions = {1, 5, 20, 50};
-  struct {
-    std::array<int, kDecisions.size()> exact{}, good{};
-    int problems = 0;
-  } found[2];
-  std::vector<double> times;
-  for (int i = 0; i < count; ++i) {
-    const ColdStart start = coldStart(static_cast<unsigned>(i));
-    auto& set = found[start.is_near ? 0 : 1];
-    PredictiveControl control(model, params);
-    const Observation seen = start.observation();
-    std::array<double, kDecisions.size()> costs{};
-    int decisions = 0;
-    for (std::size_t j = 0; j < kDecisions.size(); ++j) {
-      for (; decisions < kDecisions[j]; ++decisions) {
-        const double before = processorTime();
-        control.decide(seen);
-        if (decisions == 0) times.push_back(processorTime() - before);
-      }
-      costs[j] = control.plan().cost();
-    }
-    setProblem(*many, control.plan(), *start.reference, start.since);
-    const double best =
-        std::min(bestOfMany(*many, 60, static_cast<unsigned>(i)), costs.back());
-    ++set.problems;
-    for (std::size_t j = 0; j < kDecisions.size(); ++j) {
-      set.exact[j] += costs[j] < (1 + 1e-4) * best;
-      set.good[j] += costs[j] < 1.01 * best;
-    }
-  }
-  for (const auto& set : found)
-    for (std::size_t j = 0; j < kDecisions.size(); ++j)
-      std::printf("%s starts, %2d decisions: within 1%% of the best %5.1f%%, within 1e-4 %5.1f%%\n",
-                  &set == found ? "near" : "far ", kDecisions[j],
-                  100.0 * set.good[j] / set.problems, 100.0 * set.exact[j] / set.problems);
-  std::printf("first decision: %.3f ms median, %.3f ms 99%%\n", 1e3 * quantile(times, 0.5),
-              1e3 * quantile(times, 0.99));
-}
-
 /// Asks for real-time priority and locked memory; returns why they are not granted, or "".
 std::string askForRealTime() {
   sched_param wanted{};
@@ -232,9 +184,7 @@ void keepDeadline(double milliseconds, int count, int hogs_per_core) {
 
 int main(int argc, char** argv) {
   const std::vector<std::string> words(argv + 1, argv + argc);
-  if (!words.empty() && words[0] == "cold") {
-    ground::cold(words.size() > 1 ? std::stoi(words[1]) : 240);
-  } else if (!words.empty() && words[0] == "warm") {
+  if (!words.empty() && words[0] == "warm") {
     const std::vector<std::string> effects(words.begin() + std::min(2, argc - 1), words.end());
     ground::warm(words.size() > 1 ? std::stod(words[1]) : 60, effects);
   } else if (!words.empty() && words[0] == "deadline") {
@@ -243,7 +193,7 @@ int main(int argc, char** argv) {
                          words.size() > 3 ? std::stoi(words[3]) : 2);
   } else {
     std::puts(
-        "plans warm [SECONDS] [EFFECT=VALUE...] | plans cold [COUNT] | "
+        "plans warm [SECONDS] [EFFECT=VALUE...] | "
         "plans deadline [MILLISECONDS] [COUNT] [HOGS]");
     return 1;
   }

@@ -1,9 +1,34 @@
 """Benches whose results go to a file of JSON lines, so that an interrupted one continues where it stopped."""
+import argparse
 import functools
 import json
 import math
 import os
 import time
+
+from ground.errors import GroundError
+
+
+def parser(about, path):
+    """A parser of the options that all of these benches have; path: where results go."""
+    found = argparse.ArgumentParser(description=about)
+    found.add_argument("--count", type=int, help="number of cases, of each kind if there are kinds")
+    found.add_argument("--seed-base", type=int, default=1, help="seed of the first case (1)")
+    found.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
+    found.add_argument("--hours", type=float, default=math.inf, help="begin no case after this time")
+    found.add_argument("--results", default=path, help="file of JSON lines")
+    found.add_argument("--markdown", help="file for the table")
+    return found
+
+
+def status(bench, options):
+    """Runs a bench; returns its exit status, or what is wrong."""
+    if options.jobs < 1 or (options.count is not None and options.count < 1):
+        return "--count and --jobs must be positive"
+    try:
+        return bench(options)
+    except (GroundError, OSError) as error:
+        return str(error)
 
 
 def results(team, path, wanted, key, key_of, run, hours=math.inf, noun="cases"):

@@ -1,4 +1,5 @@
-"""Mutants of the C++ core: which unit tests execute what, and a copy of the workspace that builds mutants."""
+"""Mutants of the C++ core: which unit tests execute what, and a copy of the workspace that builds mutants.
+As a program, `core.py JOBS`, it counts what the unit tests execute; gcovr has to be asked next."""
 import collections
 import concurrent.futures
 import filecmp
@@ -7,6 +8,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 
 import commands
 from sampling import PACKAGE, ROOT
@@ -207,3 +209,7 @@ class Tree:
                 if not filecmp.cmp(str(path), str(other), False):
                     return False
         return True
+
+
+if __name__ == "__main__":
+    count(int(sys.argv[1]))

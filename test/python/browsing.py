@@ -75,8 +75,11 @@ for (const figure of document.querySelectorAll(".figure[data-drawn]")) {
 return found"""
 
 
-def shape(browser):
-    """Forms of the figures that are drawn, after they have been drawn for a new width."""
-    wait_until_drawn(browser)
-    forms = "return [...document.querySelectorAll('.figure[data-drawn]')].map(f => f.dataset.form)"
-    return set(browser.execute_script(forms))
+def assert_fits(browser, width):
+    """Checks that the page is no wider than its window, that texts of figures do not overlap, and, on a
+    screen that is not a telephone's, that nothing has to be scrolled sideways."""
+    page = "return document.documentElement.scrollWidth"
+    assert browser.execute_script(page) <= width
+    assert browser.execute_script(CROWDED) == []
+    cut = "return [...document.querySelectorAll('.wide')].filter(e => e.scrollWidth > e.clientWidth).length"
+    assert width < 1000 or browser.execute_script(cut) == 0

@@ -154,10 +154,10 @@ def test_a_warning_points_at_the_callers_line(tmp_path):
 def test_results_write_the_files_of_the_verbs(flown, tmp_path):
     craft = ground.Model.load(MODEL)
     compared = ground.compare([craft], flown)
-    path = compared.save(tmp_path / "compared", pictures=False)
+    path = compared.save(tmp_path / "compared", page=False)
     assert json.load(open(path))["runs"][0]["bag"] == "run.bag"
     with pytest.raises(ground.GroundError, match="exists"):
-        compared.save(tmp_path / "compared", pictures=False)
+        compared.save(tmp_path / "compared", page=False)
     diagnosed = ground.diagnose(craft, flown, only=["yaw_bias"])
     written = diagnosed.save(tmp_path / "diagnosed")
     assert all(pathlib.Path(p).is_file() for p in written)

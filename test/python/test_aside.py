@@ -4,7 +4,6 @@ import os
 import pathlib
 import signal
 import subprocess
-import sys
 
 import pytest
 from conftest import ROOT, wait_for
@@ -25,21 +24,6 @@ def test_the_command_and_its_session_have_a_low_priority():
         )
     assert [group.split()[-1] for group in groups[1:]] == ["10", "10"]
     assert len({group.split()[0] for group in groups}) == 3
-
-
-def test_arguments_and_exit_status_are_those_of_the_command():
-    result = subprocess.run(
-        [ASIDE, "bash", "-c", 'echo "$2"; exit 7', "words", "one", "two  words"],
-        stdout=subprocess.PIPE,
-        universal_newlines=True,
-    )
-    assert (result.returncode, result.stdout) == (7, "two  words\n")
-
-
-def test_the_command_can_be_interrupted():
-    script = "import signal; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
-    command = [ASIDE, sys.executable, "-c", script]
-    assert subprocess.check_output(command, universal_newlines=True) == "True\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -1,4 +1,4 @@
-"""The discovery bench: its craft in a control loop, its floor, its scores, and one short discovery."""
+"""The discovery bench: its craft in a control loop, its floor, and one short discovery."""
 import json
 import pathlib
 import sys
@@ -18,7 +18,6 @@ import discover  # noqa: E402
 import discover_cases as cases  # noqa: E402
 import discover_floor  # noqa: E402
 import discover_lab  # noqa: E402
-import discover_table  # noqa: E402
 import hidden_craft  # noqa: E402
 import hidden_score  # noqa: E402
 
@@ -95,18 +94,6 @@ def test_the_floor_is_the_error_of_the_true_motion(effect, seed, most):
     assert floor < most * nominal
 
 
-def answer(seconds, chosen, groups=None):
-    return {"seconds": seconds, "chosen": chosen, "groups": groups or {}, "verdict": "missing"}
-
-
-def test_the_time_counts_from_which_on_answers_are_right():
-    result = {"kind": "one", "hidden": ["wind"], "allowed": []}
-    wind, drag = answer(20, ["wind"]), answer(30, ["quadratic_drag"])
-    group = answer(40, ["quadratic_drag"], {"quadratic_drag": ["quadratic_drag", "wind"]})
-    late = answer(50, ["wind"])
-    assert discover_table.first_right(dict(result, answers=[wind, late])) == 20
-    assert discover_table.first_right(dict(result, answers=[wind, drag, group, late])) == 40
-    assert discover_table.first_right(dict(result, answers=[wind, drag])) is None
 
 
 def test_cases_follow_from_their_seeds():

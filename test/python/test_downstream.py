@@ -160,11 +160,3 @@ def test_hook_with_a_wrong_signature_does_not_compile():
     assert "error: static assertion failed: the effect acts nowhere" in wrong.stdout
     assert len(re.findall(" error: ", wrong.stdout)) == len(refused) + 1, wrong.stdout
     assert compiled("-DRIGHT").returncode == 0
-
-
-def test_documentation_shows_the_example():
-    def struct(path):
-        return re.search(r"^struct ThrustYawLoss.*?^};$", path.read_text(), re.M | re.S).group()
-
-    page = ROOT / "docs" / "howto" / "effect_cpp.md"
-    assert struct(page) == struct(EXAMPLE / "src" / "thrust_yaw_loss.cpp")

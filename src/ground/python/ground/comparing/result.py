@@ -21,11 +21,10 @@ if TYPE_CHECKING:
 SCHEMA = "ground/compare/1"
 # Whether a model was fitted to a run: it was, it was not, or its file does not tell
 ROLES = ("fit", "held_out", "unknown")
-KINDS = ("comparison", "residuals")  # kinds of pictures, one of each for a run
 WRENCH = "t [s],X [N],Y [N],N [N m],sigma X [N],sigma Y [N],sigma N [N m]"
 COLUMNS = "%9s %7s %10s %9s %14s %15s"
 HEAD = COLUMNS % ("runs", "error", "prediction", "(3.4) 4 s", "fit u,v,r [%]", "off after 1 s")
-Files = Optional[Document]  # files of one run: pictures and series, by their subject
+Files = Mapping[str, str]  # CSV files of one run, by model
 
 
 class _Frame(Shown):
@@ -72,21 +71,18 @@ class RunComparison(_Frame):
         """Sentences on what stands out, by model."""
         return {study["label"]: study["summary"] for study in self.studies}
 
-    def to_dict(self, files: Files = None) -> Document:
+    def to_dict(self, files: Optional[Files] = None) -> Document:
         """Plain values, as compare.json has them; files: the run's files."""
-        named = files or {"comparison": None, "residuals": None, "models": {}}
         return {
             "name": self.name,
             "bag": self.recording.bag,
-            "picture": named["comparison"],
-            "pictures": {"residuals": named["residuals"]},
             "models": {
                 study["label"]: dict(
                     study["numbers"],
                     role=study["role"],
                     residuals=study["residuals"],
                     wrench=study["missing"].numbers,
-                    files=named["models"].get(study["label"]),
+                    files={"wrench_csv": files[study["label"]]} if files else None,
                     summary=study["summary"],
                 )
                 for study in self.studies
@@ -154,7 +150,7 @@ class Comparison(_Frame):
             )
         yield self.sentence
 
-    def to_dict(self, files: Optional[Sequence[Files]] = None) -> Document:
+    def to_dict(self, files: Optional[Sequence[Optional[Files]]] = None) -> Document:
         """Plain values, as compare.json has them; files: the files of each run."""
         named = files or [None] * len(self.runs)
         return {
@@ -173,17 +169,14 @@ class Comparison(_Frame):
             "noise_floor": self.noise_floor,
         }
 
-    def save(
-        self, folder: Path, pictures: bool = True, form: str = "png", force: bool = False
-    ) -> str:
-        """Writes compare.json and, for every run, the missing wrench as CSV; with `pictures` also the
-        pictures and the page report.html. form: "png" or "svg". Returns the path of the page, or of
-        the JSON. Files of an older comparison in the folder go. GroundError when a file cannot be
-        written, or exists and `force` is not set."""
+    def save(self, folder: Path, page: bool = True, force: bool = False) -> str:
+        """Writes compare.json and, for every run, the missing wrench as CSV; with `page` also report.html.
+        Returns the path of the page, or of the JSON. Files of an older comparison in the folder go.
+        GroundError when a file cannot be written, or exists and `force` is not set."""
         place = os.fspath(folder)
-        page, numbers = prepare(place, force)
+        shown, numbers = prepare(place, force)
         stems = distinct_labels([_stem(run.name) for run in self.runs], [""] * len(self.runs))
-        named = [self._names(place, stem, "." + form if pictures else "") for stem in stems]
+        named = [self._files_of(os.path.join(place, stem)) for stem in stems]
         older = result_folder.older(numbers, SCHEMA)
         stale = [os.path.basename(path) for path in _files(older.get("runs"))]
         result = self.to_dict(named)
@@ -191,41 +184,28 @@ class Comparison(_Frame):
             for run, own in zip(self.runs, named):
                 _write_run(run, own, new)
             files.write_json(os.path.join(new, os.path.basename(numbers)), result)
-        if not pictures:
+        if not page:
             return numbers
         from ground.reports import report
 
         inputs = [run.recording.path for run in self.runs]
         inputs += [model.path for model in self.models.values()]
-        with result_folder.page(page, numbers):
+        with result_folder.page(shown, numbers):
             report.comparison(
-                page,
+                shown,
                 result,
                 [run.studies for run in self.runs],
                 quality.describe([run.recording.repaired for run in self.runs]),
                 [path for path in inputs if path],
                 force,
             )
-        return page
+        return shown
 
-    def _names(self, folder: str, run: str, ending: str) -> Document:
-        """Names of all files of one run; None for pictures that are not drawn, without an ending."""
-        run = os.path.join(folder, run)
-
-        def picture(stem: str) -> Optional[str]:
-            return stem + ending if ending else None
-
+    def _files_of(self, run: str) -> Dict[str, str]:
+        """Paths of the CSV files of one run, by model."""
         labels = list(self.models)
         stems = distinct_labels([_stem(label) for label in labels], [""] * len(labels))
-        wrenches = {label: "%s.wrench.%s" % (run, stem) for label, stem in zip(labels, stems)}
-        return {
-            "comparison": picture(run),
-            "residuals": picture(run + ".residuals"),
-            "models": {
-                label: {"wrench_picture": picture(stem), "wrench_csv": stem + ".csv"}
-                for label, stem in wrenches.items()
-            },
-        }
+        return {label: "%s.wrench.%s.csv" % (run, stem) for label, stem in zip(labels, stems)}
 
 
 def prepare(folder: str, force: bool) -> Sequence[str]:
@@ -258,7 +238,7 @@ def _stem(label: str) -> str:
 
 
 def _files(value: Any) -> Iterator[str]:
-    """All names of pictures and tables in a document."""
+    """All names of tables and pictures in a document."""
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, list):
@@ -268,23 +248,11 @@ def _files(value: Any) -> Iterator[str]:
         yield value
 
 
-def _write_run(run: RunComparison, named: Document, folder: str) -> None:
+def _write_run(run: RunComparison, named: Files, folder: str) -> None:
     """Writes the files of one run into a folder."""
-
-    def place(path: str) -> str:
-        return os.path.join(folder, os.path.basename(path))
 
     for study in run.studies:
         missing = study["missing"]
         rows = np.column_stack([missing.times, missing.wrench, missing.sigma])
-        files.write_csv(place(named["models"][study["label"]]["wrench_csv"]), WRENCH, rows)
-    if not named["comparison"]:
-        return
-    from ground.reports import figures, picture, wrench_figures
-
-    drawn: Sequence[Any] = (figures.motion, figures.residual_correlation)
-    for kind, draw in zip(KINDS, drawn):
-        picture.write(place(named[kind]), [draw(run.studies)])
-    for number, study in enumerate(run.studies):
-        shown = [wrench_figures.wrench_over_time([study], number)]
-        picture.write(place(named["models"][study["label"]]["wrench_picture"]), shown)
+        path = os.path.join(folder, os.path.basename(named[study["label"]]))
+        files.write_csv(path, WRENCH, rows)

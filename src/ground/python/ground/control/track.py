@@ -285,7 +285,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_model(parser, "the controller's model")
     parser.add_argument("--reference", default="circle", metavar="KIND", help="see below (%(default)s)")
     command_line.add_options(parser, TrackOptions)
-    parser.add_argument("--picture", metavar="FILE.png", help="path, error and inputs of the run")
+    parser.add_argument(
+        "--picture",
+        metavar="FILE.png",
+        help="path, error and inputs of the run; FILE.html: a page, which needs no Chromium",
+    )
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 

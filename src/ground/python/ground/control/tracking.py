@@ -29,7 +29,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--picture",
         metavar="FILE.png",
-        help="path, error, inputs and computing time of the longest drive",
+        help="path, error, inputs and computing time of the longest drive; FILE.html: a page, which "
+        "needs no Chromium",
     )
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 

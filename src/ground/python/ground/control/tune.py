@@ -77,7 +77,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_model(parser, "model of the craft")
     command_line.add_output(parser, "GAINS.yaml")
     command_line.add_options(parser, TuneOptions)
-    parser.add_argument("--picture", metavar="FILE.png", help="candidates, and errors before and after")
+    parser.add_argument(
+        "--picture",
+        metavar="FILE.png",
+        help="candidates, and errors before and after; FILE.html: a page, which needs no Chromium",
+    )
 
 
 def run(arguments: argparse.Namespace) -> Document:

@@ -9,11 +9,9 @@ from ground import _core
 from ground.annotations import Array, Document
 from ground.discovery import story as tale
 from ground.discovery.story import Flight, Flown, Point, Story
-from ground.reports import panels
 from ground.reports.appearance import (
     FLOOR,
     LESS,
-    LINES,
     MARKS,
     MEASURED,
     MODELS,
@@ -31,10 +29,11 @@ from ground.reports.figure_parts import (
     curve,
     every_so_many,
     fewer,
-    finish,
     points,
     short,
+    walls,
 )
+from ground.reports.panels import Panels
 
 ROOM_ABOVE = 1.6  # largest error that the axis has room for, over the largest that is drawn
 MIN_ERROR = 1e-6  # smallest error that is drawn [-]
@@ -60,17 +59,15 @@ def errors(story: Story) -> Optional[Document]:
     known = [e for flown in flights for e in flown.errors.values() if e is not None]
     known += [flown.floor for flown in flights if flown.floor]
     top = ROOM_ABOVE * max(known, default=1.0)
-    figure = panels.Figure()
-    _add_newest(figure, story, flights)
+    figure = Panels()
     for count, version in enumerate(shown(story)):
         _add_model(figure, flights, count, version, top)
-    _add_refitted(figure, story)
     _add_floor(figure, flights)
     for flown in flights:
         if flown.flight.purpose == tale.CONFIRM:
             at = flown.flight.number
             shade = transparent(FLOOR, 0.12)
-            figure.add_span(at - 0.5, at + 0.5, 1, fillcolor=shade, layer="below")
+            figure.span(at - 0.5, at + 0.5, fillcolor=shade, layer="below")
     numbers = [flown.flight.number for flown in flights]
     ticks = numbers[:: math.ceil(len(numbers) / MOST)]
     figure.update_xaxes(
@@ -92,7 +89,7 @@ def errors(story: Story) -> Optional[Document]:
     caption = _errors_caption(flights)
     if len(shown(story)) < len(story.versions):
         caption += " Of models with the same effects the first is drawn, and the newest of all."
-    return finish(figure, 400, caption, {"t": 70})
+    return figure.finish(400, caption, {"t": 70})
 
 
 def shown(story: Story) -> List[tale.Version]:
@@ -117,8 +114,7 @@ def log_ticks(low: float, high: float) -> List[float]:
 def _errors_caption(flights: Sequence[Flown]) -> str:
     caption = (
         "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s; logarithmic. "
-        "Each model predicts the flights after those that it was fitted to. Wide band: the newest model "
-        "before each flight."
+        "Each model predicts the flights after those that it was fitted to, which have open marks."
     )
     if any(flown.floor is not None for flown in flights):
         caption += " Floor: what noise of the poses and the disturbance leave to a true model."
@@ -139,20 +135,8 @@ def newest(story: Story, flown: Flown) -> Optional[str]:
     return before[-1] if before else None
 
 
-def _add_newest(figure: panels.Figure, story: Story, flights: Sequence[Flown]) -> None:
-    at, values = [], []
-    for flown in flights:
-        label = newest(story, flown)
-        if label is not None:
-            value = flown.errors[label]
-            at.append(flown.flight.number)
-            values.append(math.nan if value is None else max(value, MIN_ERROR))
-    line = {"color": LINES, "width": 14}
-    figure.add(dict(curve(at, values, "newest model", line, False), hoverinfo="skip"))
-
-
 def _add_model(
-    figure: panels.Figure,
+    figure: Panels,
     flights: Sequence[Flown],
     count: int,
     version: tale.Version,
@@ -178,15 +162,7 @@ def _add_model(
     figure.add(dict(trace, hovertemplate="%{customdata}<extra></extra>"))
 
 
-def _add_refitted(figure: panels.Figure, story: Story) -> None:
-    """The error of the given model on the confirming flight, fitted to the flights before it."""
-    found = story.confirmation
-    if found is not None and found.refitted is not None:
-        marker = {"size": 9, "symbol": MARKS[0] + "-open", "color": model_color(0)}
-        figure.add(points([found.flight], [found.refitted], marker, name="given, refitted"))
-
-
-def _add_floor(figure: panels.Figure, flights: Sequence[Flown]) -> None:
+def _add_floor(figure: Panels, flights: Sequence[Flown]) -> None:
     """A level at each flight that has one."""
     at: List[float] = []
     levels: List[float] = []
@@ -210,7 +186,7 @@ def beliefs(story: Story) -> Optional[Document]:
     names = _considered(story)
     columns = ["%d" % finding.after for finding in findings]
     percent = [[_percent(column[n]) if n in column else None for column in table] for n in names]
-    figure = panels.Figure()
+    figure = Panels()
     figure.add(
         {
             "type": "heatmap",
@@ -230,7 +206,7 @@ def beliefs(story: Story) -> Optional[Document]:
             if value is not None:
                 text = CELLS.get(column[name].state, "%s").replace("%s", "%.0f" % value)
                 font = {"size": 11, "color": "#ffffff" if value > 60 else TEXT}
-                figure.annotate(1, 1, x=place, y=name, text=text, font=font)
+                figure.note(text, place, name, inside=False, font=font)
     figure.update_xaxes(title="after flight", type="category")
     figure.update_yaxes(autorange="reversed", automargin=True, type="category", tickvals=names)
     caption = (
@@ -243,9 +219,7 @@ def beliefs(story: Story) -> Optional[Document]:
         caption += " %d more effects were never above %g%%." % (rest, 100 * SMALL)
     if count < len(known):
         caption += " %d of %d diagnoses are shown." % (count, len(known))
-    area = ROW * len(names)
-    margin = {"t": 40, "b": 50, "l": 20}
-    return finish(figure, area + 90, caption, margin, blocks=[panels.Block((1,), area)])
+    return figure.finish(ROW * len(names) + 90, caption, {"t": 40, "b": 50, "l": 20})
 
 
 def _percent(belief: tale.Belief) -> float:
@@ -294,31 +268,25 @@ def flight(
     paths = [path for path in paths if path[1]]
     if not paths and inputs is None:
         return None
-    beside: Optional[Document] = None if inputs is None else {}
-    figure = panels.Figure(
-        cols=2, specs=[[{}, beside]], column_widths=[0.45, 0.55], horizontal_spacing=0.1
-    )
+    figure = Panels() if inputs is None else Panels(1, 2, [0.45, 0.55], gaps=(0.1, 0))
     if room is not None:
-        walls = np.array(list(room.corners) + [room.corners[0]])
-        line = {"color": "#aaaaaa", "width": 5}
-        figure.add(dict(curve(walls[:, 1], walls[:, 0], "walls", line, True), hoverinfo="skip"))
+        figure.add(walls(room), 1, 1)
     for name, path, line in paths:
-        figure.add(_path(path, name, line))
+        figure.add(_path(path, name, line), 1, 1)
     if paths:
         _, first, _ = paths[-1]
         start = {"size": 8, "color": MEASURED}
-        figure.add(points([first[0][2]], [first[0][1]], start, name="start"))
+        figure.add(points([first[0][2]], [first[0][1]], start, name="start"), 1, 1)
     if flown and flown.stopped and flown.path:
         _, x, y = flown.path[-1]
-        figure.add(points([y], [x], {"size": 10, "color": WARNING, "symbol": "x"}, name="stopped"))
+        marker = {"size": 10, "color": WARNING, "symbol": "x"}
+        figure.add(points([y], [x], marker, name="stopped"), 1, 1)
     figure.update_xaxes(title=Y_AXIS, row=1, col=1)
     figure.update_yaxes(title=X_AXIS, scaleanchor="x", row=1, col=1)
     caption = "Seen from above" + ("." if inputs is None else "; and the inputs, played in bursts.")
-    blocks = [panels.Block((1,), 320)]
     if inputs is not None:
         _add_inputs(figure, inputs, thrusters)
-        blocks.append(panels.Block((2,), 200))
-    return finish(figure, 400, caption, {"t": 40}, blocks=blocks)
+    return figure.finish(400, caption, {"t": 40})
 
 
 def _path(path: Sequence[Point], name: str, line: Mapping[str, object]) -> Document:
@@ -328,7 +296,7 @@ def _path(path: Sequence[Point], name: str, line: Mapping[str, object]) -> Docum
     return dict(curve(y, x, name, dict(line), True), customdata=short(times), hovertemplate=hover)
 
 
-def _add_inputs(figure: panels.Figure, inputs: Array, thrusters: Sequence[str]) -> None:
+def _add_inputs(figure: Panels, inputs: Array, thrusters: Sequence[str]) -> None:
     """Inputs over time, each constant until the next."""
     times = inputs[:, 0]
     names = [*thrusters, "lift"]

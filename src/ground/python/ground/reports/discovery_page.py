@@ -4,7 +4,7 @@ It is made from the Story and the files of its folder, at any time of a discover
 """
 
 import os
-from typing import Dict, Optional
+from typing import Dict, List, Optional
 
 import numpy as np
 
@@ -92,25 +92,19 @@ class _StoryPage:
             sheet.paragraph("No model has predicted a flight yet.")
             return
         sheet.figure(figure)
-        flights = [flown for flown in story.flights if flown.errors]
-        models = discovery_figures.shown(story)
-        rows = [
-            [v.label]
-            + [
-                error(flown.errors[v.label]) + " *" * (flown.flight.number <= v.after)
-                if v.label in flown.errors
-                else ""
-                for flown in flights
-            ]
-            for v in models
-        ]
-        chosen = [i for i, v in enumerate(models) if v.label == story.in_use]
-        rows.append(["floor"] + [number(flown.floor) for flown in flights])
-        sheet.table(["model"] + ["#flight %d" % f.flight.number for f in flights], rows, chosen)
-        note = "Bold: the model in the controller."
-        if any("*" in cell for row in rows for cell in row[1:]):
-            note += " *: a flight that the model was fitted to."
-        sheet.paragraph(note, "caption")
+        labels = [v.label for v in discovery_figures.shown(story)]
+        fitted = {v.label: v.after for v in story.versions}
+        rows = []
+        for flown in (flown for flown in story.flights if flown.errors):
+            cells: List[object] = [flown.flight.number]
+            for label in labels:
+                known = error(flown.errors[label]) if label in flown.errors else ""
+                cells.append(known + " *" * (known != "" and flown.flight.number <= fitted[label]))
+            rows.append([*cells, number(flown.floor)])
+        head = ["#%s%s" % (n, " (in the controller)" * (n == story.in_use)) for n in labels]
+        sheet.table(["flight", *head, "#floor"], rows)
+        if any(str(cell).endswith("*") for row in rows for cell in row):
+            sheet.paragraph("*: a flight that the model was fitted to.", "caption")
 
     def _belief(self) -> None:
         sheet = self._sheet
@@ -155,7 +149,7 @@ class _StoryPage:
             sheet.paragraph("Nothing has been flown yet.")
         findings = {finding.after: finding for finding in story.findings}
         if len(story.flights) > MAX_OPEN:
-            sheet.paragraph("Open a flight to see it; open flights are printed.", "caption screen")
+            sheet.paragraph("Open a flight to see it.", "caption")
         for flown in story.flights:
             self._flight(flown, findings.get(flown.flight.number))
         if story.planned and not story.ended:

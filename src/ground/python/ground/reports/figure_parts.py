@@ -1,83 +1,25 @@
-"""Parts of the package's figures: curves, arrows, notes, small multiples (plotly)."""
+"""Parts of the package's figures (plotly): curves, arrows, notes, small multiples."""
 
-import functools
-import math
-from typing import Any, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
-from plotly import io
 
 from ground.annotations import Array, Document
 from ground.recordings import repair
-from ground.reports import panels
 from ground.reports.appearance import (
-    LINES,
-    TEXT,
     model_color,
     model_line,
     model_mark,
     thruster_line,
     transparent,
 )
+from ground.reports.panels import Panels
 
 MAX_POINTS = 1000  # points of a curve; captions say what is left out
-NARROW_WIDTH, LEGEND_ROW = 300, 20  # a legend on a narrow page: width, height of a row [pixels]
 ARROW_HEAD = 0.3  # length of an arrow's head, as a share of the arrow
 TIME = "time since the start of the run [s]"
 Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # axes of a view from above
 ZERO_LINE: Document = {"zeroline": True, "zerolinecolor": "#888888", "zerolinewidth": 1}
-
-
-def finish(
-    figure: panels.Figure,
-    height: int,
-    caption: str,
-    margin: Mapping[str, int] = {},
-    legend_y: float = 1.02,
-    blocks: Sequence[panels.Block] = (),
-) -> Document:
-    """The figure as a document, with its height [pixels], caption, margins and legend.
-
-    blocks: how its columns are arranged on a narrow page; without them they keep their places.
-    """
-    # Short ticks keep the labels of both axes apart in the corner between them.
-    ticks: Document = {"ticks": "outside", "ticklen": 4, "tickcolor": LINES}
-    figure.update_xaxes(title={"font": {"size": 11}}, **ticks)
-    figure.update_yaxes(title={"font": {"size": 11}}, **ticks)
-    figure.layout.update(
-        template=_template(),
-        height=height,
-        meta=caption,
-        font={"family": "system-ui, sans-serif", "size": 12, "color": TEXT},
-        margin=dict({"t": 50, "b": 50, "l": 70, "r": 10}, **margin),
-        legend={"orientation": "h", "y": legend_y, "yanchor": "bottom", "x": 0},
-    )
-    return dict(figure.document(), narrow=_narrow(figure, blocks or [panels.Block((1,), height - 90)]))
-
-
-def _narrow(figure: panels.Figure, blocks: Sequence[panels.Block]) -> Document:
-    """What differs on a narrow page: the panels' places, and the legend below them."""
-    narrow = figure.narrow(blocks)
-    names = {t["name"]: t for t in figure.data if t.get("showlegend", True) and t.get("name")}
-    rows = math.ceil(sum(60 + 7 * len(name) for name in names) / NARROW_WIDTH)
-    own = figure.layout["margin"]
-    menus = figure.layout.get("updatemenus", [])
-    margin = {"t": 60 if menus else 26, "b": panels.GAP, "l": min(own["l"], 62), "r": 10}
-    area = narrow["layout"]["height"]
-    narrow["layout"].update(
-        height=area + margin["t"] + margin["b"] + LEGEND_ROW * rows,
-        margin=dict(margin, b=margin["b"] + LEGEND_ROW * rows),
-        legend={"y": -margin["b"] / area, "yanchor": "top"},
-        updatemenus=[dict(menu, y=1 + 10 / area) for menu in menus],
-        dragmode=False,  # a finger scrolls the page
-    )
-    return narrow
-
-
-@functools.lru_cache(maxsize=None)
-def _template() -> Document:
-    template: Document = io.templates["plotly_white"].to_plotly_json()
-    return template
 
 
 def curve(
@@ -137,45 +79,32 @@ def arrows(
 
 
 def bins(
-    entry: Document,
-    values: Any,
-    name: str,
-    model: int,
-    legend: bool,
-    errors: Optional[Array] = None,
+    x: Any, values: Any, name: str, model: int, legend: bool, errors: Optional[Array] = None
 ) -> Document:
-    """Means in the bins of a variable by the model of that number, with bars of `errors` to both
-    sides."""
-    trace = {
-        "type": "scatter",
-        "x": short(entry["centres"]),
-        "y": short(values),
-        "name": name,
-        "legendgroup": name,
-        "showlegend": legend,
-        "mode": "lines+markers",
-        "marker": model_mark(model),
-        "line": model_line(model, 1.4),
-        "hovertemplate": "%{x:.3g}: %{y:.3g}",
-    }
+    """Means at the centres of bins, by the model of that number, with bars of `errors` to both sides."""
+    trace = dict(
+        curve(x, values, name, model_line(model, 1.4), legend),
+        mode="lines+markers",
+        marker=model_mark(model),
+        hovertemplate="%{x:.3g}: %{y:.3g}",
+    )
     if errors is not None:
         bars = {"array": short(errors), "width": 0, "thickness": 1.2, "color": model_color(model)}
         trace["error_y"] = bars
     return trace
 
 
-def grid_blocks(columns: int, height: int, beside: int = 3) -> List[panels.Block]:
-    """Blocks of a narrow page for many columns, some beside each other; height: of each [pixels]."""
-    starts = range(1, columns + 1, beside)
-    return [
-        panels.Block(range(first, min(first + beside, columns + 1)), height) for first in starts
-    ]
+def walls(room: Any) -> Document:
+    """The walls of a _core.RoomPlan from above."""
+    corners = np.array(list(room.corners) + [room.corners[0]])
+    line = {"color": "#aaaaaa", "width": 4}
+    return dict(curve(corners[:, 1], corners[:, 0], "walls", line, True), hoverinfo="skip")
 
 
 def note(
-    figure: panels.Figure,
+    figure: Panels,
     row: int,
-    column: int,
+    col: int,
     text: str,
     shade: str,
     x: float,
@@ -184,13 +113,12 @@ def note(
     **style: Any,
 ) -> None:
     """A text inside a panel at (x, y), as shares of it, and `down` pixels lower."""
-    figure.annotate(
+    figure.note(
+        text,
+        x,
+        y,
         row,
-        col=column,
-        inside=True,
-        text=text,
-        x=x,
-        y=y,
+        col,
         xanchor="center" if x == 0.5 else "left" if x < 0.5 else "right",
         yanchor="top" if y > 0.5 else "bottom",
         yshift=-down,
@@ -199,8 +127,8 @@ def note(
     )
 
 
-def add_commands(figure: panels.Figure, study: Document, row: int) -> None:
-    """Commands of all thrusters over time in a row, and the time under the rows above it."""
+def add_commands(figure: Panels, study: Document, row: int) -> None:
+    """Commands of all thrusters over time in a row, and the time under it."""
     low, high = 0.0, 1.0
     for column, thruster in enumerate(study["model"].thrusters, 1):
         at, values = _commands(study["run"], column, study["model"].input_max)
@@ -209,8 +137,6 @@ def add_commands(figure: panels.Figure, study: Document, row: int) -> None:
         figure.add(curve(at, values, name, thruster_line(column - 1, 1.2), True), row, 1)
     room = 0.15 * (high - low)
     figure.update_yaxes(title="input [-]", range=[low - room, high + room], row=row, col=1)
-    for above in range(1, row):
-        figure.update_xaxes(showticklabels=False, row=above, col=1)
     figure.update_xaxes(title=TIME, row=row, col=1)
 
 
@@ -259,13 +185,5 @@ def outline(times: Array, low: Array, high: Array) -> Tuple[Array, Array]:
 
 def short(values: Any) -> List[Optional[float]]:
     """Numbers with five digits, so that pages stay small; None for NaN."""
-    given = np.asarray(values, float)
-    finite = np.isfinite(given)
-    size = np.abs(np.where(finite & (given != 0), given, 1.0))
-    digits = 4 - np.floor(np.log10(size))  # after the point
-    up, down = 10.0 ** np.maximum(digits, 0), 10.0 ** np.maximum(-digits, 0)
-    # Powers of ten are exact, so that the nearest float results, which is written in five digits.
-    found: List[Optional[float]] = (np.rint(given * up / down) / up * down).tolist()
-    for at in np.flatnonzero(~finite):
-        found[at] = None
-    return found
+    given = np.asarray(values, float).ravel().tolist()
+    return [float("%.5g" % v) if np.isfinite(v) else None for v in given]

@@ -6,7 +6,6 @@ import gzip
 import html
 import json
 import string
-from concurrent.futures import ThreadPoolExecutor
 from typing import Dict, Iterable, List, Sequence
 
 from ground import files
@@ -23,7 +22,7 @@ body { font: 16px/1.5 system-ui, sans-serif; color: $text; max-width: 68rem; mar
 h1 { font-size: 1.4rem } h2 { font-size: 1.15rem; margin-top: 2.2rem }
 h3 { font-size: 1rem; margin: 1.2rem 0 .2rem }
 .verdict { font-size: 1.25rem; border-left: .4rem solid $color; padding: .5rem 1rem; background: #f6f6f4 }
-.plot { margin: 0 } .figure { overflow: hidden }
+.plot { margin: 0 } .figure { overflow: hidden } .panels .figure { min-width: 50rem }
 .caption { font-size: .85rem; color: $less; margin: .1rem 0 .6rem }
 .wide { overflow-x: auto }
 table { border-collapse: collapse; font-size: .85rem; width: 100% }
@@ -35,26 +34,11 @@ tr.chosen { background: $chosen; font-weight: 600 }
 details { border: 1px solid $lines; border-radius: .3rem; margin: .5rem 0; padding: .3rem .8rem }
 summary { cursor: pointer; font-weight: 600; padding: .4rem 0 }
 summary span { font-weight: 400; color: $less }
-.paper { display: none; font-weight: 600 } .paper span { font-weight: 400; color: $less }
 code { background: $faint; padding: 0 .2rem; overflow-wrap: anywhere }
 ul { margin: .3rem 0; padding-left: 1.3rem }
 @media (max-width: 600px) {
   body { margin: 1rem auto; padding: 0 .75rem } .verdict { font-size: 1.1rem }
-  details { border: none; padding: 0 } td { max-width: 14rem }
-}
-@page { size: A4; margin: 12mm }
-@media print {
-  body { margin: 0; max-width: none; padding: 0; font-size: 9.5pt; line-height: 1.35 }
-  h1 { margin-top: 0 } h2 { margin: .9rem 0 .3rem } h3 { margin: .5rem 0 .1rem }
-  h1, h2, h3, thead, .caption:has(+ .wide) { break-after: avoid }
-  p, ul { margin: .3rem 0; orphans: 3; widows: 3 }
-  tr:first-child, tr:nth-child(2) { break-after: avoid }
-  .plot, tr, li, .verdict, .paper, h1, h2, h3 { break-inside: avoid }
-  .modebar { display: none }
-  details { border: none; padding: 0; margin: 0 } details:not([open]), summary { display: none }
-  table { font-size: 7.5pt } th, td { padding: .1rem .4rem } .wide { overflow: visible }
-  .screen { display: none } .paper { display: block; break-after: avoid }
-  * { print-color-adjust: exact; -webkit-print-color-adjust: exact }
+  details { border: none; padding: 0 } td { max-width: 14rem; min-width: 6rem }
 }
 </style></head><body>
 $body
@@ -82,35 +66,14 @@ function linkPathToTime(plot) {
   });
 }
 
-/* Draws a figure as wide as its place, or for paper: its panels one below the other on a narrow page. */
-const NARROW = 600, PAPER = 700, PAPER_HEIGHT = 0.76;
-function arranged(plot, paper) {
-  const {data, layout, narrow} = figures[plot.id];
-  if (paper)
-    return {data, layout: {...layout, width: PAPER, height: PAPER_HEIGHT * layout.height, updatemenus: []}};
-  if (plot.clientWidth >= NARROW || !narrow) return {data, layout};
-  const changed = {...layout};
-  for (const [key, value] of Object.entries(narrow.layout))
-    changed[key] = value instanceof Object && !Array.isArray(value) ? {...layout[key], ...value} : value;
-  const bars = data.map((trace, i) => !narrow.traces[i] ? trace : {...trace, marker:
-    {...trace.marker, colorbar: {...trace.marker.colorbar, ...narrow.traces[i].colorbar}}});
-  return {data: bars, layout: changed, isNarrow: true};
-}
-
-async function draw(plot, paper = false) {
-  const {data, layout, isNarrow} = arranged(plot, paper);
-  const form = paper ? "paper" : isNarrow ? "narrow" : "wide";
-  if (plot.dataset.form === form) return;
-  plot.dataset.form = form;
+async function draw(plot) {
+  if (plot.dataset.drawn) return;
   plot.dataset.drawn = "begun";
-  plot.style.height = layout.height + "px";
-  const traces = data.map(trace => ({...trace}));  // a zoom cuts off paths
-  const bar = {displayModeBar: !isNarrow && "hover"};
-  await Plotly.newPlot(plot, traces, JSON.parse(JSON.stringify(layout)), {...config, ...bar});
+  const {data, layout} = structuredClone(figures[plot.id]);  // a zoom cuts off paths
+  await Plotly.newPlot(plot, data, layout, config);
   linkPathToTime(plot);
   plot.dataset.drawn = "yes";
 }
-const drawAll = paper => document.querySelectorAll(".figure[data-drawn]").forEach(p => draw(p, paper));
 
 function unpack(name) {
   const packed = atob(document.getElementById(name).textContent);
@@ -130,14 +93,11 @@ async function start() {
     details.addEventListener("toggle", () => {
       if (details.open) details.querySelectorAll(".figure").forEach(plot => draw(plot));
     });
-  window.addEventListener("resize", () => drawAll(false));
-  window.addEventListener("beforeprint", () => drawAll(true));
-  window.addEventListener("afterprint", () => drawAll(false));
 }
 
-if (window.DecompressionStream) start();
+if (window.DecompressionStream && window.structuredClone) start();
 else document.querySelectorAll(".figure").forEach(
-  plot => { plot.textContent = "This plot needs a newer browser (Chrome 80, Firefox 113, Safari 16.4)."; });
+  plot => { plot.textContent = "This plot needs a newer browser (Chrome 98, Firefox 113, Safari 16.4)."; });
 </script></body></html>
 """)
 
@@ -150,9 +110,8 @@ class Page:
 
     def __init__(self, title: str) -> None:
         self.title = title
-        self._library = _packing().submit(_plotly)  # while the page grows
         self._body: List[str] = []
-        self._figures: Dict[str, Document] = {}
+        self._figures: Dict[str, str] = {}  # JSON, by name
 
     def add(self, markup: str) -> None:
         """Adds HTML without escaping it."""
@@ -175,15 +134,16 @@ class Page:
         self.add("<ul>%s</ul>" % "".join("<li>%s</li>" % html.escape(line) for line in lines))
 
     def figure(self, figure: Document, hint: str = "") -> None:
-        """Adds a plotly figure, and below it its caption (from layout.meta) and a hint."""
+        """Adds a figure, and below it its caption (from layout.meta) and a hint. One of several panels
+        is scrolled sideways on a narrow screen."""
         name = "figure%d" % len(self._figures)
-        self._figures[name] = figure
-        height = figure["layout"]["height"]
+        self._figures[name] = json.dumps(figure, separators=(",", ":"), default=list)
         caption = " ".join(filter(None, (figure["layout"]["meta"], hint)))
+        kind = "wide panels" if "xaxis2" in figure["layout"] else "wide"
         self.add(
-            '<figure class="plot"><div class="figure" id="%s" style="height:%dpx"></div>'
-            '<figcaption class="caption">%s</figcaption></figure>'
-            % (name, height, html.escape(caption))
+            '<figure class="plot"><div class="%s"><div class="figure" id="%s" style="height:%dpx">'
+            '</div></div><figcaption class="caption">%s</figcaption></figure>'
+            % (kind, name, figure["layout"]["height"], html.escape(caption))
         )
 
     def table(
@@ -209,14 +169,9 @@ class Page:
         self.add("</table></div>")
 
     def fold(self, summary: str, beside: str, is_open: bool) -> None:
-        """Begins a part that can be folded; its figures are drawn when it is opened. A paragraph with
-        the same words stands for the summary on paper, where nothing keeps a summary from staying
-        behind at the end of a page."""
+        """Begins a part that can be folded; its figures are drawn when it is opened."""
         words = "%s <span>%s</span>" % (html.escape(summary), html.escape(beside))
-        self.add(
-            '<details%s><summary>%s</summary><p class="paper">%s</p>'
-            % (" open" * is_open, words, words)
-        )
+        self.add("<details%s><summary>%s</summary>" % (" open" * is_open, words))
 
     def end_fold(self) -> None:
         """Ends the part that `fold` began."""
@@ -233,17 +188,12 @@ class Page:
             faint=appearance.FAINT,
             chosen=appearance.CHOSEN,
             body="\n".join(self._body),
-            plotly=self._library.result(),
-            figures=_packed(json.dumps(self._figures, separators=(",", ":"), default=list)),
+            plotly=_plotly(),
+            figures=_packed("{%s}" % ",".join('"%s":%s' % item for item in self._figures.items())),
         )
         with files.new_file(path, force) as temporary:
             with open(temporary, "w", encoding="utf-8") as file:
                 file.write(text)
-
-
-@functools.lru_cache(maxsize=None)
-def _packing() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(1)
 
 
 @functools.lru_cache(maxsize=None)

@@ -182,13 +182,13 @@ def _measured_against(
     described: Sequence[Document],
     banded: Optional[Mapping[int, bands_of.Bands]] = None,
 ) -> None:
-    """All runs against all models, over time and place.
+    """All runs against all models: over time and place.
 
     banded: bands.Bands by the id of their run.
     """
     sheet.heading("Measured against each model")
     if len(inspected) > 1:
-        sheet.paragraph("Open a run to see it; open runs are printed.", "caption screen")
+        sheet.paragraph("Open a run to see it.", "caption")
     for count, (studies, about) in enumerate(zip(inspected, described)):
         run = studies[0]["run"]
         errors = ", ".join(
@@ -202,7 +202,7 @@ def _measured_against(
 
 def _run(sheet: page.Page, studies: List[Document], bands: Optional[bands_of.Bands]) -> None:
     """One run against all models."""
-    sheet.figure(figures.motion(studies, bands, table=False), ZOOM)
+    sheet.figure(figures.motion(studies, bands), ZOOM)
     sheet.table(
         NUMBERS, [appearance.numbers_row(s["label"], s["role"], s["numbers"]) for s in studies]
     )
@@ -241,7 +241,7 @@ def _evidence(sheet: page.Page, report: Document) -> None:
         for c in report["candidates"]
     ]
     chosen = [i for i, c in enumerate(report["candidates"]) if c["selected"]]
-    sheet.table(head + ["=parameters", "not distinguished from"], rows, chosen)
+    sheet.table(head + ["parameters", "not distinguished from"], rows, chosen)
     sheet.subheading("Improved model")
     nominal, improved = report["nominal"]["parameters"], report["improved"]["parameters"]
     rows = [

@@ -6,9 +6,7 @@ from typing import Any, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground.annotations import Document
-from ground.reports import panels
 from ground.reports.appearance import (
-    LESS,
     MARKS,
     MEASURED,
     MODELS,
@@ -17,7 +15,17 @@ from ground.reports.appearance import (
     thruster_line,
     transparent,
 )
-from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, finish, note, points, short
+from ground.reports.figure_parts import (
+    X_AXIS,
+    Y_AXIS,
+    arrows,
+    curve,
+    note,
+    points,
+    short,
+    walls,
+)
+from ground.reports.panels import Panels
 from ground.simulation import tuning
 
 MIN_ERROR = 1e-7  # smallest error that is drawn [m]
@@ -33,20 +41,15 @@ def driven(
     text: the caption; counts: the span of time in which errors count [s]; room: the _core.RoomPlan
     whose walls are drawn.
     """
-    figure = panels.Figure(
-        rows=3,
-        cols=2,
-        specs=[[{"rowspan": 3}, {}], [None, {}], [None, {}]],
-        column_widths=[0.42, 0.58],
-        row_heights=[1, 1, 0.6],
-        horizontal_spacing=0.08,
-        vertical_spacing=0.04,
+    figure = Panels(
+        3, 2, [0.42, 0.58], [1, 1, 0.6], gaps=(0.08, 0.04), tall=[1], shared="x"
     )
     _add_path(figure, run, room)
     line = {"color": MEASURED, "width": 1}
     errors = np.maximum(run.errors, MIN_ERROR)
     figure.add(curve(run.times, errors, "craft", line, False), 1, 2)
-    figure.add_span(*counts, 2, 1, fillcolor=transparent(REFERENCE, 0.12), layer="below")
+    shade = transparent(REFERENCE, 0.12)
+    figure.span(*counts, 1, 2, fillcolor=shade, layer="below")
     note(figure, 1, 2, "shaded: errors count", REFERENCE, 0.98)
     figure.update_yaxes(title="error [m]", type="log", row=1, col=2)
     _add_inputs(figure, run)
@@ -57,11 +60,8 @@ def driven(
     else:
         note(figure, 3, 2, "not recorded", MEASURED, 0.5)
     figure.update_yaxes(title="computing [ms]", rangemode="tozero", row=3, col=2)
-    figure.update_xaxes(matches="x4", col=2)
-    figure.update_xaxes(showticklabels=False, row=1, col=2)
-    figure.update_xaxes(showticklabels=False, row=2, col=2)
     figure.update_xaxes(title="time since the reference began [s]", row=3, col=2)
-    return finish(figure, 600, text)
+    return figure.finish(600, text)
 
 
 def caption(name: str, numbers: Mapping[str, Any]) -> str:
@@ -71,11 +71,9 @@ def caption(name: str, numbers: Mapping[str, Any]) -> str:
     return "%s: error %.3g mm rms, saturated %.0f%% of the time" % (name, error, saturated)
 
 
-def _add_path(figure: panels.Figure, run: Any, room: Optional[Any]) -> None:
+def _add_path(figure: Panels, run: Any, room: Optional[Any]) -> None:
     if room is not None:
-        walls = np.array(list(room.corners) + [room.corners[0]])
-        line = {"color": LESS, "width": 2}
-        figure.add(curve(walls[:, 1], walls[:, 0], "walls", line, True), 1, 1)
+        figure.add(walls(room), 1, 1)
     for path, name, shade, width, opacity in (
         (run.reference, "reference", REFERENCE, 4, 0.4),
         (run.eta, "craft", MEASURED, 1, 1.0),
@@ -91,7 +89,7 @@ def _add_path(figure: panels.Figure, run: Any, room: Optional[Any]) -> None:
     figure.update_yaxes(title=X_AXIS, scaleanchor="x", row=1, col=1)
 
 
-def _add_inputs(figure: panels.Figure, run: Any) -> None:
+def _add_inputs(figure: Panels, run: Any) -> None:
     """Adds the inputs, and behind them the wanted ones before they were limited."""
     for rows, prefix, opacity in ((run.wanted, "wanted, ", 0.35), (run.inputs, "", 1.0)):
         for column, name in enumerate(_thrusters(rows.shape[1] - 1), 1):
@@ -120,18 +118,18 @@ def tuned(
 
     compared: Candidates by name, the tuned one last; result: as the verb prints it.
     """
-    figure = panels.Figure(rows=1, cols=2, column_widths=[0.38, 0.62], horizontal_spacing=0.4)
+    figure = Panels(1, 2, [0.38, 0.62], gaps=(0.4, 0))
     _add_candidates(figure, tried, result["trade_off"])
     _add_errors(figure, list(compared), result["table"])
     text = (
         "Left: every candidate, and the trade-off between them. Right: errors from fresh starts, median "
         "and 5 to 95%; *: not used by the search."
     )
-    return finish(figure, 130 + 26 * max(12, len(result["table"])), text)
+    return figure.finish(130 + 26 * max(12, len(result["table"])), text)
 
 
 def _add_candidates(
-    figure: panels.Figure, tried: Sequence[tuning.Candidate], best: Sequence[Document]
+    figure: Panels, tried: Sequence[tuning.Candidate], best: Sequence[Document]
 ) -> None:
     marker = {
         "size": 4,
@@ -154,13 +152,13 @@ def _add_candidates(
             [100 * one["saturated"] for one in best],
             {"size": 4, "color": MODELS[0]},
             name="none better in error, saturation and effort",
-        )
+        ),
     )
     figure.update_xaxes(title="error [m], mean of all", type="log", row=1, col=1)
     figure.update_yaxes(title="saturated [% of the time]", row=1, col=1)
 
 
-def _add_errors(figure: panels.Figure, names: Sequence[str], rows: Sequence[Document]) -> None:
+def _add_errors(figure: Panels, names: Sequence[str], rows: Sequence[Document]) -> None:
     places = np.arange(len(rows))[::-1]
     for count, (name, shade) in enumerate(zip(names, COMPARED[-len(names) :])):
         low, middle, high = (
