@@ -18,11 +18,12 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import dictionary, horizon
-from ground.analysis.dictionary import ARGUMENTS, PAST, Samples, Scales
+from ground.analysis import dictionary, horizon, samples
+from ground.analysis.dictionary import ARGUMENTS, PAST
 from ground.analysis.folds import stretch
 from ground.analysis.likelihood import Fit, Likelihood, call
 from ground.analysis.regression import Regression, Term
+from ground.analysis.samples import Samples, Scales
 from ground.analysis.screening import refined, screened
 from ground.annotations import Array
 from ground.errors import GroundError
@@ -195,7 +196,7 @@ def found_beside(
 
 def _first(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, List[Samples]]:
     """The Regression on the dictionary, and the Samples of each run."""
-    sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(likelihood.runs))]
+    sampled = [samples.of_run(likelihood, fit, i) for i in range(len(likelihood.runs))]
     features = dictionary.dictionary(fit.model, Scales.of(sampled))
     acting = [dictionary.wrenches(features, fit.model, s) for s in sampled]
     followed = [dictionary.followed(fit.model, s) for s in sampled]
