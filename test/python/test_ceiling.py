@@ -8,11 +8,12 @@ import yaml
 from conftest import MODEL, ROOT, identify, write_bag
 from ground.analysis import candidates, dictionary, naming, rivals, samples, scalars, window_error
 from ground.analysis.agreement import agreement
-from ground.analysis.ceiling import ceiling, squared_errors
+from ground.analysis.ceiling import ceiling
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
 from ground.analysis.search import EXCLUSION
 from ground.analysis.verdict import CLOSE
+from ground.analysis.window_error import squared_errors
 from ground.recordings import repair, windows
 
 from ground import _core

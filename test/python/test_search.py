@@ -117,7 +117,8 @@ def test_differences_between_runs_are_distinguished_from_a_slow_disturbance(kind
     fitted, _ = hidden_cases.record(case)
     model = hidden_cases.given_model(case)
     likelihood = Likelihood(fitted, model)
-    found = run_differences.differences(likelihood, likelihood.fit(model, window_error.free_parameters(model)))
+    fit = likelihood.fit(model, window_error.free_parameters(model))
+    found = run_differences.differences(likelihood, fit)
     assert [d.kind.parameter for d in found] == expected
 
 

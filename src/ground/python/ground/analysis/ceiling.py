@@ -20,17 +20,15 @@ import numpy as np
 from ground import _core
 from ground.analysis import dictionary, horizon, samples
 from ground.analysis.dictionary import ARGUMENTS, PAST
-from ground.analysis.folds import stretch
-from ground.analysis.likelihood import Fit, Likelihood, call
+from ground.analysis.folds import excerpt
+from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Samples, Scales
 from ground.analysis.screening import refined, screened
+from ground.analysis.window_error import squared_errors
 from ground.annotations import Array
 from ground.errors import GroundError
-from ground.recordings import windows
 
-MOST_SAMPLES = 6000  # poses, thinned, of all runs together
-STRETCH = 10.0  # length of a stretch of a long run [s]
 STARTS = 40  # predictions
 ROUNDS = 4
 ENOUGH = 20.0  # ... and from which another follows
@@ -151,7 +149,7 @@ def ceiling(
 ) -> Ceiling:
     """The Ceiling of a Fit to runs. cut: windows of the runs; before: the model without the
     effects found. Of long runs it takes stretches that are spread evenly."""
-    likelihood, fit, runs, cut = _excerpt(likelihood, fit, runs, cut)
+    likelihood, fit, runs, cut = excerpt(likelihood, fit, runs, cut)
     first, sampled = _first(likelihood, fit)
     found = _rounds(first, sampled)
     now = squared_errors(runs, cut, fit.model)
@@ -190,7 +188,7 @@ def found_beside(
     likelihood: Likelihood, fit: Fit, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
 ) -> Optional[Found]:
     """What the innovations of a Fit depend on, without its shares."""
-    likelihood, fit, _, _ = _excerpt(likelihood, fit, runs, cut)
+    likelihood, fit, _, _ = excerpt(likelihood, fit, runs, cut)
     return _rounds(*_first(likelihood, fit))
 
 
@@ -237,41 +235,6 @@ def _poses(
         )
     except GroundError:
         return None
-
-
-def _excerpt(
-    likelihood: Likelihood,
-    fit: Fit,
-    runs: Sequence[_core.RunData],
-    cut: Sequence[_core.Window],
-) -> Tuple[Likelihood, Fit, Sequence[_core.RunData], Sequence[_core.Window]]:
-    """The same if the runs are short together, else stretches of them."""
-    if sum(len(run.times) for run in likelihood.runs) <= MOST_SAMPLES:
-        return likelihood, fit, runs, cut
-    stretches = [
-        (i, begin)
-        for i, run in enumerate(runs)
-        for begin in np.arange(run.times[0], run.times[-1] - STRETCH / 2, STRETCH).tolist()
-    ]
-    rate = sum(len(run.times) for run in likelihood.runs) / sum(
-        max(run.times[-1] - run.times[0], 1e-3) for run in runs
-    )
-    most = int(np.clip(MOST_SAMPLES / (rate * STRETCH), 2, len(stretches)))
-    pieces, of = [], []
-    for k in np.linspace(0, len(stretches) - 1, most).astype(int):
-        i, begin = stretches[k]
-        times = np.array(runs[i].times)
-        first, last = np.searchsorted(times, [begin, begin + STRETCH])
-        piece = stretch(runs[i], times, slice(int(first), int(last)))
-        if windows.cut_part(piece, 0, piece.times[0], piece.times[-1]):
-            pieces.append(piece)
-            of.append(i)
-    if len(pieces) < 2:
-        return likelihood, fit, runs, cut
-    shorter = Likelihood(pieces, likelihood.craft, likelihood.varying, likelihood.threads)
-    loudness = tuple(fit.loudness[i] for i in of) if fit.loudness else ()
-    trims = tuple(fit.trims[i] for i in of)
-    return shorter, replace(fit, loudness=loudness, trims=trims), pieces, windows.cut(pieces)
 
 
 def _share(worse: Array, better: Array, whole: Array) -> Share:
@@ -341,52 +304,6 @@ def _at_all(wrench: Array, run: _core.RunData, thin: _core.RunData) -> Array:
     """The wrench at the samples of a thinned run, at all samples of the run."""
     at = np.searchsorted(np.array(thin.times), np.array(run.times), side="right") - 1
     return np.asarray(wrench[np.clip(at, 0, len(thin.times) - 1)])
-
-
-# Errors
-
-
-def squared_errors(
-    runs: Sequence[_core.RunData],
-    cut: Sequence[_core.Window],
-    model: _core.Model,
-    known: Optional[Sequence[Array]] = None,
-    scale: Optional[Sequence[_core.RunData]] = None,
-) -> Array:
-    """Mean squared error of u, v, r of each window, (windows,), over their standard deviations in the
-    run and summed over the three. Each window is simulated from the initial velocity that suits best.
-    known: a wrench (n, 3) for each run; scale: runs whose standard deviations count. Raises
-    GroundError where the motion is not finite."""
-    sigma = [np.array(run.nu).std(axis=0) for run in scale or runs]
-    errors = np.empty(len(cut))
-    for i, window in enumerate(cut):
-        wrench = None if known is None else known[window.run]
-        start = runs[window.run].nu[window.first]
-        steps = np.diag(0.02 * sigma[window.run])
-        tried = [start] + [start + step for step in steps]
-        e, *others = [_errors(runs, window, model, nu, wrench, sigma) for nu in tried]
-        slopes = np.column_stack([(other - e).ravel() for other in others])
-        move = np.linalg.lstsq(slopes, -e.ravel(), rcond=None)[0]
-        moved = _errors(runs, window, model, start + move @ steps, wrench, sigma)
-        errors[i] = min((e**2).mean(), (moved**2).mean()) * 3
-    return errors
-
-
-def _errors(
-    runs: Sequence[_core.RunData],
-    window: _core.Window,
-    model: _core.Model,
-    nu: Array,
-    wrench: Optional[Array],
-    sigma: Sequence[Array],
-) -> Array:
-    """Errors (n, 3) of a simulation of a window from an initial velocity, over standard deviations."""
-    run, span = runs[window.run], slice(window.first, window.last + 1)
-    known = None if wrench is None else wrench[span]
-    found = call(
-        _core.simulate, model, run.inputs, run.times[span], run.eta[window.first], nu, run.drives, known
-    )
-    return np.asarray((found["nu"] - np.array(run.nu)[span]) / sigma[window.run])
 
 
 # Arguments

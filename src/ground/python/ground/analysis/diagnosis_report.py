@@ -194,7 +194,6 @@ def _candidates(
                 "rank": rank,
                 "p_value": trial.chance,
                 "delta_bic": float(trial.delta_bic),
-                "inclusion": trial.inclusion,
                 "error": _error(fit.error.sum(), fit.heldout.sum()) if fit else _error(None, None),
                 "selected": trial.name in chosen,
                 "group": first if trial.equal else group,

@@ -99,7 +99,8 @@ class Missing:
         cell = np.minimum((self.position - low) // side, MAP_CELLS - 1)
         present, index = np.unique(cell, axis=0, return_inverse=True)
         index = index.ravel()
-        return low + (present + 0.5) * side, np.array([world[index == i].mean(0) for i in range(len(present))])
+        forces = np.array([world[index == i].mean(axis=0) for i in range(len(present))])
+        return low + (present + 0.5) * side, forces
 
 
 def of_wrench(calm: Undisturbed, model: _core.Model) -> Missing:

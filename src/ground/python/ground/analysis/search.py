@@ -45,8 +45,8 @@ EXCLUSION = 7.0
 
 class Search:
     """Sets of effects added to a model, on the runs of a Likelihood. refitted: number of effects that are
-    refitted in a step; each: maps pieces of work over items, in parallel if it can; work: told of what is done; holds(better, current): whether
-    a grown set does better on held-out data, too."""
+    refitted in a step; each: maps pieces of work over items, in parallel if it can; work: told of what is
+    done; holds(better, current): whether a grown set does better on held-out data, too."""
 
     def __init__(
         self,
