@@ -160,12 +160,11 @@ def ceiling(
         model = found.fit.model
         after = _errors_or(now, lambda: squared_errors(runs, cut, model, known))
     left = _share(now, after, now)
-    spans = _spans(runs, cut)
     if found is None:
         suspected = _suspected(first, likelihood, runs, cut, fit, now)
-        bound = max(left.high, suspected, _bound(first, [], likelihood, fit, spans, now))
+        bound = max(left.high, suspected, _bound(first, [], runs, cut, now))
     elif left.low > 0:
-        more = _bound(found.regression, found.terms, likelihood, fit, spans, now)
+        more = _bound(found.regression, found.terms, runs, cut, now)
         bound = max(left.high, left.value + more)
     else:
         bound = 1.0  # something acts, and other runs do not tell how much of the error it causes
@@ -331,25 +330,16 @@ def _explained(regression: Regression, terms: Sequence[Term], of: Sequence[Term]
 # The upper bound of what was not found
 
 
-_Span = Tuple[int, float, float]  # run, start and end [s]
-
-
-def _spans(runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> List[_Span]:
-    """Windows as runs of another rate have them."""
-    return [(w.run, runs[w.run].times[w.first], runs[w.run].times[w.last]) for w in cut]
-
-
 def _bound(
     regression: Regression,
     terms: Sequence[Term],
-    likelihood: Likelihood,
-    fit: Fit,
-    cut: Sequence[_Span],
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
     now: Array,
 ) -> float:
     """Largest share of the error that a family of features explains beside terms, at the largest size that
     the likelihood does not exclude."""
-    moved = _moved(regression, likelihood, fit, cut)
+    moved = _moved(regression, runs, cut)
     shares = [0.0]
     for family in regression.terms:
         size = regression.largest(family.columns, BEHIND, terms)
@@ -387,19 +377,19 @@ def _suspected(
 
 
 def _moved(
-    regression: Regression, likelihood: Likelihood, fit: Fit, cut: Sequence[_Span]
+    regression: Regression, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
 ) -> Array:
     """Change of the velocities over windows, relative to their standard deviations, by each
     feature of size one. The motion is that of a damped mass in each direction."""
     from scipy.signal import lfilter  # slow to load
 
-    model, rows = fit.model, []
+    model, rows = regression.fit.model, []
     inertia = np.array([model.value("m"), model.value("m"), model.value("I_z")])
     rates = np.array([model.value(name) for name in ("X_u", "Y_v", "N_r")]) / inertia
-    for i, start, end in cut:
-        run = likelihood.runs[i]
+    for window in cut:
+        i, run = window.run, regression.likelihood.runs[window.run]  # thinned
         times = np.array(run.times)
-        first, last = np.searchsorted(times, [start, end])
+        first, last = np.searchsorted(times, [runs[i].times[k] for k in (window.first, window.last)])
         step = float(np.median(np.diff(times)))
         wrench = regression.wrenches[i][first:last] * regression.full[:, None]
         sigma = np.array(run.nu).std(axis=0)

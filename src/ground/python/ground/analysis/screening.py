@@ -75,7 +75,7 @@ class _Screen:
         self, regression: Regression, model: _core.Model, sampled: Sequence[Samples]
     ) -> None:
         self.model, self.sampled = model, sampled
-        self.draws, self.edges = np.concatenate(regression.scores(RANDOM)), _bins(sampled)
+        self.draws, self.edges = np.concatenate(regression.innovations.scores(RANDOM)), _bins(sampled)
         self.middles = self.edges + np.diff(np.append(self.edges, len(self.draws))) // 2
 
     def best(

@@ -253,7 +253,8 @@ def _varies(found: Diagnosis) -> List[Document]:
 
 def _name(found: Diagnosis, left: Ceiling, enough: float) -> Optional[naming.Formula]:
     """A formula for what is learnable, made longer while the cross-validated error falls and is above
-    `enough`. The first may raise the error: a function of the commands does without the constant that it needs."""
+    `enough`. The first may raise the error: a function of the commands does without the constant that it
+    needs."""
     if left.found is None:
         return None
     best, least = None, float(found.best.heldout.sum())
