@@ -79,7 +79,7 @@ def test_a_disk_that_fills_while_the_page_is_written_keeps_the_numbers(
 
 def test_the_page_of_a_diagnosis(diagnosed, browser):
     names = open_page(browser, diagnosed / "report.html")
-    assert len(names) == 2 + 5 * 2  # fall, shares; five for each of two runs
+    assert len(names) == 1 + 3 * 2  # fall; three for each of two runs
     assert_sound(browser, names)
     text = browser.find_element("tag name", "body").text
     assert "First-order lag of the thrusters (motor_lag) is missing" in text
@@ -105,36 +105,21 @@ def test_the_page_of_a_diagnosis(diagnosed, browser):
     assert lines[0] == pytest.approx(bars[1], rel=0.5)  # the noise floor
 
 
-def test_the_best_effect_is_drawn_over_the_missing_wrench(diagnosed, browser):
-    open_page(browser, diagnosed / "report.html")
-    missing, predicted = browser.execute_script(
-        "const traces = document.getElementById('figure4').data;"
-        "const pick = name => traces.filter(t => t.name.startsWith(name)).map(t => t.y);"
-        "return [pick('nominal'), pick('added by')]"
-    )
-
-    assert len(missing) == len(predicted) == 3 * 10
-    # Yaw moment over the difference of the thrusters: row 3, column 4.
-    at = 2 * 10 + 3
-    assert max(missing[at]) > 0.2  # mN m
-    assert predicted[at] == pytest.approx(missing[at], abs=0.15 * max(map(abs, missing[at])))
-
-
 def test_the_path_shows_the_zoomed_time_span(diagnosed, browser):
     open_page(browser, diagnosed / "report.html")
     shown = (
-        "const f = document.getElementById('figure2');"
+        "const f = document.getElementById('figure1');"
         "return f.data.filter(t => t.meta === 'path').map(t => t.x.filter(x => x !== null).length)"
     )
     whole = browser.execute_script(shown)
     assert min(whole) > 200
     zoom = (
-        "const done = arguments[0], f = document.getElementById('figure2');"
+        "const done = arguments[0], f = document.getElementById('figure1');"
         "Plotly.relayout(f, %s).then(() => setTimeout(done, 200))"
     )
     browser.execute_async_script(zoom % "{'xaxis4.range': [2, 4]}")
     assert browser.execute_script(
-        "return document.getElementById('figure2').layout.xaxis.range"
+        "return document.getElementById('figure1').layout.xaxis.range"
     ) == [2, 4]
     part = browser.execute_script(shown)
     assert all(0.1 * w < p < 0.5 * w for w, p in zip(whole, part))
@@ -159,10 +144,10 @@ def test_nothing_overlaps_or_is_cut_off(diagnosed, compared, browser, as_wide_as
 def test_figures_follow_a_telephone_that_is_turned(compared, browser, as_wide_as):
     as_wide_as(400)
     open_page(browser, compared / "report.html")
-    tall = browser.execute_script("return document.getElementById('figure2').clientHeight")
+    tall = browser.execute_script("return document.getElementById('figure1').clientHeight")
     as_wide_as(900)
     waiting(browser, 20).until(lambda b: shape(b) == {"wide"})
-    wide = browser.execute_script("return document.getElementById('figure2').clientHeight")
+    wide = browser.execute_script("return document.getElementById('figure1').clientHeight")
     assert tall > 1.3 * wide and browser.execute_script(CROWDED) == []
 
 
@@ -184,7 +169,7 @@ def test_paper_is_compact_without_stranded_headings(diagnosed, browser, folder):
         "return [...document.querySelectorAll('h1, h2, h3, .paper, th')].map(h => h.textContent)"
     )
     headings = {re.sub(r"\s+", " ", heading).strip() for heading in headings}
-    assert {"Evidence", "Data quality", "Where it fails"} <= headings
+    assert {"Evidence", "Data quality", "Measured against each model"} <= headings
     for page in pages:
         last = [re.sub(r"\s+", " ", line).strip() for line in page if line.strip()][-1]
         assert last not in headings, "stranded: " + last
