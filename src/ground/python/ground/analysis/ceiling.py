@@ -31,9 +31,8 @@ from ground.errors import GroundError
 
 STARTS = 40  # predictions
 ROUNDS = 4
-ENOUGH = 20.0  # ... and from which another follows
 PROMISING = 200  # single features of the second and later rounds
-RISE = 2.0  # of the log-likelihood, from which a round is kept
+RISE, ENOUGH = 2.0, 20.0  # of the log-likelihood, from which a round is kept, and another follows
 DEVIATIONS = 1.96
 BEHIND = 3.84  # log-likelihood ratio of the largest size of a wrench that the data do not exclude
 MOSTLY = 0.5  # part of what is learnable
@@ -245,9 +244,6 @@ def _share(worse: Array, better: Array, whole: Array) -> Share:
     return Share(value, value - DEVIATIONS * deviation, min(1.0, value + DEVIATIONS * deviation))
 
 
-# Rounds
-
-
 def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
     """What was found in the last round that was kept. sampled: of each run."""
     likelihood, near = first.likelihood, first.fit
@@ -303,9 +299,6 @@ def _at_all(wrench: Array, run: _core.RunData, thin: _core.RunData) -> Array:
     """The wrench at the samples of a thinned run, at all samples of the run."""
     at = np.searchsorted(np.array(thin.times), np.array(run.times), side="right") - 1
     return np.asarray(wrench[np.clip(at, 0, len(thin.times) - 1)])
-
-
-# Arguments
 
 
 def _arguments(regression: Regression, terms: Sequence[Term]) -> Dict[str, float]:

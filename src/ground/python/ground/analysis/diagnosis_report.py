@@ -37,7 +37,7 @@ def begun(
 ) -> Document:
     """The part of the report that the verdict needs, of a Diagnosis and its Conclusion; heldout: the runs
     that it was judged on; findings: mistakes that the recordings look like."""
-    before, left, agrees = conclusion.before, conclusion.ceiling, conclusion.agreement
+    before = conclusion.before
     names = [run.name for run in diagnosis.runs]
     by = HOLDOUT if heldout else CROSSED
     after = conclusion.steps[-1] if conclusion.steps else conclusion.refits[0].heldout
@@ -77,24 +77,7 @@ def begun(
             {**_tried(d.trial), "why": d.why, "p_value": d.trial.p_value} for d in diagnosis.dropped
         ],
         "varies": conclusion.varies,
-        "ceiling": {
-            "named": _share(left.named),
-            "learnable": _share(left.learnable),
-            "chance": _share(left.chance),
-            "of_left": _share(left.left),
-            "bound": left.bound,
-            "said": left.said,
-            "arguments": left.arguments,
-            "terms": [] if left.found is None else [term.name for term in left.found.terms],
-            "error": left.errors,
-            "named_as": conclusion.formula and conclusion.formula.means,
-            "poses": left.poses and dataclasses.asdict(left.poses),
-        },
-        "agreement": {
-            "error": {"measured": agrees.error, "expected": agrees.expected, "noise": agrees.noise},
-            "deviations": agrees.deviations,
-            "holds": agrees.holds,
-        },
+        **_left(conclusion),
         "disturbance": _disturbance(diagnosis.fit.levels),
     }
 
@@ -147,6 +130,31 @@ def _parameters(parameters: Iterable[Estimate], prefix: str = "") -> Document:
 
 def _share(share: Share) -> Document:
     return {"share": share.value, "ci95": [share.low, share.high]}
+
+
+def _left(conclusion: Conclusion) -> Document:
+    """What the improved model leaves: shares of the squared error, and whether the rest is a random push."""
+    left, agrees = conclusion.ceiling, conclusion.agreement
+    return {
+        "ceiling": {
+            "named": _share(left.named),
+            "learnable": _share(left.learnable),
+            "chance": _share(left.chance),
+            "of_left": _share(left.left),
+            "bound": left.bound,
+            "said": left.said,
+            "arguments": left.arguments,
+            "terms": [] if left.found is None else [term.name for term in left.found.terms],
+            "error": left.errors,
+            "named_as": conclusion.formula and conclusion.formula.means,
+            "poses": left.poses and dataclasses.asdict(left.poses),
+        },
+        "agreement": {
+            "error": {"measured": agrees.error, "expected": agrees.expected, "noise": agrees.noise},
+            "deviations": agrees.deviations,
+            "holds": agrees.holds,
+        },
+    }
 
 
 def _disturbance(levels: Mapping[str, float]) -> Document:
