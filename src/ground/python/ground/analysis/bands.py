@@ -157,8 +157,9 @@ def _predict(task: _Task) -> List[Prediction]:
         truth = measured[rows].copy()
         # The filter's heading may differ by whole turns.
         truth[:, 2] += 2 * np.pi * np.round((one["mean"][0, 2] - truth[0, 2]) / (2 * np.pi))
-        bands = (one[name] for name in ("mean", "deviation", "low", "high"))
-        predictions.append(Prediction(times[rows], *bands, truth))
+        predictions.append(
+            Prediction(times[rows], one["mean"], one["deviation"], one["low"], one["high"], truth)
+        )
     return predictions
 
 

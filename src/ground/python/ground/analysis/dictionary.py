@@ -178,7 +178,8 @@ def _families(model: _core.Model, scales: Scales) -> Iterator[Tuple[str, str, Li
     along = _acting([ALONG], [(speed, "m/s"), ("u^2+v^2", "m^2/s^2")])
     turned = [("r", "rad/s"), ("abs(r)", "rad/s"), ("-" + speed, "m/s")]
     across = Channel({"X": "-%s*v", "Y": "%s*u"}, "m/s")
-    moving = [({"X": "u", "Y": "v"}, "m/s", {}), *along, *_acting([across], turned)]
+    straight: _Entry = ({"X": "u", "Y": "v"}, "m/s", {})
+    moving = [straight, *along, *_acting([across], turned)]
     yield "velocity", "velocity", _acting([X, Y, N], velocity) + moving
     yield "direction of motion", "velocity", _acting([X, Y, N], signs(scales))
     yield "command", "command", _acting([X, Y, N], [(f, "-") for f in command_formulas(model)])

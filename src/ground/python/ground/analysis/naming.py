@@ -130,7 +130,9 @@ def of_pieces(
         if shorter is None or made.ratio - shorter.ratio > MIN_RATIO:
             break
         made = shorter
-    for i, piece in enumerate(made.pieces if made and not begun else ()):
+    if made is None or begun:
+        return made
+    for i, piece in enumerate(made.pieces):
         for simpler in piece.simpler:
             pieces = [*made.pieces[:i], simpler, *made.pieces[i + 1 :]]
             other = _fitted(likelihood, fit, pieces, made.fit)
