@@ -39,7 +39,7 @@ def test_the_work_of_a_fit_grows_with_the_length_of_a_run_not_with_its_square(
 
 def test_blocks_held_out_in_parts_have_the_error_of_blocks_held_out_one_by_one(tmp_path):
     from ground import _core
-    from ground.analysis import window_error, validation
+    from ground.analysis import folds, window_error
     from ground.recordings import quality, recording, windows
 
     lagging = tmp_path / "lag.yaml"
@@ -57,8 +57,8 @@ def test_blocks_held_out_in_parts_have_the_error_of_blocks_held_out_one_by_one(t
     def whole(cut, initial):
         return windows.problem(runs, cut).fit(model, list(window_error.NOMINAL))
 
-    parts = validation.leave_blocks_out(runs, [model], fit, block=3)
-    single = validation.leave_blocks_out(runs, [model], whole, block=3, most=1000)
+    parts = folds.leave_blocks_out(runs, [model], fit, block=3)
+    single = folds.leave_blocks_out(runs, [model], whole, block=3, most=1000)
     assert (parts["folds"], single["folds"]) == (10, 20)
     assert parts["heldout"] == pytest.approx(single["heldout"], rel=0.01)
 
