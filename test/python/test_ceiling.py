@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import yaml
 from conftest import MODEL, ROOT, identify, write_bag
-from ground.analysis import candidates, dictionary, naming, rivals, scalars, window_error
+from ground.analysis import candidates, dictionary, naming, rivals, samples, scalars, window_error
 from ground.analysis.agreement import agreement
-from ground.analysis.ceiling import ceiling, squared_errors
+from ground.analysis.ceiling import ceiling
 from ground.analysis.likelihood import Likelihood
 from ground.analysis.regression import Regression
 from ground.analysis.search import EXCLUSION
 from ground.analysis.verdict import CLOSE
+from ground.analysis.window_error import squared_errors
 from ground.recordings import repair, windows
 
 from ground import _core
@@ -197,7 +198,7 @@ def regression_of(likelihood, fit, formulas, runs):
     """A Regression on features by channel and formula."""
     family = dictionary.Family("test", frozenset(["velocity"]), True)
     features = [dictionary.Feature(parts, "-", family) for parts in formulas]
-    sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(runs))]
+    sampled = [samples.of_run(likelihood, fit, i) for i in range(len(runs))]
     acting = [dictionary.wrenches(features, fit.model, s) for s in sampled]
     return Regression(
         likelihood, fit, features, acting, [dictionary.followed(fit.model, s) for s in sampled]
@@ -224,7 +225,7 @@ def test_the_wrench_of_a_run_is_predicted_from_the_others(turning):
         predicted = regression.predicted([term], regression.parts())
         sized = []
         for i, wrench in enumerate(predicted):
-            shape = np.sin(dictionary.samples(likelihood, fit, i).values["psi"] + 0.4)
+            shape = np.sin(samples.of_run(likelihood, fit, i).values["psi"] + 0.4)
             sized.append(float(wrench[:, 2] @ shape / (shape @ shape)))
         sizes.append(sized)
     first, other = np.array(sizes)
@@ -237,7 +238,7 @@ def test_the_wrench_of_a_run_is_predicted_from_the_others(turning):
 
 def path_of(model, seed=3, duration=0.6):
     """Samples along a motion under a model, every 2 ms, and the mean wrench between them."""
-    random, count = np.random.default_rng(seed), len(dictionary.inputs(model))
+    random, count = np.random.default_rng(seed), len(samples.inputs(model))
     times = np.arange(int(duration / STEP)) * STEP
     edges = np.arange(0, duration, 0.1)
     lift = 0.6 + 0.4 * random.random(len(edges))
@@ -246,7 +247,7 @@ def path_of(model, seed=3, duration=0.6):
     start = np.array([0.3, -0.2, 0.5]), np.zeros(3)  # at rest, as states begin at zero
     motion = _core.simulate(model, rows, times, *start)
     eta, nu = np.array(motion["eta"]), np.array(motion["nu"])
-    names = dictionary.inputs(model)
+    names = samples.inputs(model)
     values = {"x": eta[:, 0], "y": eta[:, 1], "psi": repair.wrap(eta[:, 2]), "t": times}
     values.update(zip("uvr", nu.T), lift=rows[at, -1], **dict(zip(names, rows[at, 1:-1].T)))
     m, size = model.value("m"), np.array([model.value(n) for n in ("X_u", "Y_v", "N_r")])
@@ -255,10 +256,10 @@ def path_of(model, seed=3, duration=0.6):
     turning = m * mean[:, [2]] * np.column_stack([-mean[:, 1], mean[:, 0], np.zeros(len(mean))])
     thrust = model.forces(rows[at[:-1], 1:-1]) * model.value("k") * [1, 1, model.value("l")]
     wrench = inertia * np.diff(nu, axis=0) / STEP + turning + size * mean - thrust
-    return dictionary.samples_of(model, {n: np.array(v) for n, v in values.items()}, times), wrench
+    return samples.samples_of(model, {n: np.array(v) for n, v in values.items()}, times), wrench
 
 
-SCALES = dictionary.Scales((0.1, 0.2), 1.5, 0.4, 1.5, 8.0)
+SCALES = samples.Scales((0.1, 0.2), 1.5, 0.4, 1.5, 8.0)
 
 
 @pytest.mark.parametrize("path", [MODEL, TABLE], ids=["pair", "eight jets"])
@@ -293,7 +294,7 @@ def test_a_feature_is_in_the_model_what_it_is_in_the_dictionary(path):
 def test_a_function_of_the_screen_is_a_formula_of_a_model_file():
     model = craft()
     sampled, _ = path_of(model)
-    spaces = dictionary.namespace(sampled)
+    spaces = samples.namespace(sampled)
     kinds = {}
     for scalar in scalars.of_motion(model, SCALES, [sampled]) + scalars.few(model, SCALES) + scalars.of_place(
         SCALES, sampled.values["x"], sampled.values["y"]
@@ -301,7 +302,7 @@ def test_a_function_of_the_screen_is_a_formula_of_a_model_file():
         kinds.setdefault(re.sub(r"[\d.]+", "", scalar.text), scalar)
     for scalar in kinds.values():
         text = dictionary.filled(scalar.text, scalar.constants)
-        assert np.isfinite(dictionary.evaluated(text, spaces)).all(), text
+        assert np.isfinite(samples.evaluated(text, spaces)).all(), text
         entry = {"name": "one", "states": dict(scalar.states)} if scalar.states else {"name": "one"}
         entry["expression"] = {"X": "w*(%s)" % text}
         unit = dictionary.product_of_units(["N", "1/(%s)" % scalar.unit if scalar.unit != "-" else "-"])
@@ -335,7 +336,7 @@ def test_formulas_have_their_units(path, length, time):
     ):  # fmt: skip
         values[name] = values[name] * factor
     s = SCALES
-    scales = dictionary.Scales(
+    scales = samples.Scales(
         (s.centre[0] * length, s.centre[1] * length), s.extent * length, s.speed * length / time,
         s.turn / time, s.duration * time,
     )  # fmt: skip
@@ -343,7 +344,7 @@ def test_formulas_have_their_units(path, length, time):
         [feature for feature in dictionary.dictionary(model, of) if not feature.states] for of in (s, scales)
     )
     here = dictionary.wrenches(known, model, sampled).transpose(2, 0, 1)
-    other = dictionary.samples_of(model, values, sampled.times)
+    other = samples.samples_of(model, values, sampled.times)
     there = dictionary.wrenches(others, model, other).transpose(2, 0, 1)
     for one, first, second in zip(known, here, there):
         if one.family.name == "waves of force" and time != 1:

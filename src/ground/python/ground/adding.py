@@ -191,7 +191,7 @@ def add(
 def _fits(
     model: _core.Model, extended: _core.Model, runs: List[_core.RunData], work: Work
 ) -> Tuple[WindowFit, WindowFit]:
-    """window_error.Fits of a _core.Model without the effect and with it; work: told of each."""
+    """The WindowFits of a _core.Model without the effect and with it; work: told of each."""
     on_runs = window_error.WindowFitter(runs)
     before = on_runs.fit(model, window_error.free_parameters(model), work=work)
     refitted = candidates.carried_over(before.model, extended)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import window_error
-from ground.analysis.ceiling import squared_errors
+from ground.analysis.window_error import squared_errors
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array, Each, Random
 from ground.errors import GroundError

@@ -18,23 +18,21 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import dictionary, horizon
-from ground.analysis.dictionary import ARGUMENTS, PAST, Samples, Scales
-from ground.analysis.folds import stretch
-from ground.analysis.likelihood import Fit, Likelihood, call
+from ground.analysis import dictionary, horizon, samples
+from ground.analysis.dictionary import ARGUMENTS, PAST
+from ground.analysis.folds import excerpt
+from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
+from ground.analysis.samples import Samples, Scales
 from ground.analysis.screening import refined, screened
+from ground.analysis.window_error import squared_errors
 from ground.annotations import Array
 from ground.errors import GroundError
-from ground.recordings import windows
 
-MOST_SAMPLES = 6000  # poses, thinned, of all runs together
-STRETCH = 10.0  # length of a stretch of a long run [s]
 STARTS = 40  # predictions
 ROUNDS = 4
-ENOUGH = 20.0  # ... and from which another follows
 PROMISING = 200  # single features of the second and later rounds
-RISE = 2.0  # of the log-likelihood, from which a round is kept
+RISE, ENOUGH = 2.0, 20.0  # of the log-likelihood, from which a round is kept, and another follows
 DEVIATIONS = 1.96
 BEHIND = 3.84  # log-likelihood ratio of the largest size of a wrench that the data do not exclude
 MOSTLY = 0.5  # part of what is learnable
@@ -150,7 +148,7 @@ def ceiling(
 ) -> Ceiling:
     """The Ceiling of a Fit to runs. cut: windows of the runs; before: the model without the
     effects found. Of long runs it takes stretches that are spread evenly."""
-    likelihood, fit, runs, cut = _excerpt(likelihood, fit, runs, cut)
+    likelihood, fit, runs, cut = excerpt(likelihood, fit, runs, cut)
     first, sampled = _first(likelihood, fit)
     found = _rounds(first, sampled)
     now = squared_errors(runs, cut, fit.model)
@@ -161,12 +159,11 @@ def ceiling(
         model = found.fit.model
         after = _errors_or(now, lambda: squared_errors(runs, cut, model, known))
     left = _share(now, after, now)
-    spans = _spans(runs, cut)
     if found is None:
         suspected = _suspected(first, likelihood, runs, cut, fit, now)
-        bound = max(left.high, suspected, _bound(first, [], likelihood, fit, spans, now))
+        bound = max(left.high, suspected, _bound(first, [], runs, cut, now))
     elif left.low > 0:
-        more = _bound(found.regression, found.terms, likelihood, fit, spans, now)
+        more = _bound(found.regression, found.terms, runs, cut, now)
         bound = max(left.high, left.value + more)
     else:
         bound = 1.0  # something acts, and other runs do not tell how much of the error it causes
@@ -189,13 +186,13 @@ def found_beside(
     likelihood: Likelihood, fit: Fit, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
 ) -> Optional[Found]:
     """What the innovations of a Fit depend on, without its shares."""
-    likelihood, fit, _, _ = _excerpt(likelihood, fit, runs, cut)
+    likelihood, fit, _, _ = excerpt(likelihood, fit, runs, cut)
     return _rounds(*_first(likelihood, fit))
 
 
 def _first(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, List[Samples]]:
     """The Regression on the dictionary, and the Samples of each run."""
-    sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(likelihood.runs))]
+    sampled = [samples.of_run(likelihood, fit, i) for i in range(len(likelihood.runs))]
     features = dictionary.dictionary(fit.model, Scales.of(sampled))
     acting = [dictionary.wrenches(features, fit.model, s) for s in sampled]
     followed = [dictionary.followed(fit.model, s) for s in sampled]
@@ -238,41 +235,6 @@ def _poses(
         return None
 
 
-def _excerpt(
-    likelihood: Likelihood,
-    fit: Fit,
-    runs: Sequence[_core.RunData],
-    cut: Sequence[_core.Window],
-) -> Tuple[Likelihood, Fit, Sequence[_core.RunData], Sequence[_core.Window]]:
-    """The same if the runs are short together, else stretches of them."""
-    if sum(len(run.times) for run in likelihood.runs) <= MOST_SAMPLES:
-        return likelihood, fit, runs, cut
-    stretches = [
-        (i, begin)
-        for i, run in enumerate(runs)
-        for begin in np.arange(run.times[0], run.times[-1] - STRETCH / 2, STRETCH).tolist()
-    ]
-    rate = sum(len(run.times) for run in likelihood.runs) / sum(
-        max(run.times[-1] - run.times[0], 1e-3) for run in runs
-    )
-    most = int(np.clip(MOST_SAMPLES / (rate * STRETCH), 2, len(stretches)))
-    pieces, of = [], []
-    for k in np.linspace(0, len(stretches) - 1, most).astype(int):
-        i, begin = stretches[k]
-        times = np.array(runs[i].times)
-        first, last = np.searchsorted(times, [begin, begin + STRETCH])
-        piece = stretch(runs[i], times, slice(int(first), int(last)))
-        if windows.cut_part(piece, 0, piece.times[0], piece.times[-1]):
-            pieces.append(piece)
-            of.append(i)
-    if len(pieces) < 2:
-        return likelihood, fit, runs, cut
-    shorter = Likelihood(pieces, likelihood.craft, likelihood.varying, likelihood.threads)
-    loudness = tuple(fit.loudness[i] for i in of) if fit.loudness else ()
-    trims = tuple(fit.trims[i] for i in of)
-    return shorter, replace(fit, loudness=loudness, trims=trims), pieces, windows.cut(pieces)
-
-
 def _share(worse: Array, better: Array, whole: Array) -> Share:
     """Fall of the mean error of windows over the whole, with a jackknife over windows."""
     fall, total, count = worse - better, whole.sum(), len(whole)
@@ -280,9 +242,6 @@ def _share(worse: Array, better: Array, whole: Array) -> Share:
     others = (fall.sum() - fall) / (total - whole)
     deviation = float(np.sqrt((count - 1) / count * ((others - others.mean()) ** 2).sum()))
     return Share(value, value - DEVIATIONS * deviation, min(1.0, value + DEVIATIONS * deviation))
-
-
-# Rounds
 
 
 def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
@@ -342,55 +301,6 @@ def _at_all(wrench: Array, run: _core.RunData, thin: _core.RunData) -> Array:
     return np.asarray(wrench[np.clip(at, 0, len(thin.times) - 1)])
 
 
-# Errors
-
-
-def squared_errors(
-    runs: Sequence[_core.RunData],
-    cut: Sequence[_core.Window],
-    model: _core.Model,
-    known: Optional[Sequence[Array]] = None,
-    scale: Optional[Sequence[_core.RunData]] = None,
-) -> Array:
-    """Mean squared error of u, v, r of each window, (windows,), over their standard deviations in the
-    run and summed over the three. Each window is simulated from the initial velocity that suits best.
-    known: a wrench (n, 3) for each run; scale: runs whose standard deviations count. Raises
-    GroundError where the motion is not finite."""
-    sigma = [np.array(run.nu).std(axis=0) for run in scale or runs]
-    errors = np.empty(len(cut))
-    for i, window in enumerate(cut):
-        wrench = None if known is None else known[window.run]
-        start = runs[window.run].nu[window.first]
-        steps = np.diag(0.02 * sigma[window.run])
-        tried = [start] + [start + step for step in steps]
-        e, *others = [_errors(runs, window, model, nu, wrench, sigma) for nu in tried]
-        slopes = np.column_stack([(other - e).ravel() for other in others])
-        move = np.linalg.lstsq(slopes, -e.ravel(), rcond=None)[0]
-        moved = _errors(runs, window, model, start + move @ steps, wrench, sigma)
-        errors[i] = min((e**2).mean(), (moved**2).mean()) * 3
-    return errors
-
-
-def _errors(
-    runs: Sequence[_core.RunData],
-    window: _core.Window,
-    model: _core.Model,
-    nu: Array,
-    wrench: Optional[Array],
-    sigma: Sequence[Array],
-) -> Array:
-    """Errors (n, 3) of a simulation of a window from an initial velocity, over standard deviations."""
-    run, span = runs[window.run], slice(window.first, window.last + 1)
-    known = None if wrench is None else wrench[span]
-    found = call(
-        _core.simulate, model, run.inputs, run.times[span], run.eta[window.first], nu, run.drives, known
-    )
-    return np.asarray((found["nu"] - np.array(run.nu)[span]) / sigma[window.run])
-
-
-# Arguments
-
-
 def _arguments(regression: Regression, terms: Sequence[Term]) -> Dict[str, float]:
     """Part of the explained variance that is lost without the terms of each argument."""
     shares: Dict[str, float] = {}
@@ -413,25 +323,16 @@ def _explained(regression: Regression, terms: Sequence[Term], of: Sequence[Term]
 # The upper bound of what was not found
 
 
-_Span = Tuple[int, float, float]  # run, start and end [s]
-
-
-def _spans(runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> List[_Span]:
-    """Windows as runs of another rate have them."""
-    return [(w.run, runs[w.run].times[w.first], runs[w.run].times[w.last]) for w in cut]
-
-
 def _bound(
     regression: Regression,
     terms: Sequence[Term],
-    likelihood: Likelihood,
-    fit: Fit,
-    cut: Sequence[_Span],
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
     now: Array,
 ) -> float:
     """Largest share of the error that a family of features explains beside terms, at the largest size that
     the likelihood does not exclude."""
-    moved = _moved(regression, likelihood, fit, cut)
+    moved = _moved(regression, runs, cut)
     shares = [0.0]
     for family in regression.terms:
         size = regression.largest(family.columns, BEHIND, terms)
@@ -469,19 +370,19 @@ def _suspected(
 
 
 def _moved(
-    regression: Regression, likelihood: Likelihood, fit: Fit, cut: Sequence[_Span]
+    regression: Regression, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
 ) -> Array:
     """Change of the velocities over windows, relative to their standard deviations, by each
     feature of size one. The motion is that of a damped mass in each direction."""
     from scipy.signal import lfilter  # slow to load
 
-    model, rows = fit.model, []
+    model, rows = regression.fit.model, []
     inertia = np.array([model.value("m"), model.value("m"), model.value("I_z")])
     rates = np.array([model.value(name) for name in ("X_u", "Y_v", "N_r")]) / inertia
-    for i, start, end in cut:
-        run = likelihood.runs[i]
+    for window in cut:
+        i, run = window.run, regression.likelihood.runs[window.run]  # thinned
         times = np.array(run.times)
-        first, last = np.searchsorted(times, [start, end])
+        first, last = np.searchsorted(times, [runs[i].times[k] for k in (window.first, window.last)])
         step = float(np.median(np.diff(times)))
         wrench = regression.wrenches[i][first:last] * regression.full[:, None]
         sigma = np.array(run.nu).std(axis=0)

@@ -318,9 +318,7 @@ class Diagnosis:
             self.steps[i] = replace(step, group=(step.added, *self.search.rivals(self.names, step.added)))
             self.work.step()
         first = self.steps[0].group if self.steps else ()
-        refitted = [t.name for t in self.tried if t.refitted]
-        values = {name: self.search.value(frozenset([name])) for name in refitted}
-        self.tried = evidence.ranked(self.tried, first, values)
+        self.tried = evidence.ranked(self.tried, first)
 
     # Single effects added to the nominal model
 

@@ -36,7 +36,7 @@ def begun(
 ) -> Document:
     """The part of the report that the verdict needs, of a Diagnosis and its Conclusion; heldout: the runs
     that it was judged on; findings: mistakes that the recordings look like."""
-    before, left, agrees = conclusion.before, conclusion.ceiling, conclusion.agreement
+    before = conclusion.before
     names = [run.name for run in diagnosis.runs]
     by = HOLDOUT if heldout else CROSSED
     after = conclusion.steps[-1] if conclusion.steps else conclusion.refits[0].heldout
@@ -76,24 +76,7 @@ def begun(
             {**_tried(d.trial), "why": d.why, "p_value": d.trial.p_value} for d in diagnosis.dropped
         ],
         "varies": conclusion.varies,
-        "ceiling": {
-            "named": _share(left.named),
-            "learnable": _share(left.learnable),
-            "chance": _share(left.chance),
-            "of_left": _share(left.left),
-            "bound": left.bound,
-            "said": left.said,
-            "arguments": left.arguments,
-            "terms": [] if left.found is None else [term.name for term in left.found.terms],
-            "error": left.errors,
-            "named_as": conclusion.formula and conclusion.formula.means,
-            "poses": left.poses and dataclasses.asdict(left.poses),
-        },
-        "agreement": {
-            "error": {"measured": agrees.error, "expected": agrees.expected, "noise": agrees.noise},
-            "deviations": agrees.deviations,
-            "holds": agrees.holds,
-        },
+        **_left(conclusion),
         "disturbance": _disturbance(diagnosis.fit.levels),
     }
 
@@ -148,6 +131,31 @@ def _share(share: Share) -> Document:
     return {"share": share.value, "ci95": [share.low, share.high]}
 
 
+def _left(conclusion: Conclusion) -> Document:
+    """What the improved model leaves: shares of the squared error, and whether the rest is a random push."""
+    left, agrees = conclusion.ceiling, conclusion.agreement
+    return {
+        "ceiling": {
+            "named": _share(left.named),
+            "learnable": _share(left.learnable),
+            "chance": _share(left.chance),
+            "of_left": _share(left.left),
+            "bound": left.bound,
+            "said": left.said,
+            "arguments": left.arguments,
+            "terms": [] if left.found is None else [term.name for term in left.found.terms],
+            "error": left.errors,
+            "named_as": conclusion.formula and conclusion.formula.means,
+            "poses": left.poses and dataclasses.asdict(left.poses),
+        },
+        "agreement": {
+            "error": {"measured": agrees.error, "expected": agrees.expected, "noise": agrees.noise},
+            "deviations": agrees.deviations,
+            "holds": agrees.holds,
+        },
+    }
+
+
 def _disturbance(levels: Mapping[str, float]) -> Document:
     """The fitted levels: of the wrench in the body's frame, of the force in the room's, of the poses,
     and between runs."""
@@ -193,7 +201,6 @@ def _candidates(
                 "rank": rank,
                 "p_value": trial.chance,
                 "delta_bic": float(trial.delta_bic),
-                "inclusion": trial.inclusion,
                 "error": _error(fit.error.sum(), fit.heldout.sum()) if fit else _error(None, None),
                 "selected": trial.name in chosen,
                 "group": first if trial.equal else group,

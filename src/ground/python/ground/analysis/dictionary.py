@@ -4,39 +4,19 @@ ceiling and for names.
 Each Feature is a wrench by formulas as model files have them, so that it can be added to a model. Features of
 the same arguments and of the same form make a Family. Constants (wave numbers, centres, times of
 memory) follow from where and how the craft moved.
-
-Arguments are predetermined: the pose is the measured one; velocities are simulated for RESTART
-seconds from the filter's state, because filtered ones contain the disturbance; the past is
-filtered causally from commands that reach the thrusters and from these velocities. Nothing looks ahead.
 """
 
 import itertools
 import re
 from dataclasses import dataclass, field, replace
-from typing import (
-    Any,
-    Callable,
-    Dict,
-    FrozenSet,
-    Iterator,
-    List,
-    Mapping,
-    NamedTuple,
-    Sequence,
-    Tuple,
-)
+from typing import Dict, FrozenSet, Iterator, List, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.samples import MEMORIES, SWINGS, Samples, Scales, evaluated, inputs, namespace
 from ground.annotations import Array
-from ground.recordings import repair
 
-RESTART = 0.25  # time that velocities are simulated from a filtered state [s]
-HOPS = 3  # restarts in that time
-MEMORIES = (0.05, 0.15, 0.5, 1.5, 4.0)  # time constants of the past [s]
-SWINGS = (0.5, 0.8, 1.3, 2.0)  # frequencies of what may swing on the craft [Hz]
 TURNS = (1, 2, 3, 4)  # harmonics of the heading
 FIELDS = {"wide": (1.0, 24), "middle": (0.4, 40), "fine": (0.15, 40)}  # lengths over the extent, waves
 CROSSED = 0.25  # time in which the craft crosses the shortest wavelength [s]
@@ -109,145 +89,47 @@ class Family:
     whole: bool = True  # whether it is tested as a whole, too
 
 
-@dataclass(frozen=True)
-class Samples:
-    """What the formulas of a run depend on: arrays (n,) by name."""
+class Channel(NamedTuple):
+    """Where a function acts: a formula for each channel, with %s for the function, and with names in braces
+    for constants."""
 
-    values: Dict[str, Array]
-    times: Array
-    states: Dict[str, Array]  # values of the states of formulas
+    parts: Mapping[str, str]
+    unit: str = "-"
+    arguments: FrozenSet[str] = frozenset()
+    constants: Mapping[str, Constant] = {}
 
 
-@dataclass(frozen=True)
-class Scales:
-    """How far and fast the craft moved in all runs."""
+_Scalar = Tuple[str, str]  # formula and unit
+# Formula of each channel, the unit of its values, and the rates of its states
+_Entry = Tuple[Mapping[str, str], str, Mapping[str, str]]
 
-    centre: Tuple[float, float]  # of its places [m]
-    extent: float  # half of the larger side of the box around them [m]
-    speed: float  # root mean square of u and v [m/s]
-    turn: float  # of r [rad/s]
-    duration: float  # [s]
+BODY = {c: Channel({c: "%s"}) for c in CHANNELS}
+# Forces along the room's x and along its y
+ROOM = [Channel({"X": "%s*cos(psi)", "Y": "-%s*sin(psi)"}), Channel({"X": "%s*sin(psi)", "Y": "%s*cos(psi)"})]
+ALONG = Channel({"X": "%s*u", "Y": "%s*v"}, "m/s")  # along the velocity, in proportion to it
+DAMPING = [
+    *(Channel({c: "%s*" + speed}, unit) for c, speed, unit in zip("XYN", "uvr", ("m/s", "m/s", "rad/s"))),
+    ALONG,
+]
 
-    @staticmethod
-    def of(sampled: Sequence[Samples]) -> "Scales":
-        """The Scales of all runs."""
 
-        def every(name: str) -> Array:
-            return np.concatenate([s.values[name] for s in sampled])
-
-        x, y = every("x"), every("y")
-        lows, highs = (x.min(), y.min()), (x.max(), y.max())
-        speed = np.sqrt((every("u") ** 2 + every("v") ** 2).mean() / 2)
-        return Scales(
-            (float(lows[0] + highs[0]) / 2, float(lows[1] + highs[1]) / 2),
-            float(max(highs[0] - lows[0], highs[1] - lows[1], 1e-6)) / 2,
-            float(max(speed, 1e-9)),
-            float(max(np.sqrt((every("r") ** 2).mean()), 1e-9)),
-            float(max(every("t").max(), 1e-3)),
+def _acting(channels: Sequence[Channel], scalars: Sequence[_Scalar]) -> List[_Entry]:
+    """Functions that act on each of some channels."""
+    return [
+        (
+            {c: part % (f if part == "%s" else "(%s)" % f) for c, part in channel.parts.items()},
+            product_of_units([unit, channel.unit]),
+            {},
         )
+        for channel in channels
+        for f, unit in scalars
+    ]
 
 
-def samples(likelihood: Likelihood, fit: Fit, run: int) -> Samples:
-    """The Samples of a run under a fitted model."""
-    data, model = likelihood.runs[run], fit.model
-    times = np.array(data.times)
-    poses = np.array(data.poses) if len(data.poses) else np.array(data.eta)
-    nu = _velocities(likelihood, fit, run)
-    commands = _reaching(data, model, times)
-    values = {
-        "x": poses[:, 0],
-        "y": poses[:, 1],
-        "psi": np.array(repair.wrap(poses[:, 2])),
-        "u": nu[:, 0],
-        "v": nu[:, 1],
-        "r": nu[:, 2],
-        **dict(zip(inputs(model), commands.T)),
-        "lift": commands[:, -1],
-        "t": np.array(data.t),
-    }
-    return samples_of(model, values, times)
-
-
-def samples_of(model: _core.Model, values: Dict[str, Array], times: Array) -> Samples:
-    """Samples with the values of the states of formulas."""
-    return Samples(values, times, _states(model, values, times))
-
-
-def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
-    """Velocities (n, 3), each simulated without correction for at least RESTART / HOPS * (HOPS -
-    1) seconds."""
-    data = likelihood.runs[run]
-    left = likelihood.residuals(fit.point, run)
-    states, constants, times = left["states"], left["constants"], np.array(data.times)
-    known = np.array(data.wrench) if len(data.wrench) else np.zeros((len(times), 3))
-    nu, step = np.array(states[:, 3:]), float(np.median(np.diff(times)))
-    reach = max(2, int(round(RESTART / step)))
-    hop = max(1, reach // HOPS)
-    for first in range(0, len(times) - reach, hop):
-        last = min(len(times) - 1, first + reach)
-        if times[last] - times[first] > 2 * reach * step:
-            continue  # there is a gap
-        span = slice(first, last + 1)
-        wrench = known[span] + constants[first, :3]
-        try:
-            motion = _core.simulate(
-                fit.model, data.inputs, times[span], states[first, :3], states[first, 3:], data.drives, wrench
-            )
-        except RuntimeError:
-            continue
-        nu[last - hop + 1 : last + 1] = motion["nu"][-hop:]
-    return nu
-
-
-def _reaching(run: _core.RunData, model: _core.Model, times: Array) -> Array:
-    """Mean inputs of the thrusters and lift, as they reach the craft, from each sample to the next
-    (n, inputs +
-    1)."""
-    rows = np.array(run.inputs)
-    at, values = rows[:, 0], rows[:, 1:]
-    if "input_delay" in model.effects:
-        at = at + model.value("input_delay.delay")
-    whole = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[:-1] * np.diff(at)[:, None], axis=0)])
-
-    def integral(t: Array) -> Array:
-        i = np.clip(np.searchsorted(at, t, side="right") - 1, 0, len(at) - 1)
-        return np.where((t >= at[0])[:, None], whole[i] + values[i] * (t - at[i])[:, None], 0.0)
-
-    edges = np.append(times, times[-1] + np.median(np.diff(times)))
-    means = np.diff(integral(edges), axis=0) / np.maximum(np.diff(edges), 1e-9)[:, None]
-    if "motor_lag" in model.effects:
-        means[:, :-1] = past(times, means[:, :-1], model.value("motor_lag.tau"))
-    return np.asarray(means)
-
-
-def past(times: Array, values: Array, memory: float) -> Array:
-    """Mean of the values (n, k) before each sample, with weights that decay over `memory` [s]."""
-    result, state = np.empty_like(values), np.zeros(values.shape[1])
-    keep = np.exp(-np.diff(times, append=times[-1]) / max(memory, 1e-6))
-    for i, value in enumerate(values):
-        result[i] = state
-        state = value + (state - value) * keep[i]
-    return result
-
-
-def swinging(times: Array, values: Array, frequency: float) -> Tuple[Array, Array]:
-    """Deflection and its rate, both (n, k), of a lightly damped pendulum that follows the values (n, k)."""
-    omega, damping = 2 * np.pi * frequency, 0.1
-    deflection, rate = np.zeros_like(values), np.zeros_like(values)
-    d, w = np.zeros(values.shape[1]), np.zeros(values.shape[1])
-    for i, value in enumerate(values):
-        deflection[i], rate[i] = d, w
-        h = times[i + 1] - times[i] if i + 1 < len(times) else 0.0
-        w = w + h * (omega**2 * (value - d) - 2 * damping * omega * w)
-        d = d + h * w
-    return deflection, rate
-
-
-def inputs(model: _core.Model) -> List[str]:
-    """Names of the inputs of a model's thrusters in formulas."""
-    if model.is_pair:
-        return ["u_L", "u_R"]
-    return ["u_" + thruster["name"] for thruster in model.thrusters]
+def _room(along: str, across: str, unit: str) -> _Entry:
+    """A force with components along the room's x and y."""
+    parts = {"X": "(%s)*cos(psi)+(%s)*sin(psi)", "Y": "(%s)*cos(psi)+-(%s)*sin(psi)"}
+    return {"X": parts["X"] % (along, across), "Y": parts["Y"] % (across, along)}, unit, {}
 
 
 def dictionary(model: _core.Model, scales: Scales) -> List[Feature]:
@@ -255,81 +137,80 @@ def dictionary(model: _core.Model, scales: Scales) -> List[Feature]:
     (cx, cy), far = scales.centre, FAR * scales.extent
     constants = {**PHASES, "x0": Constant(cx, "m", far), "y0": Constant(cy, "m", far)}
     made: List[Feature] = []
-    for family, entries in _families(model, scales):
-        for template, unit, states in entries:
-            text = " ".join(template.values())
-            own = {name: c for name, c in constants.items() if "{%s}" % name in text}
-            made.append(Feature.of(template, unit, family, states, own))
+    for families, is_named in ((_families(model, scales), True), (_fields(scales), False)):
+        for name, arguments, entries in families:
+            family = Family(name, frozenset(arguments.split()), is_named)
+            for template, unit, states in entries:
+                text = " ".join(template.values())
+                own = {name: c for name, c in constants.items() if "{%s}" % name in text}
+                made.append(Feature.of(template, unit, family, states, own))
     return made
 
 
-_Make = Callable[..., "_Group"]
-# Parts of a feature, the unit of its values, and its states
-_Entry = Tuple[Dict[str, str], str, Dict[str, str]]
-_Scalar = Tuple[str, str]  # formula and unit
-_Group = Tuple[Family, List[_Entry]]
-
-
-def _body(scalars: Sequence[_Scalar], channels: Sequence[str] = CHANNELS) -> List[_Entry]:
-    return [({c: f}, unit, {}) for c in channels for f, unit in scalars]
-
-
-def _room(along: str, across: str, unit: str) -> _Entry:
-    """A force with components along the room's x and y."""
-    X = "+".join(p for p in (along and "(%s)*cos(psi)" % along, across and "(%s)*sin(psi)" % across) if p)
-    Y = "+".join(p for p in (across and "(%s)*cos(psi)" % across, along and "-(%s)*sin(psi)" % along) if p)
-    return {"X": X, "Y": Y}, unit, {}
-
-
-def _both(scalars: Sequence[_Scalar]) -> List[_Entry]:
-    """Forces along the room's x and along its y."""
-    return [_room(f, "", u) for f, u in scalars] + [_room("", f, u) for f, u in scalars]
-
-
-def _thrusts(model: _core.Model, scalars: Sequence[_Scalar]) -> List[_Entry]:
-    """Thrust that changes by a factor: of each thruster, and of all together."""
-    names = [name[2:] for name in inputs(model)]
-    entries: List[_Entry] = []
-    for formula, unit in scalars:
-        each = {"thrust_" + n: "(%s)*u_%s" % (formula, n) for n in names}
-        entries += [({channel: f}, unit, {}) for channel, f in each.items()]
-        entries.append((each, unit, {}))
-    return entries
-
-
-def _families(model: _core.Model, scales: Scales) -> Iterator[_Group]:
-    def family(
-        name: str, arguments: Sequence[str], entries: List[_Entry], named: bool = True
-    ) -> _Group:
-        return Family(name, frozenset(arguments), named), entries
-
+def _families(model: _core.Model, scales: Scales) -> Iterator[Tuple[str, str, List[_Entry]]]:
+    """Name, arguments and features of each family whose formulas mean something by themselves."""
+    X, Y, N = BODY.values()
+    each = {"thrust_" + name[2:]: "%s*" + name for name in inputs(model)}
+    # thrust that changes by a factor: of each thruster, and of all together
+    thrusts = [*(Channel({c: f}) for c, f in each.items()), Channel(each)]
     turns = [(text, "-") for text in turns_of_heading()]
-    velocity = of_velocity()
-    yield family("moment by heading", [HEADING], _body(turns, "N"))
-    yield family("force by heading", [HEADING], _body(turns, "XY"))
-    yield family("force fixed in the room", [HEADING], _both([("1", "-")]))
-    yield family("thrust by heading", [HEADING, COMMAND], _thrusts(model, turns[:4]))
-    yield family("damping by heading", [HEADING, VELOCITY], _dampings(turns[:4]))
-    yield family("velocity in the room", [HEADING, VELOCITY], _of_room_velocity(scales))
-    yield from _of_place(model, scales, family)
-    yield family("velocity", [VELOCITY], _body(velocity) + _across())
-    yield family("direction of motion", [VELOCITY], _body(signs(scales)))
-    commands = [(formula, "-") for formula in command_formulas(model)]
-    yield family("command", [COMMAND], _body(commands))
-    speeds = velocity[:3] + [("sqrt(u^2+v^2)", "m/s"), ("u^2", "m^2/s^2"), ("v^2", "m^2/s^2")]
-    yield family("thrust by velocity", [COMMAND, VELOCITY], _thrusts(model, speeds))
-    total = "(%s)" % "+".join(inputs(model))
-    aside = [("%s*%s" % (total, f), u) for f, u in speeds]
-    yield family("thrust and velocity", [COMMAND, VELOCITY], _body(aside, "YN"))
-    yield family("lift and velocity", [COMMAND, VELOCITY], _dampings([("lift", "-")]))
+    yield "moment by heading", "heading", _acting([N], turns)
+    yield "force by heading", "heading", _acting([X, Y], turns)
+    yield "force fixed in the room", "heading", _acting(ROOM, [("1", "-")])
+    yield "thrust by heading", "heading command", _acting(thrusts, turns[:4])
+    yield "damping by heading", "heading velocity", _acting(DAMPING, turns[:4])
+    slow, velocities = (0.15 * scales.speed) ** 2, []
+    for q in ("(u*cos(psi)-v*sin(psi))", "(u*sin(psi)+v*cos(psi))"):
+        velocities += [(q, "m/s"), ("abs%s*%s" % (q, q), "m^2/s^2"), (q + "^2", "m^2/s^2")]
+        velocities.append(("%s/sqrt(%s^2+%.3g)" % (q, q, slow), "-"))
+    yield "velocity in the room", "heading velocity", _acting(ROOM, velocities)
+    x, y = "(x-{x0})", "(y-{y0})"
+    places = [(x, "m"), (y, "m")] + [("%s*%s" % pair, "m^2") for pair in ((x, x), (x, y), (y, y))]
+    radius = "sqrt(%s^2+%s^2+%.3g)" % (x, y, (0.05 * scales.extent) ** 2)
+    away = [_room(x, y, "m"), _room("-" + y, x, "m")]
+    away.append(_room("%s*%s" % (radius, x), "%s*%s" % (radius, y), "m^2"))
+    away.append(_room("%s/%s" % (x, radius), "%s/%s" % (y, radius), "-"))
+    yield "force by place", "place", _acting(ROOM, places) + away
+    yield "moment by place", "place", _acting([N], places)
+    yield "thrust by place", "place command", _acting(thrusts, places)
+    yield "damping by place", "place velocity", _acting(DAMPING, places)
+    velocity, speed = of_velocity(), "sqrt(u^2+v^2)"
+    along = _acting([ALONG], [(speed, "m/s"), ("u^2+v^2", "m^2/s^2")])
+    turned = [("r", "rad/s"), ("abs(r)", "rad/s"), ("-" + speed, "m/s")]
+    across = Channel({"X": "-%s*v", "Y": "%s*u"}, "m/s")
+    straight: _Entry = ({"X": "u", "Y": "v"}, "m/s", {})
+    moving = [straight, *along, *_acting([across], turned)]
+    yield "velocity", "velocity", _acting([X, Y, N], velocity) + moving
+    yield "direction of motion", "velocity", _acting([X, Y, N], signs(scales))
+    yield "command", "command", _acting([X, Y, N], [(f, "-") for f in command_formulas(model)])
+    speeds = velocity[:3] + [(speed, "m/s"), ("u^2", "m^2/s^2"), ("v^2", "m^2/s^2")]
+    yield "thrust by velocity", "command velocity", _acting(thrusts, speeds)
+    aside = [("(%s)*%s" % ("+".join(inputs(model)), f), u) for f, u in speeds]
+    yield "thrust and velocity", "command velocity", _acting([Y, N], aside)
+    yield "lift and velocity", "command velocity", _acting(DAMPING, [("lift", "-")])
     fades = [("cos(%.4g*t)" % (k * np.pi / scales.duration), "-") for k in range(1, 6)]
-    times = [("t", "s"), ("t^2", "s^2")] + fades
-    yield family("time", [TIME], _body(times) + _both([("t", "s")]))
-    yield family("thrust by time", [TIME, COMMAND], _thrusts(model, times[:5]))
-    yield family("damping by time", [TIME, VELOCITY], _dampings(times[:2]))
-    yield family("past commands", [PAST], list(_of_past_commands(model)))
-    yield family("past velocity", [PAST], list(_of_past_velocity()))
-    yield family("swinging load", [PAST], list(_of_swings()))
+    times = [("t", "s"), ("t^2", "s^2"), *fades]
+    yield "time", "time", _acting([X, Y, N], times) + _acting(ROOM, times[:1])
+    yield "thrust by time", "time command", _acting(thrusts, times[:5])
+    yield "damping by time", "time velocity", _acting(DAMPING, times[:2])
+    yield "past commands", "past", list(_of_past_commands(model))
+    yield "past velocity", "past", list(_of_past_velocity())
+    yield "swinging load", "past", list(_of_swings())
+
+
+def _fields(scales: Scales) -> Iterator[Tuple[str, str, List[_Entry]]]:
+    """Families of random waves over the floor, which mean nothing by themselves."""
+    random = np.random.default_rng(5)
+    for name, (length, count) in FIELDS.items():
+        vectors = random.normal(size=(count, 2)) / (length * scales.extent)
+        phases = random.uniform(0, 2 * np.pi, count)
+        waves = [
+            ("cos(%.5g*x+(%.5g)*y+(%.4g))" % (a, b, p), "-") for (a, b), p in zip(vectors, phases)
+        ]
+        yield "%s field of force" % name, "place", _acting(ROOM, waves)
+        if name != "fine":
+            yield "%s field of moment" % name, "place", _acting([BODY["N"]], waves)
+            yield "%s field of damping" % name, "place velocity", _acting([ALONG], waves)
 
 
 def turns_of_heading() -> List[str]:
@@ -352,19 +233,6 @@ def of_velocity() -> List[_Scalar]:
     ]  # fmt: skip
 
 
-def _across() -> List[_Entry]:
-    """Forces along and across the velocity."""
-    speed = "sqrt(u^2+v^2)"
-    entries: List[_Entry] = [
-        ({"X": "-r*v", "Y": "r*u"}, "m/s^2", {}),
-        ({"X": "-abs(r)*v", "Y": "abs(r)*u"}, "m/s^2", {}),
-        ({"X": "%s*v" % speed, "Y": "-%s*u" % speed}, "m^2/s^2", {}),
-    ]
-    for power, unit in (("", "m/s"), (speed + "*", "m^2/s^2"), ("(u^2+v^2)*", "m^3/s^3")):
-        entries.append(({"X": power + "u", "Y": power + "v"}, unit, {}))
-    return entries
-
-
 def signs(scales: Scales) -> List[_Scalar]:
     """Directions of the motion: what dry friction depends on."""
     slow, slow_turn = 0.15 * scales.speed, 0.15 * scales.turn
@@ -373,60 +241,6 @@ def signs(scales: Scales) -> List[_Scalar]:
     for name, least in (("u", slow), ("v", slow), ("r", slow_turn)):
         signs.append(("%s/sqrt(%s^2+%.3g)" % (name, name, least**2), "-"))
     return signs
-
-
-def _dampings(factors: Sequence[_Scalar]) -> List[_Entry]:
-    """Damping of each velocity that depends on something."""
-    entries: List[_Entry] = []
-    for formula, unit in factors:
-        times = "" if unit == "-" else "*" + unit
-        for channel, velocity, own in (("X", "u", "m/s"), ("Y", "v", "m/s"), ("N", "r", "rad/s")):
-            entries.append(({channel: "(%s)*%s" % (formula, velocity)}, own + times, {}))
-        entries.append(({"X": "(%s)*u" % formula, "Y": "(%s)*v" % formula}, "m/s" + times, {}))
-    return entries
-
-
-def _of_room_velocity(scales: Scales) -> List[_Entry]:
-    along, across = "(u*cos(psi)-v*sin(psi))", "(u*sin(psi)+v*cos(psi))"
-    slow = (0.15 * scales.speed) ** 2
-    entries: List[_Entry] = []
-    for q in (along, across):
-        entries += _both([(q, "m/s"), ("abs%s*%s" % (q, q), "m^2/s^2")])
-        entries += _both([("%s/sqrt(%s^2+%.3g)" % (q, q, slow), "-"), (q + "^2", "m^2/s^2")])
-    return entries
-
-
-def _of_place(model: _core.Model, scales: Scales, family: _Make) -> Iterator[_Group]:
-    random = np.random.default_rng(5)
-    extent = scales.extent
-    x, y = "(x-{x0})", "(y-{y0})"
-    flat = [(x, "m"), (y, "m")]
-    bowl = [("%s*%s" % pair, "m^2") for pair in ((x, x), (x, y), (y, y))]
-    radius = "sqrt(%s^2+%s^2+%.3g)" % (x, y, (0.05 * extent) ** 2)
-    yield family(
-        "force by place",
-        [PLACE],
-        _both(flat + bowl)
-        + [_room(x, y, "m"), _room("-" + y, x, "m")]
-        + [_room("%s*%s" % (radius, x), "%s*%s" % (radius, y), "m^2")]
-        + [_room("%s/%s" % (x, radius), "%s/%s" % (y, radius), "-")],
-    )
-    yield family("moment by place", [PLACE], _body(flat + bowl, "N"))
-    yield family("thrust by place", [PLACE, COMMAND], _thrusts(model, flat + bowl))
-    yield family("damping by place", [PLACE, VELOCITY], _dampings(flat + bowl))
-    fields: Dict[str, List[_Scalar]] = {}
-    for name, (length, count) in FIELDS.items():
-        vectors = random.normal(size=(count, 2)) / (length * extent)
-        phases = random.uniform(0, 2 * np.pi, count)
-        fields[name] = [
-            ("cos(%.5g*x+(%.5g)*y+(%.4g))" % (a, b, p), "-") for (a, b), p in zip(vectors, phases)
-        ]
-    for name, waves in fields.items():
-        yield family("%s field of force" % name, [PLACE], _both(waves), False)
-        if name != "fine":
-            yield family("%s field of moment" % name, [PLACE], _body(waves, "N"), False)
-            patches: List[_Entry] = [({"X": "%s*u" % f, "Y": "%s*v" % f}, "m/s", {}) for f, _ in waves]
-            yield family("%s field of damping" % name, [PLACE, VELOCITY], patches, False)
 
 
 def command_formulas(model: _core.Model) -> List[str]:
@@ -508,19 +322,6 @@ def wrenches(features: Sequence[Feature], model: _core.Model, sampled: Samples) 
     return result
 
 
-def namespace(sampled: Samples) -> Mapping[str, Any]:
-    """What formulas may name, at a run's samples."""
-    known: Dict[str, Any] = {**sampled.values, **sampled.states}
-    known.update(sin=np.sin, cos=np.cos, abs=np.abs, sqrt=np.sqrt, exp=np.exp)
-    return known
-
-
-def evaluated(formula: str, known: Mapping[str, Any]) -> Array:
-    """Values (n,) of a formula of the dictionary, never of a user's."""
-    value = eval(formula.replace("^", "**"), {"__builtins__": {}}, known)
-    return np.asarray(np.broadcast_to(np.asarray(value, float), known["t"].shape))
-
-
 def filled(template: str, constants: Mapping[str, Constant]) -> str:
     """A formula with the values of its constants."""
     values = {name: "%.6g" % c.value for name, c in constants.items()}
@@ -559,29 +360,6 @@ def _directions(model: _core.Model) -> Dict[str, Array]:
     return {"thrust_" + name[2:]: row for name, row in zip(inputs(model), rows)}
 
 
-def _states(model: _core.Model, v: Mapping[str, Array], times: Array) -> Dict[str, Array]:
-    """Values of the states of formulas, by name."""
-    names = inputs(model)
-    commands = np.column_stack([v[name] for name in names])
-    total = commands.sum(axis=1)
-    speeds = np.column_stack([v["u"], v["v"], v["r"], v["u"] ** 2 + v["v"] ** 2])
-    found: Dict[str, Array] = {}
-    for i, memory in enumerate(MEMORIES):
-        columns = np.column_stack([commands, total, v["lift"], speeds])
-        means = past(times, columns, memory).T
-        labels = ["p%d_%s" % (i, name[2:]) for name in names] + ["q%d" % i, "l%d" % i]
-        labels += ["w%d_%s" % (i, name) for name in "uvr"] + ["s%d" % i]
-        found.update(zip(labels, means))
-    c, s = np.cos(v["psi"]), np.sin(v["psi"])
-    room = np.column_stack([c * v["u"] - s * v["v"], s * v["u"] + c * v["v"]])
-    for i, frequency in enumerate(SWINGS):
-        for kind, values in zip("ab", swinging(times, room, frequency)):
-            found.update({"%s%d%s" % (kind, i, axis): values[:, j] for j, axis in enumerate("xy")})
-    steps = np.diff(times, prepend=times[0])
-    found["used"] = np.cumsum(total * steps)
-    return found
-
-
 def dependence(feature: Feature) -> str:
     """What a feature has in common with those that differ in their constants, or in how their formulas
     are written."""
@@ -594,18 +372,11 @@ def dependence(feature: Feature) -> str:
     return ", ".join(parts)
 
 
-def squared_distances(points: Array, to: Array) -> Array:
-    """Squared distances (n,) of points (n, k) to one."""
-    return np.asarray(((points - to) ** 2).sum(axis=1))
-
-
-def spread(
-    points: Array, apart: float, most: int, squared: Callable[[Array, Array], Array] = squared_distances
-) -> Array:
+def spread(points: Array, apart: float, most: int) -> Array:
     """Some of the points (n, k), the farthest from the others first, until all are near one."""
     chosen = [points[len(points) // 2]]
-    nearest = squared(points, chosen[0])
+    nearest = ((points - chosen[0]) ** 2).sum(axis=1)
     while len(chosen) < most and nearest.max() > apart**2:
         chosen.append(points[int(np.argmax(nearest))])
-        nearest = np.minimum(nearest, squared(points, chosen[-1]))
+        nearest = np.minimum(nearest, ((points - chosen[-1]) ** 2).sum(axis=1))
     return np.array(chosen)

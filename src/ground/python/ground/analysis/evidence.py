@@ -1,7 +1,7 @@
 """Effects added to a model on trial, and the evidence for each."""
 
 from dataclasses import dataclass, replace
-from typing import Iterable, List, Mapping, Optional, Sequence
+from typing import Iterable, List, Optional, Sequence
 
 import numpy as np
 
@@ -26,7 +26,6 @@ class Trial:
     seen: bool  # whether it does anything that the other parameters cannot
     refitted: bool
     equal: bool = False  # whether the data cannot distinguish it from the best one
-    inclusion: float = 0.0  # weight among the refitted ones, by likelihood
     change: Optional[Change] = None  # of predicted poses
 
 
@@ -56,19 +55,10 @@ def trial(
     return Trial(name, model, parameters, gain, alone, min(1.0, tried * alone), bic, seen, refitted)
 
 
-def ranked(
-    trials: Iterable[Trial], first: Sequence[str], values: Mapping[str, float]
-) -> List[Trial]:
-    """Trials, best first, with their weights. first: the group of effects chosen first; values:
-    twice the penalised log-likelihood of the refitted ones by name."""
-    best = max(values.values(), default=0.0)
-    weights = {name: np.exp(min(0.0, value - best) / 2) for name, value in values.items()}
-    total = max(1e-300, sum(weights.values()))
-    weighed = [
-        replace(t, equal=t.name in first, inclusion=float(weights.get(t.name, 0.0) / total))
-        for t in trials
-    ]
-    return sorted(weighed, key=lambda t: (t.name not in first[:1], t.delta_bic))
+def ranked(trials: Iterable[Trial], first: Sequence[str]) -> List[Trial]:
+    """Trials, best first; first: the group of effects chosen first."""
+    marked = [replace(t, equal=t.name in first) for t in trials]
+    return sorted(marked, key=lambda t: (t.name not in first[:1], t.delta_bic))
 
 
 def p_value(gain: float, free: int, on_bound: int) -> float:

@@ -20,6 +20,8 @@ BLOCK = 6.0  # length of blocks of time [s]
 BLOCK_FOLDS = 10  # largest number of folds of blocks
 RUN_FOLDS = 20  # largest number of folds of runs, where each run has an error of its own
 BLOCKS, RUNS = "holding out blocks of time", "holding out runs"  # stages
+MOST_SAMPLES = 6000  # poses, thinned, in an excerpt of runs
+STRETCH = 10.0  # length of a stretch of a long run in it [s]
 BETTER, UNDECIDED, WORSE = "better", "undecided", "worse"  # verdicts of a Comparison
 MIN_PARTS = 4  # from which on a t-test over parts has power
 MAX_CHANCE = 0.05  # probability with which a Comparison may say "worse" where nothing differs
@@ -205,6 +207,41 @@ def stretch(run: _core.RunData, times: Array, part: slice) -> _core.RunData:
     return _core.RunData(
         run.name, times[part], eta[part], nu[part], run.inputs, poses, run.noise, run.drives
     )
+
+
+def excerpt(
+    likelihood: Likelihood,
+    fit: Fit,
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+) -> Tuple[Likelihood, Fit, Sequence[_core.RunData], Sequence[_core.Window]]:
+    """The same if the runs are short together, else stretches of them that are spread evenly."""
+    if sum(len(run.times) for run in likelihood.runs) <= MOST_SAMPLES:
+        return likelihood, fit, runs, cut
+    stretches = [
+        (i, begin)
+        for i, run in enumerate(runs)
+        for begin in np.arange(run.times[0], run.times[-1] - STRETCH / 2, STRETCH).tolist()
+    ]
+    rate = sum(len(run.times) for run in likelihood.runs) / sum(
+        max(run.times[-1] - run.times[0], 1e-3) for run in runs
+    )
+    most = int(np.clip(MOST_SAMPLES / (rate * STRETCH), 2, len(stretches)))
+    pieces, of = [], []
+    for k in np.linspace(0, len(stretches) - 1, most).astype(int):
+        i, begin = stretches[k]
+        times = np.array(runs[i].times)
+        first, last = np.searchsorted(times, [begin, begin + STRETCH])
+        piece = stretch(runs[i], times, slice(int(first), int(last)))
+        if windows.cut_part(piece, 0, piece.times[0], piece.times[-1]):
+            pieces.append(piece)
+            of.append(i)
+    if len(pieces) < 2:
+        return likelihood, fit, runs, cut
+    shorter = Likelihood(pieces, likelihood.craft, likelihood.varying, likelihood.threads)
+    loudness = tuple(fit.loudness[i] for i in of) if fit.loudness else ()
+    trims = tuple(fit.trims[i] for i in of)
+    return shorter, dataclasses.replace(fit, loudness=loudness, trims=trims), pieces, windows.cut(pieces)
 
 
 # Fits to windows

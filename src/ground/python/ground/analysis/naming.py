@@ -12,8 +12,8 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates
-from ground.analysis.dictionary import PLACE, Feature, dependence
+from ground.analysis import candidates, formula_words
+from ground.analysis.dictionary import Feature, dependence
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.regression import LEVEL, Regression, Term
@@ -25,20 +25,9 @@ MOST = 5  # features that are chosen from one regression
 MIN_RATIO = 12.0  # of the likelihoods with and without a feature
 EXPLAINED = 0.98  # part of the terms' gain from which a formula needs no further feature
 LONGEST = 6  # pieces of a formula
-ALONG = 3.0  # angle from an axis of the room within which a wave is said to go along it [deg]
 FADES = re.compile(r"^\((.*)\)/([\d.]+)$")
 SWINGS = re.compile(r"^([\d.]+)\*\((.*)\)-[\d.]+\*(\w+)$")
 STATE = re.compile(r"[a-z]+\d+")  # a kind of memory and its number, in the names of its states
-OWN = re.compile(r"_\d+$")  # in the name of a constant of one piece
-TURN = re.compile(r"^\(?sin\((?:(\d)\*)?psi\+\{p[01]\}\)\)?$")
-WAVE = re.compile(r"^\(?sin\(\{kx\}\*x\+\{ky\}\*y\+\{p\d\}\)\)?$")
-# A force away from a point of the room, or around it, times a function, perhaps near the point alone
-PULLED = re.compile(r"^(.*?)\*(exp\([^*]*\{mw\}\^2\)\*)?\(\(x-\{mx\}\)\*(cos|sin)\(psi\)")
-# A force along an axis of the room, by channel
-ROOM = {"x": {"X": "%s*cos(psi)", "Y": "-%s*sin(psi)"}, "y": {"X": "%s*sin(psi)", "Y": "%s*cos(psi)"}}
-DIRECTED = "*cos(psi-{dr})"  # behind a force ahead that is part of a force in a direction of the room
-# A force away from a point of the room, as the dictionary has it
-PULL = {"X": "((x-{x0}))*cos(psi)+((y-{y0}))*sin(psi)", "Y": "((y-{y0}))*cos(psi)+-((x-{x0}))*sin(psi)"}
 
 
 @dataclass(frozen=True)
@@ -59,7 +48,7 @@ class Formula:
     def in_words(self, model: _core.Model, name: str) -> str:
         """What it means at the values of a model that has it by this name."""
         values = {n: model.value("%s.%s" % (name, n)) for piece in self.pieces for n in piece.parameters}
-        return _words(self.pieces, values)
+        return formula_words.of_pieces(self.pieces, values)
 
 
 @dataclass(frozen=True)
@@ -171,69 +160,12 @@ def _piece(feature: Feature, size: float, number: int) -> Piece:
     parameters: _Parameters = {name: (size, feature.weight_unit, -np.inf, np.inf), **times}
     for n, c in feature.constants.items():
         parameters[own[n]] = (c.value, c.unit, c.value - c.reach, c.value + c.reach)
-    means = _in_words(feature, name, own) + past
+    means = formula_words.of_feature(feature, name, own) + past
     arguments = tuple(sorted(feature.family.arguments))
     simpler = tuple(_piece(one, size, number) for one in feature.simpler)
     return Piece(
         number, parts, parameters, means, arguments, dependence(feature), dict(states), simpler
     )
-
-
-def _in_words(feature: Feature, size: str, own: Mapping[str, str]) -> str:
-    """What a feature does, with names in braces for values that are fitted."""
-    arguments, template = in_words(sorted(feature.family.arguments)), feature.template
-    what, text = _along(feature, own)
-    turn, wave = TURN.match(text), WAVE.match(text)
-    if text == "1":
-        return "%s of {%s}" % (what, size)
-    if turn:
-        times = turn.group(1) or "1"
-        often = "once" if times == "1" else "%s times" % times
-        return "%s of up to {%s} that depends on the heading, %s a turn" % (what, size, often)
-    if wave:
-        return "%s of up to {%s} that repeats every {wave:%s:%s}" % (what, size, own["kx"], own["ky"])
-    if template == PULL:
-        point = ", ".join("{%s}" % own[name] for name in ("x0", "y0"))
-        return "a force {away:%s} the point (%s), {%s} of distance" % (size, point, size)
-    values = {n: "{%s}" % o for n, o in own.items()}
-    pulled = PULLED.match(template.get("X", ""))
-    if pulled:
-        return _pulled(pulled, size, own, values, feature)
-    if text:
-        return "%s that depends on %s (= {%s} %s)" % (what, arguments, size, text.format(**values))
-    texts = ["%s = {%s} %s" % (c, size, t.format(**values)) for c, t in template.items()]
-    return "%s that depends on %s (%s)" % (what, arguments, "; ".join(texts))
-
-
-def _pulled(
-    found: "re.Match[str]", size: str, own: Mapping[str, str], values: Mapping[str, str], feature: Feature
-) -> str:
-    """What a force away from a point or around it does; found: by PULLED in its formula ahead."""
-    function, near, turn = found.groups()
-    point = "(%s, %s)" if function == "1" else "(%s m, %s m)"
-    where = point % (values["mx"], values["my"]) + (", within %s" % values["mw"] if near else "")
-    of_place = re.search(r"\b[xy]\b", function)
-    arguments = [a for a in sorted(feature.family.arguments) if a != PLACE or of_place]
-    if function == "1":
-        way = "{away:%s}" % size if turn == "cos" else "around"
-        return "a force %s the point %s, of {%s}" % (way, where, size)
-    way, much = ("{away:%s}" % size, "{abs:%s}" % size) if turn == "cos" else ("around", "{%s}" % size)
-    what = "a force %s the point %s, that depends on %s" % (way, where, in_words(arguments))
-    return "%s (= %s %s)" % (what, much, function.format(**values))
-
-
-def _along(feature: Feature, own: Mapping[str, str]) -> Tuple[str, str]:
-    """What a feature acts as, in words, and its formula along that; no formula if it has several."""
-    template, what = feature.template, _what(feature)
-    if len(template) == 1:
-        return what, next(iter(template.values()))
-    if template.get("X", "").endswith(DIRECTED):
-        return "a force {room:%s}" % own["dr"], template["X"][: -len(DIRECTED)]
-    for axis, turned in ROOM.items():
-        text = template.get("X", "")[: -len(turned["X"]) + 2]
-        if template == {c: formula % text for c, formula in turned.items()}:
-            return "a force along the room's %s" % axis, text
-    return what, ""
 
 
 _Parameters = Dict[str, Tuple[float, str, float, float]]
@@ -266,38 +198,6 @@ def _timed(states: Mapping[str, str]) -> Tuple[Mapping[str, str], _Parameters, s
     return states, {}, ""
 
 
-def _what(feature: Feature) -> str:
-    """What a feature acts as, in words."""
-    parts = set(feature.parts)
-    if parts == {"N"}:
-        return "a moment"
-    if all(p.startswith("thrust_") for p in parts):
-        if len(parts) > 1:
-            return "thrust"
-        return "thrust of %s" % next(iter(parts))[len("thrust_") :]
-    if parts == {"X"}:
-        return "a force ahead"
-    if parts == {"Y"}:
-        return "a force to the side"
-    return "a force in the room" if PLACE in feature.family.arguments else "a force"
-
-
-WORDS = {
-    "heading": "the heading",
-    "place": "the place",
-    "velocity": "the velocity",
-    "command": "the commands",
-    "past": "the past",
-    "time": "the time since the drive began",
-}
-
-
-def in_words(arguments: Sequence[str]) -> str:
-    """Arguments of a dependence, in words."""
-    words = [WORDS[name] for name in arguments]
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
-
-
 # The formula in the model
 
 
@@ -326,7 +226,7 @@ def _fitted(
         return None
     values = {name: fitted.model.value("%s.%s" % (entry["name"], name)) for name in values}
     reached = tuple(_moved(piece, values) for piece in pieces)
-    return Formula(_entry(reached, fit), _words(reached, values), fitted, ratio, reached)
+    return Formula(_entry(reached, fit), formula_words.of_pieces(reached, values), fitted, ratio, reached)
 
 
 def _moved(piece: Piece, values: Mapping[str, float]) -> Piece:
@@ -359,50 +259,3 @@ def _entry(pieces: Sequence[Piece], fit: Fit) -> Document:
         name += "_"
     entry: Document = {"name": name, "expression": expression, "parameters": parameters}
     return {"name": name, "states": states, **entry} if states else entry
-
-
-def _words(pieces: Sequence[Piece], values: Mapping[str, float]) -> str:
-    return " and ".join(_told(piece, values) for piece in pieces)
-
-
-def _told(piece: Piece, values: Mapping[str, float]) -> str:
-    """A piece in words, with its values."""
-    def put(found: "re.Match[str]") -> str:
-        name = found.group(1)
-        if name.startswith("away:"):
-            return "away from" if values[name[len("away:") :]] > 0 else "towards"
-        if name.startswith("wave:"):
-            return _wave(*(values[part] for part in name.split(":")[1:]))
-        if name.startswith("room:"):
-            return _direction(np.degrees(values[name[len("room:") :]]))
-        if name.startswith("abs:"):
-            name = name[len("abs:") :]
-            return quantity(abs(values[name]), piece.parameters[name][1])
-        unit = piece.parameters[name][1]
-        if name[0] == "c":
-            return quantity(abs(values[name]) if "= {%s}" % name not in piece.means else values[name], unit)
-        in_formula = OWN.search(name) and re.search(r"= \{(c|abs)", piece.means)
-        return "%.3g" % values[name] if in_formula else quantity(values[name], unit)
-
-    told = re.sub(r"\{([\w:]+)\}", put, piece.means)
-    return told.replace("--", "+").replace("+-", "-")
-
-
-def _wave(kx: float, ky: float) -> str:
-    """Length and direction of a wave by its components [rad/m]."""
-    return "%.3g m %s" % (2 * np.pi / np.hypot(kx, ky), _direction(np.degrees(np.arctan2(ky, kx)) % 180))
-
-
-def _direction(angle: float) -> str:
-    """A direction of the room [deg], in words."""
-    axes = {0: "the room's x", 90: "the room's y", 180: "the room's x"}
-    near = [axis for at, axis in axes.items() if abs(angle - at) < ALONG]
-    return "along %s" % near[0] if near else "in the direction %.0f deg of the room" % angle
-
-
-def quantity(value: float, unit: str) -> str:
-    """A number with its unit, in mN and mN m where that is shorter."""
-    unit = re.sub(r"/\((.*)\)$", r" per \1", unit)
-    if unit.startswith("N") and abs(value) < 0.1:
-        return "%.3g m%s" % (1e3 * value, unit)
-    return "%.3g %s" % (value, unit)

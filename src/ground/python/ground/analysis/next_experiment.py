@@ -106,10 +106,10 @@ def propose(
     experiments, in parallel if it can; work: told of each.
 
     Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate, open loop),
-    `launch` (the line that flies it), `room` (its name), `rows` (time [s], left, right of the
-    design), `repeat` (number of such runs for a clear decision), `expected_disagreement` of one of
-    them [standard deviations], and `all`: every experiment with its disagreement open loop and before
-    the refit, best first. None when no experiment distinguishes the rivals.
+    `launch` (the line that flies it), `room` (its name), `rows` (time [s], left, right of the design),
+    `repeat` (number of such runs for a clear decision), `expected_disagreement` of one of them [standard
+    deviations], and `all`: every experiment with its disagreement open loop, best first. None when no
+    experiment distinguishes the rivals.
     """
     if not rivals[0].fit.model.is_pair:
         return None  # the experiments to choose from are those of a left and a right thruster
@@ -151,14 +151,21 @@ def propose(
         return None
     return {
         "separates": [rival.name for rival in rivals],
-        "input": proposed.input,
-        "arguments": proposed.arguments(),
-        "launch": proposed.launch(),
-        "room": place.name,
-        "rows": experiments.rows(proposed.design, IN_ROOM, **dict(proposed.options)).tolist(),
+        **_described(proposed, place),
         "repeat": math.ceil((CLEAR_DISAGREEMENT / best) ** 2),
         "expected_disagreement": best,
         "all": [{"input": e.input, "expected_disagreement": d} for d, e in found],
+    }
+
+
+def _described(experiment: Experiment, room: _core.RoomPlan) -> Document:
+    """An experiment, and how to play it."""
+    return {
+        "input": experiment.input,
+        "arguments": experiment.arguments(),
+        "launch": experiment.launch(),
+        "room": room.name,
+        "rows": experiments.rows(experiment.design, IN_ROOM, **dict(experiment.options)).tolist(),
     }
 
 

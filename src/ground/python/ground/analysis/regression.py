@@ -10,21 +10,18 @@ without an effect follows from the eigenvalues of the term's information.
 """
 
 import copy
-import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import AbstractSet, Dict, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
-from ground import _core
 from ground.analysis.dictionary import Feature, dependence
 from ground.analysis.distributions import chi_squared_above
+from ground.analysis.innovations import Innovations
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.annotations import Array, Flags, Indices
 
 LEVEL = 0.01  # probability that a term is chosen where nothing is missing
-STEP = 1e-3  # relative step of a parameter, for finite differences
-DELAY = 1e-3  # delay of all commands that counts as a change of a parameter [s]
 SIZES = np.geomspace(1e-4, 1.0, 17) ** 2  # variances of a term's wrench, over full thrust squared
 DRAWS = 2000
 LEAST = 8.0  # ratio below which a family is not worth its draws
@@ -35,7 +32,6 @@ REFUSED = 3  # terms that held-out parts may refuse
 PARTS = 4  # of a single run
 AS_GOOD = 0.97  # part of the significance of a feature with which one with a factor less takes its place
 SORTS = 5  # of single features, by the number that they were chosen from
-RESPONSE = 1.0  # time after which the response to a pulse is cut [s]
 KEPT_FAMILIES = 6
 WIDEST = 130  # features of a family that is tested as a whole
 
@@ -73,20 +69,11 @@ class Regression:
         model = fit.model
         self.full = 2 * model.value("k") * np.array([1.0, 1.0, model.value("l")])
         self._own = followed
-        runs = range(len(likelihood.runs))
-        self._scored = [self._scored_samples(i) for i in runs]
-        self.rows = np.cumsum([0] + [3 * int(scored.sum()) for scored in self._scored])
-        innovations = [self._innovations(likelihood, fit, i) for i in runs]
-        J = np.vstack([self._jacobian(i, e) for i, e in zip(runs, innovations)])
-        J = J / np.maximum(np.sqrt((J**2).sum(axis=0)), 1e-300)
-        left, sizes, _ = np.linalg.svd(J, full_matrices=False)
-        self._left = left[:, sizes > 1e-6 * sizes.max()]
-        # what a known wrench explains is to be explained again
-        y = np.concatenate([e + self._of_known(i) for i, e in zip(runs, innovations)])
-        self.y = y - self._left @ (self._left.T @ y)
+        self.innovations = Innovations(likelihood, fit)
+        self.y = self.innovations.y
         self.features: List[Feature] = []
         self.wrenches = [np.empty((len(run.times), 3, 0)) for run in likelihood.runs]
-        self.D, self.scale = np.empty((len(y), 0)), np.empty(0)
+        self.D, self.scale = np.empty((len(self.y), 0)), np.empty(0)
         self.active: Flags = np.empty(0, bool)
         self.tried = np.empty(0)  # number of features that each was chosen from
         self._acting = [np.empty((len(run.times), 3, 0)) for run in likelihood.runs]
@@ -110,9 +97,9 @@ class Regression:
         power = sum((w**2).sum(axis=(0, 1)) for w in wrenches) / sum(len(w) for w in wrenches)
         # of each feature, so that its wrench has a mean square of 1
         scale = 1 / np.sqrt(np.maximum(power, 1e-30))
-        D = self._responses_to([w * self.full[:, None] * scale for w in wrenches])
+        D = self.innovations.responses([w * self.full[:, None] * scale for w in wrenches])
         raw = (D**2).sum(axis=0)
-        D -= self._left @ (self._left.T @ D)
+        D = self.innovations.projected(D)
         kept &= (D**2).sum(axis=0) > np.maximum(SEEN * raw, 1e-9)
         D[:, ~kept] = 0.0
         self.features = [*self.features, *features]
@@ -136,77 +123,9 @@ class Regression:
     def projected(self, acting: Sequence[Array]) -> Array:
         """Responses (rows, k) to wrenches (n, 3, k) along each run, without what parameters can follow."""
         wrenches, _ = self._left_of(acting)
-        D = self._responses_to([w * self.full[:, None] for w in wrenches])
-        return np.asarray(D - self._left @ (self._left.T @ D))
-
-    def _responses_to(self, wrenches: Sequence[Array]) -> Array:
-        return np.vstack([self._responses(i, w) for i, w in enumerate(wrenches)])
-
-    def _scored_samples(self, i: int) -> Flags:
-        return np.array(self.likelihood.residuals(self.fit.point, i)["scored"], bool)
-
-    def _responses(self, i: int, wrench: Array) -> Array:
-        """Change of the scored innovations of a run by wrenches (n, 3, k), (rows, k)."""
-        acting = wrench.transpose(0, 2, 1).reshape(len(wrench), -1)
-        left = self.likelihood.residuals(self.fit.point, i, acting=acting)
-        return np.asarray(left["responses"][np.repeat(self._scored[i], 3)])
-
-    def _of_known(self, i: int) -> Array:
-        wrench = np.array(self.likelihood.runs[i].wrench)
-        if not len(wrench):
-            return np.zeros(3 * int(self._scored[i].sum()))
-        return np.asarray(self._responses(i, wrench[:, :, None])[:, 0])
-
-    def scores(self, random: int) -> List[Array]:
-        """Scores (n, 3, 1 + random) of a unit wrench at each sample of each run, whose response is cut
-        after RESPONSE seconds: by the innovations, and by random ones as they are without an effect."""
-        drawn = np.random.default_rng(random).normal(size=(len(self.y), random))
-        Y = np.column_stack([self.y, drawn - self._left @ (self._left.T @ drawn)])
-        return [self._scores_of(i, Y[a:b]) for i, (a, b) in enumerate(zip(self.rows[:-1], self.rows[1:]))]
-
-    def _scores_of(self, i: int, Y: Array) -> Array:
-        times, scored = np.array(self.likelihood.runs[i].times), self._scored[i]
-        apart = min(len(times), max(1, int(round(RESPONSE / np.median(np.diff(times))))))
-        pulses = np.zeros((len(times), 3, 3 * apart))
-        for c, first in itertools.product(range(3), range(apart)):
-            pulses[first::apart, c, c * apart + first] = 1.0
-        responses = np.zeros((len(times), 3, 3 * apart))
-        responses[scored] = self._responses(i, pulses).reshape(-1, 3, 3 * apart)
-        targets = np.zeros((len(times), 3, Y.shape[1]))
-        targets[scored] = Y.reshape(-1, 3, Y.shape[1])
-        scores = np.empty((len(times), 3, Y.shape[1]))
-        for c, first in itertools.product(range(3), range(apart)):
-            products = np.einsum("ij,ijk->ik", responses[:, :, c * apart + first], targets)
-            scores[first::apart, c] = np.add.reduceat(products, np.arange(first, len(times), apart))
-        return scores
-
-    def _jacobian(self, i: int, innovations: Array) -> Array:
-        fit, run = self.fit, self.likelihood.runs[i]
-        described = {p["name"]: p for p in fit.model.parameters()}
-        columns = []
-        for name in fit.free:
-            value, p = fit.model.value(name), described[name]
-            if not np.isfinite(value):
-                continue
-            step = STEP * (abs(value) or p["scale"])
-            moved = fit.model.copy()
-            moved.set_value(name, value + step if value + step <= p["upper"] else value - step)
-            columns.append(self._innovations(self.likelihood, replace(fit, model=moved), i))
-        rows = np.array(run.inputs)
-        rows[:, 0] += DELAY
-        late = _core.RunData(
-            run.name, run.times, run.eta, run.nu, rows, run.poses, run.noise, run.drives,
-            run.wrench if len(run.wrench) else None,
-        )  # fmt: skip
-        alone = replace(fit, loudness=fit.loudness[i : i + 1])
-        columns.append(self._innovations(Likelihood([late], self.likelihood.craft), alone, 0))
-        return np.column_stack([innovations - column for column in columns])
-
-    @staticmethod
-    def _innovations(likelihood: Likelihood, fit: Fit, run: int) -> Array:
-        left = likelihood.residuals(fit.point, run)
-        scored = np.repeat(np.array(left["scored"]), 3)
-        return np.asarray(np.array(left["whitened"]).reshape(-1)[scored])
+        return self.innovations.projected(
+            self.innovations.responses([w * self.full[:, None] for w in wrenches])
+        )
 
     def _families(self) -> List[Term]:
         """Families, and their parts that act on the same channels."""
@@ -393,7 +312,7 @@ class Regression:
     def parts(self) -> List["Part"]:
         """Each run, or the quarters of a single run."""
         if len(self.wrenches) > 1:
-            rows = [np.arange(a, b) for a, b in zip(self.rows[:-1], self.rows[1:])]
+            rows = [np.arange(a, b) for a, b in zip(self.innovations.rows[:-1], self.innovations.rows[1:])]
             return [Part(i, r, slice(None)) for i, r in enumerate(rows)]
         edges = np.linspace(0, len(self.wrenches[0]), PARTS + 1).astype(int)
         rows = np.array_split(np.arange(len(self.y)), PARTS)

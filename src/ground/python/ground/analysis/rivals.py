@@ -11,12 +11,13 @@ from typing import Dict, List, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import dictionary, naming
+from ground.analysis import dictionary, naming, samples
 from ground.analysis.ceiling import Found
-from ground.analysis.dictionary import Family, Feature, Samples
+from ground.analysis.dictionary import Family, Feature
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.naming import Formula, Piece
 from ground.analysis.regression import Regression, Term
+from ground.analysis.samples import Samples
 from ground.annotations import Array
 
 MOST = 2  # rivals
@@ -31,7 +32,7 @@ def rivals(likelihood: Likelihood, fit: Fit, found: Found, best: Formula, behind
     best formula is left out."""
     regression, made = found.regression, [best]
     labels = [dictionary.dependence(f) for f in regression.features]
-    sampled = [dictionary.samples(likelihood, fit, i) for i in range(len(likelihood.runs))]
+    sampled = [samples.of_run(likelihood, fit, i) for i in range(len(likelihood.runs))]
     tried = 0
     for piece in best.pieces:
         alike = [bool(f.family.arguments & set(piece.arguments)) for f in regression.features]

@@ -6,27 +6,16 @@ Their constants follow from where and how fast the craft moved.
 
 import itertools
 from dataclasses import dataclass, field
-from typing import Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, FrozenSet, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import dictionary
 from ground.analysis.dictionary import (
-    COMMAND,
-    CROSSED,
-    FAR,
-    HEADING,
-    MEMORIES,
-    PAST,
-    PHASES,
-    PLACE,
-    TIME,
-    VELOCITY,
-    Constant,
-    Samples,
-    Scales,
-)
+    COMMAND, CROSSED, FAR, HEADING, PAST, PHASES, PLACE, TIME, VELOCITY, Channel, Constant,
+)  # fmt: skip
+from ground.analysis.samples import MEMORIES, Samples, Scales, inputs
 from ground.annotations import Array
 
 WAVES = 6000  # wave vectors
@@ -55,16 +44,6 @@ class Scalar:
     states: Mapping[str, str] = field(default_factory=dict)
 
 
-class Channel(NamedTuple):
-    """Where a function acts: a formula for each channel, with %s for the function, and with names in braces
-    for constants."""
-
-    parts: Mapping[str, str]
-    unit: str
-    arguments: FrozenSet[str]
-    constants: Mapping[str, Constant] = {}
-
-
 def _of(
     arguments: Sequence[str],
     scalars: Sequence[Tuple[str, str]],
@@ -87,7 +66,7 @@ def turns() -> List[Scalar]:
 
 def few(model: _core.Model, scales: Scales) -> List[Scalar]:
     """Scalars that all others are multiplied with."""
-    names = dictionary.inputs(model)
+    names = inputs(model)
     speeds = [("u", "m/s"), ("v", "m/s"), ("r", "rad/s"), ("abs(r)", "rad/s"), ("sqrt(u^2+v^2)", "m/s")]
     commands = [(name, "-") for name in names] + [("lift", "-"), ("(%s)" % "+".join(names), "-")]
     commands += [("abs%s" % difference, "-") for difference in _from_mean(model)]
@@ -111,7 +90,7 @@ def _of_time(scales: Scales) -> List[Scalar]:
 
 
 def _past_commands(model: _core.Model) -> List[Scalar]:
-    total = "+".join(dictionary.inputs(model))
+    total = "+".join(inputs(model))
     return [
         Scalar("q%d" % i, "-", frozenset([PAST]), {}, {"q%d" % i: "((%s)-q%d)/%g" % (total, i, memory)})
         for i, memory in enumerate(MEMORIES)
@@ -120,7 +99,7 @@ def _past_commands(model: _core.Model) -> List[Scalar]:
 
 def of_motion(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) -> List[Scalar]:
     """Scalars that are multiplied with a few, other than those of the place."""
-    names = ["u", "v", "r", *dictionary.inputs(model)]
+    names = ["u", "v", "r", *inputs(model)]
     every = {name: np.concatenate([s.values[name] for s in sampled]) for name in names}
     commands = [(f, "-") for f in dictionary.command_formulas(model) + _differences(model)]
     least = (0.15 * scales.speed) ** 2
@@ -156,7 +135,7 @@ def _differences(model: _core.Model) -> List[str]:
 
 def _from_mean(model: _core.Model) -> List[str]:
     """Differences of the inputs of thrusters from their mean; one for a pair."""
-    names = dictionary.inputs(model)
+    names = inputs(model)
     mean = "(%s)/%d" % ("+".join(names), len(names))
     return ["(%s-%s)" % (name, mean) for name in (names if len(names) > 2 else names[:1])]
 
@@ -234,7 +213,7 @@ def _variables(every: Mapping[str, Array]) -> _Variables:
 
 def _amounts(model: _core.Model, every: Mapping[str, Array]) -> _Variables:
     """Inputs of thrusters, their sum, and their differences from their mean."""
-    names = dictionary.inputs(model)
+    names = inputs(model)
     total = sum(every[name] for name in names)
     found = {name: (every[name], "-") for name in names}
     found["(%s)" % "+".join(names)] = (np.asarray(total), "-")
@@ -329,7 +308,7 @@ def channels(model: _core.Model, scales: Scales) -> List[Channel]:
     none: FrozenSet[str] = frozenset()
     moving = frozenset([VELOCITY])
     direction = "/sqrt(u^2+v^2+%.3g)" % (0.15 * scales.speed) ** 2
-    thrusts = {"thrust_" + name[2:]: name + "*%s" for name in dictionary.inputs(model)}
+    thrusts = {"thrust_" + name[2:]: name + "*%s" for name in inputs(model)}
     channels = [Channel({c: "%s"}, "-", none) for c in dictionary.CHANNELS]
     channels += [
         *(

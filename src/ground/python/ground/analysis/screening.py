@@ -15,19 +15,11 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import dictionary, scalars
-from ground.analysis.dictionary import (
-    HEADING,
-    PAST,
-    Family,
-    Feature,
-    Samples,
-    Scales,
-    filled,
-    product_of_units,
-)
+from ground.analysis.dictionary import HEADING, PAST, Channel, Family, Feature, filled, product_of_units
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.regression import LEVEL, Regression
-from ground.analysis.scalars import ONE, Channel, Scalar
+from ground.analysis.samples import Samples, Scales, evaluated, namespace
+from ground.analysis.scalars import ONE, Scalar
 from ground.annotations import Array, Indices
 
 BIN = 0.05  # samples that are taken together [s]
@@ -83,7 +75,7 @@ class _Screen:
         self, regression: Regression, model: _core.Model, sampled: Sequence[Samples]
     ) -> None:
         self.model, self.sampled = model, sampled
-        self.draws, self.edges = np.concatenate(regression.scores(RANDOM)), _bins(sampled)
+        self.draws, self.edges = np.concatenate(regression.innovations.scores(RANDOM)), _bins(sampled)
         self.middles = self.edges + np.diff(np.append(self.edges, len(self.draws))) // 2
 
     def best(
@@ -147,14 +139,14 @@ def _bins(sampled: Sequence[Samples]) -> Indices:
 
 def _values(of: Sequence[Scalar], sampled: Sequence[Samples], at: Any) -> Array:
     """Scalars (n, k) at some samples of all runs, over their root mean squares."""
-    spaces = [dictionary.namespace(s) for s in sampled]
+    spaces = [namespace(s) for s in sampled]
     known = {
         name: np.concatenate([space[name] for space in spaces])[at] if np.ndim(value) else value
         for name, value in spaces[0].items()
     }
     values = np.empty((len(known["t"]), len(of)))
     for k, scalar in enumerate(of):
-        values[:, k] = dictionary.evaluated(filled(scalar.text, scalar.constants), known)
+        values[:, k] = evaluated(filled(scalar.text, scalar.constants), known)
     return np.asarray(values / np.maximum(np.sqrt((values**2).mean(axis=0)), 1e-300))
 
 

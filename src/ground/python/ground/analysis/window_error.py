@@ -208,6 +208,52 @@ def calibrated_errors(
     return errors
 
 
+def squared_errors(
+    runs: Sequence[_core.RunData],
+    cut: Sequence[_core.Window],
+    model: _core.Model,
+    known: Optional[Sequence[Array]] = None,
+    scale: Optional[Sequence[_core.RunData]] = None,
+) -> Array:
+    """Mean squared error of u, v, r of each window, (windows,), over their standard deviations in the
+    run and summed over the three. Each window is simulated from the initial velocity that suits best.
+    known: a wrench (n, 3) for each run; scale: runs whose standard deviations count. Raises
+    GroundError where the motion is not finite."""
+    sigma = [np.array(run.nu).std(axis=0) for run in scale or runs]
+    errors = np.empty(len(cut))
+    for i, window in enumerate(cut):
+        wrench = None if known is None else known[window.run]
+        start = runs[window.run].nu[window.first]
+        steps = np.diag(0.02 * sigma[window.run])
+        tried = [start] + [start + step for step in steps]
+        e, *others = [_scaled_errors(runs, window, model, nu, wrench, sigma) for nu in tried]
+        slopes = np.column_stack([(other - e).ravel() for other in others])
+        move = np.linalg.lstsq(slopes, -e.ravel(), rcond=None)[0]
+        moved = _scaled_errors(runs, window, model, start + move @ steps, wrench, sigma)
+        errors[i] = min((e**2).mean(), (moved**2).mean()) * 3
+    return errors
+
+
+def _scaled_errors(
+    runs: Sequence[_core.RunData],
+    window: _core.Window,
+    model: _core.Model,
+    nu: Array,
+    wrench: Optional[Array],
+    sigma: Sequence[Array],
+) -> Array:
+    """Errors (n, 3) of a simulation of a window from an initial velocity, over standard deviations."""
+    run, span = runs[window.run], slice(window.first, window.last + 1)
+    known = None if wrench is None else wrench[span]
+    try:
+        found = _core.simulate(
+            model, run.inputs, run.times[span], run.eta[window.first], nu, run.drives, known
+        )
+    except RuntimeError as error:
+        raise GroundError(str(error))
+    return np.asarray((found["nu"] - np.array(run.nu)[span]) / sigma[window.run])
+
+
 def trimmed(model: _core.Model, constant: Array) -> _core.Model:
     """A model with a constant wrench X, Y [N], N [N m] and a relative change of thrust, (4,)."""
     changed = model.copy()

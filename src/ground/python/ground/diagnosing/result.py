@@ -106,15 +106,15 @@ class Diagnosis(Shown):
         return self.report
 
     def to_frame(self) -> "pandas.DataFrame":
-        """The effects tried, best first, indexed by name: p_value, delta_bic, inclusion, error_fit,
+        """The effects tried, best first, indexed by name: p_value, delta_bic, error_fit,
         error_heldout, selected, seen."""
         import pandas
 
         rows = self.report["candidates"]
-        columns = ["p_value", "delta_bic", "inclusion", "selected", "seen"]
+        columns = ["p_value", "delta_bic", "selected", "seen"]
         index = pandas.Index([row["effect"] for row in rows], name="effect")
         frame = pandas.DataFrame([[row[c] for c in columns] for row in rows], index, columns)
-        for place, kind in enumerate(("fit", "heldout"), 3):
+        for place, kind in enumerate(("fit", "heldout"), 2):
             errors = [row["error"][kind] for row in rows]
             frame.insert(place, "error_" + kind, pandas.array(errors, dtype="Float64"))
         return frame

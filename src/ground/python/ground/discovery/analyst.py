@@ -6,7 +6,7 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, diagnosis, naming, window_error
+from ground.analysis import candidates, diagnosis, formula_words, naming, window_error
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.verdict import Conclusion, conclude
 from ground.annotations import Document
@@ -215,7 +215,7 @@ class Analyst:
     ) -> Optional[beliefs.Group]:
         """Tries from now on what would explain what the library does not, in the place of earlier
         proposals that explain nothing. A formula and its rivals are a Group; None without one."""
-        self.depends = "depends on " + naming.in_words(list(conclusion.ceiling.arguments)[:2])
+        self.depends = "depends on " + formula_words.in_words(list(conclusion.ceiling.arguments)[:2])
         kept = {name for step in found.steps for name in step.group}
         own = {name: proposal for name, proposal in self.own.items() if name in kept}
         best = conclusion.formula

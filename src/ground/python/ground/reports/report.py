@@ -221,12 +221,11 @@ def _evidence(sheet: page.Page, report: Document) -> None:
         "Each effect added to the nominal model, and refitted by likelihood; without an effect its "
         "cross-validated error is then %s." % number(report["nominal"]["cross_validated"])
         + " p: probability of as much evidence without the "
-        "effect, corrected for the number of effects tried. ΔBIC: below 0 favours the effect. Inclusion: its "
-        "weight by likelihood among the effects that were refitted. Brackets: 95% intervals. Bold: "
-        "chosen.",
+        "effect, corrected for the number of effects tried. ΔBIC: below 0 favours the effect. "
+        "Brackets: 95% intervals. Bold: chosen.",
         "caption",
     )
-    head = ["#rank", "effect", "#error, cross-validated", "#p", "#ΔBIC", "#inclusion"]
+    head = ["#rank", "effect", "#error, cross-validated", "#p", "#ΔBIC"]
     rows = [
         [
             c["rank"],
@@ -234,7 +233,6 @@ def _evidence(sheet: page.Page, report: Document) -> None:
             number(c["error"]["heldout"]),
             "%.1g" % c["p_value"],
             "%.0f" % c["delta_bic"],
-            "%.0f%%" % (100 * c["inclusion"]),
             "\n".join(words.parameters(c["parameters"])),
             words.effects(report, [name for name in c["group"] if name != c["effect"]]),
         ]

@@ -4,6 +4,7 @@ import math
 from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ground.analysis import missing_wrench
+from ground.analysis.formula_words import WORDS, quantity
 from ground.annotations import Document
 from ground.recordings import suspicions
 from ground.recordings.windows import WINDOW
@@ -328,23 +329,16 @@ def findings(report: Document) -> Iterator[str]:
 
 def _varying(found: Document) -> str:
     """A difference: "the yaw moment differs between runs (sd 9.1e-05 N m)"."""
-    size = quantity(found["deviation"], found["unit"])
+    size = quantity(found["deviation"], found["unit"], 2)
     return "the %s differs between runs (sd %s)" % (found["parameter"], size)
 
 
 def _sized(report: Document, found: Document) -> str:
     """An effect with the values of its parameters: "moving air (wind), wx 0.3 m/s"."""
     values = [
-        "%s %s" % (n, quantity(p["value"], p["unit"])) for n, p in found["parameters"].items()
+        "%s %s" % (n, quantity(p["value"], p["unit"], 2)) for n, p in found["parameters"].items()
     ]
     return ", ".join([effect(report, found["effect"])] + values)
-
-
-def quantity(value: float, unit: str) -> str:
-    """A value with its unit; a small value has the prefix milli if the unit allows it."""
-    if unit in ("s", "m", "rad", "N") and 0 < abs(value) < 0.1:
-        return "%.2g m%s" % (1e3 * value, unit)
-    return ("%.2g %s" % (value, unit)).rstrip(" -")
 
 
 def parameters(values: Mapping[str, Document]) -> Iterator[str]:
@@ -399,14 +393,6 @@ def apart(report: Document) -> Iterator[str]:
         )
 
 
-ARGUMENTS = {
-    "heading": "the heading",
-    "place": "the place",
-    "velocity": "the velocity",
-    "command": "the commands",
-    "past": "the past",
-    "time": "the time since the drive began",
-}
 MIN_ARGUMENT = 0.1  # least share of an argument that is named
 
 
@@ -414,7 +400,7 @@ def arguments(report: Document) -> str:
     """What the learnable part depends on, in words."""
     shares = report["ceiling"]["arguments"]
     most = max(shares.values(), default=0.0)
-    named = [ARGUMENTS[name] for name, share in shares.items() if share >= MIN_ARGUMENT * most]
+    named = [WORDS[name] for name, share in shares.items() if share >= MIN_ARGUMENT * most]
     return listed(named) if named else "what was recorded"
 
 
@@ -501,7 +487,7 @@ def bands(report: Document) -> Optional[str]:
         % (
             listed(["%.0f%% after %.1f s" % (100 * share, h) for h, share in poses.items()]),
             at,
-            quantity(math.hypot(sd["x"], sd["y"]) / math.sqrt(2), "m"),
+            quantity(math.hypot(sd["x"], sd["y"]) / math.sqrt(2), "m", 2),
             ("%.2g deg" if heading < 10 else "%.0f deg") % heading,
         )
     )
@@ -543,7 +529,7 @@ def left(report: Document) -> Iterator[str]:
     if room["sigma"] > MIN_ROOM * max(sizes["X"], sizes["Y"]):
         yield (
             "A random force of %s keeps its direction in the room while the craft turns, for about "
-            "%.2g s, as a draught does." % (quantity(room["sigma"], "N"), room["time"])
+            "%.2g s, as a draught does." % (quantity(room["sigma"], "N", 2), room["time"])
         )
 
 

@@ -1,0 +1,109 @@
+"""The whitened innovations of a fitted grey-box filter, and what wrenches change in them."""
+
+import itertools
+from dataclasses import replace
+from typing import List, Sequence
+
+import numpy as np
+
+from ground import _core
+from ground.analysis.likelihood import Fit, Likelihood
+from ground.annotations import Array, Flags
+
+STEP = 1e-3  # relative step of a parameter, for finite differences
+DELAY = 1e-3  # delay of all commands that counts as a change of a parameter [s]
+RESPONSE = 1.0  # time after which the response to a pulse is cut [s]
+
+
+class Innovations:
+    """Innovations of a Fit on the runs of a Likelihood, one run after the other.
+
+    Their derivatives by the free parameters, and by a delay of all commands, are projected out of them and
+    of all responses. What a known wrench explains is to be explained again.
+    """
+
+    def __init__(self, likelihood: Likelihood, fit: Fit) -> None:
+        self.likelihood, self.fit = likelihood, fit
+        runs = range(len(likelihood.runs))
+        self._scored = [self._scored_samples(i) for i in runs]
+        self.rows = np.cumsum([0] + [3 * int(scored.sum()) for scored in self._scored])
+        innovations = [self._innovations(likelihood, fit, i) for i in runs]
+        J = np.vstack([self._jacobian(i, e) for i, e in zip(runs, innovations)])
+        J = J / np.maximum(np.sqrt((J**2).sum(axis=0)), 1e-300)
+        left, sizes, _ = np.linalg.svd(J, full_matrices=False)
+        self._left = left[:, sizes > 1e-6 * sizes.max()]
+        self.y = self.projected(np.concatenate([e + self._of_known(i) for i, e in zip(runs, innovations)]))
+
+    def projected(self, values: Array) -> Array:
+        """Values (rows, ...) without what the parameters can follow."""
+        return np.asarray(values - self._left @ (self._left.T @ values))
+
+    def responses(self, wrenches: Sequence[Array]) -> Array:
+        """Change (rows, k) of the innovations by wrenches (n, 3, k) along each run, not projected."""
+        return np.vstack([self._responses(i, w) for i, w in enumerate(wrenches)])
+
+    def _scored_samples(self, i: int) -> Flags:
+        return np.array(self.likelihood.residuals(self.fit.point, i)["scored"], bool)
+
+    def _responses(self, i: int, wrench: Array) -> Array:
+        """Change of the scored innovations of a run by wrenches (n, 3, k), (rows, k)."""
+        acting = wrench.transpose(0, 2, 1).reshape(len(wrench), -1)
+        left = self.likelihood.residuals(self.fit.point, i, acting=acting)
+        return np.asarray(left["responses"][np.repeat(self._scored[i], 3)])
+
+    def _of_known(self, i: int) -> Array:
+        wrench = np.array(self.likelihood.runs[i].wrench)
+        if not len(wrench):
+            return np.zeros(3 * int(self._scored[i].sum()))
+        return np.asarray(self._responses(i, wrench[:, :, None])[:, 0])
+
+    def scores(self, random: int) -> List[Array]:
+        """Scores (n, 3, 1 + random) of a unit wrench at each sample of each run, whose response is cut
+        after RESPONSE seconds: by the innovations, and by random ones as they are without an effect."""
+        drawn = np.random.default_rng(random).normal(size=(len(self.y), random))
+        Y = np.column_stack([self.y, self.projected(drawn)])
+        return [self._scores_of(i, Y[a:b]) for i, (a, b) in enumerate(zip(self.rows[:-1], self.rows[1:]))]
+
+    def _scores_of(self, i: int, Y: Array) -> Array:
+        times, scored = np.array(self.likelihood.runs[i].times), self._scored[i]
+        apart = min(len(times), max(1, int(round(RESPONSE / np.median(np.diff(times))))))
+        pulses = np.zeros((len(times), 3, 3 * apart))
+        for c, first in itertools.product(range(3), range(apart)):
+            pulses[first::apart, c, c * apart + first] = 1.0
+        responses = np.zeros((len(times), 3, 3 * apart))
+        responses[scored] = self._responses(i, pulses).reshape(-1, 3, 3 * apart)
+        targets = np.zeros((len(times), 3, Y.shape[1]))
+        targets[scored] = Y.reshape(-1, 3, Y.shape[1])
+        scores = np.empty((len(times), 3, Y.shape[1]))
+        for c, first in itertools.product(range(3), range(apart)):
+            products = np.einsum("ij,ijk->ik", responses[:, :, c * apart + first], targets)
+            scores[first::apart, c] = np.add.reduceat(products, np.arange(first, len(times), apart))
+        return scores
+
+    def _jacobian(self, i: int, innovations: Array) -> Array:
+        fit, run = self.fit, self.likelihood.runs[i]
+        described = {p["name"]: p for p in fit.model.parameters()}
+        columns = []
+        for name in fit.free:
+            value, p = fit.model.value(name), described[name]
+            if not np.isfinite(value):
+                continue
+            step = STEP * (abs(value) or p["scale"])
+            moved = fit.model.copy()
+            moved.set_value(name, value + step if value + step <= p["upper"] else value - step)
+            columns.append(self._innovations(self.likelihood, replace(fit, model=moved), i))
+        rows = np.array(run.inputs)
+        rows[:, 0] += DELAY
+        late = _core.RunData(
+            run.name, run.times, run.eta, run.nu, rows, run.poses, run.noise, run.drives,
+            run.wrench if len(run.wrench) else None,
+        )  # fmt: skip
+        alone = replace(fit, loudness=fit.loudness[i : i + 1])
+        columns.append(self._innovations(Likelihood([late], self.likelihood.craft), alone, 0))
+        return np.column_stack([innovations - column for column in columns])
+
+    @staticmethod
+    def _innovations(likelihood: Likelihood, fit: Fit, run: int) -> Array:
+        left = likelihood.residuals(fit.point, run)
+        scored = np.repeat(np.array(left["scored"]), 3)
+        return np.asarray(np.array(left["whitened"]).reshape(-1)[scored])
