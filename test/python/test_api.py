@@ -21,15 +21,6 @@ MODULES = sorted({home for home in ground._HOMES.values()})
 HIDDEN = 2e-5  # constant yaw moment of the simulated craft [N m]
 
 
-@pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    """A bag of a craft with a constant yaw moment."""
-    bag = tmp_path_factory.mktemp("api") / "run.bag"
-    truth = ground.Model.load(MODEL).with_effect("yaw_bias", n0=HIDDEN)
-    ground.simulate(truth, "prbs", seed=5).save(bag)
-    return bag
-
-
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_hold(name, flown):
     module = importlib.import_module(name)
@@ -151,14 +142,13 @@ def test_a_warning_points_at_the_callers_line(tmp_path):
     assert any("m" in str(w.message) for w in mine)
 
 
-def test_results_write_the_files_of_the_verbs(flown, tmp_path):
+def test_results_write_the_files_of_the_verbs(flown, diagnosed, tmp_path):
     craft = ground.Model.load(MODEL)
     compared = ground.compare([craft], flown)
-    path = compared.save(tmp_path / "compared", pictures=False)
+    path = compared.save(tmp_path / "compared", page=False)
     assert json.load(open(path))["runs"][0]["bag"] == "run.bag"
     with pytest.raises(ground.GroundError, match="exists"):
-        compared.save(tmp_path / "compared", pictures=False)
-    diagnosed = ground.diagnose(craft, flown, only=["yaw_bias"])
+        compared.save(tmp_path / "compared", page=False)
     written = diagnosed.save(tmp_path / "diagnosed")
     assert all(pathlib.Path(p).is_file() for p in written)
     improved = ground.Model.load(tmp_path / "diagnosed" / "improved.yaml")

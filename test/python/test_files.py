@@ -62,7 +62,7 @@ SIMULATE = ["simulate", "--model", "model.yaml", "--input", "steps.csv", "--forc
         ["diagnose", "run.bag", "--model", "out/improved.yaml", "--force", "-o", "out"],
         ["diagnose", "out/diagnosis.json", "--model", "model.yaml", "--force", "-o", "out"],
         ["compare", "run.bag", "--model", "out/report.html", "--force", "-o", "out"],
-        ["compare", "run.bag", "--model", "out/run.png", "--force", "-o", "out"],
+        ["compare", "run.bag", "--model", "out/report.html", "--force", "-o", "out"],
         ["compare", "run.bag", "--model", "out/fit.csv", "--force", "-o", "out"],
         SIMULATE + ["model.yaml"],
         SIMULATE + ["steps.csv"],
@@ -76,7 +76,7 @@ def test_an_input_is_never_overwritten_even_with_force(here, capsys, arguments):
     (here / "steps.csv").write_text("time,left,right\n0,1,0\n1,0,1\n")
     (here / "effect.yaml").write_text("{name: motor_lag, tau: 0.05}")
     (here / "out").mkdir()
-    for name in ("improved.yaml", "report.html", "run.png", "fit.csv"):
+    for name in ("improved.yaml", "report.html", "fit.csv"):
         shutil.copy(str(MODEL), str(here / "out" / name))
     (here / "out" / "run.wrench.fit.csv").symlink_to("fit.csv")
     shutil.copy(str(here / "run.bag"), str(here / "out" / "diagnosis.json"))

@@ -183,7 +183,7 @@ def test_two_fits_are_compared(here):
     named = ground.compare({"first": models[0], "second": models[1]}, "test/run1.bag")
     assert list(named.models) == ["first", "second"]
     assert ground.compare({"a/b": MODEL, "a_b": models[0]}, "test/run1.bag").save(
-        here / "odd", pictures=False
+        here / "odd", page=False
     )
     assert len(list((here / "odd").glob("*.csv"))) == 2
 
@@ -262,12 +262,12 @@ def files_in(folder):
 def test_a_comparison_leaves_no_file_of_the_one_before(here, tmp_path):
     out, other = tmp_path / "out", ground.Model.load(MODEL).with_values({"k": 0.07})
     ground.compare({"one": MODEL, "two": other}, ["train/run1.bag", "test/run1.bag"]).save(
-        out, pictures=False
+        out, page=False
     )
     (out / "notes.csv").write_text("mine")
-    ground.compare({"two": other}, "test/run1.bag").save(out, pictures=False, force=True)
+    ground.compare({"two": other}, "test/run1.bag").save(out, page=False, force=True)
     fresh = tmp_path / "fresh"
-    ground.compare({"two": other}, "test/run1.bag").save(fresh, pictures=False)
+    ground.compare({"two": other}, "test/run1.bag").save(fresh, page=False)
     assert set(files_in(out)) - set(files_in(fresh)) == {"notes.csv"}
 
 
@@ -294,10 +294,9 @@ def test_a_diagnosis_leaves_no_file_of_the_one_before(here, tmp_path):
     }
 
 
-def test_files_that_no_diagnosis_wrote_are_left_alone(here, tmp_path):
-    found = ground.diagnose(MODEL, "train/run1.bag", only=["yaw_bias"])
+def test_files_that_no_diagnosis_wrote_are_left_alone(diagnosed, tmp_path):
     (tmp_path / "proposal.yaml").write_text("mine")
-    assert found.report["unexplained"]["proposal"] is None
-    found.save(tmp_path, force=True)
+    assert diagnosed.report["unexplained"]["proposal"] is None
+    diagnosed.save(tmp_path, force=True)
     assert (tmp_path / "proposal.yaml").read_text() == "mine"
     assert not list(tmp_path.glob(".ground*"))

@@ -3,7 +3,7 @@
 compare.json, schema ground/compare/1 (SI units; null for a value that is not a number or does not exist):
 
 models    by label: file, effects, fitted_to (names of bags, from its provenance)
-runs      name, bag, picture (motion), pictures (where, residuals; null if not drawn), models: by label
+runs      name, bag, models: by label
   role              fit or held_out, by the digests of recordings in the model's provenance; unknown where
                     its file has names only
   error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of 1.5 s; error_by_channel
@@ -23,7 +23,7 @@ runs      name, bag, picture (motion), pictures (where, residuals; null if not d
                     last model accounts for, mean of that in the bins;
                     thrust: direction in the model's body axes and size of the force that follows
                     the command, by model and as measured; body_axes_differ. Over time in the CSV.
-  files, summary    picture and series of the wrench; the sentences of the terminal
+  files, summary    series of the wrench; the sentences of the terminal
 pooled    by label: the numbers over all, fit, held_out and unknown runs
 ranking   errors by label, the least first, over runs: those that no model was fitted to (role held_out),
           or all where there are none (role fit or unknown; fitted: by which models)
@@ -58,7 +58,7 @@ from ground.reports import inspection
 from ground.results import distinct_labels
 
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
-WRITING = "writing pictures and the page"  # stage
+WRITING = "writing the page"  # stage
 Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
 
 
@@ -213,12 +213,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     command_line.add_output(parser, "DIR", "folder for results")
     command_line.add_options(parser, bag_arguments.Span)
-    parser.add_argument(
-        "--format", choices=["png", "svg"], default="png", help="format of pictures (%(default)s)"
-    )
-    parser.add_argument(
-        "--numbers", action="store_true", help="compare.json and CSV only: no pictures, no report"
-    )
+    parser.add_argument("--numbers", action="store_true", help="compare.json and CSV only: no page")
 
 
 def run(arguments: argparse.Namespace) -> Document:
@@ -230,9 +225,7 @@ def run(arguments: argparse.Namespace) -> Document:
     found = compare(models, recordings, options=chosen, progress=arguments.work)
     command_line.say(arguments, str(found))
     with arguments.work.stage(WRITING):
-        place = found.save(
-            arguments.output, not arguments.numbers, arguments.format, arguments.force
-        )
+        place = found.save(arguments.output, not arguments.numbers, arguments.force)
     command_line.say(arguments, "written to %s" % place)
     with open(numbers) as file:
         result: Document = json.load(file)

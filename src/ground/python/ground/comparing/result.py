@@ -21,11 +21,10 @@ if TYPE_CHECKING:
 SCHEMA = "ground/compare/1"
 # Whether a model was fitted to a run: it was, it was not, or its file does not tell
 ROLES = ("fit", "held_out", "unknown")
-KINDS = ("comparison", "where", "residuals")  # kinds of pictures, one of each for a run
 WRENCH = "t [s],X [N],Y [N],N [N m],sigma X [N],sigma Y [N],sigma N [N m]"
 COLUMNS = "%9s %7s %10s %9s %14s %15s"
 HEAD = COLUMNS % ("runs", "error", "prediction", "(3.4) 4 s", "fit u,v,r [%]", "off after 1 s")
-Files = Optional[Document]  # files of one run: pictures and series, by their subject
+Files = Mapping[str, str]  # CSV files of one run, by model
 
 
 class _Frame(Shown):
@@ -72,14 +71,11 @@ class RunComparison(_Frame):
         """Sentences on what stands out, by model."""
         return {study["label"]: study["summary"] for study in self.studies}
 
-    def to_dict(self, files: Files = None) -> Document:
+    def to_dict(self, files: Optional[Files] = None) -> Document:
         """Plain values, as compare.json has them; files: the run's files."""
-        named = files or {"comparison": None, "where": None, "residuals": None, "models": {}}
         return {
             "name": self.name,
             "bag": self.recording.bag,
-            "picture": named["comparison"],
-            "pictures": {kind: named[kind] for kind in ("where", "residuals")},
             "models": {
                 study["label"]: dict(
                     study["numbers"],
@@ -87,7 +83,7 @@ class RunComparison(_Frame):
                     where=study["where"],
                     residuals=study["residuals"],
                     wrench=study["missing"].numbers,
-                    files=named["models"].get(study["label"]),
+                    files={"wrench_csv": files[study["label"]]} if files else None,
                     summary=study["summary"],
                 )
                 for study in self.studies
@@ -157,7 +153,7 @@ class Comparison(_Frame):
 
     def to_dict(self, files: Optional[Sequence[Files]] = None) -> Document:
         """Plain values, as compare.json has them; files: the files of each run."""
-        named = files or [None] * len(self.runs)
+        named: List[Optional[Files]] = [None] * len(self.runs)
         return {
             "schema": SCHEMA,
             "models": {
@@ -168,66 +164,54 @@ class Comparison(_Frame):
                 }
                 for label, model in self.models.items()
             },
-            "runs": [run.to_dict(of_run) for run, of_run in zip(self.runs, named)],
+            "runs": [run.to_dict(of_run) for run, of_run in zip(self.runs, files or named)],
             "pooled": self.pooled,
             "ranking": asdict(self.ranking),
             "noise_floor": self.noise_floor,
         }
 
-    def save(
-        self, folder: Path, pictures: bool = True, form: str = "png", force: bool = False
-    ) -> str:
-        """Writes compare.json and, for every run, the missing wrench as CSV; with `pictures` also the
-        pictures and the page report.html. form: "png" or "svg". Returns the path of the page, or of
-        the JSON. Files of an older comparison in the folder go. GroundError when a file cannot be
-        written, or exists and `force` is not set."""
+    def save(self, folder: Path, page: bool = True, force: bool = False) -> str:
+        """Writes compare.json and, for every run, the missing wrench as CSV; with `page` also
+        report.html. Returns the path of the page, or of the JSON. Files of an older comparison in the
+        folder go. GroundError when a file cannot be written, or exists and `force` is not set."""
         place = os.fspath(folder)
-        page, numbers = prepare(place, force)
-        stems = distinct_labels([_stem(run.name) for run in self.runs], [""] * len(self.runs))
-        named = [self._names(place, stem, "." + form if pictures else "") for stem in stems]
+        report_file, numbers = prepare(place, force)
+        runs = distinct_labels([_stem(run.name) for run in self.runs], [""] * len(self.runs))
+        labels = distinct_labels([_stem(label) for label in self.models], [""] * len(self.models))
+        named = [
+            {
+                label: os.path.join(place, "%s.wrench.%s.csv" % (run, stem))
+                for label, stem in zip(self.models, labels)
+            }
+            for run in runs
+        ]
         older = result_folder.older(numbers, SCHEMA)
         stale = [os.path.basename(path) for path in _files(older.get("runs"))]
         result = self.to_dict(named)
         with result_folder.replaced(place, [*stale, *(["report.html"] if older else [])], force) as new:
-            for run, own in zip(self.runs, named):
-                _write_run(run, own, new)
-            files.write_json(os.path.join(new, os.path.basename(numbers)), result)
-        if not pictures:
+            for run_of, own in zip(self.runs, named):
+                for study in run_of.studies:
+                    path = os.path.join(new, os.path.basename(own[study["label"]]))
+                    missing = study["missing"]
+                    rows = np.column_stack([missing.times, missing.wrench, missing.sigma])
+                    files.write_csv(path, WRENCH, rows)
+            files.write_json(os.path.join(new, "compare.json"), result)
+        if not page:
             return numbers
         from ground.reports import report
 
         inputs = [run.recording.path for run in self.runs]
         inputs += [model.path for model in self.models.values()]
-        with result_folder.page(page, numbers):
+        with result_folder.page(report_file, numbers):
             report.comparison(
-                page,
+                report_file,
                 result,
                 [run.studies for run in self.runs],
                 quality.describe([run.recording.repaired for run in self.runs]),
                 [path for path in inputs if path],
                 force,
             )
-        return page
-
-    def _names(self, folder: str, run: str, ending: str) -> Document:
-        """Names of all files of one run; None for pictures that are not drawn, without an ending."""
-        run = os.path.join(folder, run)
-
-        def picture(stem: str) -> Optional[str]:
-            return stem + ending if ending else None
-
-        labels = list(self.models)
-        stems = distinct_labels([_stem(label) for label in labels], [""] * len(labels))
-        wrenches = {label: "%s.wrench.%s" % (run, stem) for label, stem in zip(labels, stems)}
-        return {
-            "comparison": picture(run),
-            "where": picture(run + ".where"),
-            "residuals": picture(run + ".residuals"),
-            "models": {
-                label: {"wrench_picture": picture(stem), "wrench_csv": stem + ".csv"}
-                for label, stem in wrenches.items()
-            },
-        }
+        return report_file
 
 
 def prepare(folder: str, force: bool) -> Sequence[str]:
@@ -268,27 +252,3 @@ def _files(value: Any) -> Iterator[str]:
             yield from _files(item)
     elif isinstance(value, str) and value.endswith((".png", ".svg", ".csv")):
         yield value
-
-
-def _write_run(run: RunComparison, named: Document, folder: str) -> None:
-    """Writes the files of one run into a folder."""
-
-    def place(path: str) -> str:
-        return os.path.join(folder, os.path.basename(path))
-
-    for study in run.studies:
-        missing = study["missing"]
-        rows = np.column_stack([missing.times, missing.wrench, missing.sigma])
-        files.write_csv(place(named["models"][study["label"]]["wrench_csv"]), WRENCH, rows)
-    if not named["comparison"]:
-        return
-    from ground.reports import figures, picture, wrench_figures
-
-    drawn: Sequence[Any] = (figures.motion, figures.where, figures.residual_correlation)
-    for kind, draw in zip(KINDS, drawn):
-        picture.write(place(named[kind]), [draw(run.studies)])
-    winner = run.studies[-1]["label"]
-    for number, study in enumerate(run.studies):
-        over_time = wrench_figures.wrench_over_time([study], number)
-        shown = [over_time, wrench_figures.wrench([study], winner, number)]
-        picture.write(place(named["models"][study["label"]]["wrench_picture"]), shown)
