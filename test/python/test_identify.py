@@ -178,7 +178,7 @@ def test_fit_reports_a_parameter_that_is_not_identifiable(tmp_path, guess):
 
 
 def test_a_closed_pipe_is_no_error(bag):
-    command = "rosrun ground identify info %s | head -n 1" % bag
+    command = "rosrun ground identify info --progress off %s | head -n 1" % bag
     result = subprocess.run(
         command,
         shell=True,
