@@ -4,13 +4,11 @@ import math
 from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 from ground.analysis import failure
-from ground.analysis.criteria import Criteria
 from ground.annotations import Document
 from ground.recordings import suspicions
 from ground.recordings.windows import WINDOW
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
-EXCLUDED = Criteria.exclusion  # log-likelihood ratio from which a rival is excluded
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
 ABOVE = 1.15  # ratio of error to noise floor from which more may be missing
 MIN_ROOM = 0.3  # part of the random wrench's force from which a force in the room is reported
