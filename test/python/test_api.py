@@ -3,8 +3,10 @@
 import ast
 import doctest
 import importlib
+import inspect
 import json
 import pathlib
+import pickle
 import subprocess
 import sys
 import warnings
@@ -179,3 +181,18 @@ def show(source, names):
     value = names["_"] = eval(compile(ast.Expression(last.value), "its last line", "eval"), names)
     if hasattr(value, "_repr_html_"):
         assert value._repr_html_().count("<tr>") >= 2
+
+
+def test_options_are_keywords_or_one_object_and_can_be_pickled(flown):
+    from ground.fitting.fit import FitOptions
+    from ground.simulating.simulate import SimulateOptions
+
+    options = FitOptions(free=["k"], starts=2)
+    one = ground.fit(MODEL, flown, options=options)
+    assert one.starts["tried"] == 2 and list(one.parameters) == ["k"]
+    assert ground.fit(MODEL, flown, options=options, starts=1).starts["tried"] == 1
+    assert "starts" in inspect.signature(ground.fit).parameters and "``starts``" in ground.fit.__doc__
+    for kept in (options, SimulateOptions(k_e=4.0, room=None), ground.fit):
+        assert pickle.loads(pickle.dumps(kept)) == kept
+    with pytest.raises(TypeError, match="colour"):
+        ground.fit(MODEL, flown, colour="red")

@@ -11,7 +11,6 @@ from test_identify import fails
 POSE, TRUTH = "/vrpn_client_node/hovercraft/pose", "/simulator/truth"
 DRIVE = "/drive"
 SETTINGS = "/run/settings"
-BITS = "1,-1\n-1,1\n1,1\n-1,-1\n"
 TIMED = "time,left,right\n0,0.2,0.8\n0.5,0.9,0\n2,0,0\n"
 LIFTED = "time,left,right,lift\n0,0,0,1\n1,0.5,0.5,1\n3,0,0,0.5\n4,0,0,0\n"
 
@@ -157,26 +156,6 @@ def _load(model):
     return _core.load_model(str(model))
 
 
-def test_without_a_record_t_counts_from_the_first_lift_or_the_run(sagging, tmp_path):
-    import rosbag
-
-    model, path = sagging
-    whole = cut(path, tmp_path / "whole.bag", 0, [DRIVE])
-    k, tau, run = fitted(model, whole)
-    assert (run.drives, run.drives_by) == (pytest.approx([0.5], abs=0.03), "lift")
-    assert k == pytest.approx(0.062, rel=0.02)
-    late = identify("info", cut(path, tmp_path / "late.bag", 10, [DRIVE]))
-    assert "assumed: the first command has lift, and no record says when it began" in late.stdout
-    unlifted = tmp_path / "unlifted.bag"
-    with rosbag.Bag(str(path)) as bag, rosbag.Bag(str(unlifted), "w") as out:
-        for topic, message, received in bag.read_messages([POSE, "/controls"]):
-            if topic == "/controls":
-                message.lift = 0
-            out.write(topic, message, received)
-    output = identify("info", unlifted).stdout
-    assert "from 0.00 s on; assumed: no command has lift" in output
-
-
 def test_poses_are_the_truth_with_noise_in_the_mocaps_axes(tmp_path):
     from ground.recordings.mapping import DEFAULT
     from ground.recordings.recording import read_bag
@@ -192,13 +171,12 @@ def test_poses_are_the_truth_with_noise_in_the_mocaps_axes(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "kind", ["prbs", "steps", "coast-down", "spin", "single-thruster", "tracking", "bits", "timed"]
+    "kind", ["prbs", "single-thruster", "tracking", "timed"]
 )
 def test_the_same_command_line_gives_the_same_bytes(tmp_path, kind):
-    if kind in ("bits", "timed"):
-        path = tmp_path / (kind + ".csv")
-        path.write_text(BITS if kind == "bits" else TIMED)
-        kind = path
+    if kind == "timed":
+        kind = tmp_path / "timed.csv"
+        kind.write_text(TIMED)
     options = ["--duration", 3, "--loss", 0.05, "--seed", 3]
     first, _ = simulate(tmp_path, kind, *options, name="first.bag")
     again, _ = simulate(tmp_path, kind, *options, name="again.bag", run=process)

@@ -200,7 +200,11 @@ def _tunable(parameter: _core.TunableInfo) -> Tuple[str, Any, Any]:
 
 #: An experiment: _Options, and parameters of references and controllers.
 SimulateOptions = make_dataclass(
-    "SimulateOptions", [_tunable(p) for p in REFERENCE + GAINS], bases=(_Options,), frozen=True
+    "SimulateOptions",
+    [_tunable(p) for p in REFERENCE + GAINS],
+    bases=(_Options,),
+    namespace={"__module__": __name__},
+    frozen=True,
 )
 
 
