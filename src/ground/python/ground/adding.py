@@ -118,6 +118,11 @@ class Addition(Shown):
         """Writes the model with the effect; see Model.save."""
         return self.model.save(path, force)
 
+    @property
+    def title(self) -> str:
+        """The verdict in a line."""
+        return "%s with %s: %s" % (self.model.name, self.effect, self.verdict.sentence)
+
     def lines(self) -> Iterator[str]:
         """What `identify add` prints."""
         yield "%-28s %12s %12s   %s" % ("parameter", "without", "with", "95% interval")

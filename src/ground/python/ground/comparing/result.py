@@ -140,6 +140,11 @@ class Comparison(_Frame):
         for run in self.runs:
             yield from run.rows()
 
+    @property
+    def title(self) -> str:
+        """The comparison in a sentence."""
+        return self.sentence
+
     def lines(self) -> Iterator[str]:
         """What `identify compare` prints."""
         for run in self.runs:
