@@ -51,9 +51,8 @@ def compared(folder, bags, diagnosed):
 
 @pytest.mark.parametrize("verb", ["compare", "diagnose"])
 def test_a_disk_that_fills_while_the_page_is_written_keeps_the_numbers(
-    tmp_path, verb, capsys, monkeypatch
+    tmp_path, verb, capsys
 ):
-    monkeypatch.setattr("ground.reports.comparison_files._draw", lambda *_: None)  # slow
     out, bag = tmp_path / "out", write_bag(tmp_path / "run.bag", duration=4)
     arguments = [verb, str(bag), "--model", str(MODEL), "-o", str(out)]
     if verb == "diagnose":
