@@ -55,6 +55,24 @@ def one_preparation():
         yield
 
 
+@pytest.fixture(scope="session")
+def flown(tmp_path_factory):
+    """A bag of a craft with a constant yaw moment of 2e-5 N m, which its model does not have."""
+    import ground
+
+    bag = tmp_path_factory.mktemp("flown") / "run.bag"
+    ground.simulate(ground.Model.load(MODEL).with_effect("yaw_bias", n0=2e-5), seed=5).save(bag)
+    return bag
+
+
+@pytest.fixture(scope="session")
+def diagnosed(flown):
+    """The ground.Diagnosis of that run."""
+    import ground
+
+    return ground.diagnose(MODEL, flown, only=["yaw_bias"])
+
+
 def identify(*arguments):
     """Runs the tool as a user does, and validates the JSON file that it writes."""
     result = program("identify", *arguments)

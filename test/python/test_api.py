@@ -3,8 +3,10 @@
 import ast
 import doctest
 import importlib
+import inspect
 import json
 import pathlib
+import pickle
 import subprocess
 import sys
 import warnings
@@ -19,15 +21,6 @@ GAINS = ROOT / "cfg" / "gains" / "tiny_whoover.yaml"
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
 MODULES = sorted({home for home in ground._HOMES.values()})
 HIDDEN = 2e-5  # constant yaw moment of the simulated craft [N m]
-
-
-@pytest.fixture(scope="module")
-def flown(tmp_path_factory):
-    """A bag of a craft with a constant yaw moment."""
-    bag = tmp_path_factory.mktemp("api") / "run.bag"
-    truth = ground.Model.load(MODEL).with_effect("yaw_bias", n0=HIDDEN)
-    ground.simulate(truth, "prbs", seed=5).save(bag)
-    return bag
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -151,14 +144,13 @@ def test_a_warning_points_at_the_callers_line(tmp_path):
     assert any("m" in str(w.message) for w in mine)
 
 
-def test_results_write_the_files_of_the_verbs(flown, tmp_path):
+def test_results_write_the_files_of_the_verbs(flown, diagnosed, tmp_path):
     craft = ground.Model.load(MODEL)
     compared = ground.compare([craft], flown)
     path = compared.save(tmp_path / "compared", page=False)
     assert json.load(open(path))["runs"][0]["bag"] == "run.bag"
     with pytest.raises(ground.GroundError, match="exists"):
         compared.save(tmp_path / "compared", page=False)
-    diagnosed = ground.diagnose(craft, flown, only=["yaw_bias"])
     written = diagnosed.save(tmp_path / "diagnosed")
     assert all(pathlib.Path(p).is_file() for p in written)
     improved = ground.Model.load(tmp_path / "diagnosed" / "improved.yaml")
@@ -189,3 +181,18 @@ def show(source, names):
     value = names["_"] = eval(compile(ast.Expression(last.value), "its last line", "eval"), names)
     if hasattr(value, "_repr_html_"):
         assert value._repr_html_().count("<tr>") >= 2
+
+
+def test_options_are_keywords_or_one_object_and_can_be_pickled(flown):
+    from ground.fitting.fit import FitOptions
+    from ground.simulating.simulate import SimulateOptions
+
+    options = FitOptions(free=["k"], starts=2)
+    one = ground.fit(MODEL, flown, options=options)
+    assert one.starts["tried"] == 2 and list(one.parameters) == ["k"]
+    assert ground.fit(MODEL, flown, options=options, starts=1).starts["tried"] == 1
+    assert "starts" in inspect.signature(ground.fit).parameters and "``starts``" in ground.fit.__doc__
+    for kept in (options, SimulateOptions(k_e=4.0, room=None), ground.fit):
+        assert pickle.loads(pickle.dumps(kept)) == kept
+    with pytest.raises(TypeError, match="colour"):
+        ground.fit(MODEL, flown, colour="red")

@@ -299,7 +299,6 @@ def cases_of_names():
     """What does not exist, is given twice, or has the wrong size."""
     for free in ([], ["mass"], ["k", "k"]):
         yield "a fit of %s" % free, lambda f=free: simulation_error().fit(craft(), f)
-        yield "a likelihood of %s" % free, lambda f=free: box().scores(point(), f)
     for kind in ("file", "spiral", ""):
         yield "a reference of kind '%s'" % kind, lambda k=kind: reference(kind=k).extent()
     for name, value in (("levels", [2.0]), ("kind", "noise"), ("order", 99)):

@@ -178,7 +178,7 @@ def test_fit_reports_a_parameter_that_is_not_identifiable(tmp_path, guess):
 
 
 def test_a_closed_pipe_is_no_error(bag):
-    command = "rosrun ground identify info %s | head -n 1" % bag
+    command = "rosrun ground identify info --progress off %s | head -n 1" % bag
     result = subprocess.run(
         command,
         shell=True,
@@ -222,6 +222,19 @@ def microseconds(times, eta, inputs):
 
 def too_short(times, eta, inputs):
     return times[:40], eta[:40], inputs
+
+
+def swapped(times, eta, inputs):
+    late = np.arange(len(times))
+    late[[100, 101]] = 101, 100
+    return times[late], eta[late], inputs
+
+
+def test_fit_and_add_warn_of_reversed_stamps(tmp_path):
+    bag = write_bag(tmp_path / "run.bag", change=swapped)
+    for verb in (["fit"], ["add", "motor_lag"]):
+        done = identify(*verb, bag, "--model", MODEL, "-o", tmp_path / (verb[0] + ".yaml"))
+        assert "warning: run: stamps out of order, sorted: 1" in done.stderr
 
 
 def no_overlap(times, eta, inputs):

@@ -294,10 +294,9 @@ def test_a_diagnosis_leaves_no_file_of_the_one_before(here, tmp_path):
     }
 
 
-def test_files_that_no_diagnosis_wrote_are_left_alone(here, tmp_path):
-    found = ground.diagnose(MODEL, "train/run1.bag", only=["yaw_bias"])
+def test_files_that_no_diagnosis_wrote_are_left_alone(diagnosed, tmp_path):
     (tmp_path / "proposal.yaml").write_text("mine")
-    assert found.report["unexplained"]["proposal"] is None
-    found.save(tmp_path, force=True)
+    assert diagnosed.report["unexplained"]["proposal"] is None
+    diagnosed.save(tmp_path, force=True)
     assert (tmp_path / "proposal.yaml").read_text() == "mine"
     assert not list(tmp_path.glob(".ground*"))

@@ -11,7 +11,7 @@ from conftest import MODEL, located, process
 from ground import progress
 from ground.progress import Report, Work
 
-LONG = ["--model", MODEL, "--input", "prbs", "--duration", "900"]
+LONG = ["--model", MODEL, "--input", "prbs", "--duration", "400"]
 
 
 def test_a_function_is_told_of_stages_units_and_findings():
@@ -50,7 +50,7 @@ def test_a_bar_is_drawn_on_a_terminal_and_removed(tmp_path):
         located("identify"), list(arguments), encoding="utf-8", timeout=120, dimensions=(24, 100)
     )
     child.expect(r"writing the bag \(thousands of messages\): +\d+%")
-    child.expect(r"\r *\r[^\r\n]*run\.bag: 902\.00 s, ")
+    child.expect(r"\r *\r[^\r\n]*run\.bag: 402\.00 s, ")
     child.expect(pexpect.EOF)
     child.close()
     assert child.exitstatus == 0

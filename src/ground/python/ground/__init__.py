@@ -12,32 +12,25 @@ from typing import TYPE_CHECKING, Any, List
 # Ceres logs rejected steps; error messages quote its summary, which has what matters.
 os.environ.setdefault("GLOG_minloglevel", "3")
 
-# Public name: its module. A module is loaded on first use: those that a fit needs take a second.
-_HOMES = {
-    "Addition": "ground.adding",
-    "Comparison": "ground.comparing.result",
-    "Diagnosis": "ground.diagnosing.result",
-    "Discovery": "ground.api.discovering",
-    "Fit": "ground.fitting.result",
-    "GroundError": "ground.errors",
-    "GroundWarning": "ground.errors",
-    "Model": "ground.models",
-    "OptionError": "ground.errors",
-    "Parameter": "ground.models",
-    "Recording": "ground.recordings.recording",
-    "Room": "ground.models",
-    "RunComparison": "ground.comparing.result",
-    "SimulatedRun": "ground.simulation.experiments",
-    "Tracking": "ground.control.track",
-    "add": "ground.adding",
-    "compare": "ground.comparing.compare",
-    "diagnose": "ground.diagnosing.diagnose",
-    "discover": "ground.api.discovering",
-    "fit": "ground.fitting.fit",
-    "read": "ground.api.recordings",
-    "simulate": "ground.simulating.simulate",
-    "track": "ground.control.track",
+# Public names by their module. A module is loaded on first use: those that a fit needs take a second.
+_PUBLIC = {
+    "adding": "Addition add",
+    "api.discovering": "Discovery discover",
+    "api.recordings": "read",
+    "comparing.compare": "compare",
+    "comparing.result": "Comparison RunComparison",
+    "control.track": "Tracking track",
+    "diagnosing.diagnose": "diagnose",
+    "diagnosing.result": "Diagnosis",
+    "errors": "GroundError GroundWarning OptionError",
+    "fitting.fit": "fit",
+    "fitting.result": "Fit",
+    "models": "Model Parameter Room",
+    "recordings.recording": "Recording",
+    "simulating.simulate": "simulate",
+    "simulation.experiments": "SimulatedRun",
 }
+_HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
 if TYPE_CHECKING:
     from ground.adding import Addition, add
     from ground.api.discovering import Discovery, discover

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Tuple
 
 import numpy as np
 
-from ground import _core, bag_arguments, command_line, files
+from ground import _core, bag_arguments, command_line
 from ground.analysis import candidates, distributions, window_error
 from ground.analysis.window_error import WindowFit
 from ground.annotations import Array, Document, Path
@@ -118,6 +118,11 @@ class Addition(Shown):
     def save(self, path: Path, force: bool = False) -> Model:
         """Writes the model with the effect; see Model.save."""
         return self.model.save(path, force)
+
+    @property
+    def title(self) -> str:
+        """The verdict in a line."""
+        return "%s with %s: %s" % (self.model.name, self.effect, self.verdict.sentence)
 
     def lines(self) -> Iterator[str]:
         """What `identify add` prints."""
@@ -277,25 +282,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="EFFECT",
         help="name of an effect of the library, or a YAML file with one effect as model files have it",
     )
-    bag_arguments.add_bag_arguments(parser)
-    command_line.add_model(parser, "model that it is added to")
-    command_line.add_output(parser, "N.yaml")
-    bag_arguments.add_holdout_argument(parser)
-    command_line.add_options(parser, AddOptions)
+    bag_arguments.configure_fit(parser, "model that it is added to", "N.yaml", AddOptions)
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs identify add; returns what --json prints."""
-    files.refuse_existing(arguments.output, arguments.force)
-    found = add(
-        arguments.model,
-        arguments.effect,
-        bag_arguments.reading(arguments, arguments.bags),
-        holdout=bag_arguments.reading(arguments, arguments.holdout),
-        options=command_line.options(arguments, AddOptions),
-        progress=arguments.work,
-    )
-    found.save(arguments.output, arguments.force)
-    command_line.say(arguments, "written to %s" % arguments.output)
-    command_line.say(arguments, str(found))
-    return {"model": arguments.output, **found.to_dict()}
+    return bag_arguments.run_fit(arguments, add, AddOptions, arguments.effect)

@@ -2,8 +2,10 @@
 
 import argparse
 from dataclasses import dataclass
-from typing import Any, Iterator, List, Optional, Sequence
+from typing import Any, Callable, Iterator, List, Optional, Sequence, Type
 
+from ground import command_line, files
+from ground.annotations import Document
 from ground.api import recordings as api
 from ground.command_line import number, option, seconds
 from ground.errors import GroundError
@@ -118,3 +120,32 @@ def read(arguments: argparse.Namespace) -> List[Recording]:
     found = list(reading(arguments, arguments.bags))
     api.note_differences(found)
     return found
+
+
+def configure_fit(parser: argparse.ArgumentParser, model: str, output: str, kind: Type[Any]) -> None:
+    """Adds the arguments of a verb that fits to recordings and writes a model. model: help on --model;
+    output: metavar of --output; kind: of its options."""
+    add_bag_arguments(parser)
+    command_line.add_model(parser, model)
+    command_line.add_output(parser, output)
+    add_holdout_argument(parser)
+    command_line.add_options(parser, kind)
+
+
+def run_fit(
+    arguments: argparse.Namespace, fit: Callable[..., Any], kind: Type[Any], *given: str
+) -> Document:
+    """Runs such a verb; given: what `fit` takes between model and recordings."""
+    files.refuse_existing(arguments.output, arguments.force)
+    found = fit(
+        arguments.model,
+        *given,
+        reading(arguments, arguments.bags),
+        holdout=reading(arguments, arguments.holdout),
+        options=command_line.options(arguments, kind),
+        progress=arguments.work,
+    )
+    found.save(arguments.output, arguments.force)
+    command_line.say(arguments, "written to %s" % arguments.output)
+    command_line.say(arguments, str(found))
+    return {"model": arguments.output, **found.to_dict()}

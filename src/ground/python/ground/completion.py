@@ -7,7 +7,6 @@ on the line are loaded, because a user waits for the answer.
 import argparse
 import os
 import re
-import shlex
 from typing import Any, Callable, Iterator, List, Optional, Sequence
 
 ParserOf = Callable[[Optional[Sequence[str]]], argparse.ArgumentParser]
@@ -16,22 +15,13 @@ RECORDINGS = (".bag", ".mcap", ".db3", ".csv", ".parquet")
 
 
 def answer(parser_of: ParserOf) -> None:
-    """Prints completions and ends the program, if a shell asks for them. parser_of: gives the parser,
-    with the options of verbs."""
+    """Prints completions and ends the program, if a shell asks for them. parser_of: gives the parser with
+    the options of the verbs among some words."""
     if "_ARGCOMPLETE" not in os.environ:
         return
     import argcomplete
 
-    line = os.environ.get("COMP_LINE", "")
-    before = line[: int(os.environ.get("COMP_POINT") or len(line))]
-    try:
-        words = shlex.split(before)
-    except ValueError:  # a quote that is still open
-        words = before.split()
-    if not before.endswith(" "):
-        words = words[:-1]  # it is still being typed
-    start = int(os.environ["_ARGCOMPLETE"])
-    parser = parser_of([word for word in words[start:] if not word.startswith("-")][:1])
+    parser = parser_of(os.environ.get("COMP_LINE", "").split())
     for action in _actions(parser):
         _prepare(action)
     argcomplete.autocomplete(parser, always_complete_options=False)

@@ -107,7 +107,7 @@ class _Lines:
         self._next = time.monotonic() + QUIET
 
     def __call__(self, report: Report) -> None:
-        if time.monotonic() >= self._next:
+        if time.monotonic() >= self._next and report.done < report.of:
             self._next = time.monotonic() + INTERVAL
             print("%s: %s" % (self.name, report), file=sys.stderr, flush=True)
 

@@ -10,8 +10,7 @@ if TYPE_CHECKING:
 
 
 class Shown:
-    """A result. Printed, it is what the command line prints; a notebook shows its first line and its
-    table."""
+    """A result. Printed, it is what the command line prints; a notebook shows its title and its table."""
 
     def lines(self) -> Iterator[str]:
         """The lines that the command line prints."""
@@ -21,12 +20,16 @@ class Shown:
         """Its numbers as a table."""
         raise NotImplementedError
 
+    @property
+    def title(self) -> str:
+        """The result in a line."""
+        return next(iter(self.lines()), "")
+
     def __repr__(self) -> str:
         return "\n".join(self.lines())
 
     def _repr_html_(self) -> str:
-        first = next(iter(self.lines()), "")
-        return "<p>%s</p>%s" % (html.escape(first), self.to_frame().to_html(max_rows=20))
+        return "<p>%s</p>%s" % (html.escape(self.title), self.to_frame().to_html(max_rows=20))
 
 
 def distinct_labels(

@@ -139,6 +139,11 @@ class Comparison(_Frame):
         for run in self.runs:
             yield from run.rows()
 
+    @property
+    def title(self) -> str:
+        """The comparison in a sentence."""
+        return self.sentence
+
     def lines(self) -> Iterator[str]:
         """What `identify compare` prints."""
         for run in self.runs:
@@ -152,7 +157,7 @@ class Comparison(_Frame):
 
     def to_dict(self, files: Optional[Sequence[Optional[Files]]] = None) -> Document:
         """Plain values, as compare.json has them; files: the files of each run."""
-        named = files or [None] * len(self.runs)
+        named: List[Optional[Files]] = [None] * len(self.runs)
         return {
             "schema": SCHEMA,
             "models": {
@@ -163,49 +168,54 @@ class Comparison(_Frame):
                 }
                 for label, model in self.models.items()
             },
-            "runs": [run.to_dict(of_run) for run, of_run in zip(self.runs, named)],
+            "runs": [run.to_dict(of_run) for run, of_run in zip(self.runs, files or named)],
             "pooled": self.pooled,
             "ranking": asdict(self.ranking),
             "noise_floor": self.noise_floor,
         }
 
     def save(self, folder: Path, page: bool = True, force: bool = False) -> str:
-        """Writes compare.json and, for every run, the missing wrench as CSV; with `page` also report.html.
-        Returns the path of the page, or of the JSON. Files of an older comparison in the folder go.
-        GroundError when a file cannot be written, or exists and `force` is not set."""
+        """Writes compare.json and, for every run, the missing wrench as CSV; with `page` also
+        report.html. Returns the path of the page, or of the JSON. Files of an older comparison in the
+        folder go. GroundError when a file cannot be written, or exists and `force` is not set."""
         place = os.fspath(folder)
-        shown, numbers = prepare(place, force)
-        stems = distinct_labels([_stem(run.name) for run in self.runs], [""] * len(self.runs))
-        named = [self._files_of(os.path.join(place, stem)) for stem in stems]
+        report_file, numbers = prepare(place, force)
+        runs = distinct_labels([_stem(run.name) for run in self.runs], [""] * len(self.runs))
+        labels = distinct_labels([_stem(label) for label in self.models], [""] * len(self.models))
+        named = [
+            {
+                label: os.path.join(place, "%s.wrench.%s.csv" % (run, stem))
+                for label, stem in zip(self.models, labels)
+            }
+            for run in runs
+        ]
         older = result_folder.older(numbers, SCHEMA)
         stale = [os.path.basename(path) for path in _files(older.get("runs"))]
         result = self.to_dict(named)
         with result_folder.replaced(place, [*stale, *(["report.html"] if older else [])], force) as new:
-            for run, own in zip(self.runs, named):
-                _write_run(run, own, new)
-            files.write_json(os.path.join(new, os.path.basename(numbers)), result)
+            for run_of, own in zip(self.runs, named):
+                for study in run_of.studies:
+                    path = os.path.join(new, os.path.basename(own[study["label"]]))
+                    missing = study["missing"]
+                    rows = np.column_stack([missing.times, missing.wrench, missing.sigma])
+                    files.write_csv(path, WRENCH, rows)
+            files.write_json(os.path.join(new, "compare.json"), result)
         if not page:
             return numbers
         from ground.reports import report
 
         inputs = [run.recording.path for run in self.runs]
         inputs += [model.path for model in self.models.values()]
-        with result_folder.page(shown, numbers):
+        with result_folder.page(report_file, numbers):
             report.comparison(
-                shown,
+                report_file,
                 result,
                 [run.studies for run in self.runs],
                 quality.describe([run.recording.repaired for run in self.runs]),
                 [path for path in inputs if path],
                 force,
             )
-        return shown
-
-    def _files_of(self, run: str) -> Dict[str, str]:
-        """Paths of the CSV files of one run, by model."""
-        labels = list(self.models)
-        stems = distinct_labels([_stem(label) for label in labels], [""] * len(labels))
-        return {label: "%s.wrench.%s.csv" % (run, stem) for label, stem in zip(labels, stems)}
+        return report_file
 
 
 def prepare(folder: str, force: bool) -> Sequence[str]:
@@ -246,13 +256,3 @@ def _files(value: Any) -> Iterator[str]:
             yield from _files(item)
     elif isinstance(value, str) and value.endswith((".png", ".svg", ".csv")):
         yield value
-
-
-def _write_run(run: RunComparison, named: Files, folder: str) -> None:
-    """Writes the files of one run into a folder."""
-
-    for study in run.studies:
-        missing = study["missing"]
-        rows = np.column_stack([missing.times, missing.wrench, missing.sigma])
-        path = os.path.join(folder, os.path.basename(named[study["label"]]))
-        files.write_csv(path, WRENCH, rows)

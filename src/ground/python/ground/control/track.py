@@ -194,7 +194,13 @@ def _fields() -> Iterator[Tuple[str, Any, Any]]:
 
 
 #: What is tracked: _Options, and parameters of references.
-TrackOptions = make_dataclass("TrackOptions", list(_fields()), bases=(_Options,), frozen=True)
+TrackOptions = make_dataclass(
+    "TrackOptions",
+    list(_fields()),
+    bases=(_Options,),
+    namespace={"__module__": __name__},
+    frozen=True,
+)
 
 
 @command_line.takes(TrackOptions)

@@ -6,7 +6,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core, bag_arguments, command_line, files
+from ground import _core, bag_arguments, command_line
 from ground.analysis import comparison, folds, identifiability, unit_slips, window_error
 from ground.annotations import Array, Document
 from ground.api.recordings import Measured, Recordings, held_out, measured
@@ -249,24 +249,9 @@ def _by_kind(errors: Errors) -> Tuple[Dict[str, float], Dict[str, float]]:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify fit."""
-    bag_arguments.add_bag_arguments(parser)
-    command_line.add_model(parser, "model, with the start values")
-    command_line.add_output(parser, "FITTED.yaml")
-    bag_arguments.add_holdout_argument(parser)
-    command_line.add_options(parser, FitOptions)
+    bag_arguments.configure_fit(parser, "model, with the start values", "FITTED.yaml", FitOptions)
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs identify fit; returns what --json prints."""
-    files.refuse_existing(arguments.output, arguments.force)
-    found = fit(
-        arguments.model,
-        bag_arguments.reading(arguments, arguments.bags),
-        holdout=bag_arguments.reading(arguments, arguments.holdout),
-        options=command_line.options(arguments, FitOptions),
-        progress=arguments.work,
-    )
-    found.save(arguments.output, arguments.force)
-    command_line.say(arguments, str(found))
-    command_line.say(arguments, "written to %s" % arguments.output)
-    return {"model": arguments.output, **found.to_dict()}
+    return bag_arguments.run_fit(arguments, fit, FitOptions)

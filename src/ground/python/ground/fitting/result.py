@@ -110,6 +110,12 @@ class Fit(Shown):
         """Writes the fitted model; see Model.save."""
         return self.model.save(path, force)
 
+    @property
+    def title(self) -> str:
+        """The fit in a line."""
+        errors = self.model.name, self.error.after, self.error.before
+        return "Fit of %s: error %.3f, %.3f before" % errors
+
     def lines(self) -> Iterator[str]:
         """What `identify fit` prints: parameters, errors, each run, and what is not identifiable."""
         yield "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval")

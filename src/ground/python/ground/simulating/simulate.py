@@ -3,6 +3,7 @@
 import argparse
 import functools
 import os
+import sys
 from dataclasses import dataclass, fields, make_dataclass, replace
 from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar, Union
 
@@ -12,8 +13,9 @@ from ground import _core, command_line, files
 from ground.annotations import Document, Path
 from ground.command_line import count, number, option, seed
 from ground.simulation import listing
-from ground.errors import GroundError, OptionError, warn
+from ground.errors import GroundError, OptionError
 from ground.models import Model, ModelLike, Room, RoomLike
+from ground.progress import say
 from ground.recordings import run_parameters
 from ground.recordings.settings import AXES
 from ground.simulation import experiments, gains
@@ -200,7 +202,11 @@ def _tunable(parameter: _core.TunableInfo) -> Tuple[str, Any, Any]:
 
 #: An experiment: _Options, and parameters of references and controllers.
 SimulateOptions = make_dataclass(
-    "SimulateOptions", [_tunable(p) for p in REFERENCE + GAINS], bases=(_Options,), frozen=True
+    "SimulateOptions",
+    [_tunable(p) for p in REFERENCE + GAINS],
+    bases=(_Options,),
+    namespace={"__module__": __name__},
+    frozen=True,
 )
 
 
@@ -485,7 +491,7 @@ def run(arguments: argparse.Namespace) -> Document:
     for line in _lines(arguments, model, made):
         command_line.say(arguments, line)
     if made.stopped:
-        warn("the controller stopped: %s" % made.stopped)
+        say("identify simulate: the controller stopped: %s" % made.stopped, sys.stderr)
     return {
         "bag": arguments.output,
         "input": arguments.input,
