@@ -90,16 +90,6 @@ def test_the_floor_is_the_error_of_the_true_motion(effect, seed, most):
     assert floor < most * nominal
 
 
-def test_gaps_of_the_mocap_are_faults():
-    case = cases.make("faults", 2)
-    lab = discover_lab.HiddenLaboratory(case, cases.given_model(), ROOM)
-    lab.mocap.gap_rate = 0.3
-    rows = pieces.joined([pieces.prbs(cases.given_model(), n) for n in range(1, 4)], 0.5)
-    lab.fly(story.Flight(1, story.LOOK, "", 13.0), rows)
-    assert len(lab.late_thrust) >= 1
-    assert max(lab.late_thrust) <= discover_lab.REACTION
-
-
 def test_cases_follow_from_their_seeds():
     for kind in cases.KINDS:
         assert cases.make(kind, 3) == cases.make(kind, 3)
