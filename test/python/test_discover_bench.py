@@ -94,8 +94,6 @@ def test_the_floor_is_the_error_of_the_true_motion(effect, seed, most):
     assert floor < most * nominal
 
 
-
-
 def test_cases_follow_from_their_seeds():
     for kind in cases.KINDS:
         assert cases.make(kind, 3) == cases.make(kind, 3)

@@ -56,17 +56,6 @@ def test_the_page_tells_the_whole_story(whole, browser):
         assert part in text, part
 
 
-def test_what_is_too_small_to_matter_has_a_size_and_no_probability(whole, browser):
-    open_page(browser, whole)
-    text = browser.execute_script("return document.body.textContent")
-    assert "too small to matter" in text and "1.2%" in text
-    beliefs = stories.whole().findings[-1].beliefs
-    (slight,) = [b.effect for b in beliefs if b.state == tale.SLIGHT]
-    figure = discovery_figures.beliefs(stories.whole())
-    cells = [a["text"] for a in figure["layout"]["annotations"] if a["y"] == slight]
-    assert not any(c.isdigit() for c in cells[-1])
-
-
 def test_the_error_falls_from_flight_to_flight_in_the_figure(whole, browser):
     open_page(browser, whole)
     traces = browser.execute_script(
@@ -200,14 +189,6 @@ def test_a_motion_that_is_not_finite_is_marked_above_all_errors():
     assert "not finite" in figure["layout"]["meta"]
 
 
-def test_flights_that_a_model_was_fitted_to_have_open_marks():
-    story = stories.whole()
-    story.flights[0].errors["after flight 1"] = 0.3
-    figure = discovery_figures.errors(story)
-    model = next(trace for trace in figure["data"] if trace["name"] == "after flight 1")
-    assert model["marker"]["symbol"] == ["square-open", "square", "square"]
-
-
 def test_figures_are_those_that_plotly_knows():
     from plotly import graph_objects
 
@@ -218,10 +199,6 @@ def test_figures_are_those_that_plotly_knows():
     )
     for figure in (discovery_figures.errors(story), discovery_figures.beliefs(story), drawn):
         graph_objects.Figure(data=figure["data"], layout=figure["layout"])
-
-
-def test_effects_are_ranked_by_state_and_probability():
-    assert discovery_figures.ranked(stories.whole())[:3] == ["motor_lag", "wind", "coulomb_friction"]
 
 
 def test_the_teller_tells_each_step_once():

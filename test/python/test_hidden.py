@@ -1,5 +1,4 @@
-"""The hidden-effect bench: its craft, cases and scores, and a part of its measurements."""
-import concurrent.futures
+"""The hidden-effect bench: its craft, cases, scores and table; `make bench-hidden` measures."""
 import json
 import pathlib
 import subprocess
@@ -14,7 +13,6 @@ from ground.analysis import window_error
 BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
 sys.path.insert(0, str(BENCH))
 
-import hidden  # noqa: E402
 import hidden_cases  # noqa: E402
 import hidden_craft  # noqa: E402
 import hidden_grammar  # noqa: E402
@@ -286,66 +284,3 @@ def test_an_interrupted_bench_resumes(tmp_path):
     before = path.read_text()
     assert "1 cases, 0 of them to do" in bench()
     assert path.read_text() == before
-
-
-@pytest.fixture(scope="module")
-def results():
-    """Results of some white cases: every second single effect, and a few of the other kinds; `make
-    bench-hidden` runs all cases."""
-    seeds = {"white_single": range(1, 1 + len(hidden_white.strengths()), 2)}
-    seeds["white_null"] = range(1, 4)
-    seeds["white_outside"] = range(1, 1 + len(hidden_white.OUTSIDE))
-    seeds["white_ambiguous"] = range(4, 7)
-    jobs = [(kind, seed, {}) for kind in seeds for seed in seeds[kind]]
-    with concurrent.futures.ProcessPoolExecutor() as pool:
-        found = list(pool.map(hidden.run_case, jobs))
-    assert not [r for r in found if "failed" in r["found"]]
-    return found
-
-
-def of(results, kind):
-    return [r for r in results if r["kind"] == kind]
-
-
-def test_an_effect_is_found_first(results):
-    single = of(results, "white_single")
-    assert {r["hidden"][0] for r in single} == set(list(hidden_white.strengths())[::2])
-    missed = [r["hidden"] for r in single if not hidden_score.is_first(r)]
-    assert len(missed) <= 1, missed
-
-
-def test_intervals_hold_the_truth(results):
-    inside = [i for r in of(results, "white_single") for i in hidden_score.intervals(r)]
-    assert len(inside) > 12
-    assert sum(inside) >= 0.85 * len(inside)
-
-
-def test_nothing_is_found_if_nothing_is_hidden(results):
-    assert [r["found"]["verdict"] for r in of(results, "white_null")] == ["complete"] * 3
-
-
-def test_the_proposed_experiment_distinguishes_ambiguous_effects(results):
-    ambiguous = of(results, "white_ambiguous")
-    drag = [r for r in ambiguous if r["ambiguous"].startswith("linear or momentum")]
-    assert drag and all(len(r["before"]["group"]) > 1 for r in drag)
-    # If only one run shows an effect, it may raise the held-out error, because folds are whole runs.
-    assert all(set(r["after"]["chosen"]) <= set(r["hidden"]) for r in drag)
-    assert 2 * sum(r["after"]["chosen"] == r["hidden"] for r in drag) >= len(drag)
-    # Two runs may not show that a force is the same in all runs: choosing no effect is right, too.
-    for r in ambiguous:
-        rivals = set(hidden_white.AMBIGUOUS[r["ambiguous"]][1]) - set(r["hidden"])
-        assert r["before"]["chosen"] == [] or not rivals & set(r["before"]["chosen"]), r
-
-
-def test_an_effect_outside_the_library_stays_unexplained(results):
-    outside = of(results, "white_outside")
-    left = [r for r in outside if r["found"]["verdict"] == "unexplained"]
-    # No effect of the library resembles these two.
-    assert {"washboard floor", "spin-surge side force"} <= {r["hidden"][0] for r in left}
-    for r in left:
-        depends = hidden_white.OUTSIDE[r["hidden"][0]][2]
-        assert depends & set(r["found"]["where"][:2]), r
-    # Effects of the library approximate the others so well that hardly any error is left.
-    for r in outside:
-        if r not in left:
-            assert r["found"]["errors"]["steps"][-1] < 1.3 * r["found"]["floor"], r
