@@ -181,7 +181,7 @@ def check_replay(log, bag):
 
         def predicted():
             with contextlib.suppress(subprocess.TimeoutExpired):
-                return "x:" in message("/path/predicted/poses[5]/pose/position", 5)
+                return "x:" in message("/path/predicted/poses[5]/pose/position", 15)
 
         wait_for(predicted, 40, "a predicted path")
         settings = message("/mocap_state/settings", 10)
