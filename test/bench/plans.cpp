@@ -70,7 +70,7 @@ double excess(TrajectoryOptimizer& optimizer, const TrajectoryOptimizer& plan) {
 void fly(const Model& model, const ReferencePtr& reference, double seconds, Decisions& seen) {
   PredictiveControl control(model, {});
   const PredictiveParams params;
-  const auto best = TrajectoryOptimizer::make(model, params.steps, params.horizon / params.steps);
+  const auto best = std::make_unique<TrajectoryOptimizer>(model, params.steps, params.horizon / params.steps);
   Flight flight(model, reference);
   for (int i = 0; i < seconds / kPeriod; ++i) {
     const double t = i * kPeriod;
@@ -116,7 +116,7 @@ void cold(int count) {
   const PredictiveParams params;
   const double step = params.horizon / params.steps;
   const std::unique_ptr<TrajectoryOptimizer> many =
-      TrajectoryOptimizer::make(model, params.steps, step);
+      std::make_unique<TrajectoryOptimizer>(model, params.steps, step);
   constexpr std::array<int, 4> kDecisions = {1, 5, 20, 50};
   struct {
     std::array<int, kDecisions.size()> exact{}, good{};

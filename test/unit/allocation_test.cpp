@@ -214,18 +214,6 @@ TEST(Allocation, FindsFullThrustAndFullMoment) {
   EXPECT_NEAR(allocation.most({0, 0, -1}).wrench.head<2>().norm(), 0, 1e-6);
 }
 
-TEST(Allocation, IsTheSameEveryTime) {
-  const Craft craft = someCraft(8);
-  const Allocation one(craft.layout, craft.body), other(craft.layout, craft.body);
-  for (int i = 0; i < 100; ++i) {
-    const Vector3<double> demand(uniform(-3, 3), uniform(-3, 3), uniform(-1, 1));
-    const Thrusters<double> first = one.run(demand).inputs;
-    one.run({uniform(-3, 3), 0, 0});
-    const Thrusters<double> second = other.run(demand).inputs;
-    for (int j = 0; j < 8; ++j) ASSERT_EQ(first(j), second(j));
-  }
-}
-
 TEST(InputFor, InvertsForceCurves) {
   ForceCurve table;
   table.table = {{-1, -0.7}, {-0.5, -0.6}, {-0.1, 0}, {0.2, 0}, {0.5, 0.4}, {1, 1}};

@@ -149,13 +149,6 @@ TEST(PredictiveControlOfAnyThrusters, UsesThrustersWhoseForceCurveIsFlatAtZero) 
   }
 }
 
-TEST(PredictiveControlOfAnyThrusters, IsThatOfThePairForAListedPair) {
-  const Model pair = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  PredictiveControl one(pair, {}), other(listed(), {});
-  const ReferencePtr circle = makeCircle({0, 0}, 1, 0.5);
-  EXPECT_NEAR(errorOf(pair, one, *circle, 10, 5), errorOf(listed(), other, *circle, 10, 5), 1e-6);
-}
-
 struct Planned {
   std::string name;
   Model model;
@@ -167,7 +160,7 @@ class PlansOfAnyThrusters : public testing::TestWithParam<Planned> {};
 TEST_P(PlansOfAnyThrusters, AreOptimalWithinTheBounds) {
   // The conditions of Karush, Kuhn and Tucker, by finite differences of the cost.
   const Model& model = GetParam().model;
-  const std::unique_ptr<TrajectoryOptimizer> plan = TrajectoryOptimizer::make(model, 20, 0.1);
+  const std::unique_ptr<TrajectoryOptimizer> plan = std::make_unique<TrajectoryOptimizer>(model, 20, 0.1);
   const ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.3);
   std::vector<ReferencePoint> points;
   for (int k = 1; k <= 20; ++k) points.push_back(circle->at(0.1 * k));
@@ -278,13 +271,6 @@ TEST(ExperimentsOfAnyThrusters, ALossOfTheStateTurnsEveryThrusterOff) {
   EXPECT_GT(losses, 1);
 }
 
-TEST(ExperimentsOfAnyThrusters, RefuseAControllerOfAnotherCraft) {
-  TrackingParams tracking;
-  EXPECT_THROW(trackReference(table(), four(), tracking, {}), std::invalid_argument);
-  tracking.controller.kind = "OpenLoopPRBS";
-  EXPECT_THROW(trackReference(table(), table(), tracking, {}), std::invalid_argument);
-}
-
 TEST(ExcitationOfAnyThrusters, StaysInsideARoom) {
   const RoomPlan room = loadRoomPlan("cfg/room/room_4x4.yaml");
   for (const Model& model : {four(), table()}) {
@@ -299,14 +285,6 @@ TEST(ExcitationOfAnyThrusters, StaysInsideARoom) {
     for (const auto& command : log.commands)
       ASSERT_EQ(command.thrusters.size(), model.thrusters->size());
   }
-}
-
-TEST(ExcitationOfAnyThrusters, RefusesReturnsByAnotherCraft) {
-  ExcitationPilot pilot([] { return 0.0; }, [](const auto&) {}, [](const auto&) {});
-  DesignParams design;
-  design.thrusters = table().thrusters;
-  EXPECT_THROW(pilot.playInside(makeDesign(design, 1), 1, four(), ReturnParams()),
-               std::invalid_argument);
 }
 
 }  // namespace

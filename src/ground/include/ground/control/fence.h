@@ -24,10 +24,10 @@ class Fence {
 
   const RoomPlan& room() const { return room_; }
   /// Where the craft comes to rest if thrust and lift are cut now; `age`: age of the state [s].
-  Vector2<double> rest(const RigidState<double>& state, double age) const;
-  /// By how much rest() is too close to a wall [m], at least 0. `derivative`: its derivatives by x,
+  Vector2<double> stoppingPoint(const RigidState<double>& state, double age) const;
+  /// By how much stoppingPoint() is too close to a wall [m], at least 0. `derivative`: its derivatives by x,
   /// y, psi, u, v, set only if it is positive.
-  double excess(const RigidState<double>& state, double age,
+  double violation(const RigidState<double>& state, double age,
                 Eigen::Matrix<double, 1, 5>& derivative) const;
   /// Why thrust and lift have to be cut now; empty if the craft may continue.
   std::string objection(const RigidState<double>& state, double age) const;
@@ -44,7 +44,7 @@ class Fence {
 struct PlanWalls {
   Fence fence;
   double age = 0;       ///< age of the state at the cut: duration of a loss of the mocap [s]
-  double weight = 100;  ///< weight of the square of Fence::excess
+  double weight = 100;  ///< weight of the square of Fence::violation
 };
 
 /// Why a craft on a reference could not be stopped inside a room, with its margin, if the mocap
