@@ -5,7 +5,7 @@
 #include <random>
 #include <vector>
 
-#include "ground/control/prbs.h"
+#include "ground/control/input_design.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
 
@@ -42,10 +42,10 @@ inline Recording record(const RecordingParams& params, unsigned long seed) {
   const Dynamics<double> dynamics(model);
   PrbsParams prbs;
   prbs.duration = params.duration;
-  const PrbsSignal signal(makePrbs(9, 37 * seed), prbs);
+  const InputSignal signal = playBits({makePrbs(9, 37 * seed), 1}, prbs);
   InputSequence inputs;
   for (double t = 0; t < params.duration; t = signal.nextChange(t))
-    inputs.add(t, signal.at(t)(0), signal.at(t)(1), 1.0);
+    inputs.add(t, signal.at(t).thrusters, 1.0);
   Recording recording;
   RigidState<double> rest;
   rest.eta << 0.3, -0.2, 2.5;
