@@ -49,15 +49,6 @@ TEST(Room, SameSeedGivesTheSameRun) {
   EXPECT_NE(a.front().eta, other.front().eta);
 }
 
-TEST(Room, DoesNotDependOnHowOftenItIsAdvanced) {
-  const auto a = experiment(MocapParams(), 5, 0.1), b = experiment(MocapParams(), 5, 0.0013);
-  ASSERT_EQ(a.size(), b.size());
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    EXPECT_DOUBLE_EQ(a[i].captured, b[i].captured);
-    EXPECT_LT((a[i].eta - b[i].eta).norm(), 5e-6);
-  }
-}
-
 TEST(Room, FramesComeAtTheirRateWithLatencyAndNoise) {
   MocapParams mocap;
   mocap.position_noise = 1e-3;
@@ -80,23 +71,6 @@ TEST(Room, FramesComeAtTheirRateWithLatencyAndNoise) {
   EXPECT_NEAR(std::sqrt(square.z() / frames.size()), 1e-2, 5e-4);
 }
 
-TEST(Room, LosesTheGivenShareOfFrames) {
-  MocapParams mocap = perfect();
-  mocap.loss = 0.2;
-  EXPECT_NEAR(experiment(mocap, 1, 0.1).size(), 800, 60);
-  mocap.loss = 0;
-  mocap.gap_rate = 1;
-  mocap.gap_length = 0.25;
-  const auto frames = experiment(mocap, 1, 0.1);
-  EXPECT_NEAR(frames.size(), 1000 / 1.25, 150);
-  double longest = 0;
-  for (std::size_t i = 1; i < frames.size(); ++i)
-    longest = std::max(longest, frames[i].captured - frames[i - 1].captured);
-  EXPECT_GT(longest, 0.25);
-  mocap.loss = 1;
-  EXPECT_TRUE(experiment(mocap, 1, 0.1).empty());
-}
-
 TEST(Room, WatchdogStopsTheMotorsWithoutCommands) {
   Room room(tinyWhoover(), perfect(), {});
   EXPECT_TRUE(room.watchdogExpired());
@@ -114,24 +88,6 @@ TEST(Room, WatchdogStopsTheMotorsWithoutCommands) {
   room.advance(0.3 + at_stop / braking);
   EXPECT_EQ(room.state().nu, Vector3<double>::Zero());
   EXPECT_EQ(room.derivative().nu, Vector3<double>::Zero());
-}
-
-TEST(Room, WatchdogCanBeChangedInMotionAndZeroDisablesIt) {
-  Room::Params params;
-  params.watchdog = 0;
-  Room room(tinyWhoover(), perfect(), params);
-  room.command(1, 1, 1);
-  room.advance(5);
-  EXPECT_FALSE(room.watchdogExpired());
-  room.setWatchdog(6);
-  room.advance(5.9);
-  EXPECT_FALSE(room.watchdogExpired());
-  room.setWatchdog(0.1);  // expired long ago
-  room.advance(5.9001);
-  EXPECT_TRUE(room.watchdogExpired());
-  for (const double bad : {-0.1, std::numeric_limits<double>::quiet_NaN(),
-                           std::numeric_limits<double>::infinity()})
-    EXPECT_THROW(room.setWatchdog(bad), std::invalid_argument);
 }
 
 TEST(Room, ACraftWithoutLiftSlidesStraightToRestAndStaysThere) {
@@ -154,15 +110,6 @@ TEST(Room, ACraftWithoutLiftSlidesStraightToRestAndStaysThere) {
   room.command(1, 1, 1);
   room.advance(6.2);
   EXPECT_GT(room.state().nu.x(), 0.2) << "lift frees it";
-}
-
-TEST(Room, MeasuresThroughTheModelsMeasurementEffects) {
-  Model model = tinyWhoover();
-  model.addEffect(makeEffect("heading_offset"));
-  model.setValue("heading_offset.psi0", 0.5);
-  Room room(model, perfect(), {});
-  room.advance(0.1);
-  EXPECT_DOUBLE_EQ(room.takeFrames().front().eta.z(), 0.5);
 }
 
 TEST(Room, TheModelCanBeReplacedDuringARun) {
@@ -194,30 +141,6 @@ TEST(Room, TheModelCanBeReplacedDuringARun) {
   EXPECT_TRUE(room.state().eta.allFinite());
 }
 
-TEST(Room, TimeOfTheModelStartsWithTheDrive) {
-  Model sagging = tinyWhoover();
-  sagging.addEffect(makeEffect("battery_sag"));
-  sagging.setValue("battery_sag.tau", 64);
-  // Two seconds of full thrust have the same effect at once and after a quarter of an hour at rest.
-  const auto drive = [&](double start, double rest, bool reload) {
-    Room::Params params;
-    params.start = start;
-    Room room(sagging, perfect(), params);
-    room.advance(start + rest);
-    for (int i = 0; i < 100; ++i) {
-      room.command(1, 1, 1);
-      room.advance(start + rest + (i + 1) * 0.02);
-      if (reload && i == 50) room.setModel(sagging);
-    }
-    return room.state().nu.x();
-  };
-  const double speed = drive(0, 0, false);
-  EXPECT_GT(speed, 3.5);
-  EXPECT_NEAR(drive(1000, 0, false), speed, 1e-6);
-  EXPECT_NEAR(drive(1000, 900, false), speed, 1e-6);
-  EXPECT_NEAR(drive(1000, 0, true), speed, 1e-6);
-}
-
 TEST(Room, RefusesBadArguments) {
   MocapParams bad;
   bad.latency = std::numeric_limits<double>::quiet_NaN();
@@ -229,47 +152,6 @@ TEST(Room, RefusesBadArguments) {
   room.command(9, -1, 3);  // clipped
   room.advance(1.1);
   EXPECT_NEAR(room.derivative().nu.x(), 0.062 / 0.0583, 0.05);
-}
-
-TEST(Room, AGivenCraftMovesLikeItsOwn) {
-  Room::Params params;
-  params.start = 3;
-  params.initial.eta << 1, 2, 0.5;
-  params.disturbance.sigma = {1e-3, 1e-3, 1e-5};
-  params.disturbance.time = {0.5, 0.5, 0.5};
-  ModelCraft craft(tinyWhoover(), params);
-  Room given(craft, MocapParams(), params), own(tinyWhoover(), MocapParams(), params);
-  for (Room* room : {&given, &own}) {
-    room->command(0.8, 0.3, 1);
-    room->advance(4);  // the watchdog stops it
-  }
-  EXPECT_TRUE(given.watchdogExpired());
-  EXPECT_EQ(given.state().eta, own.state().eta);
-  const auto a = given.takeFrames(), b = own.takeFrames();
-  ASSERT_EQ(a.size(), b.size());
-  EXPECT_EQ(a.back().eta, b.back().eta);
-  EXPECT_THROW(given.setModel(tinyWhoover()), std::logic_error);
-}
-
-TEST(Room, DropsOldCommandsWithoutEffect) {
-  // Two rooms with the same inputs: one gets so many commands that old ones are dropped.
-  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  model.addEffect(makeEffect("motor_lag"));
-  model.setValue("motor_lag.tau", 0.05);
-  model.addEffect(makeEffect("input_delay"));
-  model.setValue("input_delay.delay", 0.03);
-  Room often(model, {}, {}), seldom(model, {}, {});
-  constexpr int kTimes = 50000, kHeld = 250;
-  for (int i = 0; i < kTimes; ++i) {
-    const double left = (i / kHeld) % 2, right = (i / kHeld / 2) % 2;
-    often.command(left, right, 1);
-    if (i % (kHeld / 5) == 0) seldom.command(left, right, 1);
-    often.advance((i + 1) * 0.001);
-    seldom.advance((i + 1) * 0.001);
-  }
-  EXPECT_LT((often.state().eta - seldom.state().eta).norm(), 1e-6);
-  EXPECT_LT((often.state().nu - seldom.state().nu).norm(), 1e-6);
-  EXPECT_NO_THROW(often.setModel(model));
 }
 
 Disturbance pushes() {
@@ -313,40 +195,6 @@ TEST(DisturbanceSource, HasTheGivenDeviationAndCorrelation) {
   }
 }
 
-TEST(DisturbanceSource, StartsStationaryAndItsWhiteNoiseIsAMeanOverAStep) {
-  Disturbance given = pushes();
-  given.white << 0.003, 0, 2e-5;
-  given.trim << 0.004, 0.005, 3e-5;
-  given.trim_thrust = 0.1;
-  constexpr int kRuns = 4000;
-  Vector3<double> square = Vector3<double>::Zero();
-  double thrust = 0, thrust_square = 0;
-  for (unsigned long seed = 0; seed < kRuns; ++seed) {
-    DisturbanceSource source(given, 0.005, seed);
-    square += source.next().cwiseAbs2() / kRuns;
-    thrust += (source.thrustFactor() - 1) / kRuns;
-    thrust_square += std::pow(source.thrustFactor() - 1, 2) / kRuns;
-  }
-  const Vector3<double> expected =
-      given.sigma.cwiseAbs2() + given.white.cwiseAbs2() / 0.005 + given.trim.cwiseAbs2();
-  const double error = 3 * std::sqrt(2.0 / kRuns);
-  for (int i = 0; i < 3; ++i) EXPECT_NEAR(square(i) / expected(i), 1, error) << i;
-  EXPECT_NEAR(thrust, 0, 3 * 0.1 / std::sqrt(kRuns));
-  EXPECT_NEAR(thrust_square / 0.01, 1, error);
-}
-
-TEST(DisturbanceSource, WhiteNoiseIsIndependentBetweenStepsAndTrimIsConstant) {
-  Disturbance white, trim;
-  white.white << 0.003, 0.003, 2e-5;
-  trim.trim << 0.004, 0.005, 3e-5;
-  DisturbanceSource noise(white, 0.005, 1), constant(trim, 0.005, 1);
-  const Moments found = momentsOf(noise, 40000, 1);
-  for (int i = 0; i < 3; ++i) EXPECT_NEAR(found.correlation(i), 0, 3 / std::sqrt(40000));
-  const Vector3<double> first = constant.next();
-  EXPECT_GT(first.cwiseAbs().minCoeff(), 0);
-  for (int i = 0; i < 10; ++i) EXPECT_EQ(constant.next(), first);
-}
-
 /// States during ten seconds of a room with a disturbance, at 50 Hz.
 std::vector<RigidState<double>> disturbed(const Disturbance& disturbance, unsigned long seed) {
   Room::Params params;
@@ -360,18 +208,6 @@ std::vector<RigidState<double>> disturbed(const Disturbance& disturbance, unsign
     states.push_back(room.state());
   }
   return states;
-}
-
-TEST(Room, TheSeedDeterminesTheDisturbance) {
-  const auto first = disturbed(pushes(), 1), again = disturbed(pushes(), 1),
-             other = disturbed(pushes(), 2);
-  EXPECT_EQ(first.back().eta, again.back().eta);
-  EXPECT_GT((first.back().eta - other.back().eta).norm(), 0.01);
-  Disturbance none;
-  none.time.setConstant(0.3);
-  const auto still = disturbed(none, 1), undisturbed = disturbed({}, 2);
-  EXPECT_EQ(still.back().eta, undisturbed.back().eta);
-  EXPECT_GT((first.back().eta - still.back().eta).norm(), 0.01);
 }
 
 TEST(Room, ADisturbanceActsAsAForce) {
@@ -410,12 +246,6 @@ TEST(Room, ADisturbanceActsAsAForce) {
       Vector3<double>(wrench.x() / plain.body.m, wrench.y() / plain.body.m,
                       wrench.z() / plain.body.I_z);
   EXPECT_LT((room.derivative().nu - expected).norm(), 1e-9);
-}
-
-TEST(Room, RefusesABadDisturbance) {
-  Room::Params params;
-  params.disturbance.sigma.x() = 0.01;  // without a correlation time
-  EXPECT_THROW(Room(tinyWhoover(), MocapParams(), params), std::invalid_argument);
 }
 
 }  // namespace

@@ -179,68 +179,6 @@ void expectRange(const std::string& name, const Params& good, Access access) {
   }
 }
 
-TEST(Ranges, AreThoseOfTheirMessages) {
-  const LifecycleParams life;
-  expectRange("lift", life, [](auto& p) -> auto& { return p.lift; });
-  expectRange("lift_time", life, [](auto& p) -> auto& { return p.lift_time; });
-  expectRange("state_timeout", life, [](auto& p) -> auto& { return p.state_timeout; });
-  expectRange("recovery_time", life, [](auto& p) -> auto& { return p.recovery_time; });
-  expectRange("rate", life, [](auto& p) -> auto& { return p.rate; });
-  const DriveParams drive;
-  expectRange("start", drive, [](auto& p) -> auto& { return p.start; });
-  expectRange("tail", drive, [](auto& p) -> auto& { return p.tail; });
-  RoomPlan large;
-  large.corners = {{-500, -500}, {500, -500}, {500, 500}, {-500, 500}};
-  expectRange("margin", large, [](auto& p) -> auto& { return p.margin; });
-  expectRange("braking", large, [](auto& p) -> auto& { return p.braking; });
-  expectRange("latency", large, [](auto& p) -> auto& { return p.latency; });
-  const ReturnParams returns;
-  expectRange("burst", returns, [](auto& p) -> auto& { return p.burst; });
-  expectRange("arrival", returns, [](auto& p) -> auto& { return p.arrival; });
-  const MocapParams mocap;
-  expectRange("rate", mocap, [](auto& p) -> auto& { return p.rate; });
-  expectRange("position_noise", mocap, [](auto& p) -> auto& { return p.position_noise; });
-  expectRange("heading_noise", mocap, [](auto& p) -> auto& { return p.heading_noise; });
-  expectRange("latency", mocap, [](auto& p) -> auto& { return p.latency; });
-  expectRange("loss", mocap, [](auto& p) -> auto& { return p.loss; });
-  expectRange("gap_rate", mocap, [](auto& p) -> auto& { return p.gap_rate; });
-  expectRange("gap_length", mocap, [](auto& p) -> auto& { return p.gap_length; });
-  const DesignParams design;
-  expectRange("clock", design, [](auto& p) -> auto& { return p.clock; });
-  expectRange("hold", design, [](auto& p) -> auto& { return p.hold; });
-  expectRange("order", design, [](auto& p) -> auto& { return p.order; });
-  expectRange("trim of the thrust", Disturbance(), [](auto& p) -> auto& { return p.trim_thrust; });
-  GroundLinkParams link;
-  for (const double good : {0.0, 0.5, 1.0, 10.0}) {
-    link.obedience_timeout = good;
-    EXPECT_EQ(link.validate(), "") << good;
-  }
-  for (const double bad : {-1.0, 0.4999, 10.0001, std::nan("")}) {
-    link.obedience_timeout = bad;
-    EXPECT_EQ(link.validate(), "obedience_timeout must be 0 or between 0.5 and 10 s") << bad;
-  }
-}
-
-TEST(Ranges, OfTablesAreThoseOfTheirMessages) {
-  const auto check = [](const std::vector<TunableInfo>& infos) {
-    for (const TunableInfo& info : infos) {
-      if (info.type != "double" && info.type != "int") continue;
-      EXPECT_EQ(info.rangeError(info.low), "");
-      EXPECT_EQ(info.rangeError(info.high), "");
-      for (const double bad : {info.low - 1e-9 * std::max(1.0, std::abs(info.low)),
-                               info.high + 1e-9 * std::max(1.0, std::abs(info.high))}) {
-        const std::string message = info.rangeError(bad);
-        std::ostringstream wanted;
-        wanted << info.name << " must be between " << info.low << " and " << info.high;
-        EXPECT_EQ(message.find(wanted.str()), 0u) << message;
-      }
-    }
-  };
-  for (const ControllerInfo& info : controllerTable())
-    check({info.parameters.begin(), info.parameters.end()});
-  check({ReferenceParams::table().begin(), ReferenceParams::table().end()});
-}
-
 }  // namespace
 }  // namespace ground
 

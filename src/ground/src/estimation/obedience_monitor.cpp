@@ -125,7 +125,7 @@ void ObedienceMonitor::reset() {
 }
 
 void ObedienceMonitor::command(double time, const Thrusters<double>& thrusters, double lift) {
-  if (told_[0].size() > 0 && time < told_[0].times.back()) return reset();
+  if (told_[0].size() > 0 && time < told_[0].times.back()) reset();
   forgetOldCommands(time);
   for (std::size_t i = 0; i < told_.size(); ++i)
     told_[i].add(time + kExtraDelays[i], thrusters, lift);
