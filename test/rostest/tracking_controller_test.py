@@ -82,19 +82,6 @@ class TrackingTest(ControllerCase):
         client.update_configuration({"size": 2.0})
         client.close()
 
-    def test_a_reference_beyond_the_crafts_abilities_is_reported_at_the_start(self):
-        client = dynamic_reconfigure.client.Client("tracking", timeout=10)
-        client.update_configuration({"rate_of_turn": 3.0})
-        answer = self.start()
-        self.assertTrue(answer.success)
-        self.assertIn("cannot follow it exactly", answer.message)
-        self.expect(S.RUNNING)
-        self.assertIn("a thrust of", self.status.message.reason)
-        self.stop()
-        client.update_configuration({"rate_of_turn": 0.6})
-        self.assertEqual(self.start().message, "")
-        client.close()
-
     def test_effects_that_are_not_used_are_reported_or_refused(self):
         load = rospy.ServiceProxy("tracking/load_model", LoadModel)
         answer = load(file=TILTED)
@@ -118,16 +105,6 @@ class TrackingTest(ControllerCase):
                 10,
                 "the end of " + name,
             )
-
-    def test_a_craft_that_stays_away_stops_the_controller_with_the_reason(self):
-        client = dynamic_reconfigure.client.Client("tracking", timeout=10)
-        client.update_configuration({"max_error": 2.5})  # the craft stands 2 m from the circle
-        self.run_it()
-        rospy.sleep(1.2)
-        client.update_configuration({"max_error": 0.4})
-        self.expect_stop("2.00 m from the reference for 1 s, more than max_error 0.4 m")
-        client.update_configuration({"max_error": 0.0})
-        client.close()
 
     def test_each_decision_is_published(self):
         decisions = harness.Latest("decision", Decision, keep=True)
