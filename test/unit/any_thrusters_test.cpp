@@ -272,7 +272,7 @@ TEST(ExperimentsOfAnyThrusters, ALossOfTheStateTurnsEveryThrusterOff) {
 }
 
 TEST(ExcitationOfAnyThrusters, StaysInsideARoom) {
-  const RoomPlan room = loadRoomPlan("cfg/room/room_4x4.yaml");
+  const Room room = loadRoom("cfg/room/room_4x4.yaml");
   for (const Model& model : {four(), table()}) {
     ExcitationParams params;
     params.duration = 60;

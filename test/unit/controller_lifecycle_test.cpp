@@ -156,7 +156,7 @@ TEST_F(Lifecycle, ALostStateEndsTheThrustAtOnceAndTheLiftAfterTheRecoveryTime) {
 }
 
 TEST_F(Lifecycle, TheFenceStopsItBeforeAWall) {
-  RoomPlan room;
+  Room room;
   room.margin = 0.2;
   room.braking = 1;
   room.latency = 0.1;
@@ -228,7 +228,7 @@ TEST_F(Lifecycle, WithoutAStateAnOpenLoopWaitsForTheSenderOnly) {
   params.require_state = false;
   params.require_armed = true;
   life.setParams(params);
-  RoomPlan room;
+  Room room;
   life.setFence(Fence(room, room.margin));
   pilot.bit = 0.1;
   pilot.ends = 2;

@@ -97,9 +97,9 @@ struct DrivenRun {
   explicit DrivenRun(double start = 1000) {
     MocapParams mocap;
     mocap.position_noise = mocap.heading_noise = mocap.latency = 0;
-    Room::Params params;
+    SimulatedLab::Params params;
     params.start = start;
-    Room room(truth, mocap, params);
+    SimulatedLab room(truth, mocap, params);
     const InputSignal signal = playBits({makePrbs(9, 5), 1}, {});
     std::vector<Vector3<double>> eta, nu;
     for (int i = 0; i < 100 * kEnd; ++i) {

@@ -35,17 +35,17 @@ Model wrongCraft(unsigned long seed) {
   return model;
 }
 
-RoomPlan square() { return loadRoomPlan("cfg/room/room_4x4.yaml"); }
+Room square() { return loadRoom("cfg/room/room_4x4.yaml"); }
 
 /// An L-shaped room of 4 x 4 m; home is in its corner.
-RoomPlan angled() {
-  RoomPlan room;
+Room angled() {
+  Room room;
   room.corners = {{-2, -2}, {2, -2}, {2, 0}, {0, 0}, {0, 2}, {-2, 2}};
   room.home = {-0.9, -0.9};
   return room;
 }
 
-ExcitationParams inRoom(const RoomPlan& room, unsigned long seed, double duration = 20) {
+ExcitationParams inRoom(const Room& room, unsigned long seed, double duration = 20) {
   ExcitationParams params;
   params.design.seed = seed;
   params.duration = duration;
@@ -64,7 +64,7 @@ ExperimentParams place(unsigned long seed, bool gaps = false) {
 }
 
 /// The least distance of the true craft from the walls [m].
-double leastClearance(const ExperimentLog& log, const RoomPlan& room) {
+double leastClearance(const ExperimentLog& log, const Room& room) {
   double least = std::numeric_limits<double>::infinity();
   for (const auto& truth : log.truth)
     least = std::min(least, room.clearance(truth.state.eta.head<2>()));
@@ -192,7 +192,7 @@ TEST(Excitation, AWrongCraftWithLossesOfTheMocapStaysInside) {
 }
 
 TEST(Excitation, ReturnsComeHome) {
-  const RoomPlan room = square();
+  const Room room = square();
   for (const double arrival : {0.4, 0.0}) {  // 0: half way to the nearest wall
     ExcitationParams params = inRoom(room, 1, 15);
     params.returns.arrival = arrival;

@@ -49,7 +49,7 @@ class Plans : public testing::TestWithParam<Planned> {};
 
 /// Walls so near to a circle of 1 m that a craft on it could not be stopped inside.
 PlanWalls nearWalls() {
-  RoomPlan room;
+  Room room;
   room.corners = {{-1.3, -1.2}, {1.25, -1.2}, {1.25, 1.2}, {-1.3, 1.2}};
   return {Fence(room, 0.2), 0.15, 30};
 }

@@ -18,7 +18,7 @@
 #include "ground/estimation/model_monitor.h"
 #include "ground/link/ground_link.h"
 #include "ground/simulation/experiment.h"
-#include "ground/simulation/room.h"
+#include "ground/simulation/simulated_lab.h"
 
 namespace ground {
 namespace {
@@ -102,7 +102,7 @@ TEST(Tables, DefaultsOfTheCoreAreThoseOfItsNodes) {
                                      {"loss", mocap.loss},
                                      {"gap_rate", mocap.gap_rate},
                                      {"gap_length", mocap.gap_length},
-                                     {"watchdog", Room::Params().watchdog}});
+                                     {"watchdog", SimulatedLab::Params().watchdog}});
   const GroundLinkParams link;
   expectDefaults({"Sender.cfg"}, {{"command_timeout", link.command_timeout},
                                   {"state_timeout", link.state_timeout},
@@ -142,7 +142,7 @@ TEST(Tables, DefaultsOfTheCoreAreThoseOfItsNodes) {
       {"OpenLoopPRBS.cfg"},
       {{"lift", life.lift}, {"lift_time", life.lift_time}, {"state_timeout", life.state_timeout}});
   EXPECT_EQ(life.rate, drive.life.rate);
-  const RoomPlan plain, room = loadRoomPlan("cfg/room/room_4x4.yaml");
+  const Room plain, room = loadRoom("cfg/room/room_4x4.yaml");
   EXPECT_EQ(plain.corners, room.corners);
   EXPECT_EQ(plain.home, room.home);
   EXPECT_EQ(plain.margin, room.margin);

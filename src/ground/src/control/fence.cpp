@@ -66,7 +66,7 @@ std::string Fence::objection(const RigidState<double>& state, double age) const 
   return text;
 }
 
-std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& room) {
+std::string leavesRoom(const ReferenceTrajectory& reference, const Room& room) {
   struct Least {
     double clearance = std::numeric_limits<double>::infinity(), when = 0;
     void take(double other, double t) {
@@ -103,7 +103,7 @@ std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& roo
 }
 
 std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference,
-                       const RoomPlan& room) {
+                       const Room& room) {
   std::string reason = leavesRoom(reference, room);
   if (reason.empty() || !takesSize(params.kind)) return reason;
   const auto fits = [&](int hundredths) {
@@ -122,7 +122,7 @@ std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory&
 }
 
 std::string leavesRoom(const Model& model, const InputSequence& inputs, double end,
-                       const RoomPlan& room) {
+                       const Room& room) {
   constexpr double kInterval = 0.05;  // [s]
   const Dynamics<double> dynamics(model);
   RigidState<double> start{Vector3<double>::Zero(), Vector3<double>::Zero()};
