@@ -150,24 +150,6 @@ class SimulatorTest(unittest.TestCase):
         self.assertIn(("simulator", "m_factor", "1", "2"), changed)
         self.assertNotIn("0.1", [m[3] for m in changed])
 
-    def test_a_change_that_fails_is_refused(self):
-        """With full lift the model's formula has no value, so no other model can go on from there."""
-        effect = (
-            '{name: cliff, expression: {X: "ln(1-200*a*lift)"}, '
-            "parameters: {a: {value: 0.01, unit: N, lower: -1, upper: 1}}}"
-        )
-        with open(rospy.get_param("~model")) as file:
-            text = file.read()
-        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as model:
-            model.write(text.replace("effects: []", "effects: [%s]" % effect))
-            model.flush()
-            self.start(model=model.name)
-        self.drive(0, 0, 0.3)
-        client = dynamic_reconfigure.client.Client("simulator", timeout=10)
-        kept = client.update_configuration({"k_factor": 0.5, "latency": 0.05})
-        self.assertEqual(kept["k_factor"], 1.0)
-        self.assertNotEqual(kept["latency"], 0.05)
-
     def test_obeys_its_sender_alone_and_stops_without_it(self):
         self.start(position_noise=0.0, heading_noise=0.0)
         self.drive(1, 0, 0.4)

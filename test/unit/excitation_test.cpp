@@ -2,14 +2,11 @@
 #include "ground/control/excitation_pilot.h"
 
 #include <gtest/gtest.h>
-#include <sys/resource.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <fstream>
 #include <limits>
-#include <new>
 #include <random>
 
 #include "ground/model/model_file.h"
@@ -36,14 +33,6 @@ Model wrongCraft(unsigned long seed) {
 }
 
 Room square() { return loadRoom("cfg/room/room_4x4.yaml"); }
-
-/// An L-shaped room of 4 x 4 m; home is in its corner.
-Room angled() {
-  Room room;
-  room.corners = {{-2, -2}, {2, -2}, {2, 0}, {0, 0}, {0, 2}, {-2, 2}};
-  room.home = {-0.9, -0.9};
-  return room;
-}
 
 ExcitationParams inRoom(const Room& room, unsigned long seed, double duration = 20) {
   ExcitationParams params;
@@ -279,20 +268,6 @@ TEST(Excitation, EndsWithTheRowsOfAFileAndPlaysItsLift) {
     EXPECT_EQ(command.thrusters(0), at < 0.4 - kTolerance || at > 0.8 - kTolerance ? 0.1 : 0.05) << at;
   }
   EXPECT_GT(played, 55);
-}
-
-/// Log of a craft that starts at x, y with a velocity along x.
-ExperimentLog exciteFrom(double x, double y, double velocity) {
-  ExperimentParams where = place(1);
-  where.initial.eta << x, y, 0;
-  where.initial.nu.x() = velocity;
-  return excite(tinyWhoover(), tinyWhoover(), inRoom(square(), 1, 5), where);
-}
-
-double mostThrust(const ExperimentLog& log) {
-  double most = 0;
-  for (const auto& command : log.commands) most = std::max(most, command.thrusters(0) + command.thrusters(1));
-  return most;
 }
 
 TEST(Excitation, AStrongDisturbanceStopsTheCraftBeforeAWall) {

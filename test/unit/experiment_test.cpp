@@ -184,15 +184,6 @@ TEST(Experiment, TheTrackingControllerStopsWithoutAState) {
   EXPECT_TRUE(blind.frames.empty());
 }
 
-/// The model that the README fits to the recordings of the real craft.
-Model realCraft() {
-  Model model = tinyWhoover();
-  const std::vector<std::pair<std::string, double>> fitted = {
-      {"I_z", 1.04e-4}, {"X_u", 0.0115}, {"Y_v", 0.043}, {"N_r", 2.2e-6}, {"k", 0.0762}};
-  for (const auto& [name, value] : fitted) model.setValue(name, value);
-  return model;
-}
-
 TEST(Experiment, RefusesNonsense) {
   const Model model = tinyWhoover();
   InputSequence schedule;

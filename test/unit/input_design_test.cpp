@@ -137,21 +137,6 @@ TEST(InputDesign, InputsStayWithinTheLevelsAndReachThem) {
   }
 }
 
-/// Correlation of the inputs of two thrusters over one period of a design.
-double correlation(const InputSignal& signal, int one, int other) {
-  double x = 0, y = 0, xx = 0, yy = 0, xy = 0;
-  const auto n = static_cast<double>(signal.inputs.size());
-  for (const Inputs& inputs : signal.inputs) {
-    const double a = inputs.thrusters(one), b = inputs.thrusters(other);
-    x += a;
-    y += b;
-    xx += a * a;
-    yy += b * b;
-    xy += a * b;
-  }
-  return (xy - x * y / n) / std::sqrt((xx - x * x / n) * (yy - y * y / n));
-}
-
 TEST(InputDesignOfAnyThrusters, PatternsPushAndTurnTheCraft) {
   const Model table = loadModel("cfg/craft/air_table.yaml");
   const auto wrenches = [&](const std::string& kind) {
@@ -319,8 +304,8 @@ TEST(InputFile, ComplaintsNameFileAndLine) {
       {"time,left,right\n0,0,0\n\n1,0\n", ", line 4: ", "2 values for 3 columns (time,left,right)"},
       {"time,left,right\n0,0,0,1\n1,0,0\n", ", line 2: ", "4 values for 3 columns"},
       {"time,left,right,lift\n0,0,0\n", ", line 2: ", "3 values for 4 columns"},
-      {"time,left,right\n0,0,nan\n1,0,0\n", ", line 2: ", "a value is not finite"},
-      {"time,left,right\ninf,0,0\n", ", line 2: ", "a value is not finite"},
+      {"time,left,right\n0,0,nan\n1,0,0\n", ", line 2: ", "is not all numbers"},
+      {"time,left,right\ninf,0,0\n", ", line 2: ", "is not all numbers"},
       {"time,left,right\n-1,0,0\n1,0,0\n", ", line 2: ", "times must ascend from 0 or later"},
       {"time,left,right\n0,0,0\n1,0,0\n1,0,0\n", ", line 4: ", "times must ascend"},
       {"time,left,right\n0,0,0\n1,1.1,0\n", ", line 3: ", "inputs must be between 0 and 1"},
@@ -328,8 +313,8 @@ TEST(InputFile, ComplaintsNameFileAndLine) {
       {"time,left,right\n0,0,0\n3601,0,0\n", ", line 3: ", "inputs may last 3600 s"},
       {"time,left,right\n", ": ", "only 0 rows"},
       {"time,left,right\n0,0,0\n", ": ", "only 1 rows"},
-      {"1,0\n1,2\n", ", line 2: ", "'1,2' is not LEFT,RIGHT with -1, 0 or 1 each"},
-      {"left,right\n1,0\n", ", line 1: ", "other inputs need a first line time,left,right or"},
+      {"1,0\n1,2\n", ", line 2: ", "LEFT,RIGHT with -1, 0 or 1 each"},
+      {"left,right\n1,0\n", ", line 1: ", "the columns are left,right, not time,left,right or"},
   };
   for (const auto& bad : cases) {
     try {

@@ -15,13 +15,6 @@ std::string bytes(std::initializer_list<int> values) {
   return std::string(values.begin(), values.end());
 }
 
-MotorCommand decoded(const std::string& datagram) {
-  MotorCommand command;
-  std::string reason;
-  EXPECT_TRUE(decodeMotors(datagram, command, &reason)) << reason;
-  return command;
-}
-
 std::string refusal(const std::string& datagram) {
   MotorCommand command{0.5, 0.5, 0.5};
   std::string reason;

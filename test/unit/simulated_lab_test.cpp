@@ -195,21 +195,6 @@ TEST(DisturbanceSource, HasTheGivenDeviationAndCorrelation) {
   }
 }
 
-/// States during ten seconds of a room with a disturbance, at 50 Hz.
-std::vector<RigidState<double>> disturbed(const Disturbance& disturbance, unsigned long seed) {
-  SimulatedLab::Params params;
-  params.seed = seed;
-  params.disturbance = disturbance;
-  SimulatedLab room(tinyWhoover(), MocapParams(), params);
-  std::vector<RigidState<double>> states;
-  for (int i = 1; i <= 500; ++i) {
-    room.command(i % 3 > 0, i % 5 > 2, 1);
-    room.advance(0.02 * i);
-    states.push_back(room.state());
-  }
-  return states;
-}
-
 TEST(SimulatedLab, ADisturbanceActsAsAForce) {
   SimulatedLab::Params params;
   params.disturbance.trim << 0.01, 0.01, 5e-5;

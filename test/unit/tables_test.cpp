@@ -150,35 +150,6 @@ TEST(Tables, DefaultsOfTheCoreAreThoseOfItsNodes) {
   EXPECT_EQ(plain.latency, room.latency);
 }
 
-/// Checks the range in the message about a far too large number: both ends are accepted, numbers
-/// outside it are refused.
-template <class Params, class Access>
-void expectRange(const std::string& name, const Params& good, Access access) {
-  ASSERT_EQ(good.validate(), "") << name;
-  const auto complaint = [&](double value) {
-    Params params = good;
-    auto& place = access(params);
-    place = static_cast<std::decay_t<decltype(place)>>(value);
-    return params.validate();
-  };
-  const std::string message = complaint(1e6);
-  const std::regex range(name + ".* must be between ([-.e0-9]+) and ([-.e0-9]+)");
-  std::smatch found;
-  ASSERT_TRUE(std::regex_search(message, found, range)) << name << ": " << message;
-  const double low = std::stod(found[1]), high = std::stod(found[2]);
-  EXPECT_LT(low, high);
-  Params probe = good;
-  const bool whole = std::is_integral<std::decay_t<decltype(access(probe))>>::value;
-  const double beyond = whole ? 1 : 1e-6 * high;
-  EXPECT_EQ(complaint(low), "") << name;
-  EXPECT_EQ(complaint(high), "") << name;
-  EXPECT_EQ(complaint(low - beyond), message) << name;
-  EXPECT_EQ(complaint(high + beyond), message) << name;
-  if (!whole) {
-    EXPECT_EQ(complaint(std::nan("")), message) << name;
-  }
-}
-
 }  // namespace
 }  // namespace ground
 

@@ -370,32 +370,6 @@ TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
   EXPECT_GT(checked, 50);
 }
 
-/// A Lyapunov function of the law with its derivative: thesis 4.2 chooses force and torque for it.
-struct Lyapunov {
-  double value = 0, slope = 0;
-  RigidState<double> moving;  ///< derivative of the state
-};
-
-Lyapunov lyapunov(const TrackingLaw& law, const Body<double>& body, const RigidState<double>& state,
-                  const ReferencePoint& at, const TrackingGains& gains) {
-  const auto out = law.run(state, at, gains);
-  const double psi = state.eta.z(), r = state.nu.z(), d = body.Y_v;
-  const Vector2<double> v = state.nu.head<2>(), delta(gains.delta_1, gains.delta_2);
-  const Vector2<double> e = worldToBody<double>(psi, Vector2<double>(state.eta.head<2>() - at.p));
-  const Vector2<double> phi =
-      v - worldToBody<double>(psi, at.p_dot) + gains.k_e / body.m * e - delta;
-  const double z = r - out.alpha.y();
-  Lyapunov found;
-  found.value = (e.squaredNorm() + body.m * body.m * phi.squaredNorm() + body.I_z * z * z) / 2;
-  found.slope = -gains.k_e / body.m * e.squaredNorm() + e.dot(delta) -
-                gains.k_phi_1 * phi.x() * phi.x() - gains.k_phi_2 * phi.y() * phi.y() -
-                body.m * d * phi.squaredNorm() - (gains.k_z + body.N_r) * z * z;
-  found.moving.eta << bodyToWorld<double>(psi, v), r;
-  found.moving.nu << out.force / body.m + r * v.y() - d / body.m * v.x(),
-      -r * v.x() - d / body.m * v.y(), (out.torque - body.N_r * r) / body.I_z;
-  return found;
-}
-
 struct Tracked {
   double last_saturation = 0, rms = 0, largest = 0;
   Vector2<double> inputs;
@@ -473,23 +447,6 @@ TEST(ControllerTable, DefaultsAndSearchedRangesAreInsideTheRanges) {
         }
     }
   }
-}
-
-/// Inputs before saturation in the first second beside a circle.
-std::vector<Vector2<double>> wantedBeside(const ReferenceTrajectory& circle,
-                                          TrackingController& controller) {
-  std::vector<Vector2<double>> wanted;
-  for (int i = 0; i < 50; ++i) {
-    Observation seen;
-    seen.now = seen.stamp = 0.02 * i;
-    seen.reference = &circle;
-    seen.state.eta << circle.at(seen.now).p + Vector2<double>(0.01, 0), M_PI / 2 + 0.6 * seen.now;
-    seen.state.nu << 1.2, 0, 0.6;
-    controller.decide(seen);
-    const Thrusters<double> now = controller.wanted();
-    wanted.emplace_back(now(0), now(1));
-  }
-  return wanted;
 }
 
 TEST(ReferenceTable, EveryKindIsMadeAndUsesExactlyItsParameters) {

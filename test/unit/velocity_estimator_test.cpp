@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "ground/estimation/smoother.h"
-#include "recording.h"
 
 namespace ground {
 namespace {
@@ -359,64 +358,6 @@ TEST(Smoother, IsTheLeastSquaresSolutionOfAllPoses) {
     EXPECT_EQ(found.starts[static_cast<std::size_t>(k)], k == 0);
     EXPECT_TRUE(found.used[static_cast<std::size_t>(k)]);
   }
-}
-
-/// Velocities of one estimator along one recording.
-struct Track {
-  const Recording* recording;
-  std::vector<double> times;
-  std::vector<Vector3<double>> nu;
-};
-
-Track run(VelocityEstimator& estimator, const Recording& recording) {
-  Track track{&recording, {}, {}};
-  for (std::size_t i = 0; i < recording.stamps.size(); ++i) {
-    const StateEstimate& e = estimator.update(recording.stamps[i], recording.eta[i]);
-    if (!e.used || recording.stamps[i] < 0.2) continue;
-    EXPECT_TRUE(e.valid) << e.status << " at " << recording.stamps[i];
-    track.times.push_back(recording.stamps[i]);
-    track.nu.push_back(e.nu);
-  }
-  return track;
-}
-
-Track run(const Recording& recording) {
-  Track track{&recording, {}, {}};
-  const SmoothedMotion motion = smooth(recording.stamps, rows(recording.eta), {});
-  for (std::size_t i = 0; i < recording.stamps.size(); ++i) {
-    if (recording.stamps[i] < 0.2) continue;
-    track.times.push_back(recording.stamps[i]);
-    track.nu.push_back(motion.nu.row(i));
-  }
-  return track;
-}
-
-struct Figures {
-  Vector3<double> rms;    ///< errors of u, v [m/s], r [rad/s]
-  Vector3<double> delay;  ///< delays of u, v, r [s]
-};
-
-/// RMS error, and as delay the shift of the truth that fits the estimate best.
-Figures judge(const std::vector<Track>& tracks) {
-  const auto rms = [&tracks](double shift) {
-    Vector3<double> sum = Vector3<double>::Zero();
-    int count = 0;
-    for (const Track& track : tracks)
-      for (std::size_t i = 0; i < track.times.size(); ++i, ++count)
-        sum += (track.nu[i] - track.recording->nu(track.times[i] - shift)).cwiseAbs2();
-    return Vector3<double>((sum / count).cwiseSqrt());
-  };
-  Figures figures{rms(0), Vector3<double>::Zero()};
-  Vector3<double> best = figures.rms;
-  for (double shift = -0.02; shift < 0.08; shift += 0.0005) {
-    const Vector3<double> here = rms(shift);
-    for (int k = 0; k < 3; ++k) {
-      if (here(k) >= best(k)) continue;
-      best(k) = here(k);
-      figures.delay(k) = shift;
-    }
-  }
-  return figures;
 }
 
 }  // namespace

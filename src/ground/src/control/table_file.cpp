@@ -57,7 +57,7 @@ TableFile readTable(const std::string& path, std::size_t most_rows) {
     table.lines.push_back(number);
     const std::size_t last = table.lines.size() - 1;
     if (count == 0 && number > 1)
-      table.fail(last, "'" + shortened(line) + "' is not all finite numbers");
+      table.fail(last, "'" + shortened(line) + "' is not all numbers");
     if (number == 1) {
       table.width = count;
       if (count > 0) continue;
