@@ -241,36 +241,6 @@ TEST(ObedienceOfAnyThrusters, NoticesACraftThatDoesNotFollow) {
   }
 }
 
-TEST(ExperimentsOfAnyThrusters, ALossOfTheStateTurnsEveryThrusterOff) {
-  TrackingParams tracking;
-  tracking.reference.kind = "circle";
-  tracking.reference.size = 0.5;
-  tracking.reference.rate_of_turn = 0.3;
-  tracking.controller.kind = "ModelPredictive";
-  tracking.duration = 10;
-  tracking.estimate = false;  // the first state after a loss is valid
-  tracking.life.recovery_time = 3;
-  ExperimentParams place;
-  place.initial.eta << 0.5, 0, M_PI / 2;
-  place.mocap.gap_rate = 0.5;
-  place.mocap.gap_length = 0.35;
-  const Model model = four();
-  const ExperimentLog log = trackReference(model, model, tracking, place);
-  EXPECT_EQ(log.stopped, "");
-  int losses = 0;
-  for (std::size_t i = 0; i + 1 < log.stages.size(); ++i) {
-    if (log.stages[i].state != ControllerLifecycle::State::kRecovering) continue;
-    ++losses;
-    for (const auto& command : log.commands) {
-      EXPECT_EQ(command.thrusters.size(), 4);
-      if (command.time < log.stages[i].time || command.time >= log.stages[i + 1].time) continue;
-      EXPECT_EQ(asVector(command.thrusters).norm(), 0) << command.time;
-      EXPECT_EQ(command.lift, 1) << command.time;
-    }
-  }
-  EXPECT_GT(losses, 1);
-}
-
 TEST(ExcitationOfAnyThrusters, StaysInsideARoom) {
   const Room room = loadRoom("cfg/room/room_4x4.yaml");
   for (const Model& model : {four(), table()}) {

@@ -109,39 +109,6 @@ TEST(Experiment, TruthIsTheModelSimulatedWithTheCommandsOfTheLog) {
   EXPECT_EQ(log.truth.front().state.eta, params.initial.eta);
 }
 
-TEST(Experiment, TheTrackingControllerLiftsThenDrivesThenRests) {
-  TrackingParams tracking;
-  tracking.duration = 5;
-  const ExperimentLog log = trackReference(tinyWhoover(), tinyWhoover(), tracking, {});
-  EXPECT_EQ(log.stopped, "");
-  EXPECT_NEAR(log.truth.back().time, 0.5 + 1 + 5 + 0.5, 0.05);
-  double driven = 0;
-  for (const auto& c : log.commands) {
-    if (c.time < 0.5) {
-      EXPECT_EQ(c.lift, 0);
-    } else if (c.time > 0.55 && c.time < 6.45) {
-      EXPECT_EQ(c.lift, 1);
-    } else if (c.time > 6.55) {
-      EXPECT_EQ(c.lift, 0);
-    }
-    if (c.time < 1.5 || c.time > 6.55) {
-      EXPECT_EQ(c.thrusters(0) + c.thrusters(1), 0) << c.time;
-    }
-    driven += c.thrusters(0) + c.thrusters(1) > 0;
-  }
-  EXPECT_NEAR(driven, 250, 25);  // at 50 Hz
-  EXPECT_NEAR(log.references.size(), 250, 3);
-
-  using State = ControllerLifecycle::State;
-  const std::vector<std::pair<State, double>> expected = {
-      {State::kWaiting, 0.5}, {State::kLifting, 0.5}, {State::kRunning, 1.5}, {State::kDone, 6.5}};
-  ASSERT_EQ(log.stages.size(), expected.size());
-  for (std::size_t i = 0; i < expected.size(); ++i) {
-    EXPECT_EQ(log.stages[i].state, expected[i].first) << i;
-    EXPECT_NEAR(log.stages[i].time, expected[i].second, 0.011) << i;
-  }
-}
-
 TEST(Experiment, TracksACircleWithANoisyMocap) {
   // With delta_1 of (4.10), -0.01 m/s, noise of the velocity makes the craft turn wildly.
   TrackingParams tracking = mvwtCircle();

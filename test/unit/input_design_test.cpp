@@ -339,44 +339,6 @@ TEST(InputFile, ComplaintsNameFileAndLine) {
   EXPECT_THROW(makeDesign(none, 20), std::invalid_argument);
 }
 
-TEST(DesignParams, RefuseBadValues) {
-  const double nan = std::nan("");
-  const auto complaint = [](const std::string& kind, auto change) {
-    DesignParams params = design(kind);
-    change(params);
-    const std::string wrong = params.validate();
-    if (wrong.empty()) return wrong;
-    EXPECT_THROW(makeDesign(params, 20), std::invalid_argument) << wrong;
-    return wrong;
-  };
-  for (const DesignInfo& info : designTable()) EXPECT_EQ(design(info.name).validate(), "");
-  const auto unknown = complaint("prsb", [](auto&) {});
-  EXPECT_EQ(unknown.rfind("no design is named 'prsb'; there are prbs, multilevel-prbs, ", 0), 0u);
-  EXPECT_EQ(unknown.substr(unknown.size() - 6), ", file");
-  for (double bad : {0.0, -15.0, 0.09, 501.0, nan})
-    EXPECT_EQ(complaint("prbs", [&](auto& p) { p.clock = bad; }),
-              "clock must be between 0.1 and 500 Hz");
-  for (double bad : {0.0, 0.01, 101.0, nan})
-    EXPECT_EQ(complaint("steps", [&](auto& p) { p.hold = bad; }),
-              "hold must be between 0.02 and 100 s");
-  for (int bad : {1, 21, -3})
-    EXPECT_EQ(complaint("prbs", [&](auto& p) { p.order = bad; }), "order must be between 2 and 20");
-  EXPECT_EQ(complaint("file", [](auto& p) { p.rows_per_bit = -1; }),
-            "rows_per_bit must be positive, or 0 to find it in the file");
-  using Levels = std::vector<double>;
-  for (const Levels& bad : {Levels{-0.1, 1}, Levels{0, 1.1}, Levels{nan, 1}})
-    EXPECT_EQ(complaint("prbs", [&](auto& p) { p.levels = bad; }),
-              "levels must be between 0 and 1");
-  EXPECT_EQ(complaint("steps", [](auto& p) { p.levels.assign(101, 0.5); }),
-            "at most 100 levels are allowed");
-  for (const char* kind : {"prbs", "differential-prbs", "coast-down", "spin", "multisine", "file"})
-    for (const Levels& bad : {Levels{0.5}, Levels{0, 0.5, 1}, Levels{0.7, 0.3}})
-      EXPECT_EQ(complaint(kind, [&](auto& p) { p.levels = bad; }),
-                std::string(kind) + " takes two levels, LOW and HIGH");
-  for (const char* kind : {"steps", "single-thruster", "multilevel-prbs"})
-    EXPECT_EQ(complaint(kind, [](auto& p) { p.levels = {0.7, 0.3, 0.5}; }), "");
-}
-
 }  // namespace
 }  // namespace ground
 

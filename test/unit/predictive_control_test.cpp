@@ -220,61 +220,6 @@ TEST(TrajectoryOptimizer, CarriesOnWhenTheHeadingWasWrapped) {
   EXPECT_NEAR(costFrom(-2), costFrom(0), 1e-9 * costFrom(0));
 }
 
-TEST(TrajectoryOptimizer, TheCostIsThatOfItsDefinition) {
-  std::mt19937 random(3);
-  std::uniform_real_distribution<double> uniform(0.1, 1);
-  const Model model = craft();
-  for (const bool walls : {false, true}) {
-    const auto plan = std::make_unique<TrajectoryOptimizer>(model, kSteps, kStep);
-    const std::vector<ReferencePoint> points = ahead(0.3);
-    PlanWeights weights;
-    weights.velocity = uniform(random);
-    weights.input = uniform(random);
-    weights.turning = uniform(random);
-    weights.end_position = 20 * uniform(random);
-    weights.end_velocity = 5 * uniform(random);
-    plan->setWeights(weights);
-    if (walls) plan->setWalls(nearWalls());
-    plan->setProblem(0, near(0.5, random), 1, {0.1, -0.2, 0.3}, points);
-    for (auto& input : plan->newInputs()) input = {uniform(random), uniform(random)};
-    const double found = plan->rollOut();
-    double cost = 0, excesses = 0;
-    for (std::size_t k = 0; k < kSteps; ++k) {
-      const State& at = plan->states()[k + 1];
-      const double left = plan->inputs()[k](0), right = plan->inputs()[k](1);
-      const bool last = k + 1 == kSteps;
-      const double c = std::cos(at(2)), si = std::sin(at(2));
-      const Vector2<double> speed(c * at(3) - si * at(4), si * at(3) + c * at(4));
-      cost += (1 + (last ? weights.end_position : 0)) * (at.head<2>() - points[k].p).squaredNorm();
-      cost += (weights.velocity + (last ? weights.end_velocity : 0)) *
-              (speed - points[k].p_dot).squaredNorm();
-      cost += weights.input * (left * left + right * right);
-      cost += weights.turning * std::pow(left - right, 2);
-      if (!walls) continue;
-      Eigen::Matrix<double, 1, 5> unused;
-      const double excess =
-          nearWalls().fence.violation({at.head<3>(), at.segment<3>(3)}, 0.15, unused);
-      cost += 30 * excess * excess;
-      excesses += excess;
-    }
-    EXPECT_EQ(excesses > 0, walls);
-    EXPECT_NEAR(found, kStep * cost, 1e-9 * found);
-    // A plan moves the craft as its model does.
-    InputSequence inputs;
-    for (int k = 0; k < kSteps; ++k)
-      inputs.add(k * kStep, plan->inputs()[static_cast<std::size_t>(k)], 1);
-    plan->setProblem(0, plan->states()[0], 1, {0, 0, 0}, points);
-    plan->rollOut();
-    const Dynamics<double> dynamics(model);
-    const State& begin = plan->states()[0];
-    Simulation<double> simulation(dynamics, inputs, {begin.head<3>(), begin.segment<3>(3)}, 0);
-    simulation.advance(kSteps * kStep);
-    const State& end = plan->states().back();
-    EXPECT_LT((simulation.state().eta - end.head<3>()).norm(), 1e-3);
-    EXPECT_LT((simulation.state().nu - end.segment<3>(3)).norm(), 1e-3);
-  }
-}
-
 TEST(TrajectoryOptimizer, RefusesBadHorizons) {
   EXPECT_THROW(TrajectoryOptimizer(craft(), 0, 0.05), std::invalid_argument);
   EXPECT_THROW(TrajectoryOptimizer(craft(), 10, 0), std::invalid_argument);
@@ -525,17 +470,6 @@ TEST(PredictiveControl, KeepsItsDeadlineWithTheBestPlanSoFar) {
   }
   EXPECT_GT(better, 5);
   EXPECT_EQ(before, unlimited) << "with much time, the deadline changes something";
-}
-
-TEST(PredictiveParams, RefuseBadValues) {
-  EXPECT_EQ(PredictiveParams().validate(), "");
-  PredictiveParams params;
-  params.steps = 1;
-  EXPECT_NE(params.validate(), "");
-  EXPECT_THROW(PredictiveControl(craft(), params), std::invalid_argument);
-  params = {};
-  params.horizon = std::nan("");
-  EXPECT_NE(params.validate(), "");
 }
 
 }  // namespace

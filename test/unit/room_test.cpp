@@ -122,46 +122,6 @@ TEST(Room, ClearanceOfAPathIsItsSmallestClearance) {
   EXPECT_GT(narrower_than_its_ends, 40);
 }
 
-TEST(Room, ValidateGivesTheReason) {
-  const double nan = std::nan(""), inf = std::numeric_limits<double>::infinity();
-  const auto complaint = [](auto change) {
-    Room room = square();
-    change(room);
-    return room.validate();
-  };
-  const std::string corners = "a room needs between 3 and 1000 corners";
-  EXPECT_EQ(complaint([](Room& r) { r.corners.clear(); }), corners);
-  EXPECT_EQ(complaint([](Room& r) { r.corners.resize(2); }), corners);
-  EXPECT_EQ(complaint([](Room& r) { r.corners.resize(1001, {0, 0}); }), corners);
-  const std::string far = "a corner is farther than 10 km away";
-  EXPECT_EQ(complaint([](Room& r) { r.corners[2] = {1.1e4, 0}; }), far);
-  EXPECT_EQ(complaint([&](Room& r) { r.corners[1].y() = nan; }), far);
-  EXPECT_EQ(complaint([&](Room& r) { r.corners[0].x() = inf; }), far);
-  const std::string same = "two neighbouring corners are the same";
-  EXPECT_EQ(complaint([](Room& r) { r.corners[1] = r.corners[0]; }), same);
-  EXPECT_EQ(complaint([](Room& r) { r.corners[3] = r.corners[0]; }), same)
-      << "the last is a neighbour of the first";
-  const std::string cross = "walls cross: list the corners in order";
-  EXPECT_EQ(complaint([](Room& r) { std::swap(r.corners[1], r.corners[2]); }), cross);
-  EXPECT_EQ(complaint([](Room& r) { r.corners.emplace_back(0.5, -2); }), cross)
-      << "a corner touches another wall";
-  EXPECT_EQ(complaint([](Room& r) { r.corners = {{0, 0}, {2, 0}, {2, 2}, {2, -1}}; }), cross)
-      << "a wall that runs back along its neighbour";
-  const std::string margin = "margin must be between 0 and 100 m";
-  for (double bad : {-0.1, 101.0, nan})
-    EXPECT_EQ(complaint([&](Room& r) { r.margin = bad; }), margin);
-  const std::string braking = "braking must be between 0.05 and 50 m/s^2";
-  for (double bad : {0.0, -1.5, 51.0, nan})
-    EXPECT_EQ(complaint([&](Room& r) { r.braking = bad; }), braking);
-  const std::string latency = "latency must be between 0 and 2 s";
-  for (double bad : {-0.1, 2.1, nan})
-    EXPECT_EQ(complaint([&](Room& r) { r.latency = bad; }), latency);
-  const std::string home = "home must be inside, farther than margin from the walls";
-  for (const Point& bad : Points{{3, 0}, {1.9, 0}, {nan, 0}, {0, inf}})
-    EXPECT_EQ(complaint([&](Room& r) { r.home = bad; }), home);
-  EXPECT_EQ(complaint([](Room& r) { r.margin = 2; }), home) << "there is no place for a home";
-}
-
 /// A room file; `lines` replace those that start with the same word, and are added otherwise.
 std::string roomFile(const std::vector<std::string>& lines) {
   std::vector<std::string> text = {"schema: ground/room/1", "name: test",

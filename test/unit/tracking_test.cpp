@@ -263,65 +263,6 @@ TEST(Feasibility, AgreesWithTheMotionOfTheModel) {
   EXPECT_EQ(infeasibility(*makeSpline(times, points), model), "");
 }
 
-/// Largest forward and backward thrust that a line takes, by its own formula [N].
-std::pair<double, double> thrustsAlong(const ReferenceTrajectory& line, const Body<double>& body) {
-  std::pair<double, double> most = {0, 0};
-  for (double t = 0; t < line.extent(); t += line.extent() / 20000) {
-    const ReferencePoint at = line.at(t);
-    const Vector2<double> ahead(0.6, 0.8);
-    const double force = body.m * at.p_ddot.dot(ahead) + body.Y_v * at.p_dot.dot(ahead);
-    most.first = std::max(most.first, force);
-    most.second = std::max(most.second, -force);
-  }
-  return most;
-}
-
-TEST(Feasibility, OfALineDependsOnTheThrustForwardsAndBackwards) {
-  Model pair = tinyWhoover();
-  pair.setValue("X_u", pair.body.Y_v);
-  int forwards = 0, backwards = 0, feasible = 0;
-  for (double back : {0.0, 0.3, 0.6}) {
-    Model model = pair;
-    std::vector<Thruster> thrusters;
-    for (int side : {-1, 1}) {
-      Thruster one;
-      one.name = one.channel = side < 0 ? "left" : "right";
-      one.position = {0, side * pair.body.l};
-      one.least = -back;
-      thrusters.push_back(one);
-    }
-    model.thrusters = std::make_shared<const ThrusterLayout>(thrusters);
-    const double full = 2 * model.body.k * model.body.input_max, reverse = back * full;
-    for (double speed = 0.1; speed < 4; speed *= 1.04) {
-      const ReferencePtr line = makeLine({0, 0}, {1.2, 1.6}, speed, true);
-      const auto [push, brake] = thrustsAlong(*line, model.body);
-      const double over = std::max(push - full, brake - reverse) / full;
-      if (over > 0 && over < 0.03) continue;  // it tolerates 1%
-      const std::string said = infeasibility(*line, model);
-      EXPECT_EQ(said.empty(), over <= 0) << back << ' ' << speed << ' ' << said;
-      feasible += said.empty();
-      double needed = 0, largest = 0;
-      const auto numbers = [&](const char* words, const char* pattern) {
-        const std::size_t at = said.find(words);
-        return at != std::string::npos &&
-               std::sscanf(said.c_str() + at, pattern, &needed, &largest) == 2;
-      };
-      if (numbers("takes a thrust", "takes a thrust of %lf N, but full thrust is %lf N")) {
-        ++forwards;
-        EXPECT_NEAR(needed, push, 0.01 * push) << said;
-        EXPECT_NEAR(largest, full, 0.01 * full) << said;
-      } else if (numbers("backward", "backward thrust of %lf N, but the largest is %lf N")) {
-        ++backwards;
-        EXPECT_NEAR(needed, brake, 0.01 * brake) << said;
-        EXPECT_NEAR(largest, reverse, 0.01 * reverse) << said;
-      }
-    }
-  }
-  EXPECT_GT(feasible, 40);
-  EXPECT_GT(forwards, 5);
-  EXPECT_GT(backwards, 5);
-}
-
 TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
   // The motions have the law's own force, which must be within the bounds of the thrusters: then
   // the law knows the true acceleration.
@@ -423,16 +364,6 @@ TEST(TrackingLaw, TracksTheCircleWithTheTinyWhooverWithinTheThesisBand) {
   EXPECT_NEAR(errors[5], 0.36, 0.06);
   EXPECT_NEAR(errors[50], 0.44, 0.06);
   EXPECT_NEAR(errors[95], 0.52, 0.08);
-}
-
-TEST(TrackingGains, RefuseBadValues) {
-  EXPECT_EQ(TrackingGains().validate(), "");
-  TrackingGains gains;
-  gains.delta_1 = 0;
-  EXPECT_NE(gains.validate(), "");
-  gains = {};
-  gains.k_e = std::nan("");
-  EXPECT_EQ(gains.validate(), "k_e must be between 1e-06 and 100 kg/s, not nan");
 }
 
 TEST(ControllerTable, DefaultsAndSearchedRangesAreInsideTheRanges) {

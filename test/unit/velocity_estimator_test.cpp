@@ -224,28 +224,6 @@ TEST_P(Estimators, ToleratesStampsOfAPoll) {
   EXPECT_LT(worst, kalman() ? 0.6 : 1.0);
 }
 
-TEST(SameMotion, IsWithinNoiseAndTypicalSpeeds) {
-  EstimatorParams params;
-  params.stamp_noise = 2e-3;
-  params.gate = 4;
-  const Vector3<double> from(0.4, -1, 3.1);
-  const double noise[3] = {params.position_noise, params.position_noise, params.heading_noise};
-  const double speeds[3] = {3, 3, 20};
-  for (const double dt : {0.001, 0.02})
-    for (const double times : {1.0, 3.0})
-      for (int i = 0; i < 3; ++i)
-        for (const double side : {-1, 1}) {
-          // The noise of both poses, and the way during the interval between their true times.
-          const double limit = 4 * std::sqrt(2.0) * noise[i] + times * speeds[i] * (dt + 4 * 2e-3);
-          Vector3<double> to = from;
-          to(i) += side * limit * (1 - 1e-9);
-          if (i == 2) to(i) = wrapAngle(to(i));
-          EXPECT_TRUE(sameMotion(from, to, dt, times, params)) << i << ' ' << limit;
-          to(i) += side * 2e-9 * limit;
-          EXPECT_FALSE(sameMotion(from, to, dt, times, params)) << i << ' ' << limit;
-        }
-}
-
 TEST(Smoother, RestartsAfterALongGapAndAfterAJump) {
   std::vector<double> stamps;
   std::vector<Vector3<double>> eta;
