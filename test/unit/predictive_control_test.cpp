@@ -57,8 +57,7 @@ PlanWalls nearWalls() {
 TEST_P(Plans, AreOptimalWithinTheBounds) {
   // The conditions of Karush, Kuhn and Tucker, by finite differences of the cost.
   const Model& model = GetParam().model;
-  const std::unique_ptr<TrajectoryOptimizer> optimizer = std::make_unique<TrajectoryOptimizer>(model, 25, 0.05);
-  TrajectoryOptimizer& plan = *optimizer;
+  TrajectoryOptimizer plan(model, 25, 0.05);
   const ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.8);
   std::vector<ReferencePoint> points;
   for (int k = 1; k <= 25; ++k) points.push_back(circle->at(0.05 * k));

@@ -250,6 +250,20 @@ void require(bool good, const char* message) {
 
 bool turns(double rate) { return std::isfinite(rate) && rate != 0; }
 
+/// Throws if row i of a file of points is out of range or does not follow the one before it.
+void checkRow(const TableFile& table, std::size_t i, bool timed) {
+  const double* const row = table.row(i);
+  const double* const coordinates = row + table.width - 2;
+  if (std::max(std::abs(coordinates[0]), std::abs(coordinates[1])) > kMaxCoordinate ||
+      std::abs(row[0]) > kMaxTime)
+    table.fail(i, "x and y must lie within 10 km, and times within 1e7 s");
+  if (i == 0) return;
+  const double* const before = table.row(i - 1);
+  if (timed && row[0] <= before[0]) table.fail(i, "times must ascend");
+  if (!timed && std::equal(row, row + table.width, before))
+    table.fail(i, "the point is the same as the one before");
+}
+
 }  // namespace
 
 std::vector<double> checkTimes(const ReferenceTrajectory& reference, double extents) {
@@ -323,21 +337,16 @@ ReferencePtr readReference(const std::string& path, const Vector2<double>& origi
   if (!timed && table.header != "x,y")
     throw std::runtime_error(path + ", line 1: the columns must be time,x,y or x,y, not '" +
                              shortened(table.header) + "'");
+  if (table.size() < 2)
+    throw std::runtime_error(path + ", line 1: at least two points must follow");
   std::vector<double> times;
   std::vector<Vector2<double>> points;
   for (std::size_t i = 0; i < table.size(); ++i) {
+    checkRow(table, i, timed);
     const double* const row = table.row(i);
-    const Vector2<double> point(row[table.width - 2], row[table.width - 1]);
-    if (point.cwiseAbs().maxCoeff() > kMaxCoordinate || std::abs(row[0]) > kMaxTime)
-      table.fail(i, "x and y must lie within 10 km, and times within 1e7 s");
-    if (timed && i > 0 && row[0] <= table.row(i - 1)[0]) table.fail(i, "times must ascend");
-    if (!timed && i > 0 && points.back() == origin + point)
-      table.fail(i, "the point is the same as the one before");
     if (timed) times.push_back(row[0] - table.row(0)[0]);
-    points.push_back(origin + point);
+    points.push_back(origin + Vector2<double>(row[table.width - 2], row[table.width - 1]));
   }
-  if (points.size() < 2)
-    throw std::runtime_error(path + ", line 1: at least two points must follow");
   return timed ? makeSpline(times, points) : makeWaypoints(points, speed, smooth);
 }
 

@@ -33,8 +33,8 @@ namespace ground {
 /// Parameters: real_time (false: ordinary priority; see wantsRealTime), auto_start (false),
 /// require_armed (true: wait for the sender), require_state (true; false only on a bench, where the
 /// craft is fastened), room (file of the room in which the craft is kept; empty: that of the sender,
-/// if it has one). They cannot be changed at run time. Subscribes: state, sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in
-/// their own thread.
+/// if it has one). They cannot be changed at run time. Subscribes: state, sender/status, controls.
+/// Publishes: controls, ~status (latched). Services: ~start, ~stop, in their own thread.
 class Controller : public nodelet::Nodelet {
  public:
   ~Controller() override;
