@@ -313,7 +313,7 @@ TEST(InputFile, ComplaintsNameFileAndLine) {
       {"time,left,right\n0,0,0\n3601,0,0\n", ", line 3: ", "inputs may last 3600 s"},
       {"time,left,right\n", ": ", "only 0 rows"},
       {"time,left,right\n0,0,0\n", ": ", "only 1 rows"},
-      {"1,0\n1,2\n", ", line 2: ", "LEFT,RIGHT with -1, 0 or 1 each"},
+      {"1,0\n1,2\n", ", line 2: ", "'1,2' is not LEFT,RIGHT with -1, 0 or 1 each"},
       {"left,right\n1,0\n", ", line 1: ", "the columns are left,right, not time,left,right or"},
   };
   for (const auto& bad : cases) {

@@ -76,9 +76,12 @@ PrbsFile bitsOf(const TableFile& table, int rows_per_bit) {
   PrbsBits rows(table.size());
   for (std::size_t i = 0; i < rows.size(); ++i) {
     const double* const row = table.row(i);
-    if (table.width != 2 ||
-        !std::all_of(row, row + 2, [](double x) { return x == -1 || x == 0 || x == 1; }))
-      table.fail(i, "it needs LEFT,RIGHT with -1, 0 or 1 each");
+    const auto isBit = [](double x) { return x == -1 || x == 0 || x == 1; };
+    if (table.width != 2 || !std::all_of(row, row + 2, isBit)) {
+      std::ostringstream text;
+      for (std::size_t j = 0; j < table.width; ++j) text << (j > 0 ? "," : "") << row[j];
+      table.fail(i, "'" + text.str() + "' is not LEFT,RIGHT with -1, 0 or 1 each");
+    }
     rows[i] = {row[0] == 1, row[1] == 1};
   }
   if (rows_per_bit == 0) rows_per_bit = rowsPerBit(rows);

@@ -24,7 +24,8 @@ double numberIn(const std::string& cell) {
   if (cell.find_first_not_of("+-.0123456789eE \t\r") != std::string::npos) return kNan;
   char* end = nullptr;
   const double value = std::strtod(cell.c_str(), &end);
-  const bool whole = end != cell.c_str() && std::all_of(end, end + std::string(end).size(), isBlank);
+  const auto used = static_cast<std::size_t>(end - cell.c_str());
+  const bool whole = used > 0 && cell.find_first_not_of(" \t\r", used) == std::string::npos;
   return whole ? value : kNan;
 }
 
@@ -57,7 +58,7 @@ TableFile readTable(const std::string& path, std::size_t most_rows) {
     table.lines.push_back(number);
     const std::size_t last = table.lines.size() - 1;
     if (count == 0 && number > 1)
-      table.fail(last, "'" + shortened(line) + "' is not all numbers");
+      table.fail(last, "'" + shortened(line) + "' is not all numbers, or one is not finite");
     if (number == 1) {
       table.width = count;
       if (count > 0) continue;
