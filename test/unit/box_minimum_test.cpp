@@ -57,11 +57,11 @@ int boundsOfRandomProblems(int size, int problems) {
     }
     // Equations of the free elements.
     const Eigen::MatrixXd sides =
-        Eigen::MatrixXd::NullaryExpr(size, 3, [] { return uniform(-1, 1); });
+        Eigen::MatrixXd::NullaryExpr(3, size, [] { return uniform(-1, 1); });
     Eigen::MatrixXd wanted = sides;
     for (int i = 0; i < size; ++i)
-      if (!box.free()(i)) wanted.row(i).setZero();
-    wanted = inside.inverse() * wanted;
+      if (!box.free()(i)) wanted.col(i).setZero();
+    wanted = wanted * inside.inverse();
     EXPECT_LT((box.solveFree(sides) - wanted).norm(), 1e-8 * (1 + wanted.norm()));
   }
   return at_bounds;

@@ -3,12 +3,17 @@
 #include <cmath>
 
 namespace ground {
+namespace {
+
+using Row = Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, kMaxThrusters>;
+
+}  // namespace
 
 bool BoxMinimum::solve(const Square& H, const PerThruster& g, const PerThruster& low,
                        const PerThruster& high) {
   if (!factor(H)) return false;
   unbounded_ = -g;
-  solveFactored(unbounded_);
+  solveFactored(unbounded_.transpose());
   minimum_ = unbounded_.cwiseMax(low).cwiseMin(high);
   free_ = (unbounded_.array() >= low.array() && unbounded_.array() <= high.array()).matrix();
   if (free_.all()) return true;
@@ -49,7 +54,7 @@ bool BoxMinimum::moveFree(const Square& H, const PerThruster& g, const PerThrust
                           const PerThruster& high) {
   factorFree(H);
   const PerThruster slope = g + H * minimum_;
-  const PerThruster step = -solveFree(slope);
+  const PerThruster step = -solveFree(Row(slope.transpose())).transpose();
   double length = 1;
   Eigen::Index first = -1;
   for (Eigen::Index i = 0; i < step.size(); ++i) {

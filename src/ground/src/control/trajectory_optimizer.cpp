@@ -23,13 +23,12 @@ constexpr double kNoLimit = std::numeric_limits<double>::infinity();
 constexpr double kSmallForce = 0.05;  // relative force at which flat force curves are linearised
 
 /// A B, column by column: the compiler then uses wide registers, which it does not for Eigen's product.
-template <int kRows, int kInner, int kColumns>
-Eigen::Matrix<double, kRows, kColumns> times(const Eigen::Matrix<double, kRows, kInner>& A,
-                                             const Eigen::Matrix<double, kInner, kColumns>& B) {
-  Eigen::Matrix<double, kRows, kColumns> product;
-  for (int j = 0; j < kColumns; ++j) {
+template <int kSize, class Columns>
+Columns times(const Eigen::Matrix<double, kSize, kSize>& A, const Columns& B) {
+  Columns product(kSize, B.cols());
+  for (Eigen::Index j = 0; j < B.cols(); ++j) {
     product.col(j) = B(0, j) * A.col(0);
-    for (int k = 1; k < kInner; ++k) product.col(j) += B(k, j) * A.col(k);
+    for (int k = 1; k < kSize; ++k) product.col(j) += B(k, j) * A.col(k);
   }
   return product;
 }
@@ -79,7 +78,7 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
   plan_.states.assign(number + 1, State::Zero());
   tried_ = plan_;
   stages_.assign(number, {Square::Identity(), StatesByInputs::Zero(kStates, inputs),
-                          PerThruster::Zero(inputs), InputsByStates::Zero(inputs, kStates)});
+                          PerThruster::Zero(inputs), StatesByInputs::Zero(kStates, inputs)});
   // Without a dependence on the pose, the derivatives by it are known.
   for (int i = dynamics_.usesPose() ? 0 : 3; i < count_; ++i) variables_.push_back(i);
   for (int i = 0; i < inputs; ++i) variables_.push_back(kStates + i);
@@ -242,40 +241,41 @@ void TrajectoryOptimizer::linearize(std::size_t i) {
 /// quadratic problem has no minimum.
 template <int kSize>
 bool TrajectoryOptimizer::backwardPass() {
-  using ByInputs = BoxMinimum::Square;
-  using ByStates = Eigen::Matrix<double, Eigen::Dynamic, kSize, 0, kMaxThrusters, kSize>;
+  using Vector = Eigen::Matrix<double, kSize, 1>;
+  using States = Eigen::Matrix<double, kSize, kSize>;
+  using ByInputs = Eigen::Matrix<double, kSize, Eigen::Dynamic, 0, kSize, kMaxThrusters>;
   const double scale = 1 / (input_max_ * input_max_);
-  Eigen::Matrix<double, kSize, 1> Vx = Eigen::Matrix<double, kSize, 1>::Zero();
-  Eigen::Matrix<double, kSize, kSize> Vxx = Eigen::Matrix<double, kSize, kSize>::Zero();
-  ByInputs luu = weights_.turning * levers_ * levers_.transpose();
+  Vector Vx = Vector::Zero();
+  States Vxx = States::Zero();
+  BoxMinimum::Square luu = weights_.turning * levers_ * levers_.transpose();
   luu.diagonal().array() += weights_.input;
   luu *= 2 * step_ * scale;
   for (std::size_t i = stages_.size(); i-- > 0;) {
     Stage& stage = stages_[i];
-    const Eigen::Matrix<double, kSize, kSize> fx = stage.fx.topLeftCorner<kSize, kSize>();
-    const ByStates fuT = stage.fu.topRows<kSize>().transpose();
+    const States fx = stage.fx.topLeftCorner<kSize, kSize>(), fxT = fx.transpose();
+    const ByInputs fu = stage.fu.topRows<kSize>();
     const PerThruster u = asVector(plan_.inputs[i]);
     const CostDerivatives cost = stateCostDerivatives(i);
     Vx.template head<5>() += cost.gradient;
     Vxx.template topLeftCorner<5, 5>() += cost.curvature;
-    // (5)
-    const ByStates fuT_Vxx = fuT * Vxx;
-    const PerThruster Qu = luu * u + fuT * Vx;
-    const ByInputs Quu = luu + fuT_Vxx * fuT.transpose();
-    const ByStates Qux = fuT_Vxx * fx;
-    const Eigen::Matrix<double, kSize, kSize> fxT = fx.transpose();
-    ByInputs damped = Quu;
+    // (5); Qxu is Qux transposed
+    const ByInputs Vxx_fu = times(Vxx, fu);
+    const PerThruster Qu = luu * u + fu.transpose() * Vx;
+    const BoxMinimum::Square Quu = luu + fu.transpose().lazyProduct(Vxx_fu);
+    const ByInputs Qxu = times(fxT, Vxx_fu);
+    BoxMinimum::Square damped = Quu;
     damped.diagonal().array() += damping_ * scale;
     if (!box_.solve(damped, Qu, low_ - u, high_ - u)) return false;
     const PerThruster& k = stage.k = box_.minimum();
-    const ByStates K = -box_.solveFree(Qux);
-    stage.K.leftCols<kSize>() = K;
+    const ByInputs KT = -box_.solveFree(Qxu);
+    stage.K.topRows<kSize>() = KT;
     if (i == 0) asVector(unbounded_) = u + box_.unbounded();
     // (6), with the damping in k and K only
-    const PerThruster Quu_k_Qu = Quu * k + Qu;
-    const ByStates Quu_K_Qux = Quu * K + Qux;
-    Vx = (times(fxT, Vx) + K.transpose() * Quu_k_Qu + Qux.transpose() * k).eval();
-    Vxx = times(fxT, times(Vxx, fx)) + K.transpose() * Quu_K_Qux + Qux.transpose() * K;
+    Vx = (times(fxT, Vx) + KT * (Quu * k + Qu) + Qxu * k).eval();
+    Vxx = times(fxT, times(Vxx, fx));
+    const ByInputs KT_Quu_Qxu = KT.lazyProduct(Quu) + Qxu;
+    for (Eigen::Index j = 0; j < KT.cols(); ++j)
+      Vxx += KT_Quu_Qxu.col(j) * KT.col(j).transpose() + KT.col(j) * Qxu.col(j).transpose();
   }
   return true;
 }
@@ -286,7 +286,7 @@ Thrusters<double> TrajectoryOptimizer::withFeedback(std::size_t i, double length
                                                     const State& state) const {
   const Stage& stage = stages_[i];
   PerThruster u = asVector(plan_.inputs[i]) + length * stage.k;
-  u += stage.K * (state - plan_.states[i]);
+  u += stage.K.transpose() * (state - plan_.states[i]);
   return u.cwiseMax(low_).cwiseMin(high_).eval();
 }
 

@@ -28,27 +28,27 @@ class BoxMinimum {
   const PerThruster& unbounded() const { return unbounded_; }
   /// Which elements of the minimum are not at a bound.
   const Flags& free() const { return free_; }
-  /// Solves H_ff x_f = g_f for the free elements f and each column of g; the others are zero.
-  template <class Columns>
-  Columns solveFree(Columns g) const {
+  /// Solves X_f H_ff = G_f for the free elements f, each row of G by itself; the others are zero.
+  template <class Rows>
+  Rows solveFree(Rows G) const {
     for (Eigen::Index i = 0; i < free_.size(); ++i)
-      if (!free_(i)) g.row(i).setZero();
-    solveFactored(g);
-    return g;
+      if (!free_(i)) G.col(i).setZero();
+    solveFactored(G);
+    return G;
   }
 
  private:
   bool factor(const Square& H);
-  /// Solves L L' x = g in place. Eigen's LLT takes several times as long for so few elements.
-  template <class Columns>
-  void solveFactored(Columns& g) const {
-    for (Eigen::Index i = 0; i < g.rows(); ++i) {
-      for (Eigen::Index j = 0; j < i; ++j) g.row(i) -= L_(i, j) * g.row(j);
-      g.row(i) /= L_(i, i);
+  /// Solves X L L' = G in place. Eigen's LLT takes several times as long for so few elements.
+  template <class Rows>
+  void solveFactored(Rows&& G) const {
+    for (Eigen::Index i = 0; i < G.cols(); ++i) {
+      for (Eigen::Index j = 0; j < i; ++j) G.col(i) -= L_(i, j) * G.col(j);
+      G.col(i) /= L_(i, i);
     }
-    for (Eigen::Index i = g.rows() - 1; i >= 0; --i) {
-      for (Eigen::Index j = i + 1; j < g.rows(); ++j) g.row(i) -= L_(j, i) * g.row(j);
-      g.row(i) /= L_(i, i);
+    for (Eigen::Index i = G.cols() - 1; i >= 0; --i) {
+      for (Eigen::Index j = i + 1; j < G.cols(); ++j) G.col(i) -= L_(j, i) * G.col(j);
+      G.col(i) /= L_(i, i);
     }
   }
   void factorFree(const Square& H);

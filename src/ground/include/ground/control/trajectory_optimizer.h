@@ -84,7 +84,6 @@ class TrajectoryOptimizer {
  private:
   using Square = Eigen::Matrix<double, kStates, kStates>;
   using StatesByInputs = Eigen::Matrix<double, kStates, Eigen::Dynamic, 0, kStates, kMaxThrusters>;
-  using InputsByStates = Eigen::Matrix<double, Eigen::Dynamic, kStates, 0, kMaxThrusters, kStates>;
 
   struct Trajectory {
     std::vector<Thrusters<double>> inputs;
@@ -95,7 +94,7 @@ class TrajectoryOptimizer {
     Square fx;
     StatesByInputs fu;
     PerThruster k;
-    InputsByStates K;
+    StatesByInputs K;  ///< transposed
   };
   /// Derivatives of a state's cost by x, y, psi, u and v, on which it depends.
   struct CostDerivatives {
