@@ -2,6 +2,7 @@
 #include "ground/control/excitation_pilot.h"
 
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <cmath>
