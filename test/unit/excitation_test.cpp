@@ -2,7 +2,6 @@
 #include "ground/control/excitation_pilot.h"
 
 #include <gtest/gtest.h>
-#include <sys/resource.h>
 
 #include <algorithm>
 #include <cmath>
@@ -229,23 +228,6 @@ TEST(Excitation, WithoutARoomItIsTheOpenLoopSignal) {
     moved = std::max(moved, a.eta.head<2>().norm());
   }
   EXPECT_GT(moved, 1) << "the craft moves";
-}
-
-/// Excites with long rows, which the returns cut off, until none is left. Exits with 0 if it ended
-/// as done, 1 if not, 2 if memory ran out.
-[[noreturn]] void exciteUntilRowsEnd(const std::string& kind) {
-  const rlimit memory{1000000000u, 1000000000u}, time{10, 10};  // [bytes], [s]
-  setrlimit(RLIMIT_AS, &memory);
-  setrlimit(RLIMIT_CPU, &time);
-  ExcitationParams params = inRoom(square(), 1);
-  params.design.kind = kind;
-  params.design.hold = 1;
-  try {
-    const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(1));
-    std::_Exit(log.stages.back().state == Stage::kDone ? 0 : 1);
-  } catch (const std::bad_alloc&) {
-    std::_Exit(2);
-  }
 }
 
 TEST(Excitation, EndsWithTheRowsOfAFileAndPlaysItsLift) {

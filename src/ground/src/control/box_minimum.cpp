@@ -28,10 +28,13 @@ bool BoxMinimum::solve(const Square& H, const PerThruster& g, const PerThruster&
 /// Cholesky factorisation of H; returns false if H is not positive definite.
 bool BoxMinimum::factor(const Square& H) {
   L_ = H;
-  for (Eigen::Index j = 0; j < H.cols(); ++j) {
-    for (Eigen::Index k = 0; k < j; ++k) L_.col(j) -= L_(j, k) * L_.col(k);
+  const Eigen::Index n = H.cols();
+  for (Eigen::Index j = 0; j < n; ++j) {
+    for (Eigen::Index k = 0; k < j; ++k)
+      for (Eigen::Index i = j; i < n; ++i) L_(i, j) -= L_(j, k) * L_(i, k);
     if (!(L_(j, j) > 0)) return false;
-    L_.col(j) /= std::sqrt(L_(j, j));
+    const double root = std::sqrt(L_(j, j));
+    for (Eigen::Index i = j; i < n; ++i) L_(i, j) /= root;
   }
   return true;
 }
