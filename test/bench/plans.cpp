@@ -67,7 +67,7 @@ double excess(TrajectoryOptimizer& optimizer, const TrajectoryOptimizer& plan) {
 void fly(const Model& model, const ReferencePtr& reference, double seconds, Decisions& seen) {
   PredictiveControl control(model, {});
   const PredictiveParams params;
-  const auto best = TrajectoryOptimizer::make(model, params.steps, params.horizon / params.steps);
+  const auto best = std::make_unique<TrajectoryOptimizer>(model, params.steps, params.horizon / params.steps);
   Flight flight(model, reference);
   for (int i = 0; i < seconds / kPeriod; ++i) {
     const double t = i * kPeriod;

@@ -3,15 +3,14 @@
 
 import os
 import sys
-import time
 
 import rospy
 import rostest
-from ground_msgs.msg import ControllerStatus, SenderStatus
+from ground_msgs.msg import ControllerStatus
 from std_srvs.srv import Trigger
 
 import harness
-from sender_rig import NODELET, ZERO, SenderTest, kill, refusal, wait_for
+from sender_rig import NODELET, ZERO, SenderTest, refusal, wait_for
 
 CFG = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "cfg")
 MODEL = os.path.join(CFG, "hovercraft", "tiny_whoover.yaml")
@@ -100,37 +99,6 @@ class Bench(SenderTest):
         print("edges off by at most %.1f ms" % (1e3 * max(map(abs, late))))
         self.assertLess(sorted(map(abs, late))[len(late) // 2], 0.005)
         self.assertLess(max(map(abs, late)), 0.1)
-
-    def test_a_killed_controller(self):
-        controller = self.bench()
-        self.run_until(LEFT[1])
-        start = kill(controller)
-        self.assert_zero_within_limit(self.hovercraft, start, "killed controller on the bench")
-        self.feed.take_controls()
-        self.assert_fault("commands are stale")
-
-    def test_disarm_and_stop(self):
-        self.bench()
-        self.run_until(LEFT[1])
-        start = time.time()
-        self.assertTrue(self.arm(False).success)
-        self.assert_zero_within_limit(self.hovercraft, start, "disarmed on the bench")
-        self.wait_controller(ControllerStatus.STOPPED, "a stopped controller")
-        self.run_until(LEFT[1])
-        start = time.time()
-        rospy.ServiceProxy("controller/stop", Trigger)()
-        self.assert_zero_within_limit(self.hovercraft, start, "stopped on the bench")
-
-    def test_a_craft_that_falls_silent(self):
-        self.bench(craft_timeout=0.3)
-        self.run_until(LEFT[1])
-        start = time.time()
-        self.speaking.stop()
-        self.assert_zero_within_limit(
-            self.hovercraft, start + 0.3, "a craft on the bench falls silent"
-        )
-        self.wait_status(lambda s: s.state == SenderStatus.FAULT, "FAULT")
-        self.assertIn("fallen silent", self.status.reason)
 
     def test_a_controller_that_needs_the_state_is_refused(self):
         self.start(bench="true")

@@ -38,15 +38,7 @@ class ControllerCase(unittest.TestCase):
     def expect(self, state, timeout=3):
         harness.wait_for(lambda: self.status.message.state == state, timeout, "status %d" % state)
 
-    def zero(self):
-        c = self.controls.message
-        return (c.left, c.right, c.lift) == (0, 0, 0)
-
     def run_it(self):
         self.assertTrue(self.start().success)
         self.expect(S.RUNNING)
 
-    def expect_stop(self, reason):
-        self.expect(S.STOPPED)
-        self.assertIn(reason, self.status.message.reason)
-        harness.wait_for(self.zero, 0.2, "zero inputs")

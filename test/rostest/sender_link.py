@@ -11,7 +11,7 @@ import rostest
 from ground_msgs.msg import SenderStatus, Telemetry
 
 from fake_craft import STATE, encode_state
-from sender_rig import DRIVE, ZERO, SenderTest, refusal, spawn_controller, wait_for
+from sender_rig import DRIVE, ZERO, SenderTest, refusal, wait_for
 
 SHARE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 ROOM = os.path.join(SHARE, "cfg", "room", "room_4x4.yaml")
@@ -62,16 +62,6 @@ class SenderLink(SenderTest):
             self.assertEqual(intruder.count(), 0)
             self.assertEqual(self.status.peer, "127.0.0.1:%d" % craft.port)
 
-    def test_fixed_peer(self):
-        craft = self.craft(hello=False)
-        self.start(peer="127.0.0.1:%d" % craft.port)
-        craft.wait_packets(2)
-        intruder = self.craft(hello=False)
-        intruder.send()
-        self.wait_status(lambda s: s.foreign == 1, "foreign")
-        self.arm_and_drive(craft)
-        self.assertEqual(intruder.count(), 0)
-
     def test_a_craft_that_would_leave_the_room_is_stopped(self):
         self.start(room=ROOM)
         craft = self.craft()
@@ -90,19 +80,6 @@ class SenderLink(SenderTest):
         self.assertIn("0.20 m outside of the room", self.arm().message)
         self.feed.set(eta=(1.9, 0.0, 0.0))
         wait_for(lambda: self.arm().success, "arming inside")
-
-    def test_two_controllers(self):
-        self.start()
-        craft = self.craft()
-        self.arm_and_drive(craft)
-        spawn_controller(self, (1.0, 1.0, 0.5))
-        self.wait_status(lambda s: s.refused > 10, "refused")
-        self.assertEqual(self.status.state, SenderStatus.ARMED)
-        self.assertTrue(self.arm(False).success)
-        self.feed.set(command=ZERO)
-        self.assertIn("2 nodes publish", self.arm().message)
-        packets = {p[1:] for p in craft.packets}
-        self.assertEqual(packets, {ZERO, DRIVE})  # none from the second controller
 
     def test_reconfigure(self):
         self.start()

@@ -157,8 +157,8 @@ TEST(Allocation, GivesThePairTheInputsOfTheThesis) {
         Vector2<double>(force + torque / body.l, force - torque / body.l) / (2 * body.k);
     const Allocation::Output out = allocation.run({force, 0, torque});
     for (int j = 0; j < 2; ++j) {
-      ASSERT_EQ(out.wanted(j), wanted(j));
-      ASSERT_EQ(out.inputs(j), std::clamp(wanted(j), 0.0, body.input_max));
+      ASSERT_NEAR(out.wanted(j), wanted(j), 1e-8 * std::abs(wanted(j)));
+      ASSERT_NEAR(out.inputs(j), std::clamp(wanted(j), 0.0, body.input_max), 1e-8);
     }
   }
 }
@@ -204,26 +204,6 @@ TEST(Allocation, SaysWhatItWantedOnlyIfItCannotGiveIt) {
   const Allocation::Output heavy = allocation.run({10, 0, 0});
   EXPECT_NEAR(heavy.wrench.x(), 1, 1e-6) << "two jets of 0.5 N push forward";
   EXPECT_GT(*std::max_element(heavy.wanted.begin(), heavy.wanted.end()), 1);
-}
-
-TEST(Allocation, FindsFullThrustAndFullMoment) {
-  const Model table = loadModel("cfg/craft/air_table.yaml");
-  const Allocation allocation(*table.thrusters, table.body);
-  EXPECT_NEAR(allocation.most({0, 1, 0}).wrench.y(), 1, 1e-6);
-  EXPECT_NEAR(allocation.most({0, 0, -1}).wrench.z(), -4 * 0.5 * 0.15, 1e-6);
-  EXPECT_NEAR(allocation.most({0, 0, -1}).wrench.head<2>().norm(), 0, 1e-6);
-}
-
-TEST(Allocation, IsTheSameEveryTime) {
-  const Craft craft = someCraft(8);
-  const Allocation one(craft.layout, craft.body), other(craft.layout, craft.body);
-  for (int i = 0; i < 100; ++i) {
-    const Vector3<double> demand(uniform(-3, 3), uniform(-3, 3), uniform(-1, 1));
-    const Thrusters<double> first = one.run(demand).inputs;
-    one.run({uniform(-3, 3), 0, 0});
-    const Thrusters<double> second = other.run(demand).inputs;
-    for (int j = 0; j < 8; ++j) ASSERT_EQ(first(j), second(j));
-  }
 }
 
 TEST(InputFor, InvertsForceCurves) {

@@ -149,13 +149,6 @@ TEST(PredictiveControlOfAnyThrusters, UsesThrustersWhoseForceCurveIsFlatAtZero) 
   }
 }
 
-TEST(PredictiveControlOfAnyThrusters, IsThatOfThePairForAListedPair) {
-  const Model pair = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  PredictiveControl one(pair, {}), other(listed(), {});
-  const ReferencePtr circle = makeCircle({0, 0}, 1, 0.5);
-  EXPECT_NEAR(errorOf(pair, one, *circle, 10, 5), errorOf(listed(), other, *circle, 10, 5), 1e-6);
-}
-
 struct Planned {
   std::string name;
   Model model;
@@ -167,7 +160,7 @@ class PlansOfAnyThrusters : public testing::TestWithParam<Planned> {};
 TEST_P(PlansOfAnyThrusters, AreOptimalWithinTheBounds) {
   // The conditions of Karush, Kuhn and Tucker, by finite differences of the cost.
   const Model& model = GetParam().model;
-  const std::unique_ptr<TrajectoryOptimizer> plan = TrajectoryOptimizer::make(model, 20, 0.1);
+  const std::unique_ptr<TrajectoryOptimizer> plan = std::make_unique<TrajectoryOptimizer>(model, 20, 0.1);
   const ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.3);
   std::vector<ReferencePoint> points;
   for (int k = 1; k <= 20; ++k) points.push_back(circle->at(0.1 * k));
@@ -248,45 +241,8 @@ TEST(ObedienceOfAnyThrusters, NoticesACraftThatDoesNotFollow) {
   }
 }
 
-TEST(ExperimentsOfAnyThrusters, ALossOfTheStateTurnsEveryThrusterOff) {
-  TrackingParams tracking;
-  tracking.reference.kind = "circle";
-  tracking.reference.size = 0.5;
-  tracking.reference.rate_of_turn = 0.3;
-  tracking.controller.kind = "ModelPredictive";
-  tracking.duration = 10;
-  tracking.estimate = false;  // the first state after a loss is valid
-  tracking.life.recovery_time = 3;
-  ExperimentParams place;
-  place.initial.eta << 0.5, 0, M_PI / 2;
-  place.mocap.gap_rate = 0.5;
-  place.mocap.gap_length = 0.35;
-  const Model model = four();
-  const ExperimentLog log = trackReference(model, model, tracking, place);
-  EXPECT_EQ(log.stopped, "");
-  int losses = 0;
-  for (std::size_t i = 0; i + 1 < log.stages.size(); ++i) {
-    if (log.stages[i].state != ControllerLifecycle::State::kRecovering) continue;
-    ++losses;
-    for (const auto& command : log.commands) {
-      EXPECT_EQ(command.thrusters.size(), 4);
-      if (command.time < log.stages[i].time || command.time >= log.stages[i + 1].time) continue;
-      EXPECT_EQ(asVector(command.thrusters).norm(), 0) << command.time;
-      EXPECT_EQ(command.lift, 1) << command.time;
-    }
-  }
-  EXPECT_GT(losses, 1);
-}
-
-TEST(ExperimentsOfAnyThrusters, RefuseAControllerOfAnotherCraft) {
-  TrackingParams tracking;
-  EXPECT_THROW(trackReference(table(), four(), tracking, {}), std::invalid_argument);
-  tracking.controller.kind = "OpenLoopPRBS";
-  EXPECT_THROW(trackReference(table(), table(), tracking, {}), std::invalid_argument);
-}
-
 TEST(ExcitationOfAnyThrusters, StaysInsideARoom) {
-  const RoomPlan room = loadRoomPlan("cfg/room/room_4x4.yaml");
+  const Room room = loadRoom("cfg/room/room_4x4.yaml");
   for (const Model& model : {four(), table()}) {
     ExcitationParams params;
     params.duration = 60;
@@ -299,14 +255,6 @@ TEST(ExcitationOfAnyThrusters, StaysInsideARoom) {
     for (const auto& command : log.commands)
       ASSERT_EQ(command.thrusters.size(), model.thrusters->size());
   }
-}
-
-TEST(ExcitationOfAnyThrusters, RefusesReturnsByAnotherCraft) {
-  ExcitationPilot pilot([] { return 0.0; }, [](const auto&) {}, [](const auto&) {});
-  DesignParams design;
-  design.thrusters = table().thrusters;
-  EXPECT_THROW(pilot.playInside(makeDesign(design, 1), 1, four(), ReturnParams()),
-               std::invalid_argument);
 }
 
 }  // namespace

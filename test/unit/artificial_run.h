@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "ground/control/prbs.h"
+#include "ground/control/input_design.h"
 #include "ground/identification/simulation_error.h"
 #include "ground/model/model_file.h"
 
@@ -33,11 +33,11 @@ inline RunData record(const Model& model, double duration, double epsilon, unsig
   PrbsParams params;
   params.clock = 20;
   params.duration = duration;
-  const PrbsSignal prbs(makePrbs(9, seed), params);
+  const InputSignal prbs = playBits({makePrbs(9, seed), 1}, params);
   RunData run;
   run.name = "artificial";
   for (double t = 0; t < duration; t = prbs.nextChange(t))
-    run.inputs.add(t, prbs.at(t).x(), prbs.at(t).y(), 1);
+    run.inputs.add(t, prbs.at(t).thrusters, 1);
   const Dynamics<double> dynamics(model);
   Simulation<double> simulation(dynamics, run.inputs, {}, 0);
   const int samples = static_cast<int>(duration * 100) + 1;

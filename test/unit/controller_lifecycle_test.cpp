@@ -139,20 +139,6 @@ TEST_F(Lifecycle, ClosedLoopsDecideAtTheirRateAndUseTheLastStateDuringALoss) {
   EXPECT_EQ(pilot.updates.back(), pilot.updates[before]) << "the time of the last state";
 }
 
-TEST_F(Lifecycle, OpenLoopsChangeTheirInputsOnTime) {
-  pilot.bit = 0.1;
-  drive();
-  const double since = stages.back().first;
-  sent.clear();
-  pass(2);
-  for (double edge = 0.6; edge < 2.4; edge += 0.1) {
-    const auto at = std::find_if(sent.begin(), sent.end(), [&](const Sent& s) {
-      return std::abs(s.time - since - edge) < 1e-9;
-    });
-    EXPECT_NE(at, sent.end()) << edge;
-  }
-}
-
 TEST_F(Lifecycle, ALostStateEndsTheThrustAtOnceAndTheLiftAfterTheRecoveryTime) {
   drive();
   pass(0.5, false);
@@ -169,46 +155,8 @@ TEST_F(Lifecycle, ALostStateEndsTheThrustAtOnceAndTheLiftAfterTheRecoveryTime) {
   EXPECT_NEAR(stages.back().first, lost + params.state_timeout + params.recovery_time, kFrame);
 }
 
-TEST_F(Lifecycle, LiftingContinuesDuringAShortLossAndDrivingNeedsAState) {
-  life.start(now());
-  pass(0.5);
-  pass(0.6, false);
-  EXPECT_EQ(life.current(), State::kLifting) << life.reason();
-  EXPECT_EQ(sent.back().inputs.lift, params.lift);
-  pass(0.02);
-  EXPECT_EQ(life.current(), State::kRunning) << "lift_time ended while the state was lost";
-  life.stop(now(), "by hand");
-  life.start(now());
-  pass(0.1);
-  pass(0.8, false);
-  expectStopped("the state is stale");
-}
-
-TEST_F(Lifecycle, APilotMayChangeBetweenOpenAndClosedLoop) {
-  pilot.bit = 0.1;
-  drive();
-  pass(0.2);
-  pilot.bit = 0;
-  pilot.updates.clear();
-  pass(1);
-  EXPECT_NEAR(static_cast<double>(pilot.updates.size()), params.rate, 3);
-  pilot.bit = 0.1;
-  pass(0.3);
-  sent.clear();
-  pass(1);
-  const double since = std::find_if(stages.begin(), stages.end(), [](const auto& stage) {
-                         return stage.second == State::kRunning;
-                       })->first;
-  int edges = 0;
-  for (const Sent& s : sent) {
-    const double bits = (s.time - since) / pilot.bit;
-    edges += std::abs(bits - std::round(bits)) < 1e-9;
-  }
-  EXPECT_GE(edges, 9);
-}
-
 TEST_F(Lifecycle, TheFenceStopsItBeforeAWall) {
-  RoomPlan room;
+  Room room;
   room.margin = 0.2;
   room.braking = 1;
   room.latency = 0.1;
@@ -225,57 +173,6 @@ TEST_F(Lifecycle, TheFenceStopsItBeforeAWall) {
   EXPECT_NEAR(x, 2 - 0.2 - 0.6, 0.03);
   EXPECT_EQ(life.current(), State::kStopped);
   EXPECT_NE(life.reason().find("from a wall of the room"), std::string::npos) << life.reason();
-}
-
-TEST_F(Lifecycle, TheFenceCountsTheAgeOfALostState) {
-  RoomPlan room;
-  room.braking = 1;
-  life.setFence(Fence(room, room.margin));
-  measured.state.eta.x() = 1.0;
-  drive();
-  measured.state.nu.x() = 1;  // it would stop at 1.6 m, later by 0.1 m every 0.1 s
-  pass(0.05);
-  EXPECT_EQ(life.current(), State::kRunning);
-  pass(0.3, false);
-  EXPECT_EQ(life.current(), State::kStopped) << "before recovery_time is over";
-  EXPECT_NE(life.reason().find("from a wall of the room"), std::string::npos) << life.reason();
-}
-
-TEST_F(Lifecycle, WithoutRecoveryTimeALostStateStopsIt) {
-  params.recovery_time = 0;
-  life.setParams(params);
-  drive();
-  pass(0.3, false);
-  expectStopped("the state is stale");
-}
-
-TEST_F(Lifecycle, ByDefaultALostStateStopsItAtOnce) {
-  LifecycleParams standard;
-  standard.require_armed = false;
-  life.setParams(standard);
-  drive();
-  pass(standard.state_timeout + 0.02, false);
-  expectStopped("the state is stale");
-}
-
-TEST_F(Lifecycle, OldOrInvalidStatesCountAsLost) {
-  drive();
-  measured.valid = false;
-  measured.problem = "markers hidden";
-  pass(0.1);
-  EXPECT_EQ(life.current(), State::kRecovering);
-  pass(1);
-  expectStopped("the state is invalid: markers hidden");
-
-  measured.valid = true;
-  drive();
-  for (int i = 0; i < 100; ++i) {  // delivered on time with old stamps
-    time += kFrame;
-    next_frame = time + kFrame;
-    measured.stamp = time - 0.3;
-    life.state(now(), measured);
-  }
-  expectStopped("the state is stale");
 }
 
 TEST_F(Lifecycle, StopsAtOnceForImpossibleStates) {
@@ -327,20 +224,11 @@ TEST_F(Lifecycle, WaitsForTheSenderAndStopsWithIt) {
   expectStopped("the sender is not armed: disarmed by hand");
 }
 
-TEST_F(Lifecycle, AnArmedSenderMaySayItAgain) {
-  params.require_armed = true;
-  life.setParams(params);
-  life.sender(now(), true, "");
-  drive();
-  life.sender(now(), true, "");
-  EXPECT_EQ(life.current(), State::kRunning);
-}
-
 TEST_F(Lifecycle, WithoutAStateAnOpenLoopWaitsForTheSenderOnly) {
   params.require_state = false;
   params.require_armed = true;
   life.setParams(params);
-  RoomPlan room;
+  Room room;
   life.setFence(Fence(room, room.margin));
   pilot.bit = 0.1;
   pilot.ends = 2;
@@ -366,23 +254,6 @@ TEST_F(Lifecycle, WithoutAStateAnOpenLoopWaitsForTheSenderOnly) {
   EXPECT_EQ(sent.back().inputs.thrusters(0), 0.4);
   life.sender(now(), false, "disarmed by hand");
   expectStopped("the sender is not armed: disarmed by hand");
-}
-
-TEST_F(Lifecycle, WithoutRequiredStateStatesAreIgnored) {
-  params.require_state = false;
-  life.setParams(params);
-  RoomPlan room;
-  life.setFence(Fence(room, room.margin));
-  pilot.bit = 0.1;
-  measured.state.eta.x() = 50;  // outside the room; then a jump, NaN, and a loss
-  drive();
-  measured.state.eta.x() = 0;
-  pass(0.1);
-  measured.state.nu.x() = NAN;
-  pass(0.1);
-  measured.valid = false;
-  pass(2);
-  EXPECT_EQ(life.current(), State::kRunning) << life.reason();
 }
 
 TEST_F(Lifecycle, WithoutRequiredStateClosedLoopsAreRefused) {
@@ -417,22 +288,6 @@ TEST_F(Lifecycle, TakesOverWithTheLiftOnAndGivesWay) {
   EXPECT_EQ(life.reason(), "third has taken over");
   pass(0.1);
   EXPECT_TRUE(sent.empty());
-}
-
-TEST_F(Lifecycle, LiftsAgainAfterAControllerThatStoppedLongAgo) {
-  life.otherDrives(now(), "other", 0.8);
-  pass(0.5);
-  life.start(now());
-  pass(0.05);
-  EXPECT_EQ(life.current(), State::kLifting);
-}
-
-TEST_F(Lifecycle, LiftsAfterAControllerThatDroveWithoutLift) {
-  life.otherDrives(now(), "other", 0);
-  pass(0.05);
-  life.start(now());
-  pass(0.05);
-  EXPECT_EQ(life.current(), State::kLifting);
 }
 
 TEST_F(Lifecycle, ThrustNeedsATrustedState) {

@@ -197,24 +197,6 @@ TEST(DisturbanceObserver, ForgetsMeasurementsButNotCommands) {
   EXPECT_NEAR(a.effects[0], 0.7, 1e-3) << "the motors have long followed the commands";
 }
 
-TEST(DisturbanceObserver, ACommandFromAnEarlierTimeReplacesAllBefore) {
-  const Model model = loadModel("cfg/hovercraft/tiny_whoover_4_1.yaml");
-  const auto speed = [&](double again) {
-    DisturbanceObserver observer(model, {});
-    observer.command(10, {1.0, 1.0}, 1);
-    observer.command(again, {0.0, 0.0}, 1);
-    observer.measure(again, {});
-    return observer.at(again + 0.3).state.nu.x();
-  };
-  EXPECT_EQ(speed(5), 0);
-  EXPECT_EQ(speed(12), 0);
-  DisturbanceObserver observer(model, {});
-  observer.command(10, {1.0, 1.0}, 1);
-  observer.command(9.95, {1.0, 1.0}, 1);  // two senders in disorder
-  observer.measure(10, {});
-  EXPECT_GT(observer.at(10.3).state.nu.x(), 0.1);
-}
-
 }  // namespace
 }  // namespace ground
 

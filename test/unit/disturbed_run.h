@@ -39,12 +39,12 @@ inline RunData disturbedRun(const Model& model, const Disturbance& disturbance, 
   PrbsParams params;
   params.clock = 10;
   params.duration = duration;
-  const PrbsSignal prbs(makePrbs(9, seed), params);
+  const InputSignal prbs = playBits({makePrbs(9, seed), 1}, params);
   RunData run;
   run.name = "disturbed";
   run.noise = {kPosition, kPosition, kHeading};
   for (double t = 0; t < duration; t = prbs.nextChange(t))
-    run.inputs.add(t, prbs.at(t).x(), prbs.at(t).y(), 1);
+    run.inputs.add(t, prbs.at(t).thrusters, 1);
   DisturbanceSource source(disturbance, kStep, seed);
   Disturbance in_room;
   in_room.sigma << draught.sigma, draught.sigma, 0;

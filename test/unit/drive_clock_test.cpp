@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "ground/control/prbs.h"
+#include "ground/control/input_design.h"
 #include "ground/estimation/model_monitor.h"
 #include "ground/identification/inferred_wrench.h"
 #include "ground/identification/prediction.h"
@@ -78,16 +78,6 @@ TEST(DriveClock, ARecordGivesTheBeginOfAnEarlierDrive) {
   EXPECT_EQ(late.starts(), std::vector<double>({-40, 20.001}));
 }
 
-TEST(DriveClock, BadRecordsAreIgnored) {
-  DriveClock clock;
-  clock.command(10, 1);
-  for (const double bad : {std::nan(""), kInfinity, -kInfinity, 30.0}) clock.record(bad, 20);
-  clock.record(5, std::nan(""));
-  EXPECT_EQ(clock.starts(), std::vector<double>({10}));
-  EXPECT_THROW(DriveClock({3, 2}), std::invalid_argument);
-  EXPECT_THROW(DriveClock({std::nan("")}), std::invalid_argument);
-}
-
 TEST(DriveClock, AClockThatIsSetBackForgetsLaterDrives) {
   DriveClock clock;
   clock.command(50, 1);
@@ -107,10 +97,10 @@ struct DrivenRun {
   explicit DrivenRun(double start = 1000) {
     MocapParams mocap;
     mocap.position_noise = mocap.heading_noise = mocap.latency = 0;
-    Room::Params params;
+    SimulatedLab::Params params;
     params.start = start;
-    Room room(truth, mocap, params);
-    const PrbsSignal signal(makePrbs(9, 5), {});
+    SimulatedLab room(truth, mocap, params);
+    const InputSignal signal = playBits({makePrbs(9, 5), 1}, {});
     std::vector<Vector3<double>> eta, nu;
     for (int i = 0; i < 100 * kEnd; ++i) {
       const double t = i * 0.01;
@@ -119,10 +109,10 @@ struct DrivenRun {
       nu.push_back(room.state().nu);
       run.times.push_back(t);
       if (i % 2 != 0) continue;
-      const Vector2<double> thrust =
-          t < kLift + 1 ? Vector2<double>::Zero() : signal.at(std::fmod(t, 19.0));
-      room.command(thrust.x(), thrust.y(), t >= kLift);
-      run.inputs.add(t, thrust.x(), thrust.y(), t >= kLift);
+      const Thrusters<double> thrust =
+          t < kLift + 1 ? Thrusters<double>::zero(2) : signal.at(std::fmod(t, 19.0)).thrusters;
+      room.command(thrust, t >= kLift);
+      run.inputs.add(t, thrust, t >= kLift);
     }
     run.name = "driven";
     run.eta.resize(static_cast<Eigen::Index>(eta.size()), 3);
@@ -231,58 +221,6 @@ TEST(OneOriginOfTime, APlanUsesTheThrustOfItsTime) {
     const double input = 0.05 * line.speed / (model.body.k * std::exp(-elapsed / 20));
     EXPECT_NEAR(asVector(control.decide(seen)).sum(), input, 0.1 * input) << elapsed;
   }
-}
-
-TEST(OneOriginOfTime, EachLaneHasItsOwnTime) {
-  // Two drives in a run, and two lanes of which one begins in the second drive.
-  const Model model = sagging(5);
-  InputSequence inputs;
-  inputs.add(0, 0, 0, 0);
-  inputs.add(1, 1, 0.5, 1);
-  inputs.add(4, 0, 0, 0);
-  inputs.add(8, 0.5, 1, 1);
-  const std::vector<double> first = {0, 2, 6, 9, 10}, second = {7, 8.5, 9.5};
-  const Dynamics<Lanes> together(model);
-  const LanePlan plan({{&inputs, first.data(), 5}, {&inputs, second.data(), 3}}, 0, false, {});
-  std::vector<std::vector<double>> u(2);
-  plan.run<Lanes>(together, {}, true, [&](int visit, const auto&, const Vector3<Lanes>& nu) {
-    for (auto s = plan.begin(visit); s != plan.end(visit); ++s)
-      u[static_cast<std::size_t>(s->lane)].push_back(nu.x()[s->lane]);
-  });
-  const Dynamics<double> alone(model);
-  for (const std::size_t lane : {0u, 1u}) {
-    const std::vector<double>& times = lane == 0 ? first : second;
-    Simulation<double> simulation(alone, inputs, {}, times[0]);
-    for (std::size_t i = 0; i < times.size(); ++i) {
-      simulation.advance(times[i]);
-      EXPECT_NEAR(u[lane][i], simulation.state().nu.x(), 1e-12) << lane << " " << i;
-    }
-  }
-  // The second drive begins with full thrust, like a first one.
-  InputSequence only;
-  only.add(8, 0.5, 1, 1);
-  Simulation<double> fresh(alone, only, {}, 7);
-  fresh.advance(9.5);
-  EXPECT_NEAR(u[1][2], fresh.state().nu.x(), 1e-12);
-}
-
-TEST(OneOriginOfTime, FormulasUseTheSameT) {
-  ExpressionDefinition definition;
-  definition.name = "clockwork";
-  definition.X = "a*t";
-  definition.parameters = {{"a", "N/s", "", 0, -1, 1, {}, Coordinate::kValue}};
-  definition.typical = {1};
-  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  model.addEffect(makeExpressionEffect(definition));
-  model.setValue("clockwork.a", 0.001);
-  Room::Params params;
-  params.start = 1000;
-  Room room(model, {}, params);
-  room.advance(1005);  // at rest before the drive
-  EXPECT_EQ(room.state().nu.x(), 0);
-  room.command(0, 0, 1);
-  room.advance(1005.2);
-  EXPECT_NEAR(room.derivative().nu.x(), 0.001 * 0.2 / model.body.m, 1e-4);
 }
 
 }  // namespace

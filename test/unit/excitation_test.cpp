@@ -2,14 +2,11 @@
 #include "ground/control/excitation_pilot.h"
 
 #include <gtest/gtest.h>
-#include <sys/resource.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <fstream>
 #include <limits>
-#include <new>
 #include <random>
 
 #include "ground/model/model_file.h"
@@ -35,17 +32,9 @@ Model wrongCraft(unsigned long seed) {
   return model;
 }
 
-RoomPlan square() { return loadRoomPlan("cfg/room/room_4x4.yaml"); }
+Room square() { return loadRoom("cfg/room/room_4x4.yaml"); }
 
-/// An L-shaped room of 4 x 4 m; home is in its corner.
-RoomPlan angled() {
-  RoomPlan room;
-  room.corners = {{-2, -2}, {2, -2}, {2, 0}, {0, 0}, {0, 2}, {-2, 2}};
-  room.home = {-0.9, -0.9};
-  return room;
-}
-
-ExcitationParams inRoom(const RoomPlan& room, unsigned long seed, double duration = 20) {
+ExcitationParams inRoom(const Room& room, unsigned long seed, double duration = 20) {
   ExcitationParams params;
   params.design.seed = seed;
   params.duration = duration;
@@ -64,7 +53,7 @@ ExperimentParams place(unsigned long seed, bool gaps = false) {
 }
 
 /// The least distance of the true craft from the walls [m].
-double leastClearance(const ExperimentLog& log, const RoomPlan& room) {
+double leastClearance(const ExperimentLog& log, const Room& room) {
   double least = std::numeric_limits<double>::infinity();
   for (const auto& truth : log.truth)
     least = std::min(least, room.clearance(truth.state.eta.head<2>()));
@@ -191,45 +180,8 @@ TEST(Excitation, AWrongCraftWithLossesOfTheMocapStaysInside) {
   EXPECT_GT(gaps, 3) << "the mocap was lost";
 }
 
-TEST(Excitation, EveryDesignStaysInside) {
-  for (const DesignInfo& info : designTable()) {
-    if (info.name == "file") continue;
-    SCOPED_TRACE(info.name);
-    ExcitationParams params = inRoom(square(), 2, 5);
-    params.design.kind = info.name;
-    params.design.hold = 0.5;
-    const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(2));
-    EXPECT_EQ(log.stopped, "");
-    EXPECT_NEAR(drivenUntil(log), kDriveBegin + 5, 0.02) << "the requested duration";
-    EXPECT_GT(leastClearance(log, square()), 0.2);
-    expectTurns(log);
-    const bool clocked = std::count(info.takes.begin(), info.takes.end(), "clock") > 0;
-    const double spacing = clocked ? 1 / 15.0 : 0.5;
-    EXPECT_GT(expectDesign(log, makeDesign(params.design, 5), spacing), 5u);
-  }
-}
-
-TEST(Excitation, ABurstIsNotLongerThanRequested) {
-  ExcitationParams params = inRoom(square(), 4, 12);
-  params.returns.burst = 0.8;
-  params.design.kind = "differential-prbs";  // it stays near home
-  params.design.levels = {0, 0.2};
-  const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(4));
-  EXPECT_EQ(log.stopped, "");
-  expectTurns(log);
-  int full = 0;
-  for (std::size_t i = 1; i < log.marks.size(); i += 2) {
-    const double lasted = log.marks[i].time - log.marks[i - 1].time;
-    EXPECT_LT(lasted, 0.8 + ExcitationPilot::kCheck + 0.02) << "burst " << log.marks[i].number;
-    if (log.marks[i].reason != "the burst has lasted long enough") continue;
-    ++full;
-    EXPECT_GE(lasted, 0.8 - kTolerance);
-  }
-  EXPECT_GE(full, 3);
-}
-
 TEST(Excitation, ReturnsComeHome) {
-  const RoomPlan room = square();
+  const Room room = square();
   for (const double arrival : {0.4, 0.0}) {  // 0: half way to the nearest wall
     ExcitationParams params = inRoom(room, 1, 15);
     params.returns.arrival = arrival;
@@ -246,19 +198,6 @@ TEST(Excitation, ReturnsComeHome) {
     }
     EXPECT_GE(returns, 3);
   }
-}
-
-TEST(Excitation, SameArgumentsGiveTheSameBursts) {
-  const ExcitationParams params = inRoom(square(), 3, 5);
-  const auto once = [&](unsigned long seed) {
-    return excite(tinyWhoover(), tinyWhoover(), params, place(seed, true));
-  };
-  const ExperimentLog first = once(6), again = once(6), other = once(7);
-  ASSERT_EQ(first.marks.size(), again.marks.size());
-  for (std::size_t i = 0; i < first.marks.size(); ++i)
-    EXPECT_EQ(first.marks[i].time, again.marks[i].time);
-  EXPECT_EQ(first.truth.back().state.eta, again.truth.back().state.eta);
-  EXPECT_NE(first.truth.back().state.eta, other.truth.back().state.eta);
 }
 
 TEST(Excitation, WithoutARoomItIsTheOpenLoopSignal) {
@@ -291,68 +230,6 @@ TEST(Excitation, WithoutARoomItIsTheOpenLoopSignal) {
   EXPECT_GT(moved, 1) << "the craft moves";
 }
 
-TEST(Excitation, RowsBeginOnTimeEvenIfAStateComesAtTheSameTime) {
-  // Without delay, frames coincide with the edge of every third row.
-  ExcitationParams params;
-  params.duration = 10;
-  ExperimentParams where = place(5);
-  where.mocap.latency = 0;
-  const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, where);
-  int meet = 0;
-  for (const MocapFrame& frame : log.frames) {
-    const double rows = 15 * (frame.delivered - log.marks.front().time);
-    meet += std::abs(rows - std::round(rows)) < kTolerance;
-  }
-  EXPECT_GT(meet, 40);
-  const InputSignal signal = makeDesign(params.design, 10);
-  EXPECT_EQ(expectDesign(log, signal, 1 / 15.0), signal.inputs.size());
-}
-
-TEST(Excitation, AnLShapedRoomWorks) {
-  constexpr unsigned long kSeeds = 4;
-  std::size_t marks = 0;
-  for (unsigned long seed = 1; seed <= kSeeds; ++seed) {
-    SCOPED_TRACE(seed);
-    ExperimentParams where = place(seed);
-    where.initial.eta << -1, -1, 0.5;
-    const ExcitationParams params = inRoom(angled(), seed, 10);
-    const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, where);
-    EXPECT_EQ(log.stopped, "");
-    EXPECT_GT(leastClearance(log, angled()), 0.2);
-    marks += log.marks.size();
-    expectTurns(log);
-    expectDesign(log, makeDesign(params.design, 10), 1 / 15.0);
-  }
-  // Most of a flight is design, not the way home: a return takes 0.8 s in the mean of 200 seeds.
-  EXPECT_GT(marks, kSeeds * 6);
-}
-
-/// Excites with long rows, which the returns cut off, until none is left. Exits with 0 if it ended
-/// as done, 1 if not, 2 if memory ran out.
-[[noreturn]] void exciteUntilRowsEnd(const std::string& kind) {
-  const rlimit memory{1000000000u, 1000000000u}, time{10, 10};  // [bytes], [s]
-  setrlimit(RLIMIT_AS, &memory);
-  setrlimit(RLIMIT_CPU, &time);
-  ExcitationParams params = inRoom(square(), 1);
-  params.design.kind = kind;
-  params.design.hold = 1;
-  try {
-    const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(1));
-    std::_Exit(log.stages.back().state == Stage::kDone ? 0 : 1);
-  } catch (const std::bad_alloc&) {
-    std::_Exit(2);
-  }
-}
-
-TEST(Excitation, EndsWhenItsRowsEndInABurst) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-  GTEST_SKIP() << "sanitizers take more memory than the test allows";
-#endif
-  for (const char* kind : {"steps", "spin"})
-    EXPECT_EXIT(exciteUntilRowsEnd(kind), testing::ExitedWithCode(0), "")
-        << kind << ": 2 is a loop without end that takes all memory";
-}
-
 TEST(Excitation, EndsWithTheRowsOfAFileAndPlaysItsLift) {
   const std::string path = testing::TempDir() + "excitation_test.csv";
   std::ofstream(path) << "time,left,right,lift\n0,0.1,0.1,0.9\n0.4,0.05,0.1,0.8\n0.8,0.1,0.05,0.7\n"
@@ -374,42 +251,6 @@ TEST(Excitation, EndsWithTheRowsOfAFileAndPlaysItsLift) {
     EXPECT_EQ(command.thrusters(0), at < 0.4 - kTolerance || at > 0.8 - kTolerance ? 0.1 : 0.05) << at;
   }
   EXPECT_GT(played, 55);
-}
-
-/// Log of a craft that starts at x, y with a velocity along x.
-ExperimentLog exciteFrom(double x, double y, double velocity) {
-  ExperimentParams where = place(1);
-  where.initial.eta << x, y, 0;
-  where.initial.nu.x() = velocity;
-  return excite(tinyWhoover(), tinyWhoover(), inRoom(square(), 1, 5), where);
-}
-
-double mostThrust(const ExperimentLog& log) {
-  double most = 0;
-  for (const auto& command : log.commands) most = std::max(most, command.thrusters(0) + command.thrusters(1));
-  return most;
-}
-
-TEST(Excitation, AStartOutsideTheRoomIsRefusedWithTheReason) {
-  const ExperimentLog out = exciteFrom(2.5, 0, 0);
-  EXPECT_EQ(out.stopped, "the craft is 0.50 m outside of the room");
-  EXPECT_EQ(mostThrust(out), 0);
-  EXPECT_TRUE(out.marks.empty());
-  const ExperimentLog close = exciteFrom(1.9, 0, 0);
-  EXPECT_EQ(close.stopped, "the craft is 0.10 m from a wall of the room");
-  EXPECT_EQ(mostThrust(close), 0);
-}
-
-TEST(Excitation, APushTowardsAWallStopsTheCraftWithTheReason) {
-  const ExperimentLog fast = exciteFrom(0, 0, 3);
-  EXPECT_NE(fast.stopped.find("would come to rest"), std::string::npos) << fast.stopped;
-  EXPECT_NE(fast.stopped.find("outside of the room"), std::string::npos) << fast.stopped;
-  EXPECT_EQ(mostThrust(fast), 0);
-  EXPECT_EQ(fast.commands.back().lift, 0) << "the floor brakes it";
-  // At 2 m/s from the far side it can be stopped inside.
-  const ExperimentLog saved = exciteFrom(-1.5, 0, 2);
-  EXPECT_NE(saved.stopped.find("would come to rest"), std::string::npos) << saved.stopped;
-  EXPECT_GT(leastClearance(saved, square()), 0.2);
 }
 
 TEST(Excitation, AStrongDisturbanceStopsTheCraftBeforeAWall) {
@@ -449,25 +290,6 @@ TEST(Excitation, RefusesBadParameters) {
   EXPECT_THROW(run([](auto& p) { p.room->home = {3, 0}; }), Bad);
   EXPECT_THROW(run([](auto& p) { p.design.kind = "noise"; }), Bad);
   EXPECT_THROW(run([](auto& p) { p.duration = -1; }), Bad);
-}
-
-TEST(ModelPredictive, TracksACircleInARoomFromItsMiddle) {
-  for (unsigned long seed = 1; seed <= 5; ++seed) {
-    TrackingParams tracking;
-    tracking.controller.kind = "ModelPredictive";
-    tracking.reference.size = 1.5;
-    tracking.duration = 12;
-    tracking.room = square();
-    const ExperimentLog log =
-        trackReference(tinyWhoover(), tinyWhoover(), tracking, place(seed));
-    EXPECT_EQ(log.stopped, "") << seed;
-    EXPECT_GT(leastClearance(log, square()), square().margin) << seed;
-    double last = 0;
-    for (const auto& reference : log.references) last = reference.point.p.norm();
-    EXPECT_NEAR(last, 1.5, 1e-9);
-    const double radius = log.truth.back().state.eta.head<2>().norm();
-    EXPECT_NEAR(radius, 1.5, 0.15) << "the craft is on the circle";
-  }
 }
 
 }  // namespace

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "ground/control/prbs.h"
+#include "ground/control/input_design.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 
@@ -20,12 +20,12 @@ Model mvwt() { return loadModel("cfg/hovercraft/mvwt.yaml"); }
 InputSequence prbs(double end) {
   PrbsParams params;
   params.duration = end;
-  const PrbsSignal signal(makePrbs(9, 11), params);
+  const InputSignal signal = playBits({makePrbs(9, 11), 1}, params);
   InputSequence schedule;
   schedule.add(0, 0, 0, 0);
   schedule.add(0.5, 0, 0, 1);
   for (double t = 0; t + 1.5 < end; t = signal.nextChange(t))
-    schedule.add(t + 1.5, signal.at(t).x(), signal.at(t).y(), 1);
+    schedule.add(t + 1.5, signal.at(t).thrusters, 1);
   return schedule;
 }
 
@@ -88,26 +88,6 @@ TEST(Experiment, SameArgumentsGiveTheSameLog) {
   EXPECT_NE(tracked.truth.back().state.eta, other.truth.back().state.eta);
 }
 
-TEST(Experiment, PlaysTheScheduleOnTimeAndRepeatsCommands) {
-  const InputSequence schedule = prbs(5);
-  const ExperimentLog log = playSchedule(tinyWhoover(), schedule, 5, {});
-  std::size_t due = 0;
-  double last = 0;
-  for (const auto& command : log.commands) {
-    EXPECT_LE(command.time - last, 0.02 + 1e-9);
-    last = command.time;
-    while (due < schedule.size() && schedule.times[due] <= command.time) {
-      EXPECT_EQ(schedule.times[due], command.time) << "a change was late";
-      ++due;
-    }
-    EXPECT_EQ(command.thrusters(0), schedule.thrusters[due - 1](0));
-    EXPECT_EQ(command.thrusters(1), schedule.thrusters[due - 1](1));
-    EXPECT_EQ(command.lift, schedule.lift[due - 1]);
-  }
-  EXPECT_EQ(due, schedule.size());
-  EXPECT_NEAR(last, 5, 0.03);
-}
-
 TEST(Experiment, TruthIsTheModelSimulatedWithTheCommandsOfTheLog) {
   Model model = tinyWhoover();
   model.addEffect(makeEffect("motor_lag"));
@@ -127,104 +107,6 @@ TEST(Experiment, TruthIsTheModelSimulatedWithTheCommandsOfTheLog) {
     EXPECT_LT((simulation.state().nu - truth.state.nu).norm(), 1e-5) << truth.time;
   }
   EXPECT_EQ(log.truth.front().state.eta, params.initial.eta);
-}
-
-TEST(Experiment, InputsAreSharesOfTheLargestInput) {
-  InputSequence full;
-  full.add(0, 1, 1, 1);
-  const ExperimentLog log = playSchedule(mvwt(), full, 1, {});
-  const Body<double> b = mvwt().body;
-  EXPECT_NEAR(log.truth.back().nu_dot.x(),
-              (2 * b.k * b.input_max - b.X_u * log.truth.back().state.nu.x()) / b.m, 1e-9);
-}
-
-TEST(Experiment, FramesAreTheTruthWithTheGivenNoise) {
-  ExperimentParams params;
-  params.mocap.position_noise = 2e-3;
-  params.mocap.heading_noise = 0.02;
-  params.mocap.latency = 0.03;
-  params.mocap.loss = 0.25;
-  const ExperimentLog log = playSchedule(tinyWhoover(), prbs(60), 60, params);
-  EXPECT_NEAR(log.truth.size(), 6000, 1);
-  EXPECT_NEAR(log.frames.size(), 4500, 150);
-  Vector3<double> square = Vector3<double>::Zero(), mean = square;
-  auto truth = log.truth.begin();
-  for (const MocapFrame& frame : log.frames) {
-    while (truth->time < frame.captured) ++truth;
-    ASSERT_EQ(truth->time, frame.captured);
-    EXPECT_DOUBLE_EQ(frame.delivered, frame.captured + 0.03);
-    EXPECT_LE(std::abs(frame.eta.z()), M_PI);
-    Vector3<double> off = frame.eta - truth->state.eta;
-    off.z() = wrapAngle(off.z());
-    square += off.cwiseAbs2();
-    mean += off;
-  }
-  const double n = log.frames.size();
-  const Vector3<double> sigma = (square / n).cwiseSqrt();
-  EXPECT_NEAR(sigma.x(), 2e-3, 1e-4);
-  EXPECT_NEAR(sigma.y(), 2e-3, 1e-4);
-  EXPECT_NEAR(sigma.z(), 0.02, 1e-3);
-  EXPECT_LT((mean / n).cwiseQuotient(sigma).norm(), 5 / std::sqrt(n));
-}
-
-TEST(Experiment, TheScheduleContinuesWhileTheMocapIsLost) {
-  ExperimentParams params;
-  params.mocap.gap_rate = 0.3;
-  params.mocap.gap_length = 0.6;
-  const ExperimentLog log = playSchedule(tinyWhoover(), prbs(30), 30, params);
-  double longest = 0;
-  for (std::size_t i = 1; i < log.frames.size(); ++i)
-    longest = std::max(longest, log.frames[i].captured - log.frames[i - 1].captured);
-  EXPECT_GT(longest, 0.6);
-  EXPECT_LT(log.frames.size(), 0.95 * log.truth.size());
-  EXPECT_NEAR(log.commands.back().time, 30, 0.03);
-  EXPECT_EQ(log.stopped, "");
-}
-
-TEST(Experiment, TheTrackingControllerLiftsThenDrivesThenRests) {
-  TrackingParams tracking;
-  tracking.duration = 5;
-  const ExperimentLog log = trackReference(tinyWhoover(), tinyWhoover(), tracking, {});
-  EXPECT_EQ(log.stopped, "");
-  EXPECT_NEAR(log.truth.back().time, 0.5 + 1 + 5 + 0.5, 0.05);
-  double driven = 0;
-  for (const auto& c : log.commands) {
-    if (c.time < 0.5) {
-      EXPECT_EQ(c.lift, 0);
-    } else if (c.time > 0.55 && c.time < 6.45) {
-      EXPECT_EQ(c.lift, 1);
-    } else if (c.time > 6.55) {
-      EXPECT_EQ(c.lift, 0);
-    }
-    if (c.time < 1.5 || c.time > 6.55) {
-      EXPECT_EQ(c.thrusters(0) + c.thrusters(1), 0) << c.time;
-    }
-    driven += c.thrusters(0) + c.thrusters(1) > 0;
-  }
-  EXPECT_NEAR(driven, 250, 25);  // at 50 Hz
-  EXPECT_NEAR(log.references.size(), 250, 3);
-
-  using State = ControllerLifecycle::State;
-  const std::vector<std::pair<State, double>> expected = {
-      {State::kWaiting, 0.5}, {State::kLifting, 0.5}, {State::kRunning, 1.5}, {State::kDone, 6.5}};
-  ASSERT_EQ(log.stages.size(), expected.size());
-  for (std::size_t i = 0; i < expected.size(); ++i) {
-    EXPECT_EQ(log.stages[i].state, expected[i].first) << i;
-    EXPECT_NEAR(log.stages[i].time, expected[i].second, 0.011) << i;
-  }
-}
-
-TEST(Experiment, WithAnExactMocapTheErrorEqualsThatWithTheExactState) {
-  ExperimentParams params;
-  params.mocap.position_noise = params.mocap.heading_noise = params.mocap.latency = 0;
-  params.mocap.rate = 1000;
-  TrackingParams tracking = mvwtCircle();
-  tracking.life.rate = 500;
-  const double right = worst(trackReference(mvwt(), mvwt(), tracking, params), 40);
-  EXPECT_NEAR(right, 11.588e-3, 0.1e-3);  // as in tracking_test
-  Model wrong = mvwt();
-  wrong.setValue("Y_v", 3.0);
-  EXPECT_GT(worst(trackReference(mvwt(), wrong, tracking, params), 40), 3 * right);
 }
 
 TEST(Experiment, TracksACircleWithANoisyMocap) {
@@ -267,68 +149,6 @@ TEST(Experiment, TheTrackingControllerStopsWithoutAState) {
   const ExperimentLog blind = trackReference(mvwt(), mvwt(), mvwtCircle(), params);
   EXPECT_EQ(blind.stopped, "there was no valid state to start with");
   EXPECT_TRUE(blind.frames.empty());
-}
-
-/// The model that the README fits to the recordings of the real craft.
-Model realCraft() {
-  Model model = tinyWhoover();
-  const std::vector<std::pair<std::string, double>> fitted = {
-      {"I_z", 1.04e-4}, {"X_u", 0.0115}, {"Y_v", 0.043}, {"N_r", 2.2e-6}, {"k", 0.0762}};
-  for (const auto& [name, value] : fitted) model.setValue(name, value);
-  return model;
-}
-
-TEST(Experiment, ACraftThatLosesTheCircleIsStoppedWithTheReason) {
-  TrackingParams tracking;
-  tracking.controller.gains = {0.00690762, 8.15225e-05, 3.84567, 0.304309, -0.0164385, 0};  // tuned
-  tracking.duration = 60;
-  const ExperimentLog log = trackReference(realCraft(), realCraft(), tracking, {});
-  EXPECT_NE(log.stopped.find(" m from the reference"), std::string::npos) << log.stopped;
-  EXPECT_LT(log.stopped_at, 40);
-  EXPECT_NEAR(log.truth.back().time, log.stopped_at + tracking.tail, 0.03);
-  for (const auto& c : log.commands)
-    if (c.time > log.stopped_at) {
-      EXPECT_EQ(c.thrusters(0) + c.thrusters(1) + c.lift, 0) << c.time;
-    }
-  tracking.max_error = INFINITY;
-  EXPECT_EQ(trackReference(realCraft(), realCraft(), tracking, {}).stopped, "");
-  // The predictive controller follows even with a model that is wrong by a quarter.
-  tracking.max_error = 0;
-  tracking.controller.kind = "ModelPredictive";
-  const ExperimentLog kept = trackReference(realCraft(), tinyWhoover(), tracking, {});
-  EXPECT_EQ(kept.stopped, "");
-  EXPECT_LT(worst(kept, 20), 0.05);
-  // An open-loop controller is never stopped for its error.
-  tracking.controller.kind = "OpenLoopPRBS";
-  tracking.controller.prbs.duration = 60;
-  EXPECT_EQ(trackReference(realCraft(), realCraft(), tracking, {}).stopped, "");
-}
-
-TEST(Experiment, OffsetsOfTheMeasurementDoNotMisleadThePredictiveController) {
-  Model model = tinyWhoover();
-  model.addEffect(makeEffect("heading_offset"));
-  model.setValue("heading_offset.psi0", 2.5);
-  model.addEffect(makeEffect("marker_offset"));
-  model.setValue("marker_offset.dx", 0.3);
-  model.setValue("marker_offset.dy", -0.4);
-  TrackingParams tracking;
-  tracking.controller.kind = "ModelPredictive";
-  tracking.reference.size = 1;
-  tracking.duration = 25;
-  tracking.max_error = 0.1;  // limits the error of the craft's centre, not of the marker
-  for (bool estimate : {false, true}) {
-    tracking.estimate = estimate;
-    ExperimentParams params;
-    if (!estimate) {
-      params.mocap.position_noise = params.mocap.heading_noise = params.mocap.latency = 0;
-      params.mocap.rate = tracking.life.rate;
-    }
-    const ExperimentLog log = trackReference(model, model, tracking, params);
-    EXPECT_EQ(log.stopped, "");
-    EXPECT_LT(worst(log, 10), estimate ? 0.02 : 0.001);
-  }
-  tracking.controller.kind = "TrajectoryTracking";
-  EXPECT_THROW(trackReference(model, model, tracking, {}), std::invalid_argument);
 }
 
 TEST(Experiment, RefusesNonsense) {

@@ -8,7 +8,7 @@
 #include <cmath>
 #include <random>
 
-#include "ground/control/prbs.h"
+#include "ground/control/input_design.h"
 #include "ground/identification/prediction.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/measurement.h"
@@ -34,9 +34,9 @@ RunData record(const Model& model, double noise, unsigned seed = 1, double durat
   PrbsParams params;
   params.clock = 15;
   params.duration = duration;
-  const PrbsSignal prbs(makePrbs(9, seed), params);
+  const InputSignal prbs = playBits({makePrbs(9, seed), 1}, params);
   for (double t = 0; t < duration; t = prbs.nextChange(t))
-    run.inputs.add(t, prbs.at(t).x(), prbs.at(t).y(), 1);
+    run.inputs.add(t, prbs.at(t).thrusters, 1);
   const Dynamics<double> dynamics(model);
   Simulation<double> simulation(dynamics, run.inputs, {}, 0);
   std::mt19937 random(seed);

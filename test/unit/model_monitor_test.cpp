@@ -110,19 +110,6 @@ TEST(ModelMonitor, TheMissingWrenchIsThatOfTheHiddenEffect) {
   EXPECT_GT(errors[0], 2 * errors[1]);
 }
 
-TEST(ModelMonitor, ThePathEndsAtThePrediction) {
-  ModelMonitor monitor(craft(), {});
-  std::optional<ModelMonitor::Error> last;
-  EXPECT_TRUE(monitor.path(0.02).empty());
-  Experiment(craft()).run(0, 4, {&monitor}, [&](double t, const RigidState<double>& s) {
-    last = monitor.measure(t, s);
-  });
-  ASSERT_TRUE(last);
-  const auto path = monitor.path(0.02);
-  ASSERT_EQ(path.size(), 51u);
-  EXPECT_NEAR((path.back() - last->predicted.eta).norm(), 0, 1e-9);
-}
-
 TEST(ModelMonitor, ResetsWhenTimeJumpsBack) {
   ModelMonitor monitor(craft(), {});
   int found = 0;
@@ -134,94 +121,6 @@ TEST(ModelMonitor, ResetsWhenTimeJumpsBack) {
   EXPECT_NEAR(before, 200, 2);
   Experiment(craft()).run(0, 3, {&monitor}, count);
   EXPECT_EQ(found, 2 * before);
-}
-
-TEST(ModelMonitor, DoesNotPredictAcrossAGap) {
-  ModelMonitor monitor(craft(), {});
-  int inside = 0;
-  Experiment(craft()).run(0, 6, {&monitor}, [&](double t, const RigidState<double>& s) {
-    if (t > 2 && t < 4) return;
-    const auto found = monitor.measure(t, s);
-    if (t >= 4 && t < 4.99) inside += found.has_value();
-  });
-  // The last state before the gap is older than the horizon of one second.
-  EXPECT_EQ(inside, 0);
-}
-
-TEST(ModelMonitor, ErrorsAreThoseOfTheirDefinition) {
-  MonitorParams params;
-  params.horizon = 0.5;
-  params.window = 2;
-  ModelMonitor monitor(craft(), params);
-  struct Seen {
-    double time;
-    Vector3<double> error, nu;
-  };
-  std::vector<Seen> all;
-  int checked = 0;
-  Experiment(with("yaw_bias", {{"n0", 3e-5}}))
-      .run(0, 5, {&monitor}, [&](double t, const RigidState<double>& measured) {
-        const auto found = monitor.measure(t, measured);
-        EXPECT_FALSE(monitor.measure(t, measured)) << "the same instant again";
-        if (!found) return;
-        all.push_back({t, found->nu.cwiseAbs(), measured.nu});
-        EXPECT_LT((found->nu - (measured.nu - found->predicted.nu)).norm(), 1e-12);
-        const Vector3<double> off = measured.eta - found->predicted.eta - found->eta;
-        EXPECT_LT(off.head<2>().norm(), 1e-12);
-        EXPECT_LT(std::abs(std::remainder(off.z(), 2 * M_PI)), 1e-9);
-        EXPECT_LE(std::abs(found->eta.z()), M_PI);
-        Eigen::MatrixX3d errors(0, 3), speeds(0, 3);
-        double first = t;
-        for (const Seen& seen : all) {
-          if (t - seen.time > params.window) continue;
-          first = std::min(first, seen.time);
-          for (auto* rows : {&errors, &speeds})
-            rows->conservativeResize(rows->rows() + 1, Eigen::NoChange);
-          errors.bottomRows<1>() = seen.error.transpose();
-          speeds.bottomRows<1>() = seen.nu.transpose();
-        }
-        const Eigen::RowVector3d mean = speeds.colwise().mean();
-        Vector3<double> spread =
-            (speeds.rowwise() - mean).array().square().colwise().mean().sqrt().transpose();
-        spread = spread.cwiseMax(Vector3<double>(0.01, 0.01, 0.05));  // a craft at rest
-        const Vector3<double> average = errors.colwise().mean();
-        EXPECT_LT((found->mean - average).norm(), 1e-9);
-        EXPECT_LT((found->spread - spread).norm(), 1e-9);
-        EXPECT_NEAR(found->error, average.cwiseQuotient(spread).sum(), 1e-9);
-        EXPECT_NEAR(found->error_now, found->nu.cwiseAbs().cwiseQuotient(spread).sum(), 1e-9);
-        EXPECT_NEAR(found->covered, t - first, 1e-9);
-        ++checked;
-      });
-  EXPECT_GT(checked, 400);
-}
-
-TEST(ModelContest, DifferencesAreMeansOverBlocksOfOneHorizon) {
-  // Blocks of 1 s in which the difference is 3, 1, 3, 1 ..., ten instants each.
-  ModelContest contest(1.0, 100.0);
-  ModelMonitor::Error first{}, second{};
-  for (int i = 0; i < 60; ++i) {
-    first.error_now = 5 + (i / 10 % 2 ? 1 : 3) + (i % 2 ? 0.5 : -0.5);
-    second.error_now = 5;
-    const auto before = contest.preference();
-    EXPECT_EQ(before.has_value(), i > 40) << i;  // four blocks, and the start of another
-    contest.add(7 + 0.1 * i, first, second);
-  }
-  auto found = contest.preference();  // five complete blocks: 3, 1, 3, 1, 3
-  ASSERT_TRUE(found);
-  EXPECT_NEAR(found->difference, 2.2, 1e-9);
-  EXPECT_NEAR(found->standard_error, std::sqrt(4.8 / 4 / 5), 1e-9);
-  EXPECT_TRUE(found->clear());
-  contest.add(1, first, second);  // time has jumped back
-  EXPECT_FALSE(contest.preference());
-  // Only the window counts.
-  ModelContest recent(1.0, 5.0);
-  for (int i = 0; i < 120; ++i) {
-    first.error_now = i < 60 ? 9 : 4 + 0.1 * (i / 10 % 3);
-    recent.add(0.1 * i, first, second);
-  }
-  found = recent.preference();
-  ASSERT_TRUE(found);
-  EXPECT_NEAR(found->difference, -0.9, 0.1);
 }
 
 TEST(ModelContest, PrefersTheTrueModelButNoneOfTwoEqualOnes) {
@@ -261,15 +160,6 @@ TEST(FloorMap, HasTheMeansOfCellsWithEnoughSamples) {
   EXPECT_EQ(cells[1].mean, 100);
   EXPECT_EQ(map.large(), 4.5);  // exceeded by the largest mean only
   EXPECT_GT(FloorMap(1).large(), 0);
-}
-
-TEST(MonitorParams, ValidateGivesTheReason) {
-  MonitorParams params;
-  EXPECT_EQ(params.validate(), "");
-  params.window = 0.5;
-  EXPECT_NE(params.validate().find("window"), std::string::npos);
-  params.horizon = 0;
-  EXPECT_NE(params.validate().find("horizon"), std::string::npos);
 }
 
 }  // namespace

@@ -1,421 +1,357 @@
-// The simulated room: determinism, mocap quality, the craft's watchdog.
-#include "ground/simulation/room.h"
+// A room's plan: distances from its walls, room files, and the fence that keeps a craft inside.
+#include "ground/control/room.h"
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <limits>
+#include <random>
 
-#include "ground/model/effect_registry.h"
+#include "ground/control/fence.h"
 #include "ground/model/model_file.h"
+#include "ground/model/simulation.h"
 
 namespace ground {
 namespace {
 
-Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
+using Point = Vector2<double>;
+using Points = std::vector<Point>;
 
-MocapParams perfect() {
-  MocapParams mocap;
-  mocap.position_noise = mocap.heading_noise = mocap.latency = 0;
-  return mocap;
+/// A room of 4 x 4 m with its home in the middle.
+Room square() {
+  Room room;
+  room.corners = {{-2, -2}, {2, -2}, {2, 2}, {-2, 2}};
+  return room;
 }
 
-/// Ten seconds of PRBS-like commands; the room is advanced in steps of `tick` [s].
-std::vector<MocapFrame> experiment(const MocapParams& mocap, unsigned long seed, double tick) {
-  Room::Params params;
-  params.seed = seed;
-  Room room(tinyWhoover(), mocap, params);
-  std::vector<MocapFrame> all;
-  for (int i = 0; i < 100; ++i) {
-    room.command(i % 3 > 0, i % 5 > 2, 1);
-    for (double t = tick; t < 0.1 - 1e-9; t += tick) room.advance(0.1 * i + t);
-    room.advance(0.1 * (i + 1));
-    for (const MocapFrame& frame : room.takeFrames()) all.push_back(frame);
+/// An L-shaped room of 4 x 4 m without its quarter x > 0, y > 0.
+Room lShaped() {
+  Room room;
+  room.corners = {{-2, -2}, {2, -2}, {2, 0}, {0, 0}, {0, 2}, {-2, 2}};
+  room.home = {-1, -1};
+  return room;
+}
+
+/// A star around the origin: a simple polygon, rarely convex.
+Room star(std::mt19937_64& random, int corners) {
+  std::uniform_real_distribution<double> radius(0.5, 3), shift(-0.3, 0.3);
+  Room room;
+  room.corners.clear();
+  for (int i = 0; i < corners; ++i) {
+    const double angle = 2 * M_PI * (i + shift(random)) / corners;
+    room.corners.emplace_back(radius(random) * Point(std::cos(angle), std::sin(angle)));
   }
+  if (random() % 2 == 0) std::reverse(room.corners.begin(), room.corners.end());
+  return room;
+}
+
+std::vector<Room> rooms() {
+  std::vector<Room> all = {square(), lShaped()};
+  std::mt19937_64 random(7);
+  for (int i = 0; i < 30; ++i) all.push_back(star(random, 5 + i % 8));
   return all;
 }
 
-TEST(Room, SameSeedGivesTheSameRun) {
-  MocapParams mocap;
-  mocap.loss = 0.1;
-  mocap.gap_rate = 0.5;
-  const auto a = experiment(mocap, 5, 0.1), b = experiment(mocap, 5, 0.1);
-  const auto other = experiment(mocap, 6, 0.1);
-  ASSERT_EQ(a.size(), b.size());
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    EXPECT_EQ(a[i].captured, b[i].captured);
-    EXPECT_EQ(a[i].eta, b[i].eta);
+/// Number of turns of the walls around a point; 0 outside.
+int windingNumber(const Points& corners, const Point& point) {
+  double angle = 0;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const Point a = corners[i] - point, b = corners[(i + 1) % corners.size()] - point;
+    angle += std::atan2(a.x() * b.y() - a.y() * b.x(), a.dot(b));
   }
-  EXPECT_NE(a.front().eta, other.front().eta);
+  return static_cast<int>(std::lround(angle / (2 * M_PI)));
 }
 
-TEST(Room, DoesNotDependOnHowOftenItIsAdvanced) {
-  const auto a = experiment(MocapParams(), 5, 0.1), b = experiment(MocapParams(), 5, 0.0013);
-  ASSERT_EQ(a.size(), b.size());
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    EXPECT_DOUBLE_EQ(a[i].captured, b[i].captured);
-    EXPECT_LT((a[i].eta - b[i].eta).norm(), 5e-6);
-  }
+/// Distance from a wall: beside it that from its line, otherwise that from its nearer end.
+double wallDistance(const Point& a, const Point& b, const Point& point) {
+  const Point along = (b - a).normalized(), across(-along.y(), along.x());
+  const double length = (point - a).dot(along);
+  if (length >= 0 && length <= (b - a).norm()) return std::abs((point - a).dot(across));
+  return std::min((point - a).norm(), (point - b).norm());
 }
 
-TEST(Room, FramesComeAtTheirRateWithLatencyAndNoise) {
-  MocapParams mocap;
-  mocap.position_noise = 1e-3;
-  mocap.heading_noise = 1e-2;
-  mocap.latency = 0.03;
-  Room room(tinyWhoover(), mocap, {});
-  std::vector<MocapFrame> frames;
-  Vector3<double> square = Vector3<double>::Zero();
-  for (int i = 1; i <= 5000; ++i) {
-    room.advance(i * 0.01);
-    for (const MocapFrame& frame : room.takeFrames()) {
-      EXPECT_GE(room.time(), frame.captured + 0.03);
-      square += frame.eta.cwiseAbs2();  // the craft stands still
-      frames.push_back(frame);
+double referenceClearance(const Points& corners, const Point& point) {
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < corners.size(); ++i)
+    least = std::min(least, wallDistance(corners[i], corners[(i + 1) % corners.size()], point));
+  return windingNumber(corners, point) == 0 ? -least : least;
+}
+
+Point somewhere(std::mt19937_64& random, double reach = 3.5) {
+  std::uniform_real_distribution<double> uniform(-reach, reach);
+  const double x = uniform(random);
+  return {x, uniform(random)};
+}
+
+TEST(Room, ClearanceIsTheDistanceFromTheNearestWallNegativeOutside) {
+  std::mt19937_64 random(1);
+  int inside = 0, outside = 0;
+  for (const Room& room : rooms()) {
+    for (int i = 0; i < 300; ++i) {
+      const Point point = somewhere(random);
+      const double expected = referenceClearance(room.corners, point);
+      ASSERT_NEAR(room.clearance(point), expected, 1e-12) << point.transpose();
+      ++(expected > 0 ? inside : outside);
     }
   }
-  ASSERT_NEAR(frames.size(), 4998, 2);
-  EXPECT_NEAR(std::sqrt(square.x() / frames.size()), 1e-3, 5e-5);
-  EXPECT_NEAR(std::sqrt(square.y() / frames.size()), 1e-3, 5e-5);
-  EXPECT_NEAR(std::sqrt(square.z() / frames.size()), 1e-2, 5e-4);
+  EXPECT_GT(inside, 1000);
+  EXPECT_GT(outside, 1000);
 }
 
-TEST(Room, LosesTheGivenShareOfFrames) {
-  MocapParams mocap = perfect();
-  mocap.loss = 0.2;
-  EXPECT_NEAR(experiment(mocap, 1, 0.1).size(), 800, 60);
-  mocap.loss = 0;
-  mocap.gap_rate = 1;
-  mocap.gap_length = 0.25;
-  const auto frames = experiment(mocap, 1, 0.1);
-  EXPECT_NEAR(frames.size(), 1000 / 1.25, 150);
-  double longest = 0;
-  for (std::size_t i = 1; i < frames.size(); ++i)
-    longest = std::max(longest, frames[i].captured - frames[i - 1].captured);
-  EXPECT_GT(longest, 0.25);
-  mocap.loss = 1;
-  EXPECT_TRUE(experiment(mocap, 1, 0.1).empty());
-}
-
-TEST(Room, WatchdogStopsTheMotorsWithoutCommands) {
-  Room room(tinyWhoover(), perfect(), {});
-  EXPECT_TRUE(room.watchdogExpired());
-  room.command(1, 1, 1);
-  room.advance(0.2);
-  EXPECT_FALSE(room.watchdogExpired());
-  EXPECT_GT(room.derivative().nu.x(), 1.0);
-  room.advance(0.3);
-  EXPECT_TRUE(room.watchdogExpired());
-  const Body<double> b = tinyWhoover().body;
-  const double at_stop = 2 * b.k / b.X_u * (1 - std::exp(-b.X_u / b.m * 0.25));
-  const double braking = Room::Params().braking;  // and damping
-  EXPECT_NEAR(room.state().nu.x(), at_stop - 0.05 * braking, 0.05 * at_stop * b.X_u / b.m);
-  EXPECT_NEAR(room.derivative().nu.x(), -braking, room.state().nu.x() * b.X_u / b.m + 1e-9);
-  room.advance(0.3 + at_stop / braking);
-  EXPECT_EQ(room.state().nu, Vector3<double>::Zero());
-  EXPECT_EQ(room.derivative().nu, Vector3<double>::Zero());
-}
-
-TEST(Room, WatchdogCanBeChangedInMotionAndZeroDisablesIt) {
-  Room::Params params;
-  params.watchdog = 0;
-  Room room(tinyWhoover(), perfect(), params);
-  room.command(1, 1, 1);
-  room.advance(5);
-  EXPECT_FALSE(room.watchdogExpired());
-  room.setWatchdog(6);
-  room.advance(5.9);
-  EXPECT_FALSE(room.watchdogExpired());
-  room.setWatchdog(0.1);  // expired long ago
-  room.advance(5.9001);
-  EXPECT_TRUE(room.watchdogExpired());
-  for (const double bad : {-0.1, std::numeric_limits<double>::quiet_NaN(),
-                           std::numeric_limits<double>::infinity()})
-    EXPECT_THROW(room.setWatchdog(bad), std::invalid_argument);
-}
-
-TEST(Room, ACraftWithoutLiftSlidesStraightToRestAndStaysThere) {
-  Room::Params params;
-  params.initial.nu << 0.6, -0.4, 3;
-  params.disturbance.time.setConstant(0.3);
-  params.disturbance.sigma = {0.02, 0.02, 5e-4};  // less than friction holds
-  Room room(tinyWhoover(), perfect(), params);
-  room.command(0, 0, 1);
-  room.command(0, 0, 0);
-  const double speed = params.initial.nu.head<2>().norm();
-  room.advance(2);
-  const Vector3<double> rest = room.state().eta;
-  EXPECT_NEAR(rest.head<2>().norm(), speed * speed / (2 * params.braking), 0.04);
-  for (int i = 0; i < 20; ++i) {
-    room.command(0, 0, 0);
-    room.advance(2 + 0.2 * (i + 1));
-  }
-  EXPECT_LT((room.state().eta - rest).norm(), 1e-3);
-  room.command(1, 1, 1);
-  room.advance(6.2);
-  EXPECT_GT(room.state().nu.x(), 0.2) << "lift frees it";
-}
-
-TEST(Room, MeasuresThroughTheModelsMeasurementEffects) {
-  Model model = tinyWhoover();
-  model.addEffect(makeEffect("heading_offset"));
-  model.setValue("heading_offset.psi0", 0.5);
-  Room room(model, perfect(), {});
-  room.advance(0.1);
-  EXPECT_DOUBLE_EQ(room.takeFrames().front().eta.z(), 0.5);
-}
-
-TEST(Room, TheModelCanBeReplacedDuringARun) {
-  Model biased = tinyWhoover();
-  biased.addEffect(makeEffect("body_force_bias"));
-  biased.setValue("body_force_bias.x0", 0.01);
-  Model broken = tinyWhoover();
-  broken.body.m = 1e-320;
-  Room room(tinyWhoover(), perfect(), {});
-  room.command(1, 0.4, 1);
-  room.advance(0.2);
-  const RigidState<double> before = room.state(), rate = room.derivative();
-  EXPECT_THROW(room.setModel(broken), std::invalid_argument);
-  EXPECT_EQ(room.derivative().nu, rate.nu);
-  room.setModel(biased);
-  EXPECT_EQ(room.state().eta, before.eta);
-  EXPECT_EQ(room.state().nu, before.nu);
-  const Vector3<double> more = room.derivative().nu - rate.nu;
-  EXPECT_NEAR(more.x(), 0.01 / biased.body.m, 1e-9);
-  EXPECT_NEAR(more.y(), 0, 1e-12);
-  // Inputs stay the same fractions of input_max.
-  Model scaled = tinyWhoover();
-  scaled.body.input_max = 2;
-  scaled.body.k /= 2;
-  room.setModel(tinyWhoover());
-  room.setModel(scaled);
-  EXPECT_NEAR((room.derivative().nu - rate.nu).norm(), 0, 1e-9);
-  room.advance(0.3);
-  EXPECT_TRUE(room.state().eta.allFinite());
-}
-
-TEST(Room, TimeOfTheModelStartsWithTheDrive) {
-  Model sagging = tinyWhoover();
-  sagging.addEffect(makeEffect("battery_sag"));
-  sagging.setValue("battery_sag.tau", 64);
-  // Two seconds of full thrust have the same effect at once and after a quarter of an hour at rest.
-  const auto drive = [&](double start, double rest, bool reload) {
-    Room::Params params;
-    params.start = start;
-    Room room(sagging, perfect(), params);
-    room.advance(start + rest);
-    for (int i = 0; i < 100; ++i) {
-      room.command(1, 1, 1);
-      room.advance(start + rest + (i + 1) * 0.02);
-      if (reload && i == 50) room.setModel(sagging);
+TEST(Room, ClearanceOfAPathIsItsSmallestClearance) {
+  std::mt19937_64 random(3);
+  int narrower_than_its_ends = 0;
+  for (const Room& room : rooms()) {
+    for (int i = 0; i < 30; ++i) {
+      Point from = somewhere(random), to = somewhere(random);
+      while (i % 3 > 0 && room.clearance(from) < 0.05) from = somewhere(random);
+      while (i % 3 > 0 && room.clearance(to) < 0.05) to = somewhere(random);
+      double least = std::numeric_limits<double>::infinity();
+      for (int k = 0; k <= 7000; ++k)
+        least = std::min(least, room.clearance(from + k / 7000.0 * (to - from)));
+      const double found = room.clearanceOfWay(from, to);
+      ASSERT_NEAR(found, least, 0.005) << from.transpose() << " to " << to.transpose();
+      EXPECT_DOUBLE_EQ(room.clearanceOfWay(from, from), room.clearance(from));
+      const double ends = std::min(room.clearance(from), room.clearance(to));
+      EXPECT_LE(found, ends) << from.transpose() << " to " << to.transpose();
+      narrower_than_its_ends += least < ends - 0.05;
     }
-    return room.state().nu.x();
+  }
+  EXPECT_GT(narrower_than_its_ends, 40);
+}
+
+/// A room file; `lines` replace those that start with the same word, and are added otherwise.
+std::string roomFile(const std::vector<std::string>& lines) {
+  std::vector<std::string> text = {"schema: ground/room/1", "name: test",
+                                   "corners: [[-2, -2], [2, -2], [2, 2], [-2, 2]]", "margin: 0.3",
+                                   "home: [0.5, -0.5]", "braking: 1.2", "latency: 0.15"};
+  for (const std::string& line : lines) {
+    const std::string word = line.substr(0, line.find(':') + 1);
+    const auto at = std::find_if(text.begin(), text.end(), [&](const std::string& old) {
+      return old.compare(0, word.size(), word) == 0;
+    });
+    if (at == text.end()) {
+      text.push_back(line);
+    } else {
+      *at = line;
+    }
+  }
+  const std::string path = testing::TempDir() + "room_plan_test.yaml";
+  std::ofstream file(path);
+  for (const std::string& line : text) file << line << "\n";
+  return path;
+}
+
+std::string complaintOf(const std::string& path) {
+  try {
+    loadRoom(path);
+  } catch (const std::runtime_error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(RoomFile, ComplaintsNameFileLineAndKey) {
+  const struct {
+    std::string line, place, words;
+  } cases[] = {
+      {"schema: ground/model/1", "line 1", "schema: ground/room/1"},
+      {"corners: 5", "line 3", "corners must be a list"},
+      {"corners: [[-2, -2], [2, -2], [2, 2, 1], [-2, 2]]", "line 3", "corners must be [x, y]"},
+      {"corners: [[-2, -2], [2, -2], [2, x], [-2, 2]]", "line 3", "corners must be a number"},
+      {"margin: wide", "line 4", "margin must be a number"},
+      {"margin: .nan", "line 4", "margin must not be NaN"},
+      {"home: 0", "line 5", "home must be [x, y]"},
+      {"home: [0]", "line 5", "home must be [x, y]"},
+      {"braking: [1]", "line 6", "braking must be a number"},
+      {"latency: {}", "line 7", "latency must be a number"},
+      {"height: 3", "line 8", "unknown key 'height'"},
+      {"name : again", "line 8", "duplicate key 'name'"},
+      {"name: [a]", "line 2", "name must be"},
+      {"margin: [", "line ", ""},
   };
-  const double speed = drive(0, 0, false);
-  EXPECT_GT(speed, 3.5);
-  EXPECT_NEAR(drive(1000, 0, false), speed, 1e-6);
-  EXPECT_NEAR(drive(1000, 900, false), speed, 1e-6);
-  EXPECT_NEAR(drive(1000, 0, true), speed, 1e-6);
-}
-
-TEST(Room, RefusesBadArguments) {
-  MocapParams bad;
-  bad.latency = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THROW(Room(tinyWhoover(), bad, {}), std::invalid_argument);
-  Room room(tinyWhoover(), perfect(), {});
-  room.advance(1.0);
-  EXPECT_THROW(room.advance(0.5), std::invalid_argument);
-  EXPECT_THROW(room.command(NAN, 0, 0), std::invalid_argument);
-  room.command(9, -1, 3);  // clipped
-  room.advance(1.1);
-  EXPECT_NEAR(room.derivative().nu.x(), 0.062 / 0.0583, 0.05);
-}
-
-TEST(Room, AGivenCraftMovesLikeItsOwn) {
-  Room::Params params;
-  params.start = 3;
-  params.initial.eta << 1, 2, 0.5;
-  params.disturbance.sigma = {1e-3, 1e-3, 1e-5};
-  params.disturbance.time = {0.5, 0.5, 0.5};
-  ModelCraft craft(tinyWhoover(), params);
-  Room given(craft, MocapParams(), params), own(tinyWhoover(), MocapParams(), params);
-  for (Room* room : {&given, &own}) {
-    room->command(0.8, 0.3, 1);
-    room->advance(4);  // the watchdog stops it
-  }
-  EXPECT_TRUE(given.watchdogExpired());
-  EXPECT_EQ(given.state().eta, own.state().eta);
-  const auto a = given.takeFrames(), b = own.takeFrames();
-  ASSERT_EQ(a.size(), b.size());
-  EXPECT_EQ(a.back().eta, b.back().eta);
-  EXPECT_THROW(given.setModel(tinyWhoover()), std::logic_error);
-}
-
-TEST(Room, DropsOldCommandsWithoutEffect) {
-  // Two rooms with the same inputs: one gets so many commands that old ones are dropped.
-  Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  model.addEffect(makeEffect("motor_lag"));
-  model.setValue("motor_lag.tau", 0.05);
-  model.addEffect(makeEffect("input_delay"));
-  model.setValue("input_delay.delay", 0.03);
-  Room often(model, {}, {}), seldom(model, {}, {});
-  constexpr int kTimes = 50000, kHeld = 250;
-  for (int i = 0; i < kTimes; ++i) {
-    const double left = (i / kHeld) % 2, right = (i / kHeld / 2) % 2;
-    often.command(left, right, 1);
-    if (i % (kHeld / 5) == 0) seldom.command(left, right, 1);
-    often.advance((i + 1) * 0.001);
-    seldom.advance((i + 1) * 0.001);
-  }
-  EXPECT_LT((often.state().eta - seldom.state().eta).norm(), 1e-6);
-  EXPECT_LT((often.state().nu - seldom.state().nu).norm(), 1e-6);
-  EXPECT_NO_THROW(often.setModel(model));
-}
-
-Disturbance pushes() {
-  Disturbance disturbance;
-  disturbance.sigma << 0.01, 0.02, 1e-4;
-  disturbance.time << 0.3, 0.1, 1.0;
-  return disturbance;
-}
-
-/// Mean square of each channel, and its correlation over k steps.
-struct Moments {
-  Vector3<double> variance, correlation;
-};
-
-Moments momentsOf(DisturbanceSource& source, int steps, int k) {
-  std::vector<Vector3<double>> all;
-  for (int i = 0; i < steps; ++i) all.push_back(source.next());
-  Moments found{Vector3<double>::Zero(), Vector3<double>::Zero()};
-  for (int i = 0; i < steps; ++i) found.variance += all[i].cwiseAbs2() / steps;
-  for (int i = k; i < steps; ++i)
-    found.correlation += all[i].cwiseProduct(all[i - k]) / (steps - k);
-  found.correlation = found.correlation.cwiseQuotient(found.variance);
-  return found;
-}
-
-TEST(DisturbanceSource, HasTheGivenDeviationAndCorrelation) {
-  constexpr double kStep = 0.005;
-  constexpr int kSteps = 400000, kLag = 40;  // 0.2 s
-  const Disturbance given = pushes();
-  DisturbanceSource source(given, kStep, 3);
-  const Moments found = momentsOf(source, kSteps, kLag);
-  for (int i = 0; i < 3; ++i) {
-    const double a = std::exp(-kStep / given.time(i)), b = a * a;
-    // Standard errors of the variance and, by Bartlett's formula, of a correlation.
-    const double of_variance = std::sqrt(2 * (1 + b) / (1 - b) / kSteps);
-    const double of_correlation = std::sqrt(
-        ((1 + b) * (1 - std::pow(b, kLag)) / (1 - b) - 2 * kLag * std::pow(b, kLag)) / kSteps);
-    EXPECT_LT(of_variance, 0.1);
-    EXPECT_NEAR(found.variance(i) / (given.sigma(i) * given.sigma(i)), 1, 3 * of_variance) << i;
-    EXPECT_NEAR(found.correlation(i), std::exp(-0.2 / given.time(i)), 3 * of_correlation) << i;
+  for (const auto& bad : cases) {
+    const std::string message = complaintOf(roomFile({bad.line}));
+    const std::string place = "room_plan_test.yaml, " + bad.place;
+    EXPECT_NE(message.find(place), std::string::npos) << bad.line << ": " << message;
+    EXPECT_NE(message.find(bad.words), std::string::npos) << bad.line << ": " << message;
   }
 }
 
-TEST(DisturbanceSource, StartsStationaryAndItsWhiteNoiseIsAMeanOverAStep) {
-  Disturbance given = pushes();
-  given.white << 0.003, 0, 2e-5;
-  given.trim << 0.004, 0.005, 3e-5;
-  given.trim_thrust = 0.1;
-  constexpr int kRuns = 4000;
-  Vector3<double> square = Vector3<double>::Zero();
-  double thrust = 0, thrust_square = 0;
-  for (unsigned long seed = 0; seed < kRuns; ++seed) {
-    DisturbanceSource source(given, 0.005, seed);
-    square += source.next().cwiseAbs2() / kRuns;
-    thrust += (source.thrustFactor() - 1) / kRuns;
-    thrust_square += std::pow(source.thrustFactor() - 1, 2) / kRuns;
+RigidState<double> moving(const Point& at, double psi, double u, double v) {
+  RigidState<double> state;
+  state.eta << at, psi;
+  state.nu << u, v, 1.3;
+  return state;
+}
+
+/// Position at rest of a craft that coasts for `coasting` [s] and is then braked, simulated.
+Point simulatedRest(const RigidState<double>& state, double coasting, double braking) {
+  const double psi = state.eta.z(), u = state.nu.x(), v = state.nu.y();
+  Point velocity(std::cos(psi) * u - std::sin(psi) * v, std::sin(psi) * u + std::cos(psi) * v);
+  Point at = state.eta.head<2>();
+  constexpr double dt = 1e-4;
+  for (double t = 0; t < coasting - dt / 2; t += dt) at += dt * velocity;
+  while (velocity.norm() > 0) {
+    const double slower = std::max(0.0, velocity.norm() - braking * dt);
+    const Point after = slower * velocity.normalized();
+    at += 0.5 * dt * (velocity + after);
+    velocity = after;
   }
-  const Vector3<double> expected =
-      given.sigma.cwiseAbs2() + given.white.cwiseAbs2() / 0.005 + given.trim.cwiseAbs2();
-  const double error = 3 * std::sqrt(2.0 / kRuns);
-  for (int i = 0; i < 3; ++i) EXPECT_NEAR(square(i) / expected(i), 1, error) << i;
-  EXPECT_NEAR(thrust, 0, 3 * 0.1 / std::sqrt(kRuns));
-  EXPECT_NEAR(thrust_square / 0.01, 1, error);
+  return at;
 }
 
-TEST(DisturbanceSource, WhiteNoiseIsIndependentBetweenStepsAndTrimIsConstant) {
-  Disturbance white, trim;
-  white.white << 0.003, 0.003, 2e-5;
-  trim.trim << 0.004, 0.005, 3e-5;
-  DisturbanceSource noise(white, 0.005, 1), constant(trim, 0.005, 1);
-  const Moments found = momentsOf(noise, 40000, 1);
-  for (int i = 0; i < 3; ++i) EXPECT_NEAR(found.correlation(i), 0, 3 / std::sqrt(40000));
-  const Vector3<double> first = constant.next();
-  EXPECT_GT(first.cwiseAbs().minCoeff(), 0);
-  for (int i = 0; i < 10; ++i) EXPECT_EQ(constant.next(), first);
-}
-
-/// States during ten seconds of a room with a disturbance, at 50 Hz.
-std::vector<RigidState<double>> disturbed(const Disturbance& disturbance, unsigned long seed) {
-  Room::Params params;
-  params.seed = seed;
-  params.disturbance = disturbance;
-  Room room(tinyWhoover(), MocapParams(), params);
-  std::vector<RigidState<double>> states;
-  for (int i = 1; i <= 500; ++i) {
-    room.command(i % 3 > 0, i % 5 > 2, 1);
-    room.advance(0.02 * i);
-    states.push_back(room.state());
+TEST(Fence, RestIsTheStoppingPositionOfABrakedCraft) {
+  Room room = square();
+  std::mt19937_64 random(4);
+  std::uniform_real_distribution<double> speed(-2, 2), angle(-4, 4), time(0, 0.5);
+  for (int i = 0; i < 50; ++i) {
+    room.braking = 0.5 + time(random) * 5;
+    room.latency = time(random);
+    const double age = time(random);
+    const double u = speed(random), v = speed(random);
+    const RigidState<double> state = moving(somewhere(random), angle(random), u, v);
+    const Point expected = simulatedRest(state, room.latency + age, room.braking);
+    EXPECT_LT((Fence(room, 0.2).stoppingPoint(state, age) - expected).norm(), 1e-3);
   }
-  return states;
 }
 
-TEST(Room, TheSeedDeterminesTheDisturbance) {
-  const auto first = disturbed(pushes(), 1), again = disturbed(pushes(), 1),
-             other = disturbed(pushes(), 2);
-  EXPECT_EQ(first.back().eta, again.back().eta);
-  EXPECT_GT((first.back().eta - other.back().eta).norm(), 0.01);
-  Disturbance none;
-  none.time.setConstant(0.3);
-  const auto still = disturbed(none, 1), undisturbed = disturbed({}, 2);
-  EXPECT_EQ(still.back().eta, undisturbed.back().eta);
-  EXPECT_GT((first.back().eta - still.back().eta).norm(), 0.01);
+TEST(Fence, ExcessIsMarginMinusClearanceAtRestWithExactDerivatives) {
+  std::mt19937_64 random(5);
+  std::uniform_real_distribution<double> speed(-2, 2), angle(-4, 4);
+  constexpr double h = 1e-6;
+  int positive = 0, none = 0;
+  for (const Room& room : {square(), lShaped()}) {
+    const Fence fence(room, 0.25);
+    for (int i = 0; i < 1000; ++i) {
+      const double u = speed(random), v = speed(random);
+      const RigidState<double> state = moving(somewhere(random, 2), angle(random), u, v);
+      Eigen::Matrix<double, 1, 5> derivative;
+      const double excess = fence.violation(state, 0.1, derivative);
+      const double expected = 0.25 - room.clearance(fence.stoppingPoint(state, 0.1));
+      EXPECT_NEAR(excess, std::max(0.0, expected), 1e-12);
+      if (excess == 0) {
+        ++none;
+        continue;
+      }
+      const auto off = [&](int j, double by) {
+        RigidState<double> other = state;
+        (j < 3 ? other.eta(j) : other.nu(j - 3)) += by;
+        return 0.25 - room.clearance(fence.stoppingPoint(other, 0.1));
+      };
+      // Skips states whose rest is equally near to two walls, where there is no derivative.
+      Eigen::Matrix<double, 1, 5> differences;
+      bool smooth = true;
+      for (int j = 0; j < 5; ++j) {
+        const double right = (off(j, h) - off(j, 0)) / h, left = (off(j, 0) - off(j, -h)) / h;
+        smooth = smooth && std::abs(right - left) < 1e-3;
+        differences(j) = 0.5 * (left + right);
+      }
+      if (!smooth) continue;
+      ASSERT_LT((derivative - differences).norm(), 1e-3 * (1 + differences.norm()));
+      ++positive;
+    }
+  }
+  EXPECT_GT(positive, 500);
+  EXPECT_GT(none, 100);
 }
 
-TEST(Room, ADisturbanceActsAsAForce) {
-  Room::Params params;
-  params.disturbance.trim << 0.01, 0.01, 5e-5;
-  params.disturbance.trim_thrust = 0.1;
-  Model model = tinyWhoover();
-  model.addEffect(makeEffect("com_offset"));  // a mass matrix that is not diagonal
-  model.setValue("com_offset.xg", 0.005);
-  Room room(model, perfect(), params);
-  room.command(1, 0.6, 1);
-  room.advance(1e-3);
-  const Vector3<double> wrench = room.wrench();
-  EXPECT_GT(wrench.cwiseAbs().minCoeff(), 0);
-  // A model that has this force as an effect, and the thrust of this run, moves in the same way.
-  Model same = model;
-  for (const char* effect : {"body_force_bias", "yaw_bias"}) same.addEffect(makeEffect(effect));
-  same.setValue("body_force_bias.x0", wrench.x());
-  same.setValue("body_force_bias.y0", wrench.y());
-  same.setValue("yaw_bias.n0", wrench.z());
-  same.body.k *= DisturbanceSource(params.disturbance, kDefaultStep, params.seed).thrustFactor();
-  EXPECT_GT(std::abs(same.body.k / model.body.k - 1), 1e-3);
-  Room other(same, perfect(), {});
-  other.command(1, 0.6, 1);
-  other.advance(1e-3);
-  EXPECT_LT((room.derivative().nu - other.derivative().nu).norm(), 1e-2);
-  for (Room* one : {&room, &other}) one->advance(0.2);
-  EXPECT_LT((room.state().eta - other.state().eta).norm(), 1e-5);
-  EXPECT_LT((room.state().nu - other.state().nu).norm(), 2e-4);
-  // A model set later has the thrust and the disturbance of this run, too.
-  room.setModel(tinyWhoover());
-  Model plain = tinyWhoover();
-  plain.body.k = same.body.k;
-  const Vector3<double> expected =
-      Dynamics<double>(plain).derivative(0.2, room.state(), {1, 0.6}, 1).nu +
-      Vector3<double>(wrench.x() / plain.body.m, wrench.y() / plain.body.m,
-                      wrench.z() / plain.body.I_z);
-  EXPECT_LT((room.derivative().nu - expected).norm(), 1e-9);
+TEST(Fence, ObjectsToLeavingTheRoomWithAReason) {
+  const Fence fence(square(), 0.2);
+  const auto objection = [&](const Point& at, double u, double age) {
+    return fence.objection(moving(at, 0, u, 0), age);  // u points to the wall x = 2
+  };
+  EXPECT_EQ(objection({0, 0}, 0, 0), "");
+  EXPECT_EQ(objection({1.5, 0}, 0, 0), "");
+  EXPECT_EQ(objection({1.85, 0}, 0, 0), "the craft is 0.15 m from a wall of the room");
+  EXPECT_EQ(objection({1.85, 0}, -1, 0), "the craft is 0.15 m from a wall of the room");
+  EXPECT_EQ(objection({2.25, 0}, 0, 0), "the craft is 0.25 m outside of the room");
+  EXPECT_EQ(objection({2.25, 0}, -1, 0), "the craft is 0.25 m outside of the room");
+  // 1 m/s needs 0.1 m of latency and 1 / (2 * 1.5) m of braking.
+  EXPECT_EQ(objection({1.3, 0}, 1, 0), "");
+  EXPECT_EQ(objection({1.5, 0}, 1, 0),
+            "the craft would come to rest 0.07 m from a wall of the room if it were stopped later");
+  EXPECT_EQ(objection({1.7, 0}, 1, 0),
+            "the craft would come to rest 0.13 m outside of the room if it were stopped later");
+  EXPECT_EQ(objection({1.7, 0}, -1, 0), "") << "it moves inward";
+  // The older the state, the farther it may have gone.
+  EXPECT_EQ(objection({1.3, 0}, 1, 0.05), "");
+  EXPECT_EQ(objection({1.3, 0}, 1, 0.2),
+            "the craft would come to rest 0.07 m from a wall of the room if it were stopped later");
 }
 
-TEST(Room, RefusesABadDisturbance) {
-  Room::Params params;
-  params.disturbance.sigma.x() = 0.01;  // without a correlation time
-  EXPECT_THROW(Room(tinyWhoover(), MocapParams(), params), std::invalid_argument);
+TEST(LeavesRoom, GivesTheLargestSizeThatFits) {
+  const auto answer = [](const std::string& kind, double size) {
+    ReferenceParams params;
+    params.kind = kind;
+    params.size = size;
+    return leavesRoom(params, *makeReference(params), square());
+  };
+  for (const char* kind : {"circle", "rhodonea"}) {
+    const std::string message = answer(kind, 3);
+    const double fitting = std::stod(message.substr(message.find("; size=") + 7));
+    EXPECT_GT(fitting, 1) << message;
+    EXPECT_EQ(answer(kind, fitting), "") << message;
+    EXPECT_NE(answer(kind, fitting + 0.01), "") << message;
+  }
+  const std::string endless = answer("sinusoid", 0.5), line = answer("line", 0.5);
+  EXPECT_NE(endless.find("; no size fits"), std::string::npos) << endless;
+  ASSERT_NE(line, "");
+  EXPECT_EQ(line.find("size"), std::string::npos) << line << ", which has no size";
+}
+
+/// The number before a word in a message.
+double numberBefore(const std::string& word, const std::string& message) {
+  const std::size_t end = message.find(" " + word), begin = message.rfind(' ', end - 1);
+  return std::stod(message.substr(begin + 1, end - begin - 1));
+}
+
+TEST(LeavesRoom, NeedsSpaceToStopAfterALossOfTheMocap) {
+  // Straight on along the tangent, until latency and friction have ended it.
+  for (const double rate : {0.3, 0.6, 1.0, 1.5}) {
+    const std::string message = leavesRoom(*makeCircle({0, 0}, 1.5, rate), square());
+    const double speed = 1.5 * rate;
+    double least = 2;
+    for (double angle = 0; angle < 2 * M_PI; angle += 1e-3) {
+      const Point along(-std::sin(angle), std::cos(angle));
+      const double way =
+          (Fence::kLoss + square().latency) * speed + 0.5 * speed * speed / square().braking;
+      const Point end = 1.5 * Point(std::cos(angle), std::sin(angle)) + way * along;
+      least = std::min(least, 2 - end.cwiseAbs().maxCoeff());
+    }
+    if (least > square().margin) {
+      EXPECT_EQ(message, "") << speed;
+      continue;
+    }
+    ASSERT_NE(message.find("it is too fast near a wall"), std::string::npos) << message;
+    EXPECT_NEAR(numberBefore("m ", message + " "), std::abs(least), 0.006) << message;
+    EXPECT_EQ(message.find("outside") != std::string::npos, least < 0) << message;
+    const double when = numberBefore("s it is", message);
+    EXPECT_GE(when, 0);
+    EXPECT_LE(when, 100) << "ten times the extent is seen";
+  }
+}
+
+TEST(LeavesRoom, OpenLoopInputsAreJudgedByTheModel) {
+  const Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
+  InputSequence straight, turning;
+  straight.add(0, 1, 1, 1);
+  turning.add(0, 1, -1, 1);
+  const Dynamics<double> dynamics(model);
+  for (const double home : {0.0, 1.0}) {
+    Room room = square();
+    room.home = {home, 0};
+    Simulation<double> simulation(dynamics, straight, {}, 0);
+    double when = 0;
+    while (simulation.state().eta.x() + home < 2 - room.margin) simulation.advance(when += 1e-3);
+    const std::string message = leavesRoom(model, straight, when + 1, room);
+    ASSERT_EQ(message.rfind("by the model it comes too close to a wall after ", 0), 0u) << message;
+    EXPECT_NEAR(numberBefore("s ", message + " "), when + 0.025, 0.08) << message;
+    EXPECT_EQ(leavesRoom(model, straight, when - 0.01, room), "");
+    EXPECT_EQ(leavesRoom(model, turning, 20, room), "");
+  }
 }
 
 }  // namespace

@@ -18,7 +18,7 @@
 #include "ground/estimation/model_monitor.h"
 #include "ground/link/ground_link.h"
 #include "ground/simulation/experiment.h"
-#include "ground/simulation/room.h"
+#include "ground/simulation/simulated_lab.h"
 
 namespace ground {
 namespace {
@@ -102,7 +102,7 @@ TEST(Tables, DefaultsOfTheCoreAreThoseOfItsNodes) {
                                      {"loss", mocap.loss},
                                      {"gap_rate", mocap.gap_rate},
                                      {"gap_length", mocap.gap_length},
-                                     {"watchdog", Room::Params().watchdog}});
+                                     {"watchdog", SimulatedLab::Params().watchdog}});
   const GroundLinkParams link;
   expectDefaults({"Sender.cfg"}, {{"command_timeout", link.command_timeout},
                                   {"state_timeout", link.state_timeout},
@@ -142,103 +142,12 @@ TEST(Tables, DefaultsOfTheCoreAreThoseOfItsNodes) {
       {"OpenLoopPRBS.cfg"},
       {{"lift", life.lift}, {"lift_time", life.lift_time}, {"state_timeout", life.state_timeout}});
   EXPECT_EQ(life.rate, drive.life.rate);
-  const RoomPlan plain, room = loadRoomPlan("cfg/room/room_4x4.yaml");
+  const Room plain, room = loadRoom("cfg/room/room_4x4.yaml");
   EXPECT_EQ(plain.corners, room.corners);
   EXPECT_EQ(plain.home, room.home);
   EXPECT_EQ(plain.margin, room.margin);
   EXPECT_EQ(plain.braking, room.braking);
   EXPECT_EQ(plain.latency, room.latency);
-}
-
-/// Checks the range in the message about a far too large number: both ends are accepted, numbers
-/// outside it are refused.
-template <class Params, class Access>
-void expectRange(const std::string& name, const Params& good, Access access) {
-  ASSERT_EQ(good.validate(), "") << name;
-  const auto complaint = [&](double value) {
-    Params params = good;
-    auto& place = access(params);
-    place = static_cast<std::decay_t<decltype(place)>>(value);
-    return params.validate();
-  };
-  const std::string message = complaint(1e6);
-  const std::regex range(name + ".* must be between ([-.e0-9]+) and ([-.e0-9]+)");
-  std::smatch found;
-  ASSERT_TRUE(std::regex_search(message, found, range)) << name << ": " << message;
-  const double low = std::stod(found[1]), high = std::stod(found[2]);
-  EXPECT_LT(low, high);
-  Params probe = good;
-  const bool whole = std::is_integral<std::decay_t<decltype(access(probe))>>::value;
-  const double beyond = whole ? 1 : 1e-6 * high;
-  EXPECT_EQ(complaint(low), "") << name;
-  EXPECT_EQ(complaint(high), "") << name;
-  EXPECT_EQ(complaint(low - beyond), message) << name;
-  EXPECT_EQ(complaint(high + beyond), message) << name;
-  if (!whole) {
-    EXPECT_EQ(complaint(std::nan("")), message) << name;
-  }
-}
-
-TEST(Ranges, AreThoseOfTheirMessages) {
-  const LifecycleParams life;
-  expectRange("lift", life, [](auto& p) -> auto& { return p.lift; });
-  expectRange("lift_time", life, [](auto& p) -> auto& { return p.lift_time; });
-  expectRange("state_timeout", life, [](auto& p) -> auto& { return p.state_timeout; });
-  expectRange("recovery_time", life, [](auto& p) -> auto& { return p.recovery_time; });
-  expectRange("rate", life, [](auto& p) -> auto& { return p.rate; });
-  const DriveParams drive;
-  expectRange("start", drive, [](auto& p) -> auto& { return p.start; });
-  expectRange("tail", drive, [](auto& p) -> auto& { return p.tail; });
-  RoomPlan large;
-  large.corners = {{-500, -500}, {500, -500}, {500, 500}, {-500, 500}};
-  expectRange("margin", large, [](auto& p) -> auto& { return p.margin; });
-  expectRange("braking", large, [](auto& p) -> auto& { return p.braking; });
-  expectRange("latency", large, [](auto& p) -> auto& { return p.latency; });
-  const ReturnParams returns;
-  expectRange("burst", returns, [](auto& p) -> auto& { return p.burst; });
-  expectRange("arrival", returns, [](auto& p) -> auto& { return p.arrival; });
-  const MocapParams mocap;
-  expectRange("rate", mocap, [](auto& p) -> auto& { return p.rate; });
-  expectRange("position_noise", mocap, [](auto& p) -> auto& { return p.position_noise; });
-  expectRange("heading_noise", mocap, [](auto& p) -> auto& { return p.heading_noise; });
-  expectRange("latency", mocap, [](auto& p) -> auto& { return p.latency; });
-  expectRange("loss", mocap, [](auto& p) -> auto& { return p.loss; });
-  expectRange("gap_rate", mocap, [](auto& p) -> auto& { return p.gap_rate; });
-  expectRange("gap_length", mocap, [](auto& p) -> auto& { return p.gap_length; });
-  const DesignParams design;
-  expectRange("clock", design, [](auto& p) -> auto& { return p.clock; });
-  expectRange("hold", design, [](auto& p) -> auto& { return p.hold; });
-  expectRange("order", design, [](auto& p) -> auto& { return p.order; });
-  expectRange("trim of the thrust", Disturbance(), [](auto& p) -> auto& { return p.trim_thrust; });
-  GroundLinkParams link;
-  for (const double good : {0.0, 0.5, 1.0, 10.0}) {
-    link.obedience_timeout = good;
-    EXPECT_EQ(link.validate(), "") << good;
-  }
-  for (const double bad : {-1.0, 0.4999, 10.0001, std::nan("")}) {
-    link.obedience_timeout = bad;
-    EXPECT_EQ(link.validate(), "obedience_timeout must be 0 or between 0.5 and 10 s") << bad;
-  }
-}
-
-TEST(Ranges, OfTablesAreThoseOfTheirMessages) {
-  const auto check = [](const std::vector<TunableInfo>& infos) {
-    for (const TunableInfo& info : infos) {
-      if (info.type != "double" && info.type != "int") continue;
-      EXPECT_EQ(info.rangeError(info.low), "");
-      EXPECT_EQ(info.rangeError(info.high), "");
-      for (const double bad : {info.low - 1e-9 * std::max(1.0, std::abs(info.low)),
-                               info.high + 1e-9 * std::max(1.0, std::abs(info.high))}) {
-        const std::string message = info.rangeError(bad);
-        std::ostringstream wanted;
-        wanted << info.name << " must be between " << info.low << " and " << info.high;
-        EXPECT_EQ(message.find(wanted.str()), 0u) << message;
-      }
-    }
-  };
-  for (const ControllerInfo& info : controllerTable())
-    check({info.parameters.begin(), info.parameters.end()});
-  check({ReferenceParams::table().begin(), ReferenceParams::table().end()});
 }
 
 }  // namespace

@@ -12,7 +12,7 @@
 #include "ground/estimation/model_monitor.h"
 #include "ground/link/ground_link.h"
 #include "ground/simulation/experiment.h"
-#include "ground/simulation/room.h"
+#include "ground/simulation/simulated_lab.h"
 
 namespace ground {
 namespace {
@@ -52,11 +52,11 @@ void expectPositive(const Params& params, double Owner::*field, bool zero = fals
 }
 
 TEST(Ranges, AreThoseOfTheMessages) {
-  for (double RoomPlan::*field : {&RoomPlan::braking, &RoomPlan::latency})
-    expectRange(RoomPlan(), field);
-  RoomPlan hall;  // a margin has to leave space
+  for (double Room::*field : {&Room::braking, &Room::latency})
+    expectRange(Room(), field);
+  Room hall;  // a margin has to leave space
   hall.corners = {{-200, -200}, {200, -200}, {200, 200}, {-200, 200}};
-  expectRange(hall, &RoomPlan::margin);
+  expectRange(hall, &Room::margin);
   using L = LifecycleParams;
   for (double L::*field : {&L::lift, &L::lift_time, &L::state_timeout, &L::recovery_time, &L::rate})
     expectRange(L(), field);

@@ -26,7 +26,7 @@ void fill(PlanProblem& problem, const State& start, const Vector3<double>& missi
 TrajectoryOptimizer& optimizerOf(const PlanProblem& problem) {
   static const PredictiveParams params;
   static const std::unique_ptr<TrajectoryOptimizer> optimizer =
-      TrajectoryOptimizer::make(craft(), kSteps, params.horizon / kSteps);
+      std::make_unique<TrajectoryOptimizer>(craft(), kSteps, params.horizon / kSteps);
   State start = State::Zero();
   std::copy_n(problem.start, kStates, start.data());
   std::vector<ReferencePoint> references(kSteps);
@@ -53,7 +53,7 @@ struct DecidedFlight {
   explicit DecidedFlight(ReferencePtr followed)
       : reference(std::move(followed)), flight(model, reference) {}
 
-  /// The previous plan, shifted by a period as TrajectoryOptimizer::carryOn() does.
+  /// The previous plan, shifted by a period as TrajectoryOptimizer::warmStart() does.
   void guess(PlanProblem& problem) const {
     const double part = kPeriod / plan_cost_weights().step;
     const double turn = problem.start[2] - states[0](2);

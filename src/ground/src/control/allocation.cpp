@@ -7,7 +7,6 @@ namespace ground {
 namespace {
 
 constexpr double kEffort = 1e-9;     // e of the class comment
-constexpr double kParallel = 1e-12;  // product of different columns that counts as 0
 constexpr double kMet = 1e-6;        // relative error of a wrench that counts as met
 
 double inputInTable(const std::vector<std::array<double, 2>>& table, double force) {
@@ -55,11 +54,6 @@ Allocation::Allocation(const ThrusterLayout& layout, const Body<double>& body,
     high_(i) = full_(i) * one.curve.at(one.most * body.input_max);
   }
   hessian_.noalias() = columns_.transpose() * weights_.asDiagonal() * columns_;
-  for (int i = 0; i < count; ++i)
-    for (int j = 0; j < i; ++j) separates_ = separates_ && std::abs(hessian_(i, j)) < kParallel;
-  for (int i = 0; i < count && separates_; ++i)
-    alone_.push_back({columns_.col(i), weights_.cwiseProduct(columns_.col(i)) / hessian_(i, i),
-                      low_(i), high_(i), full_(i), layout[i].curve.linear()});
   // A gain only matters relative to the others'.
   const double scale = kEffort * full_.cwiseAbs2().minCoeff();
   for (int i = 0; i < count; ++i) hessian_(i, i) += scale / (full_(i) * full_(i));
@@ -67,37 +61,14 @@ Allocation::Allocation(const ThrusterLayout& layout, const Body<double>& body,
 
 Allocation::Output Allocation::run(const Vector3<double>& wrench) const {
   const Vector3<double> demand(wrench.x(), wrench.y(), wrench.z() / lever_);
-  Output out = separates_ ? clipped(demand) : solved(demand);
-  out.wrench.z() *= lever_;
-  return out;
-}
-
-/// Inputs if each force can be clipped by itself.
-Allocation::Output Allocation::clipped(const Vector3<double>& demand) const {
-  Output out;
-  out.wanted = out.inputs = Thrusters<double>::zero(static_cast<int>(alone_.size()));
-  out.wrench.setZero();
-  int i = 0;
-  for (const Alone& one : alone_) {
-    const double force = one.share.dot(demand);
-    const double given = std::clamp(force, one.low, one.high);
-    const double wanted = force / one.full;
-    out.wanted(i) = one.linear ? wanted : inputFor(layout_[i].curve, wanted);
-    out.inputs(i) = given == force ? out.wanted(i) : inputFor(layout_[i].curve, given / one.full);
-    out.wrench += given * one.column;
-    ++i;
-  }
-  return out;
-}
-
-Allocation::Output Allocation::solved(const Vector3<double>& demand) const {
   problem_.solve(hessian_, -(columns_.transpose() * weights_.cwiseProduct(demand)), low_, high_);
   const Forces& force = problem_.minimum();
   const Vector3<double> given = columns_ * force;
   const Vector3<double> reachable = columns_ * problem_.unbounded();
   const bool met = (given - reachable).norm() <= kMet * high_.maxCoeff();
   const Thrusters<double> inputs = inputsOf(force);
-  return {inputs, met ? inputs : inputsOf(problem_.unbounded()), given};
+  return {inputs, met ? inputs : inputsOf(problem_.unbounded()),
+          {given.x(), given.y(), given.z() * lever_}};
 }
 
 Allocation::Output Allocation::most(const Vector3<double>& direction) const {

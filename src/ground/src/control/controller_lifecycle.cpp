@@ -7,8 +7,6 @@
 #include <limits>
 #include <utility>
 
-#include "ground/estimation/jump.h"
-
 namespace ground {
 namespace {
 
@@ -167,11 +165,19 @@ bool ControllerLifecycle::stateIsFinite() const {
 /// it was carried, or the mocap tracks something else. Otherwise empty.
 std::string ControllerLifecycle::jumped(const MeasuredState& state) const {
   if (!known_) return "";
-  const Jump jump(known_->state, state.state, std::max(0.0, state.stamp - known_->stamp));
-  if (!jump.impossible()) return "";
+  // Limits for a short gap, and their increase with time. They are stricter than sameMotion(), which
+  // does not use the velocity.
+  constexpr double kWay = 0.2, kSpeed = 2.0;     // [m], [m/s]
+  constexpr double kTurn = 0.6, kTurnRate = 10;  // [rad], [rad/s]
+  const RigidState<double>&from = known_->state, &to = state.state;
+  const double dt = std::max(0.0, state.stamp - known_->stamp);
+  const Vector2<double> over_floor = bodyToWorld<double>(from.eta.z(), from.nu.head<2>().eval());
+  const double way = (to.eta.head<2>() - from.eta.head<2>() - over_floor * dt).norm();
+  const double turn = std::abs(wrapAngle(to.eta.z() - from.eta.z() - from.nu.z() * dt));
+  if (way <= kWay + kSpeed * dt && turn <= kTurn + kTurnRate * dt) return "";
   char text[120];
-  std::snprintf(text, sizeof text, "the state has jumped by %.2f m and %.2f rad in %.2f s",
-                jump.way, jump.turn, jump.dt);
+  std::snprintf(text, sizeof text, "the state has jumped by %.2f m and %.2f rad in %.2f s", way,
+                turn, dt);
   return text;
 }
 

@@ -2,6 +2,8 @@
 
 #include <stdexcept>
 
+#include "ground/control/input_design.h"
+
 namespace ground {
 namespace {
 
@@ -24,17 +26,18 @@ class OpenLoop : public TrackingController {
     setParams(choice);
   }
   void setParams(const ControllerChoice& choice) {
-    signal_ = PrbsSignal(makePrbs(choice.prbs_order, choice.prbs_seed), choice.prbs);
+    signal_ = playBits({makePrbs(choice.prbs_order, choice.prbs_seed), 1}, choice.prbs);
   }
   bool follows() const override { return false; }
   Thrusters<double> decide(const Observation& seen) override {
-    return wanted_ = input_max_ * signal_.at(seen.now - seen.reference_start);
+    wanted_ = signal_.at(seen.now - seen.reference_start).thrusters;
+    return wanted_ *= input_max_;
   }
   Thrusters<double> wanted() const override { return wanted_; }
 
  private:
   double input_max_;
-  PrbsSignal signal_{{{}}, {}};
+  InputSignal signal_;
   Thrusters<double> wanted_{0.0, 0.0};
 };
 

@@ -109,8 +109,9 @@ double ExcitationPilot::spare() const {
   const Fence fence(returns_->room, returns_->room.margin);
   double least = std::numeric_limits<double>::infinity();
   for (const TrajectoryOptimizer::State& planned : way) {
-    const Vector2<double> rest = fence.rest({planned.head<3>(), planned.segment<3>(3)}, Fence::kLoss);
-    least = std::min(least, returns_->room.clearance(here + (1 + kModelError) * (rest - here)));
+    const Vector2<double> stop =
+        fence.stoppingPoint({planned.head<3>(), planned.segment<3>(3)}, Fence::kLoss);
+    least = std::min(least, returns_->room.clearance(here + (1 + kModelError) * (stop - here)));
   }
   return least - returns_->room.margin;
 }

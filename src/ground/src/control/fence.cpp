@@ -25,16 +25,16 @@ double Fence::coasting(double speed, double age) const {
   return std::max(0.0, age) + room_.latency + 0.5 * speed / room_.braking;
 }
 
-Vector2<double> Fence::rest(const RigidState<double>& state, double age) const {
+Vector2<double> Fence::stoppingPoint(const RigidState<double>& state, double age) const {
   const Vector2<double> velocity = bodyToWorld<double>(state.eta.z(), state.nu.head<2>().eval());
   return state.eta.head<2>() + coasting(velocity.norm(), age) * velocity;
 }
 
-double Fence::excess(const RigidState<double>& state, double age,
+double Fence::violation(const RigidState<double>& state, double age,
                      Eigen::Matrix<double, 1, 5>& derivative) const {
   Vector2<double> away;
-  const double excess = distance_ - room_.clearance(rest(state, age), away);
-  if (!(excess > 0)) return 0;
+  const double violation = distance_ - room_.clearance(stoppingPoint(state, age), away);
+  if (!(violation > 0)) return 0;
   const Rotation<double> heading(state.eta.z());
   const Vector2<double> velocity = heading.toWorld(state.nu.head<2>().eval());
   const double speed = velocity.norm(), time = coasting(speed, age);
@@ -45,7 +45,7 @@ double Fence::excess(const RigidState<double>& state, double age,
     rest_by.rightCols<2>() +=
         0.5 / (room_.braking * speed) * velocity * state.nu.head<2>().transpose();
   derivative = -away.transpose() * rest_by;
-  return excess;
+  return violation;
 }
 
 std::string Fence::objection(const RigidState<double>& state, double age) const {
@@ -57,7 +57,7 @@ std::string Fence::objection(const RigidState<double>& state, double age) const 
   } else if (now < distance_) {
     std::snprintf(text, sizeof text, "the craft is %.2f m from a wall of the room", now);
   } else {
-    const double then = room_.clearanceOfWay(here, rest(state, age));
+    const double then = room_.clearanceOfWay(here, stoppingPoint(state, age));
     if (then < distance_)
       std::snprintf(text, sizeof text,
                     "the craft would come to rest %.2f m %s of the room if it were stopped later",
@@ -66,7 +66,7 @@ std::string Fence::objection(const RigidState<double>& state, double age) const 
   return text;
 }
 
-std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& room) {
+std::string leavesRoom(const ReferenceTrajectory& reference, const Room& room) {
   struct Least {
     double clearance = std::numeric_limits<double>::infinity(), when = 0;
     void take(double other, double t) {
@@ -83,7 +83,7 @@ std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& roo
     state.eta.head<2>() = point.p;
     state.nu.head<2>() = point.p_dot;  // at heading 0, body and world axes agree
     there.take(room.clearance(point.p), t);
-    stopped.take(room.clearance(fence.rest(state, Fence::kLoss)), t);
+    stopped.take(room.clearance(fence.stoppingPoint(state, Fence::kLoss)), t);
   }
   char text[200] = "";
   if (there.clearance < 0) {
@@ -103,7 +103,7 @@ std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& roo
 }
 
 std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference,
-                       const RoomPlan& room) {
+                       const Room& room) {
   std::string reason = leavesRoom(reference, room);
   if (reason.empty() || !takesSize(params.kind)) return reason;
   const auto fits = [&](int hundredths) {
@@ -122,7 +122,7 @@ std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory&
 }
 
 std::string leavesRoom(const Model& model, const InputSequence& inputs, double end,
-                       const RoomPlan& room) {
+                       const Room& room) {
   constexpr double kInterval = 0.05;  // [s]
   const Dynamics<double> dynamics(model);
   RigidState<double> start{Vector3<double>::Zero(), Vector3<double>::Zero()};

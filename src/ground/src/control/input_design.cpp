@@ -8,9 +8,7 @@
 #include <stdexcept>
 
 #include "ground/control/allocation.h"
-#include "ground/control/prbs.h"
 #include "ground/model/shortened.h"
-#include "ground/model/text_file.h"
 
 namespace ground {
 namespace {
@@ -18,7 +16,6 @@ namespace {
 constexpr double kLongestInput = 3600;        // [s]
 constexpr double kTiny = 1e-9;                // tolerance for rounding errors of edges [s]
 constexpr std::size_t kMaxRows = 2000000;
-constexpr std::size_t kLargestInputs = 100000000;  // [bytes]
 constexpr double kGolden = 0.6180339887498949;
 constexpr double kSlowest = 1.0 / 8;          // lowest frequency of a multisine [Hz]
 constexpr double kSinesPerClock = 1.0 / 6;    // highest frequency of a multisine over the clock
@@ -191,68 +188,36 @@ const DesignInfo* infoOf(const std::string& kind) {
   return nullptr;
 }
 
-/// The numbers in a line of a CSV file. Throws std::runtime_error on anything else.
-std::vector<double> numbersIn(const std::string& line) {
-  std::vector<double> row;
-  std::istringstream cells(line);
-  for (std::string cell; std::getline(cells, cell, ',');) {
-    char* end = nullptr;
-    row.push_back(std::strtod(cell.c_str(), &end));
-    if (end == cell.c_str() || std::string(end).find_first_not_of(" \t\r") != std::string::npos)
-      throw std::runtime_error("'" + shortened(line) + "' is not all numbers");
-    if (!std::isfinite(row.back())) throw std::runtime_error("a value is not finite");
-  }
-  return row;
-}
-
-/// Adds a row of time, inputs of the thrusters and optionally lift. Throws std::runtime_error if it
-/// is invalid.
-void addRow(const std::vector<double>& row, InputSignal& signal) {
-  if (row[0] < 0 || (!signal.times.empty() && row[0] <= signal.times.back()))
-    throw std::runtime_error("times must ascend from 0 or later");
-  const ThrusterLayout& layout = *signal.thrusters;
-  for (std::size_t i = 1; i < row.size(); ++i) {
-    const bool thruster = i <= static_cast<std::size_t>(layout.size());
-    const double least = thruster ? layout[static_cast<int>(i) - 1].least : 0;
-    const double most = thruster ? layout[static_cast<int>(i) - 1].most : 1;
-    if (row[i] >= least && row[i] <= most) continue;
-    std::ostringstream text;
-    text << "inputs must be between " << least << " and " << most;
-    throw std::runtime_error(text.str() +
-                             (layout.isPair() ? "" : " for " + layout.channels()[i - 1]));
-  }
-  if (row[0] > kLongestInput)
-    throw std::runtime_error("inputs may last 3600 s; times are counted from the run's start");
-  if (signal.times.size() == kMaxRows)
-    throw std::runtime_error("it has more than 2 million rows");
-  signal.times.push_back(row[0]);
-  Row inputs = Row::zero(layout.size());
-  std::copy_n(row.begin() + 1, inputs.size(), inputs.begin());
-  signal.inputs.emplace_back(inputs, signal.has_lift ? row.back() : 1.0);
-}
-
-InputSignal timedRows(const std::string& path, const std::string& header, std::istringstream& file,
-                      const ThrusterLayoutPtr& thrusters, bool has_lift) {
-  const std::size_t width = static_cast<std::size_t>(thrusters->size()) + (has_lift ? 2 : 1);
+/// Rows of time, inputs of the thrusters and optionally lift.
+InputSignal timedRows(const TableFile& table, const ThrusterLayoutPtr& thrusters, bool has_lift) {
+  const ThrusterLayout& layout = *thrusters;
   InputSignal signal;
   signal.thrusters = thrusters;
   signal.has_lift = has_lift;
   signal.once = true;
-  std::string line;
-  for (int number = 2; std::getline(file, line); ++number) {
-    if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
-    try {
-      const std::vector<double> row = numbersIn(line);
-      if (row.size() != width)
-        throw std::runtime_error(std::to_string(row.size()) + " values for " +
-                                 std::to_string(width) + " columns (" + header + ")");
-      addRow(row, signal);
-    } catch (const std::runtime_error& error) {
-      throw std::runtime_error(path + ", line " + std::to_string(number) + ": " + error.what());
+  for (std::size_t k = 0; k < table.size(); ++k) {
+    const double* const row = table.row(k);
+    if (row[0] < 0 || (k > 0 && row[0] <= signal.times.back()))
+      table.fail(k, "times must ascend from 0 or later");
+    if (row[0] > kLongestInput)
+      table.fail(k, "inputs may last 3600 s; times are counted from the run's start");
+    for (std::size_t i = 1; i < table.width; ++i) {
+      const bool thruster = i <= static_cast<std::size_t>(layout.size());
+      const double least = thruster ? layout[static_cast<int>(i) - 1].least : 0;
+      const double most = thruster ? layout[static_cast<int>(i) - 1].most : 1;
+      if (row[i] >= least && row[i] <= most) continue;
+      std::ostringstream text;
+      text << "inputs must be between " << least << " and " << most << " for "
+           << layout.channels()[i - 1];
+      table.fail(k, text.str());
     }
+    signal.times.push_back(row[0]);
+    Row inputs = Row::zero(layout.size());
+    std::copy_n(row + 1, inputs.size(), inputs.begin());
+    signal.inputs.emplace_back(inputs, has_lift ? row[table.width - 1] : 1.0);
   }
-  if (signal.times.size() < 2)
-    throw std::runtime_error(path + ": only " + std::to_string(signal.times.size()) + " rows");
+  if (table.size() < 2)
+    throw std::runtime_error(table.path + ": only " + std::to_string(table.size()) + " rows");
   signal.end = signal.times.back();
   return signal;
 }
@@ -325,30 +290,31 @@ InputSignal readInputFile(const DesignParams& params, double duration) {
   const std::vector<double>& levels = params.levels.empty() ? kTwoLevels : params.levels;
   const std::string& path = params.file;
   if (path.empty()) throw std::invalid_argument("parameter file is empty: set it to a CSV file");
-  std::istringstream file(readTextFile(path, kLargestInputs));
-  std::string header;
-  std::getline(file, header);
-  const auto blank = [](unsigned char c) { return std::isspace(c) != 0; };
-  header.erase(std::remove_if(header.begin(), header.end(), blank), header.end());
+  const TableFile table = readTable(path, kMaxRows);
   std::string columns = "time";
-  for (int i = 0; i < params.thrusters->size(); ++i)
-    columns += "," + (*params.thrusters)[i].channel;
+  for (const Thruster& one : params.thrusters->thrusters()) columns += "," + one.channel;
   const std::string with_lift = columns + "," + params.thrusters->liftChannel();
+  const std::string& header = table.header;
   if (header == columns || header == with_lift)
-    return timedRows(path, header, file, params.thrusters, header == with_lift);
-  if (header.rfind("time", 0) == 0 || params.thrusters->size() != 2)
+    return timedRows(table, params.thrusters, header == with_lift);
+  if (!header.empty() || params.thrusters->size() != 2)
     throw std::runtime_error(path + ", line 1: the columns are " + shortened(header) + ", not " +
                              columns + " or " + with_lift);
-  try {
-    const PrbsFile bits = readPrbs(path, params.rows_per_bit);
-    InputSignal signal = repeated(params, between(bits.rows, levels.front(), levels.back()),
-                                  params.clock * bits.rows_per_bit, duration);
-    signal.description = bits.describe(params.clock);
-    return signal;
-  } catch (const std::runtime_error& error) {
-    throw std::runtime_error(std::string(error.what()) + "; other inputs need a first line " +
-                             columns + " or " + with_lift);
-  }
+  const PrbsFile bits = bitsOf(table, params.rows_per_bit);
+  InputSignal signal = repeated(params, between(bits.rows, levels.front(), levels.back()),
+                                params.clock * bits.rows_per_bit, duration);
+  signal.description = bits.describe(params.clock);
+  return signal;
+}
+
+InputSignal playBits(const PrbsFile& bits, const PrbsParams& params) {
+  const std::string wrong = params.validate();
+  if (!wrong.empty()) throw std::invalid_argument(wrong);
+  std::vector<Row> rows;
+  for (const auto& bit : bits.rows)
+    rows.push_back({bit[0] ? params.left_high : params.left_low,
+                    bit[1] ? params.right_high : params.right_low});
+  return repeated({}, rows, params.clock * bits.rows_per_bit, params.duration);
 }
 
 bool InputSignal::ended(double t) const { return t >= end - kTiny; }

@@ -1,59 +1,24 @@
 #include "ground/control/prbs.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
-#include <limits>
 #include <numeric>
 #include <sstream>
 #include <stdexcept>
 
-#include "ground/model/shortened.h"
-#include "ground/model/text_file.h"
-
 namespace ground {
 namespace {
 
-constexpr std::size_t kLargestSequence = 20000000;  // [bytes]
+constexpr std::size_t kMaxBits = 2000000;  // rows of a file
 
 /// Taps of maximum-length registers by order (Alfke, Xilinx XAPP 052, 1996).
 const std::vector<std::vector<int>>& taps() {
-  static const std::vector<std::vector<int>> table = {{},
-                                                      {},
-                                                      {2, 1},
-                                                      {3, 2},
-                                                      {4, 3},
-                                                      {5, 3},
-                                                      {6, 5},
-                                                      {7, 6},
-                                                      {8, 6, 5, 4},
-                                                      {9, 5},
-                                                      {10, 7},
-                                                      {11, 9},
-                                                      {12, 6, 4, 1},
-                                                      {13, 4, 3, 1},
-                                                      {14, 5, 3, 1},
-                                                      {15, 14},
-                                                      {16, 15, 13, 4},
-                                                      {17, 14},
-                                                      {18, 11},
-                                                      {19, 6, 2, 1},
-                                                      {20, 17}};
+  static const std::vector<std::vector<int>> table = {
+      {},           {},       {2, 1},   {3, 2},         {4, 3},         {5, 3},         {6, 5},
+      {7, 6},       {8, 6, 5, 4},       {9, 5},         {10, 7},        {11, 9},
+      {12, 6, 4, 1}, {13, 4, 3, 1},     {14, 5, 3, 1},  {15, 14},       {16, 15, 13, 4},
+      {17, 14},     {18, 11}, {19, 6, 2, 1}, {20, 17}};
   return table;
-}
-
-bool parseBit(std::string text, bool& bit) {
-  const auto space = [](unsigned char c) { return std::isspace(c); };
-  text.erase(std::remove_if(text.begin(), text.end(), space), text.end());
-  std::size_t used = 0;
-  double value = 0;
-  try {
-    value = std::stod(text, &used);
-  } catch (const std::exception&) {
-    return false;
-  }
-  bit = value == 1;
-  return used == text.size() && (value == 1 || value == 0 || value == -1);
 }
 
 }  // namespace
@@ -104,25 +69,30 @@ int rowsPerBit(const PrbsBits& rows) {
   return std::accumulate(runs.begin() + 1, runs.end() - 1, 0, std::gcd<int, int>);
 }
 
-PrbsFile readPrbs(const std::string& path, int rows_per_bit) {
+PrbsFile bitsOf(const TableFile& table, int rows_per_bit) {
   if (rows_per_bit < 0)
     throw std::invalid_argument("rows_per_bit must be positive, or 0 to find it in the file");
-  std::istringstream file(readTextFile(path, kLargestSequence));
-  PrbsBits rows;
-  std::string line;
-  for (int number = 1; std::getline(file, line); ++number) {
-    if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
-    const std::size_t comma = line.find(',');
-    std::array<bool, 2> bit{};
-    if (comma == std::string::npos || !parseBit(line.substr(0, comma), bit[0]) ||
-        !parseBit(line.substr(comma + 1), bit[1]))
-      throw std::runtime_error(path + ", line " + std::to_string(number) + ": '" + shortened(line) +
-                               "' is not LEFT,RIGHT with -1, 0 or 1 each");
-    rows.push_back(bit);
+  if (table.size() == 0) throw std::runtime_error("the PRBS file " + table.path + " is empty");
+  PrbsBits rows(table.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const double* const row = table.row(i);
+    const auto isBit = [](double x) { return x == -1 || x == 0 || x == 1; };
+    if (table.width != 2 || !std::all_of(row, row + 2, isBit)) {
+      std::ostringstream text;
+      for (std::size_t j = 0; j < table.width; ++j) text << (j > 0 ? "," : "") << row[j];
+      table.fail(i, "'" + text.str() + "' is not LEFT,RIGHT with -1, 0 or 1 each");
+    }
+    rows[i] = {row[0] == 1, row[1] == 1};
   }
-  if (rows.empty()) throw std::runtime_error("the PRBS file " + path + " is empty");
   if (rows_per_bit == 0) rows_per_bit = rowsPerBit(rows);
   return {std::move(rows), rows_per_bit};
+}
+
+PrbsFile readPrbs(const std::string& path, int rows_per_bit) {
+  const TableFile table = readTable(path, kMaxBits);
+  if (!table.header.empty())
+    throw std::runtime_error(path + ", line 1: it needs LEFT,RIGHT with -1, 0 or 1 each");
+  return bitsOf(table, rows_per_bit);
 }
 
 const Tunables<PrbsParams>& PrbsParams::table() {
@@ -143,32 +113,6 @@ std::string PrbsParams::validate() const {
   if (!wrong.empty()) return wrong;
   if (left_low > left_high || right_low > right_high) return "a low level is above its high level";
   return "";
-}
-
-PrbsSignal::PrbsSignal(PrbsBits rows, const PrbsParams& params, int rows_per_bit)
-    : rows_(std::move(rows)), params_(params), row_rate_(params.clock * rows_per_bit) {
-  if (rows_.empty()) throw std::invalid_argument("a PRBS needs at least one bit");
-  if (rows_per_bit < 1) throw std::invalid_argument("rows_per_bit must be positive");
-  const std::string wrong = params_.validate();
-  if (!wrong.empty()) throw std::invalid_argument(wrong);
-}
-
-long long PrbsSignal::index(double t) const {
-  // The tolerance allows for rounding errors of edges.
-  return static_cast<long long>(std::floor(t * row_rate_ + 1e-9));
-}
-
-Vector2<double> PrbsSignal::at(double t) const {
-  if (!(t >= 0) || t >= params_.duration) return Vector2<double>::Zero();
-  const auto& bit = rows_[static_cast<std::size_t>(index(t)) % rows_.size()];
-  return {bit[0] ? params_.left_high : params_.left_low,
-          bit[1] ? params_.right_high : params_.right_low};
-}
-
-double PrbsSignal::nextChange(double t) const {
-  if (t < 0) return 0;
-  if (t >= params_.duration) return std::numeric_limits<double>::infinity();
-  return std::min(params_.duration, static_cast<double>(index(t) + 1) / row_rate_);
 }
 
 }  // namespace ground

@@ -15,7 +15,7 @@ namespace {
 /// First turns of other plans, in both directions [rad]; full thrust follows.
 constexpr std::array<double, 4> kTurns = {M_PI / 4, M_PI / 2, 3 * M_PI / 4, M_PI};
 constexpr double kMaxOtherCost = 0.98;     // relative cost below which another plan replaces it
-constexpr double kMinImprovement = 1e-4;  // relative decrease of the cost to continue iterating
+constexpr double kMinImprovement = 1e-3;  // relative decrease of the cost to continue iterating
 
 }  // namespace
 
@@ -65,11 +65,9 @@ void PredictiveControl::setParams(const PredictiveParams& params) {
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   if (!plan_ || params.steps != params_.steps || params.horizon != params_.horizon) {
     const double step = params.horizon / params.steps;
-    plan_ = TrajectoryOptimizer::make(model_, params.steps, step);
-    plan_->setBudget(budget_);
+    plan_ = std::make_unique<TrajectoryOptimizer>(model_, params.steps, step);
     for (Contender& other : others_) {
-      other.plan = TrajectoryOptimizer::make(model_, params.steps, step);
-      other.plan->setBudget(budget_);
+      other.plan = std::make_unique<TrajectoryOptimizer>(model_, params.steps, step);
       other.time.reset();
     }
     references_.resize(static_cast<std::size_t>(params.steps));
@@ -101,9 +99,9 @@ void PredictiveControl::commanded(double time, const Thrusters<double>& thruster
   observer_.command(time, thrusters, lift);
 }
 
-void PredictiveControl::carryOn(double time) {
+void PredictiveControl::warmStart(double time) {
   if (plan_time_) {
-    plan_->carryOn(std::max(0.0, time - *plan_time_));
+    plan_->warmStart(std::max(0.0, time - *plan_time_));
   } else {
     std::vector<Thrusters<double>>& inputs = plan_->newInputs();
     std::fill(inputs.begin(), inputs.end(), Thrusters<double>(0.5 * asVector(forward_)));
@@ -167,30 +165,20 @@ void PredictiveControl::makeSeeds(TrajectoryOptimizer& plan) {
   }
 }
 
-/// Simulates the seeds, as many at once as there are lanes; returns whether there was time for all.
-bool PredictiveControl::rateSeeds(TrajectoryOptimizer& plan) {
+/// Computes the costs of the seeds; stops, with has_seeds_ false, when time is up.
+void PredictiveControl::rateSeeds(TrajectoryOptimizer& plan) {
   makeSeeds(plan);
-  std::vector<Thrusters<Lanes>>& inputs = plan.inputsOfEach();
-  for (std::size_t first = 0; first < kSeeds; first += Lanes::kCount) {
-    if (!budget_.left()) return false;
-    const std::size_t count = std::min<std::size_t>(Lanes::kCount, kSeeds - first);
-    for (std::size_t number = 0; number < count; ++number) {
-      for (std::size_t k = 0; k < inputs.size(); ++k) {
-        const Thrusters<double> one =
-            inputsOf(seeds_[first + number], static_cast<double>(k) * plan.step(), plan);
-        for (int i = 0; i < one.size(); ++i) inputs[k](i)[static_cast<int>(number)] = one(i);
-      }
-    }
-    const Lanes costs = plan.costsOfEach();
-    for (std::size_t number = 0; number < count; ++number)
-      seed_costs_[first + number] = costs[static_cast<int>(number)];
+  for (std::size_t number = 0; number < kSeeds; ++number) {
+    if (!budget_.left()) return;
+    follow(seeds_[number], plan);
+    seed_costs_[number] = plan.rollOut();
   }
-  return true;
+  has_seeds_ = true;
 }
 
 /// Begins at the seed with the lowest cost of those that were not tried; returns whether it did.
 bool PredictiveControl::beginAtSeed(TrajectoryOptimizer& plan) {
-  if (!has_seeds_) has_seeds_ = rateSeeds(plan);
+  if (!has_seeds_) rateSeeds(plan);
   if (!has_seeds_) return false;
   if (std::all_of(is_tried_.begin(), is_tried_.end(), [](bool tried) { return tried; }))
     is_tried_.fill(false);
@@ -212,12 +200,10 @@ bool PredictiveControl::beginAtSeed(TrajectoryOptimizer& plan) {
 /// them may be of use.
 bool PredictiveControl::improve(TrajectoryOptimizer& plan, int iterations) {
   const double first = plan.cost();
-  // Near the reference a slight change does what the linearised problem predicts; elsewhere it may not.
-  const double slight = plan.error() < params_.lost ? kMinImprovement : 0;
   for (int i = 0; i < iterations && budget_.left(); ++i) {
     ++improvements_;
     const double before = plan.cost();
-    if (plan.improve(slight) && before - plan.cost() < kMinImprovement * before) return false;
+    if (plan.improve() && before - plan.cost() < kMinImprovement * before) return false;
   }
   return budget_.isUp() || plan.cost() < (1 - kMinImprovement) * first;
 }
@@ -227,7 +213,7 @@ void PredictiveControl::search(double time) {
   for (Contender& other : others_) {
     if (!budget_.left()) return;
     if (other.time) {
-      other.plan->carryOn(std::max(0.0, time - *other.time));
+      other.plan->warmStart(std::max(0.0, time - *other.time));
     } else if (!beginAtSeed(*other.plan)) {
       continue;
     }
@@ -277,7 +263,7 @@ Thrusters<double> PredictiveControl::decide(const Observation& seen) {
     plan->setProblem(acts - seen.drive_start, state, seen.lift, start_.missing, references_);
 
   has_seeds_ = false;
-  carryOn(acts);
+  warmStart(acts);
   improvements_ = 0;
   improve(*plan_, params_.iterations);
   if (plan_->error() < params_.lost) {

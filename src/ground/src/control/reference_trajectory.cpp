@@ -1,18 +1,15 @@
 #include "ground/control/reference_trajectory.h"
 
 #include <Eigen/Core>
+#include <Eigen/SparseLU>
 #include <algorithm>
-#include <array>
-#include <cctype>
 #include <cmath>
 #include <complex>
-#include <cstdlib>
-#include <cstring>
-#include <limits>
 #include <stdexcept>
 #include <unsupported/Eigen/Splines>
 
-#include "ground/model/text_file.h"
+#include "ground/control/table_file.h"
+#include "ground/model/shortened.h"
 
 namespace ground {
 namespace {
@@ -152,42 +149,6 @@ class Sinusoid : public ReferenceTrajectory {
   double speed_, amplitude_, rate_;
 };
 
-/// Banded linear equations: row i has entries only in columns i - band to i + band. Time and memory
-/// grow linearly with the number of rows. Collocation matrices of B-splines are totally positive,
-/// so elimination needs no pivoting (de Boor, A Practical Guide to Splines, XIII).
-class BandedSystem {
- public:
-  BandedSystem(Eigen::Index count, Eigen::Index band)
-      : band_(band), rows_(Rows::Zero(count, 2 * band + 1)) {}
-  double& at(Eigen::Index row, Eigen::Index column) { return rows_(row, column - row + band_); }
-  /// Replaces the right-hand sides by the solution; false if there is none. Call only once.
-  bool solve(Eigen::MatrixXd& sides) {
-    const Eigen::Index count = rows_.rows();
-    for (Eigen::Index k = 0; k < count; ++k) {
-      if (!(at(k, k) > 0)) return false;
-      const Eigen::Index last = std::min(k + band_, count - 1);
-      for (Eigen::Index i = k + 1; i <= last; ++i) {
-        const double factor = at(i, k) / at(k, k);
-        if (factor == 0) continue;
-        for (Eigen::Index j = k; j <= last; ++j) at(i, j) -= factor * at(k, j);
-        sides.row(i) -= factor * sides.row(k);
-      }
-    }
-    for (Eigen::Index k = count - 1; k >= 0; --k) {
-      for (Eigen::Index j = k + 1; j <= std::min(k + band_, count - 1); ++j)
-        sides.row(k) -= at(k, j) * sides.row(j);
-      sides.row(k) /= at(k, k);
-    }
-    return sides.allFinite();
-  }
-
- private:
-  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-  Eigen::Index band_;
-  Rows rows_;
-};
-
 /// Quintic spline through points at ascending parameters (times or distances) from 0.
 class Curve {
  public:
@@ -200,14 +161,19 @@ class Curve {
     Spline::KnotVectorType knots;
     Eigen::KnotAveraging(u, degree, knots);
     Eigen::MatrixXd control(count, 2);
-    BandedSystem collocation(count, degree);
+    std::vector<Eigen::Triplet<double>> entries;
     for (Eigen::Index i = 0; i < count; ++i) {
       const Eigen::Index span = Spline::Span(u(i), degree, knots);
       const auto basis = Spline::BasisFunctions(u(i), degree, knots);
-      for (Eigen::Index j = 0; j <= degree; ++j) collocation.at(i, span - degree + j) = basis(j);
+      for (Eigen::Index j = 0; j <= degree; ++j)
+        entries.emplace_back(static_cast<int>(i), static_cast<int>(span - degree + j), basis(j));
       control.row(i) = points[static_cast<std::size_t>(i)].transpose();
     }
-    if (!collocation.solve(control))
+    Eigen::SparseMatrix<double> collocation(count, count);
+    collocation.setFromTriplets(entries.begin(), entries.end());
+    Eigen::SparseLU<Eigen::SparseMatrix<double>, Eigen::NaturalOrdering<int>> solver(collocation);
+    if (solver.info() == Eigen::Success) control = solver.solve(control).eval();
+    if (solver.info() != Eigen::Success || !control.allFinite())
       throw std::invalid_argument("no spline goes through these points");
     spline_ = Spline(knots, control.transpose());
   }
@@ -275,7 +241,6 @@ class Waypoints : public ReferenceTrajectory {
 };
 
 // Limits of files.
-constexpr std::size_t kLargestTable = 100000000;        // [bytes]
 constexpr std::size_t kMaxPoints = 1000000;
 constexpr double kMaxCoordinate = 1e4, kMaxTime = 1e7;  // [m], [s]
 
@@ -283,104 +248,21 @@ void require(bool good, const char* message) {
   if (!good) throw std::invalid_argument(message);
 }
 
-constexpr std::size_t kMaxCells = 3;
-
-/// The cells of a line of a CSV file, NaN if not a number: at most kMaxCells, and one more if the
-/// line continues.
-struct Cells {
-  std::array<double, kMaxCells + 1> values{};
-  std::size_t count = 0;
-};
-
-bool isBlank(char c) { return std::isspace(static_cast<unsigned char>(c)) != 0; }
-
-/// Parses a decimal number between blanks; NaN for anything else.
-double numberIn(const char* begin, const char* end) {
-  while (begin < end && isBlank(*begin)) ++begin;
-  while (begin < end && isBlank(end[-1])) --end;
-  constexpr char kDecimal[] = "+-.0123456789eE";  // strtod would also accept hexadecimal and "nan"
-  const bool decimal =
-      std::all_of(begin, end, [&](char c) { return std::strchr(kDecimal, c) != nullptr && c != 0; });
-  char* stop = nullptr;
-  const double value = decimal && begin < end ? std::strtod(begin, &stop) : 0;
-  return stop == end ? value : std::numeric_limits<double>::quiet_NaN();
-}
-
-/// The character at `end` must not be part of a number.
-Cells cellsOf(const char* begin, const char* end) {
-  Cells cells;
-  while (cells.count <= kMaxCells) {
-    const char* comma = std::find(begin, end, ',');
-    cells.values[cells.count++] = numberIn(begin, comma);
-    if (comma == end) break;
-    begin = comma + 1;
-  }
-  return cells;
-}
-
 bool turns(double rate) { return std::isfinite(rate) && rate != 0; }
 
-/// The lines of a text, one after the other.
-class Lines {
- public:
-  explicit Lines(const std::string& text) : next_(text.data()), end_(next_ + text.size()) {}
-
-  bool left() const { return next_ < end_; }
-  std::pair<const char*, const char*> take() {
-    const char* const begin = next_;
-    const char* const stop = std::find(begin, end_, '\n');
-    next_ = stop == end_ ? end_ : stop + 1;
-    return {begin, stop};
-  }
-
- private:
-  const char* next_;
-  const char* end_;  ///< the terminating 0
-};
-
-/// Whether the header has a column of times; calls fail() on an unknown header.
-template <class Fail>
-bool timedColumns(const std::pair<const char*, const char*>& line, const Fail& fail) {
-  std::string columns(line.first, line.second);
-  columns.erase(std::remove_if(columns.begin(), columns.end(), isBlank), columns.end());
-  const bool timed = columns == "time,x,y";
-  if (!timed && columns != "x,y")
-    fail(1, "the columns must be time,x,y or x,y, not '" + columns.substr(0, 80) + "'");
-  return timed;
+/// Throws if row i of a file of points is out of range or does not follow the one before it.
+void checkRow(const TableFile& table, std::size_t i, bool timed) {
+  const double* const row = table.row(i);
+  const double* const coordinates = row + table.width - 2;
+  if (std::max(std::abs(coordinates[0]), std::abs(coordinates[1])) > kMaxCoordinate ||
+      std::abs(row[0]) > kMaxTime)
+    table.fail(i, "x and y must lie within 10 km, and times within 1e7 s");
+  if (i == 0) return;
+  const double* const before = table.row(i - 1);
+  if (timed && row[0] <= before[0]) table.fail(i, "times must ascend");
+  if (!timed && std::equal(row, row + table.width, before))
+    table.fail(i, "the point is the same as the one before");
 }
-
-/// The rows of a reference file.
-struct PointRows {
-  bool timed;
-  Vector2<double> origin;
-  std::vector<double> times;
-  std::vector<Vector2<double>> points;
-
-  /// Adds a row; returns an error message, or an empty string.
-  std::string add(const Cells& cells) {
-    const std::size_t width = timed ? 3 : 2;
-    const double time = timed ? cells.values[0] : 0;
-    const double x = cells.values[width - 2], y = cells.values[width - 1];
-    if (cells.count != width || !std::isfinite(time + x + y))
-      return std::string("it needs ") + (timed ? "three" : "two") + " finite numbers";
-    if (std::abs(x) > kMaxCoordinate || std::abs(y) > kMaxCoordinate || std::abs(time) > kMaxTime)
-      return "no room is 10 km wide, and no craft flies for months";
-    const std::string wrong = wrongOrder(time, origin + Vector2<double>(x, y));
-    if (!wrong.empty()) return wrong;
-    times.push_back(time);
-    points.push_back(origin + Vector2<double>(x, y));
-    return "";
-  }
-
-  std::string wrongOrder(double time, const Vector2<double>& point) const {
-    if (points.size() == kMaxPoints)
-      return "it has more than " + std::to_string(kMaxPoints) + " points";
-    if (points.empty()) return "";
-    if (timed && time <= times.back()) return "times must ascend";
-    if (!timed && points.back() == point) return "the point is the same as the one before";
-    return "";
-  }
-};
 
 }  // namespace
 
@@ -450,23 +332,22 @@ ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double sp
 ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
                            bool smooth) {
   if (path.empty()) throw std::runtime_error("parameter file is empty: set it to a CSV file");
-  const std::string text = readTextFile(path, kLargestTable);
-  const auto fail = [&](int line, const std::string& what) {
-    throw std::runtime_error(path + ", line " + std::to_string(line) + ": " + what);
-  };
-  Lines lines(text);
-  PointRows rows{timedColumns(lines.take(), fail), origin, {}, {}};
-  for (int line = 2; lines.left(); ++line) {
-    const auto [begin, stop] = lines.take();
-    if (std::all_of(begin, stop, isBlank)) continue;
-    const std::string wrong = rows.add(cellsOf(begin, stop));
-    if (!wrong.empty()) fail(line, wrong);
+  const TableFile table = readTable(path, kMaxPoints);
+  const bool timed = table.header == "time,x,y";
+  if (!timed && table.header != "x,y")
+    throw std::runtime_error(path + ", line 1: the columns must be time,x,y or x,y, not '" +
+                             shortened(table.header) + "'");
+  if (table.size() < 2)
+    throw std::runtime_error(path + ", line 1: at least two points must follow");
+  std::vector<double> times;
+  std::vector<Vector2<double>> points;
+  for (std::size_t i = 0; i < table.size(); ++i) {
+    checkRow(table, i, timed);
+    const double* const row = table.row(i);
+    if (timed) times.push_back(row[0] - table.row(0)[0]);
+    points.push_back(origin + Vector2<double>(row[table.width - 2], row[table.width - 1]));
   }
-  if (rows.points.size() < 2) fail(1, "at least two points must follow");
-  if (!rows.timed) return makeWaypoints(rows.points, speed, smooth);
-  const double start = rows.times.front();
-  for (double& time : rows.times) time -= start;
-  return makeSpline(rows.times, rows.points);
+  return timed ? makeSpline(times, points) : makeWaypoints(points, speed, smooth);
 }
 
 const Tunables<ReferenceParams>& ReferenceParams::table() {

@@ -92,7 +92,7 @@ ObedienceMonitor::ObedienceMonitor(const Model& model)
       derivatives_(model),
       most_(model.thrusters->fullThrust() * model.body.k * model.body.input_max / model.body.m),
       most_yaw_(fullYaw(model)) {
-  static_assert(kShares.size() * kExtraDelays.size() == kToldCount && kExtraDelays.size() == kDelayCount);
+  static_assert(kShares.size() * kExtraDelays.size() == kFollowingCount && kExtraDelays.size() == kDelayCount);
   addExplanations();
   reset();
 }
@@ -118,17 +118,17 @@ void ObedienceMonitor::addExplanations() {
 
 void ObedienceMonitor::reset() {
   const InputSequence none(dynamics_.layout().size());
-  told_.fill(none);
+  delayed_.fill(none);
   others_.assign(explanations_.size(), none);
   started_ = false;
   intervals_.clear();
 }
 
 void ObedienceMonitor::command(double time, const Thrusters<double>& thrusters, double lift) {
-  if (told_[0].size() > 0 && time < told_[0].times.back()) return reset();
+  if (delayed_[0].size() > 0 && time < delayed_[0].times.back()) reset();
   forgetOldCommands(time);
-  for (std::size_t i = 0; i < told_.size(); ++i)
-    told_[i].add(time + kExtraDelays[i], thrusters, lift);
+  for (std::size_t i = 0; i < delayed_.size(); ++i)
+    delayed_[i].add(time + kExtraDelays[i], thrusters, lift);
   for (std::size_t i = 0; i < others_.size(); ++i) {
     const Explanation& e = explanations_[i];
     Thrusters<double> inputs = Thrusters<double>::zero(thrusters.size());
@@ -139,12 +139,12 @@ void ObedienceMonitor::command(double time, const Thrusters<double>& thrusters, 
 }
 
 void ObedienceMonitor::forgetOldCommands(double time) {
-  if (told_[0].size() < kMaxCommands) return;
+  if (delayed_[0].size() < kMaxCommands) return;
   const double oldest =
       time - kActuatorMemory - dynamics_.inputDelay() - kExtraDelays.back() - kMaxGap;
   std::size_t count = 0;
-  while (count + 1 < told_[0].size() && told_[0].times[count + 1] < oldest) ++count;
-  for (InputSequence& told : told_) told.drop(count);
+  while (count + 1 < delayed_[0].size() && delayed_[0].times[count + 1] < oldest) ++count;
+  for (InputSequence& commands : delayed_) commands.drop(count);
   for (InputSequence& other : others_) other.drop(count);
 }
 
@@ -170,7 +170,7 @@ RigidState<double> ObedienceMonitor::centre(const RigidState<double>& seen) cons
 }
 
 bool ObedienceMonitor::lifted() const {
-  return told_[0].size() > 0 && told_[0].lift.back() >= kMinLift;
+  return delayed_[0].size() > 0 && delayed_[0].lift.back() >= kMinLift;
 }
 
 Vector3<double> ObedienceMonitor::predict(const Dynamics<double>& dynamics,
@@ -194,11 +194,11 @@ ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
   const Spread spread{variance(most_, dragged.head<2>().norm(), noise.head<2>().maxCoeff()),
                       variance(most_yaw_, dragged.z(), noise.z())};
   Interval interval{now.time, {}, noEvidence()};
-  Eigen::Index told = 0;
-  for (const InputSequence& inputs : told_) {
+  Eigen::Index following = 0;
+  for (const InputSequence& inputs : delayed_) {
     const Vector3<double> thrust = predict(dynamics_, inputs, now.time) - free;
     for (double share : kShares)
-      interval.told(told++) = spread.logLikelihood(seen, free + share * thrust);
+      interval.following(following++) = spread.logLikelihood(seen, free + share * thrust);
   }
   for (std::size_t i = 0; i < others_.size(); ++i)
     interval.others(static_cast<Eigen::Index>(i)) = spread.logLikelihood(seen, others[i]);
@@ -208,18 +208,18 @@ ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
 /// Evidence of the last `duration` seconds for each other hypothesis.
 ObedienceMonitor::Evidence ObedienceMonitor::evidenceOfOthers(double duration) const {
   const auto recent = [&](const Interval& i) { return i.end > start_.time - duration; };
-  Told told = Told::Zero();
+  Following following = Following::Zero();
   for (const Interval& i : intervals_)
-    if (recent(i)) told += i.told;
+    if (recent(i)) following += i.following;
   Eigen::Index best = 0;
-  told.maxCoeff(&best);
+  following.maxCoeff(&best);
   Evidence evidence = noEvidence();
   for (const Interval& i : intervals_) {
     if (!recent(i)) continue;
-    Evidence better = i.others - i.told(best);
+    Evidence better = i.others - i.following(best);
     // A trim is the same in all intervals, so a slightly better fit in each of them is no evidence,
     // except for the hypothesis of no thrust.
-    if (i.told(best) > kPlausible)
+    if (i.following(best) > kPlausible)
       better.tail(better.size() - 1) = better.tail(better.size() - 1).min(0);
     evidence += better;
   }
@@ -248,7 +248,7 @@ std::string ObedienceMonitor::disobedience(double duration) const {
 std::string ObedienceMonitor::likely(double duration, Eigen::Index best) const {
   Evidence others = noEvidence();
   for (const Interval& i : intervals_)
-    if (i.end > start_.time - duration && i.told.maxCoeff() < kPlausible) others += i.others;
+    if (i.end > start_.time - duration && i.following.maxCoeff() < kPlausible) others += i.others;
   if ((others == 0).all()) return explanations_[static_cast<std::size_t>(best)].text;
   std::string text;
   for (Eigen::Index i = 0; i < others.size(); ++i)

@@ -265,7 +265,7 @@ void GroundLink::watch(double now) {
   if (state_ != State::kArmed) return;
   // It may have restarted, and must not receive thrust when it returns.
   if (craftSilent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
-  if (deaf())
+  if (receivesNoCommands())
     return disobeyed(now, "its count of received commands stands still");
   if (!send_problem_.empty() && sent_until_ <= now)
     return fault(now, because("packets cannot be sent", send_problem_));
@@ -294,7 +294,7 @@ bool GroundLink::craftSilent(double now) const {
 
 /// Whether the craft's own count shows that it receives no commands. Not during a silence, in which
 /// none are sent.
-bool GroundLink::deaf() const {
+bool GroundLink::receivesNoCommands() const {
   return !silent_until_ && peer_count_ && params_.obedience_timeout > 0 &&
          peer_heard_ - peer_counted_ > params_.obedience_timeout;
 }

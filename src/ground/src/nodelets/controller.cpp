@@ -64,7 +64,7 @@ void Controller::onInit() {
     if (!room.empty() && !require_state_)
       throw std::runtime_error("the room needs the state (require_state): leave out room");
     if (!room.empty()) {
-      room_ = loadRoomPlan(room);
+      room_ = loadRoom(room);
       life_.setFence(Fence(*room_, room_->margin));
     }
     controls_ = topics.advertise<ground_msgs::Controls>("controls", 4);

@@ -100,10 +100,15 @@ class MocapState : public nodelet::Nodelet {
   void loadRecorded(ros::NodeHandle& nh) {
     XmlRpc::XmlRpcValue list;
     if (!nh.getParam("recorded", list)) return;
+    const auto number = [](XmlRpc::XmlRpcValue& value) {
+      const bool whole = value.getType() == XmlRpc::XmlRpcValue::TypeInt;
+      return whole ? static_cast<double>(static_cast<int>(value)) : static_cast<double>(value);
+    };
     try {
       for (int i = 0; i < list.size(); ++i) {
         XmlRpc::XmlRpcValue& entry = list[i];
-        recorded_.push_back({entry["from"], entry["axes"], entry["heading_offset"]});
+        recorded_.push_back(
+            {number(entry["from"]), entry["axes"], number(entry["heading_offset"])});
         AxisMapping(recorded_.back().axes, recorded_.back().heading_offset);
       }
     } catch (const XmlRpc::XmlRpcException& error) {

@@ -4,7 +4,7 @@
 #include <pluginlib/class_list_macros.hpp>
 
 #include "ground/control/controllers.h"
-#include "ground/control/prbs.h"
+#include "ground/control/input_design.h"
 #include "ground/nodelets/controller.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/parameters.h"
@@ -59,23 +59,22 @@ class OpenLoopPRBS : private Pilot, public Controller {
   }
 
   void activate(double) override {
-    signal_ = std::make_unique<PrbsSignal>(sequence_.rows, params_, sequence_.rows_per_bit);
+    signal_ = playBits(sequence_, params_);
     if (!csv_.empty())
       log().info(csv_ + ": " + sequence_.describe(params_.clock));
   }
   Inputs update(double elapsed, double, const RigidState<double>&, double lift) override {
-    const Vector2<double> inputs = signal_->at(elapsed);
-    return {inputs.x(), inputs.y(), lift};
+    return {signal_.at(elapsed).thrusters, lift};
   }
-  double end() const override { return signal_->duration(); }
+  double end() const override { return signal_.end; }
   double nextChange(double elapsed) const override {
-    return signal_ ? signal_->nextChange(elapsed) : 0.0;
+    return signal_.nextChange(elapsed);
   }
 
   std::string csv_;  ///< empty if the sequence is generated
   PrbsFile sequence_;
   PrbsParams params_;
-  std::unique_ptr<PrbsSignal> signal_;
+  InputSignal signal_;
   std::unique_ptr<LiveParameters<OpenLoopPRBSConfig>> reconfigure_;
 };
 

@@ -115,7 +115,7 @@ class Sender : public nodelet::Nodelet {
     const auto room = optionalParameter<std::string>(nh, "room", "");
     if (bench_) prepareForBench(room);
     remark_ = armingRemark();
-    if (!room.empty()) fence_ = Fence(loadRoomPlan(room), 0);
+    if (!room.empty()) fence_ = Fence(loadRoom(room), 0);
     openLink(nh);
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);

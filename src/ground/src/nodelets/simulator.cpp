@@ -25,7 +25,7 @@
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
-#include "ground/simulation/room.h"
+#include "ground/simulation/simulated_lab.h"
 
 namespace ground {
 
@@ -66,7 +66,7 @@ class Simulator : public nodelet::Nodelet {
     input_max_ = loaded_.body.input_max;
     const int seed = optionalParameter<int>(nh, "seed", 1);
     if (seed < 0) throw std::runtime_error("parameter seed must not be negative");
-    Room::Params room;
+    SimulatedLab::Params room;
     room.seed = static_cast<unsigned long>(seed);
     room.start = optionalParameter<double>(nh, "start_time", 1000.0);
     room.braking = optionalParameter<double>(nh, "braking", room.braking);
@@ -82,7 +82,7 @@ class Simulator : public nodelet::Nodelet {
     publish_clock_ = optionalParameter<bool>(nh, "publish_clock", true);
     sender_ = UdpAddress::parse(optionalParameter<std::string>(nh, "sender", "127.0.0.1"), 3333);
     socket_ = std::make_unique<UdpSocket>(UdpAddress());
-    room_ = std::make_unique<Room>(loaded_, mocap_, room);
+    room_ = std::make_unique<SimulatedLab>(loaded_, mocap_, room);
 
     pose_publisher_ =
         topics.advertise<geometry_msgs::PoseStamped>("vrpn_client_node/hovercraft/pose", 10);
@@ -278,7 +278,7 @@ class Simulator : public nodelet::Nodelet {
   std::mutex mutex_;  ///< guards room_, loaded_, factors_, input_max_, origins, factor and offset
   Model loaded_;      ///< model as in its file, without factors
   Factors factors_ = {1, 1, 1, 1, 1, 1};
-  std::unique_ptr<Room> room_;
+  std::unique_ptr<SimulatedLab> room_;
   SteadyClock::time_point wall_origin_, last_turn_;
   double time_origin_ = 0, real_time_factor_ = 1;
   double clock_offset_ = 0;  ///< published times minus times of the room [s]

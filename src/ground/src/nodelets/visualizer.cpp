@@ -20,7 +20,7 @@
 #include <utility>
 #include <vector>
 
-#include "ground/control/room_plan.h"
+#include "ground/control/room.h"
 #include "ground/estimation/floor_map.h"
 #include "ground/model/typical.h"
 #include "ground/nodelets/callback_thread.h"
@@ -57,7 +57,7 @@ class Visualizer : public nodelet::Nodelet {
       floor_publisher_ = topics.advertise<visualization_msgs::Marker>("floor_map", 1, true);
       room_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("room", 1, true);
       const auto room = optionalParameter<std::string>(nh, "room", "");
-      const RoomPlan plan = room.empty() ? openFloor() : loadRoomPlan(room);
+      const Room plan = room.empty() ? openFloor() : loadRoom(room);
       home_ = plan.home;
       grid_cell_ = gridCell(plan);
       room_publisher_.publish(floorOf(plan, grid_cell_, !room.empty()));
@@ -348,14 +348,14 @@ class Visualizer : public nodelet::Nodelet {
   }
 
   /// The floor that is shown without a room.
-  static RoomPlan openFloor() {
-    RoomPlan floor;
+  static Room openFloor() {
+    Room floor;
     floor.corners = {{-5, -5}, {5, -5}, {5, 5}, {-5, 5}};
     return floor;
   }
 
   /// Lower and upper ends of a room along x and y [m].
-  static std::pair<Vector2<double>, Vector2<double>> ends(const RoomPlan& room) {
+  static std::pair<Vector2<double>, Vector2<double>> ends(const Room& room) {
     Vector2<double> low = room.corners.front(), high = low;
     for (const Vector2<double>& corner : room.corners) {
       low = low.cwiseMin(corner);
@@ -365,14 +365,14 @@ class Visualizer : public nodelet::Nodelet {
   }
 
   /// Distance of the grid lines on a floor [m].
-  static double gridCell(const RoomPlan& room) {
+  static double gridCell(const Room& room) {
     constexpr double kMaxLines = 40;
     const auto [low, high] = ends(room);
     return std::max(0.5, std::ceil((high - low).maxCoeff() / kMaxLines));
   }
 
   /// Grid lines over the floor, and the walls and the home of a room.
-  static visualization_msgs::MarkerArrayPtr floorOf(const RoomPlan& room, double cell, bool walls) {
+  static visualization_msgs::MarkerArrayPtr floorOf(const Room& room, double cell, bool walls) {
     using visualization_msgs::Marker;
     const auto lines = [](int id, double width, const std::string& color) {
       Marker m = makeMarker("world_ned", "room", id, Marker::LINE_LIST, markerColor(color));

@@ -121,28 +121,28 @@ void defControllers(py::module_& module) {
 }
 
 void defRoom(py::module_& module) {
-  py::class_<RoomPlan>(module, "RoomPlan", "The allowed floor area, world_ned.")
+  py::class_<Room>(module, "RoomPlan", "The allowed floor area, world_ned.")
       .def(py::init<>())
-      .def_readwrite("name", &RoomPlan::name)
-      .def_readwrite("corners", &RoomPlan::corners)
-      .def_readwrite("margin", &RoomPlan::margin)
-      .def_readwrite("home", &RoomPlan::home)
-      .def_readwrite("braking", &RoomPlan::braking)
-      .def_readwrite("latency", &RoomPlan::latency)
-      .def("validate", &RoomPlan::validate)
+      .def_readwrite("name", &Room::name)
+      .def_readwrite("corners", &Room::corners)
+      .def_readwrite("margin", &Room::margin)
+      .def_readwrite("home", &Room::home)
+      .def_readwrite("braking", &Room::braking)
+      .def_readwrite("latency", &Room::latency)
+      .def("validate", &Room::validate)
       .def("clearance",
-           [](const RoomPlan& room, const Vector2<double>& point) {
+           [](const Room& room, const Vector2<double>& point) {
              const std::string wrong = room.validate();
              if (!wrong.empty()) throw std::invalid_argument(wrong);
              requireFinite(point, "the point");
              return room.clearance(point);
            },
            py::arg("point"), "Distance from the nearest wall [m], negative outside.");
-  module.def("load_room", &loadRoomPlan, py::arg("path"));
-  module.def("parse_room", &parseRoomPlan, py::arg("yaml"), py::arg("source"));
+  module.def("load_room", &loadRoom, py::arg("path"));
+  module.def("parse_room", &parseRoom, py::arg("yaml"), py::arg("source"));
   module.def(
       "leaves_room",
-      [](const ReferenceParams& params, const RoomPlan& room) {
+      [](const ReferenceParams& params, const Room& room) {
         return leavesRoom(params, *makeReference(params), room);
       },
       py::arg("reference"), py::arg("room"),

@@ -149,7 +149,7 @@ void note(const ReferencePilot::Decision& decision, double input_max, Experiment
     log.references.push_back({decision.stamp, decision.reference});
 }
 
-void note(const Room& room, ExperimentLog& log) {
+void note(const SimulatedLab& room, ExperimentLog& log) {
   const RigidState<double>& state = room.state();
   if (!state.eta.allFinite() || !state.nu.allFinite()) {
     char text[160];
@@ -174,13 +174,13 @@ Command spoiled(Command command, CraftFault fault) {
 }
 
 void run(const Model& model, Driver& driver, const ExperimentParams& params, ExperimentLog& log) {
-  Room::Params place;
+  SimulatedLab::Params place;
   place.initial = params.initial;
   place.seed = params.seed;
   place.disturbance = params.disturbance;
-  const auto made = params.plant ? std::make_unique<Room>(*params.plant, params.mocap, place)
-                                 : std::make_unique<Room>(model, params.mocap, place);
-  Room& room = *made;
+  const auto made = params.plant ? std::make_unique<SimulatedLab>(*params.plant, params.mocap, place)
+                                 : std::make_unique<SimulatedLab>(model, params.mocap, place);
+  SimulatedLab& room = *made;
   const double input_max = model.body.input_max;
   while (true) {
     const double captures = room.nextCapture();

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <vector>
-
 #include "ground/control/box_minimum.h"
 #include "ground/model/body.h"
 #include "ground/model/thruster.h"
@@ -18,9 +16,8 @@ namespace ground {
 /// with a small e: the error of the wrench comes first, then the squares of the forces relative to
 /// those of input 1 (of the commands, if force curves are linear). It is the weighted least squares
 /// of Harkegard, Efficient active set algorithms for solving constrained least squares problems in
-/// aircraft control allocation, CDC 2002. If the wrenches of all thrusters are orthogonal in X, Y,
-/// N / l, as those of the pair, the problem separates: e is not needed, and each force is clipped
-/// by itself. Allocates no memory after construction. One thread at a time.
+/// aircraft control allocation, CDC 2002. Allocates no memory after construction. One thread at a
+/// time.
 class Allocation {
  public:
   /// Weights of the squared errors of X, Y and N / l. Equal weights give the pair the inputs of
@@ -48,18 +45,8 @@ class Allocation {
   Output most(const Vector3<double>& direction) const;
 
  private:
-  using Forces = PerThruster<Eigen::Dynamic>;
+  using Forces = PerThruster;
 
-  /// A thruster whose force does not depend on those of the others.
-  struct Alone {
-    Vector3<double> column;  ///< X, Y, N / l of a force of 1 N
-    Vector3<double> share;   ///< its force for a demand of X, Y, N / l is the product with it
-    double low, high, full;
-    bool linear;  ///< its force curve
-  };
-
-  Output clipped(const Vector3<double>& demand) const;
-  Output solved(const Vector3<double>& demand) const;
   Thrusters<double> inputsOf(const Forces& force) const;
 
   ThrusterLayout layout_;
@@ -69,10 +56,8 @@ class Allocation {
   Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxThrusters> columns_;
   Forces full_;        ///< force at input 1 [N]
   Forces low_, high_;  ///< range [N]
-  bool separates_ = true;
-  std::vector<Alone> alone_;  ///< all thrusters, if the problem separates
-  mutable BoxMinimum<Eigen::Dynamic> problem_;
-  BoxMinimum<Eigen::Dynamic>::Square hessian_;
+  mutable BoxMinimum problem_;
+  BoxMinimum::Square hessian_;
 };
 
 /// The input at which a force curve has a value, the smallest in size if there are several. Beyond

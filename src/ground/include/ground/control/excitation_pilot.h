@@ -10,13 +10,13 @@
 #include "ground/control/input_design.h"
 #include "ground/control/predictive_control.h"
 #include "ground/control/reference_pilot.h"
-#include "ground/control/room_plan.h"
+#include "ground/control/room.h"
 
 namespace ground {
 
 /// How an excitation is kept inside a room.
 struct ReturnParams {
-  RoomPlan room;
+  Room room;
   double burst = 4.0;    ///< longest burst [s]
   double arrival = 0;    ///< distance from home at which a return ends [m]; 0: half way to a wall
   PredictiveParams predictive;

@@ -3,7 +3,7 @@
 #include <string>
 
 #include "ground/control/reference_trajectory.h"
-#include "ground/control/room_plan.h"
+#include "ground/control/room.h"
 #include "ground/model/dynamics.h"
 #include "ground/model/stepping.h"
 
@@ -20,14 +20,14 @@ class Fence {
   static constexpr double kLoss = 0.3;
 
   /// distance: smallest distance to the walls [m].
-  Fence(RoomPlan room, double distance) : room_(std::move(room)), distance_(distance) {}
+  Fence(Room room, double distance) : room_(std::move(room)), distance_(distance) {}
 
-  const RoomPlan& room() const { return room_; }
+  const Room& room() const { return room_; }
   /// Where the craft comes to rest if thrust and lift are cut now; `age`: age of the state [s].
-  Vector2<double> rest(const RigidState<double>& state, double age) const;
-  /// By how much rest() is too close to a wall [m], at least 0. `derivative`: its derivatives by x,
+  Vector2<double> stoppingPoint(const RigidState<double>& state, double age) const;
+  /// By how much stoppingPoint() is too close to a wall [m], at least 0. `derivative`: its derivatives by x,
   /// y, psi, u, v, set only if it is positive.
-  double excess(const RigidState<double>& state, double age,
+  double violation(const RigidState<double>& state, double age,
                 Eigen::Matrix<double, 1, 5>& derivative) const;
   /// Why thrust and lift have to be cut now; empty if the craft may continue.
   std::string objection(const RigidState<double>& state, double age) const;
@@ -35,7 +35,7 @@ class Fence {
  private:
   double coasting(double speed, double age) const;
 
-  RoomPlan room_;
+  Room room_;
   double distance_;
 };
 
@@ -44,18 +44,18 @@ class Fence {
 struct PlanWalls {
   Fence fence;
   double age = 0;       ///< age of the state at the cut: duration of a loss of the mocap [s]
-  double weight = 100;  ///< weight of the square of Fence::excess
+  double weight = 100;  ///< weight of the square of Fence::violation
 };
 
 /// Why a craft on a reference could not be stopped inside a room, with its margin, if the mocap
 /// were lost for Fence::kLoss; empty if it could. Throws std::invalid_argument on an invalid room.
-std::string leavesRoom(const ReferenceTrajectory& reference, const RoomPlan& room);
+std::string leavesRoom(const ReferenceTrajectory& reference, const Room& room);
 /// The same for a reference made from `params`, and the largest size that fits, if one does.
 std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference,
-                       const RoomPlan& room);
+                       const Room& room);
 /// Why a simulated craft leaves a room under open-loop inputs (in the model's units, until `end`
 /// [s]) from rest at home; empty if it stays inside.
 std::string leavesRoom(const Model& model, const InputSequence& inputs, double end,
-                       const RoomPlan& room);
+                       const Room& room);
 
 }  // namespace ground

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "ground/control/controller_lifecycle.h"
+#include "ground/control/prbs.h"
 #include "ground/model/thruster.h"
 
 namespace ground {
@@ -64,5 +65,9 @@ InputSignal makeDesign(const DesignParams& params, double duration);
 /// only, are played with `params` for `duration` [s]. Throws std::runtime_error that names file and
 /// line.
 InputSignal readInputFile(const DesignParams& params, double duration);
+
+/// A binary sequence for a left and a right thruster. Throws std::invalid_argument if parameters are
+/// bad.
+InputSignal playBits(const PrbsFile& bits, const PrbsParams& params);
 
 }  // namespace ground

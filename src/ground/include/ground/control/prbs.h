@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "ground/control/table_file.h"
 #include "ground/model/tunable.h"
-#include "ground/model/types.h"
 
 namespace ground {
 
@@ -36,9 +36,11 @@ constexpr int kMinRuns = 8;
 /// than kMinRuns runs remain, because a short pattern may have a common divisor by chance.
 int rowsPerBit(const PrbsBits& rows);
 
-/// Reads one row per line, "left,right", each -1 or 0 for low and 1 for high. If `rows_per_bit` is
-/// 0, it is determined from the file (rowsPerBit). Throws std::runtime_error that names file and
-/// line, std::invalid_argument if rows_per_bit is negative.
+/// Rows "left,right", each -1 or 0 for low and 1 for high. If `rows_per_bit` is 0, it is determined
+/// from the rows (rowsPerBit). Throws std::runtime_error that names file and line,
+/// std::invalid_argument if rows_per_bit is negative.
+PrbsFile bitsOf(const TableFile& table, int rows_per_bit = 0);
+/// Reads bitsOf() a file.
 PrbsFile readPrbs(const std::string& path, int rows_per_bit = 0);
 
 /// Timing and levels of a binary sequence.
@@ -52,26 +54,6 @@ struct PrbsParams {
 
   static const Tunables<PrbsParams>& table();
   std::string validate() const;  ///< error message; empty if all values are valid
-};
-
-/// A binary sequence as a function of time.
-class PrbsSignal {
- public:
-  /// Every row lasts 1 / (clock * rows_per_bit). Throws std::invalid_argument if there are no rows
-  /// or parameters are bad.
-  PrbsSignal(PrbsBits rows, const PrbsParams& params, int rows_per_bit = 1);
-  /// Inputs left, right at time t [s] since the start; zero before it and from the end on.
-  Vector2<double> at(double t) const;
-  /// The first instant after t at which a row or the signal ends [s].
-  double nextChange(double t) const;
-  double duration() const { return params_.duration; }
-
- private:
-  long long index(double t) const;
-
-  PrbsBits rows_;
-  PrbsParams params_;
-  double row_rate_;  ///< [Hz]
 };
 
 }  // namespace ground

@@ -38,17 +38,14 @@ struct PredictiveParams {
 /// few times each (real-time iterations). Most crafts cannot brake: if the plan does not follow the
 /// reference, others that first turn the craft left or right are tried, two at a time. A decision
 /// takes bounded work and allocates no memory. With a clock, it ends at a deadline with the best
-/// plan so far, which is at least as good as the continued plan; near the reference, a last change of
-/// less than 1e-4 of the cost is taken from the linearised problem. Without a finite state or plan
-/// the thrust is zero.
+/// plan so far, which is at least as good as the continued plan. Without a finite state or plan the
+/// thrust is zero.
 class PredictiveControl : public TrackingController {
  public:
   static EffectUse effectUse(const Model& model) { return wholeModelUse(model); }
 
   /// Throws std::invalid_argument if parameters are bad or the model has too many effect states.
   PredictiveControl(const Model& model, const PredictiveParams& params);
-  PredictiveControl(const PredictiveControl&) = delete;  // its plans refer to its budget
-  PredictiveControl& operator=(const PredictiveControl&) = delete;
 
   /// Takes effect with the next decision; allocates if the horizon changes. Throws
   /// std::invalid_argument if parameters are bad.
@@ -80,12 +77,12 @@ class PredictiveControl : public TrackingController {
     std::optional<double> time;  ///< start of the plan [s]; no value before it has one
   };
 
-  void carryOn(double time);
+  void warmStart(double time);
   void search(double time);
   void endSearch();
   bool beginAtSeed(TrajectoryOptimizer& plan);
   void makeSeeds(TrajectoryOptimizer& plan);
-  bool rateSeeds(TrajectoryOptimizer& plan);
+  void rateSeeds(TrajectoryOptimizer& plan);
   void follow(const Seed& seed, TrajectoryOptimizer& plan) const;
   Thrusters<double> inputsOf(const Seed& seed, double from, const TrajectoryOptimizer& plan) const;
   bool improve(TrajectoryOptimizer& plan, int iterations);

@@ -1,12 +1,11 @@
 #pragma once
 
-#include <memory>
 #include <optional>
 #include <vector>
 
+#include "ground/control/box_minimum.h"
 #include "ground/control/fence.h"
 #include "ground/control/reference_trajectory.h"
-#include "ground/control/time_budget.h"
 #include "ground/model/inputs.h"
 #include "ground/model/pushed_step.h"
 #include "ground/model/tunable.h"
@@ -27,11 +26,11 @@ struct PlanWeights {
   static const Tunables<PlanWeights>& table();
 };
 
-/// Plans the inputs of a craft's thrusters over a horizon by an iterative linear-quadratic
+/// Plans the inputs of a craft's thrusters over a horizon by box-DDP: an iterative linear-quadratic
 /// regulator with bounds on the inputs (Tassa, Mansard, Todorov, Control-limited differential
-/// dynamic programming, 2014): Gauss-Newton with exact derivatives of the model. Allocates memory
-/// only at construction. A thruster whose force curve is flat at 0 has no derivative there: it gets
-/// that of a small input.
+/// dynamic programming, 2014), in its Gauss-Newton form with exact derivatives of the model.
+/// Allocates memory only at construction. A thruster whose force curve is flat at 0 has no
+/// derivative there: it gets that of a small input.
 class TrajectoryOptimizer {
  public:
   static constexpr int kStates = 6 + kMaxStates;
@@ -40,46 +39,32 @@ class TrajectoryOptimizer {
 
   /// Steps are `step` [s] long. Throws std::invalid_argument if the model's effects have more than
   /// kMaxStates states or the horizon is bad.
-  static std::unique_ptr<TrajectoryOptimizer> make(const Model& model, int steps, double step);
-  virtual ~TrajectoryOptimizer() = default;
+  TrajectoryOptimizer(const Model& model, int steps, double step);
   void setWeights(const PlanWeights& weights) { weights_ = weights; }
   /// Sets walls to avoid; without value, no walls.
   void setWalls(const std::optional<PlanWalls>& walls) { walls_ = walls; }
-
-  /// Sets a budget, which must outlive this object. When its time is up, improve() ends early.
-  void setBudget(TimeBudget& budget) { budget_ = &budget; }
 
   int steps() const { return static_cast<int>(plan_.inputs.size()); }
   double step() const { return step_; }
 
   /// Sets the problem: the state `start` at t [s] of the drive, references at the end of every
   /// step, and a constant acceleration in addition to the model (body; m/s^2, m/s^2, rad/s^2).
-  /// Call rollOut() or carryOn() after it.
+  /// Call rollOut() or warmStart() after it.
   void setProblem(double t, const State& start, double lift, const Vector3<double>& missing,
                   const std::vector<ReferencePoint>& references);
   /// The plan's inputs, in the model's units.
   const std::vector<Thrusters<double>>& inputs() const { return plan_.inputs; }
-  /// The same, to set another plan. Call rollOut() afterwards.
-  std::vector<Thrusters<double>>& newInputs() {
-    has_gains_ = false;
-    damping_ = 0;
-    return plan_.inputs;
-  }
+  /// The plan's inputs, to set another plan. Call rollOut() afterwards.
+  std::vector<Thrusters<double>>& newInputs();
   /// Simulates the plan; returns its cost [m^2 s].
   double rollOut();
-  /// The inputs of eight plans, to set before costsOfEach().
-  std::vector<Thrusters<Lanes>>& inputsOfEach() { return each_.inputs; }
-  /// Simulates these side by side; returns their costs [m^2 s]. The plan stays the same.
-  Lanes costsOfEach();
   /// Continues the plan for a problem that begins `shift` [s] >= 0 after the problem that it was
   /// made for. Each step gets the mean of the inputs planned for its time, once as they are, and
   /// once with the feedback of the last iteration on deviations from the planned states. The
   /// cheaper of the two becomes the plan. Returns its cost [m^2 s].
-  virtual double carryOn(double shift) = 0;
-  /// One iteration; returns whether the cost decreased. If not, the plan is the same as before. If
-  /// the quadratic problem predicts a relative decrease below `slight`, the change is not simulated:
-  /// the plan's inputs, states and cost are then those of the linearised problem.
-  virtual bool improve(double slight = 0) = 0;
+  double warmStart(double shift);
+  /// One iteration; returns whether the cost decreased. If not, the plan is the same as before.
+  bool improve();
   double cost() const { return cost_; }
   /// Acceleration in addition to the model, of the problem.
   const Vector3<double>& missing() const { return missing_; }
@@ -96,66 +81,59 @@ class TrajectoryOptimizer {
     return dynamics_.layout().clipped(inputs, input_max_);
   }
 
- protected:
-  TrajectoryOptimizer(const Model& model, int steps, double step);
+ private:
+  using Square = Eigen::Matrix<double, kStates, kStates>;
+  using StatesByInputs = Eigen::Matrix<double, kStates, Eigen::Dynamic, 0, kStates, kMaxThrusters>;
 
-  int thrusterCount() const { return dynamics_.layout().size(); }
-  /// Plans as they are simulated: one of double, or eight side by side of Lanes.
-  template <typename T>
-  struct Trial {
-    std::vector<Thrusters<T>> inputs;
-    std::vector<Eigen::Matrix<T, kStates, 1>> states;  ///< at the start, after each step
-    std::vector<Rotation<T>> headings;                 ///< rotations by the states' headings
-
-    Trial(int steps, int thrusters);
+  struct Trajectory {
+    std::vector<Thrusters<double>> inputs;
+    std::vector<State> states;  ///< at the start, after each step
   };
-  template <typename T>
-  T stateCost(int k, const RigidState<T>& state, const Rotation<T>& heading) const;
-  template <typename T>
-  T inputCost(const Thrusters<T>& input) const;
-  /// Costs of nearness to the walls.
-  double wallCost(const RigidState<double>& state) const;
-  Lanes wallCost(const RigidState<Lanes>& state) const;
+  /// Derivatives of the state after a step, and the step's policy: the change u + k + K (x - x_plan).
+  struct Stage {
+    Square fx;
+    StatesByInputs fu;
+    PerThruster k;
+    StatesByInputs K;  ///< transposed
+  };
   /// Derivatives of a state's cost by x, y, psi, u and v, on which it depends.
   struct CostDerivatives {
     Eigen::Matrix<double, 5, 1> gradient = Eigen::Matrix<double, 5, 1>::Zero();
     Eigen::Matrix<double, 5, 5> curvature = Eigen::Matrix<double, 5, 5>::Zero();
   };
-  /// Derivatives of the cost of the state at the end of step k of the plan.
-  CostDerivatives stateCostDerivatives(int k) const;
-  /// Simulates inputs, which plan(k, state) gives, until all costs reach `limit`; returns the costs.
-  template <typename T, class Plan>
-  T tryOut(const Dynamics<T>& dynamics, Trial<T>& trial, double limit, const Plan& plan) const;
-  /// Makes the tried inputs the plan.
-  void take(double cost);
-  /// Whether there is time for another piece of work.
-  bool timeLeft() { return !budget_ || budget_->left(); }
-  /// Whether there is time for step k of a loop over the steps.
-  bool timeFor(int k) {
-    constexpr int kPiece = 8;  // steps in a piece of work; reading a clock takes time, too
-    return k % kPiece == 0 ? timeLeft() : !budget_ || !budget_->isUp();
-  }
+
+  double stateCost(std::size_t i, const RigidState<double>& state) const;
+  CostDerivatives stateCostDerivatives(std::size_t i) const;
+  double inputCost(const Thrusters<double>& input) const;
+  template <class Policy>
+  double simulate(double limit, const Policy& policy);
+  void accept(double cost);
+  void linearize(std::size_t i);
+  template <int kSize>
+  bool backwardPass();
+  Thrusters<double> withFeedback(std::size_t i, double length, const State& state) const;
+  void shiftPlan(double shift);
 
   Dynamics<double> dynamics_;
-  Dynamics<Lanes> dynamics_of_each_;
-  Dynamics<LanesJet> derivatives_;
-  int effect_states_;
+  Dynamics<Jet> derivatives_;
+  int count_;  ///< number of states in use
   double input_max_;
-  Thrusters<double> levers_;       ///< of the thrusters, over l
+  PerThruster low_, high_;         ///< ranges of the inputs
+  PerThruster levers_;             ///< of the thrusters, over l
   Thrusters<double> least_input_;  ///< smallest inputs at which derivatives are taken
+  std::vector<int> variables_;     ///< of the derivatives: states, then inputs from kStates on
   PlanWeights weights_;
   std::optional<PlanWalls> walls_;
-  TimeBudget* budget_ = nullptr;
   double step_;
   double t_ = 0, lift_ = 1;
   Vector3<double> missing_ = Vector3<double>::Zero();
-  std::vector<ReferencePoint> references_;
-  Trial<double> plan_, tried_;
-  Trial<Lanes> each_;
   State start_ = State::Zero();
+  std::vector<ReferencePoint> references_;
+  Trajectory plan_, tried_;
+  std::vector<Stage> stages_;
+  BoxMinimum box_;
   double cost_ = 0;
   bool is_linear_ = false;  ///< whether the derivatives are those of the plan
-  bool is_simulated_ = true;  ///< whether states and cost are those of a simulation
   bool has_gains_ = false;  ///< whether the gains are those of the plan
   double damping_ = 0;      ///< of the next iteration of this plan
   /// First inputs of the last iteration without bounds; NaN before it.

@@ -57,14 +57,14 @@ class ObedienceMonitor {
     bool swapped = false, lifted = true;  ///< whether two thrusters are swapped; lift fan works
   };
   static constexpr int kMaxCount = kMaxThrusters + 4;  ///< largest number of other hypotheses
-  static constexpr int kDelayCount = 3, kToldCount = 9;
+  static constexpr int kDelayCount = 3, kFollowingCount = 9;
   /// Log-likelihoods with half, all and twice the commanded thrust, at once and later.
-  using Told = Eigen::Array<double, kToldCount, 1>;
+  using Following = Eigen::Array<double, kFollowingCount, 1>;
   using Evidence = Eigen::Array<double, Eigen::Dynamic, 1, 0, kMaxCount, 1>;
   /// Log-likelihoods of one interval.
   struct Interval {
     double end;  ///< [s]
-    Told told;
+    Following following;
     Evidence others;
   };
   struct Sample {
@@ -91,7 +91,7 @@ class ObedienceMonitor {
   Dynamics<Jet> derivatives_;            ///< dynamics_ with derivatives
   double most_;                          ///< acceleration by full thrust [m/s^2]
   double most_yaw_;                      ///< yaw acceleration by the fastest turn [rad/s^2]
-  std::array<InputSequence, std::size_t{kDelayCount}> told_;
+  std::array<InputSequence, std::size_t{kDelayCount}> delayed_;  ///< commands, at once and later
   std::vector<Explanation> explanations_;
   std::vector<InputSequence> others_;  ///< inputs by each explanation
   bool started_ = false;

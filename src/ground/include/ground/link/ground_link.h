@@ -136,7 +136,7 @@ class GroundLink {
   std::string commandMissing(double now) const;
   void watchState(double now);
   bool craftSilent(double now) const;
-  bool deaf() const;
+  bool receivesNoCommands() const;
   void enter(State state, const std::string& reason);
   void fault(double now, const std::string& reason);
   void transmit(double now);

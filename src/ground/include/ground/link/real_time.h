@@ -14,17 +14,12 @@ enum class RealTimePriority {
   kSend,
 };
 
-/// Prepares this process for real-time threads: keeps its memory from being swapped out, and takes
-/// the priority from all its threads as soon as one of them computes for longer than
-/// kLongestComputation without a pause, so that a thread that runs away cannot starve the computer.
-/// Returns what the system grants, for the log. Only the first call acts.
+/// Prepares this process for real-time threads: keeps its memory from being swapped out. Returns what
+/// the system grants, for the log. Only the first call acts.
 const std::string& prepareRealTime();
 
 /// Gives the calling thread a priority, until it ends; threads that it starts do not inherit it.
 /// Call prepareRealTime() first. Returns why the system refuses, or an empty string.
 std::string prioritise(RealTimePriority priority);
-
-/// Longest computation of a real-time thread [s]; a hundred times what any step takes.
-constexpr double kLongestComputation = 0.5;
 
 }  // namespace ground

@@ -33,8 +33,8 @@ namespace ground {
 /// Parameters: real_time (false: ordinary priority; see wantsRealTime), auto_start (false),
 /// require_armed (true: wait for the sender), require_state (true; false only on a bench, where the
 /// craft is fastened), room (file of the room in which the craft is kept; empty: that of the sender,
-/// if it has one). They cannot be changed at run time. Subscribes: state, sender/status, controls. Publishes: controls, ~status (latched). Services: ~start, ~stop, in
-/// their own thread.
+/// if it has one). They cannot be changed at run time. Subscribes: state, sender/status, controls.
+/// Publishes: controls, ~status (latched). Services: ~start, ~stop, in their own thread.
 class Controller : public nodelet::Nodelet {
  public:
   ~Controller() override;
@@ -53,7 +53,7 @@ class Controller : public nodelet::Nodelet {
   /// Takes effect at once; require_armed and require_state do not change. Call from any thread.
   void setParams(LifecycleParams params);
   /// The room in which the life cycle keeps the craft; constant after loading.
-  const std::optional<RoomPlan>& room() const { return room_; }
+  const std::optional<Room>& room() const { return room_; }
   /// Whether it waits for a state and stops without one; constant after loading.
   bool requiresState() const { return require_state_; }
   /// Guards the data shared by child and base.
@@ -91,7 +91,7 @@ class Controller : public nodelet::Nodelet {
   ros::Time epoch_, measured_at_;
   ControllerLifecycle life_{pilot_, [this](const Inputs& inputs) { publish(inputs); },
                             [this] { changed(); }};
-  std::optional<RoomPlan> room_;
+  std::optional<Room> room_;
   bool auto_start_ = false;
   bool real_time_ = false;  ///< constant after onInit()
   bool require_state_ = true;

@@ -10,7 +10,7 @@
 #include "ground/control/excitation_pilot.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/estimation/motion_filter.h"
-#include "ground/simulation/room.h"
+#include "ground/simulation/simulated_lab.h"
 
 namespace ground {
 
@@ -44,7 +44,7 @@ struct DriveParams {
   double start = 0.5;      ///< start of the controller; the lift waits for a valid state [s]
   double duration = 20.0;  ///< duration of driving [s]
   double tail = 0.5;       ///< recording time after the end [s]
-  std::optional<RoomPlan> room;  ///< room of the fence
+  std::optional<Room> room;  ///< room of the fence
 
   std::string validate() const;  ///< error message; empty if all values are valid
 };

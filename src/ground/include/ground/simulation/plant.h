@@ -4,7 +4,7 @@
 
 namespace ground {
 
-/// A simulated craft on the floor of a Room: it receives commands and moves. Its motion may follow
+/// A simulated craft on the floor of a SimulatedLab: it receives commands and moves. Its motion may follow
 /// any equations, not only those of a Model.
 class Plant {
  public:

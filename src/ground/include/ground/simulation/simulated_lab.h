@@ -36,7 +36,7 @@ struct MocapFrame {
 /// Simulates a craft on the floor of a room with motion capture: the craft under the received
 /// commands, and the frames that the mocap delivers. Uses neither ROS nor a clock: the caller gives
 /// the time, and the same seed and commands give the same frames.
-class Room {
+class SimulatedLab {
  public:
   /// The seed is that of the mocap, too.
   struct Params : ModelCraft::Params {
@@ -46,14 +46,14 @@ class Room {
 
   /// A room with a craft that moves by a model. Throws std::invalid_argument if mocap parameters or
   /// the disturbance are bad.
-  Room(const Model& model, const MocapParams& mocap, const Params& params)
-      : Room(std::make_unique<ModelCraft>(model, params), nullptr, mocap, params) {}
+  SimulatedLab(const Model& model, const MocapParams& mocap, const Params& params)
+      : SimulatedLab(std::make_unique<ModelCraft>(model, params), nullptr, mocap, params) {}
   /// A room with a given craft, which must outlive it. Uses the start, seed and watchdog of
   /// `params`.
-  Room(Plant& plant, const MocapParams& mocap, const Params& params)
-      : Room(nullptr, &plant, mocap, params) {}
-  Room(const Room&) = delete;
-  Room& operator=(const Room&) = delete;
+  SimulatedLab(Plant& plant, const MocapParams& mocap, const Params& params)
+      : SimulatedLab(nullptr, &plant, mocap, params) {}
+  SimulatedLab(const SimulatedLab&) = delete;
+  SimulatedLab& operator=(const SimulatedLab&) = delete;
 
   /// The craft receives a command at the current time. Values are clipped to the range of the
   /// thrusters; inputs of thrusters are in the model's units.
@@ -87,7 +87,7 @@ class Room {
   bool watchdogExpired() const { return expired_; }
 
  private:
-  Room(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& mocap,
+  SimulatedLab(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& mocap,
        const Params& params);
 
   void capture();

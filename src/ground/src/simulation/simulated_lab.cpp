@@ -1,4 +1,4 @@
-#include "ground/simulation/room.h"
+#include "ground/simulation/simulated_lab.h"
 
 #include <algorithm>
 #include <cmath>
@@ -20,7 +20,7 @@ std::string MocapParams::validate() const {
   return "";
 }
 
-Room::Room(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& mocap,
+SimulatedLab::SimulatedLab(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& mocap,
            const Params& params)
     : own_(std::move(own)),
       plant_(plant ? *plant : *own_),
@@ -33,24 +33,24 @@ Room::Room(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& moc
   setMocap(mocap);
 }
 
-void Room::setMocap(const MocapParams& mocap) {
+void SimulatedLab::setMocap(const MocapParams& mocap) {
   const std::string wrong = mocap.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   mocap_ = mocap;
 }
 
-void Room::setWatchdog(double watchdog) {
+void SimulatedLab::setWatchdog(double watchdog) {
   if (!(std::isfinite(watchdog) && watchdog >= 0))
     throw std::invalid_argument("watchdog must be finite and not negative");
   watchdog_ = watchdog;
 }
 
-void Room::setModel(const Model& model) {
+void SimulatedLab::setModel(const Model& model) {
   if (!own_) throw std::logic_error("the craft of this room does not move by a model");
   own_->setModel(model);
 }
 
-void Room::command(const Thrusters<double>& thrusters, double lift) {
+void SimulatedLab::command(const Thrusters<double>& thrusters, double lift) {
   const auto finite = [](double value) { return std::isfinite(value); };
   if (!std::all_of(thrusters.begin(), thrusters.end(), finite) || !finite(lift))
     throw std::invalid_argument("a command is not finite");
@@ -60,7 +60,7 @@ void Room::command(const Thrusters<double>& thrusters, double lift) {
   expired_ = false;
 }
 
-void Room::advance(double time) {
+void SimulatedLab::advance(double time) {
   if (!(time >= time_)) throw std::invalid_argument("a room cannot go back in time");
   while (true) {
     const double stop = expired_ || watchdog_ == 0
@@ -81,7 +81,7 @@ void Room::advance(double time) {
   }
 }
 
-void Room::capture() {
+void SimulatedLab::capture() {
   // Noise is drawn for every frame, so that a lost frame does not change the noise of the others.
   const double noise[3] = {normal_(random_), normal_(random_), normal_(random_)};
   const Vector3<double> of_plant = plant_.poseNoise();
@@ -96,7 +96,7 @@ void Room::capture() {
   on_their_way_.push_back(frame);
 }
 
-bool Room::lost(double time) {
+bool SimulatedLab::lost(double time) {
   std::uniform_real_distribution<double> uniform(0.0, 1.0);
   const double single = uniform(random_), begins = uniform(random_), length = uniform(random_);
   if (time < tracked_again_) return true;
@@ -107,7 +107,7 @@ bool Room::lost(double time) {
   return single < mocap_.loss;
 }
 
-std::vector<MocapFrame> Room::takeFrames() {
+std::vector<MocapFrame> SimulatedLab::takeFrames() {
   std::vector<MocapFrame> frames;
   while (!on_their_way_.empty() && on_their_way_.front().delivered <= time_) {
     frames.push_back(on_their_way_.front());

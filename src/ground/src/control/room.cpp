@@ -1,4 +1,4 @@
-#include "ground/control/room_plan.h"
+#include "ground/control/room.h"
 
 #include <algorithm>
 #include <cmath>
@@ -63,7 +63,7 @@ std::string wrongCorners(const std::vector<Position>& corners) {
 }
 
 void readField(const YamlReader& reader, const std::string& key, const YAML::Node& value,
-               RoomPlan& room) {
+               Room& room) {
   if (key == "name") {
     room.name = reader.text(value, key);
   } else if (key == "corners") {
@@ -84,7 +84,7 @@ void readField(const YamlReader& reader, const std::string& key, const YAML::Nod
 
 }  // namespace
 
-std::string RoomPlan::validate() const {
+std::string Room::validate() const {
   const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
   const std::string wrong = wrongCorners(corners);
   if (!wrong.empty()) return wrong;
@@ -96,7 +96,7 @@ std::string RoomPlan::validate() const {
   return "";
 }
 
-double RoomPlan::clearance(const Position& point, Position& away) const {
+double Room::clearance(const Position& point, Position& away) const {
   double nearest = std::numeric_limits<double>::infinity();
   bool inside = false;
   for (std::size_t i = 0; i < corners.size(); ++i) {
@@ -116,12 +116,12 @@ double RoomPlan::clearance(const Position& point, Position& away) const {
   return distance;
 }
 
-double RoomPlan::clearance(const Position& point) const {
+double Room::clearance(const Position& point) const {
   Position away;
   return clearance(point, away);
 }
 
-double RoomPlan::clearanceOfWay(const Position& from, const Position& to) const {
+double Room::clearanceOfWay(const Position& from, const Position& to) const {
   const double length = (to - from).norm();
   double least = std::min(clearance(from), clearance(to));
   // Clearance changes by at most one metre per metre: the next sample is where it may be smaller.
@@ -133,17 +133,17 @@ double RoomPlan::clearanceOfWay(const Position& from, const Position& to) const 
   return least;
 }
 
-RoomPlan loadRoomPlan(const std::string& path) {
-  return parseRoomPlan(readTextFile(path, kLargestRoom), path);
+Room loadRoom(const std::string& path) {
+  return parseRoom(readTextFile(path, kLargestRoom), path);
 }
 
-RoomPlan parseRoomPlan(const std::string& yaml, const std::string& source) {
+Room parseRoom(const std::string& yaml, const std::string& source) {
   const YamlReader reader(source);
   const YAML::Node root = reader.parse(yaml);
   if (!root.IsMap() || !root["schema"] || !root["schema"].IsScalar() ||
       root["schema"].Scalar() != kRoomSchema)
     reader.fail(root, std::string("not a room file: it must say 'schema: ") + kRoomSchema + "'");
-  RoomPlan room;
+  Room room;
   room.corners.clear();
   reader.each(root, kTop, [&](const std::string& key, const YAML::Node& value) {
     readField(reader, key, value, room);

@@ -9,7 +9,7 @@ namespace ground {
 
 /// The allowed floor area, world_ned, and the braking of a craft on it; by default 4 x 4 m about
 /// the origin.
-struct RoomPlan {
+struct Room {
   std::string name;
   /// Corners of a simple polygon, in order [m].
   std::vector<Vector2<double>> corners = {{-2, -2}, {2, -2}, {2, 2}, {-2, 2}};
@@ -30,8 +30,8 @@ struct RoomPlan {
 
 /// Reads a room file, schema ground/room/1. Throws std::runtime_error that names file, line and
 /// key.
-RoomPlan loadRoomPlan(const std::string& path);
-/// Like loadRoomPlan from YAML text; `source` names it in messages.
-RoomPlan parseRoomPlan(const std::string& yaml, const std::string& source);
+Room loadRoom(const std::string& path);
+/// Like loadRoom from YAML text; `source` names it in messages.
+Room parseRoom(const std::string& yaml, const std::string& source);
 
 }  // namespace ground
