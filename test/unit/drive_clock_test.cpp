@@ -13,7 +13,7 @@
 #include "ground/identification/simulation_error.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
-#include "ground/model/lane_simulation.h"
+#include "ground/model/simulation.h"
 #include "ground/model/model_file.h"
 #include "ground/simulation/experiment.h"
 
@@ -76,25 +76,6 @@ TEST(DriveClock, ARecordGivesTheBeginOfAnEarlierDrive) {
   EXPECT_EQ(late.since(21), 1);
   late.record(20.001, 20.5);  // the same drive, by the sender's clock
   EXPECT_EQ(late.starts(), std::vector<double>({-40, 20.001}));
-}
-
-TEST(DriveClock, BadRecordsAreIgnored) {
-  DriveClock clock;
-  clock.command(10, 1);
-  for (const double bad : {std::nan(""), kInfinity, -kInfinity, 30.0}) clock.record(bad, 20);
-  clock.record(5, std::nan(""));
-  EXPECT_EQ(clock.starts(), std::vector<double>({10}));
-  EXPECT_THROW(DriveClock({3, 2}), std::invalid_argument);
-  EXPECT_THROW(DriveClock({std::nan("")}), std::invalid_argument);
-}
-
-TEST(DriveClock, AClockThatIsSetBackForgetsLaterDrives) {
-  DriveClock clock;
-  clock.command(50, 1);
-  clock.command(49.95, 1);  // commands of two controllers in wrong order
-  EXPECT_EQ(clock.since(60), 10);
-  EXPECT_TRUE(clock.command(1, 1));
-  EXPECT_EQ(clock.starts(), std::vector<double>({1}));
 }
 
 /// Run of a craft with battery sag: rest until 3 s, then lift, then a PRBS; exact mocap. The room
@@ -231,39 +212,6 @@ TEST(OneOriginOfTime, APlanUsesTheThrustOfItsTime) {
     const double input = 0.05 * line.speed / (model.body.k * std::exp(-elapsed / 20));
     EXPECT_NEAR(asVector(control.decide(seen)).sum(), input, 0.1 * input) << elapsed;
   }
-}
-
-TEST(OneOriginOfTime, EachLaneHasItsOwnTime) {
-  // Two drives in a run, and two lanes of which one begins in the second drive.
-  const Model model = sagging(5);
-  InputSequence inputs;
-  inputs.add(0, 0, 0, 0);
-  inputs.add(1, 1, 0.5, 1);
-  inputs.add(4, 0, 0, 0);
-  inputs.add(8, 0.5, 1, 1);
-  const std::vector<double> first = {0, 2, 6, 9, 10}, second = {7, 8.5, 9.5};
-  const Dynamics<Lanes> together(model);
-  const LanePlan plan({{&inputs, first.data(), 5}, {&inputs, second.data(), 3}}, 0, false, {});
-  std::vector<std::vector<double>> u(2);
-  plan.run<Lanes>(together, {}, true, [&](int visit, const auto&, const Vector3<Lanes>& nu) {
-    for (auto s = plan.begin(visit); s != plan.end(visit); ++s)
-      u[static_cast<std::size_t>(s->lane)].push_back(nu.x()[s->lane]);
-  });
-  const Dynamics<double> alone(model);
-  for (const std::size_t lane : {0u, 1u}) {
-    const std::vector<double>& times = lane == 0 ? first : second;
-    Simulation<double> simulation(alone, inputs, {}, times[0]);
-    for (std::size_t i = 0; i < times.size(); ++i) {
-      simulation.advance(times[i]);
-      EXPECT_NEAR(u[lane][i], simulation.state().nu.x(), 1e-12) << lane << " " << i;
-    }
-  }
-  // The second drive begins with full thrust, like a first one.
-  InputSequence only;
-  only.add(8, 0.5, 1, 1);
-  Simulation<double> fresh(alone, only, {}, 7);
-  fresh.advance(9.5);
-  EXPECT_NEAR(u[1][2], fresh.state().nu.x(), 1e-12);
 }
 
 TEST(OneOriginOfTime, FormulasUseTheSameT) {

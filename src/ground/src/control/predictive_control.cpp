@@ -167,23 +167,13 @@ void PredictiveControl::makeSeeds(TrajectoryOptimizer& plan) {
   }
 }
 
-/// Simulates the seeds, as many at once as there are lanes; returns whether there was time for all.
+/// Simulates the seeds; returns whether there was time for all.
 bool PredictiveControl::rateSeeds(TrajectoryOptimizer& plan) {
   makeSeeds(plan);
-  std::vector<Thrusters<Lanes>>& inputs = plan.inputsOfEach();
-  for (std::size_t first = 0; first < kSeeds; first += Lanes::kCount) {
+  for (std::size_t number = 0; number < kSeeds; ++number) {
     if (!budget_.left()) return false;
-    const std::size_t count = std::min<std::size_t>(Lanes::kCount, kSeeds - first);
-    for (std::size_t number = 0; number < count; ++number) {
-      for (std::size_t k = 0; k < inputs.size(); ++k) {
-        const Thrusters<double> one =
-            inputsOf(seeds_[first + number], static_cast<double>(k) * plan.step(), plan);
-        for (int i = 0; i < one.size(); ++i) inputs[k](i)[static_cast<int>(number)] = one(i);
-      }
-    }
-    const Lanes costs = plan.costsOfEach();
-    for (std::size_t number = 0; number < count; ++number)
-      seed_costs_[first + number] = costs[static_cast<int>(number)];
+    follow(seeds_[number], plan);
+    seed_costs_[number] = plan.rollOut();
   }
   return true;
 }

@@ -11,14 +11,13 @@
 
 #include "ground/control/allocation.h"
 #include "ground/control/box_minimum.h"
-#include "ground/control/register_product.h"
 
 namespace ground {
 namespace {
 
 /// Damping of the inputs, relative to full scale [m^2]. Less than the least has no effect.
 constexpr double kMinDamping = 1e-4, kMaxDamping = 1e3;
-/// Parts of a change that are tried, side by side, if the whole change does not lower the cost. The
+/// Parts of a change that are tried, one by one, if the whole change does not lower the cost. The
 /// largest one that does is taken. Smaller parts, or the cheapest one, lead to worse valleys.
 constexpr std::array<double, 3> kLengths = {0.5, 0.2, 0.05};
 static_assert(1 > kLengths[0] && kLengths[0] > kLengths[1] && kLengths[1] > kLengths[2]);
@@ -50,8 +49,6 @@ class SizedOptimizer final : public TrajectoryOptimizer {
     for (int i = 3; i < 6 + effect_states_; ++i) variables_.push_back(i);
     for (int i = 0; i < inputs; ++i) variables_.push_back(kStates + i);
     if (dynamics_.usesPose()) variables_.insert(variables_.end(), {0, 1, 2});
-    if (variables_.size() <= LanesJet::kDirections)
-      derivatives_.useDirections(static_cast<int>(variables_.size()));
   }
 
   double carryOn(double shift) override;
@@ -61,8 +58,7 @@ class SizedOptimizer final : public TrajectoryOptimizer {
   using Input = PerThruster<N>;
   static constexpr int kMax = BoxMinimum<N>::kMax;
   using InputSquare = typename BoxMinimum<N>::Square;
-  /// Rows of the states' vectors and matrices, in whole registers (addProduct); those from S on are 0.
-  static constexpr int kRows = (S + 7) / 8 * 8;
+  static constexpr int kRows = S;
   using Vector = Eigen::Matrix<double, kRows, 1>;
   using Square = Eigen::Matrix<double, kRows, S>;
   /// For each input a column of states.
@@ -77,15 +73,12 @@ class SizedOptimizer final : public TrajectoryOptimizer {
     return Eigen::Map<const Input>(inputs.begin(), inputs.size());
   }
 
-  void linearize(int first);
+  void linearize(std::size_t k);
   template <class Of>
   void keep(std::size_t k, int variable, const Of& of);
   bool backward();
   void moveLinearly();
   Thrusters<double> corrected(std::size_t k, Input input, const State& state) const;
-  Thrusters<Lanes> correctedOfEach(std::size_t k, const Lanes& lengths,
-                                   const Eigen::Matrix<Lanes, kStates, 1>& states) const;
-  bool takeFirst(const Lanes& costs);
   bool tryParts();
   void shiftPlan(double shift);
 
@@ -129,24 +122,20 @@ const Tunables<PlanWeights>& PlanWeights::table() {
   return table;
 }
 
-template <typename T>
-TrajectoryOptimizer::Trial<T>::Trial(int steps, int thrusters) {
+TrajectoryOptimizer::Trial::Trial(int steps, int thrusters) {
   const auto count = static_cast<std::size_t>(std::max(0, steps));
-  inputs.assign(count, Thrusters<T>::zero(thrusters));
-  states.assign(count + 1, Eigen::Matrix<T, kStates, 1>::Zero());
-  headings.assign(count + 1, Rotation<T>(T(0.0)));
+  inputs.assign(count, Thrusters<double>::zero(thrusters));
+  states.assign(count + 1, State::Zero());
 }
 
 TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double step)
     : dynamics_(model),
-      dynamics_of_each_(model),
       derivatives_(model),
       effect_states_(model.stateCount()),
       input_max_(model.body.input_max),
       step_(step),
       plan_(steps, thrusterCount()),
-      tried_(plan_),
-      each_(steps, thrusterCount()) {
+      tried_(plan_) {
   if (effect_states_ > kMaxStates)
     throw std::invalid_argument("a model whose effects have more than " +
                                 std::to_string(kMaxStates) +
@@ -181,33 +170,19 @@ void TrajectoryOptimizer::setProblem(double t, const State& start, double lift,
   std::copy(references.begin(), references.end(), references_.begin());
 }
 
-template <typename T>
-T TrajectoryOptimizer::stateCost(int k, const RigidState<T>& state,
-                                 const Rotation<T>& heading) const {
+double TrajectoryOptimizer::stateCost(int k, const RigidState<double>& state) const {
   const ReferencePoint& reference = references_[static_cast<std::size_t>(k)];
   const bool end = k + 1 == steps();
   const double position = end ? 1 + weights_.end_position : 1;
   const double velocity = weights_.velocity + (end ? weights_.end_velocity : 0);
-  const Vector2<T> off = state.eta.template head<2>() - reference.p.cast<T>();
-  const Vector2<T> over_floor = heading.toWorld({state.nu.x(), state.nu.y()});
-  const Vector2<T> slip = over_floor - reference.p_dot.cast<T>();
-  const T cost = position * off.squaredNorm() + velocity * slip.squaredNorm();
-  return walls_ ? T(cost + wallCost(state)) : cost;
-}
-
-double TrajectoryOptimizer::wallCost(const RigidState<double>& state) const {
+  const Vector2<double> off = state.eta.head<2>() - reference.p;
+  const Vector2<double> slip =
+      bodyToWorld<double>(state.eta.z(), state.nu.head<2>()) - reference.p_dot;
+  const double cost = position * off.squaredNorm() + velocity * slip.squaredNorm();
+  if (!walls_) return cost;
   Eigen::Matrix<double, 1, 5> unused;
   const double excess = walls_->fence.excess(state, walls_->age, unused);
-  return walls_->weight * excess * excess;
-}
-
-Lanes TrajectoryOptimizer::wallCost(const RigidState<Lanes>& state) const {
-  Lanes costs;
-  for (int lane = 0; lane < Lanes::kCount; ++lane) {
-    const auto of = [lane](const Lanes& x) { return x[lane]; };
-    costs[lane] = wallCost(RigidState<double>{state.eta.unaryExpr(of), state.nu.unaryExpr(of)});
-  }
-  return costs;
+  return cost + walls_->weight * excess * excess;
 }
 
 TrajectoryOptimizer::CostDerivatives TrajectoryOptimizer::stateCostDerivatives(int k) const {
@@ -217,7 +192,7 @@ TrajectoryOptimizer::CostDerivatives TrajectoryOptimizer::stateCostDerivatives(i
   const bool end = k + 1 == steps();
   const double position = 2 * step_ * (end ? 1 + weights_.end_position : 1);
   const double velocity = 2 * step_ * (weights_.velocity + (end ? weights_.end_velocity : 0));
-  const Rotation<double>& heading = plan_.headings[static_cast<std::size_t>(k) + 1];
+  const Rotation<double> heading(state(2));
   const Vector2<double> over_floor = heading.toWorld({state(3), state(4)});
   const Vector2<double> slip = over_floor - reference.p_dot;
   by.gradient.head<2>() = position * (state.head<2>() - reference.p);
@@ -237,9 +212,8 @@ TrajectoryOptimizer::CostDerivatives TrajectoryOptimizer::stateCostDerivatives(i
   return by;
 }
 
-template <typename T>
-T TrajectoryOptimizer::inputCost(const Thrusters<T>& input) const {
-  T squares(0.0), turning(0.0);
+double TrajectoryOptimizer::inputCost(const Thrusters<double>& input) const {
+  double squares = 0, turning = 0;
   for (int i = 0; i < input.size(); ++i) {
     squares += input(i) * input(i);
     turning += levers_(i) * input(i);
@@ -248,27 +222,23 @@ T TrajectoryOptimizer::inputCost(const Thrusters<T>& input) const {
          (input_max_ * input_max_);
 }
 
-template <typename T, class Plan>
-T TrajectoryOptimizer::tryOut(const Dynamics<T>& dynamics, Trial<T>& trial, double limit,
-                              const Plan& plan) const {
-  const Vector3<T> missing = missing_.cast<T>();
-  trial.states[0] = start_.cast<T>();
-  trial.headings[0] = Rotation<T>(trial.states[0](2));
-  T cost(0.0);
+template <class Plan>
+double TrajectoryOptimizer::tryOut(double limit, const Plan& plan) {
+  Trial& trial = tried_;
+  trial.states[0] = start_;
+  double cost = 0;
   // A cost that is not a number ends it, too.
-  for (std::size_t i = 0; i < trial.inputs.size() && !noneOf(cost < T(limit)); ++i) {
+  for (std::size_t i = 0; i < trial.inputs.size() && cost < limit; ++i) {
     const int k = static_cast<int>(i);
-    auto& next = trial.states[i + 1];
+    State& next = trial.states[i + 1];
     next = trial.states[i];
     trial.inputs[i] = plan(i, next);
-    Rotation<T>& heading = trial.headings[i + 1];
-    heading = trial.headings[i];
-    const RigidState<T> before{next.template head<3>(), next.template segment<3>(3)};
-    const RigidState<T> after = drivenStep(dynamics, T(t_ + k * step_), before, trial.inputs[i],
-                                           lift_, missing, step_, next.data() + 6, &heading);
-    next.template head<3>() = after.eta;
-    next.template segment<3>(3) = after.nu;
-    cost += step_ * (inputCost(trial.inputs[i]) + stateCost(k, after, heading));
+    const RigidState<double> before{next.head<3>(), next.segment<3>(3)};
+    const RigidState<double> after = drivenStep(dynamics_, t_ + k * step_, before, trial.inputs[i],
+                                                lift_, missing_, step_, next.data() + 6);
+    next.head<3>() = after.eta;
+    next.segment<3>(3) = after.nu;
+    cost += step_ * (inputCost(trial.inputs[i]) + stateCost(k, after));
   }
   return cost;
 }
@@ -281,14 +251,8 @@ void TrajectoryOptimizer::take(double cost) {
 }
 
 double TrajectoryOptimizer::rollOut() {
-  take(tryOut(dynamics_, tried_, kNoLimit,
-              [this](std::size_t k, const State&) { return plan_.inputs[k]; }));
+  take(tryOut(kNoLimit, [this](std::size_t k, const State&) { return plan_.inputs[k]; }));
   return cost_;
-}
-
-Lanes TrajectoryOptimizer::costsOfEach() {
-  return tryOut(dynamics_of_each_, each_, kNoLimit,
-                [this](std::size_t k, const auto&) { return each_.inputs[k]; });
 }
 
 double TrajectoryOptimizer::error() const {
@@ -322,65 +286,41 @@ void SizedOptimizer<N, S>::keep(std::size_t k, int variable, const Of& of) {
   }
 }
 
-/// Derivatives of the states after up to eight steps of the plan, from `first` on, by the states
-/// before them and by the inputs: a step in each lane.
+/// Derivatives of the states after step k of the plan by the states before it and by the inputs.
 template <int N, int S>
-void SizedOptimizer<N, S>::linearize(int first) {
-  const int inputs = thrusterCount(), lanes = std::min(steps() - first, Lanes::kCount);
-  const auto stepOf = [&](int lane) {  // surplus lanes repeat the last step
-    return static_cast<std::size_t>(first + std::min(lane, lanes - 1));
-  };
-  std::array<Lanes, kStates> state;
-  Thrusters<Lanes> input = Thrusters<Lanes>::zero(inputs);
-  Rotation<Lanes> heading;
-  LanesJet t(0.0);
-  for (int lane = 0; lane < Lanes::kCount; ++lane) {
-    const std::size_t k = stepOf(lane);
-    for (int i = 0; i < kStates; ++i) state[static_cast<std::size_t>(i)][lane] = plan_.states[k](i);
-    for (int i = 0; i < inputs; ++i) {
-      const double one = plan_.inputs[k](i);
-      input(i)[lane] = std::abs(one) < least_input_(i) ? least_input_(i) : one;
-    }
-    heading.c[lane] = plan_.headings[k].c;
-    heading.s[lane] = plan_.headings[k].s;
-    t.a[lane] = t_ + static_cast<double>(k) * step_;
-  }
-  const Vector3<LanesJet> missing = missing_.cast<LanesJet>();
+void SizedOptimizer<N, S>::linearize(std::size_t k) {
   const auto count = static_cast<int>(variables_.size());
-  for (int begin = 0; begin < count; begin += LanesJet::kDirections) {
-    const int end = std::min(count, begin + LanesJet::kDirections);
-    std::array<LanesJet, kStates> x;
-    std::copy(state.begin(), state.end(), x.begin());
-    Thrusters<LanesJet> command = input.cast<LanesJet>();
+  for (int begin = 0; begin < count; begin += kDerivatives) {
+    const int end = std::min(count, begin + kDerivatives);
+    std::array<Jet, kStates> x;
+    for (int i = 0; i < kStates; ++i) x[static_cast<std::size_t>(i)] = Jet(plan_.states[k](i));
+    Thrusters<Jet> command = plan_.inputs[k].cast<Jet>();
+    for (int i = 0; i < command.size(); ++i)
+      if (abs(command(i)) < least_input_(i)) command(i) = Jet(least_input_(i));
     for (int i = begin; i < end; ++i) {
       const int variable = variables_[static_cast<std::size_t>(i)];
-      LanesJet& one =
+      Jet& one =
           variable < kStates ? x[static_cast<std::size_t>(variable)] : command(variable - kStates);
       one.v[i - begin] = 1.0;
     }
-    Rotation<Lanes> turned = heading;
-    const RigidState<LanesJet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
-    const RigidState<LanesJet> body =
-        drivenStep(derivatives_, t, before, command, lift_, missing, step_, &x[6], &turned);
+    const RigidState<Jet> before{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
+    const RigidState<Jet> body =
+        drivenStep<Jet>(derivatives_, Jet(t_ + static_cast<double>(k) * step_), before, command,
+                        lift_, missing_.cast<Jet>(), step_, &x[6]);
     for (int i = 0; i < 3; ++i) {
       x[static_cast<std::size_t>(i)] = body.eta(i);
       x[static_cast<std::size_t>(3 + i)] = body.nu(i);
     }
-    for (int lane = 0; lane < lanes; ++lane)
-      for (int i = begin; i < end; ++i)
-        keep(stepOf(lane), variables_[static_cast<std::size_t>(i)], [&](int j) {
-          return x[static_cast<std::size_t>(j)].v[i - begin][lane];
-        });
+    for (int i = begin; i < end; ++i)
+      keep(k, variables_[static_cast<std::size_t>(i)],
+           [&](int j) { return x[static_cast<std::size_t>(j)].v[i - begin]; });
   }
   if (dynamics_.usesPose()) return;
-  for (int lane = 0; lane < lanes; ++lane) {
-    // The motion is invariant under translation and rotation of the pose.
-    const std::size_t k = stepOf(lane);
-    const Vector2<double> way = (plan_.states[k + 1] - plan_.states[k]).template head<2>();
-    Linear& linear = linear_[k];
-    linear.A(0, 2) = linear.transposed(2, 0) = -way.y();
-    linear.A(1, 2) = linear.transposed(2, 1) = way.x();
-  }
+  // The motion is invariant under translation and rotation of the pose.
+  const Vector2<double> way = (plan_.states[k + 1] - plan_.states[k]).template head<2>();
+  Linear& linear = linear_[k];
+  linear.A(0, 2) = linear.transposed(2, 0) = -way.y();
+  linear.A(1, 2) = linear.transposed(2, 1) = way.x();
 }
 
 /// The quadratic problem of the iteration, from its end to its start. Returns false if it has no
@@ -405,15 +345,15 @@ bool SizedOptimizer<N, S>::backward() {
     const auto& [A, transposed, B] = linear_[i];
     const auto input = vectorOf(plan_.inputs[i]);
     Square VA = Square::Zero();
-    addProduct(curvature, A, VA);
+    VA.noalias() += curvature * (A);
     Drive VB = Drive::Zero(kRows, inputs);
-    addProduct(curvature, B, VB);
+    VB.noalias() += curvature * (B);
     Input Qu = input_curvature * input;
     Qu.noalias() += B.transpose() * gradient;
     InputSquare Quu = input_curvature;
     Quu.noalias() += B.transpose() * VB;
     Drive Qxu = Drive::Zero(kRows, inputs);
-    addProduct(transposed, VB, Qxu);
+    Qxu.noalias() += transposed * (VB);
     InputSquare damped = Quu;
     damped.diagonal().array() += damping_ * scale;
     if (!box_.solve(damped, Qu, low_ - input, high_ - input)) return false;
@@ -424,16 +364,16 @@ bool SizedOptimizer<N, S>::backward() {
     open_[i] = change;
     gains_[i] = gain;
     Vector Qx = Vector::Zero();
-    addProduct(transposed, gradient, Qx);
-    addProduct(gain, Quu * change + Qu, Qx);
-    addProduct(Qxu, change, Qx);
+    Qx.noalias() += transposed * (gradient);
+    Qx.noalias() += gain * (Quu * change + Qu);
+    Qx.noalias() += Qxu * (change);
     gradient = Qx;
     Square Qxx = Square::Zero();
-    addProduct(transposed, VA, Qxx);
+    Qxx.noalias() += transposed * (VA);
     Drive half = Qxu;
-    addProduct(gain, 0.5 * Quu, half);
-    addProduct(half, gain.transpose(), Qxx);
-    addProduct(gain, half.transpose(), Qxx);
+    half.noalias() += gain * (0.5 * Quu);
+    Qxx.noalias() += half * (gain.transpose());
+    Qxx.noalias() += gain * (half.transpose());
     curvature = Qxx;
   }
   return true;
@@ -448,47 +388,19 @@ Thrusters<double> SizedOptimizer<N, S>::corrected(std::size_t k, Input input,
   return input.cwiseMax(low_).cwiseMin(high_).eval();
 }
 
-/// The same in eight lanes, with parts of the last iteration's change.
-template <int N, int S>
-Thrusters<Lanes> SizedOptimizer<N, S>::correctedOfEach(
-    std::size_t k, const Lanes& lengths,
-    const Eigen::Matrix<Lanes, kStates, 1>& states) const {
-  Thrusters<Lanes> inputs = Thrusters<Lanes>::zero(thrusterCount());
-  for (int i = 0; i < inputs.size(); ++i) {
-    Lanes wanted = plan_.inputs[k](i) + lengths * open_[k](i);
-    for (int j = 0; j < S; ++j) wanted += gains_[k](j, i) * (states(j) - plan_.states[k](j));
-    const Lanes low = low_(i), high = high_(i);
-    inputs(i) = blend(wanted < low, low, blend(wanted > high, high, wanted));
-  }
-  return inputs;
-}
-
-/// Replaces the plan by the first of the eight simulated ones that costs less, if there is one.
-template <int N, int S>
-bool SizedOptimizer<N, S>::takeFirst(const Lanes& costs) {
-  int first = 0;
-  while (first < Lanes::kCount && !(costs[first] < cost_)) ++first;
-  if (first == Lanes::kCount) return false;
-  const auto of = [first](const Lanes& x) { return x[first]; };
-  for (std::size_t k = 0; k < tried_.states.size(); ++k) {
-    tried_.states[k] = each_.states[k].unaryExpr(of);
-    tried_.headings[k].c = each_.headings[k].c[first];
-    tried_.headings[k].s = each_.headings[k].s[first];
-  }
-  for (std::size_t k = 0; k < tried_.inputs.size(); ++k)
-    for (int i = 0; i < thrusterCount(); ++i) tried_.inputs[k](i) = each_.inputs[k](i)[first];
-  take(costs[first]);
-  return true;
-}
-
 /// Makes the largest part of the last iteration's change that lowers the cost, if there is one.
 template <int N, int S>
 bool SizedOptimizer<N, S>::tryParts() {
-  Lanes lengths = kLengths.back();
-  for (std::size_t i = 0; i < kLengths.size(); ++i) lengths[static_cast<int>(i)] = kLengths[i];
-  return takeFirst(tryOut(dynamics_of_each_, each_, cost_, [&](std::size_t k, const auto& states) {
-    return correctedOfEach(k, lengths, states);
-  }));
+  for (const double length : kLengths) {
+    if (!timeLeft()) return false;
+    const double cost = tryOut(cost_, [&](std::size_t k, const State& state) {
+      return corrected(k, vectorOf(plan_.inputs[k]) + length * open_[k], state);
+    });
+    if (!(cost < cost_)) continue;
+    take(cost);
+    return true;
+  }
+  return false;
 }
 
 /// Makes the last iteration's change of the plan, to first order.
@@ -501,8 +413,8 @@ void SizedOptimizer<N, S>::moveLinearly() {
     const Input after = wanted.cwiseMax(low_).cwiseMin(high_);
     asVector(plan_.inputs[k]) = after;
     Vector next = Vector::Zero();
-    addProduct(linear_[k].A, deviation, next);
-    addProduct(linear_[k].B, after - before, next);
+    next.noalias() += linear_[k].A * (deviation);
+    next.noalias() += linear_[k].B * (after - before);
     deviation = next;
     plan_.states[k + 1].template head<S>() += deviation.template head<S>();
   }
@@ -533,12 +445,12 @@ template <int N, int S>
 double SizedOptimizer<N, S>::carryOn(double shift) {
   shiftPlan(shift);
   if (!has_gains_) return rollOut();
-  take(tryOut(dynamics_, tried_, kNoLimit, [this](std::size_t k, const State& state) {
+  take(tryOut(kNoLimit, [this](std::size_t k, const State& state) {
     return corrected(k, vectorOf(plan_.inputs[k]), state);
   }));
   const double limit = std::isfinite(cost_) ? cost_ : kNoLimit;
   // The shifted inputs are the tried ones now.
-  const double open = tryOut(dynamics_, tried_, limit, [this](std::size_t k, const State&) {
+  const double open = tryOut(limit, [this](std::size_t k, const State&) {
     return tried_.inputs[k];
   });
   if (open < limit) take(open);
@@ -548,9 +460,9 @@ double SizedOptimizer<N, S>::carryOn(double shift) {
 template <int N, int S>
 bool SizedOptimizer<N, S>::improve(double slight) {
   if (!is_simulated_) rollOut();
-  for (int k = 0; k < steps() && !is_linear_; k += Lanes::kCount) {
-    if (!timeLeft()) return false;
-    linearize(k);
+  for (int k = 0; k < steps() && !is_linear_; ++k) {
+    if (!timeFor(k)) return false;
+    linearize(static_cast<std::size_t>(k));
   }
   is_linear_ = true;
   if (backward()) {
@@ -560,7 +472,7 @@ bool SizedOptimizer<N, S>::improve(double slight) {
       return true;
     }
     if (!timeLeft()) return false;
-    const double cost = tryOut(dynamics_, tried_, cost_, [&](std::size_t k, const State& state) {
+    const double cost = tryOut(cost_, [&](std::size_t k, const State& state) {
       return corrected(k, vectorOf(plan_.inputs[k]) + open_[k], state);
     });
     if (cost < cost_) {

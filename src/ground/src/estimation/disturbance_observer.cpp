@@ -6,7 +6,6 @@
 #include <stdexcept>
 #include <string>
 
-#include "ground/model/columns.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/measurement.h"
 #include "ground/model/pushed_step.h"
@@ -161,7 +160,7 @@ void DisturbanceObserver::correct(const Vector3<double>& eta) {
   Matrix3<double> S = H * covariance_ * H.transpose();
   S.diagonal() += noise.array().square().matrix();
   const Eigen::Matrix<double, 9, 3> K =
-      solvedByColumns(S.llt(), Eigen::Matrix<double, 3, 9>(H * covariance_)).transpose();
+      S.llt().solve(H * covariance_).transpose();
   const Vector9 change = K * off;
   estimate_.state.eta += change.head<3>();
   estimate_.state.nu += change.segment<3>(3);

@@ -3,7 +3,6 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
 
-#include "ground/control/register_product.h"
 #include "ground/model/thrusters.h"
 
 namespace ground {
@@ -56,7 +55,7 @@ class BoxMinimum {
       Square inverse = inverse_;
       for (int i = 0; i < N; ++i)
         if (!free_(i)) inverse.row(i).setZero(), inverse.col(i).setZero();
-      addProduct(rows, inverse, result);
+      result = rows * inverse;
     } else {
       for (Eigen::Index i = 0; i < rows.rows(); ++i)
         result.row(i) = freeWay(rows.row(i).transpose()).transpose();

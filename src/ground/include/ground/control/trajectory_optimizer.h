@@ -67,10 +67,6 @@ class TrajectoryOptimizer {
   }
   /// Simulates the plan; returns its cost [m^2 s].
   double rollOut();
-  /// The inputs of eight plans, to set before costsOfEach().
-  std::vector<Thrusters<Lanes>>& inputsOfEach() { return each_.inputs; }
-  /// Simulates these side by side; returns their costs [m^2 s]. The plan stays the same.
-  Lanes costsOfEach();
   /// Continues the plan for a problem that begins `shift` [s] >= 0 after the problem that it was
   /// made for. Each step gets the mean of the inputs planned for its time, once as they are, and
   /// once with the feedback of the last iteration on deviations from the planned states. The
@@ -100,22 +96,15 @@ class TrajectoryOptimizer {
   TrajectoryOptimizer(const Model& model, int steps, double step);
 
   int thrusterCount() const { return dynamics_.layout().size(); }
-  /// Plans as they are simulated: one of double, or eight side by side of Lanes.
-  template <typename T>
+  /// A plan as it is simulated.
   struct Trial {
-    std::vector<Thrusters<T>> inputs;
-    std::vector<Eigen::Matrix<T, kStates, 1>> states;  ///< at the start, after each step
-    std::vector<Rotation<T>> headings;                 ///< rotations by the states' headings
+    std::vector<Thrusters<double>> inputs;
+    std::vector<State> states;  ///< at the start, after each step
 
     Trial(int steps, int thrusters);
   };
-  template <typename T>
-  T stateCost(int k, const RigidState<T>& state, const Rotation<T>& heading) const;
-  template <typename T>
-  T inputCost(const Thrusters<T>& input) const;
-  /// Costs of nearness to the walls.
-  double wallCost(const RigidState<double>& state) const;
-  Lanes wallCost(const RigidState<Lanes>& state) const;
+  double stateCost(int k, const RigidState<double>& state) const;
+  double inputCost(const Thrusters<double>& input) const;
   /// Derivatives of a state's cost by x, y, psi, u and v, on which it depends.
   struct CostDerivatives {
     Eigen::Matrix<double, 5, 1> gradient = Eigen::Matrix<double, 5, 1>::Zero();
@@ -123,9 +112,9 @@ class TrajectoryOptimizer {
   };
   /// Derivatives of the cost of the state at the end of step k of the plan.
   CostDerivatives stateCostDerivatives(int k) const;
-  /// Simulates inputs, which plan(k, state) gives, until all costs reach `limit`; returns the costs.
-  template <typename T, class Plan>
-  T tryOut(const Dynamics<T>& dynamics, Trial<T>& trial, double limit, const Plan& plan) const;
+  /// Simulates inputs, which plan(k, state) gives, until the cost reaches `limit`; returns the cost.
+  template <class Plan>
+  double tryOut(double limit, const Plan& plan);
   /// Makes the tried inputs the plan.
   void take(double cost);
   /// Whether there is time for another piece of work.
@@ -137,8 +126,7 @@ class TrajectoryOptimizer {
   }
 
   Dynamics<double> dynamics_;
-  Dynamics<Lanes> dynamics_of_each_;
-  Dynamics<LanesJet> derivatives_;
+  Dynamics<Jet> derivatives_;
   int effect_states_;
   double input_max_;
   Thrusters<double> levers_;       ///< of the thrusters, over l
@@ -150,8 +138,7 @@ class TrajectoryOptimizer {
   double t_ = 0, lift_ = 1;
   Vector3<double> missing_ = Vector3<double>::Zero();
   std::vector<ReferencePoint> references_;
-  Trial<double> plan_, tried_;
-  Trial<Lanes> each_;
+  Trial plan_, tried_;
   State start_ = State::Zero();
   double cost_ = 0;
   bool is_linear_ = false;  ///< whether the derivatives are those of the plan
