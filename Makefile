@@ -15,7 +15,7 @@ configured := build/.configured
 SEED ?= 1
 export SLOW
 # CMake options in addition to the preset "default" (CMakePresets.json)
-options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
+options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking \
   bench-soak bench-table bench-faults bench-own-stop bench-plans \

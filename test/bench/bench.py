@@ -17,13 +17,7 @@ import sys
 import numpy as np
 
 HERE = os.path.dirname(os.path.abspath(__file__))
-# Operations of one step of the velocities, counted by hand in src/model/stages.h.
-FLOPS = {"velocities: state": 88, "velocities: five sensitivities": 88 + 5 * 122}
-GOALS = {
-    "velocities: state": 20,
-    "velocities: five sensitivities": 45,
-    "velocities: five sensitivities, eight runs": 15,
-}
+GOALS = {"velocities: state": 60, "velocities: five sensitivities": 250}  # [ns]
 LATENCY = re.compile(
     r"pose to packet at ([0-9.]+) Hz, \d+ poses: median ([0-9.]+) ms, 99% ([0-9.]+) ms, 99.9% "
     r"([0-9.]+) ms, most ([0-9.]+) ms"
@@ -76,22 +70,10 @@ def google(name, *options):
     return cases
 
 
-def peak():
-    """Peak rate of this core [operations/s]."""
-    return float(run(binary("peak")).split()[0])
-
-
 def steps(table):
-    most = peak()
-    table.add("multiply-adds of a core, peak", most / 1e9, "Gflop/s")
     for name, repetitions in google("model_step").items():
         ns = [1e9 * b["per step"] for b in repetitions]
-        note = ""
-        plain = name.replace(", eight runs", "")
-        if plain in FLOPS:
-            share = FLOPS[plain] / (np.median(ns) * 1e-9) / most
-            note = "%d operations, %.0f%% of the peak" % (FLOPS[plain], 100 * share)
-        table.add("step, " + name, ns, "ns", GOALS.get(name), note)
+        table.add("step, " + name, ns, "ns", GOALS.get(name))
 
 
 def fit(table, peers):
@@ -100,7 +82,7 @@ def fit(table, peers):
     ours = np.median(times["ground"])
     for name, seconds in times.items():
         ratio = np.median(seconds) / ours
-        table.add("fit, " + name, 1e3 * np.array(seconds), "ms", 6 if name == "ground" else None,
+        table.add("fit, " + name, 1e3 * np.array(seconds), "ms", 8 if name == "ground" else None,
                   "" if name == "ground" else "%.1f times ground" % ratio)  # fmt: skip
 
 

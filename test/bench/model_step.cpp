@@ -6,8 +6,8 @@
 #include <string>
 
 #include "ground/model/effect_registry.h"
-#include "ground/model/lane_simulation.h"
 #include "ground/model/model_file.h"
+#include "ground/model/simulation.h"
 
 namespace ground {
 namespace {
@@ -35,7 +35,7 @@ template <typename T>
 std::vector<T> coordinates(const Model& model) {
   const std::vector<double> values = model.coordinates();
   std::vector<T> result(values.begin(), values.end());
-  if constexpr (!std::is_same_v<T, ValueOf<T>>) {
+  if constexpr (!std::is_same_v<T, double>) {
     int at = 0;
     for (const char* name : {"I_z", "X_u", "Y_v", "N_r", "k"})
       result[static_cast<std::size_t>(model.index(name))].v[at++] = 1.0;
@@ -73,21 +73,6 @@ void step(benchmark::State& state, const std::string& effects, bool pose) {
   count(state, kSteps);
 }
 
-/// Eight simulations in the lanes of a vector.
-template <typename T>
-void sideBySide(benchmark::State& state, const std::string& effects, bool pose) {
-  const Model model = craft(effects);
-  Dynamics<T> dynamics(model, coordinates<T>(model));
-  dynamics.useDirections(5);
-  const InputSequence inputs = makeInputs();
-  const double samples[] = {0, kSteps * kStep};
-  const LanePlan plan(std::vector<Lane>(Lanes::kCount, Lane{&inputs, samples, 2}), 0, false, {});
-  for (auto _ : state)
-    plan.run<T>(dynamics, {}, pose,
-                [](int, const Vector3<T>&, const Vector3<T>& nu) { benchmark::DoNotOptimize(nu); });
-  count(state, Lanes::kCount * kSteps);
-}
-
 }  // namespace
 }  // namespace ground
 
@@ -108,8 +93,6 @@ int main(int argc, char** argv) {
     };
     add(": state", ground::step<double>);
     add(": five sensitivities", ground::step<ground::Jet>);
-    add(": state, eight runs", ground::sideBySide<ground::Lanes>);
-    add(": five sensitivities, eight runs", ground::sideBySide<ground::LanesJet>);
   }
   benchmark::Initialize(&argc, argv);
   benchmark::RunSpecifiedBenchmarks();

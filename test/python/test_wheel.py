@@ -139,7 +139,7 @@ def test_the_whole_wheel_configures_without_catkin(tmp_path):
     build = tmp_path / "build"
     options = ["-DSKBUILD_PROJECT_VERSION=1.0", "-DSKBUILD_DATA_DIR=%s" % tmp_path]
     source = ROOT / "src" / "ground" / "python"
-    run("cmake", "-S", source, "-B", build, "-G", "Ninja", "-DGROUND_WIDE=OFF", *options)
+    run("cmake", "-S", source, "-B", build, "-G", "Ninja", *options)
     names = run("cmake", "--build", build, "--target", "help")
     libraries = ("model", "estimation", "control", "simulation", "identification", "core")
     assert all("ground_%s: phony" % library in names for library in libraries)

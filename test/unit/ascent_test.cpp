@@ -54,51 +54,6 @@ TEST_F(Ascent, EndsAtTheSameMaximumFromEverywhere) {
   }
 }
 
-TEST_F(Ascent, ThePosteriorIsTheLikelihoodAndThePriorsOfLevelsAndLoudness) {
-  GreyBoxOptions still = near({});
-  still.max_iterations = 0;
-  GreyBoxPoint point = best_.point;
-  // Without given values, the loudness is 0.
-  for (const std::vector<double>& loudness :
-       {std::vector<double>{}, std::vector<double>{0, 0, 0}, std::vector<double>{0.4, -0.7, 0.1}}) {
-    point.loudness = loudness;
-    const GreyBoxFit found = box_.fit(point, still);
-    const std::vector<Eigen::VectorXd> densities = box_.likelihood(point, still.cap, 1, 1);
-    const LevelPrior prior(truth_.body);
-    double likelihood = 0, expected = 0;
-    for (std::size_t r = 0; r < 3; ++r) {
-      EXPECT_NEAR(found.by_run[r], densities[r].sum(), 1e-9 * std::abs(found.by_run[r]));
-      likelihood += densities[r].sum();
-    }
-    for (const double loud : loudness) expected -= 0.5 * std::pow(loud / 0.5, 2);
-    for (std::size_t i = 0; i < DisturbanceLevels::kCount; ++i)
-      expected -= 0.5 * std::pow(std::log(point.levels.values()[i] / prior.median.values()[i]) /
-                                     prior.deviation[i],
-                                 2);
-    EXPECT_NEAR(found.log_likelihood, likelihood, 1e-9 * std::abs(likelihood));
-    EXPECT_NEAR(found.log_posterior - likelihood, expected, 1e-6);
-  }
-}
-
-TEST(LevelPrior, FavoursNoDirection) {
-  const Model model = craft();
-  const LevelPrior prior(model.body);
-  const double force = typical::force(model.body), moment = typical::moment(model.body);
-  const Vector3<double> full(force, force, moment);
-  for (const Vector3<double>& median :
-       {prior.median.sigma, prior.median.white, prior.median.trim}) {
-    const Vector3<double> share = median.cwiseQuotient(full);
-    EXPECT_LT((share.array() - share.mean()).abs().maxCoeff(), 1e-12);
-  }
-  EXPECT_EQ(prior.median.time.maxCoeff(), prior.median.time.minCoeff());
-  EXPECT_EQ(prior.median.position, 1);  // the noise that is known of the runs
-  EXPECT_EQ(prior.median.heading, 1);
-  for (const std::size_t first : {0u, 4u, 8u, 13u})  // sigma, time, white, trim
-    for (const std::size_t i : {1u, 2u})
-      EXPECT_EQ(prior.deviation[first + i], prior.deviation[first]);
-  EXPECT_EQ(prior.deviation[11], prior.deviation[12]);
-}
-
 TEST(LevelPrior, IsBroadAboutSmallDisturbancesAndNarrowAboutTheNoise) {
   const Model model = craft();
   const LevelPrior prior(model.body);
@@ -153,47 +108,6 @@ TEST_F(Ascent, LouderRunsAreFoundLouder) {
     }
 }
 
-TEST_F(Ascent, InformationAboutLoudnessIsThatAboutTheLevelsThatItScales) {
-  const Eigen::MatrixXd& information = best_.level_information;
-  constexpr Eigen::Index kCount = DisturbanceLevels::kCount;
-  ASSERT_EQ(information.rows(), kCount + 3);
-  EXPECT_EQ(information, information.transpose());
-  const LevelPrior prior(truth_.body);
-  Eigen::MatrixXd levels = information.topLeftCorner<kCount, kCount>();
-  for (Eigen::Index i = 0; i < kCount; ++i)
-    levels(i, i) -= std::pow(prior.deviation[static_cast<std::size_t>(i)], -2);
-  Eigen::VectorXd scaled = Eigen::VectorXd::Zero(kCount);  // sigma and white
-  for (const Eigen::Index i : {0, 1, 2, 3, 8, 9, 10}) scaled(i) = 1;
-  const Eigen::MatrixXd across = information.block<kCount, 3>(0, kCount);
-  EXPECT_LT((across.rowwise().sum() - levels * scaled).norm(), 1e-9 * across.norm());
-  for (Eigen::Index r = 0; r < 3; ++r)
-    EXPECT_NEAR(information(kCount + r, kCount + r) - scaled.dot(across.col(r)), 1 / 0.25, 1e-9);
-}
-
-TEST_F(Ascent, ALevelChangesByAFactorOfEAtMostInOneStep) {
-  GreyBoxOptions once = near({});
-  once.max_iterations = 1;
-  int longest = 0;
-  for (const double factor : {0.02, 50.0}) {
-    GreyBoxPoint start = best_.point;
-    start.levels.sigma *= factor;
-    start.levels.white *= factor;
-    start.levels.time /= factor;
-    const GreyBoxFit fit = box_.fit(start, once);
-    EXPECT_EQ(fit.iterations, 1);
-    EXPECT_FALSE(fit.converged);
-    const auto before = start.levels.values(), after = fit.point.levels.values();
-    for (std::size_t i = 0; i < before.size(); ++i) {
-      const double step = std::abs(std::log(after[i] / before[i]));
-      EXPECT_LE(step, 1 + 1e-9) << DisturbanceLevels::names()[i];
-      longest += step > 1 - 1e-9;
-    }
-    for (std::size_t r = 0; r < 3; ++r)
-      EXPECT_LE(std::abs(fit.point.loudness[r] - start.loudness[r]), 1 + 1e-9);
-  }
-  EXPECT_GT(longest, 0);
-}
-
 TEST_F(Ascent, HeldLevelsAndFixedParametersKeepTheirValues) {
   GreyBoxPoint start = box_.start(truth_);
   start.model.setValue("X_u", 1.1 * truth_.value("X_u"));
@@ -225,42 +139,6 @@ TEST_F(Ascent, ACommonChangeOfThrustIsAParameterAndNoTrim) {
     double mean = 0;
     for (const RunTrim& trim : fit.trims) mean += trim.thrust / 3;
     EXPECT_LT(std::abs(mean), 0.02);
-  }
-}
-
-TEST_F(Ascent, TheMeanChangeOfThrustIsMovedIntoItsParameter) {
-  GreyBoxOptions still = near({"X_u", "k"});
-  still.max_iterations = 0;
-  const auto unchanged = [&](const GreyBoxPoint& start, const GreyBoxOptions& options) {
-    const GreyBoxFit fit = box_.fit(start, options);
-    return fit.point.model.values() == start.model.values() &&
-           fit.point.levels.values() == start.levels.values();
-  };
-  EXPECT_TRUE(unchanged(best_.point, still)) << "a small mean stays";
-  for (const double factor : {0.7, 1.4}) {
-    GreyBoxPoint start = best_.point;
-    start.model.setValue("k", factor * start.model.value("k"));
-    start.levels.thrust = 0.5;
-    std::vector<double> changes;
-    for (int r = 0; r < 3; ++r)
-      changes.push_back(
-          box_.residuals(start, r, still.cap, {}).constants.bottomRows<1>()(3));
-    const double mean = (changes[0] + changes[1] + changes[2]) / 3;
-    double square = 0;
-    for (const double change : changes) square += std::pow(change - mean, 2) / 3;
-    ASSERT_GT(std::abs(mean), 0.1);
-    const GreyBoxFit fit = box_.fit(start, still);
-    EXPECT_EQ(fit.iterations, 0);
-    EXPECT_NEAR(fit.point.model.value("k"), (1 + mean) * start.model.value("k"), 1e-9);
-    EXPECT_EQ(fit.point.model.value("X_u"), start.model.value("X_u"));
-    EXPECT_NEAR(fit.point.levels.thrust, std::max(1e-3, std::sqrt(square)), 1e-9);
-    EXPECT_EQ(fit.point.levels.sigma, start.levels.sigma);
-    GreyBoxOptions fixed = near({"X_u"}), held = still, constant = still;
-    fixed.max_iterations = 0;
-    held.held = {"thrust"};
-    constant.levels = false;
-    for (const GreyBoxOptions& options : {fixed, held, constant})
-      EXPECT_TRUE(unchanged(start, options));
   }
 }
 

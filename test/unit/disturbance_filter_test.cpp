@@ -269,7 +269,7 @@ class PlainFilter {
     Eigen::Matrix<double, 15, 3> gain = P * H.transpose() * seen.S.inverse() / inflation;
     if (known && seen.capped)
       for (int a = 0; a < 3; ++a)
-        for (int i = 0; i < 15; ++i) gain(i, a) = (*known)[k].gain[a][i];
+        for (int i = 0; i < 15; ++i) gain(i, a) = (*known)[k].gain(i, a);
     x += gain * seen.innovation;
     P -= gain * H * P;
     P.triangularView<Eigen::StrictlyLower>() = P.transpose();
@@ -387,13 +387,13 @@ class FixedGains {
       double distance = 0, usual = 0;
       for (int a = 0; a < 3; ++a) {
         white(3 * row + a) = 0;
-        for (int b = 0; b < 3; ++b) white(3 * row + a) += s.whitening[a][b] * innovation(b);
+        for (int b = 0; b < 3; ++b) white(3 * row + a) += s.whitening(a, b) * innovation(b);
         distance += std::pow(white(3 * row + a), 2);
         usual += std::pow(filter_.whitened(k)(a), 2);
       }
       const double share = s.inflation > 1 ? usual / distance : 1;
       for (int a = 0; a < 3; ++a)
-        for (int i = 0; i < 15; ++i) x(i) += share * s.gain[a][i] * innovation(a);
+        for (int i = 0; i < 15; ++i) x(i) += share * s.gain(i, a) * innovation(a);
       if (states) states->push_back(x);
       if (s.dt == 0) continue;
       Vector3<double> push = x.segment<3>(11);
@@ -415,7 +415,7 @@ class FixedGains {
       for (int i = 0; i < 6; ++i) {
         x(i) += s.by_thrust[i] * x(14);
         for (int l = 0; l < 3; ++l)
-          x(i) += s.held[i][l] * faster(l);
+          x(i) += s.held(i, l) * faster(l);
       }
     }
     return white;
@@ -569,62 +569,6 @@ TEST_P(Filtered, ResponsesAreThoseOfFiniteDifferencesWithFixedGains) {
       if (seen_[k].starts) finite.segment<3>(3 * static_cast<Eigen::Index>(k)).setZero();
     EXPECT_LT((found.col(c) - finite).norm(), 1e-4 * finite.norm()) << c;
   }
-}
-
-/// Every `stride`-th sample of a run, with noise.
-RunData sparse(const RunData& run, int stride, const Vector3<double>& noise) {
-  RunData found;
-  found.name = run.name;
-  found.inputs = run.inputs;
-  found.noise = noise;
-  const auto count = (static_cast<Eigen::Index>(run.times.size()) + stride - 1) / stride;
-  found.eta.resize(count, 3);
-  found.nu.resize(count, 3);
-  std::mt19937 random(1);
-  std::normal_distribution<double> normal;
-  for (Eigen::Index i = 0; i < count; ++i) {
-    found.times.push_back(run.times[static_cast<std::size_t>(i * stride)]);
-    found.eta.row(i) = run.eta.row(i * stride);
-    found.nu.row(i) = run.nu.row(i * stride);
-    for (int c = 0; c < 3; ++c) found.eta(i, c) += noise(c) * normal(random);
-  }
-  return found;
-}
-
-TEST(DisturbanceFilter, TakesStepsThatAreShortEnoughForTheNoise) {
-  Model model = craft();
-  model.setValue("motor_lag.tau", 0.02);
-  const RunData exact = record(model, 8, 0, 1);
-  DisturbanceLevels levels = someLevels(model);
-  for (Vector3<double>* one : {&levels.sigma, &levels.white, &levels.trim}) *one *= 0.1;
-  for (const double size : {1.0, 0.1, 0.01})
-    for (const int stride : {2, 5}) {
-      const Vector3<double> noise = size * Vector3<double>(2e-4, 2e-4, 2e-3);
-      const RunData run = sparse(exact, stride, noise);
-      RunData divided = run;  // steps end where commands change, if only in an unused lift
-      divided.inputs = InputSequence();
-      for (std::size_t i = 0; i < run.inputs.size(); ++i) {
-        const double end = i + 1 < run.inputs.size() ? run.inputs.times[i + 1] : 8;
-        double lift = 1;
-        for (double t = run.inputs.times[i]; t < end - 1e-6; t += 0.0025, lift = 2 - 1e-9 - lift)
-          divided.inputs.add(t, run.inputs.thrusters[i], lift);
-      }
-      const double usual = DisturbanceFilter(run, kMaxGap).run(model, levels, kInfinity);
-      const double fine = DisturbanceFilter(divided, kMaxGap).run(model, levels, kInfinity);
-      EXPECT_NE(usual, fine);
-      EXPECT_NEAR(usual, fine, 0.05) << size << ' ' << stride;
-    }
-}
-
-TEST(DisturbanceFilter, KnowsTheEndsOfStretches) {
-  const RunData run = flight();
-  const DisturbanceFilter filter(run, kMaxGap);
-  const std::size_t last = run.times.size() - 1;
-  std::size_t gap = 0;
-  while (run.times[gap + 1] - run.times[gap] < kMaxGap) ++gap;
-  for (const std::size_t k : {std::size_t(0), gap - 1, gap})
-    EXPECT_EQ(filter.lastOfStretch(k), gap);
-  for (const std::size_t k : {gap + 1, gap + 2, last}) EXPECT_EQ(filter.lastOfStretch(k), last);
 }
 
 }  // namespace

@@ -13,7 +13,7 @@
 #include "ground/identification/simulation_error.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
-#include "ground/model/lane_simulation.h"
+#include "ground/model/simulation.h"
 #include "ground/model/model_file.h"
 #include "ground/simulation/experiment.h"
 
@@ -76,15 +76,6 @@ TEST(DriveClock, ARecordGivesTheBeginOfAnEarlierDrive) {
   EXPECT_EQ(late.since(21), 1);
   late.record(20.001, 20.5);  // the same drive, by the sender's clock
   EXPECT_EQ(late.starts(), std::vector<double>({-40, 20.001}));
-}
-
-TEST(DriveClock, AClockThatIsSetBackForgetsLaterDrives) {
-  DriveClock clock;
-  clock.command(50, 1);
-  clock.command(49.95, 1);  // commands of two controllers in wrong order
-  EXPECT_EQ(clock.since(60), 10);
-  EXPECT_TRUE(clock.command(1, 1));
-  EXPECT_EQ(clock.starts(), std::vector<double>({1}));
 }
 
 /// Run of a craft with battery sag: rest until 3 s, then lift, then a PRBS; exact mocap. The room

@@ -83,75 +83,6 @@ TEST(RobustLoss, IsThePseudoHuberLossWithItsDerivatives) {
   EXPECT_EQ(RobustLoss().curvature(3, kInfinity), 1);
 }
 
-TEST(DeviationOf, IsThatOfNormalResidualsDespiteOutliers) {
-  std::mt19937 random(1);
-  std::normal_distribution<double> normal(0, 0.3);
-  for (const std::size_t count : {10000u, 10001u}) {
-    std::vector<double> residuals(count);
-    for (double& r : residuals) r = normal(random);
-    EXPECT_NEAR(deviationOf(residuals), 0.3, 0.012);
-    for (std::size_t i = 0; i < count; i += 10) residuals[i] = i % 20 ? 1e3 : -1e3;
-    EXPECT_NEAR(deviationOf(residuals), 0.3, 0.06);
-  }
-  EXPECT_EQ(deviationOf({}), 0);
-  EXPECT_NEAR(deviationOf({-2.0}), 2 * 1.4826, 1e-12);
-}
-
-TEST(Starts, SpreadOverTwoDecadesOrTheScaleWithinTheBounds) {
-  Model model = truth();
-  model.addEffect(makeEffect("yaw_bias"));
-  const Free free = makeFree(model, {"X_u", "k", "yaw_bias.n0"});
-  const auto starts = startsOf(free, 200);
-  ASSERT_EQ(starts.size(), 200u);
-  EXPECT_EQ(startsOf(free, 1).size(), 1u);
-  for (std::size_t i = 0; i < 3; ++i) {
-    const double given = model.coordinates()[free.index[i]] / free.scale[i];
-    EXPECT_EQ(starts[0][i], given);
-    double least = kInfinity, most = -kInfinity;
-    for (const auto& start : starts) {
-      ASSERT_EQ(start.size(), 3u);
-      const double spread = i < 2 ? std::log10(start[i] / std::max(given, 0.1)) : start[i] - given;
-      least = std::min(least, spread);
-      most = std::max(most, spread);
-    }
-    EXPECT_NEAR(least, -1, 0.05);
-    EXPECT_NEAR(most, 1, 0.05);
-  }
-  Free narrow = free;
-  narrow.lower[1] = 0.9 * model.value("k");
-  narrow.upper[1] = 1.1 * model.value("k");
-  std::set<double> seen;
-  for (const auto& start : startsOf(narrow, 50)) {
-    EXPECT_GE(start[1], narrow.lower[1] / narrow.scale[1]);
-    EXPECT_LE(start[1], narrow.upper[1] / narrow.scale[1]);
-    seen.insert(start[1]);
-  }
-  EXPECT_GT(seen.size(), 2u);
-}
-
-TEST(ShortPieces, AreSpreadEvenlyOverTheWindows) {
-  const RunData a = record(truth(), 9, 0, 1), b = record(truth(), 40, 0, 2);
-  for (const bool both : {false, true}) {
-    std::vector<Window> windows = cutWindows(a, 0, 0, 1e9, 3);
-    if (both)
-      for (const Window& w : cutWindows(b, 1, 0, 1e9, 4)) windows.push_back(w);
-    const SimulationError problem({a, b}, windows);
-    const std::vector<Window> pieces = shortPieces(problem);
-    EXPECT_EQ(pieces.size(), both ? 64u : 30u);
-    std::vector<int> counts(windows.size(), 0);
-    for (const Window& piece : pieces) {
-      EXPECT_NEAR(piece.last - piece.first, 30, 1);
-      for (std::size_t w = 0; w < windows.size(); ++w)
-        counts[w] += piece.run == windows[w].run && windows[w].first <= piece.first &&
-                     piece.last <= windows[w].last;
-    }
-    for (std::size_t w = 0; w < windows.size(); ++w)
-      EXPECT_NEAR(counts[w],
-                  pieces.size() * (windows[w].last - windows[w].first) / (both ? 4900.0 : 900.0), 2)
-          << w;
-  }
-}
-
 void expectSameFit(const FitResult& found, const FitResult& expected, double tolerance) {
   for (std::size_t i = 0; i < expected.parameters.size(); ++i) {
     const FittedParameter &a = found.parameters[i], &b = expected.parameters[i];
@@ -196,133 +127,11 @@ TEST(NearFit, FindsWhatAFitFromFarAwayFinds) {
   }
 }
 
-/// A step of Gauss and Newton for the scaled parameters and all initial states together.
-struct PlainStep {
-  Eigen::VectorXd by;
-  double cost = 0, gain = 0;  ///< half the sum of losses; decrease that the step promises
-
-  PlainStep(const SimulationError& problem, const Model& model, const Free& free,
-            const std::vector<double>& scaled, const Initials& initial, const RobustLoss& robust) {
-    const auto n = static_cast<Eigen::Index>(scaled.size());
-    const Eigen::Index k = problem.initialSize();
-    const auto windows = static_cast<Eigen::Index>(initial.size());
-    Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n + k * windows, n + k * windows);
-    Eigen::VectorXd b = Eigen::VectorXd::Zero(A.rows());
-    for (Eigen::Index w = 0; w < windows; ++w) {
-      const WindowResiduals rows =
-          residualsOf(problem, model, free.coordinates(scaled.data()), free.index,
-                      static_cast<int>(w), initial[static_cast<std::size_t>(w)], true);
-      Eigen::MatrixXd J = Eigen::MatrixXd::Zero(rows.residuals.size(), A.cols());
-      Eigen::VectorXd r(rows.residuals.size());
-      for (Eigen::Index i = 0; i < r.size(); ++i) {
-        r(i) = robust(rows.residuals(i));
-        const double slope = robust.derivative(rows.residuals(i));
-        for (Eigen::Index j = 0; j < n; ++j)
-          J(i, j) = slope * free.scale[static_cast<std::size_t>(j)] * rows.derivatives(i, j);
-        for (Eigen::Index j = 0; j < k; ++j)
-          J(i, n + k * w + j) = slope * rows.derivatives(i, n + j);
-      }
-      A += J.transpose() * J;
-      b += J.transpose() * r;
-      cost += 0.5 * r.squaredNorm();
-    }
-    by = -solveSymmetric(A, b);
-    gain = -0.5 * b.dot(by);
-  }
-};
-
-TEST(NearFit, EndsWhereNoStepHelpsAfterFewIterations) {
-  const RunData run = noisyRun();
-  for (const Target target : {Target::kVelocities, Target::kPoses}) {
-    const SimulationError problem({run}, cutWindows(run, 0, 0, 1e9, 1.25), target);
-    const FitResult far = problem.fit(start(), options());
-    FitOptions near = options();
-    near.near = true;
-    near.width = far.width;
-    near.initial = far.initial;
-    Model begin = far.model;
-    for (const std::string& name : kNominal)
-      begin.setValue(name, (name == "k" ? 1.06 : 0.95) * begin.value(name));
-    const FitResult found = problem.fit(begin, near);
-    const RobustLoss robust{far.width};
-    for (const FitResult* fit : {&far, &found}) {
-      const Free free = makeFree(fit->model, kNominal);
-      std::vector<double> scaled;
-      for (std::size_t i = 0; i < kNominal.size(); ++i)
-        scaled.push_back(free.base[free.index[i]] / free.scale[i]);
-      const PlainStep end(problem, fit->model, free, scaled, fit->initial, robust);
-      EXPECT_LT(end.gain, (fit == &far ? 1e-8 : 1e-6) * end.cost);
-    }
-    // The plain method needs about as many.
-    const Free free = makeFree(begin, kNominal);
-    std::vector<double> scaled;
-    for (std::size_t i = 0; i < kNominal.size(); ++i)
-      scaled.push_back(free.base[free.index[i]] / free.scale[i]);
-    Initials initial = far.initial;
-    int plain = 0;
-    for (; plain < 20; ++plain) {
-      const PlainStep step(problem, begin, free, scaled, initial, robust);
-      if (step.gain < 1e-6 * step.cost) break;
-      for (std::size_t i = 0; i < scaled.size(); ++i)
-        scaled[i] += step.by(static_cast<Eigen::Index>(i));
-      for (std::size_t w = 0; w < initial.size(); ++w)
-        initial[w] += step.by.segment(5 + problem.initialSize() * static_cast<Eigen::Index>(w),
-                                      problem.initialSize());
-    }
-    EXPECT_LE(found.iterations, plain + 2);
-  }
-}
-
-TEST(SolveInitial, RefusesStepsToMotionsThatAreNotFinite) {
-  // A strong drag, from which the first step overshoots to where the force is not finite.
-  const std::string text = formatModel(truth());
-  const Model model = parseModel(
-      text.substr(0, text.find("effects:")) +
-          "effects:\n  - name: cliff\n    expression: {X: \"-c*u*abs(u)+c*exp(-600*(u+0.5))\"}\n"
-          "    parameters:\n      c: {value: " + std::to_string(12.5 * truth().body.m) +
-          ", unit: N s^2/m^2, lower: 0, upper: 100}\n",
-      "test");
-  const RunData run = record(model, 1, 0, 1);
-  ASSERT_GT(run.nu.col(0).minCoeff(), -0.4);
-  const SimulationError p = problem(run, 1);
-  Eigen::VectorXd initial = Vector3<double>(8, 0, 0);
-  solveInitial(p, model, model.coordinates(), RobustLoss(), 0, initial, 1e-8);
-  EXPECT_LT((initial.transpose() - run.nu.row(0)).norm(), 1e-3) << initial.transpose();
-}
-
 std::vector<double> scaledStart(const Free& free) {
   std::vector<double> scaled;
   for (std::size_t i = 0; i < free.index.size(); ++i)
     scaled.push_back(free.base[static_cast<std::size_t>(free.index[i])] / free.scale[i]);
   return scaled;
-}
-
-TEST(Descent, OfNoIterationsEvaluatesEachLossOnceAndStays) {
-  const SimulationError p = problem(noisyRun(), 1.25);
-  const Model model = start();
-  Linearisation windows(p, model, 1);
-  const Free free = makeFree(model, kNominal);
-  FitOptions none = options();
-  none.max_iterations = 0;
-  const std::vector<double> scaled = scaledStart(free);
-  const Initials initial = measuredInitials(p);
-  for (const auto objective : {FitOptions::Objective::kLeastSquares, FitOptions::Objective::kThesis}) {
-    const std::vector<double> losses = lossesOf(objective);
-    EXPECT_EQ(losses.size() > 1, objective == FitOptions::Objective::kThesis);
-    EXPECT_EQ(losses.front(), kInfinity);
-    const Solution found = descend(windows, free, losses, none, scaled, initial);
-    EXPECT_EQ(found.scaled, scaled);
-    EXPECT_EQ(found.initial, initial);
-    EXPECT_EQ(found.delta, losses.back());
-    EXPECT_EQ(found.iterations, static_cast<int>(losses.size()));
-    EXPECT_TRUE(found.usable);
-    EXPECT_FALSE(found.converged);
-    double sum = 0;
-    for (const double loss : windows.losses({free.coordinates(scaled.data()), free.index, initial},
-                                            RobustLoss{losses.back()}.weighing()))
-      sum += loss;
-    EXPECT_NEAR(found.cost, 0.5 * sum, 1e-9 * sum);
-  }
 }
 
 TEST(StartKept, MovesAlongDirectionsWithoutInformationToTheStart) {
@@ -375,26 +184,6 @@ SimulationError driven(bool allowed) {
   return problem(record(model, 6, 0.1, 2), 1.5);
 }
 
-TEST(NearFit, StaysOnABoundOnlyIfTheCostRisesInwards) {
-  for (const bool allowed : {false, true}) {
-    const SimulationError problem = driven(allowed);
-    const FitResult far = problem.fit(start(), options());
-    EXPECT_EQ(far.model.value("X_u") > 0, allowed);
-    EXPECT_EQ(far.parameters[1].at_bound, !allowed);
-    for (const double X_u : {0.0, 0.02}) {
-      Model begin = far.model;
-      begin.setValue("X_u", X_u);
-      FitOptions near = options();
-      near.near = true;
-      near.width = far.width;
-      const FitResult found = problem.fit(begin, near);
-      EXPECT_TRUE(found.converged);
-      EXPECT_EQ(found.model.value("X_u") > 0, allowed);
-      expectSameFit(found, far, 0.1);
-    }
-  }
-}
-
 TEST(NearFit, LeavesABoundThatItMetOnTheWay) {
   const SimulationError problem = driven(true);
   const FitResult far = problem.fit(start(), options());
@@ -417,21 +206,6 @@ TEST(NearFit, LeavesABoundThatItMetOnTheWay) {
     for (std::size_t i = 0; i < scaled.size(); ++i)
       EXPECT_NEAR(found.scaled[i] / best.scaled[i], 1, 1e-2) << i;
   }
-}
-
-TEST(Fit, RefusesInitialStatesOfOtherWindows) {
-  const SimulationError p = problem(record(truth(), 4, 0.1, 1), 2);
-  FitOptions o = options();
-  const std::vector<std::vector<Eigen::VectorXd>> wrong = {
-      std::vector<Eigen::VectorXd>(1, Eigen::VectorXd::Zero(3)),
-      std::vector<Eigen::VectorXd>(2, Eigen::VectorXd::Zero(6)),
-      std::vector<Eigen::VectorXd>(2, Eigen::VectorXd::Constant(3, std::nan("")))};
-  for (const auto& initial : wrong) {
-    o.initial = initial;
-    EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
-  }
-  o.initial.assign(2, Eigen::VectorXd::Zero(3));
-  EXPECT_NO_THROW(p.fit(start(), o));
 }
 
 /// The jackknife by its definition: each block of rows is left out once, and the rest is solved for
@@ -490,37 +264,6 @@ Eigen::MatrixXd randomInformation(Eigen::Index n, std::mt19937& random) {
   return J.transpose() * J;
 }
 
-/// Of a positive definite matrix: the logarithms of Gauss's pivots.
-double logDeterminant(Eigen::MatrixXd A) {
-  double sum = 0;
-  for (Eigen::Index k = 0; k < A.rows(); ++k) {
-    sum += std::log(A(k, k));
-    for (Eigen::Index i = k + 1; i < A.rows(); ++i) A.row(i) -= A(i, k) / A(k, k) * A.row(k);
-  }
-  return sum;
-}
-
-/// Of a symmetric matrix, by powers of it.
-double largestEigenvalue(const Eigen::MatrixXd& A) {
-  Eigen::VectorXd direction = Eigen::VectorXd::Ones(A.rows());
-  for (int i = 0; i < 1000; ++i) direction = (A * direction).normalized();
-  return (A * direction).norm();
-}
-
-TEST(Known, VarianceAndVolumeAreThoseOfTheInverse) {
-  std::mt19937 random(1);
-  for (const Eigen::Index n : {1, 2, 5, 9}) {
-    const Eigen::MatrixXd information = randomInformation(n, random);
-    const Known known = knownBy(information);
-    const Eigen::VectorXd variance =
-        solveSymmetric(information, Eigen::MatrixXd::Identity(n, n)).diagonal();
-    EXPECT_LT((known.variance.cwiseQuotient(variance).array() - 1).abs().maxCoeff(), 1e-9);
-    EXPECT_NEAR(known.volume, logDeterminant(information), 1e-9 * std::abs(known.volume));
-    EXPECT_EQ(known.unseen.cols(), 0);
-    for (const bool identified : known.identified) EXPECT_TRUE(identified);
-  }
-}
-
 TEST(Known, DirectionsWithoutInformationAreUnseenAndTheirParametersNotIdentified) {
   std::mt19937 random(2);
   Eigen::MatrixXd information = Eigen::MatrixXd::Zero(5, 5);
@@ -539,12 +282,6 @@ TEST(Known, DirectionsWithoutInformationAreUnseenAndTheirParametersNotIdentified
   EXPECT_NEAR(known.variance(4), 1e3, 1e-3);
   information(4, 4) = 2e-3;
   EXPECT_TRUE(knownBy(information).identified[4]);
-}
-
-TEST(Estimates, QuantilesAreThoseOfStudentsTable) {
-  EXPECT_NEAR(quantileOf(1), 12.706, 1e-3);
-  EXPECT_NEAR(quantileOf(5), 2.571, 1e-3);
-  EXPECT_NEAR(quantileOf(1e6), 1.95997, 1e-4);
 }
 
 TEST(Estimates, IntervalsAreSymmetricInTheCoordinateAndEndAtTheBounds) {
@@ -577,30 +314,6 @@ TEST(Estimates, IntervalsAreSymmetricInTheCoordinateAndEndAtTheBounds) {
     const FittedParameter bound = estimateOf(info, free, i, 0, deviation, 2, 7);
     EXPECT_TRUE(bound.at_bound);
   }
-}
-
-TEST(Estimates, CorrelationsAreThoseOfTheValues) {
-  Model model = truth();
-  model.addEffect(makeEffect("battery_sag"));
-  model.setValue("battery_sag.tau", 50);
-  const Free free = makeFree(model, {"X_u", "battery_sag.tau", "k"});
-  Uncertainty u;
-  std::mt19937 random(3);
-  u.information = randomInformation(3, random);
-  const Eigen::MatrixXd inverse = solveSymmetric(u.information, Eigen::MatrixXd::Identity(3, 3));
-  u.covariance = inverse;
-  const Eigen::MatrixXd found = correlationOf(u, free);
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j) {
-      const double sign = (i == 1) != (j == 1) ? -1 : 1;  // tau falls as its rate rises
-      EXPECT_NEAR(found(i, j),
-                  sign * u.covariance(i, j) / std::sqrt(u.covariance(i, i) * u.covariance(j, j)),
-                  1e-12);
-    }
-  EXPECT_NEAR(conditionOf(u), largestEigenvalue(u.information) * largestEigenvalue(inverse),
-              1e-6 * conditionOf(u));
-  u.information.setZero();
-  EXPECT_EQ(conditionOf(u), kInfinity);
 }
 
 TEST(Uncertainty, IsThatOfTheJackknifeByItsDefinition) {

@@ -57,13 +57,6 @@ TEST(Intervals, HoldTheTruthWhenNoiseIsCorrelated) {
   EXPECT_LE(covered, 99.5);
 }
 
-TEST(Intervals, HoldTheTruthWithTheThesisObjective) {
-  const double covered = coverage(FitOptions::Objective::kThesis, 4, 4, 0).percent();
-  RecordProperty("coverage_percent", std::to_string(covered));
-  EXPECT_GE(covered, 90);
-  EXPECT_LE(covered, 99.5);
-}
-
 TEST(Intervals, AreTheWholeRangeOfUnidentifiableParameters) {
   const Model guess = with({1.5e-3, 0.03, 0.03, 2e-3, 0.2});
   const FitResult result = problem(spinningRun()).fit(guess, options());
@@ -160,50 +153,6 @@ TEST(Fit, FitsParametersOfEffects) {
   EXPECT_LT(result.objective, 0.06);
 }
 
-TEST(Fit, DoesNotDependOnModelsThatWereFittedBefore) {
-  const RunData run = record(truth(), 6, 0.05, 1);
-  Model lagging = truth();
-  lagging.addEffect(makeEffect("motor_lag"));
-  lagging.setValue("motor_lag.tau", 0.1);
-  const SimulationError used = problem(run, 1.5);
-  used.fit(lagging, options());
-  const FitResult after = used.fit(start(), options());
-  const FitResult alone = problem(run, 1.5).fit(start(), options());
-  EXPECT_EQ(after.model.coordinates(), alone.model.coordinates());
-}
-
-TEST(Fit, LeavesABoundThatItMetOnTheWay) {
-  Model model = truth();
-  model.addEffect(makeEffect("quadratic_drag"));
-  model.setValue("quadratic_drag.cx", 0.02);
-  model.setValue("quadratic_drag.cy", 0.03);
-  const SimulationError p = problem(record(model, 8, 0, 1), 1.5);
-  FitOptions o = options(FitOptions::Objective::kThesis);
-  o.free.insert(o.free.end(), {"quadratic_drag.cx", "quadratic_drag.cy"});
-  for (const std::vector<double>& from : std::vector<std::vector<double>>{
-           {0.2, 0.2, 0.2, 0.2, 0.2}, {1e-3, 0.3, 0.3, 1e-3, 0.1}, {2e-3, 0, 0, 2e-3, 0.05}}) {
-    Model guess = with(from);
-    guess.addEffect(makeEffect("quadratic_drag"));
-    const FitResult found = p.fit(guess, o);
-    EXPECT_NEAR(found.model.value("quadratic_drag.cx"), 0.02, 2e-4);
-    EXPECT_NEAR(found.model.value("quadratic_drag.cy"), 0.03, 3e-4);
-    EXPECT_NEAR(found.model.value("X_u"), 0.05, 5e-4);
-  }
-}
-
-TEST(Fit, RefusesBadFreeParameters) {
-  const SimulationError p = problem(record(truth(), 4, 0, 1));
-  FitOptions o = options();
-  o.free.push_back("m");
-  EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
-  o.free = {};
-  EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
-  o.free = {"k", "k"};
-  EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
-  o.free = {"motor_lag.tau"};
-  EXPECT_THROW(p.fit(start(), o), std::invalid_argument);
-}
-
 TEST(Simulation, OfTheTrueModelIsTheRunInEachWindow) {
   const RunData run = record(truth(), 8, 0, 1);
   const SimulationError windows = problem(run, 1.5);
@@ -215,29 +164,6 @@ TEST(Simulation, OfTheTrueModelIsTheRunInEachWindow) {
     EXPECT_LT((found.eta[w] - run.eta.middleRows(first, count)).norm(), 1e-5) << w;
   }
   EXPECT_LT(windows.objective(found), 1e-6);
-}
-
-TEST(Fit, RefusesRunsWithAMeasurementThatIsNotFinite) {
-  const RunData sound = [] {
-    RunData run = record(truth(), 5, 0, 1);
-    run.poses = run.eta;
-    return run;
-  }();
-  const auto complaint = [](const RunData& run) {
-    try {
-      problem(run);
-    } catch (const std::invalid_argument& error) {
-      return std::string(error.what());
-    }
-    return std::string();
-  };
-  EXPECT_EQ(complaint(sound), "");
-  for (Eigen::MatrixX3d RunData::* part : {&RunData::eta, &RunData::nu, &RunData::poses})
-    for (const double bad : {std::nan(""), HUGE_VAL}) {
-      RunData run = sound;
-      (run.*part)(7, 2) = bad;
-      EXPECT_EQ(complaint(run), "artificial: a measurement is not finite");
-    }
 }
 
 TEST(Identification, TheHeaderSufficesForItsExample) {

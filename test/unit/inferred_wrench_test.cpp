@@ -188,18 +188,6 @@ TEST(InferredWrench, RespondsToAnActingWrenchAsPredicted) {
   EXPECT_GT(found.norm(), 0.2 * acting.norm());
 }
 
-TEST(InferredWrench, RestartsAfterAGap) {
-  RunData recorded = record(nominal(), 1);
-  for (std::size_t i = 600; i < recorded.times.size(); ++i) recorded.times[i] += 0.5;
-  const WrenchFilter filter(nominal(), recorded);
-  EXPECT_EQ(filter.stretches(), (std::vector<int>{0, 600, 1200}));
-  const auto noise = filter.likeliestNoise(WrenchNature::kRandomWalk);
-  EXPECT_TRUE(filter.smooth(noise).wrench.allFinite());
-  const Innovations found = filter.innovations(WrenchNature::kRandomWalk, noise);
-  EXPECT_FALSE(found.valid[600]);
-  EXPECT_TRUE(found.valid[599]);
-}
-
 TEST(InferredWrench, GivesTheModelsThrust) {
   const RunData recorded = record(nominal(), 0, 1, 2);
   const double k = nominal().body.k, l = nominal().body.l;
@@ -459,28 +447,6 @@ TEST(WrenchFilter, AgreesWithAPlainKalmanFilterAndSmoother) {
   expectNear(found.sigma, expected.sigma, 1e-4);
 }
 
-TEST(WrenchFilter, ResponsesAreWhatThePlainSmootherInfersFromTheWrenchAlone) {
-  const RunData run = record(nominal(), 1, 6, 2);
-  const PlainFilter plain(nominal(), run);
-  const WrenchFilter filter(nominal(), run);
-  const auto count = static_cast<Eigen::Index>(run.times.size());
-  constexpr int kColumns = 19;
-  Eigen::MatrixXd acting(count, kColumns);
-  std::vector<int> channels;
-  for (int j = 0; j < kColumns; ++j) {
-    channels.push_back(j % 3);
-    for (Eigen::Index k = 0; k < count; ++k)
-      acting(k, j) = (1 + 0.1 * j) * std::cos(0.02 * (j + 1) * static_cast<double>(k));
-  }
-  const WrenchNoise noise = someNoise(WrenchNature::kRandomWalk);
-  const Eigen::MatrixXd found = filter.smooth(noise, 1e-3 * acting, channels).responses;
-  for (int j = 0; j < kColumns; ++j) {
-    // So weak that no pose counts as an outlier.
-    const Eigen::VectorXd expected = plain.response(noise, 1e-6 * acting.col(j), j % 3);
-    EXPECT_LT((found.col(j) - 1e3 * expected).norm(), 1e-3 * found.col(j).norm()) << j;
-  }
-}
-
 TEST(WrenchFilter, TheLikeliestNoiseIsAMaximum) {
   const RunData run = disturbed();
   const WrenchFilter filter(bowl(), run);
@@ -496,21 +462,6 @@ TEST(WrenchFilter, TheLikeliestNoiseIsAMaximum) {
         EXPECT_LT(filter.innovations(nature, other).log_likelihood, best + 2e-3) << factor;
       }
   }
-}
-
-TEST(InferredWrench, RefusesBadArguments) {
-  RunData recorded = record(nominal(), 1, 1, 1);
-  RunData bad = recorded;
-  bad.poses(3, 1) = std::nan("");
-  EXPECT_THROW(WrenchFilter(nominal(), bad), std::invalid_argument);
-  bad.poses = recorded.poses.topRows(5);
-  EXPECT_THROW(WrenchFilter(nominal(), bad), std::invalid_argument);
-  const WrenchFilter filter(nominal(), recorded);
-  const WrenchNoise noise = filter.likeliestNoise(WrenchNature::kRandomWalk);
-  EXPECT_THROW(filter.smooth(noise, Eigen::MatrixXd::Zero(100, 1), {3}), std::invalid_argument);
-  EXPECT_THROW(filter.smooth(noise, Eigen::MatrixXd::Zero(99, 1), {0}), std::invalid_argument);
-  std::swap(recorded.times[10], recorded.times[11]);
-  EXPECT_THROW(WrenchFilter(nominal(), recorded), std::invalid_argument);
 }
 
 }  // namespace

@@ -104,32 +104,6 @@ TEST(Simulation, EndsStepsAtRequestedTimesAndAtChangesOfTheCommand) {
               1e-14);
 }
 
-TEST(Simulation, DoesNotDependOnTheNumberOfCalls) {
-  Model model = tinyWhoover();
-  model.addEffect(makeEffect("motor_lag"));
-  model.addEffect(makeEffect("input_delay"));
-  model.setValue("motor_lag.tau", 0.06);
-  model.setValue("input_delay.delay", 0.0173);
-  const Dynamics<double> dynamics(model);
-  InputSequence inputs;
-  for (int i = 0; i < 30; ++i) inputs.add(i / 15.0, i % 2, (i / 2) % 2, 1);
-  Simulation<double> rarely(dynamics, inputs, {}, 0.0), often(dynamics, inputs, {}, 0.0);
-  rarely.advance(2.0);
-  for (double t = 0.001; t < 2.0; t += 0.0037) often.advance(t);
-  often.advance(2.0);
-  EXPECT_LT((rarely.state().eta - often.state().eta).norm(), 2e-6);
-  EXPECT_LT((rarely.state().nu - often.state().nu).norm(), 2e-6);
-}
-
-TEST(Simulation, RefusesToRunBackwards) {
-  const Model model = tinyWhoover();
-  const Dynamics<double> dynamics(model);
-  const InputSequence none;
-  Simulation<double> simulation(dynamics, none, {}, 1.0);
-  EXPECT_THROW(simulation.advance(0.5), std::invalid_argument);
-  EXPECT_THROW(simulation.advance(NAN), std::invalid_argument);
-}
-
 TEST(MotorLag, GivesTheExactImpulseForAnyTimeConstant) {
   // Without damping the impulse after switching on is k (T - tau (1 - exp(-T/tau))).
   for (double tau : {0.0, 1e-6, 1e-4, 1e-3, 0.005, 0.05, 0.5}) {
@@ -145,39 +119,6 @@ TEST(MotorLag, GivesTheExactImpulseForAnyTimeConstant) {
     const double lost = tau > 0 ? tau * (1 - std::exp(-0.2 / tau)) : 0.0;
     EXPECT_NEAR(simulation.state().nu.x(), 2 * model.body.k / model.body.m * (0.2 - lost), 1e-9)
         << "tau = " << tau;
-  }
-}
-
-TEST(MotorLag, NodesOfAStepHaveTheMomentsOfTheLag) {
-  // The parabola through the three nodes has the integral of the lag over the step, and those of its
-  // products with the time and its square; the difference that remains is exp(-h/tau) exactly.
-  const double h = 0.01;
-  for (double ratio = 0.021; ratio < 199; ratio *= 1.17) {
-    Model model = tinyWhoover();
-    model.addEffect(makeEffect("motor_lag"));
-    model.setValue("motor_lag.tau", ratio * h);
-    const Dynamics<double> dynamics(model);
-    double motors[2] = {1, 0.2};
-    const auto nodes = dynamics.actuate(Thrusters<double>{0.0, 0.6}, 1, h, motors).thrusters;
-    const double remains = std::exp(-1 / ratio);
-    EXPECT_NEAR(motors[0] / remains, 1, 1e-11) << ratio;
-    EXPECT_NEAR((motors[1] - 0.6) / -0.4, remains, 1e-14) << ratio;
-    double moments[3] = {0, 0, 0}, of_parabola[3] = {0, 0, 0};
-    constexpr int kPieces = 2000;
-    for (int i = 0; i < kPieces; ++i)
-      for (const double gauss : {-0.5 / std::sqrt(3.0), 0.5 / std::sqrt(3.0)}) {
-        const double x = (i + 0.5 + gauss) / kPieces;  // time over h
-        const double lag = std::exp(-x / ratio);
-        const double parabola = nodes[0](0) * (1 - x) * (1 - 2 * x) + nodes[1](0) * 4 * x * (1 - x) +
-                                nodes[2](0) * x * (2 * x - 1);
-        for (int power = 0; power < 3; ++power) {
-          moments[power] += 0.5 / kPieces * std::pow(x, power) * lag;
-          of_parabola[power] += 0.5 / kPieces * std::pow(x, power) * parabola;
-        }
-      }
-    for (int power = 0; power < 3; ++power)
-      EXPECT_NEAR(of_parabola[power], moments[power], 1e-8) << ratio << ' ' << power;
-    for (const Thrusters<double>& node : nodes) EXPECT_NEAR(0.6 - node(1), 0.4 * node(0), 1e-12);
   }
 }
 

@@ -176,16 +176,6 @@ TEST(LearnedWrench, DerivativesAgreeWithFiniteDifferences) {
     }
 }
 
-TEST(LearnedWrench, SaysWhetherTheMotionDependsOnThePose) {
-  const auto poses = [](const std::vector<std::string>& arguments, bool world) {
-    return (makeLearnedWrench({"rest", {randomTerm(arguments, world, 3)}})->hooks() &
-            Effect::kPose) != 0;
-  };
-  EXPECT_FALSE(poses({"u", "v", "u_R"}, false));
-  EXPECT_TRUE(poses({"u", "v", "u_R"}, true));
-  for (const char* pose : {"x", "y", "psi"}) EXPECT_TRUE(poses({"u", pose}, false));
-}
-
 TEST(LearnedWrench, IsReadAndWrittenWithoutLoss) {
   const Model model = parsed(kLearned);
   EXPECT_EQ(model.value("learned_wrench.scale"), 1.5);
@@ -197,65 +187,6 @@ TEST(LearnedWrench, IsReadAndWrittenWithoutLoss) {
   EXPECT_NE(added(model), Vector3<double>(0, 0, 0));
   const std::string many = formatModel(with({"rest", {randomTerm({"x", "psi", "r"}, true, 150)}}));
   EXPECT_EQ(formatModel(parseModel(many, "written")), many);
-}
-
-TEST(LearnedWrench, BadInputNamesTheLineAndTheReason) {
-  const struct {
-    const char *from, *to, *expected;
-    int line;
-  } cases[] = {
-      {"[x, psi]", "[x, height]", "unknown argument 'height'; known are u, v, r, x, y, psi", 8},
-      {"[x, psi]", "[x, u, v, r]", "arguments must be a list of one to 3", 8},
-      {"[u_L]", "[]", "arguments must be a list of one to 3", 13},
-      {"[x, psi]", "[x, x]", "argument 'x' is repeated", 8},
-      {"[u_L]", "[u_L, u_1]", "widths must be a list of 2", 14},
-      {"[x, psi]", "x", "arguments must be a list", 8},
-      {"[0.3, 0.8]", "[0.3, 0]", "widths must be a positive", 8},
-      {"[0.3, 0.8]", "[0.3, .inf]", "widths must be a positive", 8},
-      {"[0.3, 0.8]", "[0.3, wide]", "must be a number", 9},
-      {"world", "room", "frame must be world or body, not 'room'", 10},
-      {"[0.1, 3.0]", "[0.1]", "a row of centres must be a list of 2 numbers", 11},
-      {"[0.1, 3.0]", "[0.1, .nan]", "must not be NaN", 11},
-      {"[0.1, 3.0]", "[0.1, -.inf]", "the centres must be finite", 8},
-      {"[[0.5]]", "[]", "must be a list of 0 numbers", 16},
-      {"[0.01, -0.02]", "[0.01]", "weights X (one for each centre) must be a list of 2", 12},
-      {"[0.01, -0.02]", "[0.01, .inf]", "weights X must be finite", 8},
-      {"{Y: [0.003]}", "{}", "weights of none of X, Y, N", 13},
-      {"{Y: [0.003]}", "{Z: [0.003]}", "unknown key 'Z'", 16},
-      {"        widths: [0.4]\n", "", "has no widths", 13},
-      {"        widths: [0.4]\n", "        breadths: [0.4]\n", "unknown key 'breadths'", 14},
-      {"    scale: 1.5\n", "", "has no scale", 5},
-      {"scale: 1.5", "scale: -1", "scale = -1 - is outside", 6},
-      {"scale: 1.5", "gain: 1.5", "unknown key 'gain'", 6},
-  };
-  for (const auto& bad : cases) {
-    std::string text = kLearned;
-    const std::size_t at = text.find(bad.from);
-    ASSERT_NE(at, std::string::npos) << bad.from;
-    text.replace(at, std::string(bad.from).size(), bad.to);
-    try {
-      parsed(text);
-      ADD_FAILURE() << bad.to << " was accepted";
-    } catch (const std::runtime_error& error) {
-      const std::string message = error.what();
-      EXPECT_NE(message.find(bad.expected), std::string::npos) << bad.to << ": " << message;
-      const std::string place = "craft.yaml, line " + std::to_string(bad.line) + ": ";
-      EXPECT_EQ(message.find(place), 0u) << bad.to << ": " << message;
-      EXPECT_EQ(message.find('\n'), std::string::npos);
-    }
-  }
-  EXPECT_THROW(parsed("  - name: learned_wrench\n    scale: 1\n"), std::runtime_error);
-  EXPECT_THROW(parsed("  - {name: learned_wrench, scale: 1, terms: []}\n"), std::runtime_error);
-}
-
-TEST(LearnedWrench, AModelHasSoManyCentresAtMost) {
-  const LearnedTerm term = randomTerm({"x"}, false, 1000);
-  Model model = with({"rest", {term, term}});
-  EXPECT_EQ(parseModel(formatModel(model), "written").effects.size(), 1u);
-  EXPECT_THROW(model.addEffect(makeLearnedWrench({"more", {randomTerm({"x"}, false, 1)}})),
-               std::invalid_argument);
-  EXPECT_THROW(makeLearnedWrench({"rest", {randomTerm({"x"}, false, 2001)}}),
-               std::invalid_argument);
 }
 
 }  // namespace

@@ -15,7 +15,7 @@
 namespace ground::detail {
 namespace {
 
-/// Windows of several lengths, more than fit into two groups of lanes, from two runs. One run has
+/// Windows of several lengths, from two runs. One run has
 /// two samples at the same time. The model has a delay, a motor lag and a marker off the centre.
 struct Problem {
   Model model = truth();
@@ -68,9 +68,8 @@ TEST(WindowResiduals, DerivativesAgreeWithFiniteDifferences) {
   const std::vector<int> free = {2, 3, 4, 5, 6, 0, 1};  // with the initial velocity: two passes
   const Vector3<double> nu(0.1, -0.05, 0.3);
   const WindowResiduals exact = residualsOf(p, model, model.coordinates(), free, 0, nu, true);
-  ASSERT_TRUE(exact.finite);
-  ASSERT_EQ(exact.derivatives.cols(), 16);  // ten, padded to a multiple of eight
-  EXPECT_TRUE(exact.derivatives.rightCols(6).isZero(0.0));
+  ASSERT_TRUE(exact.finite());
+  ASSERT_EQ(exact.derivatives.cols(), 10);
   for (int j = 0; j < 10; ++j) {
     std::vector<double> up = model.coordinates(), down = up;
     Vector3<double> nu_up = nu, nu_down = nu;
@@ -81,7 +80,7 @@ TEST(WindowResiduals, DerivativesAgreeWithFiniteDifferences) {
     b -= h;
     const WindowResiduals plus = residualsOf(p, model, up, {}, 0, nu_up, false);
     const WindowResiduals minus = residualsOf(p, model, down, {}, 0, nu_down, false);
-    ASSERT_TRUE(plus.finite && minus.finite);
+    ASSERT_TRUE(plus.finite() && minus.finite());
     const Eigen::VectorXd finite = (plus.residuals - minus.residuals) / (2 * h);
     EXPECT_LT((exact.derivatives.col(j) - finite).norm(), 1e-5 * finite.norm() + 1e-9) << j;
   }
@@ -110,7 +109,6 @@ TEST(Linearisation, ADelayThatBecomesFreeHasItsDerivative) {
 TEST(Linearisation, AgreesWithThatOfEachWindowAlone) {
   const Problem all;
   ASSERT_GT(all.windows.size(), 16u);
-  ASSERT_LT(all.windows.size() % 8, 4u) << "some windows should be simulated alone";
   for (const Target target : {Target::kVelocities, Target::kPoses}) {
     const SimulationError problem(all.runs, all.windows, target);
     const auto initial = all.initial(problem);
@@ -134,7 +132,7 @@ TEST(Linearisation, AgreesWithThatOfEachWindowAlone) {
         for (int w = 0; w < static_cast<int>(all.windows.size()); ++w) {
           const WindowResiduals alone =
               residualsOf(problem, all.model, at, all.free, w, initial[w], true);
-          ASSERT_TRUE(alone.finite);
+          ASSERT_TRUE(alone.finite());
           const int samples = static_cast<int>(alone.residuals.size()) / 3, in = w == 2 ? 1 : parts;
           double loss = 0;
           for (int part = 0; part < in; ++part, ++count) {
@@ -149,77 +147,6 @@ TEST(Linearisation, AgreesWithThatOfEachWindowAlone) {
         EXPECT_EQ(found.size(), count);
       }
   }
-}
-
-TEST(Linearisation, ResidualsAreThoseOfTheWindowsOneAfterTheOther) {
-  const Problem all;
-  for (const Target target : {Target::kVelocities, Target::kPoses}) {
-    const SimulationError problem(all.runs, all.windows, target);
-    auto initial = all.initial(problem);
-    initial[3](1) = std::nan("");  // a window that is not finite is left out
-    const std::vector<double> at = all.model.coordinates();
-    std::vector<double> expected;
-    for (std::size_t w = 0; w < all.windows.size(); ++w) {
-      const WindowResiduals alone =
-          residualsOf(problem, all.model, at, all.free, static_cast<int>(w), initial[w], false);
-      EXPECT_EQ(alone.finite, w != 3);
-      if (w != 3)
-        expected.insert(expected.end(), alone.residuals.begin(), alone.residuals.end());
-    }
-    const std::vector<double> found =
-        Linearisation(problem, all.model, 2).residuals({at, all.free, initial});
-    ASSERT_EQ(found.size(), expected.size());
-    for (std::size_t i = 0; i < found.size(); ++i)
-      EXPECT_NEAR(found[i], expected[i], 1e-9 * (1 + std::abs(expected[i]))) << i;
-  }
-}
-
-TEST(Linearisation, ReusesSimulationsOfTheSamePointOnly) {
-  const Problem all;
-  const SimulationError problem(all.runs, all.windows);
-  const auto initial = all.initial(problem);
-  std::vector<double> here = all.model.coordinates(), there = here;
-  there[3] *= 1.1;
-  const std::vector<int> other = {2, 3};
-  Linearisation windows(problem, all.model, 1);
-  const auto sumAt = [&](Linearisation& of, const std::vector<double>& at,
-                         const std::vector<int>& free) {
-    std::vector<NormalEquations> found(all.windows.size());
-    of.normalEquations(
-        {at, free, initial}, RobustLoss{0.5}.weighing(), [](int) { return 1; },
-        [&](int w, int, const NormalEquations& equations) { found[w] = equations; });
-    NormalEquations sum = found[0];
-    for (std::size_t w = 1; w < found.size(); ++w) {
-      sum.A += found[w].A;
-      sum.b += found[w].b;
-      sum.loss += found[w].loss;
-    }
-    return sum;
-  };
-  const auto freshSumAt = [&](const std::vector<double>& at, const std::vector<int>& free) {
-    Linearisation once(problem, all.model, 1);
-    return sumAt(once, at, free);
-  };
-  const auto lossesAt = [&](const std::vector<double>& at) {
-    double sum = 0;
-    for (const double x : windows.losses({at, all.free, initial}, RobustLoss{0.5}.weighing()))
-      sum += x;
-    return sum;
-  };
-  const NormalEquations first = sumAt(windows, here, all.free);
-  const double loss = lossesAt(there);
-  EXPECT_GT(std::abs(loss - first.loss), 1e-6 * loss);
-  const NormalEquations again = sumAt(windows, here, all.free);
-  EXPECT_EQ(first.A, again.A);
-  EXPECT_EQ(first.b, again.b);
-  EXPECT_NEAR(lossesAt(here), first.loss, 1e-12 * first.loss);
-  expectSame(sumAt(windows, here, other), freshSumAt(here, other));
-  expectSame(sumAt(windows, there, all.free), freshSumAt(there, all.free));
-  EXPECT_NEAR(lossesAt(there), loss, 1e-12 * loss);
-  EXPECT_EQ(windows.residuals({there, all.free, initial}).size(),
-            3 * std::size_t(std::accumulate(
-                    all.windows.begin(), all.windows.end(), 0,
-                    [](int n, const Window& w) { return n + w.last - w.first + 1; })));
 }
 
 TEST(Linearisation, ReportsWindowsThatAreNotFinite) {
@@ -241,29 +168,6 @@ TEST(Linearisation, ReportsWindowsThatAreNotFinite) {
   for (std::size_t w = 0; w < losses.size(); ++w) {
     EXPECT_EQ(std::isfinite(losses[w]), w != 5) << w;
     EXPECT_EQ(finite[w], w != 5) << w;
-  }
-}
-
-TEST(WindowResiduals, AreNotFiniteIfADerivativeIsNot) {
-  // The acceleration's derivative by one parameter is infinite, all values are zero.
-  const std::string text = formatModel(truth());
-  const Model model = parseModel(text.substr(0, text.find("effects:")) +
-                                     "effects:\n  - name: steep\n    expression: {X: \"1e308*c\"}\n"
-                                     "    parameters:\n"
-                                     "      c: {value: 0, unit: N, lower: 0, upper: 1}\n",
-                                 "test");
-  const SimulationError p = problem(record(truth(), 2, 0.1, 4), 2);
-  const std::vector<int> others = {0, 1, 2, 3, 4, 5, 6};
-  const int steep = model.index("steep.c");
-  for (std::size_t place = 0; place <= others.size(); ++place) {
-    std::vector<int> free = others;
-    const auto finite = [&] {
-      return residualsOf(p, model, model.coordinates(), free, 0, Vector3<double>::Zero(), true)
-          .finite;
-    };
-    EXPECT_TRUE(finite());
-    free.insert(free.begin() + static_cast<std::ptrdiff_t>(place), steep);
-    EXPECT_FALSE(finite()) << place;
   }
 }
 

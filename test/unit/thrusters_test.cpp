@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "ground/model/effect_registry.h"
-#include "ground/model/lane_simulation.h"
+#include "ground/model/simulation.h"
 #include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
 
@@ -33,15 +33,6 @@ constexpr char kFour[] =
 Model table() { return loadModel("cfg/craft/air_table.yaml"); }
 Model four(const std::string& effects = "effects: []\n") {
   return parseModel(std::string(kBody) + kFour + effects, "four.yaml");
-}
-
-std::string complaint(const std::string& thrusters, const std::string& effects = "effects: []\n") {
-  try {
-    parseModel(kBody + thrusters + effects, "craft.yaml");
-  } catch (const std::runtime_error& error) {
-    return error.what();
-  }
-  return "";
 }
 
 RigidState<double> someState() { return {{0.3, -0.2, 0.7}, {0.4, -0.3, 1.2}}; }
@@ -72,32 +63,6 @@ TEST(ThrusterLayout, OfThePairIsThatOfTheThesis) {
   EXPECT_EQ(pair.channels(), (std::vector<std::string>{"left", "right", "lift"}));
 }
 
-TEST(ThrusterLayout, FullThrustIsAlongTheBestDirection) {
-  EXPECT_EQ(table().thrusters->fullThrust(), 2);
-  std::vector<Thruster> thrusters = listed(table()).thrusters->thrusters();
-  for (Thruster& one : thrusters) one.gain = 0.3;
-  EXPECT_DOUBLE_EQ(ThrusterLayout(thrusters).fullThrust(), 0.6);
-  thrusters[1].direction = 180;  // it cannot be reversed
-  EXPECT_DOUBLE_EQ(ThrusterLayout(thrusters).fullThrust(), 0.3);
-  thrusters[1].least = -0.5;
-  EXPECT_DOUBLE_EQ(ThrusterLayout(thrusters).fullThrust(), 0.45);
-}
-
-TEST(ThrusterLayout, RefusesCurvesThatAreNotFinite) {
-  for (const int column : {0, 1}) {
-    std::vector<Thruster> thrusters = listed(table()).thrusters->thrusters();
-    thrusters[0].curve.table = {{0, 0}, {1, 1}};
-    ThrusterLayout accepted(thrusters);
-    thrusters[0].curve.table[1][column] = std::numeric_limits<double>::quiet_NaN();
-    try {
-      ThrusterLayout layout(thrusters);
-      ADD_FAILURE() << "column " << column;
-    } catch (const std::invalid_argument& error) {
-      EXPECT_NE(std::string(error.what()).find("is not finite"), std::string::npos) << error.what();
-    }
-  }
-}
-
 // Sums over the intervals of a table round, differently on each processor.
 TEST(ThrusterLayout, AnyTableThroughZeroHasNoForceThere) {
   std::mt19937 random(4);
@@ -122,17 +87,6 @@ TEST(ThrusterLayout, AnyTableThroughZeroHasNoForceThere) {
   }
 }
 
-TEST(ThrusterLayout, LeverIsTheRootMeanSquare) {
-  const Model model = four();
-  const double c = std::cos(10 * M_PI / 180), s = std::sin(10 * M_PI / 180);
-  const double last = 0.05 * s + 0.0425 * c;  // x sin(170) - y cos(170)
-  const double l = std::sqrt((3 * 0.0425 * 0.0425 + last * last) / 4);
-  EXPECT_NEAR(model.body.l, l, 1e-15);
-  EXPECT_EQ(model.body.input_max, 1);
-  EXPECT_EQ(model.thrusters->channels(),
-            (std::vector<std::string>{"back_left", "back_right", "front_left", "fr", "lift"}));
-}
-
 TEST(ThrusterLayout, GivesTheWrenchOfItsForces) {
   const Model model = four();
   const Thrusters<double> force{1, 2, 3, 4};
@@ -149,18 +103,6 @@ TEST(ThrusterLayout, GivesTheWrenchOfItsForces) {
   EXPECT_NEAR(model.body.l * total(2), expected(2), 1e-12);
 }
 
-TEST(ThrusterLayout, ForcesFollowGainsAndCurves) {
-  const Thrusters<double> force = four().thrusters->forces(Thrusters<double>{1, 0.5, 0.5, 0.75});
-  EXPECT_EQ(force(0), 1);
-  EXPECT_EQ(force(1), 0.5);
-  EXPECT_NEAR(force(2), 0.9 * std::pow(0.5, 1.7), 1e-15);
-  EXPECT_NEAR(force(3), 0.6, 1e-15);
-  EXPECT_NEAR(four().thrusters->forces(Thrusters<double>{0, 0, 0, -0.5})(3), -0.2, 1e-15);
-  const ForceCurve square{2, {}};
-  EXPECT_NEAR(square.at(-0.5), -0.25, 1e-15);
-  EXPECT_EQ(four().thrusters->forces(Thrusters<double>{0, 0, 0, 0})(2), 0);
-}
-
 TEST(ThrusterLayout, CurvesHaveExactDerivatives) {
   for (const ForceCurve& curve : {four().thrusters->thrusters()[2].curve,
                                   four().thrusters->thrusters()[3].curve}) {
@@ -169,15 +111,6 @@ TEST(ThrusterLayout, CurvesHaveExactDerivatives) {
       EXPECT_NEAR(curve.at(Jet(at, 0)).v[0], (curve.at(at + h) - curve.at(at - h)) / (2 * h), 1e-8);
     }
   }
-}
-
-TEST(ThrusterLayout, ClipsToTheRanges) {
-  const Thrusters<double> inside =
-      four().thrusters->clipped(Thrusters<double>{-0.5, 2, 0.5, -0.7}, 1);
-  EXPECT_EQ(inside(0), 0);
-  EXPECT_EQ(inside(1), 1);
-  EXPECT_EQ(inside(2), 0.5);
-  EXPECT_EQ(inside(3), -0.5);
 }
 
 // --- model files
@@ -206,65 +139,6 @@ TEST(ThrustersInModelFiles, ThePairStaysTheShortForm) {
   const std::string text = formatModel(loadModel("cfg/hovercraft/tiny_whoover.yaml"));
   EXPECT_EQ(text.find("thrusters:"), std::string::npos) << text;
   EXPECT_NE(text.find("  l: 0.0325"), std::string::npos) << text;
-}
-
-TEST(ThrustersInModelFiles, ErrorsSayWhatIsWrong) {
-  const std::string one = "    - {name: a, position: [0, -0.05], direction: 0";
-  const struct {
-    std::string thrusters, expected;
-  } cases[] = {
-      {"  thrusters: []\n", "1 to 8 thrusters, not 0"},
-      {"  thrusters: 4\n", "thrusters must be a list"},
-      {"  thrusters:\n" + one + "}\n  l: 0.05\n", "line 12: a body with thrusters has no l"},
-      {"  thrusters:\n" + one + "}\n  input_max: 1\n", "has no input_max"},
-      {"  l: 0.05\n  input_max: 1\n  lift: {channel: x}\n", "lift needs a list of thrusters"},
-      {"  thrusters:\n" + one + "}\n" + one + "}\n", "two thrusters are named a"},
-      {"  thrusters:\n" + one + ", range: [0, 2]}\n", "range must be [LEAST, MOST]"},
-      {"  thrusters:\n" + one + ", range: [0.2, 1]}\n", "range must be [LEAST, MOST]"},
-      {"  thrusters:\n" + one + ", range: 1}\n", "range must be a list of 2 numbers"},
-      {"  thrusters:\n" + one + ", gain: -1}\n", "turn the direction by 180"},
-      {"  thrusters:\n" + one + ", gian: 1}\n", "line 11: unknown key 'gian' in a thruster"},
-      {"  thrusters:\n" + one + ", channel: lift}\n", "is that of the lift"},
-      {"  thrusters:\n" + one + ", curve: {}}\n", "either power or table"},
-      {"  thrusters:\n" + one + ", curve: {power: 9}}\n", "between 0.2 and 5, not 9"},
-      {"  thrusters:\n" + one + ", curve: {table: [[0, 0], [0.5, 1]]}}\n", "reach from 0 to 1"},
-      {"  thrusters:\n" + one + ", curve: {table: [[0, 0.1], [1, 1]]}}\n", "no force at input 0"},
-      {"  thrusters:\n" + one + ", curve: {table: [[0, 0], [1, 1], [0.5, 2]]}}\n", "must ascend"},
-      {"  thrusters:\n" + one + ", curve: {table: [[0, 0], [0.5, 0.9], [1, 0.8]]}}\n",
-       "forces must not fall, as they do at 1"},
-      {"  thrusters:\n    - {position: [0, 1], direction: 0}\n", "line 11: a thruster has no name"},
-      {"  thrusters:\n    - {name: a, direction: 0}\n", "has no position"},
-      {"  thrusters:\n    - {name: a, position: [0, 1]}\n", "has no direction"},
-      {"  thrusters:\n    - {name: a b, position: [0, 1], direction: 0}\n", "must be a letter"},
-      {"  thrusters:\n    - {name: a, position: [0, 1], direction: 1000}\n", "-360 and 360"},
-      {"  thrusters:\n    - {name: a, position: [1, 0], direction: 0}\n", "no thruster turns"},
-      {"  thrusters:\n" + one + ", curve: {table: 3}}\n", "table must be a list of [input, force"},
-      {"  thrusters:\n" + one + ", curve: {table: [[0, 0], [1]]}}\n",
-       "must be a list of 2 numbers"},
-      {"  thrusters:\n" + one + ", curve: {table: [[1, 1]]}}\n", "needs two points or more"},
-      {"  thrusters:\n" + one + ", curve: {form: 3}}\n", "unknown key 'form'"},
-      {"  thrusters:\n" + one + ", curve: {power: 1, table: [[0, 0], [1, 1]]}}\n",
-       "either power or table"},
-      {"  thrusters:\n" + one + ", curve: {power: 0.1}}\n", "between 0.2 and 5, not 0.1"},
-      {"  thrusters:\n" + one + ", gain: 0}\n", "turn the direction by 180"},
-      {"  thrusters:\n" + one + ", range: [0, 0.9], curve: {table: [[0, 0], [0.8, 1]]}}\n",
-       "reach from 0 to 0.9, its range"},
-      {"  thrusters:\n" + one + "}\n  lift: {port: x}\n", "unknown key 'port' in lift"},
-  };
-  for (const auto& bad : cases) {
-    const std::string message = complaint(bad.thrusters);
-    EXPECT_NE(message.find(bad.expected), std::string::npos) << bad.thrusters << message;
-    EXPECT_NE(message.find("craft.yaml, line "), std::string::npos) << message;
-  }
-}
-
-TEST(ThrustersInModelFiles, ImplausibleOnesAreToldByTheirThrust) {
-  EXPECT_TRUE(implausibilities(table().body, *table().thrusters).empty());
-  Model heavy = table();
-  heavy.setValue("m", 6000);
-  const std::vector<Implausibility> found = implausibilities(heavy.body, *heavy.thrusters);
-  ASSERT_FALSE(found.empty());
-  EXPECT_EQ(found.front().key, "m") << found.front().message;
 }
 
 // --- motion
@@ -345,46 +219,6 @@ TEST(AirTable, MovesAsAnIndependentIntegrationSays) {
   }
   EXPECT_GT(std::hypot(state[0], state[1]), 0.5);
   EXPECT_GT(std::abs(state[2]), 0.3);
-}
-
-TEST(AirTable, LanesMoveAsOneByOne) {
-  Model model = table();
-  model.addEffect(makeEffect("motor_lag"));
-  model.setValue("motor_lag.tau", 0.08);
-  EXPECT_EQ(model.stateCount(), 8);
-  model.addEffect(makeEffect("input_delay"));
-  model.setValue("input_delay.delay", 0.03);
-  model.addEffect(makeEffect("thruster_tilt_front_left_back", *model.thrusters));
-  model.setValue("thruster_tilt_front_left_back.angle", 0.2);
-  std::vector<InputSequence> inputs(Lanes::kCount, InputSequence(8));
-  const std::vector<double> samples = {0, 0.4, 0.81, 1.3};
-  std::vector<Lane> lanes;
-  for (int lane = 0; lane < Lanes::kCount; ++lane) {
-    Thrusters<double> command = Thrusters<double>::zero(8);
-    command(lane) = 1;
-    inputs[static_cast<std::size_t>(lane)].add(-0.1, command, 1);
-    command((lane + 3) % 8) = 0.5;
-    inputs[static_cast<std::size_t>(lane)].add(0.5 + 0.01 * lane, command, 1);
-  }
-  for (const InputSequence& one : inputs) lanes.push_back({&one, samples.data(), 4});
-  const Dynamics<Lanes> together(model);
-  const Dynamics<double> alone(model);
-  std::vector<std::vector<Vector3<double>>> found(Lanes::kCount);
-  const LanePlan plan(lanes, alone.inputDelay(), false, alone.settling());
-  plan.run<Lanes>(together, {}, true, [&](int visit, const Vector3<Lanes>& eta, const auto&) {
-    for (const LanePlan::Sample* s = plan.begin(visit); s != plan.end(visit); ++s)
-      found[static_cast<std::size_t>(s->lane)].push_back(
-          {eta(0)[s->lane], eta(1)[s->lane], eta(2)[s->lane]});
-  });
-  for (std::size_t lane = 0; lane < inputs.size(); ++lane) {
-    ASSERT_EQ(found[lane].size(), samples.size());
-    Simulation<double> simulation(alone, inputs[lane], {}, 0);
-    for (std::size_t i = 1; i < samples.size(); ++i) {
-      simulation.advance(samples[i]);
-      EXPECT_LT((simulation.state().eta - found[lane][i]).norm(), 1e-12) << lane << ' ' << i;
-    }
-    EXPECT_GT(found[lane].back().norm(), 1e-3);
-  }
 }
 
 TEST(AirTable, InputsOfAnotherCraftAreRefused) {
@@ -513,14 +347,6 @@ TEST(EffectsOfOneThruster, TiltIsADirectionOfTheLayout) {
   EXPECT_GT((accelerationOf(model, input) - accelerationOf(four(), input)).norm(), 1e-3);
 }
 
-TEST(EffectsOfOneThruster, SurviveARoundTrip) {
-  Model model = four();
-  model.addEffect(makeEffect("thruster_tilt_back_left", *model.thrusters));
-  model.setValue("thruster_tilt_back_left.angle", 0.1);
-  const Model again = parseModel(formatModel(model), "again");
-  EXPECT_EQ(again.value("thruster_tilt_back_left.angle"), 0.1);
-}
-
 TEST(ThrusterEffects, MisalignmentTurnsEveryThruster) {
   Model model = four();
   model.addEffect(makeEffect("thrust_misalignment"));
@@ -559,16 +385,6 @@ TEST(ThrusterEffects, FormulasKnowThrustersByNameAndNumber) {
   const Vector3<Jet> nu = Dynamics<Jet>(model, seeded).derivative(Jet(0.0), state, jets, 1).nu;
   EXPECT_NEAR(nu(0).v[0], 0.25 / 0.1763, 1e-9);
   EXPECT_NEAR(nu(0).v[1], (0.06 + 0.01 * 2 * 0.5) / 0.1763, 1e-6) << "u_1 and u_back_left are one";
-}
-
-TEST(ThrusterEffects, FormulasOfOtherThrustersAreErrors) {
-  const std::string left =
-      "effects:\n  - {name: e, expression: {thrust_L: \"c*u\"}, parameters: {c: {value: 0, unit: N}}}\n";
-  EXPECT_NE(complaint(kFour, left).find("allowed are X, Y, N, thrust_back_left"), std::string::npos)
-      << complaint(kFour, left);
-  const std::string variable =
-      "effects:\n  - {name: e, expression: {X: \"c*u_L\"}, parameters: {c: {value: 0, unit: N}}}\n";
-  EXPECT_NE(complaint(kFour, variable).find("u_L"), std::string::npos);
 }
 
 }  // namespace

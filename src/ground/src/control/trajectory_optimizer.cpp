@@ -204,8 +204,8 @@ Thrusters<double> TrajectoryOptimizer::wanted() const {
 void TrajectoryOptimizer::linearize(std::size_t i) {
   Stage& stage = stages_[i];
   const auto number = static_cast<int>(variables_.size());
-  for (int begin = 0; begin < number; begin += Jet::kDirections) {
-    const int end = std::min(number, begin + Jet::kDirections);
+  for (int begin = 0; begin < number; begin += kDerivatives) {
+    const int end = std::min(number, begin + kDerivatives);
     std::array<Jet, kStates> x;
     for (int j = 0; j < count_; ++j) x[static_cast<std::size_t>(j)] = plan_.states[i](j);
     Thrusters<Jet> command = plan_.inputs[i].cast<Jet>();

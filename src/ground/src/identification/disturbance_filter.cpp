@@ -1,5 +1,6 @@
 #include "disturbance_filter.h"
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -12,17 +13,6 @@
 namespace ground::detail {
 namespace {
 
-void inverseRoot(const double S[3][3], double weight, double root[3][3]) {
-  const double a = std::sqrt(S[0][0]), b = S[1][0] / a, c = S[2][0] / a;
-  const double d = std::sqrt(S[1][1] - b * b), e = (S[2][1] - b * c) / d;
-  const double f = std::sqrt(S[2][2] - c * c - e * e);
-  const double rows[3][3] = {{1 / a, 0, 0},
-                             {-b / (a * d), 1 / d, 0},
-                             {(b * e - c * d) / (a * d * f), -e / (d * f), 1 / f}};
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j) root[i][j] = weight * rows[i][j];
-}
-
 /// The state of the filter during a run.
 class Pass {
  public:
@@ -31,7 +21,7 @@ class Pass {
       : run_(run),
         poses_(poses),
         dynamics_(model, coordinatesWithThrust(model)),
-        random_(randomOf(levels, run.noise)),
+        random_(levels, run.noise),
         simulation_(dynamics_, run.inputs, {}, run.times[0], longestStep(dynamics_, run.noise)) {
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < 3; ++j) mobility_(i, j) = dynamics_.mass()(i, j).a;
@@ -43,8 +33,7 @@ class Pass {
     if (k > 0) passGap(simulation_, run_.times[k]);
     const auto row = static_cast<Eigen::Index>(k);
     at_ = stateSeenAs(dynamics_, {poses_.row(row).transpose(), run_.nu.row(row).transpose()});
-    push_.setZero();
-    room_.setZero();
+    processes_.setZero();
     covariance_.start(random_, k == 0);
   }
 
@@ -52,35 +41,22 @@ class Pass {
   void correct(std::size_t k, double cap, FilterSample& s) {
     s.predicted = at_;
     compare(k, s);
-    Row<double> HP[3], gain[3], white[3];
-    double S[3][3], inverse[3][3];
-    covariance_.see(s, random_, HP, S);
-    invert(S, inverse);
-    weigh(S, cap, inverse, s);
-    combine(inverse, HP, gain);
-    combine(s.whitening, HP, white);
-    Row<double> change;
-    for (int j = 0; j < Row<double>::kParts; ++j)
-      change.part[j] = Lanes(s.innovation(0)) * gain[0].part[j] +
-                       Lanes(s.innovation(1)) * gain[1].part[j] +
-                       Lanes(s.innovation(2)) * gain[2].part[j];
-    for (int a = 0; a < 3; ++a)
-      for (int i = 0; i < kN; ++i) s.gain[a][i] = gain[a][i];
-    for (int i = 0; i < 3; ++i) {
-      at_.eta(i) += change[i];
-      at_.nu(i) += change[3 + i];
-      push_(i) += change[kSlow + i];
-    }
-    for (int i = 0; i < 2; ++i) room_(i) += change[kRoom + i];
-    for (int i = 0; i < 4; ++i) constant_(i) += change[kConstant + i];
-    covariance_.subtract(white, white);
+    const Seen seen(s, random_, covariance_.P);
+    weigh(seen.S, cap, s);
+    const Gain white = seen.PH * s.whitening.transpose();
+    s.gain = white * s.whitening;
+    const StateVector change = s.gain * s.innovation;
+    at_.eta += change.head<3>();
+    at_.nu += change.segment<3>(3);
+    processes_ += change.segment<kProcesses>(kSlow);
+    constant_ += change.segment<kConstants>(kConstant);
+    covariance_.P -= white * white.transpose();
     s.filtered = at_;
   }
 
   void keep(FilterBelief& belief) const {
-    belief.mean << at_.eta, at_.nu, push_, room_, constant_;
-    for (int i = 0; i < kN; ++i)
-      for (int j = 0; j < kN; ++j) belief.covariance(i, j) = covariance_.P[i][j];
+    belief.mean << at_.eta, at_.nu, processes_, constant_;
+    belief.covariance = covariance_.P.topLeftCorner<kFilterStates, kFilterStates>();
   }
 
   /// Kalman prediction from sample k to the next, s.dt later.
@@ -90,35 +66,30 @@ class Pass {
     simulation_.advance(until);
     const RigidState<Jet>& to = simulation_.state();
     linearise(to, s);
-    const Random<double>::Step step = random_.over(s.dt);
-    for (int i = 0; i < 3; ++i) s.push(i) = step.mean[i] * push_(i) + constant_(i);
-    pushInRoom(step.mean[3] * room_, s);
+    const Random::Step step = random_.over(s.dt);
+    const Eigen::Matrix<double, kProcesses, 1> mean = (step.mean * processes_.array()).matrix();
+    s.push = mean.head<3>() + constant_.head<3>();
+    pushInRoom(mean.tail<2>(), s);
     if (run_.wrench.rows() > 0) s.push += run_.wrench.row(static_cast<Eigen::Index>(k)).transpose();
     covariance_.move(s, step);
+    const Eigen::Matrix<double, 6, 1> change = s.response * s.push + s.by_thrust * constant_(3);
     for (int i = 0; i < 3; ++i) {
-      at_.eta(i) = to.eta(i).a + s.by_thrust[i] * constant_(3);
-      at_.nu(i) = to.nu(i).a + s.by_thrust[3 + i] * constant_(3);
-      for (int j = 0; j < 3; ++j) {
-        at_.eta(i) += s.response[i][j] * s.push(j);
-        at_.nu(i) += s.response[3 + i][j] * s.push(j);
-      }
-      push_(i) *= step.left[i];
+      at_.eta(i) = to.eta(i).a + change(i);
+      at_.nu(i) = to.nu(i).a + change(3 + i);
     }
-    room_ *= step.left[3];
+    processes_.array() *= step.left;
   }
 
   bool finite() const { return std::isfinite(at_.eta.sum() + at_.nu.sum()); }
   /// The Ornstein-Uhlenbeck wrench and force, body.
   Vector3<double> wrench() const {
-    Vector3<double> sum = push_;
-    sum.head<2>() += worldToBody(at_.eta.z(), room_);
+    Vector3<double> sum = processes_.head<3>();
+    sum.head<2>() += worldToBody<double>(at_.eta.z(), processes_.tail<2>());
     return sum;
   }
   const Eigen::Vector4d& constants() const { return constant_; }
   Eigen::Vector4d constantsSigma() const {
-    Eigen::Vector4d sigma;
-    for (int i = 0; i < 4; ++i) sigma(i) = std::sqrt(std::max(0.0, covariance_.P[kConstant + i][kConstant + i]));
-    return sigma;
+    return covariance_.P.diagonal().segment<kConstants>(kConstant).cwiseMax(0).cwiseSqrt();
   }
 
  private:
@@ -145,46 +116,34 @@ class Pass {
     const Measurement<Jet> seen = dynamics_.measure(seeded());
     for (int a = 0; a < 3; ++a) {
       s.innovation(a) = poses_(static_cast<Eigen::Index>(k), a) - seen.eta(a).a;
-      for (int j = 0; j < 3; ++j) s.seen[a][j] = seen.eta(a).v[j];
+      s.seen.row(a) = seen.eta(a).v.head<3>();
     }
     s.innovation(2) = wrapAngle(s.innovation(2));
   }
 
   /// Increases the noise of an innovation beyond the Mahalanobis limit `cap` so that it equals the
   /// limit; sets the whitening and the log-density.
-  static void weigh(const double S[3][3], double cap, double inverse[3][3], FilterSample& s) {
-    double distance = 0;
-    for (int a = 0; a < 3; ++a)
-      for (int b = 0; b < 3; ++b) distance += s.innovation(a) * inverse[a][b] * s.innovation(b);
+  static void weigh(const Matrix3<double>& S, double cap, FilterSample& s) {
+    const Eigen::LLT<Matrix3<double>> root(S);
+    s.whitening = root.matrixL().solve(Matrix3<double>::Identity());
+    const double distance = s.whitened().squaredNorm();
     s.inflation = distance > cap ? distance / cap : 1;
-    if (s.capped())
-      for (int a = 0; a < 3; ++a)
-        for (int b = 0; b < 3; ++b) inverse[a][b] /= s.inflation;
-    inverseRoot(S, 1 / std::sqrt(s.inflation), s.whitening);
-    const double log_root = std::log(s.whitening[0][0] * s.whitening[1][1] * s.whitening[2][2]);
+    s.whitening /= std::sqrt(s.inflation);
+    const double log_root = std::log(s.whitening.diagonal().prod());
     s.log_density = s.starts ? 0 : log_root - 0.5 * distance / s.inflation;
   }
 
   void linearise(const RigidState<Jet>& to, FilterSample& s) const {
-    for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < 6; ++j) {
-        s.motion[i][j] = to.eta(i).v[j];
-        s.motion[3 + i][j] = to.nu(i).v[j];
-      }
     for (int i = 0; i < 3; ++i) {
-      s.by_thrust[i] = to.eta(i).v[kByThrust];
-      s.by_thrust[3 + i] = to.nu(i).v[kByThrust];
+      s.motion.row(i) = to.eta(i).v.head<6>();
+      s.motion.row(3 + i) = to.nu(i).v.head<6>();
+      s.by_thrust(i) = to.eta(i).v[kByThrust];
+      s.by_thrust(3 + i) = to.nu(i).v[kByThrust];
     }
-    for (int i = 0; i < 6; ++i)
-      for (int j = 0; j < 3; ++j) {
-        // mean of the derivatives by velocity at the step's start and end
-        s.held[i][j] = 0.5 * s.dt * (s.motion[i][3 + j] + (i == 3 + j ? 1 : 0));
-      }
-    for (int i = 0; i < 6; ++i)
-      for (int j = 0; j < 3; ++j) {
-        s.response[i][j] = 0;
-        for (int l = 0; l < 3; ++l) s.response[i][j] += s.held[i][l] * mobility_(l, j);
-      }
+    // mean of the derivatives by velocity at the step's start and end
+    s.held = 0.5 * s.dt * s.motion.rightCols<3>();
+    s.held.bottomRows<3>().diagonal().array() += 0.5 * s.dt;
+    s.response = s.held * mobility_;
   }
 
   /// Adds a force in the room to the wrench that acts, by the heading in the middle of the step, and
@@ -193,24 +152,23 @@ class Pass {
     s.middle = Rotation<double>(at_.eta.z() + 0.5 * s.dt * at_.nu.z());
     const Vector2<double> body = s.middle.toBody(force);
     s.push.head<2>() += body;
-    for (int i = 0; i < 6; ++i) {
-      const double turned = s.response[i][0] * body.y() - s.response[i][1] * body.x();
-      s.motion[i][2] += turned;
-      s.motion[i][5] += 0.5 * s.dt * turned;
-    }
+    const Eigen::Matrix<double, 6, 1> turned =
+        s.response.col(0) * body.y() - s.response.col(1) * body.x();
+    s.motion.col(2) += turned;
+    s.motion.col(5) += 0.5 * s.dt * turned;
   }
 
   const RunData& run_;
   const Eigen::MatrixX3d& poses_;
   Dynamics<Jet> dynamics_;
   Matrix3<double> mobility_;
-  Random<double> random_;
+  Random random_;
   Simulation<Jet> simulation_;
   RigidState<double> at_;
-  Vector3<double> push_ = Vector3<double>::Zero();  ///< the Ornstein-Uhlenbeck wrench, body
-  Vector2<double> room_ = Vector2<double>::Zero();  ///< the Ornstein-Uhlenbeck force, room
+  /// The Ornstein-Uhlenbeck processes: the wrench (body), the force in the room.
+  Eigen::Matrix<double, kProcesses, 1> processes_ = Eigen::Matrix<double, kProcesses, 1>::Zero();
   Eigen::Vector4d constant_ = Eigen::Vector4d::Zero();
-  Covariance<double> covariance_;
+  Covariance covariance_;
 };
 
 }  // namespace
@@ -289,27 +247,21 @@ Eigen::VectorXd DisturbanceFilter::densities(double block) const {
 }
 
 Eigen::MatrixXd DisturbanceFilter::responses(const Eigen::MatrixXd& acting) const {
-  const int count = static_cast<int>(acting.cols() / 3);
-  const Eigen::MatrixXd by_sample = acting.transpose();  // a sample's wrenches are neighbours
+  const Eigen::Index count = acting.cols() / 3;
   Eigen::MatrixXd result = Eigen::MatrixXd::Zero(3 * static_cast<Eigen::Index>(samples_.size()), count);
-  std::vector<double> x(kN * count, 0.0), white(3 * count);
-  const Random<double> random = randomOf(levels_, run_.noise);
+  Eigen::MatrixXd x = Eigen::MatrixXd::Zero(kN, count);
+  const Eigen::Matrix3Xd nothing = Eigen::Matrix3Xd::Zero(3, count);
+  const Random random(levels_, run_.noise);
   for (std::size_t k = 0; k < samples_.size(); ++k) {
     const FilterSample& s = samples_[k];
-    if (s.starts) forgetDeviation(x.data(), count);
-    correctDeviation<double>(s, nullptr, x.data(), white.data(), count);
-    if (!s.starts)
-      for (int a = 0; a < 3; ++a)
-        for (int j = 0; j < count; ++j)
-          result(3 * static_cast<Eigen::Index>(k) + a, j) = -white[a * count + j];
+    const auto row = static_cast<Eigen::Index>(k);
+    if (s.starts) forgetDeviation(x);
+    const Eigen::Matrix3Xd white = correctDeviation(s, nothing, x);
+    if (!s.starts) result.middleRows<3>(3 * row) = -white;
     if (s.dt <= 0) continue;
-    const Random<double>::Step step = random.over(s.dt);
-    moveDeviation(s, step, x.data(), count);
-    const double* const now = by_sample.col(static_cast<Eigen::Index>(k)).data();
-    for (int i = 0; i < 6; ++i)
-      for (int j = 0; j < count; ++j)
-        x[i * count + j] += s.response[i][0] * now[3 * j] + s.response[i][1] * now[3 * j + 1] +
-                            s.response[i][2] * now[3 * j + 2];
+    moveDeviation(s, random.over(s.dt), x);
+    const Eigen::RowVectorXd now = acting.row(row);  // X, Y, N of each wrench
+    x.topRows<6>() += s.response * Eigen::Map<const Eigen::Matrix3Xd>(now.data(), 3, count);
   }
   return result;
 }

@@ -22,8 +22,6 @@ constexpr int kSlow = 6;       ///< the Ornstein-Uhlenbeck processes
 constexpr int kRoom = 9;       ///< those of the force in the room
 constexpr int kConstant = 11;  ///< the constants of a run
 constexpr int kThrust = 14;    ///< the last of them
-/// Length of a row of numbers for each state that is filled up with zeros to whole registers.
-constexpr int kFilterRow = 16;
 using FilterVector = Eigen::Matrix<double, kFilterStates, 1>;
 using FilterMatrix = Eigen::Matrix<double, kFilterStates, kFilterStates>;
 
@@ -32,14 +30,14 @@ struct FilterSample {
   RigidState<double> predicted, filtered;
   Vector3<double> push;           ///< wrench that acts until the next sample, body
   Rotation<double> middle;        ///< by the heading in the middle of the step
-  double gain[3][kFilterStates];  ///< transpose of the Kalman gain
-  double whitening[3][3];         ///< inverse Cholesky factor of the innovation's covariance, lower
+  Eigen::Matrix<double, kFilterStates + 1, 3> gain;  ///< Kalman gain; its last row is zero
+  Matrix3<double> whitening;      ///< inverse Cholesky factor of the innovation's covariance
   Vector3<double> innovation;
-  double seen[3][3];              ///< derivative of the measured pose by the pose
-  double motion[6][6];            ///< derivative of the next pose and velocity by these
-  double held[6][3];              ///< derivative of these by a held acceleration
-  double response[6][3];          ///< derivative of these by a held wrench
-  double by_thrust[6];            ///< derivative of these by a relative change of all thrust
+  Matrix3<double> seen;                    ///< derivative of the measured pose by the pose
+  Eigen::Matrix<double, 6, 6> motion;      ///< derivative of the next pose and velocity by these
+  Eigen::Matrix<double, 6, 3> held;        ///< derivative of these by a held acceleration
+  Eigen::Matrix<double, 6, 3> response;    ///< derivative of these by a held wrench
+  Eigen::Matrix<double, 6, 1> by_thrust;   ///< derivative of these by a relative change of all thrust
   double dt;                      ///< time to the next sample; 0 at the end of a stretch [s]
   double log_density;             ///< log-density of the pose given those before it; 0 at a start
   bool starts;                    ///< first sample of a stretch: only the trims are carried over
@@ -47,13 +45,7 @@ struct FilterSample {
   double inflation;
 
   bool capped() const { return inflation > 1; }
-  Vector3<double> whitened() const {
-    Vector3<double> white;
-    for (int a = 0; a < 3; ++a)
-      white(a) = whitening[a][0] * innovation(0) + whitening[a][1] * innovation(1) +
-                 whitening[a][2] * innovation(2);
-    return white;
-  }
+  Vector3<double> whitened() const { return whitening * innovation; }
   /// Share of the pose in scores. The log-density of a capped pose falls with the logarithm of its
   /// squared distance D, by 3/2 log D, that of others by D/2.
   double weight() const { return capped() ? 3 / whitened().squaredNorm() : 1; }

@@ -1,7 +1,5 @@
 // Derivatives of the disturbance filter's log-likelihood, by parameters and by levels.
 #include <Eigen/LU>
-#include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "disturbance_filter.h"
@@ -10,23 +8,19 @@
 namespace ground::detail {
 namespace {
 
-/// Derivatives of the filter's state by free parameters, eight in a column: first with the same
-/// wrenches of the disturbance, then (from column groups() on) with the same accelerations.
+/// Derivatives of the filter's state by the n free parameters, a column each: first with the same
+/// wrenches of the disturbance, then (columns n to 2n - 1) with the same accelerations.
 class Sensitivity {
  public:
   Sensitivity(const Model& model, const Free& free, const RunData& run)
       : n_(static_cast<int>(free.index.size())),
-        groups_((n_ + Jet::kDirections - 1) / Jet::kDirections),
-        state_(kN * columns(), Lanes(0.0)),
-        white_(3 * columns()),
-        unseen_(3 * columns()) {
+        state_(Eigen::MatrixXd::Zero(kN, 2 * n_)),
+        seen_(Eigen::Matrix3Xd::Zero(3, 2 * n_)) {
     const std::vector<double> base = model.coordinates();
-    for (int g = 0; g < groups_; ++g) {
+    for (int first = 0; first < n_; first += kDerivatives) {
       std::vector<Jet> coordinates(base.begin(), base.end());
-      for (int j = 0; j < Jet::kDirections && g * Jet::kDirections + j < n_; ++j) {
-        const int i = g * Jet::kDirections + j;
-        coordinates[free.index[i]].v[j] = free.scale[i];
-      }
+      for (int j = first; j < std::min(n_, first + kDerivatives); ++j)
+        coordinates[free.index[j]].v[j - first] = free.scale[j];
       dynamics_.emplace_back(model, coordinates);
       mobility_.push_back(dynamics_.back().mass().inverse());
     }
@@ -35,306 +29,159 @@ class Sensitivity {
                                 longestStep(d, run.noise));
   }
 
-  int groups() const { return groups_; }
-  int columns() const { return 2 * groups_; }
-  /// Derivatives of element a of the whitened innovation.
-  const Lanes* white(int a) const { return white_.data() + a * columns(); }
-
   void forget(double until) {
-    forgetDeviation(state_.data(), columns());
+    forgetDeviation(state_);
     for (Simulation<Jet>& simulation : simulations_) passGap(simulation, until);
   }
 
+  /// Derivatives of the whitened innovation, with the same wrenches, then the same accelerations.
+  const Eigen::Matrix3Xd& white() const { return white_; }
+
   void correct(const FilterSample& s) {
-    const RigidState<Jet> here{s.predicted.eta.cast<Jet>(), s.predicted.nu.cast<Jet>()};
-    bool distorts = false;
-    for (int g = 0; g < groups_; ++g) {
+    const RigidState<Jet> here = cast<Jet>(s.predicted);
+    for (std::size_t g = 0; g < dynamics_.size(); ++g) {
       if (!dynamics_[g].distorts()) continue;
-      distorts = true;
       const Measurement<Jet> seen = dynamics_[g].measure(here);
       for (int a = 0; a < 3; ++a)
-        for (const int column : {g, groups_ + g})
-          unseen_[a * columns() + column] = Lanes::of(seen.eta(a).v.x);
+        eachOf(g, [&](int column, int j) {
+          seen_(a, column) = seen_(a, n_ + column) = seen.eta(a).v[j];
+        });
     }
-    correctDeviation(s, distorts ? unseen_.data() : nullptr, state_.data(), white_.data(),
-                     columns());
+    white_ = correctDeviation(s, seen_, state_);
   }
 
   /// Derivatives with the same wrenches, (kFilterStates, parameters).
-  Eigen::MatrixXd underWrenches() const {
-    Eigen::MatrixXd sensitivity(kN, n_);
-    for (int i = 0; i < kN; ++i)
-      for (int j = 0; j < n_; ++j)
-        sensitivity(i, j) = state_[i * columns() + j / Jet::kDirections][j % Jet::kDirections];
-    return sensitivity;
-  }
+  Eigen::MatrixXd underWrenches() const { return state_.topLeftCorner(kFilterStates, n_); }
 
-  void move(const FilterSample& s, const Random<double>::Step& step, double until) {
-    moveDeviation(s, step, state_.data(), columns());
-    const RigidState<Jet> here{s.filtered.eta.cast<Jet>(), s.filtered.nu.cast<Jet>()};
-    const Rotation<double> heading(s.filtered.eta.z());
-    for (int g = 0; g < groups_; ++g) {
+  void move(const FilterSample& s, const Random::Step& step, double until) {
+    moveDeviation(s, step, state_);
+    const RigidState<Jet> here = cast<Jet>(s.filtered);
+    for (std::size_t g = 0; g < dynamics_.size(); ++g) {
       simulations_[g].state() = here;
-      simulations_[g].advance(until, heading);
+      simulations_[g].advance(until);
       addMotion(s, simulations_[g].state(), mobility_[g] * s.push.cast<Jet>(), g);
     }
   }
 
  private:
-  void addMotion(const FilterSample& s, const RigidState<Jet>& to, const Vector3<Jet>& pushed,
-                 int group) {
-    const int count = columns(), same_acceleration = groups_ + group;
-    const Lanes push[3] = {Lanes::of(pushed(0).v.x), Lanes::of(pushed(1).v.x),
-                           Lanes::of(pushed(2).v.x)};
-    for (int i = 0; i < 6; ++i) {
-      Lanes moved = Lanes::of((i < 3 ? to.eta(i) : to.nu(i - 3)).v.x);
-      state_[i * count + same_acceleration] += moved;
-      for (int l = 0; l < 3; ++l)
-        moved += Lanes(s.held[i][l]) * push[l];
-      state_[i * count + group] += moved;
-    }
+  /// Calls act(column, j) for each parameter of group g, which is variable j of its Jets.
+  template <class Act>
+  void eachOf(std::size_t g, const Act& act) const {
+    const int first = static_cast<int>(g) * kDerivatives;
+    for (int j = 0; j < std::min(kDerivatives, n_ - first); ++j) act(first + j, j);
   }
 
-  int n_, groups_;  ///< number of parameters; number of groups of Jet::kDirections parameters
-  std::vector<Dynamics<Jet>> dynamics_;
+  void addMotion(const FilterSample& s, const RigidState<Jet>& to, const Vector3<Jet>& pushed,
+                 std::size_t g) {
+    eachOf(g, [&](int column, int j) {
+      Eigen::Matrix<double, 6, 1> moved;
+      for (int i = 0; i < 3; ++i) {
+        moved(i) = to.eta(i).v[j];
+        moved(3 + i) = to.nu(i).v[j];
+      }
+      const Vector3<double> push(pushed(0).v[j], pushed(1).v[j], pushed(2).v[j]);
+      state_.col(n_ + column).head<6>() += moved;
+      state_.col(column).head<6>() += moved + s.held * push;
+    });
+  }
+
+  int n_;
+  std::vector<Dynamics<Jet>> dynamics_;  ///< with derivatives by eight parameters each
   std::vector<Matrix3<Jet>> mobility_;
   std::vector<Simulation<Jet>> simulations_;
-  std::vector<Lanes> state_, white_, unseen_;  ///< a row an element, columns() long
+  Eigen::MatrixXd state_;
+  Eigen::Matrix3Xd seen_, white_;
 };
-static_assert(Jet::kDirections == Lanes::kCount, "a group of parameters fills a register");
 
-constexpr int kMaxPasses = (kLevels + Lanes::kCount - 1) / Lanes::kCount;
-constexpr int kColumns = kMaxPasses * Lanes::kCount;
-constexpr double kLevelChange = 1e-3;  // change of a level's logarithm for finite differences
-/// Derivatives at a sample by the free levels: three of the whitened innovation, six of its covariance.
-using LevelRows = std::array<std::array<double, kColumns>, 9>;
+/// Derivatives at a sample by a level: of the whitened innovation (3), of its covariance (the lower
+/// triangle, by rows).
+using LevelRow = Eigen::Matrix<double, 9, 1>;
 
-/// Finite differences of the filter by the levels, one level in each lane.
+/// Finite difference of the filter by one level.
 class LevelDeviation {
  public:
-  /// By the levels `free`, from number `first` on.
-  LevelDeviation(const DisturbanceLevels& levels, const Vector3<double>& noise,
-                 const std::vector<int>& free, int first)
-      : first_(first), unchanged_(randomOf(levels, noise)) {
-    for (int lane = 0; lane < Lanes::kCount; ++lane) {
-      auto values = levels.values();
-      const auto at = static_cast<std::size_t>(first + lane);
-      if (at < free.size()) values[static_cast<std::size_t>(free[at])] *= std::exp(kLevelChange);
-      setLane(lane, randomOf(DisturbanceLevels::of(values), noise));
-    }
-    for (Lanes& value : x_) value = Lanes(0.0);
-  }
+  LevelDeviation(const DisturbanceLevels& levels, const Vector3<double>& noise, int level)
+      : unchanged_(levels, noise), random_(changed(levels, level), noise) {}
 
   void start(bool first) {
     covariance_.start(random_, first);
-    forgetDeviation(x_, 1);
-    if (!first) wrench_.head<kConstant>().setZero();
+    x_.head<kConstant>().setZero();
+    if (!first) processes_.setZero();
   }
 
-  void correct(const FilterSample& s, LevelRows& rows) {
-    Row<Lanes> HP[3], gain[3];
-    Lanes S[3][3], inverse[3][3], innovation[3];
-    covariance_.see(s, random_, HP, S);
-    invert(S, inverse);
-    for (int a = 0; a < 3; ++a) {
-      innovation[a] = Lanes(s.innovation(a));
-      for (int j = 0; j < 3; ++j) innovation[a] -= Lanes(s.seen[a][j]) * x_[j];
-    }
-    if (s.capped()) {
-      takeGain(s, gain);
-    } else {
-      combine(inverse, HP, gain);
-      if (!s.starts) derive(s, innovation, S, rows);
-    }
-    correctState(s, gain, innovation);
-    covariance_.subtract(gain, HP);
+  /// Returns the derivatives; those of capped poses and of a stretch's first one are not used.
+  LevelRow correct(const FilterSample& s) {
+    const Seen seen(s, random_, covariance_.P);
+    const Vector3<double> innovation = s.innovation - s.seen * x_.head<3>();
+    // A pose whose noise was increased keeps the gain of the unchanged levels.
+    Gain gain = s.gain;
+    if (!s.capped()) gain = seen.PH * seen.S.inverse();
+    const StateVector without = s.gain * s.innovation;
+    x_ += gain * innovation - without;
+    processes_ += without.segment<kProcesses>(kSlow);
+    // The gain of a capped pose is not that of this covariance: the product is not symmetric then.
+    covariance_.P -= gain * seen.PH.transpose();
+    covariance_.P = StateMatrix(covariance_.P.selfadjointView<Eigen::Upper>());
+    LevelRow row;
+    row.head<3>() = s.whitening * (innovation - s.innovation);
+    const Matrix3<double> change =
+        s.whitening * seen.S * s.whitening.transpose() - Matrix3<double>::Identity();
+    for (int a = 0, at = 3; a < 3; ++a)
+      for (int b = 0; b <= a; ++b) row(at++) = change(a, b);
+    return row / kChange;
   }
 
   void move(const FilterSample& s) {
-    const auto step = random_.over(s.dt);
-    const auto unchanged = unchanged_.over(s.dt);
+    const Random::Step step = random_.over(s.dt), unchanged = unchanged_.over(s.dt);
     covariance_.move(s, step);
-    moveDeviation(s, step, x_, 1);
+    moveDeviation(s, step, x_);
     // A different correlation time changes the decay of the filtered wrench.
-    Lanes more[3];
-    for (int i = 0; i < 3; ++i)
-      more[i] = (step.mean[i] - Lanes(unchanged.mean[i])) * Lanes(wrench_(kSlow + i));
-    const Lanes in_room = step.mean[3] - Lanes(unchanged.mean[3]);
-    const Vector2<double> force = s.middle.toBody(wrench_.segment<2>(kRoom));
-    for (int i = 0; i < 2; ++i) more[i] += in_room * Lanes(force(i));
-    for (int j = 0; j < 6; ++j)
-      for (int i = 0; i < 3; ++i) x_[j] += Lanes(s.response[j][i]) * more[i];
-    for (int i = kSlow; i < kConstant; ++i) {
-      const int process = processOf(i);
-      x_[i] += (step.left[process] - Lanes(unchanged.left[process])) * Lanes(wrench_(i));
-      wrench_(i) *= unchanged.left[process];
-    }
+    x_.head<6>() += responseToProcesses(s) *
+                    ((step.mean - unchanged.mean) * processes_.array()).matrix();
+    x_.segment<kProcesses>(kSlow).array() += (step.left - unchanged.left) * processes_.array();
+    processes_.array() *= unchanged.left;
   }
 
  private:
-  void setLane(int lane, const Random<double>& one) {
-    for (int i = 0; i < 4; ++i) {
-      random_.variance[i][lane] = one.variance[i];
-      random_.time[i][lane] = one.time[i];
-    }
-    for (int i = 0; i < 3; ++i) {
-      random_.white[i][lane] = one.white[i];
-      random_.noise[i][lane] = one.noise[i];
-    }
-    for (int i = 0; i < 4; ++i) random_.constant[i][lane] = one.constant[i];
+  static constexpr double kChange = 1e-3;  ///< of the level's logarithm
+
+  static DisturbanceLevels changed(const DisturbanceLevels& levels, int level) {
+    auto values = levels.values();
+    values[static_cast<std::size_t>(level)] *= std::exp(kChange);
+    return DisturbanceLevels::of(values);
   }
 
-  /// Uses the gain of the unchanged levels, for a pose whose noise was increased.
-  static void takeGain(const FilterSample& s, Row<Lanes> gain[3]) {
-    for (int a = 0; a < 3; ++a)
-      for (int i = 0; i < kN; ++i) gain[a][i] = Lanes(s.gain[a][i]);
-  }
-
-  /// Changes of innovation and covariance, whitened by the unchanged levels.
-  void derive(const FilterSample& s, const Lanes innovation[3], const Lanes S[3][3],
-              LevelRows& rows) const {
-    Lanes half[3][3];
-    for (int a = 0; a < 3; ++a) {
-      Lanes change(0.0);
-      for (int b = 0; b <= a; ++b)
-        change += Lanes(s.whitening[a][b]) * (innovation[b] - Lanes(s.innovation(b)));
-      put(change, rows[a]);
-      for (int b = 0; b < 3; ++b) {
-        half[a][b] = Lanes(0.0);
-        for (int c = 0; c <= a; ++c) half[a][b] += Lanes(s.whitening[a][c]) * S[c][b];
-      }
-    }
-    std::size_t at = 3;
-    for (int a = 0; a < 3; ++a)
-      for (int b = 0; b <= a; ++b) {
-        Lanes change(a == b ? -1.0 : 0.0);
-        for (int c = 0; c <= b; ++c) change += half[a][c] * Lanes(s.whitening[b][c]);
-        put(change, rows[at++]);
-      }
-  }
-
-  void put(const Lanes& change, std::array<double, kColumns>& row) const {
-    for (int lane = 0; lane < Lanes::kCount; ++lane)
-      row[static_cast<std::size_t>(first_ + lane)] = change[lane] / kLevelChange;
-  }
-
-  void correctState(const FilterSample& s, const Row<Lanes> gain[3], const Lanes innovation[3]) {
-    for (int i = 0; i < kN; ++i) {
-      const Lanes with =
-          gain[0][i] * innovation[0] + gain[1][i] * innovation[1] + gain[2][i] * innovation[2];
-      const double without = s.gain[0][i] * s.innovation(0) + s.gain[1][i] * s.innovation(1) +
-                             s.gain[2][i] * s.innovation(2);
-      x_[i] += with - Lanes(without);
-      wrench_(i) += without;
-    }
-  }
-
-  int first_;  ///< column of the first lane
-  Random<double> unchanged_;
-  Random<Lanes> random_;
-  Covariance<Lanes> covariance_;
-  Lanes x_[kN];
-  FilterVector wrench_ = FilterVector::Zero();  ///< filtered processes; other elements are not used
+  Random unchanged_, random_;
+  Covariance covariance_;
+  StateVector x_ = StateVector::Zero();
+  /// The filtered processes with the unchanged levels.
+  Eigen::Matrix<double, kProcesses, 1> processes_ = Eigen::Matrix<double, kProcesses, 1>::Zero();
 };
 
-/// Sums of score and information of the free levels over samples.
-class LevelSums {
- public:
-  explicit LevelSums(const std::vector<int>& free) : free_(free) {}
-
-  void add(const LevelRows& rows, const Vector3<double>& e) {
-    std::size_t at = 3;
-    for (int a = 0; a < 3; ++a) {
-      addScore(-e(a), rows[static_cast<std::size_t>(a)]);
-      for (int b = 0; b <= a; ++b)
-        addScore(a == b ? 0.5 * (e(a) * e(a) - 1) : e(a) * e(b), rows[at++]);
-    }
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      // Weight 1/2 for diagonal elements of the covariance; the others occur twice in the matrix.
-      const double weight = i == 3 || i == 5 || i == 8 ? 0.5 : 1.0;
-      for (std::size_t l = 0; l < free_.size(); ++l) {
-        const double factor = weight * rows[i][l];
-        for (int j = 0; j < kColumns; ++j)
-          information_[l][j] += factor * rows[i][static_cast<std::size_t>(j)];
-      }
-    }
-  }
-
-  RunLevelScores result() const {
-    RunLevelScores result{Eigen::VectorXd::Zero(kLevels), Eigen::MatrixXd::Zero(kLevels, kLevels)};
-    for (std::size_t i = 0; i < free_.size(); ++i) {
-      result.score(free_[i]) = score_[i];
-      for (std::size_t j = 0; j < free_.size(); ++j)
-        result.information(free_[i], free_[j]) = information_[i][j];
-    }
-    return result;
-  }
-
- private:
-  void addScore(double weight, const std::array<double, kColumns>& row) {
-    for (int j = 0; j < kColumns; ++j) score_[j] += weight * row[static_cast<std::size_t>(j)];
-  }
-
-  const std::vector<int>& free_;
-  double information_[kLevels][kColumns] = {}, score_[kColumns] = {};
-};
-
-/// Sums of score and information of the parameters over samples.
-class ParameterSums {
- public:
-  ParameterSums(int n, int blocks, int groups)
-      : n_(n),
-        groups_(groups),
-        score_(blocks * groups, Lanes(0.0)),
-        information_(2 * n * groups, Lanes(0.0)) {}
-
-  void add(const Sensitivity& sensitivity, const FilterSample& s, int block) {
-    const Lanes weight(s.weight());
-    const Vector3<double> pull = s.weight() * s.whitened();
-    for (int a = 0; a < 3; ++a) {
-      const Lanes* row = sensitivity.white(a);
-      for (int g = 0; g < groups_; ++g) score_[block * groups_ + g] -= row[g] * Lanes(pull(a));
-      for (const int side : {0, 1})
-        for (int i = 0; i < n_; ++i) {
-          const Lanes* const from = row + side * groups_;
-          const Lanes factor = weight * Lanes(element(from, i));
-          Lanes* const sum = &information_[(side * n_ + i) * groups_];
-          for (int g = 0; g < groups_; ++g) sum[g] += factor * from[g];
-        }
-    }
-  }
-
-  RunScores result() const {
-    const int blocks = static_cast<int>(score_.size()) / std::max(1, groups_);
-    RunScores result{Eigen::MatrixXd(blocks, n_), Eigen::MatrixXd(n_, n_), Eigen::MatrixXd(n_, n_)};
-    for (int j = 0; j < n_; ++j) {
-      for (int b = 0; b < blocks; ++b) result.score(b, j) = element(&score_[b * groups_], j);
-      for (int i = 0; i < n_; ++i) {
-        result.information(i, j) = element(&information_[i * groups_], j);
-        result.by_acceleration(i, j) = element(&information_[(n_ + i) * groups_], j);
-      }
-    }
-    return result;
-  }
-
- private:
-  static double element(const Lanes* row, int i) {
-    return row[i / Lanes::kCount][i % Lanes::kCount];
-  }
-
-  int n_, groups_;
-  std::vector<Lanes> score_;        ///< a row a block of time, groups_ long
-  std::vector<Lanes> information_;  ///< with the same wrenches, then with the same accelerations
-};
+/// Derivative of the log-density at a sample by its LevelRow, and the information of this row. The
+/// elements off the diagonal occur twice in the covariance.
+LevelRow levelPull(const Vector3<double>& e) {
+  LevelRow pull;
+  pull << -e, 0.5 * (e(0) * e(0) - 1), e(1) * e(0), 0.5 * (e(1) * e(1) - 1), e(2) * e(0),
+      e(2) * e(1), 0.5 * (e(2) * e(2) - 1);
+  return pull;
+}
+LevelRow levelWeight() {
+  LevelRow weight;
+  weight << 1, 1, 1, 0.5, 1, 0.5, 1, 1, 0.5;
+  return weight;
+}
 
 }  // namespace
 
 RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double block,
                                     std::vector<FilterBelief>* kept) const {
   const int blocks = blockCount(block);
+  const auto n = static_cast<Eigen::Index>(free.index.size());
   Sensitivity sensitivity(model, free, run_);
-  ParameterSums sums(static_cast<int>(free.index.size()), blocks, sensitivity.groups());
-  const Random<double> random = randomOf(levels_, run_.noise);
+  RunScores sums{Eigen::MatrixXd::Zero(blocks, n), Eigen::MatrixXd::Zero(n, n),
+                 Eigen::MatrixXd::Zero(n, n)};
+  const Random random(levels_, run_.noise);
   std::size_t next = 0;  // belief to fill in
   for (std::size_t k = 0; k < samples_.size(); ++k) {
     const FilterSample& s = samples_[k];
@@ -342,33 +189,44 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
     sensitivity.correct(s);
     for (; kept && next < kept->size() && (*kept)[next].sample == static_cast<int>(k); ++next)
       (*kept)[next].sensitivity = sensitivity.underWrenches();
-    if (!s.starts) sums.add(sensitivity, s, blockOf(k, blocks));
+    if (!s.starts) {
+      const auto by_wrench = sensitivity.white().leftCols(n);
+      const auto by_acceleration = sensitivity.white().rightCols(n);
+      const double weight = s.weight();
+      sums.score.row(blockOf(k, blocks)) -= weight * s.whitened().transpose() * by_wrench;
+      sums.information += weight * by_wrench.transpose() * by_wrench;
+      sums.by_acceleration += weight * by_acceleration.transpose() * by_acceleration;
+    }
     if (s.dt > 0) sensitivity.move(s, random.over(s.dt), run_.times[k + 1]);
   }
-  return sums.result();
+  return sums;
 }
 
 RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels,
                                               const std::set<int>& held) const {
-  std::vector<int> free;
-  for (int i = 0; i < kLevels; ++i)
-    if (held.count(i) == 0) free.push_back(i);
-  std::vector<LevelRows> rows(samples_.size(), LevelRows{});
-  for (int first = 0; first < static_cast<int>(free.size()); first += Lanes::kCount) {
-    LevelDeviation deviation(levels, run_.noise, free, first);
+  Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(9 * static_cast<Eigen::Index>(samples_.size()), kLevels);
+  for (int level = 0; level < kLevels; ++level) {
+    if (held.count(level) > 0) continue;
+    LevelDeviation deviation(levels, run_.noise, level);
     for (std::size_t k = 0; k < samples_.size(); ++k) {
       const FilterSample& s = samples_[k];
       if (s.starts) deviation.start(k == 0);
-      deviation.correct(s, rows[k]);
+      const LevelRow row = deviation.correct(s);
+      // Capped poses do not count: their density hardly depends on the levels, so that levels of
+      // ever more capped poses would seem ever likelier.
+      if (!s.starts && !s.capped())
+        rows.block<9, 1>(9 * static_cast<Eigen::Index>(k), level) = row;
       if (s.dt > 0) deviation.move(s);
     }
   }
-  LevelSums sums(free);
-  for (std::size_t k = 0; k < samples_.size(); ++k)
-    // Capped poses do not count: their density hardly depends on the levels, so that levels of ever
-    // more capped poses would seem ever likelier.
-    if (!samples_[k].starts && !samples_[k].capped()) sums.add(rows[k], whitened(k));
-  return sums.result();
+  RunLevelScores sums{Eigen::VectorXd::Zero(kLevels), Eigen::MatrixXd::Zero(kLevels, kLevels)};
+  const LevelRow weight = levelWeight();
+  for (std::size_t k = 0; k < samples_.size(); ++k) {
+    const auto part = rows.middleRows<9>(9 * static_cast<Eigen::Index>(k));
+    sums.score += part.transpose() * levelPull(whitened(k));
+    sums.information += part.transpose() * (weight.asDiagonal() * part);
+  }
+  return sums;
 }
 
 }  // namespace ground::detail

@@ -11,7 +11,6 @@
 #include <string>
 
 #include "checks.h"
-#include "ground/model/columns.h"
 #include "ground/model/measurement.h"
 #include "ground/model/typical.h"
 
@@ -369,7 +368,7 @@ InferredWrench WrenchFilter::smooth(const WrenchNoise& noise, const Eigen::Matri
         const Matrix9 scaled = scale.asDiagonal() * next * scale.asDiagonal();
         const Matrix9 cross =
             scale.asDiagonal() * samples_[k].transition * pass.filtered_covariance[k];
-        const Matrix9 gain = (scale.asDiagonal() * solvedByColumns(scaled.ldlt(), cross)).transpose();
+        const Matrix9 gain = (scale.asDiagonal() * scaled.ldlt().solve(cross)).transpose();
         pass.smoothing_gain[k] = gain;
         x = pass.filtered[k] + gain * (x - pass.predicted[k + 1]);
         P = (pass.filtered_covariance[k] + gain * (P - next) * gain.transpose()).eval();

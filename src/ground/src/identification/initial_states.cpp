@@ -34,7 +34,7 @@ class InitialCost {
     const WindowResiduals found =
         residualsOf(problem_, model_, coordinates_, {}, window_, state, jacobian != nullptr);
     const Eigen::Index rows = found.residuals.size();
-    if (!found.finite) {
+    if (!found.finite()) {
       // The solver rejects a step to residuals that are not finite.
       std::fill_n(residuals, rows, kInfinity);
       return false;
@@ -44,7 +44,7 @@ class InitialCost {
       const double r = found.residuals(i);
       residuals[i] = robust_(r);
       if (jacobian)
-        columns.row(i) = robust_.derivative(r) * found.derivatives.row(i).head(NumParameters());
+        columns.row(i) = robust_.derivative(r) * found.derivatives.row(i);
     }
     return true;
   }

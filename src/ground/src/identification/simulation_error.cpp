@@ -36,10 +36,7 @@ SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> 
 
 SimulationError::SimulationError(std::shared_ptr<const Data> data, std::vector<Window> windows,
                                  Target target)
-    : data_(std::move(data)),
-      windows_(std::move(windows)),
-      target_(target),
-      plans_(std::make_unique<detail::WindowPlans>()) {
+    : data_(std::move(data)), windows_(std::move(windows)), target_(target) {
   if (windows_.empty())
     throw std::invalid_argument("the runs are too short: there is no window to simulate");
   for (const Window& w : windows_) {
@@ -55,9 +52,6 @@ const Vector3<double>& SimulationError::sigma(int run) const {
   return data_->sigma[static_cast<std::size_t>(run)];
 }
 const std::vector<RunData>& SimulationError::runs() const { return data_->runs; }
-
-SimulationError::~SimulationError() = default;
-SimulationError::SimulationError(SimulationError&&) noexcept = default;
 
 WindowSimulation SimulationError::simulate(const Model& model,
                                            FitOptions::Objective objective) const {

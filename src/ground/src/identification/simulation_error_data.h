@@ -4,14 +4,16 @@
 #include <vector>
 
 #include "ground/identification/simulation_error.h"
-#include "window_plans.h"
 
 namespace ground {
+
+/// Measurements, a row each.
+using Rows3 = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
 struct SimulationError::Data {
   std::vector<RunData> runs;
   std::vector<Vector3<double>> sigma;   ///< standard deviations of u, v, r
-  std::vector<detail::Rows3> measured;  ///< measurements of the target: velocities or poses
+  std::vector<Rows3> measured;          ///< measurements of the target: velocities or poses
   std::vector<Vector3<double>> weight;  ///< weight of their errors: 1 / standard deviation
 };
 

@@ -20,11 +20,10 @@ constexpr double kInitialTolerance = 1e-4;  // cost per sample; the following fi
 
 /// The sum of squares with the measured initial states. Throws std::runtime_error if a window's
 /// simulation is not finite, because the solver would write its own message to stderr.
-double squaresOf(Linearisation& windows, const Free& free, const std::vector<double>& scaled,
-                 bool derivatives) {
+double squaresOf(Linearisation& windows, const Free& free, const std::vector<double>& scaled) {
   const Initials initial = measuredInitials(windows.problem());
   const std::vector<double> losses = windows.losses(
-      {free.coordinates(scaled.data()), free.index, initial}, RobustLoss().weighing(), derivatives);
+      {free.coordinates(scaled.data()), free.index, initial}, RobustLoss().weighing());
   for (std::size_t w = 0; w < losses.size(); ++w)
     if (!std::isfinite(losses[w])) {
       const Window& window = windows.problem().windows()[w];
@@ -71,11 +70,11 @@ std::vector<Window> shortPieces(const SimulationError& problem) {
 
 std::vector<double> approach(Linearisation& windows, Linearisation& pieces, const Free& free,
                              const FitOptions& options, const std::vector<double>& from) {
-  const double far = squaresOf(windows, free, from, false);
+  const double far = squaresOf(windows, free, from);
   const Solution near = descend(pieces, free, {kInfinity}, options, from,
                                 measuredInitials(pieces.problem()), kApproachTolerance);
   try {
-    if (near.usable && squaresOf(windows, free, near.scaled, true) < far) return near.scaled;
+    if (near.usable && squaresOf(windows, free, near.scaled) < far) return near.scaled;
   } catch (const std::runtime_error&) {
     // Values that fit short windows may diverge over long ones.
   }

@@ -10,8 +10,7 @@
 namespace ground::detail {
 namespace {
 
-constexpr int kPass = Jet::kDirections;  // derivatives per pass
-constexpr int kMaxInitial = 6;           // largest size of an initial state
+constexpr int kMaxInitial = 6;  // largest size of an initial state
 
 /// True state whose measured pose is the given one; nu is the true velocity. A fixed-point
 /// iteration that converges in two rounds, because the position offset depends on the heading but
@@ -57,129 +56,54 @@ struct Variables {
   }
 };
 
-/// Faster than Eigen's allFinite(), which tests one number at a time.
-bool allFinite(const Derivatives& rows) {
-  Vec8 sum = {};
-  for (Eigen::Index i = 0; i < rows.size(); i += 8) {
-    sum += 0.0 * registers::load<Vec8>(rows.data() + i);  // NaN if a number is not finite
+/// Sets the residuals, and the columns [begin, end) of their derivatives if T has any.
+template <typename T>
+void simulateWindow(const SimulationError& problem, const SimulationError::Data& data,
+                    const Dynamics<T>& dynamics, const Variables<T>& point, int window, int begin,
+                    int end, WindowResiduals& result) {
+  const Window& span = problem.windows()[window];
+  const RunData& run = problem.runs()[span.run];
+  const Motion motion = motionOf(run);
+  const bool poses = problem.target() == Target::kPoses;
+  const Vector3<T> start = run.eta.row(span.first).template cast<T>();
+  Simulation<T> simulation(dynamics, run.inputs,
+                           stateAtStart(dynamics, start, point.initial, problem.initialSize()),
+                           run.times[span.first], kDefaultStep, &motion);
+  if (!poses && !dynamics.usesPose()) simulation.forgetPose();
+  for (int i = span.first, row = 0; i <= span.last; ++i) {
+    simulation.advance(run.times[i]);
+    const Measurement<T> now = simulation.measure();
+    const Vector3<T>& seen = poses ? now.eta : now.nu;
+    for (int c = 0; c < 3; ++c, ++row) {
+      const double weight = data.weight[span.run](c);
+      result.residuals(row) = (valueOf(seen(c)) - data.measured[span.run](i, c)) * weight;
+      if constexpr (!std::is_same_v<T, double>)
+        for (int column = begin; column < end; ++column)
+          result.derivatives(row, column) = seen(c).v[column - begin] * weight;
+    }
   }
-  return registers::allOf(sum == Vec8{});
 }
 
 }  // namespace
 
-Evaluation::Evaluation(const SimulationError& error, const Model& model,
-                       const std::vector<double>& coordinates, const std::vector<int>& free,
-                       bool derivatives)
-    : error_(error),
-      model_(model),
-      coordinates_(coordinates),
-      free_(free),
-      columns_(derivatives ? static_cast<int>(free.size()) + error.initialSize() : 0) {}
-
-WindowPlans::Groups Evaluation::groups() const {
-  // All passes must agree on whether the delay varies.
-  Variables<Jet> point(coordinates_);
-  for (const int parameter : free_) point.coordinates[parameter].v[0] = 1.0;
-  const Dynamics<Jet> dynamics(model_, point.coordinates);
-  const Jet& delay = dynamics.inputDelay();
-  return error_.plans_->get(error_.runs(), error_.windows_, error_.data_->measured,
-                            error_.data_->weight, delay.a, !delay.isConstant(),
-                            dynamics.settling());
-}
-
-/// Calls simulate(dynamics, point, begin, end) for each pass of derivatives, or once without
-/// derivatives.
-template <typename V, typename D, class Simulate>
-void Evaluation::inPasses(const Simulate& simulate) const {
-  if (columns_ == 0) {
-    Variables<V> point(coordinates_);
-    Dynamics<V> dynamics(model_, point.coordinates);
-    simulate(dynamics, point, 0, 0);
-  }
-  for (int begin = 0; begin < columns_; begin += kPass) {
-    const int end = std::min(columns_, begin + kPass);
-    Variables<D> point(coordinates_);
-    point.seed(free_, begin, end);
-    Dynamics<D> dynamics(model_, point.coordinates);
-    simulate(dynamics, point, begin, end);
-  }
-}
-
-void Evaluation::one(int window, const Eigen::VectorXd& initial, WindowResiduals& result) const {
-  const Window& span = error_.windows_[window];
-  const RunData& run = error_.runs()[span.run];
-  const Rows3& measured = error_.data_->measured[span.run];
-  const Vector3<double>& weight = error_.data_->weight[span.run];
-  const Motion motion = motionOf(run);
-  const bool poses = error_.target_ == Target::kPoses;
-  const int samples = span.last - span.first + 1, size = error_.initialSize();
-  result.window = window;
-  result.residuals.resize(3 * samples);
-  result.derivatives.resize(columns_ > 0 ? 3 * samples : 0, (columns_ + kPass - 1) / kPass * kPass);
-  inPasses<double, Jet>([&](const auto& dynamics, auto& point, int begin, int) {
-    using T = std::decay_t<decltype(point.initial[0])>;
-    for (int i = 0; i < size; ++i) valueIn(point.initial[i]) = initial(i);
-    const Vector3<T> start = run.eta.row(span.first).template cast<T>();
-    Simulation<T> simulation(dynamics, run.inputs,
-                             stateAtStart(dynamics, start, point.initial, size),
-                             run.times[span.first], kDefaultStep, &motion);
-    if (!poses && !dynamics.usesPose()) simulation.forgetPose();
-    for (int i = 0; i < samples; ++i) {
-      simulation.advance(run.times[span.first + i]);
-      const Measurement<T> now = simulation.measure();
-      const Vector3<T>& seen = poses ? now.eta : now.nu;
-      for (int c = 0; c < 3; ++c) {
-        result.residuals(3 * i + c) = (valueOf(seen(c)) - measured(span.first + i, c)) * weight(c);
-        if constexpr (!std::is_same_v<T, double>) {
-          const Lanes row = Lanes::of(seen(c).v.x) * Lanes(weight(c));
-          registers::store(row.x, &result.derivatives(3 * i + c, begin));
-        }
-      }
-    }
-  });
-  result.finite = result.residuals.allFinite() && allFinite(result.derivatives);
-}
-
-void Evaluation::together(const WindowPlans::Group& group,
-                          const std::vector<Eigen::VectorXd>& initial, LaneRows& result) const {
-  const bool poses = error_.target_ == Target::kPoses;
-  const int lanes = static_cast<int>(group.windows.size()), size = error_.initialSize();
-  result.prepare(3 * group.plan.visits(), columns_);
-  inPasses<Lanes, LanesJet>([&](auto& dynamics, auto& point, int begin, int end) {
-    using T = std::decay_t<decltype(point.initial[0])>;
-    Vector3<T> start(T(0.0), T(0.0), T(0.0));
-    for (int lane = 0; lane < lanes; ++lane) {
-      const Window& span = error_.windows_[group.windows[lane]];
-      for (int c = 0; c < 3; ++c)
-        valueIn(start(c))[lane] = error_.runs()[span.run].eta(span.first, c);
-      for (int i = 0; i < size; ++i)
-        valueIn(point.initial[i])[lane] = initial[group.windows[lane]](i);
-    }
-    dynamics.useDirections(end - begin);
-    const int directions = end - begin;
-    group.plan.run<T>(
-        dynamics, stateAtStart(dynamics, start, point.initial, size), poses || dynamics.usesPose(),
-        [&](int visit, const Vector3<T>& eta, const Vector3<T>& nu) {
-          const Vector3<T>& seen = poses ? eta : nu;
-          for (int c = 0; c < 3; ++c) {
-            const int row = 3 * visit + c;
-            const Lanes& weight = group.weight[visit][c];
-            result.residuals[row] = (valueOf(seen(c)) - group.measured[visit][c]) * weight;
-            if constexpr (!std::is_same_v<T, Lanes>) {
-              Lanes* derivatives = &result.derivatives[row * result.stride + begin];
-              for (int d = 0; d < directions; ++d) derivatives[d] = seen(c).v[d] * weight;
-            }
-          }
-        });
-  });
-}
-
 WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
                             const std::vector<double>& coordinates, const std::vector<int>& free,
                             int window, const Eigen::VectorXd& initial, bool derivatives) {
-  WindowResiduals result;
-  Evaluation(problem, model, coordinates, free, derivatives).one(window, initial, result);
+  const Window& span = problem.windows()[window];
+  const int rows = 3 * (span.last - span.first + 1), size = problem.initialSize();
+  const int columns = derivatives ? static_cast<int>(free.size()) + size : 0;
+  WindowResiduals result{Eigen::VectorXd(rows), Eigen::MatrixXd(derivatives ? rows : 0, columns)};
+  const auto simulate = [&](auto type, int begin, int end) {
+    using T = decltype(type);
+    Variables<T> point(coordinates);
+    for (int i = 0; i < size; ++i) point.initial[i] = T(initial(i));
+    if constexpr (!std::is_same_v<T, double>) point.seed(free, begin, end);
+    const Dynamics<T> dynamics(model, point.coordinates);
+    simulateWindow(problem, problem.data(), dynamics, point, window, begin, end, result);
+  };
+  if (!derivatives) simulate(double(), 0, 0);
+  for (int begin = 0; begin < columns; begin += kDerivatives)
+    simulate(Jet(), begin, std::min(columns, begin + kDerivatives));
   return result;
 }
 

@@ -2,11 +2,9 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <optional>
 #include <stdexcept>
 #include <string>
-#include <type_traits>
-
-#include "stages.h"
 
 namespace ground {
 namespace {
@@ -16,11 +14,9 @@ std::vector<T> constants(const std::vector<double>& values) {
   return std::vector<T>(values.begin(), values.end());
 }
 
-bool isZero(double x) { return x == 0; }
-bool isZero(const Lanes& x) { return allOf(x == Lanes(0.0)); }
-template <typename V, int N>
-bool isZero(const Dual<V, N>& x) {
-  return isZero(x.a) && x.isConstant();
+template <typename T>
+bool isZero(const T& x) {
+  return valueOf(x) == 0 && isConstant(x);
 }
 
 /// Whether an effect with these coordinates changes nothing, nor any derivative. One without
@@ -52,7 +48,7 @@ struct Dynamics<T>::Instant {
   Point<T> point;
 
   Instant(const Dynamics& d, const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
-          const Vector3<T>& nu, const Drive& drive, const ValueOf<T>& lift, const T* states)
+          const Vector3<T>& nu, const Drive& drive, double lift, const T* states)
       : since(notBelowZero(t)),
         point{since,
               eta,
@@ -135,7 +131,7 @@ template <typename T>
 void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   const int state = stateCount();
   const EffectInfo& info = entry.effect->info();
-  initial_.insert(initial_.end(), info.initial.begin(), info.initial.end());
+  for (const double value : info.initial) initial_.emplace_back(value);
   initial_.resize(static_cast<std::size_t>(state + info.stateCount(layout_->size())), T(0.0));
   if (isNeutral(info, p)) return;
   instances_.push_back(entry.effect->forThread());
@@ -164,7 +160,7 @@ void Dynamics<T>::requireThrusters(int count) const {
 }
 
 template <typename T>
-StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, const ValueOf<T>& lift, const T& h,
+StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, double lift, const T& h,
                                    T* states) const {
   StepInputs<T> inputs{{command, command, command}, lift, actuators_.empty(), states};
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
@@ -181,7 +177,7 @@ Settling Dynamics<T>::settling() const {
 
 template <typename T>
 void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command,
-                         const ValueOf<T>& lift, const T& h, T* states) const {
+                         double lift, const T& h, T* states) const {
   const StepInputs<T> inputs = actuate(command, lift, h, states);
   if (rates_.empty()) return;
   const Rotation<T> heading(state.eta.z());
@@ -200,28 +196,13 @@ void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters
 }
 
 template <typename T>
-template <typename I>
-GROUND_INLINE void Dynamics<T>::Drive::set(const Dynamics& d, const Thrusters<I>& inputs,
-                                           const Thrusters<I>& force) {
-  const Vector3<I> total = d.layout_->total(force);
+Dynamics<T>::Drive::Drive(const Dynamics& d, const Thrusters<T>& inputs)
+    : input(inputs), thrust(d.layout_->forces(inputs)) {
+  const Vector3<T> total = d.layout_->total(thrust);
   surge = d.surge_gain_ * total(0);
+  sway = d.surge_gain_ * total(1);
   yaw = d.yaw_gain_ * total(2);
-  if (d.sways_) sway = d.surge_gain_ * total(1);
-  if (!d.has_hooks_ && !d.couples_) return;
-  input.set(inputs, [](const I& one) { return T(one); });
-  thrust.set(force, [&](const I& one) { return T(d.body_.k * one); });
-}
-
-template <typename T>
-template <typename I>
-void Dynamics<T>::Drive::setListed(const Dynamics& d, const Thrusters<I>& inputs) {
-  set(d, inputs, d.layout_->forces(inputs));
-}
-
-template <typename T>
-template <typename I>
-GROUND_INLINE Dynamics<T>::Drive::Drive(const Dynamics& d, const Thrusters<I>& inputs) {
-  d.layout_->isPair() ? set(d, inputs, inputs) : setListed(d, inputs);
+  thrust *= d.body_.k;
 }
 
 template <typename T>
@@ -230,11 +211,8 @@ void Dynamics<T>::rates(Instant& instant, const T* states, T* rates) const {
 }
 
 template <typename T>
-Vector3<T> Dynamics<T>::effects(const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
-                                const Vector3<T>& nu, const Drive& drive, const ValueOf<T>& lift,
-                                const T* states, T* rates) const {
-  Instant instant(*this, t, eta, heading, nu, drive, lift, states);
-  if (rates) this->rates(instant, states, rates);
+Vector3<T> Dynamics<T>::effects(Instant& instant, const Drive& drive, const T* states) const {
+  const Vector3<T>& nu = instant.point.nu;
   const Vector3<T>& nu_air = instant.point.nu_air;
   const Thrusters<T>& thrust = instant.point.thrust;
   Vector3<T> wrench(T(0.0), T(0.0), T(0.0));
@@ -268,96 +246,78 @@ Vector3<T> Dynamics<T>::effects(const T& t, const Vector3<T>& eta, const Rotatio
 }
 
 template <typename T>
-RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
-                                      const Thrusters<T>& input, const ValueOf<T>& lift,
-                                      const T* states) const {
-  const Rotation<T> heading(state.eta.z());
+void Dynamics<T>::derive(const T& t, const RigidState<T>& state, const Drive& drive, double lift,
+                         const T* states, T* rates, bool pose, RigidState<T>& dot) const {
   const T &u = state.nu.x(), &v = state.nu.y(), &r = state.nu.z();
-  const Vector2<T> over_floor = heading.toWorld({u, v});
-  const Drive now(*this, input);
-  Vector3<T> nu_dot(T(0.0), T(0.0), T(0.0));
-  if (has_hooks_ || couples_)
-    nu_dot = effects(t, state.eta, heading, state.nu, now, lift,
-                     states ? states : initial_.data(), nullptr);
-  if (!couples_) {
-    nu_dot.x() += r * v + now.surge - damping_.x() * u;
-    nu_dot.y() -= r * u + damping_.y() * v;
-    nu_dot.z() += now.yaw - damping_.z() * r;
+  Rotation<T> heading;
+  if (pose) {  // (2.3)
+    heading = Rotation<T>(state.eta.z());
+    dot.eta << heading.toWorld({u, v}), r;
   }
-  return {{over_floor.x(), over_floor.y(), r}, nu_dot};
+  if (has_hooks_ || couples_) {
+    Instant instant(*this, t, state.eta, heading, state.nu, drive, lift, states);
+    if (rates) this->rates(instant, states, rates);
+    dot.nu = effects(instant, drive, states);
+  } else {
+    dot.nu.setZero();
+  }
+  if (!couples_) {  // (2.4)
+    dot.nu.x() += r * v + drive.surge - damping_.x() * u;
+    dot.nu.y() -= r * u + damping_.y() * v;
+    dot.nu.z() += drive.yaw - damping_.z() * r;
+  }
 }
 
 template <typename T>
-template <bool kPose, typename H>
+RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
+                                      const Thrusters<T>& input, double lift,
+                                      const T* states) const {
+  RigidState<T> dot;
+  derive(t, state, Drive(*this, input), lift, states ? states : initial_.data(), nullptr, true, dot);
+  return dot;
+}
+
+template <typename T>
+template <typename H>
 void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h,
-                       int count, Rotation<ValueOf<T>>* heading) const {
+                       int count, bool pose) const {
+  const bool remembers = inputs.states && !rates_.empty();
+  const T* const held = inputs.states ? inputs.states : initial_.data();
   const Drive start(*this, inputs.thrusters[0]);
-  if (inputs.held) {
-    run<kPose, H>(t, state, {&start, &start, &start}, inputs.lift, inputs.states, h, count,
-                  heading);
-    return;
+  std::optional<Drive> own_middle, own_end;
+  if (!inputs.held) {
+    own_middle.emplace(*this, inputs.thrusters[1]);
+    own_end.emplace(*this, inputs.thrusters[2]);
   }
-  const Drive middle(*this, inputs.thrusters[1]), end(*this, inputs.thrusters[2]);
-  run<kPose, H>(t, state, {&start, &middle, &end}, inputs.lift, inputs.states, h, count, heading);
-}
-
-template <typename T>
-template <bool kPose, typename H>
-void Dynamics<T>::hold(T& t, RigidState<T>& state, const Thrusters<ValueOf<T>>& command,
-                       const ValueOf<T>& lift, const H& h, int count,
-                       Rotation<ValueOf<T>>* heading) const {
-  const Drive held(*this, command);
-  run<kPose, H>(t, state, {&held, &held, &held}, lift, nullptr, h, count, heading);
-}
-
-/// One stage of a Runge-Kutta step, `after` seconds from the beginning of the step.
-template <typename T>
-template <bool kFirst, bool kLast, bool kPose, typename H>
-GROUND_INLINE void Dynamics<T>::take(Stages<T, kPose, H>& stages, const T& t, const H& after,
-                                     const H& share, const H& to, const Drive& drive,
-                                     const ValueOf<T>& lift, T* states, bool remembers) const {
-  if (kPose) stages.template turn<kFirst>(uses_pose_);
-  if (!has_hooks_ && !couples_) {
-    stages.template move<kFirst, kLast, true, false>(share, to, drive.surge, drive.yaw, stages.nu);
-    return;
-  }
-  const Vector3<T>& nu = kFirst ? stages.nu : stages.at_nu;
-  const Vector3<T>& eta = kFirst || !kPose ? stages.eta : stages.at_eta;
-  const T* now = states ? states : initial_.data();
-  if (remembers) now = kFirst ? stages_.begin.data() : stages_.at.data();
-  T* const rates = remembers ? stages_.rates.data() : nullptr;
-  const Vector3<T> more = effects(t + after, eta, stages.heading, nu, drive, lift, now, rates);
-  if (remembers) stages_.move(share, to, states);
-  if (couples_)
-    stages.template move<kFirst, kLast, false, true>(share, to, drive.surge, drive.yaw, more);
-  else
-    stages.template move<kFirst, kLast, true, true>(share, to, drive.surge, drive.yaw, more);
-}
-
-template <typename T>
-template <bool kPose, typename H>
-void Dynamics<T>::run(T& t, RigidState<T>& state, const std::array<const Drive*, 3>& drives,
-                      const ValueOf<T>& lift, T* states, const H& h, int count,
-                      Rotation<ValueOf<T>>* heading) const {
-  const bool remembers = states && !rates_.empty();
-  const H half = h * 0.5, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
-  Stages<T, kPose, H> stages{damping_, directions_, state, heading};
-  const auto take = [&](auto first, auto last, const H& after, const H& share, const H& to,
-                        const Drive& drive) __attribute__((always_inline)) {
-    this->template take<decltype(first)::value, decltype(last)::value>(
-        stages, t, after, share, to, drive, lift, states, remembers);
-  };
+  const Drive &middle = own_middle ? *own_middle : start, &end = own_end ? *own_end : start;
+  const H zero(0.0), half = h * 0.5, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
+  RigidState<T> k;
   for (int i = 0; i < count; ++i) {
-    stages.begin(uses_pose_);
-    if (remembers) std::copy(states, states + initial_.size(), stages_.begin.begin());
-    take(std::true_type(), std::false_type(), H(0.0), sixth, half, *drives[0]);
-    take(std::false_type(), std::false_type(), half, third, half, *drives[1]);
-    take(std::false_type(), std::false_type(), half, third, h, *drives[1]);
-    take(std::false_type(), std::true_type(), h, sixth, h, *drives[2]);
-    stages.end();
+    RigidState<T> at = state, next = state;
+    // k = f(t + after, at), next += share k, at = state + to k
+    const auto stage = [&](const Drive& drive, const H& after, const H& share, const H& to) {
+      derive(t + after, at, drive, inputs.lift, remembers ? stages_.at.data() : held,
+             remembers ? stages_.rates.data() : nullptr, pose, k);
+      if (remembers) stages_.move(share, to, inputs.states);
+      for (int j = 0; j < 3; ++j) {
+        next.nu(j) += share * k.nu(j);
+        at.nu(j) = state.nu(j) + to * k.nu(j);
+        if (!pose) continue;
+        next.eta(j) += share * k.eta(j);
+        at.eta(j) = state.eta(j) + to * k.eta(j);
+      }
+    };
+    if (remembers) {
+      std::copy_n(inputs.states, initial_.size(), stages_.begin.begin());
+      stages_.at = stages_.begin;
+    }
+    stage(start, zero, sixth, half);
+    stage(middle, half, third, half);
+    stage(middle, half, third, h);
+    stage(end, h, sixth, zero);
+    state = next;
     t += h;
   }
-  if constexpr (!std::is_reference_v<decltype(stages.next)>) state = stages.next;
 }
 
 template <typename T>
@@ -369,26 +329,12 @@ Measurement<T> Dynamics<T>::measure(const RigidState<T>& state) const {
 
 template class Dynamics<double>;
 template class Dynamics<Jet>;
-template class Dynamics<Lanes>;
-template class Dynamics<LanesJet>;
 
-#define GROUND_INSTANTIATE_STEP(T, H)                                                           \
-  template void Dynamics<T>::step<true, H>(T&, RigidState<T>&, const StepInputs<T>&, const H&,  \
-                                           int, Rotation<ValueOf<T>>*) const;                   \
-  template void Dynamics<T>::step<false, H>(T&, RigidState<T>&, const StepInputs<T>&, const H&, \
-                                            int, Rotation<ValueOf<T>>*) const;                  \
-  template void Dynamics<T>::hold<true, H>(T&, RigidState<T>&, const Thrusters<ValueOf<T>>&,    \
-                                           const ValueOf<T>&, const H&, int,                    \
-                                           Rotation<ValueOf<T>>*) const;                        \
-  template void Dynamics<T>::hold<false, H>(T&, RigidState<T>&, const Thrusters<ValueOf<T>>&,   \
-                                            const ValueOf<T>&, const H&, int,                   \
-                                            Rotation<ValueOf<T>>*) const;
-GROUND_INSTANTIATE_STEP(double, double)
-GROUND_INSTANTIATE_STEP(Jet, Jet)
-GROUND_INSTANTIATE_STEP(Jet, double)
-GROUND_INSTANTIATE_STEP(Lanes, Lanes)
-GROUND_INSTANTIATE_STEP(LanesJet, LanesJet)
-GROUND_INSTANTIATE_STEP(LanesJet, Lanes)
-#undef GROUND_INSTANTIATE_STEP
+template void Dynamics<double>::step(double&, RigidState<double>&, const StepInputs<double>&,
+                                     const double&, int, bool) const;
+template void Dynamics<Jet>::step(Jet&, RigidState<Jet>&, const StepInputs<Jet>&, const double&,
+                                  int, bool) const;
+template void Dynamics<Jet>::step(Jet&, RigidState<Jet>&, const StepInputs<Jet>&, const Jet&, int,
+                                  bool) const;
 
 }  // namespace ground

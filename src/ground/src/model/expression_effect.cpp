@@ -56,7 +56,7 @@ class ExpressionEffect final : public Effect {
     for (const Formula& formula : forces_) set |= formula.text.empty() ? 0u : kThrust;
     return rates_.empty() ? set : set | kRates;
   }
-  EffectPtr forThread() const override { 
+  EffectPtr forThread() const override {
     return std::make_shared<ExpressionEffect>(definition_, layout_);
   }
   const ExpressionDefinition& definition() const { return definition_; }
@@ -76,8 +76,6 @@ class ExpressionEffect final : public Effect {
   }
   GROUND_HOOKS_OF(double)
   GROUND_HOOKS_OF(Jet)
-  GROUND_HOOKS_OF(Lanes)
-  GROUND_HOOKS_OF(LanesJet)
 #undef GROUND_HOOKS_OF
 
   /// Throws std::invalid_argument if the derivative of a state is not finite at these values of the
@@ -121,26 +119,16 @@ class ExpressionEffect final : public Effect {
   /// Adds the values of `count` formulas to `sums`.
   template <typename T>
   void add(const T* p, const Point<T>& point, const Formula* formulas, int count, T* sums) const {
-    for (int lane = 0; lane < laneCount(T()); ++lane) {
-      for (int j = 0; j < static_cast<int>(values_.size()); ++j)
-        values_[j] = inLane(valueOf(argument(p, point, j)), lane);
-      for (int i = 0; i < count; ++i)
-        if (!formulas[i].text.empty()) add(formulas[i], p, point, lane, sums[i]);
-    }
-  }
-  template <typename T>
-  void add(const Formula& formula, const T* p, const Point<T>& point, int lane, T& sum) const {
-    if constexpr (std::is_same_v<T, ValueOf<T>>) {
-      inLane(sum, lane) += formula.parser.Eval();
-    } else {
-      inLane(sum.a, lane) += formula.parser.Eval();
-      for (int j : formula.depends) {
-        const T at = argument(p, point, j);
-        if (at.isConstant()) continue;
-        const double slope = derivative(formula, j);
-        for (int d = 0; d < T::kDirections; ++d)
-          inLane(sum.v[d], lane) += slope * inLane(at.v[d], lane);
-      }
+    for (int j = 0; j < static_cast<int>(values_.size()); ++j)
+      values_[j] = valueOf(argument(p, point, j));
+    for (int i = 0; i < count; ++i) {
+      if (formulas[i].text.empty()) continue;
+      sums[i] += formulas[i].parser.Eval();
+      if constexpr (!std::is_same_v<T, double>)
+        for (int j : formulas[i].depends) {
+          const T at = argument(p, point, j);
+          if (!isConstant(at)) sums[i].v += derivative(formulas[i], j) * at.v;
+        }
     }
   }
   template <typename T>
@@ -148,15 +136,6 @@ class ExpressionEffect final : public Effect {
     if (j < variableCount()) return argumentOf(point, j);
     return j < firstParameter() ? point.states[j - variableCount()] : p[j - firstParameter()];
   }
-
-  template <typename T>
-  static constexpr int laneCount(const T&) {
-    return std::is_same_v<ValueOf<T>, Lanes> ? Lanes::kCount : 1;
-  }
-  static double& inLane(double& x, int) { return x; }
-  static double inLane(const double& x, int) { return x; }
-  static double& inLane(Lanes& x, int lane) { return x[lane]; }
-  static double inLane(const Lanes& x, int lane) { return x[lane]; }
 
   double derivative(const Formula& formula, int j) const {
     const double at = values_[j];

@@ -15,14 +15,6 @@ constexpr double kReach = 3.0;  ///< where a bell ends, in widths
 constexpr double kOverReach2 = 1 / (kReach * kReach);
 constexpr int kMaxCoordinates = kMaxArguments + 1;  ///< the heading has two
 
-/// Base of the fourth power that is the bell, at a squared distance in widths. To ask whether all
-/// lanes are zero would take longer than the powers.
-template <typename V>
-GROUND_INLINE V bellBase(const V& square) {
-  const V base = V(1.0) - V(kOverReach2) * square;
-  return blend(base > V(0.0), base, V(0.0));
-}
-
 /// Place in argumentNames, or -1.
 int argumentIndex(const std::string& name, const ThrusterLayout& layout) {
   const auto all = argumentNames(layout);
@@ -32,41 +24,24 @@ int argumentIndex(const std::string& name, const ThrusterLayout& layout) {
   return found == all.end() ? -1 : static_cast<int>(found - all.begin());
 }
 
-/// Sums over bells, for one number or eight.
-template <typename V>
-struct Sums {
-  std::array<V, 3> value;                               ///< X, Y, N
-  std::array<std::array<V, kMaxCoordinates>, 3> slope;  ///< of these by each coordinate
-};
-
-/// A term as it is computed. Distances are Euclidean in coordinates: each argument over its width,
-/// and for the heading its cosine and sine over its width.
+/// A term as it is computed: a sum of bells (1 - (d/kReach)^2)^4 of the distance d to their centres,
+/// each times its weights. Distances are Euclidean in coordinates: each argument over its width, and
+/// for the heading its cosine and sine over its width.
 class Bells {
  public:
-  Bells(const LearnedTerm& term, const ThrusterLayout& layout)
-      : world_(term.world), bells_(static_cast<int>(term.centres.rows())) {
+  Bells(const LearnedTerm& term, const ThrusterLayout& layout) : world_(term.world) {
     for (std::size_t i = 0; i < term.arguments.size(); ++i) {
       arguments_.push_back(argumentIndex(term.arguments[i], layout));
       over_widths_.push_back(1 / term.widths[i]);
       count_ += arguments_.back() == kHeadingArgument ? 2 : 1;
     }
-    numbers_.resize(static_cast<std::size_t>(blocks()) * Lanes::kCount * row(), 0.0);
-    for (int bell = 0; bell < bells_; ++bell) {
-      std::array<double, kMaxCoordinates> centre;
-      coordinates<double>(
-          [&](int i) { return term.centres(bell, i); },
-          [&](int i) {
-            const double psi = term.centres(bell, i);
-            return Vector2<double>(std::cos(psi), std::sin(psi));
-          },
-          centre.data());
-      for (int i = 0; i < count_; ++i) number(bell, i) = centre[static_cast<std::size_t>(i)];
-      for (int c = 0; c < 3; ++c) {
-        const std::vector<double>& weights = term.weights[static_cast<std::size_t>(c)];
-        if (!weights.empty())
-          number(bell, count_ + c) = weights[static_cast<std::size_t>(bell)];
-      }
-    }
+    centres_.resize(count_, term.centres.rows());
+    for (Eigen::Index bell = 0; bell < centres_.cols(); ++bell)
+      centres_.col(bell) = placeOf(term.centres.row(bell));
+    weights_.setZero(3, term.centres.rows());
+    for (std::size_t c = 0; c < 3; ++c)
+      for (std::size_t bell = 0; bell < term.weights[c].size(); ++bell)
+        weights_(static_cast<Eigen::Index>(c), static_cast<Eigen::Index>(bell)) = term.weights[c][bell];
   }
 
   bool usesPose() const {
@@ -77,55 +52,39 @@ class Bells {
   /// Adds scale times the term to a wrench in the body's frame.
   template <typename T>
   void add(const T& scale, const Point<T>& point, Vector3<T>& wrench) const {
-    using V = ValueOf<T>;
     std::array<T, kMaxCoordinates> at;
     coordinates<T>([&](int i) { return argumentOf(point, arguments_[static_cast<std::size_t>(i)]); },
                    [&](int) { return Vector2<T>(point.heading.c, point.heading.s); }, at.data());
-    std::array<V, kMaxCoordinates> value;
-    for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) value[i] = valueOf(at[i]);
-    Sums<V> sums;
-    this->sums<!std::is_same_v<T, V>>(value.data(), sums);
-    Vector3<T> term;
-    for (std::size_t c = 0; c < 3; ++c) {
-      T sum(sums.value[c]);
-      if constexpr (!std::is_same_v<T, V>)
-        for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i)
-          sum.v = sum.v + sums.slope[c][i] * at[i].v;
-      term(static_cast<int>(c)) = scale * sum;
+    Place place(count_);
+    for (int i = 0; i < count_; ++i) place(i) = valueOf(at[static_cast<std::size_t>(i)]);
+    Vector3<double> value = Vector3<double>::Zero();
+    Slopes slopes = Slopes::Zero(3, count_);
+    for (Eigen::Index bell = 0; bell < centres_.cols(); ++bell) {
+      const Place away = place - centres_.col(bell);
+      const double base = 1 - kOverReach2 * away.squaredNorm();
+      if (base <= 0) continue;
+      value += std::pow(base, 4) * weights_.col(bell);
+      if constexpr (!std::is_same_v<T, double>)
+        slopes += (-8 * kOverReach2 * std::pow(base, 3)) * weights_.col(bell) * away.transpose();
     }
+    Vector3<T> term = value.cast<T>();
+    if constexpr (!std::is_same_v<T, double>)
+      for (int c = 0; c < 3; ++c)
+        for (int i = 0; i < count_; ++i)
+          term(c).v += slopes(c, i) * at[static_cast<std::size_t>(i)].v;
+    term *= scale;
     addInBody(term, world_, point, wrench);
   }
 
   /// Values of all bells at a row of arguments.
   Eigen::RowVectorXd at(const Eigen::RowVectorXd& row) const {
-    std::array<double, kMaxCoordinates> at;
-    coordinates<double>([&](int i) { return row(i); },
-                        [&](int i) {
-                          return Vector2<double>(std::cos(row(i)), std::sin(row(i)));
-                        },
-                        at.data());
-    Eigen::RowVectorXd values(bells_);
-    for (int bell = 0; bell < bells_; ++bell) {
-      double square = 0;
-      for (int i = 0; i < count_; ++i)
-        square += std::pow(at[static_cast<std::size_t>(i)] - number(bell, i), 2);
-      values(bell) = std::pow(bellBase(square), 4);
-    }
-    return values;
+    const Eigen::ArrayXd squares = (centres_.colwise() - placeOf(row)).colwise().squaredNorm();
+    return (1 - kOverReach2 * squares).max(0).pow(4).matrix().transpose();
   }
 
  private:
-  std::size_t row() const { return static_cast<std::size_t>(count_) + 3; }
-  int blocks() const { return (bells_ + Lanes::kCount - 1) / Lanes::kCount; }
-
-  /// Number j of a bell: its coordinates, then its weights. Eight bells are side by side.
-  std::size_t place(int bell, int j) const {
-    const auto block = static_cast<std::size_t>(bell / Lanes::kCount);
-    return (block * row() + static_cast<std::size_t>(j)) * Lanes::kCount +
-           static_cast<std::size_t>(bell % Lanes::kCount);
-  }
-  double& number(int bell, int j) { return numbers_[place(bell, j)]; }
-  double number(int bell, int j) const { return numbers_[place(bell, j)]; }
+  using Place = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxCoordinates, 1>;
+  using Slopes = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxCoordinates>;
 
   /// Coordinates from functions that give argument i of the term, and cosine and sine of the heading.
   template <typename T, class Argument, class Heading>
@@ -140,86 +99,20 @@ class Bells {
       *to++ = direction.y() * over_widths_[i];
     }
   }
-
-  template <bool kSlopes, typename V>
-  void sums(const V* at, Sums<V>& sums) const {
-    switch (count_) {
-      case 1:
-        return sumsOf<1, kSlopes>(at, sums);
-      case 2:
-        return sumsOf<2, kSlopes>(at, sums);
-      case 3:
-        return sumsOf<3, kSlopes>(at, sums);
-      default:
-        return sumsOf<4, kSlopes>(at, sums);
-    }
-  }
-  /// At eight points: one bell at a time.
-  template <int n, bool kSlopes>
-  void sumsOf(const Lanes* at, Sums<Lanes>& sums) const {
-    clear(sums);
-    std::array<Lanes, n + 3> bell;
-    for (int b = 0; b < bells_; ++b) {
-      for (int j = 0; j < n + 3; ++j) bell[static_cast<std::size_t>(j)] = Lanes(number(b, j));
-      addBell<n, kSlopes>(at, bell.data(), sums);
-    }
-  }
-  /// At one point: eight bells at a time.
-  template <int n, bool kSlopes>
-  void sumsOf(const double* at, Sums<double>& sums) const {
-    Sums<Lanes> by_eights;
-    clear(by_eights);
-    std::array<Lanes, n> place;
-    for (std::size_t i = 0; i < n; ++i) place[i] = Lanes(at[i]);
-    std::array<Lanes, n + 3> bell;
-    const double* next = numbers_.data();
-    for (int block = 0; block < blocks(); ++block) {
-      for (Lanes& number : bell) {
-        number = Lanes::of(registers::load<Vec8>(next));
-        next += Lanes::kCount;
-      }
-      addBell<n, kSlopes>(place.data(), bell.data(), by_eights);
-    }
-    const auto total = [](const Lanes& numbers) {
-      double sum = 0;
-      for (int i = 0; i < Lanes::kCount; ++i) sum += numbers[i];
-      return sum;
-    };
-    for (std::size_t c = 0; c < 3; ++c) {
-      sums.value[c] = total(by_eights.value[c]);
-      if (kSlopes)
-        for (std::size_t i = 0; i < n; ++i) sums.slope[c][i] = total(by_eights.slope[c][i]);
-    }
-  }
-  static void clear(Sums<Lanes>& sums) {
-    sums.value.fill(Lanes(0.0));
-    for (auto& slopes : sums.slope) slopes.fill(Lanes(0.0));
-  }
-  template <int n, bool kSlopes>
-  static GROUND_INLINE void addBell(const Lanes* at, const Lanes* bell, Sums<Lanes>& sums) {
-    std::array<Lanes, n> away;
-    Lanes square(0.0);
-    for (std::size_t i = 0; i < n; ++i) {
-      away[i] = at[i] - bell[i];
-      square += away[i] * away[i];
-    }
-    const Lanes base = bellBase(square), base2 = base * base, height = base2 * base2;
-    const Lanes slope = Lanes(-8 * kOverReach2) * base2 * base;  // times away
-    for (std::size_t c = 0; c < 3; ++c) {
-      const Lanes& weight = bell[static_cast<std::size_t>(n) + c];
-      sums.value[c] += weight * height;
-      if (!kSlopes) continue;
-      const Lanes of_weight = weight * slope;
-      for (std::size_t i = 0; i < n; ++i) sums.slope[c][i] += of_weight * away[i];
-    }
+  Eigen::VectorXd placeOf(const Eigen::RowVectorXd& row) const {
+    Eigen::VectorXd place(count_);
+    coordinates<double>(
+        [&](int i) { return row(i); },
+        [&](int i) { return Vector2<double>(std::cos(row(i)), std::sin(row(i))); }, place.data());
+    return place;
   }
 
   bool world_;
-  int bells_;
-  int count_ = 0;                     ///< coordinates
-  std::vector<int> arguments_;        ///< places in argumentNames
-  std::vector<double> over_widths_;   ///< 1/width of each argument
-  std::vector<double> numbers_;       ///< by place(); weights beyond the last bell are zero
+  int count_ = 0;                    ///< coordinates
+  std::vector<int> arguments_;       ///< places in argumentNames
+  std::vector<double> over_widths_;  ///< 1/width of each argument
+  Eigen::MatrixXd centres_;          ///< coordinates of each bell's centre, a column each
+  Eigen::Matrix3Xd weights_;         ///< X, Y, N of each bell, a column each
 };
 
 class LearnedWrenchEffect final : public Effect,
@@ -249,8 +142,6 @@ class LearnedWrenchEffect final : public Effect,
   }
   GROUND_HOOK_OF(double)
   GROUND_HOOK_OF(Jet)
-  GROUND_HOOK_OF(Lanes)
-  GROUND_HOOK_OF(LanesJet)
 #undef GROUND_HOOK_OF
 
  private:

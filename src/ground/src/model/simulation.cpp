@@ -1,13 +1,6 @@
 #include "ground/model/simulation.h"
 
 namespace ground {
-namespace {
-
-bool isConstant(double) { return true; }
-bool isConstant(const Jet& x) { return x.isConstant(); }
-
-}  // namespace
-
 template <typename T>
 Simulation<T>::Simulation(const Dynamics<T>& dynamics, const InputSequence& inputs,
                           const RigidState<T>& initial, double start, double max_step,
@@ -20,8 +13,9 @@ Simulation<T>::Simulation(const Dynamics<T>& dynamics, const InputSequence& inpu
       t_(stepping_.t()) {
   dynamics_.requireThrusters(inputs.thruster_count);
   for (const Stepping::Held& held : stepping_.before(dynamics_.settling()))
-    dynamics_.settle(T(held.t), measured ? cast<T>(measured->at(held.time)) : state_, inputs.thrusters[held.command].template cast<T>(),
-                     inputs.lift[held.command], dynamics_.withDelay(held.duration, held.by_delay),
+    dynamics_.settle(T(held.t), measured ? cast<T>(measured->at(held.time)) : state_,
+                     inputs.thrusters[held.command].template cast<T>(), inputs.lift[held.command],
+                     dynamics_.withDelay(held.duration, held.by_delay),
                      effect_states_.data());
 }
 
@@ -32,33 +26,26 @@ void Simulation<T>::restart(const RigidState<T>& state) {
 }
 
 template <typename T>
-void Simulation<T>::advance(double time, Rotation<ValueOf<T>> heading) {
+void Simulation<T>::advance(double time) {
   Stretch stretch;
   while (stepping_.next(time, stretch)) {
-    valueIn(t_) = stretch.t;
-    if (stretch.by_delay == 0) {
-      pose_ ? step<true>(stretch.steps, stretch.h, heading)
-            : step<false>(stretch.steps, stretch.h, heading);
-    } else {
-      const T h = dynamics_.withDelay(stretch.h, stretch.by_delay);
-      pose_ ? step<true>(stretch.steps, h, heading) : step<false>(stretch.steps, h, heading);
-    }
+    setValue(t_, stretch.t);
+    if (stretch.by_delay == 0)
+      step(stretch.steps, stretch.h);
+    else
+      step(stretch.steps, dynamics_.withDelay(stretch.h, stretch.by_delay));
   }
 }
 
 template <typename T>
-template <bool kPose, typename H>
-void Simulation<T>::step(int steps, const H& h, Rotation<ValueOf<T>>& heading) {
-  if (!dynamics_.hasMemory()) {
-    dynamics_.template hold<kPose>(t_, state_, stepping_.thrusters(), stepping_.lift(), h, steps,
-                                   &heading);
-    return;
-  }
+template <typename H>
+void Simulation<T>::step(int steps, const H& h) {
   const Thrusters<T> held = stepping_.thrusters().template cast<T>();
-  for (int i = 0; i < steps; ++i)
-    dynamics_.template step<kPose>(
-        t_, state_, dynamics_.actuate(held, stepping_.lift(), T(h), effect_states_.data()), h, 1,
-        &heading);
+  const auto act = [&] {
+    return dynamics_.actuate(held, stepping_.lift(), T(h), effect_states_.data());
+  };
+  if (!dynamics_.hasMemory()) return dynamics_.step(t_, state_, act(), h, steps, pose_);
+  for (int i = 0; i < steps; ++i) dynamics_.step(t_, state_, act(), h, 1, pose_);
 }
 
 template <typename T>
@@ -72,7 +59,7 @@ Thrusters<T> Simulation<T>::actuated() const {
 template <typename T>
 RigidState<T> Simulation<T>::derivative() const {
   T t = t_;
-  valueIn(t) = stepping_.t();
+  setValue(t, stepping_.t());
   return dynamics_.derivative(t, state_, actuated(), stepping_.lift(), effect_states_.data());
 }
 

@@ -21,7 +21,7 @@ struct ThrustYawLoss {
   static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
     using std::abs;
     const T factor = 1.0 - p[0] * abs(point.nu.z());
-    force *= blend(valueOf(factor) > 0.0, factor, T(0.0));
+    force *= notBelowZero(factor);
   }
 };
 GROUND_REGISTER_EFFECT(ThrustYawLoss)

@@ -58,11 +58,6 @@ enum class Target {
   kPoses        ///< poses, each divided by the run's noise; poses are not differentiated
 };
 
-namespace detail {
-class Evaluation;
-class WindowPlans;
-}  // namespace detail
-
 /// The difference between simulation and measurement over windows of runs (thesis 3.3). The initial
 /// velocity of each window is free. Its initial pose is the measured one, or free if poses are the
 /// target.
@@ -72,8 +67,6 @@ class SimulationError {
   /// checkRun() refuses one.
   SimulationError(std::vector<RunData> runs, std::vector<Window> windows,
                   Target target = Target::kVelocities);
-  ~SimulationError();
-  SimulationError(SimulationError&&) noexcept;
 
   /// Fits the free parameters of a model and the windows' initial states. Throws
   /// std::invalid_argument on invalid options, std::runtime_error if the model cannot be simulated
@@ -98,17 +91,17 @@ class SimulationError {
   /// Size of an initial state: 3 (u, v, r), or 6 (x, y, psi, u, v, r) if poses are the target.
   int initialSize() const { return target_ == Target::kPoses ? 6 : 3; }
 
- private:
-  friend class detail::Evaluation;
+  /// The runs as residuals need them (internal).
   struct Data;
+  const Data& data() const { return *data_; }
 
+ private:
   SimulationError(std::shared_ptr<const Data> data, std::vector<Window> windows, Target target);
   static std::shared_ptr<const Data> prepare(std::vector<RunData> runs, Target target);
 
   std::shared_ptr<const Data> data_;  ///< shared by problems with other windows of the same runs
   std::vector<Window> windows_;
   Target target_;
-  std::unique_ptr<detail::WindowPlans> plans_;
 };
 
 }  // namespace ground

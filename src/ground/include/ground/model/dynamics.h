@@ -7,9 +7,6 @@
 
 namespace ground {
 
-template <typename T, bool kPose, typename H>
-struct Stages;
-
 /// Equations of motion (2.3), (2.4) with the model's effects inside, for one set of parameters.
 /// Instantiated for the scalar types of types.h. One thread at a time.
 template <typename T>
@@ -23,15 +20,11 @@ class Dynamics {
   Dynamics(Dynamics&&) = default;
   Dynamics& operator=(Dynamics&&) = default;
 
-  /// From now on computes only the first `count` derivatives of the motion and leaves the others
-  /// undefined. This makes eight simulations with few derivatives faster.
-  void useDirections(int count) { directions_ = count; }
-
   const Body<T>& body() const { return body_; }
   const Matrix3<T>& mass() const { return mass_; }  ///< with all effects inside
   const T& inputDelay() const { return delay_; }    ///< [s]
   /// A time [s] whose derivative by the input delay is `by_delay`, with all derivatives.
-  T withDelay(const ValueOf<T>& seconds, const ValueOf<T>& by_delay) const {
+  T withDelay(double seconds, double by_delay) const {
     return seconds + by_delay * (delay_ - valueOf(delay_));
   }
   const ThrusterLayout& layout() const { return *layout_; }
@@ -48,31 +41,25 @@ class Dynamics {
 
   /// Passes a command, held over a step of length h [s], through the actuators and advances their
   /// states to the end of the step. step() advances the states of all other effects.
-  StepInputs<T> actuate(const Thrusters<T>& command, const ValueOf<T>& lift, const T& h,
+  StepInputs<T> actuate(const Thrusters<T>& command, double lift, const T& h,
                         T* states) const;
   /// Advances the states of all effects by h [s] under a command while the motion stays at `state`.
   /// Brings the states to the start of a simulation when the earlier motion is unknown.
   void settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command,
-              const ValueOf<T>& lift, const T& h, T* states) const;
+              double lift, const T& h, T* states) const;
 
   /// Time derivative of the rigid state; its `nu` is the body acceleration. Here and below, t [s]
   /// is the time since the drive began (DriveClock); a negative t counts as 0. `states` are the
   /// states of the effects, by default the initial ones.
   RigidState<T> derivative(const T& t, const RigidState<T>& state, const Thrusters<T>& input,
-                           const ValueOf<T>& lift, const T* states = nullptr) const;
+                           double lift, const T* states = nullptr) const;
   /// `count` classical RK4 steps of length h [s] from t, which is advanced; each begins with the
-  /// same inputs. H is ValueOf<T>, or T if h has derivatives. Without kPose the pose is constant.
+  /// same inputs. H is double, or T if h has derivatives. Without `pose` only velocities move.
   /// The states of effects that have rates() are integrated by the same RK4 steps. These are
-  /// unstable for time constants below 36% of h. `heading`, if given, is the rotation by psi, which
-  /// then is not computed again; it moves with the state.
-  template <bool kPose = true, typename H = T>
+  /// unstable for time constants below 36% of h.
+  template <typename H>
   void step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h, int count = 1,
-            Rotation<ValueOf<T>>* heading = nullptr) const;
-  /// Like step(), for a held command that reaches the thrusters unchanged (see hasMemory()).
-  template <bool kPose = true, typename H = T>
-  void hold(T& t, RigidState<T>& state, const Thrusters<ValueOf<T>>& command,
-            const ValueOf<T>& lift, const H& h, int count = 1,
-            Rotation<ValueOf<T>>* heading = nullptr) const;
+            bool pose = true) const;
   /// What the mocap measures at a state.
   Measurement<T> measure(const RigidState<T>& state) const;
   /// Whether the measurement differs from the state.
@@ -92,34 +79,17 @@ class Dynamics {
     Thrusters<T> input, thrust;  ///< for effects; the thrust before effects change it [N]
     T surge, sway, yaw;          ///< acceleration by that thrust, for a mass matrix diag(m, m, I_z)
 
-    /// `inputs` are of T or ValueOf<T>.
-    template <typename I>
-    Drive(const Dynamics& d, const Thrusters<I>& inputs);
-
-   private:
-    /// `force` is that of each thruster over k.
-    template <typename I>
-    void set(const Dynamics& d, const Thrusters<I>& inputs, const Thrusters<I>& force);
-    /// For a layout that lists its thrusters. A function of its own, because the pair is faster
-    /// without this code in between.
-    template <typename I>
-    __attribute__((noinline)) void setListed(const Dynamics& d, const Thrusters<I>& inputs);
+    Drive(const Dynamics& d, const Thrusters<T>& inputs);
   };
-  template <bool kFirst, bool kLast, bool kPose, typename H>
-  void take(Stages<T, kPose, H>& stages, const T& t, const H& after, const H& share, const H& to,
-            const Drive& drive, const ValueOf<T>& lift, T* states, bool remembers) const;
-  template <bool kPose, typename H>
-  void run(T& t, RigidState<T>& state, const std::array<const Drive*, 3>& drives,
-           const ValueOf<T>& lift, T* states, const H& h, int count,
-           Rotation<ValueOf<T>>* heading) const;
   /// The arguments of effects at one instant.
   struct Instant;
+  /// Sets the derivatives of velocity, of the pose if `pose`, and of the effects' states unless
+  /// `rates` is null.
+  void derive(const T& t, const RigidState<T>& state, const Drive& drive, double lift,
+              const T* states, T* rates, bool pose, RigidState<T>& dot) const;
   /// Acceleration that effects add to that of thrusters, linear damping and Coriolis forces. With a
-  /// coupled mass matrix it is the whole acceleration. `heading` is the rotation by psi; it is used
-  /// only if the motion depends on the pose.
-  Vector3<T> effects(const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
-                     const Vector3<T>& nu, const Drive& drive, const ValueOf<T>& lift,
-                     const T* states, T* rates) const;
+  /// coupled mass matrix it is the whole acceleration.
+  Vector3<T> effects(Instant& instant, const Drive& drive, const T* states) const;
   /// The derivatives of the effects' states.
   void rates(Instant& instant, const T* states, T* rates) const;
 
@@ -146,7 +116,6 @@ class Dynamics {
   T surge_gain_{}, yaw_gain_{};     ///< k/m, k l/I_z
   Vector2<T> air_;
   T delay_{};
-  int directions_ = 8;
   bool uses_pose_ = false, has_air_ = false;
   bool sways_ = false;      ///< thrusters push to the side; then has_hooks_ is true
   bool couples_ = false;    ///< the mass matrix is not diag(m, m, I_z)
@@ -155,7 +124,5 @@ class Dynamics {
 
 extern template class Dynamics<double>;
 extern template class Dynamics<Jet>;
-extern template class Dynamics<Lanes>;
-extern template class Dynamics<LanesJet>;
 
 }  // namespace ground

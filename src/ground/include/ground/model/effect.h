@@ -58,7 +58,7 @@ struct EffectInfo {
 template <typename T>
 struct StepInputs {
   std::array<Thrusters<T>, 3> thrusters;
-  ValueOf<T> lift{0.0};                 ///< held over the step
+  double lift = 0;                      ///< held over the step
   bool held = false;                    ///< the thruster inputs are also held over the step
   /// States of all effects, integrated over the step with the motion. If null, the states stay at
   /// their initial values.
@@ -76,7 +76,7 @@ struct Point {
   const Thrusters<T>& input;   ///< what reaches the thrusters
   const Thrusters<T>& thrust;  ///< force of the thrusters [N]
   const ThrusterLayout& layout;  ///< where they are
-  const ValueOf<T>& lift;      ///< 0..1
+  double lift;                 ///< 0..1
   const Body<T>& body;         ///< nominal parameters
   const Matrix3<T>& mass;      ///< mass matrix with all effects inside
   const T* states;             ///< states of the effect that is called
@@ -92,8 +92,7 @@ struct Measurement {
 /// The functions by which an effect can act on the model, for one scalar type. `p` is the effect's
 /// parameters in coordinates, in the order of EffectInfo::parameters. Each function adds to or
 /// changes its last argument, and must leave it exactly unchanged at the neutral parameters, at
-/// which it is not called: the effect's states then stay at their initial values. One call
-/// evaluates eight lanes, so an effect branches on a value by choose() or blend(), not by if.
+/// which it is not called: the effect's states then stay at their initial values.
 template <typename T>
 class EffectHooks {
  public:
@@ -119,10 +118,7 @@ class EffectHooks {
 };
 
 /// A physical effect. A model is a rigid body with a list of effects.
-class Effect : public EffectHooks<double>,
-               public EffectHooks<Jet>,
-               public EffectHooks<Lanes>,
-               public EffectHooks<LanesJet> {
+class Effect : public EffectHooks<double>, public EffectHooks<Jet> {
  public:
   enum Hook : unsigned {
     kDelay = 1u << 0,

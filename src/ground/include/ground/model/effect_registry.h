@@ -127,7 +127,7 @@ class HooksOf : public Base {
 
 template <class E>
 class EffectFrom final
-    : public HooksOf<E, double, HooksOf<E, Jet, HooksOf<E, Lanes, HooksOf<E, LanesJet, Effect>>>>,
+    : public HooksOf<E, double, HooksOf<E, Jet, Effect>>,
       public std::enable_shared_from_this<EffectFrom<E>> {
  public:
   const EffectInfo& info() const override {
@@ -161,9 +161,7 @@ class OfThruster : public Effect {
 
 template <class E>
 class ThrusterEffect final
-    : public ThrusterHooks<
-          E, double,
-          ThrusterHooks<E, Jet, ThrusterHooks<E, Lanes, ThrusterHooks<E, LanesJet, OfThruster>>>>,
+    : public ThrusterHooks<E, double, ThrusterHooks<E, Jet, OfThruster>>,
       public std::enable_shared_from_this<ThrusterEffect<E>> {
  public:
   ThrusterEffect(int thruster, const ThrusterLayout& layout) : info_(E::info()) {

@@ -11,15 +11,13 @@ namespace ground {
 constexpr int kMaxStates = 4;
 
 /// One step of a model with an additional constant acceleration `missing` (body; m/s^2, m/s^2,
-/// rad/s^2). Half of its change of velocity acts before the step and half after it. `heading` as in
-/// Dynamics::step.
-template <typename T, typename H>
+/// rad/s^2). Half of its change of velocity acts before the step and half after it.
+template <typename T>
 RigidState<T> pushedStep(const Dynamics<T>& dynamics, T t, RigidState<T> state,
-                         const StepInputs<T>& inputs, const Vector3<T>& missing, const H& h,
-                         Rotation<ValueOf<T>>* heading = nullptr) {
+                         const StepInputs<T>& inputs, const Vector3<T>& missing, double h) {
   const Vector3<T> push = T(h / 2) * missing;
   state.nu += push;
-  dynamics.template step<true>(t, state, inputs, h, 1, heading);
+  dynamics.step(t, state, inputs, h);
   state.nu += push;
   return state;
 }
@@ -29,12 +27,12 @@ RigidState<T> pushedStep(const Dynamics<T>& dynamics, T t, RigidState<T> state,
 template <typename T>
 RigidState<T> drivenStep(const Dynamics<T>& dynamics, const T& t, RigidState<T> state,
                          const Thrusters<T>& command, double lift, const Vector3<T>& missing,
-                         double h, T* states, Rotation<ValueOf<T>>* heading = nullptr) {
+                         double h, T* states) {
   const int parts = std::max(1, static_cast<int>(std::ceil(h / dynamics.settling().step - 1e-9)));
-  const ValueOf<T> part = h / parts;
+  const double part = h / parts;
   for (int i = 0; i < parts; ++i) {
     const StepInputs<T> acting = dynamics.actuate(command, lift, T(part), states);
-    state = pushedStep(dynamics, T(t + i * part), state, acting, missing, part, heading);
+    state = pushedStep(dynamics, T(t + i * part), state, acting, missing, part);
   }
   return state;
 }

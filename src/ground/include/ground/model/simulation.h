@@ -25,9 +25,7 @@ class Simulation {
   void forgetPose() { pose_ = false; }
 
   /// Integrates to `time` [s]; times before the current one are an error (std::invalid_argument).
-  void advance(double time) { advance(time, Rotation<ValueOf<T>>(valueOf(state_.eta.z()))); }
-  /// The same with the rotation by the current heading, which then is not computed.
-  void advance(double time, Rotation<ValueOf<T>> heading);
+  void advance(double time);
 
   /// Call after InputSequence::drop(count). The dropped commands must no longer act.
   void forget(std::size_t count) { stepping_.forget(count); }
@@ -44,8 +42,8 @@ class Simulation {
   Measurement<T> measure() const { return dynamics_.measure(state_); }
 
  private:
-  template <bool kPose, typename H>
-  void step(int steps, const H& h, Rotation<ValueOf<T>>& heading);
+  template <typename H>
+  void step(int steps, const H& h);
 
   const Dynamics<T>& dynamics_;
   Stepping stepping_;

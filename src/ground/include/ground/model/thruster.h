@@ -29,9 +29,8 @@ struct ForceCurve {
     if (power == 1) return input;
     using std::abs;
     using std::pow;
-    return choose(
-        valueOf(T(abs(input))) > kMinInput,
-        [&] { return T(input * pow(T(abs(input)), T(power - 1))); }, [&] { return input; });
+    const T size = abs(input);
+    return size > kMinInput ? T(input * pow(size, power - 1)) : input;
   }
 
  private:
@@ -116,7 +115,7 @@ class ThrusterLayout {
   }
   /// The wrench of all forces: X, Y [N], N / l [N].
   template <typename T>
-  GROUND_INLINE Vector3<T> total(const Thrusters<T>& force) const {
+  Vector3<T> total(const Thrusters<T>& force) const {
     if (pair_) return {force(0) + force(1), T(0.0), force(0) - force(1)};
     Vector3<T> sum(T(0.0), T(0.0), T(0.0));
     for (int i = 0; i < force.size(); ++i) {

@@ -81,13 +81,8 @@ struct FloorFrictionMap {
     std::array<T, kNodes> weights;
     for (int i = 0; i < kNodes; ++i) {
       const T rising = inside - (i - 1.0), falling = (i + 1.0) - inside;
-      weights[at(i)] = choose(
-          valueOf(rising) < valueOf(falling),
-          [&] {
-            return choose(
-                valueOf(rising) < ValueOf<T>(0.0), [] { return T(0.0); }, [&] { return rising; });
-          },
-          [&] { return notBelowZero(falling); });
+      const T& nearest = rising < falling ? rising : falling;
+      weights[at(i)] = nearest < 0.0 ? T(0.0) : nearest;
     }
     return weights;
   }

@@ -28,8 +28,7 @@ struct QuadraticDrag {
     using std::sqrt;
     const T &u = point.nu_air.x(), &v = point.nu_air.y(), &r = point.nu.z();
     const T square = u * u + v * v;
-    const T speed = choose(  // sqrt has no derivative at 0
-        valueOf(square) > 0.0, [&] { return T(sqrt(square)); }, [] { return T(0.0); });
+    const T speed = square > 0.0 ? T(sqrt(square)) : T(0.0);  // sqrt has no derivative at 0
     wrench(0) -= p[0] * speed * u;
     wrench(1) -= p[1] * speed * v;
     wrench(2) -= p[2] * abs(r) * r;

@@ -23,9 +23,7 @@ struct ThrustCurve {
       const Thruster& one = point.layout[i];
       const double end = std::max(one.most, -one.least) * point.body.input_max;
       const T w = abs(point.input(i)) / end;
-      force(i) = choose(
-          valueOf(w) > kMinInput, [&] { return T(force(i) * pow(w, T(p[0] - 1.0))); },
-          [&] { return force(i); });
+      if (w > kMinInput) force(i) *= pow(w, T(p[0] - 1.0));
     }
   }
 

@@ -1,7 +1,6 @@
 #include <cmath>
 
 #include "ground/model/effect_registry.h"
-#include "small_angle.h"
 
 namespace ground {
 
@@ -20,7 +19,7 @@ struct ThrustMisalignment {
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
     const ThrusterLayout& layout = point.layout;
     const Vector3<T> total = layout.total(point.thrust);
-    const Rotation<T> turned = turnedBy(p[0]);
+    const Rotation<T> turned = Rotation<T>(p[0]);
     const T lost = turned.c - 1.0;
     const T& across = turned.s;
     wrench(0) += total(0) * lost;

@@ -1,7 +1,6 @@
 #include <cmath>
 
 #include "ground/model/effect_registry.h"
-#include "small_angle.h"
 
 namespace ground {
 
@@ -19,7 +18,7 @@ struct ThrusterTilt {
   template <typename T>
   static void act(const T* p, const Point<T>& point, int thruster, Vector3<T>& wrench) {
     const ThrusterLayout& layout = point.layout;
-    const Rotation<T> turned = turnedBy(p[0]);
+    const Rotation<T> turned = Rotation<T>(p[0]);
     const T along = point.thrust(thruster) * (turned.c - 1.0);
     const T across = point.thrust(thruster) * turned.s;
     wrench(0) += layout.forward(thruster) * along - layout.starboard(thruster) * across;
