@@ -16,7 +16,7 @@ SEED ?= 1
 options := $(if $(WIDE),-DGROUND_WIDE=$(WIDE)) $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking bench-scaling \
-  bench-soak bench-table bench-faults bench-damage bench-room bench-lines bench-own-stop bench-mistakes bench-plans \
+  bench-soak bench-table bench-faults bench-room bench-lines bench-own-stop bench-mistakes bench-plans \
   bench-commands bench-diagnose docs install clean
 
 build: $(configured)
@@ -77,10 +77,6 @@ bench-table: build
 # Injects every fault three times and prints the worst case.
 bench-faults: build
 	@$(in_workspace) test/bench/faults.py
-
-# info, fit and compare on bags that are cut or have flipped bits. OPTIONS="--cuts 50 --flips 100"
-bench-damage: build
-	@$(in_workspace) test/bench/damage.py $(OPTIONS)
 
 # Diagnoses effects hidden in simulated crafts; prints a table; resumes after an interruption.
 # OPTIONS="--kinds disturbed_null --count 20", OPTIONS="--help"

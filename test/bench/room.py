@@ -88,7 +88,7 @@ def described(run, room):
 
 def fitted(run, model):
     """Estimates and standard deviations by name, as from `identify fit`."""
-    data = [quality.Run(run).data(model)]
+    data = [quality.repaired(run).data(model)]
     result = windows.problem(data, windows.cut(data)).fit(model, list(study.NOMINAL))
     return {
         p["name"]: {"value": p["value"], "deviation": (p["ci95"][1] - p["ci95"][0]) / (2 * Z95)}

@@ -287,7 +287,7 @@ def test_commands_of_an_unknown_type_are_not_guessed(tmp_path):
     path, _ = written(transform_stamped, tmp_path / "run")
     with pytest.raises(ground.GroundError, match="no controls in this bag; .*--command-topic"):
         ground.read(path)
-    with pytest.raises(ground.GroundError, match="/pwm .geometry_msgs/Pose. .*name its channels in a"):
+    with pytest.raises(ground.GroundError, match="/pwm: .*geometry_msgs/Pose .*name the channels in a"):
         ground.read(path, command_topic="/pwm")
 
 

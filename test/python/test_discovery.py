@@ -22,6 +22,7 @@ from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import ABSENT, CONFIRM, GIVEN, OPEN, PRESENT, SLIGHT, TRACK, Story
 from ground.errors import GroundError
 from ground.reports import discovery_words
+from ground.recordings.quality import repaired
 from ground.simulation import experiments
 
 pytestmark = pytest.mark.usefixtures("one_preparation")
@@ -130,7 +131,7 @@ def test_visibility_is_the_expected_log_likelihood_ratio(analyst):
     expected, ratios = [], []
     for seed in range(12):
         drive = experiments.as_given(rows, float(rows[-1, 0]))
-        run = experiments.simulate(truth, drive, seed=seed, disturbance=push).repaired.data(truth)
+        run = repaired(experiments.simulate(truth, drive, seed=seed, disturbance=push)).data(truth)
         box = Likelihood([run], truth, ())
         without = box.fit(given(), free)
         full = box.fit(truth, [*free, "thrust_curve.p"], near=without)

@@ -14,7 +14,7 @@ from test_identify import write_csv
 
 import rosbag
 from ground import cli, errors, verbs
-from ground.recordings import topics
+from ground.recordings import messages as topics
 from ground.verbs import info
 
 SCRIPTS = ROOT / "src" / "ground" / "scripts"

@@ -40,7 +40,7 @@ def test_the_work_of_a_fit_grows_with_the_length_of_a_run_not_with_its_square(
 def test_blocks_held_out_in_parts_have_the_error_of_blocks_held_out_one_by_one(tmp_path):
     from ground import _core
     from ground.analysis import study, validation
-    from ground.recordings import quality, recording, windows
+    from ground.recordings import quality, readers, windows
 
     lagging = tmp_path / "lag.yaml"
     lagging.write_text(
@@ -48,7 +48,7 @@ def test_blocks_held_out_in_parts_have_the_error_of_blocks_held_out_one_by_one(t
     )
     bag = write_bag(tmp_path / "run.bag", duration=60, seed=3, model=lagging)
     model = _core.load_model(str(MODEL))
-    runs = [quality.Run(recording.read_bag(str(bag))).data(model)]
+    runs = [quality.repaired(readers.read(str(bag))).data(model)]
 
     def fit(cut, initial):
         near = {"near": True, "initial": initial} if initial else {}

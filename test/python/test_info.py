@@ -6,9 +6,8 @@ import pytest
 from conftest import MODEL, identify, simulate_run, write_bag
 
 from ground import _core
-from ground.recordings.quality import Run, same_inputs
+from ground.recordings.quality import repaired, same_inputs
 from ground.recordings.recording import Recording
-from ground.recordings.repair import repair
 
 
 def recorded(times, eta, inputs, name="run", offset=0.0):
@@ -83,7 +82,7 @@ def test_the_frame_clock_of_a_poll_is_rebuilt(seed, rate):
     times, eta, nu, inputs = frames(rate, seed=seed)
     kept = random.random(len(times)) > 0.05  # some frames are lost
     times, eta, nu = times[kept], eta[kept], nu[kept]
-    motion = repair(recorded(polled(times, random), eta, inputs))
+    motion = recorded(polled(times, random), eta, inputs).motion
     assert len(motion.times) == len(times), "no distinct frame may be dropped"
     assert motion.clock.rate == pytest.approx(rate, rel=3e-4)
     off = motion.times - 1000 - times
@@ -111,7 +110,7 @@ def test_late_bursts_in_another_order_are_put_right(seed):
         arrived[start:until] = random.permutation(held)
     order = np.argsort(arrived, kind="stable")
     assert (np.diff(order) < 0).sum() > 10 and late.sum() > 50
-    motion = repair(recorded(arrived[order], eta[order], inputs))
+    motion = recorded(arrived[order], eta[order], inputs).motion
     assert motion.clock.rate == pytest.approx(50, rel=3e-4)
     off = motion.times - 1000 - times
     assert np.abs(off - np.median(off)).max() < 1e-3
@@ -125,7 +124,7 @@ def test_late_bursts_in_another_order_are_put_right(seed):
 def test_regular_stamps_are_not_changed():
     times, eta, nu, inputs = frames()
     jitter = np.random.default_rng(1).normal(0, 3e-4, len(times))
-    motion = repair(recorded(times + jitter, eta, inputs))
+    motion = recorded(times + jitter, eta, inputs).motion
     assert motion.clock is None
     assert np.allclose(motion.times, 1000 + times + jitter, rtol=0, atol=1e-9)
     assert motion.noise[0] == pytest.approx(3e-4, rel=0.35)
@@ -142,7 +141,7 @@ def test_mirrored_headings_are_undone(centre):
         mirrored[start : start + random.choice([1, 1, 1, 2, 5])] = True
     eta[mirrored, 2] = centre - eta[mirrored, 2]
     eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))
-    motion = repair(recorded(times, eta, inputs))
+    motion = recorded(times, eta, inputs).motion
     # A mirrored heading that is wrong by less than the noise cannot be detected.
     assert heading_error(motion.measured[:, 2], truth) < 0.15
     # A plain unwrap would leave jumps.
@@ -153,25 +152,25 @@ def test_mirrored_headings_are_undone(centre):
 def test_frozen_poses_are_a_gap():
     times, eta, nu, inputs = frames()
     eta[400:430] = eta[400]
-    motion = repair(recorded(times, eta, inputs))
+    motion = recorded(times, eta, inputs).motion
     assert motion.repairs["frozen poses dropped"] == 29
     assert np.diff(motion.times).max() == pytest.approx(30 / 120, abs=1e-3)
-    still = repair(recorded(times[:200], np.zeros((200, 3)), inputs))
+    still = recorded(times[:200], np.zeros((200, 3)), inputs).motion
     assert still.repairs["frozen poses dropped"] == 0, "a craft may rest"
 
 
 def test_a_clock_offset_is_taken_from_the_recorder():
     times, eta, nu, inputs = frames()
-    run = Run(recorded(times - 3.2, eta, inputs, offset=3.2))
+    run = repaired(recorded(times - 3.2, eta, inputs, offset=3.2))
     assert run.motion.times[0] - 1000 == pytest.approx(times[0], abs=1e-6)
     assert run.usable() > 7
 
 
 def test_a_clock_offset_is_estimated_from_the_motion():
     times, eta, nu, inputs = frames()
-    assert -0.02 <= Run(recorded(times, eta, inputs)).reply["lag"] <= 0.03
-    assert Run(recorded(times - 0.12, eta, inputs)).reply["lag"] == pytest.approx(-0.12, abs=0.03)
-    assert Run(recorded(times + 0.12, eta, inputs)).reply["lag"] == pytest.approx(0.12, abs=0.03)
+    assert -0.02 <= repaired(recorded(times, eta, inputs)).reply["lag"] <= 0.03
+    assert repaired(recorded(times - 0.12, eta, inputs)).reply["lag"] == pytest.approx(-0.12, abs=0.03)
+    assert repaired(recorded(times + 0.12, eta, inputs)).reply["lag"] == pytest.approx(0.12, abs=0.03)
 
 
 def test_contact_with_a_wall_is_left_out():
@@ -185,7 +184,7 @@ def test_contact_with_a_wall_is_left_out():
     eta[at:] = after["eta"] + np.random.default_rng(1).normal(
         0, [3e-4, 3e-4, 5e-3], (len(times) - at, 3)
     )
-    run = Run(recorded(times, eta, inputs))
+    run = repaired(recorded(times, eta, inputs))
     assert len(run.contacts) == 1
     start, end = run.contacts[0]
     assert start - 0.03 < 1000 + times[at] - run.zero < end + 0.03
@@ -196,7 +195,7 @@ def test_contact_with_a_wall_is_left_out():
 def test_no_contact_is_found_without_a_wall():
     for seed in range(1, 9):
         times, eta, nu, inputs = frames(seed=seed)
-        assert Run(recorded(times, eta, inputs)).contacts == []
+        assert repaired(recorded(times, eta, inputs)).contacts == []
 
 
 def test_rest_and_the_time_without_lift_are_not_used():
@@ -208,7 +207,7 @@ def test_rest_and_the_time_without_lift_are_not_used():
     inputs = np.vstack([[0, 0, 0, 0], [1.0, 0, 0, 1], moving, [moving[-1, 0] - 0.5, 0, 0, 0]])
     inputs = inputs[np.argsort(inputs[:, 0])]
     inputs[inputs[:, 0] >= moving[-1, 0] - 0.5, 1:] = 0
-    run = Run(recorded(times, eta, inputs))
+    run = repaired(recorded(times, eta, inputs))
     assert run.spans[0][0] == pytest.approx(1.9, abs=0.1)
     assert run.spans[-1][1] == pytest.approx(moving[-1, 0] - 0.5, abs=0.05)
 
@@ -249,7 +248,7 @@ def test_the_same_inputs_in_two_runs_are_noticed():
         # A controller may repeat each command.
         sent = np.repeat(inputs, repeats, axis=0)
         sent[:, 0] += np.tile(np.arange(repeats) / 15 / repeats, len(inputs))
-        runs.append(Run(recorded(times, eta, sent[skip:], name)))
+        runs.append(repaired(recorded(times, eta, sent[skip:], name)))
     assert same_inputs(runs) == [("a", "b"), ("a", "d"), ("b", "d")]
 
 
@@ -264,7 +263,7 @@ def test_a_gap_in_a_fast_spin_adds_no_turns():
         recording = Recording(
             "spin", times[seen], eta[seen], times[:2], np.zeros((2, 3)), "nowhere"
         )
-        nu = repair(recording).nu
+        nu = recording.motion.nu
         assert np.abs(nu[:, 2] - rate[seen]).max() < 3, "at phase %.1f" % phase
 
 

@@ -125,7 +125,7 @@ def runs(tmp_path_factory):
 
 
 def sum_of(run):
-    return run.name, float(run.repaired.motion.eta.sum()), run.settings.describe(0.0)
+    return run.name, float(run.motion.eta.sum()), run.settings.describe(0.0)
 
 
 def test_recordings_are_pickled(runs):
@@ -250,13 +250,17 @@ def test_files_have_the_permissions_that_the_umask_leaves(tmp_path):
 def test_several_processes_read_and_repair_what_one_does(tmp_path, monkeypatch):
     from conftest import write_bag
 
-    from ground.recordings import many
+    from ground.api import recordings as api
+    from ground.progress import Work
 
     bags = [write_bag(tmp_path / ("%d.bag" % n), seed=n) for n in range(3)]
     alone = ground.read(bags)
-    monkeypatch.setattr(many, "_alone", lambda *_: False)
+    first_runs = api.repaired(alone, Work())
+    monkeypatch.setattr(api, "WORTH_READING", 0)
+    monkeypatch.setattr(api, "WORTH_REPAIRING", 0)
     together = ground.read(bags)
-    for one, other, first, second in zip(alone, together, many.repair(alone), many.repair(together)):
+    second_runs = api.repaired(together, Work())
+    for one, other, first, second in zip(alone, together, first_runs, second_runs):
         assert same_run(one, other) and one.name == other.name and one.settings == other.settings
         assert second.recording is other
         assert np.array_equal(first.motion.nu, second.motion.nu) and first.spans == second.spans

@@ -214,11 +214,11 @@ def test_the_page_of_a_comparison(compared, browser):
 
 def test_a_page_of_twenty_runs_stays_below_10_mb(folder, bags):
     from ground import _core
-    from ground.recordings import quality, recording
+    from ground.recordings import quality, readers
     from ground.reports import inspection, page, report
 
     model = _core.load_model(str(MODEL))
-    run = quality.Run(recording.read_bag(str(bags[0]))).data(model)
+    run = quality.repaired(readers.read(str(bags[0]))).data(model)
     studies = [inspection.inspect(run, model, "a"), inspection.inspect(run, model, "b")]
 
     def size(runs):

@@ -11,9 +11,9 @@ from conftest import MODEL, ROOT, simulate_run, write_bag
 from ground import _core, cli
 from ground.analysis import diagnosis_report
 from ground.errors import GroundError
-from ground.recordings import recording, run_parameters
-from ground.recordings.flown import RunFile
+from ground.recordings import readers, run_settings
 from ground.recordings.mapping import DEFAULT
+from ground.recordings.run_settings import RunFile
 from ground.reports import report, tracking_figures
 from ground.api.models import Room
 
@@ -98,7 +98,7 @@ def test_axes_of_the_parameter_file_beside_a_bag_are_used_by_every_verb(tmp_path
 def test_settings_in_the_bag_take_precedence_over_those_beside_it(tmp_path):
     bag = mocap_bag(tmp_path / "run_0.bag", [(-5, "x, z, -y", OFFSET)], OFFSET)
     parameters_beside(bag, axes=TURNED, heading_offset=0.1)
-    read = recording.read_bag(bag)
+    read = readers.read(bag)
     assert read.settings.values("heading_offset") == (OFFSET,)
     assert set(read.settings.sources.values()) == {"recorded in the bag"}
     assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
@@ -108,7 +108,7 @@ def test_a_change_of_heading_offset_during_the_run_is_used(tmp_path, verb):
     settings = [(-5, "x, z, -y", OFFSET), (3.999, "x, z, -y", 2 * OFFSET)]
     bag = mocap_bag(tmp_path / "run.bag", settings, OFFSET, turned_at=4.0)
     times, eta, _ = simulate_run()
-    read = recording.read_bag(bag)
+    read = readers.read(bag)
     off = np.angle(np.exp(1j * (read.eta[:, 2] - eta[:, 2])))
     assert np.abs(off).max() < 1e-6
     text = verb("info", bag)[0]
@@ -119,7 +119,7 @@ def test_a_change_of_heading_offset_during_the_run_is_used(tmp_path, verb):
 def test_a_later_part_of_a_recording_has_the_earlier_settings(tmp_path):
     # rosbag record repeats latched messages, with old stamps, in every part of a recording.
     bag = mocap_bag(tmp_path / "run_1.bag", [(-600, "x, z, -y", OFFSET)] * 2, OFFSET)
-    read = recording.read_bag(bag)
+    read = readers.read(bag)
     assert len(read.settings.changes) == 1
     assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
 
@@ -129,7 +129,7 @@ def test_the_command_line_takes_precedence_over_recorded_settings(tmp_path, verb
     out = verb("info", bag, "--axes", "x, z, -y", "--heading-offset", OFFSET)[0]
     assert "axes 'x, z, -y' (--axes), heading_offset 0.5 rad (--heading-offset)" in out
     given = DEFAULT.with_options(axes="x, z, -y", heading_offset=OFFSET)
-    assert recording.read_bag(bag, given).eta[0, 2] == pytest.approx(0, abs=0.03)
+    assert readers.read(bag, given).eta[0, 2] == pytest.approx(0, abs=0.03)
     err = verb("info", bag, "--heading-offset", 30, status=1)[1]
     assert err.count("\n") == 1 and "--heading-offset" in err and "radians" in err
     err = verb("info", bag, "--axes", "x, y, y", status=1)[1]
@@ -197,7 +197,7 @@ def test_a_simulated_bag_contains_model_and_room(tmp_path, verb, lab):
     kept = {name: (lab / name).read_text() for name in ("craft.yaml", "room.yaml")}
     bag = tracking_bag(verb, lab, tmp_path / "run.bag")
     shutil.rmtree(str(lab))
-    files = recording.read_bag(str(bag)).files
+    files = readers.read(str(bag)).files
     assert files["model"].text == kept["craft.yaml"] and files["room"].text == kept["room.yaml"]
     (described,) = verb("info", bag, "--json")[0]
     digest = hashlib.sha256(kept["room.yaml"].encode()).hexdigest()
@@ -206,7 +206,7 @@ def test_a_simulated_bag_contains_model_and_room(tmp_path, verb, lab):
         "controller ModelPredictive, reference circle, model craft.yaml ('Tiny Whoover', kept with the "
         "run), room room.yaml ('4 x 4 m', kept with the run)\n"
     ) in verb("info", bag)[0]
-    assert recording.read_files(str(bag)) == files
+    assert readers.files_in(str(bag)) == files
 
 
 def test_model_and_room_are_kept_beside_a_recorded_run(tmp_path, lab):
@@ -216,9 +216,9 @@ def test_model_and_room_are_kept_beside_a_recorded_run(tmp_path, lab):
         parameters["controller"][name] = str(lab / file)
     bag = mocap_bag(tmp_path / "run_0.bag")
     room = (lab / "room.yaml").read_text()
-    (tmp_path / "run.yaml").write_text(run_parameters.document(parameters))
+    (tmp_path / "run.yaml").write_text(run_settings.document(parameters))
     (lab / "room.yaml").write_text("something else")
-    read = recording.read_bag(bag)
+    read = readers.read(bag)
     assert read.files["room"].text == room and not read.warnings
     assert Room.of_recording(read).margin == 0.2
     assert "  - [-2, -2]\n" in (tmp_path / "run.yaml").read_text(), "the text stays readable"
@@ -319,7 +319,7 @@ def test_damaged_settings_in_a_bag_are_ignored(tmp_path):
     with rosbag.Bag(bag, "a") as file:
         for text in ("controller: [", "[1, 2]", "controller: {model: 3, room: x}\nrun_files: 7"):
             file.write("/run/settings", RunSettings(yaml=text))
-    read = recording.read_bag(bag)
+    read = readers.read(bag)
     assert (read.flown_by, read.files) == ({"room": "x"}, {})
 
 
@@ -338,7 +338,7 @@ def test_simulate_records_its_settings(tmp_path, verb):
     bag = str(tmp_path / "run.bag")
     how = ["--axes", TURNED, "--heading-offset", OFFSET]
     verb("simulate", "--model", MODEL, "--input", "prbs", "--duration", 4, "-o", bag, *how)
-    read = recording.read_bag(bag)
+    read = readers.read(bag)
     assert [(s.axes, s.heading_offset) for s in read.settings.changes] == [(TURNED, OFFSET)]
     assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
 
@@ -363,7 +363,7 @@ def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):
     path = str(tmp_path / "live.bag")
     monkeypatch.setattr(buffer, "covered", lambda: 5.0)
     buffer.write(path, 5.0)
-    live, whole = recording.read_bag(path), recording.read_bag(source)
+    live, whole = readers.read(path), readers.read(source)
     assert live.settings.values("heading_offset") == (OFFSET,)
     assert np.array_equal(live.eta, whole.eta[-len(live.eta) :])
 
@@ -371,4 +371,4 @@ def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):
 def test_invalid_axes_in_a_bag_are_refused(tmp_path):
     bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, w", 0.0)])
     with pytest.raises(GroundError, match="recorded in the bag"):
-        recording.read_bag(bag)
+        readers.read(bag)

@@ -126,9 +126,9 @@ def cut(path, out, start, left_out=()):
 def fitted(model, path):
     """Fitted k and time constant of the sag, and the quality.Run of the bag."""
     from ground import _core
-    from ground.recordings import quality, recording, windows
+    from ground.recordings import quality, readers, windows
 
-    run = quality.Run(recording.read_bag(str(path)))
+    run = quality.repaired(readers.read(str(path)))
     guess = _core.load_model(str(model))
     data = [run.data(guess)]
     guess.set_value("battery_sag.tau", 100)
@@ -160,7 +160,7 @@ def _load(model):
 def test_a_damaged_record_of_the_drive_is_corrected_by_the_next(sagging, tmp_path):
     import genpy
     import rosbag
-    from ground.recordings import quality, recording
+    from ground.recordings import quality, readers
 
     _, path = sagging
     for wrong in (-7, 4):
@@ -171,7 +171,7 @@ def test_a_damaged_record_of_the_drive_is_corrected_by_the_next(sagging, tmp_pat
                     count += 1
                     message.began += genpy.Duration(wrong) if count == 20 else genpy.Duration(0)
                 out.write(topic, message, received)
-        run = quality.Run(recording.read_bag(str(damaged)))
+        run = quality.repaired(readers.read(str(damaged)))
         assert run.drives[-1] == pytest.approx(0.5, abs=0.03)
 
 
@@ -197,13 +197,13 @@ def test_without_a_record_t_counts_from_the_first_lift_or_the_run(sagging, tmp_p
 
 def test_poses_are_the_truth_with_noise_in_the_mocaps_axes(tmp_path):
     from ground.recordings.mapping import DEFAULT
-    from ground.recordings.recording import read_bag
+    from ground.recordings.readers import read
 
     path, _ = simulate(tmp_path, "prbs", "--axes", "z, x, y", "--position-noise", 0.002)
-    read = read_bag(str(path), DEFAULT.with_options(axes="z, x, y"))
+    found = read(str(path), DEFAULT.with_options(axes="z, x, y"))
     truth = {m.header.stamp.to_nsec(): m for _, m in messages(path)[TRUTH]}
-    at = [truth[int(round(t * 1e9))] for t in read.pose_times]
-    off = read.eta - [m.eta for m in at]
+    at = [truth[int(round(t * 1e9))] for t in found.pose_times]
+    off = found.eta - [m.eta for m in at]
     off[:, 2] = np.angle(np.exp(1j * off[:, 2]))
     assert off.std(axis=0) == pytest.approx([2e-3, 2e-3, 5e-3], rel=0.06)
     assert np.abs(off.mean(axis=0) / off.std(axis=0)).max() < 5 / math.sqrt(len(off))
@@ -211,7 +211,8 @@ def test_poses_are_the_truth_with_noise_in_the_mocaps_axes(tmp_path):
 
 def test_the_function_gives_the_contents_of_the_bag(tmp_path):
     from ground import _core
-    from ground.recordings.recording import read_bag, Recording
+    from ground.recordings import readers
+    from ground.recordings.recording import Recording
     from ground.simulation import experiments
 
     path, _ = simulate(tmp_path, "spin", "--seed", 7, "--loss", 0.1, "--duration", 5)
@@ -220,7 +221,7 @@ def test_the_function_gives_the_contents_of_the_bag(tmp_path):
     drive = experiments.with_lift(experiments.rows("spin", 5), 5)
     run = experiments.simulate(_core.load_model(str(MODEL)), drive, mocap=mocap, seed=7)
     assert isinstance(run, Recording)
-    read = read_bag(str(path))
+    read = readers.read(str(path))
     for name in ("pose_times", "eta", "control_times", "controls"):
         np.testing.assert_allclose(getattr(read, name), getattr(run, name), atol=2e-9)
     assert 0.8 < len(run.pose_times) / len(run.truth_times) < 0.97

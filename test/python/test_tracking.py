@@ -94,9 +94,9 @@ def test_track_and_tracking_print_the_same_numbers(driven):
 
 
 def test_a_pause_of_the_reference_separates_two_drives(driven):
-    from ground.recordings import recording as recordings, tracks
+    from ground.recordings import readers, tracks
 
-    recording = recordings.read_bag(str(driven[0]))
+    recording = readers.read(str(driven[0]))
     (whole,) = tracks.read(str(driven[0]), recording)
     references = np.column_stack([whole.times + whole.began, whole.reference, 0 * whole.reference])
     pause = (whole.times < 6) | (whole.times > 7)

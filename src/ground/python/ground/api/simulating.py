@@ -10,8 +10,8 @@ from ground import _core
 from ground.annotations import Document, Path
 from ground.api.models import Model, ModelLike, Room, RoomLike
 from ground.errors import GroundError, OptionError
-from ground.recordings import run_parameters
-from ground.recordings.settings import AXES
+from ground.recordings import run_settings
+from ground.recordings.run_settings import AXES
 from ground.simulation import experiments, gains
 from ground.simulation import tracking as loop
 from ground.simulation.experiments import SimulatedRun
@@ -143,7 +143,7 @@ def simulate(
         heading_offset=heading_offset,
         sequence=drive.sequence,
         disturbance=acting,
-        made_with=run_parameters.document(drive.parameters(mover, believed or mover)),
+        made_with=run_settings.document(drive.parameters(mover, believed or mover)),
     )
 
 

@@ -5,6 +5,7 @@ of the command line have it from. What it leaves open is found in the file, or h
 """
 
 import math
+import re
 from dataclasses import dataclass, field, replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -14,7 +15,6 @@ import yaml
 from ground import _core
 from ground.annotations import Array
 from ground.errors import GroundError, reason
-from ground.recordings.fields import PATH
 
 SCHEMA = "ground/mapping/1"
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # [m]
@@ -27,6 +27,7 @@ HEADER, RECEIPT = "header", "receipt"
 RANGE = (0.0, 1.0)  # default range of a command
 MAX_DRIFT = 0.1  # [s/s]
 MAX_CHANNELS = 9  # eight thrusters and the lift fan
+NAME = re.compile(r"[A-Za-z_]\w*")
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -324,7 +325,7 @@ def _commands(node: _Node) -> Commands:
 
 
 def _channel(node: _Node, name: Any) -> Channel:
-    if not isinstance(name, str) or not PATH.fullmatch(name) or "." in name or "[" in name:
+    if not isinstance(name, str) or not NAME.fullmatch(name):
         raise GroundError(
             "%s: the channel '%s' is not a name: use letters, digits and _" % (node.file, name)
         )

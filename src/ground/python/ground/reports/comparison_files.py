@@ -10,7 +10,8 @@ from ground import files
 from ground.annotations import Document
 from ground.api.comparing import SCHEMA
 from ground.api.values import distinct_labels
-from ground.recordings import quality
+from ground.recordings import findings
+from ground.recordings.quality import repaired
 from ground.reports import report, result_folder
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ class Folder:
             self.page,
             result,
             [run.studies for run in found.runs],
-            quality.describe([run.recording.repaired for run in found.runs]),
+            findings.describe([repaired(run.recording) for run in found.runs]),
             [path for path in inputs if path],
             self.force,
         )

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from ground import files
 from ground.analysis import diagnosis_report
 from ground.analysis.conclusion import MISREAD
-from ground.recordings import quality
+from ground.recordings import findings
 from ground.reports import report, result_folder
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class Folder:
             found.report,
             found.found,
             found.conclusion,
-            quality.describe(problem.seen.runs + problem.held.runs),
+            findings.describe(problem.seen.runs + problem.held.runs),
             problem.held.data,
             problem.inputs,
             self.force,

@@ -7,10 +7,10 @@ import numpy as np
 from ground import _core, files
 from ground.annotations import Array, Message, Time
 from ground.progress import Work
-from ground.recordings import codecs
+from ground.recordings import messages
 from ground.recordings.commands import CHANNELS
-from ground.recordings.settings import AXES
-from ground.recordings.topics import (
+from ground.recordings.run_settings import AXES
+from ground.recordings.messages import (
     BURSTS,
     CONTROLLER,
     CONTROLS,
@@ -59,14 +59,14 @@ def write(
     counts: Dict[str, int] = {}
     told = work or Work()
     with files.new_file(path, force) as temporary:
-        with told.stage(WRITING), codecs.installed().bag_writer(temporary) as bag:
+        with told.stage(WRITING), messages.bag_writer(temporary) as bag:
             total, rows = _in_order(run, axes, heading_offset)
             told.more(total // TOLD + 1)  # the last one: the index
             for number, (received, topic, stamp, message) in enumerate(rows):
                 told.reach(number // TOLD)
                 message.header.seq = counts.get(topic, 0)
                 message.header.stamp = _time(stamp)
-                bag.write(topic, message, _time(received))
+                bag.write(topic, message, _ns(received))
                 counts[topic] = counts.get(topic, 0) + 1
     return counts
 
@@ -76,12 +76,16 @@ def expect(work: Work, duration: float) -> None:
     work.expect(WRITING, 1 + int(MESSAGES * duration / TOLD), TOLD * MESSAGE)
 
 
+def _ns(seconds: float) -> int:
+    return int(round(seconds * NS))
+
+
 def _time(seconds: float) -> Time:
-    return codecs.installed().Time(*divmod(int(round(seconds * NS)), NS))
+    return messages.time(_ns(seconds))
 
 
 def _new(kind: str, **fields: Any) -> Message:
-    return codecs.installed().new(kind, **fields)
+    return messages.new(kind, **fields)
 
 
 def _in_order(

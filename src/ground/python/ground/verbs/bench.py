@@ -13,7 +13,7 @@ from ground.annotations import Document
 from ground.api import fitting
 from ground.api.models import Model, with_provenance
 from ground.errors import GroundError
-from ground.recordings import digest
+from ground.recordings.recording import digest_of_files
 from ground.verbs import common
 
 NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> Document:
             for short, (name, factor) in factors.items()
         },
         [],
-        [digest.of_files([arguments.table])],
+        [digest_of_files([arguments.table])],
     )
     motion = _motion(arguments, fitted.core) if arguments.runs else None
     fitted.save(arguments.output, arguments.force)

@@ -9,7 +9,7 @@ import numpy as np
 from ground import errors
 from ground.api import recordings as api
 from ground.errors import GroundError
-from ground.recordings import mapping, readers, settings
+from ground.recordings import mapping, readers, run_settings
 from ground.recordings.recording import Recording
 
 
@@ -45,7 +45,7 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds how recordings are read, and settings that replace the recorded ones."""
     parser.add_argument(
         "--axes",
-        help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % settings.AXES,
+        help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % run_settings.AXES,
     )
     parser.add_argument(
         "--heading-offset",

@@ -10,7 +10,7 @@ from ground.annotations import Document
 from ground.api import simulating
 from ground.api.models import Model
 from ground.api.simulating import DESIGNS, DURATION, GAINS, KINDS, REFERENCE
-from ground.recordings.settings import AXES
+from ground.recordings.run_settings import AXES
 from ground.simulation import bag_writer
 from ground.simulation import tracking as loop
 from ground.simulation.experiments import SimulatedRun
