@@ -6,7 +6,7 @@ import pytest
 from conftest import MODEL, identify, simulate_run, write_bag
 
 from ground import _core
-from ground.recordings.quality import repaired, same_inputs
+from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
 
 
@@ -159,13 +159,6 @@ def test_frozen_poses_are_a_gap():
     assert still.repairs["frozen poses dropped"] == 0, "a craft may rest"
 
 
-def test_a_clock_offset_is_taken_from_the_recorder():
-    times, eta, nu, inputs = frames()
-    run = repaired(recorded(times - 3.2, eta, inputs, offset=3.2))
-    assert run.motion.times[0] - 1000 == pytest.approx(times[0], abs=1e-6)
-    assert run.usable() > 7
-
-
 def test_a_clock_offset_is_estimated_from_the_motion():
     times, eta, nu, inputs = frames()
     assert -0.02 <= repaired(recorded(times, eta, inputs)).reply["lag"] <= 0.03
@@ -190,12 +183,6 @@ def test_contact_with_a_wall_is_left_out():
     assert start - 0.03 < 1000 + times[at] - run.zero < end + 0.03
     assert end - start < 0.2
     assert [len(run.spans), run.usable() > 7] == [2, True]
-
-
-def test_no_contact_is_found_without_a_wall():
-    for seed in range(1, 9):
-        times, eta, nu, inputs = frames(seed=seed)
-        assert repaired(recorded(times, eta, inputs)).contacts == []
 
 
 def test_rest_and_the_time_without_lift_are_not_used():
@@ -236,22 +223,6 @@ def test_live_changes_are_listed(tmp_path):
     assert "- changed at 3.50 s: controller: model old.yaml -> new.yaml" in text
 
 
-def test_the_same_inputs_in_two_runs_are_noticed():
-    runs = []
-    for name, seed, skip, repeats in (
-        ("a", 1, 0, 1),
-        ("b", 1, 2, 1),
-        ("c", 77, 0, 1),
-        ("d", 1, 0, 4),
-    ):
-        times, eta, nu, inputs = frames(seed=seed)
-        # A controller may repeat each command.
-        sent = np.repeat(inputs, repeats, axis=0)
-        sent[:, 0] += np.tile(np.arange(repeats) / 15 / repeats, len(inputs))
-        runs.append(repaired(recorded(times, eta, sent[skip:], name)))
-    assert same_inputs(runs) == [("a", "b"), ("a", "d"), ("b", "d")]
-
-
 def test_a_gap_in_a_fast_spin_adds_no_turns():
     times = np.arange(0, 6, 0.01)
     for phase in np.arange(0, 2 * np.pi, 0.5):
@@ -287,20 +258,6 @@ def test_a_sound_simulation_that_ends_on_the_floor_has_no_alarm(craft, seed, tmp
         options = ("--input", kind, "--seed", seed, "--duration", 10)
         assert identify("simulate", "--model", model, *options, "-o", bag).returncode == 0
         assert alarms(bag) == [], kind
-
-
-@pytest.mark.parametrize("levels", [3, 5, 9])
-def test_a_sound_run_of_a_coarse_controller_has_no_alarm(levels, tmp_path):
-    random = np.random.default_rng(levels)
-    wanted = 0.5 + np.sin(np.cumsum(random.normal(0, 0.3, (500, 2)), axis=0))
-    coarse = np.round(np.clip(wanted, 0, 1) * (levels - 1)) / (levels - 1)
-    often = np.where(coarse == coarse[100], 1.0, coarse)
-    often[100] = coarse[100]  # the only command with these levels
-    rows = "".join("%.2f,%r,%r,1\n" % (0.02 * i, *map(float, row)) for i, row in enumerate(often))
-    (tmp_path / "inputs.csv").write_text("time,left,right,lift\n" + rows)
-    options = ("--input", tmp_path / "inputs.csv", "-o", tmp_path / "run.bag")
-    assert identify("simulate", "--model", MODEL, *options).returncode == 0
-    assert alarms(tmp_path / "run.bag") == []
 
 
 def test_a_run_of_a_busy_recorder_has_no_alarm(tmp_path):

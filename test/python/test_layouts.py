@@ -94,20 +94,6 @@ def test_exact_symmetries_of_four_thrusters_are_known():
     } <= same
 
 
-def test_the_heading_of_a_model_is_taken_into_account():
-    turned = _core.with_effect(FOUR_MODEL, "{name: heading_offset, psi0: 3.141592653589793}", "x")
-    for thruster, other in zip(layouts.thrusters_of(turned), FOUR):
-        assert thruster.effect[:2] == pytest.approx(-np.array(other.effect[:2]))
-        assert thruster.effect[2] == pytest.approx(other.effect[2])
-
-
-def test_an_honest_run_fits_as_it_is(tmp_path):
-    verdict = judged(tmp_path)
-    assert verdict.is_as_recorded and verdict.undecided == [] and verdict.why == ""
-    assert verdict.best.force > 0.3 and verdict.best.turn > 0.3
-    assert layouts.sentence(verdict).startswith("channels and heading are as recorded: the commands")
-
-
 @pytest.mark.parametrize(
     "change, channels, signs, offset",
     [
@@ -125,12 +111,6 @@ def test_a_mistake_is_found(change, channels, signs, offset, tmp_path):
     assert (found.channels, found.signs, found.heading_offset) == (channels, signs, offset)
     low, high = verdict.recorded.ratio95
     assert 1.1 < low < verdict.recorded.ratio < high
-
-
-def test_any_offset_of_the_heading_is_measured(tmp_path):
-    verdict = judged(tmp_path, mistakes.turned(-0.9))
-    assert verdict.best.hypothesis.heading_offset == pytest.approx(-0.9, abs=0.05)
-    assert layouts.suppositions(verdict.best.hypothesis, ["left", "right"]).endswith("degrees")
 
 
 @pytest.mark.parametrize(

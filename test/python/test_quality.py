@@ -10,7 +10,6 @@ import ground
 from ground import _core
 from ground.errors import GroundError
 from ground.recordings import findings, quality
-from ground.recordings.run_settings import LiveChange
 
 NOISE = [3e-4, 3e-4, 5e-3]
 
@@ -75,16 +74,6 @@ def test_a_run_ends_with_its_lift():
     assert run.active == (0.0, run.end) and run.drives_by == "start"
 
 
-def test_a_craft_that_is_pushed_while_nothing_drives_it_is_used():
-    times, eta, rows = flown([(3.0, False), (1.0, True)])
-    pushed = times > 1.5
-    eta[pushed, 0] += 0.4 * np.minimum(times[pushed] - 1.5, 0.5)
-    assert run_of(times, eta, rows).active[0] == pytest.approx(1.5 + 0.01 / 0.4 - 0.1, abs=0.02)
-    times, eta, rows = flown([(3.0, False), (1.0, True)])
-    eta[pushed, 2] += np.minimum(times[pushed] - 1.5, 0.5)  # turned by 0.5 rad
-    assert run_of(times, eta, rows).active[0] == pytest.approx(1.5 + 0.1 - 0.1, abs=0.03)
-
-
 def test_gaps_split_the_usable_part_and_short_pieces_are_left_out():
     times, eta, rows = flown([(6.0, True)])
     lost = ((times > 2.0) & (times < 2.2)) | ((times > 4.0) & (times < 4.3)) | (
@@ -97,32 +86,6 @@ def test_gaps_split_the_usable_part_and_short_pieces_are_left_out():
     gaps = findings.described(run)["poses"]["gaps"]
     assert [g["start"] for g in gaps] == pytest.approx([2.0, 4.0, 4.55], abs=0.011)
     assert [g["length"] for g in gaps] == pytest.approx([0.2, 0.3, 0.25], abs=0.02)
-
-
-def test_only_the_time_with_poses_and_commands_counts():
-    times, eta, rows = flown([(6.0, True)])
-    run = run_of(times[100:], eta[100:], rows[rows[:, 0] < 5.0])
-    assert run.zero == pytest.approx(1.0) and run.end == pytest.approx(rows[74, 0] - 1.0)
-    later = run_of(times, eta, rows[30:])
-    assert later.zero == pytest.approx(2.0)
-    described = findings.described(later)
-    assert described["duration"] == pytest.approx(6.0, abs=0.01)
-    assert described["controls"]["start_after_poses"] == pytest.approx(2.0)
-    assert described["controls"]["end_after_poses"] == pytest.approx(rows[-1, 0] - times[-1])
-    with pytest.raises(GroundError, match="do not overlap in time"):
-        run_of(times[:150], eta[:150], rows[30:])
-
-
-def test_stamps_on_another_origin_give_the_same_run():
-    times, eta, rows = flown([(1.0, False), (3.0, True)])
-    plain = run_of(times, eta, rows)
-    later = run_of(times + 500, eta, rows + [500, 0, 0, 0])
-    assert later.zero == plain.zero + 500
-    assert np.allclose(later.spans, plain.spans, atol=1e-6)
-    assert np.allclose(later.active, plain.active, atol=1e-6) and later.drives == plain.drives
-    assert np.allclose(
-        later.data(model()).times, plain.data(model()).times, atol=1e-6
-    )
 
 
 # --- when drives began
@@ -163,12 +126,6 @@ def test_a_rebound_from_a_wall_is_a_contact_and_left_out():
     assert run.spans[-1][0] == pytest.approx(last + 0.1, abs=0.011)
     everything = np.array(run.data(model(), everything=True).times)
     assert len(everything) == len(run.motion.times)
-
-
-def test_a_free_flight_has_no_contact():
-    for seed in (1, 2, 3):
-        run = run_of(*flown([(6.0, True)], seed=seed))
-        assert run.contacts == [] and run.reply is not None
 
 
 @pytest.mark.parametrize("seed", [2, 6])  # the craft is fast when the lift ends
@@ -231,31 +188,6 @@ def test_spikes_are_replaced_by_the_smoothed_pose():
 # --- numbers of info
 
 
-def test_numbers_of_a_recording_are_those_of_its_rows():
-    times, eta, rows = flown([(1.0, False), (4.0, True)], tail=0.5)
-    change = LiveChange(2.5, "/pilot", "gain", "1", "2")
-    run = run_of(times, eta, rows, changes=[change], warnings=["odd"])
-    found = findings.described(run)
-    poses, controls = found["poses"], found["controls"]
-    assert poses["count"] == len(times) and poses["rate"] == pytest.approx(100)
-    assert poses["median_step"] == pytest.approx(0.01)
-    assert controls["count"] == len(rows)
-    assert controls["rate"] == pytest.approx((len(rows) - 1) / np.ptp(rows[:, 0]))
-    assert controls["changes"] == (np.diff(rows[:, 1:3], axis=0) != 0).any(axis=1).sum()
-    assert controls["levels"] == [0, 1] and controls["lift"] == [0, 1]
-    assert controls["thrusters"] == ["left", "right"]
-    assert controls["start_after_poses"] == 0
-    assert found["changes"][0]["time"] == pytest.approx(2.5) and found["warnings"] == ["odd"]
-    assert found["duration"] == pytest.approx(rows[-1, 0]) and found["begins"] == 0
-    assert found["rest"] == pytest.approx(run.active[0]) == pytest.approx(0.9, abs=1e-6)
-    assert found["rest_at_end"] == pytest.approx(run.end - run.active[1])
-    assert found["usable"]["duration"] == pytest.approx(sum(b - a for a, b in run.spans))
-    assert found["usable"]["of"] == run.end
-    wraps = (np.abs(np.diff(np.angle(np.exp(1j * eta[:, 2])))) > np.pi).sum()
-    assert poses["heading_wraps"] == wraps > 0
-    assert poses["out_of_range"] == (np.abs(eta[:, 2]) > np.pi).sum() > 0
-
-
 def test_oddities_of_stamps_are_counted():
     times, eta, rows = flown([(4.0, True)])
     order = np.arange(len(times))
@@ -269,20 +201,6 @@ def test_oddities_of_stamps_are_counted():
     assert found["duplicate_stamps"] == 1 and found["bursts"] == 2
     assert found["spikes"][-1] == pytest.approx(3.5) and found["spikes"][0] > 2.98
     assert found["mirrored_headings"] == found["frozen"] == 0 and "frame_clock" not in found
-
-
-def test_the_clock_of_the_frames_is_described():
-    times, eta, rows = flown([(6.0, True)], nu=(0.4, 0, 0.5))
-    polled = np.ceil(times / 0.027) * 0.027
-    run = run_of(polled, eta, rows)
-    clock = findings.described(run)["poses"]["frame_clock"]
-    late = run.motion.clock.lateness
-    assert clock["rate"] == pytest.approx(100, rel=2e-3) and clock["lost"] == 0
-    assert clock["lateness"] == {
-        "median": np.median(late),
-        "largest": late.max(),
-        "above_50_ms": int((late > 0.05).sum()),
-    }
 
 
 def test_the_authority_of_a_pair_is_not_described_and_that_of_others_is():

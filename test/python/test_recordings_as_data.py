@@ -6,7 +6,6 @@ import stat
 from concurrent import futures
 
 import numpy as np
-import pandas
 import pytest
 from conftest import MODEL, identify, simulate_run
 from containers import write_csv
@@ -89,16 +88,6 @@ def test_a_frame_has_the_repaired_motion_and_its_velocities(two_clocks):
     assert np.corrcoef(forward, frame.u)[0, 1] > 0.9
     turn = np.gradient(np.unwrap(frame.psi), frame.t)
     assert np.corrcoef(turn, frame.r)[0, 1] > 0.9
-
-
-def test_channels_that_are_named_as_velocities_keep_their_columns(tmp_path):
-    table = csv_run(tmp_path / "run.csv")
-    mapping = tmp_path / "mapping.yaml"
-    mapping.write_text(MAPPING.replace("right: {", "r: {").replace("left: {", "u: {"))
-    (run,) = ground.read(table, mapping=mapping)
-    frame = run.to_frame()
-    assert frame.columns.is_unique
-    assert set(frame["command.u"].dropna()) == {0.0, 1.0}
 
 
 # --- copies in other processes
@@ -189,12 +178,6 @@ def test_rows_that_have_more_values_than_columns_are_refused(tmp_path):
     result = identify("info", table, "--mapping", tmp_path / "mapping.yaml")
     assert result.returncode == 1 and result.stderr.count("\n") == 1
     assert "more values than" in result.stderr
-
-
-def test_a_table_that_pandas_wrote_has_a_column_without_a_name(tmp_path):
-    wanted = read_table(csv_run(tmp_path / "run.csv"))
-    pandas.read_csv(tmp_path / "run.csv", float_precision="round_trip").to_csv(tmp_path / "again.csv")
-    assert same_run(read_table(tmp_path / "again.csv"), wanted)
 
 
 @pytest.mark.parametrize("place", range(len(COLUMNS) + 1))

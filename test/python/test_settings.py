@@ -13,8 +13,7 @@ from ground.analysis import diagnosis_report
 from ground.errors import GroundError
 from ground.recordings import readers, run_settings
 from ground.recordings.mapping import DEFAULT
-from ground.recordings.run_settings import RunFile
-from ground.reports import report, tracking_figures
+from ground.reports import report
 from ground.api.models import Room
 
 TURNED = "y, -x, z"  # axes of a mocap whose z is down
@@ -224,23 +223,6 @@ def test_model_and_room_are_kept_beside_a_recorded_run(tmp_path, lab):
     assert "  - [-2, -2]\n" in (tmp_path / "run.yaml").read_text(), "the text stays readable"
 
 
-def test_a_file_of_a_run_is_used_in_place_or_written_to_a_copy(tmp_path, monkeypatch, lab):
-    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
-    path = lab / "room.yaml"
-    text = path.read_text()
-    file = RunFile(str(path), text)
-    assert file.place() == str(path)
-    path.write_text("something else")
-    copy = file.place()
-    assert copy.startswith(str(tmp_path / "ros")) and copy.endswith("/room.yaml")
-    with open(copy) as written:
-        assert written.read() == text
-    assert file.place() == copy
-    with open(copy, "w") as written:
-        written.write("spoiled")
-    assert open(file.place()).read() == text
-
-
 def test_files_differ_by_their_contents(tmp_path, verb, lab):
     bags = [tracking_bag(verb, lab, tmp_path / "a.bag")]
     room, model = lab / "room.yaml", lab / "craft.yaml"
@@ -265,21 +247,6 @@ def test_files_differ_by_their_contents(tmp_path, verb, lab):
         "room.yaml for a, b, c; room room.yaml for d; two files named room.yaml differ: margin 0.2 "
         "against 0.3\n"
     )
-
-
-def test_the_walls_of_the_run_are_drawn(tmp_path, verb, lab, monkeypatch):
-    bag = tracking_bag(verb, lab, tmp_path / "run.bag")
-    drawn = []
-    driven = tracking_figures.driven
-    keep = lambda *given: drawn.append(given[3]) or driven(*given)  # noqa: E731
-    monkeypatch.setattr(tracking_figures, "driven", keep)
-    verb("tracking", bag, "--picture", tmp_path / "run.png")
-    assert drawn[-1].margin == 0.2
-    wide = lab / "wide.yaml"
-    wide.write_text((lab / "room.yaml").read_text().replace("margin: 0.2", "margin: 0.35"))
-    verb("tracking", bag, "--picture", tmp_path / "wide.png", "--room", wide)
-    assert drawn[-1].margin == 0.35
-    verb("tracking", bag, "--picture", tmp_path / "no.png", "--room", lab / "no.yaml", status=1)
 
 
 def test_the_next_experiment_is_planned_for_the_room_of_the_runs(tmp_path, verb, lab, monkeypatch):
@@ -332,15 +299,6 @@ def test_a_model_with_heading_offset_gets_a_warning_about_a_corrected_heading(tm
     bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, -y", OFFSET)], OFFSET)
     err = verb("compare", bag, "--model", path, "--numbers", "-o", tmp_path / "out")[1]
     assert "heading_offset 0.5 is subtracted from" in err and "the remaining offset" in err
-
-
-def test_simulate_records_its_settings(tmp_path, verb):
-    bag = str(tmp_path / "run.bag")
-    how = ["--axes", TURNED, "--heading-offset", OFFSET]
-    verb("simulate", "--model", MODEL, "--input", "prbs", "--duration", 4, "-o", bag, *how)
-    read = readers.read(bag)
-    assert [(s.axes, s.heading_offset) for s in read.settings.changes] == [(TURNED, OFFSET)]
-    assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
 
 
 def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from conftest import MODEL, ROOT, identify
 from ground.recordings import suspicions, units
-from ground.recordings.quality import repaired
 from ground.simulation import experiments, gains
 
 import ground
@@ -108,14 +107,6 @@ def test_units_are_told_by_speed_and_noise():
     assert units.command_unit(np.array([-1.0, 0.5])) == "normalised"
     assert units.command_unit(np.array([0.0, 255])) is None
     assert units.upside_down("x, z, -y") == "x, -z, y"
-
-
-def test_slow_motors_are_not_another_clock(tmp_path):
-    effects = {"motor_lag.tau": 0.15, "input_delay.delay": 0.07}
-    run = mistakes.Recorded(4, effects=effects, duration=30.0)
-    path, mapping = run.write(tmp_path / "run")
-    (found,) = ground.read(path, mapping=mapping)
-    assert repaired(found).reply["lag"] > 0.15 and suspicions.of(found) == []
 
 
 def tracked(controller, seed, body, tau, delay, duration):

@@ -152,20 +152,6 @@ def test_a_diagnosis_on_a_cluster_is_the_same(two_workers, tmp_path):
     assert is_same(*found) and found[0]["improved"]["effects"] == ["motor_lag"]
 
 
-def test_the_work_of_a_dead_worker_is_repeated(tmp_path):
-    import test_workers
-
-    with cluster(2, tmp_path) as (address, processes):
-        with workers.Workers(address) as team:
-            results = team.map(test_workers.slow_square, range(60))
-            first = [next(results) for _ in range(10)]
-            os.killpg(processes[0].pid, signal.SIGKILL)
-            rest = list(results)
-    assert [x for x, _ in first + rest] == [x * x for x in range(60)]
-    assert processes[0].pid in {pid for _, pid in first + rest}
-    assert {pid for _, pid in rest[-20:]} == {processes[1].pid}
-
-
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(workers, "PATIENCE", 1)
