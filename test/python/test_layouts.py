@@ -142,13 +142,13 @@ def test_an_inverted_and_a_dead_thruster_of_four_are_found():
         assert verdict.best.hypothesis.channels == tuple(NAMES)
         assert verdict.best.hypothesis.signs == (1, 1, sign, 1)
         (finding,) = suspicions.of_thrusters([recording], FOUR_MODEL)
-        assert finding.suspicion.kind == kind and "front_left" in finding.suspicion.remedy
+        assert finding.kind == kind and "front_left" in finding.remedy
 
 
 def test_runs_with_and_without_the_mistake_are_told_from_each_other():
     runs = [flown(1), flown(2, change=exchanged(("back_left", "back_right")))]
     (finding,) = suspicions.of_thrusters(runs, FOUR_MODEL)
-    assert finding.runs == ("run2",) and finding.suspicion.kind == "swap"
+    assert finding.runs == ("run2",) and finding.kind == "swap"
     assert "back_left and back_right seem to be swapped" in finding.sentence
 
 

@@ -135,7 +135,7 @@ def tracked(controller, seed, body, tau, delay, duration):
 def kinds(run, times=None):
     """Kinds of the suspicions of a run, or of that run with other times of its poses (n,) [s]."""
     run = run if times is None else dataclasses.replace(run, pose_times=times)
-    return [found.suspicion.kind for found in suspicions.of_runs([run]) if found.misread]
+    return [found.kind for found in suspicions.of(run) if found.misread]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 4])

@@ -180,7 +180,7 @@ def note_differences(found: Sequence[Recording], others: Sequence[Recording] = (
 
 def note_suspicions(found: Sequence[Recording], model: Model) -> None:
     """Warns of mistakes that recordings of a model's craft look like."""
-    for finding in suspicions.of_runs(found) + suspicions.of_thrusters(found, model.core):
+    for finding in suspicions.about(found, model.core):
         warn(finding.sentence)
 
 
@@ -224,7 +224,7 @@ class Measured:
 
     recordings: List[Recording]
     data: List[_core.RunData]
-    findings: List[suspicions.Finding]  #: mistakes that the recordings look like
+    findings: List[suspicions.Suspicion]  #: mistakes that the recordings look like
 
     @property
     def runs(self) -> List[RepairedRun]:
@@ -262,7 +262,7 @@ def measured(
         warn(one.sentence)
     note_heading_offset(model, found)
     data = [part.of(run, model) for run in runs]
-    return Measured(found, data, suspicions.of_runs(found) + of_thrusters)
+    return Measured(found, data, [one for r in found for one in suspicions.of(r)] + of_thrusters)
 
 
 def held_out(

@@ -149,7 +149,7 @@ class Analyst:
     def misread(self, recordings: Sequence[Recording]) -> List[str]:
         """Why recordings look misread, so that an effect found in them would not be physics; empty if
         they do not."""
-        doubts = suspicions.of_runs(recordings) + suspicions.of_thrusters(recordings, self.given)
+        doubts = suspicions.about(recordings, self.given)
         return [doubt.sentence for doubt in doubts if doubt.misread]
 
     def diagnose(self, recordings: Sequence[Recording], reachable: float, seed: int) -> Found:

@@ -4,7 +4,7 @@ Nothing is changed: another unit, axis or channel is the user's to choose. A che
 Recording in CHECKS.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Callable, Iterator, List, Sequence, Tuple
 
 import numpy as np
@@ -32,26 +32,43 @@ PAIR = (layouts.Thruster("left", 0.0, -1.0, 0.0), layouts.Thruster("right", 0.0,
 
 @dataclass(frozen=True)
 class Suspicion:
-    """A mistake that a recording looks like."""
+    """A mistake that some recordings look like."""
 
     kind: str  #: the mistake, in a word
     evidence: str  #: what it shows by
     remedy: str  #: option or key of a mapping that mends it
+    runs: Tuple[str, ...] = ()  #: names of the recordings
+
+    @property
+    def misread(self) -> bool:
+        """Whether a model of such recordings would be wrong."""
+        return self.kind not in EXPLAINED
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        return "%s: %s" % (", ".join(self.runs), sentence(asdict(self)))
 
     def describe(self) -> Document:
         """As plain values."""
-        return asdict(self)
+        return {**asdict(self), "runs": list(self.runs), "misread": self.misread}
 
 
 def sentence(d: Document) -> str:
-    """A described Suspicion in words."""
+    """A described Suspicion in words, without the recordings."""
     return "%s; if so: %s" % (d["evidence"], d["remedy"])
 
 
 @once
 def of(recording: Recording) -> List[Suspicion]:
     """The Suspicions of a Recording."""
-    return [one for check in CHECKS for one in check(recording)]
+    every = (one for check in CHECKS for one in check(recording))
+    return [replace(one, runs=(recording.name,)) for one in every]
+
+
+def about(recordings: Sequence[Recording], model: _core.Model) -> List[Suspicion]:
+    """The Suspicions of recordings of a model's craft."""
+    return [one for recording in recordings for one in of(recording)] + of_thrusters(recordings, model)
 
 
 def lengths(recording: Recording) -> Iterator[Suspicion]:
@@ -131,44 +148,16 @@ def directions(recording: Recording) -> Iterator[Suspicion]:
 CHECKS: Sequence[Callable[[Recording], Iterator[Suspicion]]] = (lengths, clocks, forces, directions)
 
 
-@dataclass(frozen=True)
-class Finding:
-    """A Suspicion about some recordings."""
-
-    runs: Tuple[str, ...]  #: their names
-    suspicion: Suspicion
-
-    def describe(self) -> Document:
-        """As plain values."""
-        return {"runs": list(self.runs), **self.suspicion.describe(), "misread": self.misread}
-
-    @property
-    def misread(self) -> bool:
-        """Whether a model of such recordings would be wrong."""
-        return self.suspicion.kind not in EXPLAINED
-
-    @property
-    def sentence(self) -> str:
-        """In words."""
-        return "%s: %s" % (", ".join(self.runs), sentence(self.suspicion.describe()))
-
-
-def of_runs(recordings: Sequence[Recording]) -> List[Finding]:
-    """The Suspicions of each Recording as Findings."""
-    return [Finding((r.name,), one) for r in recordings for one in of(r)]
-
-
-def of_thrusters(recordings: Sequence[Recording], model: _core.Model) -> List[Finding]:
-    """Findings about the channels and headings of a craft with other thrusters than a left and a right
-    one; those of a pair are among the Suspicions of each Recording. What all together look like says it
-    all, unless one of them alone looks like something else."""
+def of_thrusters(recordings: Sequence[Recording], model: _core.Model) -> List[Suspicion]:
+    """Suspicions about the channels and headings of a craft with other thrusters than a left and a right
+    one; those of a pair are among those of each Recording. What all together look like says it all, unless
+    one of them alone looks like something else."""
     if model.is_pair:
         return []
     thrusters = layouts.thrusters_of(model)
-    alone = [Finding((r.name,), one) for r in recordings for one in _of_layout([r], thrusters)]
-    names = tuple(r.name for r in recordings)
-    together = [Finding(names, one) for one in _of_layout(recordings, thrusters)]
-    what, every = ({f.suspicion.evidence.split(":")[0] for f in some} for some in (alone, together))
+    alone = [one for recording in recordings for one in _of_layout([recording], thrusters)]
+    together = list(_of_layout(recordings, thrusters))
+    what, every = ({one.evidence.split(":")[0] for one in some} for some in (alone, together))
     return together if what <= every else alone
 
 
@@ -189,4 +178,5 @@ def _of_layout(
         layouts.kind(ways[0], names),
         "%s: %s" % (", or equally ".join(what), layouts.evidence(verdict)),
         ", or ".join(layouts.remedies(way, names, measured) for way in ways),
+        tuple(recording.name for recording in recordings),
     )
