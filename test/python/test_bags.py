@@ -190,6 +190,15 @@ def test_messages_of_ros2_are_laid_out_as_rosbags_decodes_them(little):
             assert columns["velocity[1]"][row] == 1
 
 
+def test_a_pose_that_is_no_number_is_left_out_and_counted(tmp_path):
+    def spoil(times, eta, inputs):
+        eta[50, 0] = np.nan
+        return times, eta, inputs
+
+    found = readers.read(str(write_bag(tmp_path / "nan.bag", change=spoil)))
+    assert len(found.eta) == 799 and "1 poses are invalid and were left out" in found.warnings
+
+
 def test_two_types_on_one_topic_are_named(tmp_path, whole):
     from std_msgs.msg import Float64
 

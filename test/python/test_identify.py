@@ -282,13 +282,8 @@ def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(tmp_path, guess):
     cut.write_bytes(data[: int(0.7 * len(data))])
     result = identify("info", cut, "--json")
     assert result.returncode == 0, result.stderr
-    assert "as far as it goes" in result.stderr
+    assert "read after rosbag reindex" in result.stderr
     assert 500 < json.loads(result.stdout)[0]["poses"]["count"] < 1200
-
-
-def nan_pose(times, eta, inputs):
-    eta[50, 0] = np.nan
-    return times, eta, inputs
 
 
 def degrees(times, eta, inputs):
@@ -329,7 +324,6 @@ def no_overlap(times, eta, inputs):
 @pytest.mark.parametrize(
     "change, words",
     [
-        (nan_pose, ["1 of 800 poses are not finite"]),
         (degrees, ["degrees"]),
         (wrapped_degrees, ["degrees"]),
         (clock_set_back, ["jump back by 0.99 s", "301"]),
@@ -475,7 +469,7 @@ def test_csv_with_stamps_in_disorder_is_refused(tmp_path):
     times[100], times[101] = times[101], times[100]
     pose = write_csv(tmp_path / "pose.csv", times, eta)
     out = tmp_path / "run.bag"
-    fails(identify("import", controls, pose, "-o", out), "pose.csv, line 103", "0.010000 s before")
+    fails(identify("import", controls, pose, "-o", out), "pose.csv, line 103", "before that of the row above")
     assert not out.exists()
 
 

@@ -427,7 +427,7 @@ def _frame(path: str) -> "pandas.DataFrame":
     except (ValueError, csv.Error, pandas.errors.ParserError, pandas.errors.EmptyDataError) as error:
         raise GroundError("%s: cannot be read as a table (%s)" % (path, str(error).splitlines()[0]))
     if frame.empty:
-        raise GroundError("%s: a table without rows" % path)
+        raise GroundError("%s: the table has only 0 rows" % path)
     empty = frame.isna().all().tolist()
     if not all(empty[len(names) - more :]):
         raise GroundError("%s: its rows have more values than its first line names columns" % path)

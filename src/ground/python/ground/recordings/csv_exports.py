@@ -22,6 +22,8 @@ def read_csv(path: str) -> Tuple[Indices, Indices, Array]:
     """Stamps, times of receipt [ns] and points (n, 3) of a `rostopic echo -p` export."""
     with containers.Tables([path]) as tables:
         columns = tables.table(os.path.basename(path))
+    names = (STAMP, RECEIVED, *POINT)
+    columns = {name: c for name in names for c in [containers.column(columns, name)] if c is not None}
     missing = [name for name in (STAMP, *POINT) if name not in columns]
     if missing:
         raise GroundError("%s, line 1: no column %s" % (path, ", ".join(missing)))
@@ -32,7 +34,7 @@ def read_csv(path: str) -> Tuple[Indices, Indices, Array]:
     steps = np.diff(numbers[:, 0], prepend=numbers[:1, 0])
     outside = ~((numbers[:, :2] > 0) & (numbers[:, :2] < LATEST)).all(axis=1)
     for wrong, what in (
-        (~np.isfinite(numbers).all(axis=1), "a value is missing or not a finite number"),
+        (~np.isfinite(numbers).all(axis=1), "a value is missing, not a number or not finite"),
         (outside, "a stamp is not a time between 1970 and 2106 in nanoseconds"),
         (steps < 0, "the stamp is before that of the row above"),
     ):
