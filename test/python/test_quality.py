@@ -203,15 +203,6 @@ def test_oddities_of_stamps_are_counted():
     assert found["mirrored_headings"] == found["frozen"] == 0 and "frame_clock" not in found
 
 
-def test_the_authority_of_a_pair_is_not_described_and_that_of_others_is():
-    times, eta, rows = flown([(6.0, True)])
-    assert findings.described(run_of(times, eta, rows))["authority"] == {}
-    found = findings.described(run_of(times, eta, rows, channels=("a", "b", "lift")))["authority"]
-    assert set(found) == {"a", "b"}
-    assert found["a"]["turn"] > 10 > -10 > found["b"]["turn"]
-    assert found["a"]["forward"] == pytest.approx(found["b"]["forward"], rel=0.2)
-
-
 # --- runs with the same commands
 
 

@@ -9,11 +9,9 @@ import yaml
 from conftest import MODEL, ROOT, simulate_run, write_bag
 
 from ground import _core, cli
-from ground.analysis import diagnosis_report
 from ground.errors import GroundError
 from ground.recordings import readers, run_settings
 from ground.recordings.mapping import DEFAULT
-from ground.reports import report
 from ground.api.models import Room
 
 TURNED = "y, -x, z"  # axes of a mocap whose z is down
@@ -247,35 +245,6 @@ def test_files_differ_by_their_contents(tmp_path, verb, lab):
         "room.yaml for a, b, c; room room.yaml for d; two files named room.yaml differ: margin 0.2 "
         "against 0.3\n"
     )
-
-
-def test_the_next_experiment_is_planned_for_the_room_of_the_runs(tmp_path, verb, lab, monkeypatch):
-    room = lab / "room.yaml"
-    text = room.read_text().replace("4 x 4 m", "hall")
-    room.write_text(text.replace("margin: 0.2", "margin: 0.3"))
-    bag = tmp_path / "run.bag"
-    source = ["--input", "spin", "--duration", 6, "--room", room, "--model", lab / "craft.yaml"]
-    verb("simulate", *source, "-o", bag)
-    planned = []
-
-    def propose(_, alike, thorough, room):
-        planned.append(room)
-        words = {"separates": ["a", "b"], "repeat": 1, "expected_disagreement": 7.0}
-        lines = {"input": "a spin", "arguments": "--input spin", "launch": "roslaunch it"}
-        return dict(words, **lines, room=room.name, rows=[[0, 0, 1]], all=[])
-
-    monkeypatch.setattr(diagnosis_report, "_next_experiment", propose)
-    monkeypatch.setattr(report, "diagnosis", lambda *_: None)  # slow
-    diagnose = ["diagnose", bag, "--model", MODEL, "--only", "yaw_bias", "-o"]
-    output = verb(*diagnose, tmp_path / "first")[0]
-    assert (planned[-1].name, planned[-1].margin) == ("hall", 0.3)
-    assert "In the room hall one such run" in output
-    assert "roslaunch it room:=%s " % room in output
-    other = lab / "other room.yaml"
-    other.write_text(room.read_text().replace("margin: 0.3", "margin: 0.1"))
-    output = verb(*diagnose, tmp_path / "second", "--room", other)[0]
-    assert planned[-1].margin == 0.1
-    assert "roslaunch it room:='%s' " % other in output
 
 
 def test_damaged_settings_in_a_bag_are_ignored(tmp_path):
