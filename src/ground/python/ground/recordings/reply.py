@@ -4,9 +4,10 @@ It needs no knowledge of the body's axes and drag: all accelerations are regress
 products of the velocities.
 """
 
+import functools
 import itertools
 from dataclasses import dataclass
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple, TypedDict
+from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, TypedDict
 
 import numpy as np
 
@@ -110,7 +111,8 @@ class Clock(NamedTuple):
 
     lag: float  # of the motion behind the commands, in the middle of the run [s]
     rate: float  # change of the lag per second [s/s]
-    evidence: float  # by how many standard errors it explains more than one clock and slow motors
+    # gives by how many standard errors it explains more than one clock and slow motors
+    evidence: Callable[[], float]
 
 
 def clocks(recording: Recording) -> List[Clock]:
@@ -127,12 +129,12 @@ def clocks(recording: Recording) -> List[Clock]:
     if not (wanted**2).sum() > 0:
         return []
     wanted /= np.maximum(wanted.std(axis=0), 1e-12)
-    centre = 0.5 * (times[0] + times[-1])
+    centre, motors = 0.5 * (times[0] + times[-1]), _Motors(recording)
 
     def left(lag: float, rate: float, tau: float = 0.0) -> Array:
         """What commands leave of the accelerations, by sample (n,)."""
         at = times - rate * (times - centre) - lag
-        commands = _lagged(recording, at, tau) if tau else recording.held(recording.thrust, at)
+        commands = motors.lagged(at, tau)
         commands = commands - base @ (base.T @ commands)
         rest = wanted - commands @ np.linalg.lstsq(commands, wanted, rcond=None)[0]
         return np.asarray((rest**2).sum(axis=1))
@@ -148,7 +150,15 @@ def clocks(recording: Recording) -> List[Clock]:
         """The least that commands leave at some lags, with slow motors as well."""
         return np.asarray(min((left(lag, rate, tau) for tau in TAUS for lag in lags), key=np.sum))
 
-    honest = least(HONEST_LAGS, 0.0)
+    def evidence(lag: float, rate: float) -> float:
+        honest = least(HONEST_LAGS, 0.0)
+        if rate:  # a constant lag at the same place is no drift
+            honest = min(honest, least(lag + np.arange(-0.15, 0.151, 0.01), 0.0), key=np.sum)
+        gain = np.array_split(honest - least(np.array([lag]), rate), BLOCKS)
+        blocks = np.array([block.sum() for block in gain])
+        error = blocks.std(ddof=1) / np.sqrt(BLOCKS)
+        return float(blocks.mean() / error) if error > 0 else 0.0
+
     found = []
     for lags, rates in ((DRIFT_LAGS, RATES), (FAR_LAGS, np.zeros(1))):
         drifts = len(rates) > 1
@@ -160,30 +170,34 @@ def clocks(recording: Recording) -> List[Clock]:
             best = min(((best[0] + step * a, best[1] + step * b) for a, b in around), key=size)
         if 1 - size(best) / (wanted**2).sum() < MIN_SHARE:
             continue
-        lag, rate = best
-        other = honest
-        if drifts:  # a constant lag at the same place is no drift
-            constant = least(lag + np.arange(-0.15, 0.151, 0.01), 0.0)
-            other = min(honest, constant, key=np.sum)
-        gain = np.array_split(other - least(np.array([lag]), rate), BLOCKS)
-        blocks = np.array([block.sum() for block in gain])
-        error = blocks.std(ddof=1) / np.sqrt(BLOCKS)
-        found.append(Clock(lag, rate, float(blocks.mean() / error) if error > 0 else 0.0))
+        found.append(Clock(*best, functools.partial(evidence, *best)))
     return found
 
 
-def _lagged(recording: Recording, times: Array, tau: float) -> Array:
-    """Commands of the thrusters after a first-order lag of time constant tau [s], at times (n,) [s]."""
-    begins, thrust = recording.control_times, recording.thrust
-    reached = np.zeros_like(thrust)  # by the lag when each command begins
-    for i, decay in enumerate(np.exp(-np.diff(begins) / tau), 1):
-        reached[i] = thrust[i - 1] + (reached[i - 1] - thrust[i - 1]) * decay
-    at = np.searchsorted(begins, times, side="right") - 1
-    since = np.exp(-np.maximum(times - begins[np.maximum(at, 0)], 0) / tau)[:, None]
-    held = thrust[np.maximum(at, 0)]
-    found = held + (reached[np.maximum(at, 0)] - held) * since
-    found[at < 0] = 0
-    return np.asarray(found)
+class _Motors:
+    """Commands of the thrusters after first-order lags."""
+
+    def __init__(self, recording: Recording) -> None:
+        thrust = recording.thrust
+        kept = np.append(True, (np.diff(thrust, axis=0) != 0).any(axis=1))
+        self._begins, self._thrust = recording.control_times[kept], thrust[kept]
+        self._reached: Dict[float, Array] = {}  # by the lag when each command begins, by time constant
+
+    def lagged(self, times: Array, tau: float) -> Array:
+        """The commands after a lag of time constant tau [s], at times (n,) [s]."""
+        begins, thrust = self._begins, self._thrust
+        if not tau:
+            self._reached[tau] = thrust
+        if tau not in self._reached:
+            reached = self._reached[tau] = np.zeros_like(thrust)
+            for i, decay in enumerate(np.exp(-np.diff(begins) / tau), 1):
+                reached[i] = thrust[i - 1] + (reached[i - 1] - thrust[i - 1]) * decay
+        at = np.searchsorted(begins, times, side="right") - 1
+        begun = np.maximum(at, 0)
+        since = np.exp(-np.maximum(times - begins[begun], 0) / (tau or 1.0))[:, None]
+        found = thrust[begun] + (self._reached[tau][begun] - thrust[begun]) * since
+        found[at < 0] = 0
+        return np.asarray(found)
 
 
 def _clipped(values: Array) -> Array:

@@ -100,9 +100,13 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
         return
     follows = repaired(recording).reply
     for clock in reply.clocks(recording):
-        if clock.evidence < CLEAR:  # slow motors, or a loop that a controller closes
+        lag = follows["lag"] if follows else clock.lag
+        drifts = abs(clock.rate) > MIN_DRIFT / repaired(recording).end
+        if not drifts and (clock.rate or EARLIEST <= lag <= DELAYED):
             continue
-        if clock.rate and abs(clock.rate) > MIN_DRIFT / repaired(recording).end:
+        if clock.evidence() < CLEAR:  # slow motors, or a loop that a controller closes
+            continue
+        if drifts:
             yield Suspicion(
                 "drift",
                 "the motion falls behind its commands by %.1f ms a second: the stamps seem to be of two "
@@ -110,9 +114,6 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
                 "clock_drift: %.5f in a mapping" % -clock.rate,
             )
             return
-        lag = follows["lag"] if follows else clock.lag
-        if clock.rate or EARLIEST <= lag <= DELAYED:
-            continue
         late = DELAYED < lag <= LATEST
         yield Suspicion(
             "delay" if late else "clock",
