@@ -170,7 +170,8 @@ def clocks(recording: Recording) -> List[Clock]:
             best = min(((best[0] + step * a, best[1] + step * b) for a, b in around), key=size)
         if 1 - size(best) / (wanted**2).sum() < MIN_SHARE:
             continue
-        found.append(Clock(*best, functools.partial(evidence, *best)))
+        lag, rate = best
+        found.append(Clock(lag, rate, functools.partial(evidence, lag, rate)))
     return found
 
 
