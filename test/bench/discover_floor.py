@@ -7,7 +7,7 @@ from the initial velocities that fit best.
 import numpy as np
 
 import hidden_craft
-from ground.recordings import windows
+from ground.recordings import quality, windows
 from ground.simulation.experiments import START
 
 STEPS = 1e-3  # change of an initial velocity for a derivative [m/s], [rad/s]
@@ -17,7 +17,7 @@ ITERATIONS = 2  # steps of Gauss and Newton; the motion is nearly linear in the 
 def true_error(case, flown, model):
     """Mean |e|/s, summed over u, v, r. flown: an entry of HiddenLaboratory.flown."""
     run, states, arrived = flown
-    repaired = run.repaired
+    repaired = quality.repaired(run)
     data = repaired.data(model)
     cut = windows.cut([data])
     sigma = windows.problem([data], cut).sigma(0)

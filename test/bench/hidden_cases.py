@@ -479,7 +479,7 @@ def record_run(case, i):
         plan.rows[:, 1:],
         "hidden_craft",
     )
-    return quality.Run(recording).data(given_model(case))
+    return quality.repaired(recording).data(given_model(case))
 
 
 def _noise(case, i):

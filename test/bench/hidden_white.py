@@ -224,7 +224,7 @@ def run(model, schedule, heading, noise, seed, name):
     recording = experiments.simulate(
         model, schedule, name, pose=(0, 0, heading), mocap=mocap, seed=seed % 2**31
     )
-    return quality.Run(recording).data(_core.load_model(MODEL))
+    return quality.repaired(recording).data(_core.load_model(MODEL))
 
 
 def _schedule(excitation, i, seed):

@@ -99,7 +99,7 @@ def record(case, frame, python, folder):
         eta = hidden_noise.measured(random, motion.poses(np.maximum(taken, motion.times[0])), case.mocap)
         times = experiments.START + stamps, experiments.START + plan.rows[:, 0]
         recording = Recording("run %d" % (i + 1), times[0], eta, times[1], plan.rows[:, 1:], "mujoco")
-        run = quality.Run(recording)
+        run = quality.repaired(recording)
         runs.append((run.data(cases.given_model(case)), run.zero - experiments.START))
     cut = cases.FITTED
     return [run for run, _ in runs[:cut]], [run for run, _ in runs[cut:]], [zero for _, zero in runs]

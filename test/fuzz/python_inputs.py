@@ -17,7 +17,7 @@ import atheris
 with atheris.instrument_imports(include=["ground"]):
     from ground import cli
     from ground.errors import GroundError
-    from ground.recordings import csv_exports, definitions, quality, recording, ros2_reader
+    from ground.recordings import containers, csv_exports, quality, readers
 
 FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
 ROOT = os.path.realpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../.."))
@@ -40,12 +40,12 @@ def csv(data):
     bag = os.path.join(FOLDER.name, "run.bag")
     with contextlib.suppress(GroundError):
         csv_exports.write_bag(path("c.csv", controls), path("p.csv", poses), bag, force=True)
-        quality.Run(recording.read_bag(bag))
+        quality.repaired(readers.read(bag))
 
 
 def bag(data):
     with contextlib.suppress(GroundError):
-        quality.Run(recording.read_bag(path("any.bag", data)))
+        quality.repaired(readers.read(path("any.bag", data)))
 
 
 def short_bag():
@@ -96,14 +96,20 @@ def definition(data):
     """Parses a definition of ROS 1, ROS 2 or IDL, and decodes the bytes after the first zero by it."""
     global is_watched
     text, _, message = data[1:].partition(b"\0")
-    text, kind = text.decode("utf-8", "replace"), data[:1]
+    is_ros1 = data[:1] < b"U"
+
+    class Definition:
+        topic, msgtype = "/pose", "own_msgs/msg/Pose"
+
+        class msgdef:
+            class format:
+                name = "IDL" if data[:1] >= b"\xaa" else "MSG"
+
+    Definition.msgdef.data = text.decode("utf-8", "replace")
     is_watched = True
     try:
-        if kind < b"U":
-            decode = definitions.kind("own_msgs/Pose", text).decode
-        else:
-            decode = ros2_reader.decoder("own_msgs/msg/Pose", text, kind >= b"\xaa")
-        decode(message)
+        types = containers._types(Definition, is_ros1)
+        containers._Layouts(types, Definition.msgtype, is_ros1).columns([message] * 3, "")
     except AssertionError as error:
         if "led to" in str(error):
             raise

@@ -62,25 +62,6 @@ def test_a_curve_in_grams_over_pwm_of_both_thrusters_together(tmp_path):
     assert model.value("thrust_curve.p") == pytest.approx(1.7, abs=0.05)
 
 
-def test_equal_linear_thrusters_get_no_effects(tmp_path):
-    chosen = []
-    for seed in range(40):
-        path = table(tmp_path / ("%d.csv" % seed), lambda side, w: 0.1 * w, seed=seed)
-        found = thrust_bench.fit(thrust_bench.read(str(path), PAIR), PAIR)
-        chosen += [found.curve.kind] if found.curve.kind != "linear" else []
-        chosen += ["gains"] if (found.gains != 1).any() else []
-    assert len(chosen) <= 4  # the mean is 1% of 80
-
-
-def test_extrapolation_beyond_the_bench_is_reported(tmp_path):
-    path = tmp_path / "bench.csv"
-    # A spreadsheet writes a byte order mark at the beginning and an empty row at the end.
-    path.write_text("\ufeffinput,left\n0.1,0.01\n0.2,0.021\n0.3,0.03\n,\n", encoding="utf-8")
-    result = identify("bench", path, "--model", MODEL, "-o", tmp_path / "thrust.yaml")
-    assert result.returncode == 0, result.stderr
-    assert "extrapolation" in result.stdout and "the bench gives 1.6" in result.stdout
-
-
 @pytest.mark.parametrize(
     "text, message",
     [

@@ -7,6 +7,7 @@ from conftest import MODEL, simulate_run
 from ground import _core
 from ground.errors import GroundError
 from ground.recordings import findings, mapping
+from ground.recordings.quality import repaired
 from ground.recordings.recording import checked
 
 NAMES = ("lift", "back_right", "back_left", "front")
@@ -28,14 +29,14 @@ def test_commands_are_found_by_the_names_of_their_channels():
     assert np.array_equal(recording.lift, inputs[:, 3])
     assert np.array_equal(recording.commands_of(("back_left", "back_right")), inputs[:, 1:3])
     assert list(recording.to_frame().columns)[-len(NAMES) :] == list(NAMES)
-    said = dict(findings.facts({**recording.repaired.describe(), "same_inputs_as": []}))
+    said = dict(findings.facts({**findings.described(repaired(recording)), "same_inputs_as": []}))
     assert "back_right, back_left, front 0 to 1, lift 1 to 1" in said["commands"]
 
 
 def test_a_model_that_names_other_thrusters_is_refused():
     model = _core.load_model(str(MODEL))
     with pytest.raises(GroundError, match="no command is named left or right.* back_right, back"):
-        recorded().repaired.data(model)
+        repaired(recorded()).data(model)
 
 
 def test_a_reversible_thruster_has_a_range_of_its_own():
@@ -43,7 +44,7 @@ def test_a_reversible_thruster_has_a_range_of_its_own():
         recorded(front=-0.5)
     recording = recorded(front=-0.5, ranges={"front": (-1, 1)})
     assert recording.thrust[:, 2].max() == -0.5
-    assert recording.repaired.contacts == []
+    assert repaired(recording).contacts == []
 
 
 def test_a_lift_channel_may_have_another_name(tmp_path):
@@ -55,7 +56,7 @@ def test_a_lift_channel_may_have_another_name(tmp_path):
     assert "air" in recording.thrusters and not recording.lift.any()
     known = recording.with_lift_of(table)
     assert known.thrusters == tuple(names[:-1]) and known.lift.sum() == 14
-    assert known.repaired.drives == [6.0] and known.repaired.drives_by == "lift"
+    assert repaired(known).drives == [6.0] and repaired(known).drives_by == "lift"
     assert recorded().with_lift_of(table).lift_channel == "lift"  # the model's is not there
     given = mapping.load(written(tmp_path, "lift: front"))
     assert given.commands.lift == "front"

@@ -397,11 +397,11 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(
     from ground import _core
     from ground.analysis import candidates, diagnosis
     from ground.analysis.verdict import conclude
-    from ground.recordings import quality, recording
+    from ground.recordings import quality, readers
 
     truth = with_effect(tmp_path / "truth.yaml", "{name: input_delay, delay: %g}" % delay)
     bag = write_bag(tmp_path / "run.bag", seed=seed, duration=duration, model=truth)
-    runs = [quality.Run(recording.read_bag(str(bag))).data(_core.load_model(str(MODEL)))]
+    runs = [quality.repaired(readers.read(str(bag))).data(_core.load_model(str(MODEL)))]
     model = _core.load_model(str(MODEL))
     tried = [c for c in candidates.library(model) if c.name in ("input_delay", "wind")]
     found = diagnosis.Diagnosis(runs, model, tried)

@@ -9,6 +9,7 @@ import pytest
 from conftest import slow
 from ground import _core
 from ground.discovery import analyst
+from ground.recordings.quality import repaired
 from ground.simulation import experiments
 
 BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
@@ -82,7 +83,7 @@ def test_the_floor_is_the_error_of_the_true_motion(effect, seed, most):
     case = cases.make("one", seed)
     assert list(case.effects) == [effect]
     run, lab = played(case)
-    data = run.repaired.data(cases.given_model())
+    data = repaired(run).data(cases.given_model())
     truth = true_model(case)
     nominal = analyst.error(data, truth)
     for name, parameters in case.effects.items():

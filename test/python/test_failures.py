@@ -14,7 +14,7 @@ from test_identify import write_csv
 
 import rosbag
 from ground import cli, errors, verbs
-from ground.recordings import topics
+from ground.recordings import messages as topics
 from ground.verbs import info
 
 SCRIPTS = ROOT / "src" / "ground" / "scripts"
@@ -166,7 +166,9 @@ def test_an_unusable_path_is_one_line(here, capsys, monkeypatch):
 
 
 def test_an_interrupted_import_leaves_nothing(here, capsys, monkeypatch):
-    written, write = [], rosbag.Bag.write
+    from rosbags.rosbag1 import Writer
+
+    written, write = [], Writer.write
 
     def interrupted(*arguments, **options):
         written.append(1)
@@ -174,7 +176,7 @@ def test_an_interrupted_import_leaves_nothing(here, capsys, monkeypatch):
             raise KeyboardInterrupt
         return write(*arguments, **options)
 
-    monkeypatch.setattr(rosbag.Bag, "write", interrupted)
+    monkeypatch.setattr(Writer, "write", interrupted)
     assert fails(capsys, WRITING["import"]) == "identify import: interrupted\n"
     assert left(here) == []
 

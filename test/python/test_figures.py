@@ -12,7 +12,7 @@ from test_diagnose import with_effect
 
 from ground import _core
 from ground.errors import GroundError
-from ground.recordings import quality, recording
+from ground.recordings import quality, readers
 from ground.reports import (
     appearance,
     figures,
@@ -33,7 +33,7 @@ def studies(tmp_path_factory):
     truth = with_effect(folder / "truth.yaml", "{name: motor_lag, tau: 0.06}")
     bag = write_bag(folder / "run.bag", model=truth, nu=(0.3, 0.1, 1))
     given, right = (_core.load_model(str(path)) for path in (MODEL, truth))
-    run = quality.Run(recording.read_bag(str(bag))).data(given)
+    run = quality.repaired(readers.read(str(bag))).data(given)
     return [
         inspection.inspect(run, given, "given", "held_out"),
         inspection.inspect(run, right, "right"),

@@ -49,7 +49,7 @@ def test_bursts_are_put_right(described):
 
 def test_motion_has_no_jumps_of_a_late_pose(described):
     for recording in ground.read(RAW, mapping=MAPPING):
-        motion = recording.repaired.motion
+        motion = recording.motion
         assert not motion.jumps.any()
         assert np.abs(motion.nu[:, :2]).max() < 1.0
 

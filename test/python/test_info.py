@@ -6,9 +6,8 @@ import pytest
 from conftest import MODEL, identify, simulate_run, write_bag
 
 from ground import _core
-from ground.recordings.quality import Run, same_inputs
+from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
-from ground.recordings.repair import repair
 
 
 def recorded(times, eta, inputs, name="run", offset=0.0):
@@ -83,7 +82,7 @@ def test_the_frame_clock_of_a_poll_is_rebuilt(seed, rate):
     times, eta, nu, inputs = frames(rate, seed=seed)
     kept = random.random(len(times)) > 0.05  # some frames are lost
     times, eta, nu = times[kept], eta[kept], nu[kept]
-    motion = repair(recorded(polled(times, random), eta, inputs))
+    motion = recorded(polled(times, random), eta, inputs).motion
     assert len(motion.times) == len(times), "no distinct frame may be dropped"
     assert motion.clock.rate == pytest.approx(rate, rel=3e-4)
     off = motion.times - 1000 - times
@@ -111,7 +110,7 @@ def test_late_bursts_in_another_order_are_put_right(seed):
         arrived[start:until] = random.permutation(held)
     order = np.argsort(arrived, kind="stable")
     assert (np.diff(order) < 0).sum() > 10 and late.sum() > 50
-    motion = repair(recorded(arrived[order], eta[order], inputs))
+    motion = recorded(arrived[order], eta[order], inputs).motion
     assert motion.clock.rate == pytest.approx(50, rel=3e-4)
     off = motion.times - 1000 - times
     assert np.abs(off - np.median(off)).max() < 1e-3
@@ -125,7 +124,7 @@ def test_late_bursts_in_another_order_are_put_right(seed):
 def test_regular_stamps_are_not_changed():
     times, eta, nu, inputs = frames()
     jitter = np.random.default_rng(1).normal(0, 3e-4, len(times))
-    motion = repair(recorded(times + jitter, eta, inputs))
+    motion = recorded(times + jitter, eta, inputs).motion
     assert motion.clock is None
     assert np.allclose(motion.times, 1000 + times + jitter, rtol=0, atol=1e-9)
     assert motion.noise[0] == pytest.approx(3e-4, rel=0.35)
@@ -142,7 +141,7 @@ def test_mirrored_headings_are_undone(centre):
         mirrored[start : start + random.choice([1, 1, 1, 2, 5])] = True
     eta[mirrored, 2] = centre - eta[mirrored, 2]
     eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))
-    motion = repair(recorded(times, eta, inputs))
+    motion = recorded(times, eta, inputs).motion
     # A mirrored heading that is wrong by less than the noise cannot be detected.
     assert heading_error(motion.measured[:, 2], truth) < 0.15
     # A plain unwrap would leave jumps.
@@ -153,25 +152,18 @@ def test_mirrored_headings_are_undone(centre):
 def test_frozen_poses_are_a_gap():
     times, eta, nu, inputs = frames()
     eta[400:430] = eta[400]
-    motion = repair(recorded(times, eta, inputs))
+    motion = recorded(times, eta, inputs).motion
     assert motion.repairs["frozen poses dropped"] == 29
     assert np.diff(motion.times).max() == pytest.approx(30 / 120, abs=1e-3)
-    still = repair(recorded(times[:200], np.zeros((200, 3)), inputs))
+    still = recorded(times[:200], np.zeros((200, 3)), inputs).motion
     assert still.repairs["frozen poses dropped"] == 0, "a craft may rest"
-
-
-def test_a_clock_offset_is_taken_from_the_recorder():
-    times, eta, nu, inputs = frames()
-    run = Run(recorded(times - 3.2, eta, inputs, offset=3.2))
-    assert run.motion.times[0] - 1000 == pytest.approx(times[0], abs=1e-6)
-    assert run.usable() > 7
 
 
 def test_a_clock_offset_is_estimated_from_the_motion():
     times, eta, nu, inputs = frames()
-    assert -0.02 <= Run(recorded(times, eta, inputs)).reply["lag"] <= 0.03
-    assert Run(recorded(times - 0.12, eta, inputs)).reply["lag"] == pytest.approx(-0.12, abs=0.03)
-    assert Run(recorded(times + 0.12, eta, inputs)).reply["lag"] == pytest.approx(0.12, abs=0.03)
+    assert -0.02 <= repaired(recorded(times, eta, inputs)).reply["lag"] <= 0.03
+    assert repaired(recorded(times - 0.12, eta, inputs)).reply["lag"] == pytest.approx(-0.12, abs=0.03)
+    assert repaired(recorded(times + 0.12, eta, inputs)).reply["lag"] == pytest.approx(0.12, abs=0.03)
 
 
 def test_contact_with_a_wall_is_left_out():
@@ -185,18 +177,12 @@ def test_contact_with_a_wall_is_left_out():
     eta[at:] = after["eta"] + np.random.default_rng(1).normal(
         0, [3e-4, 3e-4, 5e-3], (len(times) - at, 3)
     )
-    run = Run(recorded(times, eta, inputs))
+    run = repaired(recorded(times, eta, inputs))
     assert len(run.contacts) == 1
     start, end = run.contacts[0]
     assert start - 0.03 < 1000 + times[at] - run.zero < end + 0.03
     assert end - start < 0.2
     assert [len(run.spans), run.usable() > 7] == [2, True]
-
-
-def test_no_contact_is_found_without_a_wall():
-    for seed in range(1, 9):
-        times, eta, nu, inputs = frames(seed=seed)
-        assert Run(recorded(times, eta, inputs)).contacts == []
 
 
 def test_rest_and_the_time_without_lift_are_not_used():
@@ -208,7 +194,7 @@ def test_rest_and_the_time_without_lift_are_not_used():
     inputs = np.vstack([[0, 0, 0, 0], [1.0, 0, 0, 1], moving, [moving[-1, 0] - 0.5, 0, 0, 0]])
     inputs = inputs[np.argsort(inputs[:, 0])]
     inputs[inputs[:, 0] >= moving[-1, 0] - 0.5, 1:] = 0
-    run = Run(recorded(times, eta, inputs))
+    run = repaired(recorded(times, eta, inputs))
     assert run.spans[0][0] == pytest.approx(1.9, abs=0.1)
     assert run.spans[-1][1] == pytest.approx(moving[-1, 0] - 0.5, abs=0.05)
 
@@ -237,22 +223,6 @@ def test_live_changes_are_listed(tmp_path):
     assert "- changed at 3.50 s: controller: model old.yaml -> new.yaml" in text
 
 
-def test_the_same_inputs_in_two_runs_are_noticed():
-    runs = []
-    for name, seed, skip, repeats in (
-        ("a", 1, 0, 1),
-        ("b", 1, 2, 1),
-        ("c", 77, 0, 1),
-        ("d", 1, 0, 4),
-    ):
-        times, eta, nu, inputs = frames(seed=seed)
-        # A controller may repeat each command.
-        sent = np.repeat(inputs, repeats, axis=0)
-        sent[:, 0] += np.tile(np.arange(repeats) / 15 / repeats, len(inputs))
-        runs.append(Run(recorded(times, eta, sent[skip:], name)))
-    assert same_inputs(runs) == [("a", "b"), ("a", "d"), ("b", "d")]
-
-
 def test_a_gap_in_a_fast_spin_adds_no_turns():
     times = np.arange(0, 6, 0.01)
     for phase in np.arange(0, 2 * np.pi, 0.5):
@@ -264,7 +234,7 @@ def test_a_gap_in_a_fast_spin_adds_no_turns():
         recording = Recording(
             "spin", times[seen], eta[seen], times[:2], np.zeros((2, 3)), "nowhere"
         )
-        nu = repair(recording).nu
+        nu = recording.motion.nu
         assert np.abs(nu[:, 2] - rate[seen]).max() < 3, "at phase %.1f" % phase
 
 
@@ -288,20 +258,6 @@ def test_a_sound_simulation_that_ends_on_the_floor_has_no_alarm(craft, seed, tmp
         options = ("--input", kind, "--seed", seed, "--duration", 10)
         assert identify("simulate", "--model", model, *options, "-o", bag).returncode == 0
         assert alarms(bag) == [], kind
-
-
-@pytest.mark.parametrize("levels", [3, 5, 9])
-def test_a_sound_run_of_a_coarse_controller_has_no_alarm(levels, tmp_path):
-    random = np.random.default_rng(levels)
-    wanted = 0.5 + np.sin(np.cumsum(random.normal(0, 0.3, (500, 2)), axis=0))
-    coarse = np.round(np.clip(wanted, 0, 1) * (levels - 1)) / (levels - 1)
-    often = np.where(coarse == coarse[100], 1.0, coarse)
-    often[100] = coarse[100]  # the only command with these levels
-    rows = "".join("%.2f,%r,%r,1\n" % (0.02 * i, *map(float, row)) for i, row in enumerate(often))
-    (tmp_path / "inputs.csv").write_text("time,left,right,lift\n" + rows)
-    options = ("--input", tmp_path / "inputs.csv", "-o", tmp_path / "run.bag")
-    assert identify("simulate", "--model", MODEL, *options).returncode == 0
-    assert alarms(tmp_path / "run.bag") == []
 
 
 def test_a_run_of_a_busy_recorder_has_no_alarm(tmp_path):

@@ -1,14 +1,13 @@
 """Crafts that list their thrusters: an air-bearing table with eight jets."""
 import os
 import sys
-from types import SimpleNamespace
 
 import conftest
 import numpy as np
 import pytest
 from ground.analysis import candidates, window_error
 from ground.errors import GroundError
-from ground.recordings import commands, mapping, quality, recording
+from ground.recordings import commands, mapping, quality, readers, recording
 from ground.simulation import tracking
 
 import ground
@@ -86,22 +85,23 @@ def test_a_simulated_bag_of_the_table_is_read_by_its_channels(table, tmp_path):
     path = str(tmp_path / "table.bag")
     run = ground.simulate(TABLE, "prbs", duration=5, seed=2)
     run.save(path)
-    read = recording.read_bag(path)
+    read = readers.read(path)
     assert list(read.channels) == table.channels and read.lift_channel == "air"
     assert list(read.thrusters) == table.channels[:-1]
     assert read.controls == pytest.approx(run.controls) and read.controls.shape[1] == 9
     assert read.lift.max() == 1 and np.ptp(read.thrust, axis=0).min() == 1
-    assert quality.Run(read).inputs(table).shape[1] == 10
+    assert quality.repaired(read).inputs(table).shape[1] == 10
 
 
 def test_commands_of_two_crafts_in_one_bag_are_an_error():
-    reader = commands.CommandReader("a.bag: /controls", "ground_msgs/Controls", mapping.Commands())
-    stamp = SimpleNamespace(secs=1, nsecs=0, to_nsec=lambda: 10**9)
-    old = SimpleNamespace(header=SimpleNamespace(stamp=stamp), left=0.5, right=0.25, lift=1.0)
-    assert reader(old, stamp)[1] == (0.5, 0.25, 1.0)  # from before there were channels
-    other = SimpleNamespace(**{**vars(old), "thrusters": [0.5], "channels": ["bow", "air"]})
-    with pytest.raises(GroundError, match="some are for left, right, lift, others for bow, air"):
-        reader(other, stamp)
+    old = {"left": np.array([0.5]), "right": np.array([0.25]), "lift": np.ones(1)}
+    channels, lift = commands.channels_of(old, commands.OWN, mapping.Commands(), "a.bag")
+    assert commands.read(old, channels, "a.bag").tolist() == [[0.5, 0.25, 1.0]] and lift == "lift"
+    two = {name: np.append(values, 0) for name, values in old.items()}
+    two.update({"channels[0]": np.array(["", "bow"]), "channels[1]": np.array(["", "air"])})
+    two["thrusters[0]"] = np.array([np.nan, 0.5])
+    with pytest.raises(GroundError, match="not all of one craft: .*bow, air"):
+        commands.channels_of(two, commands.OWN, mapping.Commands(), "a.bag")
 
 
 def test_the_table_tracks_a_circle_and_stays_in_a_room(table):
@@ -153,7 +153,7 @@ def recorded(channels):
     times = np.arange(200) * 0.02
     poses = np.column_stack([times, 1e-4 * np.sin(7e3 * times), 0 * times, 0 * times])
     commands = np.column_stack([times, np.tile(np.arange(len(channels)) / 10, (200, 1))])
-    return quality.Run(recording.checked("run 1", poses, commands, "", [], channels))
+    return quality.repaired(recording.checked("run 1", poses, commands, "", [], channels))
 
 
 def test_columns_are_in_the_order_of_the_model(table):

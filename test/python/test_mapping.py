@@ -6,7 +6,7 @@ import yaml
 from conftest import schema
 
 from ground.errors import GroundError
-from ground.recordings import fields, mapping
+from ground.recordings import mapping
 
 WHOLE = """
 schema: ground/mapping/1
@@ -113,25 +113,3 @@ def test_the_schema_of_the_documentation_is_that_of_the_loader():
     for text, wrong, reason in WRONG:
         if not any(word in reason for word in beyond):
             assert not schema("mapping").is_valid(content(WHOLE.replace(text, wrong))), wrong
-
-
-def test_fields_are_found_by_their_paths():
-    class Inner:
-        __slots__ = ("x", "data")
-
-    class Outer:
-        __slots__ = ("header", "position", "name")
-
-    inner, outer = Inner(), Outer()
-    inner.x, inner.data = 1.5, [3, 4]
-    outer.header, outer.position, outer.name = Inner(), inner, "a"
-    assert fields.getter(["position.x", "position.data[1]"])(outer) == (1.5, 4)
-    assert dict(fields.numbers(outer)) == {
-        "position.x": 1.5,
-        "position.data[0]": 3,
-        "position.data[1]": 4,
-    }
-    with pytest.raises(LookupError):
-        fields.getter(["position.z"])(outer)
-    with pytest.raises(GroundError, match="run: a message has no field position.z; its numbers are po"):
-        raise fields.missing("run", "a message", ["position.x", "position.z"], outer)

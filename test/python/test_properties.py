@@ -6,7 +6,7 @@ from conftest import identify, simulate_run
 import ground
 from ground import _core
 from ground.analysis import identifiability, thinning
-from ground.recordings import bursts, repair, tracking_error, tracks, units, windows
+from ground.recordings import repair, tracks, units, windows
 
 
 def run_data(duration=6.0, keep=None):
@@ -18,38 +18,6 @@ def run_data(duration=6.0, keep=None):
 
 
 # --- units
-
-
-def test_headings_in_degrees_are_known_by_their_jumps_or_their_speed():
-    times = np.arange(200) / 100
-    turn = 2.5 * times  # [rad]
-    wrapped = np.degrees(np.angle(np.exp(1j * turn)))
-    assert units.in_degrees(times, wrapped)
-    assert units.in_degrees(times, np.degrees(turn) + 1000)  # unwrapped
-    assert not units.in_degrees(times, np.angle(np.exp(1j * turn)))
-    assert not units.in_degrees(times, turn + 20)  # radians that were unwrapped
-    long = np.arange(3000) / 100
-    once = np.where(long < 15, 179.0, -179.0)  # at rest, across the jump once
-    assert units.in_degrees(long, once)
-
-
-@pytest.mark.parametrize(
-    "low,high,unit",
-    [
-        (800, 2200, "microseconds"),
-        (799, 2200, None),
-        (800, 2201, None),
-        (-100, 100, "percent"),
-        (0, 10, None),
-        (0, 101, None),
-        (-101, 50, None),
-        (-1, 1, "normalised"),
-        (0, 1.5, None),
-        (-1.5, 0, None),
-    ],
-)
-def test_the_unit_of_commands_depends_on_their_range(low, high, unit):
-    assert units.command_unit(np.array([low, high], float)) == unit
 
 
 def test_upside_down_axes_stay_right_handed_and_are_their_own_opposite():
@@ -84,14 +52,14 @@ def test_a_track_counts_what_is_after_its_settling():
 
 def test_saturation_depends_on_the_bounds_of_the_craft():
     pair = np.array([[0.0, 0.5], [0.2, 1.0], [0.2, 0.8]])
-    assert tracking_error.saturated(pair).tolist() == [True, True, False]
+    assert tracks.saturated(pair).tolist() == [True, True, False]
     backwards = np.array([[0.0, 0.5], [-0.2, 0.8], [-1.0, 0.5]])
-    assert tracking_error.saturated(backwards).tolist() == [False, False, True]
+    assert tracks.saturated(backwards).tolist() == [False, False, True]
     three = np.array([[0.0, 0.5, 0.5], [0.5, 0.5, -1.0], [0.5, 1.0, 0.5]])
-    assert tracking_error.saturated(three).tolist() == [False, True, True]
-    assert tracking_error.wanted_summary(np.array([[-0.5, 0.2]]))["wanted_outside"] == 1
-    assert tracking_error.wanted_summary(np.array([[-0.5, 0.2, 0.3]]))["wanted_outside"] == 0
-    assert tracking_error.wanted_summary(np.zeros((0, 2)))["wanted_largest"] is None
+    assert tracks.saturated(three).tolist() == [False, True, True]
+    assert tracks.wanted_summary(np.array([[-0.5, 0.2]]))["wanted_outside"] == 1
+    assert tracks.wanted_summary(np.array([[-0.5, 0.2, 0.3]]))["wanted_outside"] == 0
+    assert tracks.wanted_summary(np.zeros((0, 2)))["wanted_largest"] is None
 
 
 # --- windows and thinning
@@ -157,22 +125,6 @@ def test_a_rate_is_thinned_the_same_however_its_steps_are_rounded(rate, count, b
 def path(count=300, rate=100.0):
     times = np.arange(count) / rate
     return times, np.column_stack([np.cos(times), np.sin(times), times + np.pi / 2])
-
-
-def test_a_burst_that_was_delivered_in_another_order_is_sorted():
-    times, eta = path()
-    stamps, mixed = times.copy(), eta.copy()
-    burst = np.arange(100, 120)
-    stamps[burst] = times[119] + 1e-5 * np.arange(20)
-    random = np.random.default_rng(2)
-    mixed[burst] = eta[random.permutation(burst)]
-    order, moved = bursts.in_order(stamps, mixed)
-    assert np.allclose(mixed[order], eta) and 10 < moved <= 20
-    assert bursts.in_order(times, eta)[1] == 0
-    assert bursts.in_order(times, mixed)[1] == 0  # stamps that are apart are believed
-    # Nothing tells the order of poses at rest.
-    still = np.tile(eta[0], (300, 1)) + random.normal(0, 3e-4, (300, 3))
-    assert bursts.in_order(stamps, still)[1] == 0
 
 
 def test_scatter_is_the_noise_of_the_poses():

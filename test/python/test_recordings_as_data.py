@@ -6,7 +6,6 @@ import stat
 from concurrent import futures
 
 import numpy as np
-import pandas
 import pytest
 from conftest import MODEL, identify, simulate_run
 from containers import write_csv
@@ -91,16 +90,6 @@ def test_a_frame_has_the_repaired_motion_and_its_velocities(two_clocks):
     assert np.corrcoef(turn, frame.r)[0, 1] > 0.9
 
 
-def test_channels_that_are_named_as_velocities_keep_their_columns(tmp_path):
-    table = csv_run(tmp_path / "run.csv")
-    mapping = tmp_path / "mapping.yaml"
-    mapping.write_text(MAPPING.replace("right: {", "r: {").replace("left: {", "u: {"))
-    (run,) = ground.read(table, mapping=mapping)
-    frame = run.to_frame()
-    assert frame.columns.is_unique
-    assert set(frame["command.u"].dropna()) == {0.0, 1.0}
-
-
 # --- copies in other processes
 
 
@@ -125,7 +114,7 @@ def runs(tmp_path_factory):
 
 
 def sum_of(run):
-    return run.name, float(run.repaired.motion.eta.sum()), run.settings.describe(0.0)
+    return run.name, float(run.motion.eta.sum()), run.settings.describe(0.0)
 
 
 def test_recordings_are_pickled(runs):
@@ -191,12 +180,6 @@ def test_rows_that_have_more_values_than_columns_are_refused(tmp_path):
     assert "more values than" in result.stderr
 
 
-def test_a_table_that_pandas_wrote_has_a_column_without_a_name(tmp_path):
-    wanted = read_table(csv_run(tmp_path / "run.csv"))
-    pandas.read_csv(tmp_path / "run.csv", float_precision="round_trip").to_csv(tmp_path / "again.csv")
-    assert same_run(read_table(tmp_path / "again.csv"), wanted)
-
-
 @pytest.mark.parametrize("place", range(len(COLUMNS) + 1))
 def test_a_column_without_values_renames_none(place, tmp_path):
     wanted = read_table(csv_run(tmp_path / "run.csv"))
@@ -250,13 +233,17 @@ def test_files_have_the_permissions_that_the_umask_leaves(tmp_path):
 def test_several_processes_read_and_repair_what_one_does(tmp_path, monkeypatch):
     from conftest import write_bag
 
-    from ground.recordings import many
+    from ground.api import recordings as api
+    from ground.progress import Work
 
     bags = [write_bag(tmp_path / ("%d.bag" % n), seed=n) for n in range(3)]
     alone = ground.read(bags)
-    monkeypatch.setattr(many, "_alone", lambda *_: False)
+    first_runs = api.repaired(alone, Work())
+    monkeypatch.setattr(api, "WORTH_READING", 0)
+    monkeypatch.setattr(api, "WORTH_REPAIRING", 0)
     together = ground.read(bags)
-    for one, other, first, second in zip(alone, together, many.repair(alone), many.repair(together)):
+    second_runs = api.repaired(together, Work())
+    for one, other, first, second in zip(alone, together, first_runs, second_runs):
         assert same_run(one, other) and one.name == other.name and one.settings == other.settings
         assert second.recording is other
         assert np.array_equal(first.motion.nu, second.motion.nu) and first.spans == second.spans

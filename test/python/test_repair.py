@@ -21,21 +21,12 @@ def moving(duration=6.0, noise=1.0):
 
 
 def repaired(times, eta, inputs, **more):
-    return repair.repair(recording_of(times, eta, inputs, **more))
+    return recording_of(times, eta, inputs, **more).motion
 
 
 def off(measured, true):
     """Largest difference of headings, up to whole turns."""
     return np.abs(repair.wrap(measured - true)).max()
-
-
-def test_angles_are_wrapped_within_half_a_turn():
-    angles = np.linspace(-20, 20, 401)
-    wrapped = repair.wrap(angles)
-    assert (np.abs(wrapped) <= np.pi).all()
-    turns = (angles - wrapped) / (2 * np.pi)
-    assert np.allclose(turns, np.round(turns))
-    assert float(repair.wrap(7.0)) == pytest.approx(7.0 - 2 * np.pi)
 
 
 def test_a_sound_recording_is_smoothed_and_nothing_is_repaired():
@@ -78,83 +69,12 @@ def test_poses_on_another_clock_are_shifted_to_that_of_the_commands(offset, shif
     assert found.repairs.get("poses shifted to the clock of the commands [s]", 0) == shift
 
 
-def test_poses_that_arrive_in_another_order_are_sorted():
-    times, eta, inputs = moving(2.0)
-    plain = repaired(times, eta, inputs)
-    order = np.arange(len(times))
-    for at in (20, 60, 150):
-        order[at], order[at + 1] = at + 1, at
-    found = repaired(times[order], eta[order], inputs)
-    assert found.repairs["stamps put in order"] == 3
-    assert np.array_equal(found.times, plain.times) and np.allclose(found.nu, plain.nu)
-
-
-def test_poses_that_are_delivered_twice_are_dropped():
-    times, eta, inputs = moving(2.0)
-    twice = np.sort(np.append(np.arange(len(times)), [30, 31, 90]))
-    found = repaired(times[twice], eta[twice], inputs)
-    assert found.repairs["duplicates dropped"] == 3
-    assert found.repairs["frozen poses dropped"] == 0
-    assert np.array_equal(found.times, times)
-
-
-@pytest.mark.parametrize("length,dropped", [(2, 0), (3, 2), (8, 7)])
-def test_repeated_samples_of_a_moving_craft_are_dropped(length, dropped):
-    times, eta, inputs = moving(3.0)
-    eta[150 : 150 + length] = eta[150]
-    found = repaired(times, eta, inputs)
-    assert found.repairs["frozen poses dropped"] == dropped
-    assert np.array_equal(found.times, np.delete(times, np.arange(151, 151 + dropped)))
-
-
-@pytest.mark.parametrize("far,dropped", [(1.9, 0), (2.1, 3)])
-def test_a_craft_moves_if_it_is_elsewhere_after_equal_samples(far, dropped):
-    """By more than twice its usual step."""
-    times = np.arange(200) / 100
-    way = 0.003 * np.arange(200.0)
-    way[100:] += (far - 1) * 0.003 - 0.009
-    way[97:100] = way[96]
-    eta = np.column_stack([way, 0 * times, 0.4 * times])
-    eta[97:100] = eta[96]
-    inputs = np.array([[0.0, 0.5, 0.5, 1.0], [2.0, 0.5, 0.5, 1.0]])
-    assert way[100] - way[99] == pytest.approx(far * 0.003)
-    assert repaired(times, eta, inputs).repairs["frozen poses dropped"] == dropped
-
-
-def test_a_craft_that_moves_along_an_axis_repeats_no_sample():
-    """One coordinate stays exactly the same; then the craft leaves the line."""
-    times = np.arange(200) / 100
-    for axis in (0, 1):
-        eta = np.column_stack([0 * times, 0 * times, 0.4 * times])
-        eta[:, axis] = 0.3 * times
-        eta[150:, 1 - axis] = 0.02 * np.arange(50)
-        inputs = np.array([[0.0, 0.5, 0.5, 1.0], [2.0, 0.5, 0.5, 1.0]])
-        found = repaired(times, eta, inputs)
-        assert found.repairs["frozen poses dropped"] == found.repairs["duplicates dropped"] == 0
-        assert np.array_equal(found.times, times)
-
-
 def test_repeated_samples_of_a_craft_at_rest_are_kept():
     times, eta, inputs = moving(3.0)
     still = np.concatenate([np.repeat(eta[:1], 100, axis=0), eta, np.repeat(eta[-1:], 50, axis=0)])
     stamps = np.arange(len(still)) / 100
     found = repaired(stamps, still, inputs)
     assert found.repairs["frozen poses dropped"] == 0 and len(found.times) == len(stamps)
-
-
-@pytest.mark.parametrize("tilt", [0.0, 0.4, -1.0])
-def test_headings_of_a_mirrored_body_are_mirrored_back(tilt):
-    times, eta, inputs = moving(6.0)
-    wrong = np.zeros(len(times), bool)
-    for begin, length in ((40, 1), (90, 1), (130, 1), (200, 4), (301, 1), (380, 12), (450, 1)):
-        wrong[begin : begin + length] = True
-    # Where a heading and its mirror image are nearly the same, nothing is to be mended.
-    wrong &= np.abs(repair.wrap(2 * eta[:, 2] - tilt)) > 0.8
-    damaged = eta.copy()
-    damaged[wrong, 2] = tilt - eta[wrong, 2]
-    found = repaired(times, damaged, inputs)
-    assert wrong.sum() > 5 and found.repairs["headings mirrored back"] == wrong.sum()
-    assert off(found.measured[:, 2], eta[:, 2]) < 0.05
 
 
 def test_a_turn_of_the_craft_is_no_mirrored_heading():
@@ -176,23 +96,6 @@ def test_spikes_are_marked_and_not_followed():
     assert np.abs(found.eta - plain.eta).max() < 2e-3
 
 
-@pytest.mark.parametrize("count", [40, 300])
-@pytest.mark.parametrize("channel,noise", [(0, 4e-4), (1, 4e-4), (2, 6e-3)])
-def test_spikes_are_a_dozen_standard_deviations_off(count, channel, noise):
-    """More than eight of what is expected, to which the motion between two poses adds. Forty poses do not
-    determine their noise; they have what mocaps usually have."""
-    times = np.arange(count) / 100
-    random = np.random.default_rng(3)
-    eta = np.column_stack([np.cos(times), np.sin(1.3 * times), 2 * times])
-    eta += random.normal(0, [4e-4, 4e-4, 6e-3], eta.shape)
-    inputs = np.array([[0.0, 0.5, 0.5, 1.0], [times[-1], 0.5, 0.5, 1.0]])
-    for size, is_spike in ((-9, False), (9, False), (20, True), (-20, True)):
-        off = eta.copy()
-        off[count // 2, channel] += size * noise
-        found = repaired(times, off, inputs)
-        assert np.flatnonzero(found.spikes).tolist() == [count // 2] * is_spike, size
-
-
 def test_motion_restarts_where_the_craft_is_carried_away():
     times, eta, inputs = moving(3.0)
     carried = eta.copy()
@@ -208,29 +111,6 @@ def test_too_few_poses_are_named():
     with pytest.raises(GroundError, match="run: only 9 distinct poses"):
         repaired(times[:9], eta[:9], inputs)
     assert len(repaired(times[:10], eta[:10], inputs).times) == 10
-
-
-def test_a_client_that_polls_is_known_by_its_stamps():
-    times = np.arange(200) / 100
-    assert not repair.polled(times)
-    for share, is_polled in ((0.04, False), (0.06, True)):
-        stamps = times.copy()
-        late = np.arange(int(share * len(times))) * 12
-        stamps[late] = stamps[late + 1] - 0.5e-3
-        assert repair.polled(stamps) == is_polled
-
-
-def test_noise_stays_within_what_mocaps_have():
-    times, eta, inputs = moving(3.0, noise=0)
-    quiet = repaired(times, eta, inputs)
-    assert quiet.noise[0] >= 2e-5 and quiet.noise[1] >= 2e-4
-    line = np.column_stack([0.3 * times, 0.1 * times, 0.2 * times])
-    assert repaired(times, line, inputs).noise == (2e-5, 2e-4)
-    wild = eta + np.random.default_rng(1).normal(0, [0.05, 0.05, 0.5], eta.shape)
-    loud = repaired(times, wild, inputs)
-    assert loud.noise == (1e-2, 0.1)
-    few = repaired(times[:40], eta[:40], inputs)  # their noise is taken from other recordings
-    assert few.clock is None and 1e-4 < few.noise[0] < 1e-3 and 1e-3 < few.noise[1] < 1e-2
 
 
 # --- the clock of the frames
@@ -266,43 +146,6 @@ def test_lost_frames_of_a_polled_clock_are_counted():
     found = frame_clock.rebuild(polled(times, 0.027)[kept], eta[kept])
     assert found.lost == 7 and found.rate == pytest.approx(100, rel=2e-3)
     assert np.ptp(found.times - times[kept]) < 2e-3
-
-
-def test_a_burst_of_late_frames_is_put_back():
-    times, eta = frames(600)
-    late = times + 1e-4
-    for begin in range(60, 560, 50):  # the network holds 15 frames up
-        late[begin : begin + 15] = late[begin + 15] + 1e-5 * np.arange(-15, 0)
-    found = frame_clock.rebuild(late, eta)
-    assert np.ptp(found.times - times) < 1.5e-3 and found.lost == 0
-    assert 0.12 < found.lateness.max() < 0.17
-
-
-def test_instants_follow_the_clock_of_the_stamps_and_mirrored_motion_has_the_same():
-    times, eta = frames(400)
-    stamps = polled(times, 0.027)
-    plain = frame_clock.rebuild(stamps, eta)
-    later = frame_clock.rebuild(stamps + 50.0, eta)
-    assert np.allclose(later.times, plain.times + 50.0, atol=1e-6)
-    mirrored = frame_clock.rebuild(stamps, eta * [1, -1, -1])
-    assert np.allclose(mirrored.times, plain.times) and mirrored.lost == plain.lost
-
-
-def test_stamps_are_believed_where_nothing_better_is_known():
-    times, eta = frames(400)
-    assert frame_clock.rebuild(times, eta) is None  # they are regular
-    stamps = polled(times, 0.027)
-    assert frame_clock.rebuild(stamps[:199], eta[:199]) is None
-    assert frame_clock.rebuild(stamps[:200], eta[:200]) is not None
-    still = np.random.default_rng(2).normal(0, [3e-4, 3e-4, 5e-3], eta.shape)
-    assert frame_clock.rebuild(stamps, still) is None  # at rest, steps tell nothing
-    few = times.copy()
-    few[100:106] += 0.004  # 2% of the intervals may be irregular
-    assert frame_clock.rebuild(few, eta) is None
-    # The craft itself moved as the stamps say.
-    uneven = np.cumsum(np.random.default_rng(3).uniform(0.004, 0.016, 400))
-    true = np.column_stack([np.cos(uneven), np.sin(1.3 * uneven), 2 * uneven])
-    assert frame_clock.rebuild(uneven, true) is None
 
 
 def test_a_repaired_recording_has_the_clock_of_its_frames():

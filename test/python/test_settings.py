@@ -9,12 +9,9 @@ import yaml
 from conftest import MODEL, ROOT, simulate_run, write_bag
 
 from ground import _core, cli
-from ground.analysis import diagnosis_report
 from ground.errors import GroundError
-from ground.recordings import recording, run_parameters
-from ground.recordings.flown import RunFile
+from ground.recordings import readers, run_settings
 from ground.recordings.mapping import DEFAULT
-from ground.reports import report, tracking_figures
 from ground.models import Room
 
 TURNED = "y, -x, z"  # axes of a mocap whose z is down
@@ -98,7 +95,7 @@ def test_axes_of_the_parameter_file_beside_a_bag_are_used_by_every_verb(tmp_path
 def test_settings_in_the_bag_take_precedence_over_those_beside_it(tmp_path):
     bag = mocap_bag(tmp_path / "run_0.bag", [(-5, "x, z, -y", OFFSET)], OFFSET)
     parameters_beside(bag, axes=TURNED, heading_offset=0.1)
-    read = recording.read_bag(bag)
+    read = readers.read(bag)
     assert read.settings.values("heading_offset") == (OFFSET,)
     assert set(read.settings.sources.values()) == {"recorded in the bag"}
     assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
@@ -108,7 +105,7 @@ def test_a_change_of_heading_offset_during_the_run_is_used(tmp_path, verb):
     settings = [(-5, "x, z, -y", OFFSET), (3.999, "x, z, -y", 2 * OFFSET)]
     bag = mocap_bag(tmp_path / "run.bag", settings, OFFSET, turned_at=4.0)
     times, eta, _ = simulate_run()
-    read = recording.read_bag(bag)
+    read = readers.read(bag)
     off = np.angle(np.exp(1j * (read.eta[:, 2] - eta[:, 2])))
     assert np.abs(off).max() < 1e-6
     text = verb("info", bag)[0]
@@ -119,7 +116,7 @@ def test_a_change_of_heading_offset_during_the_run_is_used(tmp_path, verb):
 def test_a_later_part_of_a_recording_has_the_earlier_settings(tmp_path):
     # rosbag record repeats latched messages, with old stamps, in every part of a recording.
     bag = mocap_bag(tmp_path / "run_1.bag", [(-600, "x, z, -y", OFFSET)] * 2, OFFSET)
-    read = recording.read_bag(bag)
+    read = readers.read(bag)
     assert len(read.settings.changes) == 1
     assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
 
@@ -129,7 +126,7 @@ def test_the_command_line_takes_precedence_over_recorded_settings(tmp_path, verb
     out = verb("info", bag, "--axes", "x, z, -y", "--heading-offset", OFFSET)[0]
     assert "axes 'x, z, -y' (--axes), heading_offset 0.5 rad (--heading-offset)" in out
     given = DEFAULT.with_options(axes="x, z, -y", heading_offset=OFFSET)
-    assert recording.read_bag(bag, given).eta[0, 2] == pytest.approx(0, abs=0.03)
+    assert readers.read(bag, given).eta[0, 2] == pytest.approx(0, abs=0.03)
     err = verb("info", bag, "--heading-offset", 30, status=1)[1]
     assert err.count("\n") == 1 and "--heading-offset" in err and "radians" in err
     err = verb("info", bag, "--axes", "x, y, y", status=1)[1]
@@ -197,7 +194,7 @@ def test_a_simulated_bag_contains_model_and_room(tmp_path, verb, lab):
     kept = {name: (lab / name).read_text() for name in ("craft.yaml", "room.yaml")}
     bag = tracking_bag(verb, lab, tmp_path / "run.bag")
     shutil.rmtree(str(lab))
-    files = recording.read_bag(str(bag)).files
+    files = readers.read(str(bag)).files
     assert files["model"].text == kept["craft.yaml"] and files["room"].text == kept["room.yaml"]
     (described,) = verb("info", bag, "--json")[0]
     digest = hashlib.sha256(kept["room.yaml"].encode()).hexdigest()
@@ -206,7 +203,7 @@ def test_a_simulated_bag_contains_model_and_room(tmp_path, verb, lab):
         "controller ModelPredictive, reference circle, model craft.yaml ('Tiny Whoover', kept with the "
         "run), room room.yaml ('4 x 4 m', kept with the run)\n"
     ) in verb("info", bag)[0]
-    assert recording.read_files(str(bag)) == files
+    assert readers.files_in(str(bag)) == files
 
 
 def test_model_and_room_are_kept_beside_a_recorded_run(tmp_path, lab):
@@ -216,29 +213,12 @@ def test_model_and_room_are_kept_beside_a_recorded_run(tmp_path, lab):
         parameters["controller"][name] = str(lab / file)
     bag = mocap_bag(tmp_path / "run_0.bag")
     room = (lab / "room.yaml").read_text()
-    (tmp_path / "run.yaml").write_text(run_parameters.document(parameters))
+    (tmp_path / "run.yaml").write_text(run_settings.document(parameters))
     (lab / "room.yaml").write_text("something else")
-    read = recording.read_bag(bag)
+    read = readers.read(bag)
     assert read.files["room"].text == room and not read.warnings
     assert Room.of_recording(read).margin == 0.2
     assert "  - [-2, -2]\n" in (tmp_path / "run.yaml").read_text(), "the text stays readable"
-
-
-def test_a_file_of_a_run_is_used_in_place_or_written_to_a_copy(tmp_path, monkeypatch, lab):
-    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
-    path = lab / "room.yaml"
-    text = path.read_text()
-    file = RunFile(str(path), text)
-    assert file.place() == str(path)
-    path.write_text("something else")
-    copy = file.place()
-    assert copy.startswith(str(tmp_path / "ros")) and copy.endswith("/room.yaml")
-    with open(copy) as written:
-        assert written.read() == text
-    assert file.place() == copy
-    with open(copy, "w") as written:
-        written.write("spoiled")
-    assert open(file.place()).read() == text
 
 
 def test_files_differ_by_their_contents(tmp_path, verb, lab):
@@ -267,50 +247,6 @@ def test_files_differ_by_their_contents(tmp_path, verb, lab):
     )
 
 
-def test_the_walls_of_the_run_are_drawn(tmp_path, verb, lab, monkeypatch):
-    bag = tracking_bag(verb, lab, tmp_path / "run.bag")
-    drawn = []
-    driven = tracking_figures.driven
-    keep = lambda *given: drawn.append(given[3]) or driven(*given)  # noqa: E731
-    monkeypatch.setattr(tracking_figures, "driven", keep)
-    verb("tracking", bag, "--picture", tmp_path / "run.png")
-    assert drawn[-1].margin == 0.2
-    wide = lab / "wide.yaml"
-    wide.write_text((lab / "room.yaml").read_text().replace("margin: 0.2", "margin: 0.35"))
-    verb("tracking", bag, "--picture", tmp_path / "wide.png", "--room", wide)
-    assert drawn[-1].margin == 0.35
-    verb("tracking", bag, "--picture", tmp_path / "no.png", "--room", lab / "no.yaml", status=1)
-
-
-def test_the_next_experiment_is_planned_for_the_room_of_the_runs(tmp_path, verb, lab, monkeypatch):
-    room = lab / "room.yaml"
-    text = room.read_text().replace("4 x 4 m", "hall")
-    room.write_text(text.replace("margin: 0.2", "margin: 0.3"))
-    bag = tmp_path / "run.bag"
-    source = ["--input", "spin", "--duration", 6, "--room", room, "--model", lab / "craft.yaml"]
-    verb("simulate", *source, "-o", bag)
-    planned = []
-
-    def propose(_, alike, thorough, room):
-        planned.append(room)
-        words = {"separates": ["a", "b"], "repeat": 1, "expected_disagreement": 7.0}
-        lines = {"input": "a spin", "arguments": "--input spin", "launch": "roslaunch it"}
-        return dict(words, **lines, room=room.name, rows=[[0, 0, 1]], all=[])
-
-    monkeypatch.setattr(diagnosis_report, "_next_experiment", propose)
-    monkeypatch.setattr(report, "diagnosis", lambda *_: None)  # slow
-    diagnose = ["diagnose", bag, "--model", MODEL, "--only", "yaw_bias", "-o"]
-    output = verb(*diagnose, tmp_path / "first")[0]
-    assert (planned[-1].name, planned[-1].margin) == ("hall", 0.3)
-    assert "In the room hall one such run" in output
-    assert "roslaunch it room:=%s " % room in output
-    other = lab / "other room.yaml"
-    other.write_text(room.read_text().replace("margin: 0.3", "margin: 0.1"))
-    output = verb(*diagnose, tmp_path / "second", "--room", other)[0]
-    assert planned[-1].margin == 0.1
-    assert "roslaunch it room:='%s' " % other in output
-
-
 def test_damaged_settings_in_a_bag_are_ignored(tmp_path):
     import rosbag
     from ground_msgs.msg import RunSettings
@@ -319,7 +255,7 @@ def test_damaged_settings_in_a_bag_are_ignored(tmp_path):
     with rosbag.Bag(bag, "a") as file:
         for text in ("controller: [", "[1, 2]", "controller: {model: 3, room: x}\nrun_files: 7"):
             file.write("/run/settings", RunSettings(yaml=text))
-    read = recording.read_bag(bag)
+    read = readers.read(bag)
     assert (read.flown_by, read.files) == ({"room": "x"}, {})
 
 
@@ -332,15 +268,6 @@ def test_a_model_with_heading_offset_gets_a_warning_about_a_corrected_heading(tm
     bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, -y", OFFSET)], OFFSET)
     err = verb("compare", bag, "--model", path, "--numbers", "-o", tmp_path / "out")[1]
     assert "heading_offset 0.5 is subtracted from" in err and "the remaining offset" in err
-
-
-def test_simulate_records_its_settings(tmp_path, verb):
-    bag = str(tmp_path / "run.bag")
-    how = ["--axes", TURNED, "--heading-offset", OFFSET]
-    verb("simulate", "--model", MODEL, "--input", "prbs", "--duration", 4, "-o", bag, *how)
-    read = recording.read_bag(bag)
-    assert [(s.axes, s.heading_offset) for s in read.settings.changes] == [(TURNED, OFFSET)]
-    assert read.eta[0, 2] == pytest.approx(0, abs=0.03)
 
 
 def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):
@@ -363,7 +290,7 @@ def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):
     path = str(tmp_path / "live.bag")
     monkeypatch.setattr(buffer, "covered", lambda: 5.0)
     buffer.write(path, 5.0)
-    live, whole = recording.read_bag(path), recording.read_bag(source)
+    live, whole = readers.read(path), readers.read(source)
     assert live.settings.values("heading_offset") == (OFFSET,)
     assert np.array_equal(live.eta, whole.eta[-len(live.eta) :])
 
@@ -371,4 +298,4 @@ def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):
 def test_invalid_axes_in_a_bag_are_refused(tmp_path):
     bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, w", 0.0)])
     with pytest.raises(GroundError, match="recorded in the bag"):
-        recording.read_bag(bag)
+        readers.read(bag)

@@ -123,11 +123,11 @@ def cut(path, out, start):
 
 
 def fitted(model, path):
-    """Fitted k and time constant of the sag, and the quality.Run of the bag."""
+    """Fitted k and time constant of the sag, and the RepairedRun of the bag."""
     from ground import _core
-    from ground.recordings import quality, recording, windows
+    from ground.recordings import quality, readers, windows
 
-    run = quality.Run(recording.read_bag(str(path)))
+    run = quality.repaired(readers.read(str(path)))
     guess = _core.load_model(str(model))
     data = [run.data(guess)]
     guess.set_value("battery_sag.tau", 100)
@@ -158,13 +158,13 @@ def _load(model):
 
 def test_poses_are_the_truth_with_noise_in_the_mocaps_axes(tmp_path):
     from ground.recordings.mapping import DEFAULT
-    from ground.recordings.recording import read_bag
+    from ground.recordings.readers import read
 
     path, _ = simulate(tmp_path, "prbs", "--axes", "z, x, y", "--position-noise", 0.002)
-    read = read_bag(str(path), DEFAULT.with_options(axes="z, x, y"))
+    found = read(str(path), DEFAULT.with_options(axes="z, x, y"))
     truth = {m.header.stamp.to_nsec(): m for _, m in messages(path)[TRUTH]}
-    at = [truth[int(round(t * 1e9))] for t in read.pose_times]
-    off = read.eta - [m.eta for m in at]
+    at = [truth[int(round(t * 1e9))] for t in found.pose_times]
+    off = found.eta - [m.eta for m in at]
     off[:, 2] = np.angle(np.exp(1j * off[:, 2]))
     assert off.std(axis=0) == pytest.approx([2e-3, 2e-3, 5e-3], rel=0.06)
     assert np.abs(off.mean(axis=0) / off.std(axis=0)).max() < 5 / math.sqrt(len(off))

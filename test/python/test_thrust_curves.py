@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy import optimize, stats
 
-from ground.analysis import thrust_bench, thrust_curve
+from ground.analysis import thrust_bench
 from ground.errors import GroundError
 
 
@@ -24,12 +23,6 @@ def one_thruster(force, levels, repeat=1, noise=0.0, seed=1):
     )
 
 
-def squares_of(basis, forces):
-    """Sum of squares that a linear regression leaves."""
-    rest = forces - basis @ np.linalg.lstsq(basis, forces, rcond=None)[0]
-    return float(rest @ rest)
-
-
 # --- tables
 
 
@@ -37,13 +30,6 @@ def table(tmp_path, *lines):
     path = tmp_path / "bench.csv"
     path.write_text("\n".join(lines) + "\n")
     return str(path)
-
-
-def test_a_fit_needs_two_levels_of_a_running_thruster(tmp_path):
-    with pytest.raises(GroundError, match="needs forces at two inputs above zero"):
-        thrust_bench.read(table(tmp_path, "input,left", "0,0", "1,1", "1,1.1"), ["left"])
-    found = thrust_bench.read(table(tmp_path, "input,left", "0.5,1", "1,1"), ["left"])
-    assert len(found.inputs) == 2
 
 
 def test_thrusters_that_were_measured_together_are_counted_or_named(tmp_path):
@@ -63,35 +49,10 @@ def test_thrusters_that_were_measured_together_are_counted_or_named(tmp_path):
 # --- the choice of a curve
 
 
-def lack_of_fit(given, basis):
-    """p-value of a linear regression by repeated measurements (Draper and Smith 1998, 2.1)."""
-    levels = np.unique(given.inputs)
-    pure = sum(squares_of(np.ones((n, 1)), part) for part, n in (
-        (given.forces[given.inputs == w], (given.inputs == w).sum()) for w in levels))  # fmt: skip
-    freedom = len(given.inputs) - len(levels)
-    left = len(levels) - basis.shape[1]
-    lack = squares_of(basis, given.forces) - pure
-    return stats.f.sf(lack / left / (pure / freedom), left, freedom)
-
-
 def bent(bend, repeat=3):
     return one_thruster(
         lambda w: 0.2 * w + bend * w * (w - 0.55), np.linspace(0.1, 1, 10), repeat, 2e-3
     )
-
-
-def test_every_simpler_curve_is_listed_with_its_p_value():
-    given = one_thruster(
-        lambda w: 0.05 + 0.3 * w - 0.6 * w**2 + 0.5 * w**3, np.linspace(0.1, 1, 12), 4, 1e-4
-    )
-    found = thrust_bench.fit(given, ["a"])
-    assert found.curve.words == "polynomial of degree 3"
-    names = [name for name, _ in found.rejected]
-    assert names == ["proportional force", "power", "polynomial of degree 1"] or names == [
-        "proportional force", "power", "polynomial of degree 1", "polynomial of degree 2",
-    ]  # fmt: skip
-    line = lack_of_fit(given, given.inputs[:, None] ** np.arange(2))
-    assert dict(found.rejected)["polynomial of degree 1"] == pytest.approx(line, rel=1e-3, abs=1e-12)
 
 
 # --- gains
@@ -150,40 +111,3 @@ def test_nothing_but_sizes_depends_on_the_unit_of_force(unit, noise):
 
 INPUTS = np.repeat(np.linspace(0.2, 1, 9), 2)
 WORKING = np.tile([1.0, 2.0], 9)
-
-
-def test_a_line_is_the_least_squares_one():
-    random = np.random.default_rng(1)
-    forces = WORKING * INPUTS * 0.3 + 0.05 * random.normal(size=18)
-    found = thrust_curve.linear(INPUTS, WORKING, forces)
-    slope = np.linalg.lstsq((WORKING * INPUTS)[:, None], forces, rcond=None)[0][0]
-    assert found.force(np.array([0.0, 0.5, 2.0])) == pytest.approx(slope * np.array([0, 0.5, 2]))
-    assert found.power == 1 and found.full == pytest.approx(slope)
-
-
-def test_a_power_is_the_least_squares_one():
-    random = np.random.default_rng(1)
-    forces = WORKING * 0.3 * (INPUTS / 2) ** 1.4 + 0.02 * random.normal(size=18)
-    found = thrust_curve.power(INPUTS / 2, WORKING, forces)
-    (k, p), _ = optimize.curve_fit(
-        lambda x, k, p: x[1] * k * x[0] ** p, np.array([INPUTS / 2, WORKING]), forces, [0.3, 1.0]
-    )
-    at = np.array([0.1, 0.3, 0.5])
-    assert found.force(at) == pytest.approx(k * at**p, rel=1e-4)
-    assert found.power == pytest.approx(p, rel=1e-4) and found.largest == 0.5
-    assert found.force(np.array([-0.1, 0.0])).tolist() == [0.0, 0.0]
-
-
-def test_a_table_is_the_least_squares_one_that_does_not_fall():
-    random = np.random.default_rng(3)
-    forces = WORKING * 0.3 * INPUTS**2 + 0.02 * random.normal(size=18)
-    found = thrust_curve.table(4)(INPUTS, WORKING, forces)
-    knots = np.quantile(np.unique(INPUTS), [0, 0.25, 0.5, 0.75, 1])
-
-    def left(x):
-        return WORKING * np.interp(INPUTS, knots, np.cumsum(x)) - forces
-
-    best = optimize.lsq_linear(
-        np.column_stack([left(e) - left(np.zeros(5)) for e in np.eye(5)]), forces, (0, np.inf)
-    )
-    assert found.force(knots) == pytest.approx(np.cumsum(best.x), abs=1e-6)

@@ -38,15 +38,6 @@ def test_a_fit_says_in_which_unit_a_value_was_typed(typed, written, advice, bag,
     assert advice in remark and "is implausible" in result.stderr
 
 
-def test_each_unit_is_told_from_the_others():
-    scaled = {name: 1e3 * value for name, value in FITTED.items()}
-    assert unit_slips.found(craft(m=58.3), scaled) == ("m", "g", 1e-3)
-    levers = dict(FITTED, I_z=8.8e-3, N_r=4.62e-3)
-    assert unit_slips.found(craft(l=3.25), levers)[:2] == ("l", "cm")
-    assert unit_slips.found(craft(I_z=0.88), FITTED)[:2] == ("I_z", "kg cm^2")
-    assert unit_slips.found(craft(N_r=0.0462), FITTED)[:2] == ("N_r", "mN m s")
-
-
 def test_other_changes_are_no_slips():
     assert unit_slips.found(craft(), FITTED) is None
     assert unit_slips.found(craft(k=0.3, X_u=0.1, N_r=1e-6), FITTED) is None  # a rough guess

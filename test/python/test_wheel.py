@@ -80,16 +80,9 @@ def test_recordings_are_the_same_bit_for_bit(bare, bags):
         [sys.executable, str(PRINT), *map(str, bags)], universal_newlines=True
     ).splitlines()
     without = run(bare / "python", PRINT, *bags).splitlines()
-    assert with_ros[0].endswith("with_ros") and without[0].endswith("with_rosbags")
-    assert len(without) == 1 + len(bags)
-    for path, wanted, found in zip(bags, with_ros[1:], without[1:]):
-        recording, messages = json.loads(found)
-        wanted_recording, wanted_messages = json.loads(wanted)
-        assert list(recording) == list(wanted_recording)
-        assert not [n for n, value in wanted_recording.items() if recording[n] != value], path.name
-        assert len(messages) == len(wanted_messages) > 1000
-        pairs = zip(messages, wanted_messages)
-        assert not [pair for pair in pairs if pair[0] != pair[1]][:1], path.name
+    assert len(without) == len(bags)
+    for path, wanted, found in zip(bags, with_ros, without):
+        assert len(found) > 1e5 and found == wanted, path.name
 
 
 def test_fit_finds_the_same_parameters(bare, bags, tmp_path):

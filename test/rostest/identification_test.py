@@ -9,7 +9,7 @@ import unittest
 
 import rospy
 import rostest
-from ground.recordings import recording
+from ground.recordings import readers
 from ground_msgs.msg import IdentificationStatus, ModelError
 from ground_msgs.srv import Identify, OfferModel
 from std_msgs.msg import String
@@ -116,7 +116,7 @@ class IdentificationTest(unittest.TestCase):
         harness.wait_for(lambda: self.status.message.state == S.DONE, 5, "the end in the status")
         for name in ("live.bag", "report.html", "diagnosis.json", "improved.yaml"):
             self.assertTrue(os.path.isfile(os.path.join(answer.folder, name)), name)
-        settings = recording.read_settings(os.path.join(answer.folder, "live.bag"))
+        settings = readers.settings_in(os.path.join(answer.folder, "live.bag"))
         self.assertEqual(settings.sources["heading_offset"], "recorded in the bag")
         return answer
 

@@ -9,7 +9,7 @@ from ground.annotations import Document
 from ground.api import recordings as api
 from ground.command_line import number, option, seconds
 from ground.errors import GroundError
-from ground.recordings import mapping, readers, settings
+from ground.recordings import mapping, readers, run_settings
 from ground.recordings.recording import Recording
 
 
@@ -69,7 +69,7 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds how recordings are read, and settings that replace the recorded ones."""
     parser.add_argument(
         "--axes",
-        help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % settings.AXES,
+        help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % run_settings.AXES,
     )
     parser.add_argument(
         "--heading-offset",

@@ -25,23 +25,23 @@ def found(model: _core.Model, fitted: Mapping[str, float]) -> Optional[Tuple[str
         for name, value in fitted.items()
         if "." not in name and value > 0 and model.value(name) > 0
     }
+
+    def misfit(unit: Tuple[str, str, float]) -> float:
+        """Largest difference in decades; infinite where a parameter that would move is not free."""
+        expected = _expected(unit[0], unit[2])
+        if not set(expected) <= set(moved):
+            return math.inf
+        return max(abs(decades - expected.get(name, 0.0)) for name, decades in moved.items())
+
     units = [unit for unit in _core.mistaken_units() if abs(math.log10(unit[2])) > LEAST]
-    misfits = {unit: _misfit(moved, _expected(unit[0], unit[2])) for unit in units}
-    best = min(misfits, key=lambda unit: misfits[unit], default=None)
-    return best if best is not None and misfits[best] < OFF else None
+    best = min(units, key=misfit, default=None)
+    return best if best is not None and misfit(best) < OFF else None
 
 
 def _expected(key: str, factor: float) -> Dict[str, float]:
     """Decades by which a fit moves parameters if one was typed in a unit of that factor."""
     decades = math.log10(factor)
     return {name: -decades for name in FOLLOW[key]} if key in FOLLOW else {key: decades}
-
-
-def _misfit(moved: Mapping[str, float], expected: Mapping[str, float]) -> float:
-    """Largest difference in decades; infinite where a parameter that would move is not free."""
-    if not set(expected) <= set(moved):
-        return math.inf
-    return max(abs(decades - expected.get(name, 0.0)) for name, decades in moved.items())
 
 
 def sentences(model: _core.Model, fitted: Mapping[str, float]) -> Iterator[str]:

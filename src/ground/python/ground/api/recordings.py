@@ -1,10 +1,9 @@
 """Recordings: reading them, and choosing the part that models are compared with."""
 
+import functools
 import os
-from dataclasses import dataclass, replace
-from typing import Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
-
-import numpy as np
+from dataclasses import dataclass, fields, replace
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, TypeVar, Union
 
 from ground import _core
 from ground.annotations import Path
@@ -12,10 +11,14 @@ from ground.models import Model
 from ground.results import distinct_labels
 from ground.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.progress import Work
-from ground.recordings import findings, many, quality, readers, settings, suspicions
+from ground.recordings import findings, quality, readers, suspicions
 from ground.recordings.mapping import DEFAULT, FieldMapping, load
+from ground.recordings.quality import RepairedRun
 from ground.recordings.recording import Recording
+from ground.workers import Workers
 
+_T = TypeVar("_T")
+_R = TypeVar("_R")
 Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
 NO_RECORDING = "no recordings are given"
 
@@ -56,6 +59,8 @@ def read(
 
 READING = "reading recordings (kB)"  # stage; unit: a kilobyte
 REPAIRING = "repairing recordings"  # stage
+WORTH_READING = 3000  # size of recordings from which several processes read them sooner [kB]
+WORTH_REPAIRING = 2e4  # the same for repairs [poses]
 
 
 def reading(
@@ -67,20 +72,24 @@ def reading(
     each that is read."""
     found, work = [], work or Work()
     bags = readers.listed(paths, mapping)
-    ends = np.cumsum([readers.size(path) // 1000 for path in bags]).tolist()
-    begins = [0, *ends]
-    told = work
-
-    def tell(number: int, share: float) -> None:
-        told.reach(begins[number] + int(share * (ends[number] - begins[number])))
-
-    with work.stage(READING, ends[-1] if ends else 0):
-        for path, end, recording in zip(bags, ends, many.read(bags, mapping, tell)):
-            found.append(recording)
-            work.reach(end)
-            for warning in recording.warnings:
+    sizes = [readers.size(path) // 1000 for path in bags]
+    many = functools.partial(readers.read, mapping=mapping)
+    with work.stage(READING, sum(sizes)):
+        for path, size, one in zip(bags, sizes, _each(many, bags, sum(sizes) > WORTH_READING)):
+            found.append(one)
+            work.step(size)
+            for warning in one.warnings:
                 warn("%s: %s" % (path, warning), RecordingWarning)
     yield from distinct(found)
+
+
+def _each(function: Callable[[_T], _R], items: Sequence[_T], worth: bool) -> Iterator[_R]:
+    """Results of a function, by several processes where there are several items and it is worth it."""
+    if len(items) < 2 or not worth:
+        yield from map(function, items)
+        return
+    with Workers(processes=True) as team:
+        yield from team.map(function, items)
 
 
 def distinct(found: Sequence[Recording], others: Sequence[Recording] = ()) -> List[Recording]:
@@ -133,22 +142,35 @@ def taken(given: Recordings) -> List[Recording]:
     return distinct(found)
 
 
-def repaired(found: Sequence[Recording], work: Work) -> List[quality.Run]:
+def repaired(found: Sequence[Recording], work: Work) -> List[RepairedRun]:
     """The recordings with their motion repaired, which takes time; work: told of each."""
+    poses = sum(len(recording.eta) for recording in found)
     with work.stage(REPAIRING, len(found)):
-        return list(work.each(many.repair(found)))
+        known = _each(_repaired, found, poses > WORTH_REPAIRING)
+        for recording, one in zip(found, work.each(known)):
+            vars(recording).update(one)
+            quality.repaired(recording).recording = recording
+        return [quality.repaired(recording) for recording in found]
+
+
+def _repaired(recording: Recording) -> Dict[str, Any]:
+    """What a Recording remembers when it has been repaired and looked at."""
+    quality.repaired(recording)
+    suspicions.of(recording)
+    given = {one.name for one in fields(recording)}
+    return {name: value for name, value in vars(recording).items() if name not in given}
 
 
 def note_differences(found: Sequence[Recording], others: Sequence[Recording] = ()) -> None:
     """Warns if runs, of these and of `others`, were recorded with different settings."""
-    different = settings.differences([*others, *found])
-    if different and different != settings.differences(others):
+    different = findings.differences([*others, *found])
+    if different and different != findings.differences(others):
         warn(different, GroundNote)
 
 
 def note_suspicions(found: Sequence[Recording], model: Model) -> None:
     """Warns of mistakes that recordings of a model's craft look like."""
-    for finding in suspicions.of_runs(found) + suspicions.of_thrusters(found, model.core):
+    for finding in suspicions.about(found, model.core):
         warn(finding.sentence)
 
 
@@ -181,7 +203,7 @@ class Part:
     end: Optional[float] = None  #: [s]; None: the end of the run
     everything: bool = False  #: includes what ground.recordings.quality finds not usable
 
-    def of(self, run: quality.Run, model: Model) -> _core.RunData:
+    def of(self, run: RepairedRun, model: Model) -> _core.RunData:
         """_core.RunData of that part of a run. GroundError when nothing is left of it."""
         return run.data(model.core, self.start, self.end, self.everything)
 
@@ -192,12 +214,12 @@ class Measured:
 
     recordings: List[Recording]
     data: List[_core.RunData]
-    findings: List[suspicions.Finding]  #: mistakes that the recordings look like
+    findings: List[suspicions.Suspicion]  #: mistakes that the recordings look like
 
     @property
-    def runs(self) -> List[quality.Run]:
+    def runs(self) -> List[RepairedRun]:
         """The recordings with their motion repaired."""
-        return [recording.repaired for recording in self.recordings]
+        return [quality.repaired(recording) for recording in self.recordings]
 
     def refuse_misread(self) -> None:
         """GroundError when the recordings look misread, so that a model of them would be wrong."""
@@ -223,14 +245,14 @@ def measured(
     note_differences(found, others)
     runs = repaired(found, work)
     for run in runs:
-        for finding in findings.grave(run.describe()):
+        for finding in findings.grave(findings.described(run)):
             warn("%s: %s" % (run.recording.name, finding))
     of_thrusters = suspicions.of_thrusters(found, model.core)
     for one in of_thrusters:
         warn(one.sentence)
     note_heading_offset(model, found)
     data = [part.of(run, model) for run in runs]
-    return Measured(found, data, suspicions.of_runs(found) + of_thrusters)
+    return Measured(found, data, [one for r in found for one in suspicions.of(r)] + of_thrusters)
 
 
 def held_out(

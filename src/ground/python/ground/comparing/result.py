@@ -10,7 +10,8 @@ from ground import files
 from ground.analysis import comparison
 from ground.annotations import Document, Path
 from ground.models import Model
-from ground.recordings import quality
+from ground.recordings import findings
+from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
 from ground.reports import result_folder, words
 from ground.results import Shown, distinct_labels
@@ -211,7 +212,7 @@ class Comparison(_Frame):
                 report_file,
                 result,
                 [run.studies for run in self.runs],
-                quality.describe([run.recording.repaired for run in self.runs]),
+                findings.describe([repaired(run.recording) for run in self.runs]),
                 [path for path in inputs if path],
                 force,
             )

@@ -10,7 +10,7 @@ from ground.analysis.verdict import MISREAD, Conclusion
 from ground.annotations import Array, Document, Path
 from ground.api.recordings import Measured
 from ground.models import Model, Parameter, Room
-from ground.recordings import quality
+from ground.recordings import findings
 from ground.recordings.recording import Recording
 from ground.reports import result_folder, words
 from ground.results import Shown
@@ -137,7 +137,7 @@ class Diagnosis(Shown):
                 self.report,
                 self.found,
                 self.conclusion,
-                quality.describe(self.problem.seen.runs + self.problem.held.runs),
+                findings.describe(self.problem.seen.runs + self.problem.held.runs),
                 self.problem.held.data,
                 self.problem.inputs,
                 force,

@@ -15,6 +15,7 @@ from ground.discovery.beliefs import State
 from ground.discovery.information import Offer, Question
 from ground.errors import GroundError
 from ground.recordings import suspicions, windows
+from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
 
 # Expected before the first flight: noise of the poses and random wrench
@@ -142,13 +143,13 @@ class Analyst:
     def misread(self, recordings: Sequence[Recording]) -> List[str]:
         """Why recordings look misread, so that an effect found in them would not be physics; empty if
         they do not."""
-        doubts = suspicions.of_runs(recordings) + suspicions.of_thrusters(recordings, self.given)
+        doubts = suspicions.about(recordings, self.given)
         return [doubt.sentence for doubt in doubts if doubt.misread]
 
     def diagnose(self, recordings: Sequence[Recording], reachable: float, seed: int) -> Found:
         """Diagnoses recordings. reachable: time that is left for flights [s]; seed: of what is offered
         for the next one. GroundError when they are too short."""
-        runs = [recording.repaired.data(self.given) for recording in recordings]
+        runs = [repaired(recording).data(self.given) for recording in recordings]
         effects = [*candidates.library(self.given), *map(self._own, self.own)]
         found = diagnosis.Diagnosis(runs, self.given, effects, threads=self.threads)
         found.grow()

@@ -22,6 +22,7 @@ from ground.discovery.analyst import Found
 from ground.discovery.flights import Flights, Settings
 from ground.discovery.laboratory import Laboratory
 from ground.discovery.story import CONFIRM, DECIDE, GIVEN, LEFT, LOOK, TRACK, Finding, Story
+from ground.recordings.quality import repaired
 
 LEAVES = ("unexplained", "memory")  # verdicts that leave something to explain
 SHORTEST = 6.0  # shortest flight of an excitation [s]
@@ -187,7 +188,7 @@ class Discovery(Flights):
             return
         recording = self._recordings.get(flown.flight.number)
         if recording is not None:
-            run, model = recording.repaired.data(self.given), self.models[self.story.findings[-1].label]
+            run, model = repaired(recording).data(self.given), self.models[self.story.findings[-1].label]
             self.story.confirmation = confirmation.of(flown, run, self.found, model)
             flown.floor = self.story.confirmation.floor
 

@@ -15,6 +15,7 @@ from ground.discovery.laboratory import Laboratory
 from ground.discovery.story import CONFIRM, GIVEN, TRACK, Flight, Flown, Point, Story, Version
 from ground.errors import GroundError
 from ground.recordings import readers, windows
+from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
 
 LIFT_TIME = 0.5  # lift alone before the first thrust [s]
@@ -95,7 +96,7 @@ class Flights:
         flown.tracking_parts = list(landed.tracking_parts)
         flown.tracking_error = tracking.overall([flown.tracking_parts])
         if landed.recording is not None and self._take(flown, landed.recording):
-            run = self._recordings[flight.number].repaired.data(self.given)
+            run = repaired(self._recordings[flight.number]).data(self.given)
             flown.errors = {label: analyst.error(run, m) for label, m in self.models.items()}
         story.flights.append(flown)
         story.planned = None
@@ -106,9 +107,9 @@ class Flights:
         recording = replace(recording, name="flight-%02d" % flown.flight.number)
         flown.path = flown.path or _path(recording)
         try:
-            run = recording.repaired.data(self.given)
+            run = repaired(recording).data(self.given)
             if len(windows.cut([run])) < FEWEST_WINDOWS:
-                raise GroundError("too short: %.1f s are usable" % recording.repaired.usable())
+                raise GroundError("too short: %.1f s are usable" % repaired(recording).usable())
         except GroundError as error:
             if flown.flight.purpose != TRACK:  # its error is unknown: only what stopped it counts
                 flown.stopped = flown.stopped or str(error)
@@ -122,7 +123,7 @@ class Flights:
         for flown in self.story.flights:
             recording = self._recordings.get(flown.flight.number)
             if recording is not None and flown.flight.purpose != CONFIRM:
-                run = recording.repaired.data(self.given)
+                run = repaired(recording).data(self.given)
                 expected = analyst.expected_errors(run, fit, 3)
                 flown.floor = float(np.mean(expected))
 

@@ -16,6 +16,7 @@ import time
 import traceback
 from typing import Callable, Deque, List, Optional, Tuple
 
+import rosbag
 import rospy
 from geometry_msgs.msg import PoseStamped
 from ground_msgs.msg import Controls, Drive, IdentificationStatus, MocapSettings
@@ -37,7 +38,7 @@ from ground.annotations import Document, Message
 from ground.errors import GroundError, sentence
 from ground.nodes import reception
 from ground.progress import Report
-from ground.recordings import codecs, readers, topics
+from ground.recordings import messages, readers
 from ground.reports import words
 
 Status = IdentificationStatus
@@ -52,8 +53,8 @@ class LiveBuffer:
     """The messages of the last seconds: poses, commands and starts of the drive, with the settings of
     the mocap."""
 
-    TOPICS = {topics.POSE.lstrip("/"): PoseStamped, "controls": Controls, "drive": Drive}
-    REQUIRED = [topics.POSE.lstrip("/"), "controls"]
+    TOPICS = {messages.POSE.lstrip("/"): PoseStamped, "controls": Controls, "drive": Drive}
+    REQUIRED = [messages.POSE.lstrip("/"), "controls"]
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -66,7 +67,7 @@ class LiveBuffer:
             for topic, kind in self.TOPICS.items()
         ]
         self._settings_subscriber = rospy.Subscriber(
-            topics.SETTINGS.lstrip("/"), MocapSettings, self._take_settings, queue_size=100
+            messages.SETTINGS.lstrip("/"), MocapSettings, self._take_settings, queue_size=100
         )
 
     def _take_settings(self, message: MocapSettings) -> None:
@@ -118,9 +119,9 @@ class LiveBuffer:
         newest = chosen[-1][0]
         chosen = [row for row in chosen if (newest - row[0]).to_sec() <= last]
         with files.new_file(path) as temporary:
-            with codecs.installed().bag_writer(temporary) as bag:
+            with rosbag.Bag(temporary, "w", compression="lz4", chunk_threshold=messages.CHUNK) as bag:
                 for message in settings:
-                    bag.write(topics.SETTINGS, message, chosen[0][0])
+                    bag.write(messages.SETTINGS, message, chosen[0][0])
                 for at, topic, message in chosen:
                     bag.write("/" + topic, message, at)
 

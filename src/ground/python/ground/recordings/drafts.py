@@ -2,18 +2,17 @@
 
 import re
 from dataclasses import dataclass
-from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, Iterator, Mapping, Sequence, Tuple
 
 import numpy as np
 
 from ground.annotations import Array
 from ground.errors import GroundError
-from ground.recordings import fields, poses, units
+from ground.recordings import containers, poses, units
+from ground.recordings.containers import RECEIVED, STAMP, TABLE, Columns, Container
 from ground.recordings.mapping import LENGTHS, SCHEMA, TIMES
-from ground.recordings.bag_reader import Topic
-from ground.recordings.messages import MessageSource
 
-MAX_MESSAGES = 20000  # messages of a topic to look at
+MAX_ROWS = 20000  # messages of a topic to look at
 MAX_LEVELS = 40  # levels of a command that switches
 LIKELY = re.compile(r"cmd|command|control|thrust|motor|pwm|input|actuator|demand", re.I)
 HEADING = re.compile(r"(^|[._ ])(heading|yaw|psi|theta)\b", re.I)
@@ -24,88 +23,93 @@ NOT_COMMANDS = set(poses.KINDS) - {"geometry_msgs/Pose", "geometry_msgs/PointSta
 
 
 @dataclass
-class Columns:
-    """The numbers of a topic."""
+class Seen:
+    """The numbers of a topic, or of one body on it, and what they probably are."""
 
     topic: str
     kind: str
     count: int
-    times: Array  # (n,) by the header, of receipt, or of a column [s]
     values: Dict[str, Array]  # by path; each (n,)
+    times: Array  # (n,) by the header, of receipt, or of a column [s]
     body: str = ""  # that the poses are of
     clock: str = ""  # the key `time` of a table
     clock_fields: Tuple[str, ...] = ()
+    position: Tuple[str, ...] = ()  # empty where it has no pose
+    rotation: Tuple[str, ...] = ()  # quaternion, or heading
 
     @property
-    def is_table(self) -> bool:
-        """Whether its fields are columns."""
-        return self.kind == poses.TABLE
+    def name(self) -> str:
+        """Topic and body."""
+        return self.topic + (", body %s" % self.body if self.body else "")
+
+    def table(self, paths: Sequence[str]) -> Array:
+        """Some of the numbers (n, k)."""
+        return np.column_stack([self.values[path] for path in paths])
 
 
-@dataclass
-class PoseGuess:
-    """Where a topic has its pose."""
-
-    position: Tuple[str, ...]
-    rotation: Tuple[str, ...]  # quaternion, or heading
-
-
-def columns_of(source: MessageSource) -> List[Columns]:
-    """The numbers of all topics of a source, those of several bodies apart."""
-    found = []
-    for topic, entry in sorted(source.get_type_and_topic_info().topics.items()):
-        kind = poses.KINDS.get(entry.msg_type, poses.Kind(""))
-        rows: Dict[str, List[Tuple[float, Dict[str, float]]]] = {}
-        for count, (_, message, received) in enumerate(source.read_messages([topic])):
-            if count >= MAX_MESSAGES:
-                break
-            for item in fields.getter([kind.each])(message)[0] if kind.each else [message]:
-                body = str(getattr(item, kind.body, "")) if kind.body else ""
-                header = getattr(item, "header", None)
-                stamp = header.stamp if header is not None else received
-                time = float(count) if stamp is None else stamp.to_sec()
-                rows.setdefault(body, []).append((time, dict(fields.numbers(item))))
-        for body, of_body in sorted(rows.items()):
-            found.append(_columns(topic, entry, body, of_body))
-    return found
+def draft(source: Container, in_folder: bool) -> str:
+    """The text of a mapping for a file; in_folder: its tables are files of a folder."""
+    every = [
+        seen
+        for topic, entry in sorted(source.topics.items())
+        if entry.count
+        for seen in _seen(topic, entry.kind, entry.count, source.table(topic))
+    ]
+    with_poses = sorted((c for c in every if c.position), key=_pose_order)
+    scores = {id(c): _command_score(c) for c in every if c.kind not in NOT_COMMANDS}
+    scored = sorted((c for c in every if scores.get(id(c), 0) > 0), key=lambda c: -scores[id(c)])
+    chosen = with_poses[0] if with_poses else None
+    other = [c for c in scored if c is not chosen or c.kind == TABLE]
+    if chosen is None and not other:
+        raise GroundError("%s: nothing in it has poses or numbers that could be commands" % source.path)
+    lines = ["# Drafted from %s. Look through it: what is guessed says why." % source.path]
+    lines += ["schema: %s" % SCHEMA, "", "# In the file:"]
+    lines += ["#   %s (%s), %d messages%s" % (c.name, c.kind, c.count, _rate(c)) for c in every]
+    lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder))]
+    lines += ["commands:", *("  " + line for line in _command_lines(other, in_folder))]
+    return "\n".join(lines) + "\n"
 
 
-def _columns(
-    topic: str, entry: Topic, body: str, rows: Sequence[Tuple[float, Mapping[str, float]]]
-) -> Columns:
-    names = [name for name in rows[0][1] if all(name in row for _, row in rows)]
-    values = {name: np.array([row[name] for _, row in rows]) for name in names}
-    times = np.array([time for time, _ in rows])
-    columns = Columns(topic, entry.msg_type, entry.message_count, times, values, body)
-    if columns.is_table:
-        _find_clock(columns)
-    return columns
+def _seen(topic: str, kind: str, count: int, columns: Columns) -> Iterator[Seen]:
+    """What a topic has, for each body."""
+    known = poses.KINDS.get(kind)
+    columns = {name: column[:MAX_ROWS] for name, column in columns.items()}
+    rows = len(next(iter(columns.values())))
+    names = columns[known.body] if known and known.body in columns else np.full(rows, "", object)
+    stamps = columns.get(STAMP, columns.get(RECEIVED))
+    times = np.arange(rows, dtype=float) if stamps is None else containers.seconds(stamps)
+    numbers = {name: columns[name].astype(float) for name in containers.numbers(columns)}
+    for body in sorted(set(names)):
+        of_body = names == body
+        values = {name: column[of_body] for name, column in numbers.items()}
+        seen = Seen(topic, kind, count, values, times[of_body], str(body))
+        if kind == TABLE:
+            _find_clock(seen)
+        _find_pose(seen)
+        yield seen
 
 
-def _find_clock(columns: Columns) -> None:
+def _find_clock(seen: Seen) -> None:
     """Which columns of a table are the time."""
+    for seconds in (name for name in seen.values if re.search(r"(^|\.)secs$", name)):
+        rest = seconds[:-4] + "nsecs"
+        if rest in seen.values:
+            seen.clock = "{field: %s, unit: s, nanoseconds: %s}" % (_quoted(seconds), _quoted(rest))
+            seen.clock_fields = (seconds, rest)
+            seen.times = seen.values[seconds] + 1e-9 * seen.values[rest]
+            return
     rising = [
         name
-        for name, values in columns.values.items()
+        for name, values in seen.values.items()
         if np.isfinite(values).all() and (np.diff(values) >= 0).mean() > 0.95 and np.ptp(values) > 0
     ]
-    pairs = [(n, n[:-4] + "nsecs") for n in columns.values if re.search(r"(^|\.)secs$", n)]
-    for seconds, nanoseconds in pairs:
-        if nanoseconds in columns.values:
-            columns.clock = "{field: %s, unit: s, nanoseconds: %s}" % (
-                _quoted(seconds),
-                _quoted(nanoseconds),
-            )
-            columns.clock_fields = (seconds, nanoseconds)
-            columns.times = columns.values[seconds] + 1e-9 * columns.values[nanoseconds]
-            return
     likely = [name for name in rising if TIME.search(name)] or rising
     if likely:
-        values = columns.values[likely[0]]
+        values = seen.values[likely[0]]
         unit = _time_unit(likely[0], values)
-        columns.clock = "{field: %s, unit: %s}" % (_quoted(likely[0]), unit)
-        columns.clock_fields = (likely[0],)
-        columns.times = values * (TIMES[unit] * 1e-9)
+        seen.clock = "{field: %s, unit: %s}" % (_quoted(likely[0]), unit)
+        seen.clock_fields = (likely[0],)
+        seen.times = values * (TIMES[unit] * 1e-9)
 
 
 def _time_unit(name: str, values: Array) -> str:
@@ -125,199 +129,154 @@ def _quoted(name: str) -> str:
     return name if plain else '"%s"' % name.replace('"', '\\"')
 
 
-def pose_guess(columns: Columns) -> Optional[PoseGuess]:
-    """Where a topic has a pose; None where it seems to have none."""
-    kind = poses.KINDS.get(columns.kind)
-    if kind:
-        position, rotation = kind.fields()
-        return PoseGuess(position, rotation)
-    for name in columns.values:
-        stem = name[:-1] if re.search(r"(^|\.)w$", name) else None
-        quaternion = tuple("%s%s" % (stem, axis) for axis in "xyzw")
-        if stem is None or not all(path in columns.values for path in quaternion):
-            continue
-        before = re.sub(r"(orientation|rotation)\.$", "", stem)
-        for middle in ("position.", "translation.", ""):
-            position = tuple(before + middle + axis for axis in "xyz")
-            if set(position) <= set(columns.values) and position != quaternion[:3]:
-                return PoseGuess(position, quaternion)
-    headings = [name for name in columns.values if HEADING.search(name)]
-    planar = tuple(n for n in columns.values if re.search(r"(^|\.)[xy]( |$|\[|_)", n))
-    return PoseGuess(planar, (headings[0],)) if headings and len(planar) == 2 else None
+def _find_pose(seen: Seen) -> None:
+    """Where a topic has a pose: by its type, or by the names of fields; a quaternion has length 1."""
+    for position, rotation in _pose_fields(seen):
+        if set(position + rotation) <= set(seen.values):
+            length = (seen.table(rotation) ** 2).sum(axis=1)
+            if len(rotation) == 1 or np.median(np.abs(length - 1)) < 0.1:
+                seen.position, seen.rotation = position, rotation
+                return
 
 
-def is_pose(columns: Columns) -> bool:
-    """Whether the pose that a topic seems to have is one: a quaternion of length 1."""
-    guess = pose_guess(columns)
-    if guess is None:
-        return False
-    if len(guess.rotation) == 1:
-        return True
-    length = sum(columns.values[path] ** 2 for path in guess.rotation)
-    return bool(np.median(np.abs(length - 1)) < 0.1)
+def _pose_fields(seen: Seen) -> Iterator[Tuple[Tuple[str, ...], Tuple[str, ...]]]:
+    known = poses.KINDS.get(seen.kind)
+    if known:
+        yield known.fields()
+        return
+    for name in seen.values:
+        if re.search(r"(^|\.)w$", name):
+            stem = name[:-1]
+            before = re.sub(r"(orientation|rotation)\.$", "", stem)
+            for middle in ("position.", "translation.", ""):
+                if before + middle != stem:
+                    yield tuple(before + middle + a for a in "xyz"), tuple(stem + a for a in "xyzw")
+    headings = [name for name in seen.values if HEADING.search(name)]
+    planar = tuple(n for n in seen.values if re.search(r"(^|\.)[xy]( |$|\[|_)", n))
+    if headings and len(planar) == 2:
+        yield planar, (headings[0],)
 
 
-def axes_guess(position: Array, quaternion: Array) -> Tuple[str, float, str]:
-    """The axes that fit poses (n, 3) and (n, 4) best, the share of poses that they fit, and why."""
+def axes_guess(position: Array, quaternion: Array) -> Tuple[str, str]:
+    """The axes that fit poses (n, 3) and (n, 4) best, and why."""
     rows = np.column_stack([position, quaternion])
     shares = [units.upright(rows, pair[0]) for pair in units.VERTICAL]
-    spread = np.ptp(position, axis=0)
-    best = int(np.lexsort([spread, -np.array(shares)])[0])
+    best = int(np.lexsort([np.ptp(position, axis=0), -np.array(shares)])[0])
     up = float(np.median(position[:, best])) >= 0
     why = "%s moves least, %.0f%% of the poses are upright by it, and it is mostly %s" % (
         "xyz"[best],
         100 * shares[best],
         "positive: up" if up else "negative: down",
     )
-    return units.VERTICAL[best][0 if up else 1], shares[best], why
+    return units.VERTICAL[best][0 if up else 1], why
 
 
-def draft(source: MessageSource, name: str, in_folder: bool) -> str:
-    """The text of a mapping for a file; in_folder: its tables are files of a folder."""
-    every = columns_of(source)
-    with_poses = sorted((c for c in every if is_pose(c)), key=_pose_order)
-    with_commands = sorted(
-        (c for c in every if c.kind not in NOT_COMMANDS), key=lambda c: -_command_score(c)
-    )
-    with_commands = [c for c in with_commands if _command_score(c) > 0]
-    chosen = with_poses[0] if with_poses else None
-    other = [c for c in with_commands if c is not chosen or c.is_table]
-    if chosen is None and not other:
-        raise GroundError("%s: nothing in it has poses or numbers that could be commands" % name)
-    lines = ["# Drafted from %s. Look through it: what is guessed says why." % name]
-    lines += ["schema: %s" % SCHEMA, "", "# In the file:"]
-    lines += ["#   %s (%s), %d messages%s" % (_name(c), c.kind, c.count, _rate(c)) for c in every]
-    lines += ["poses:"]
-    lines += ["  " + line for line in _pose_lines(chosen, with_poses, in_folder)]
-    lines += ["commands:"]
-    lines += ["  " + line for line in _command_lines(other, chosen, in_folder)]
-    return "\n".join(lines) + "\n"
-
-
-def _pose_order(columns: Columns) -> Tuple[int, float]:
+def _pose_order(seen: Seen) -> Tuple[int, float]:
     """The likely types first, and of them the one that moves most."""
-    order = poses.rank(columns.topic.rsplit("/", 1)[-1], columns.kind)
-    guess = pose_guess(columns)
-    moved = [float(np.ptp(columns.values[p])) for p in guess.position] if guess else [0.0]
-    return (5 if order is None else order), -float(np.linalg.norm(moved))
+    order = poses.rank(seen.topic.rsplit("/", 1)[-1], seen.kind)
+    moved = np.linalg.norm(np.ptp(seen.table(seen.position), axis=0))
+    return (5 if order is None else order), -float(moved)
 
 
-def _name(columns: Columns) -> str:
-    return columns.topic + (", body %s" % columns.body if columns.body else "")
+def _rate(seen: Seen) -> str:
+    length = float(np.ptp(seen.times)) if len(seen.times) > 1 else 0.0
+    return " at %.1f Hz" % ((len(seen.times) - 1) / length) if length > 0 else ""
 
 
-def _rate(columns: Columns) -> str:
-    length = float(np.ptp(columns.times)) if len(columns.times) > 1 else 0.0
-    return " at %.1f Hz" % ((len(columns.times) - 1) / length) if length > 0 else ""
-
-
-def _place(columns: Columns, in_folder: bool) -> Iterator[str]:
-    if not columns.is_table:
-        yield "topic: %s" % _quoted(columns.topic)
-        yield "type: %s" % columns.kind
-        if columns.body:
-            yield "body: %s" % _quoted(columns.body)
+def _place(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
+    seen = candidates[0]
+    if seen.kind != TABLE:
+        yield "topic: %s" % _quoted(seen.topic)
+        yield "type: %s" % seen.kind
+        if seen.body:
+            yield "body: %s" % _quoted(seen.body)
     elif in_folder:
-        yield "file: %s" % _quoted(columns.topic)
+        yield "file: %s" % _quoted(seen.topic)
+    if len(candidates) > 1:
+        yield "# others: %s" % ", ".join("%s (%s)" % (c.name, c.kind) for c in candidates[1:])
 
 
-def _others(columns: Sequence[Columns]) -> Iterator[str]:
-    if len(columns) > 1:
-        yield "# others: %s" % ", ".join("%s (%s)" % (_name(c), c.kind) for c in columns[1:])
-
-
-def _pose_lines(
-    chosen: Optional[Columns], candidates: Sequence[Columns], in_folder: bool
-) -> Iterator[str]:
-    guess = pose_guess(chosen) if chosen else None
-    if chosen is None or guess is None:
+def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
+    if not candidates:
         yield "topic: ''  # nothing in the file seems to have poses"
         return
-    yield from _place(chosen, in_folder)
-    yield from _others(candidates)
-    position = np.column_stack([chosen.values[path] for path in guess.position])
+    chosen, known = candidates[0], candidates[0].kind in poses.KINDS
+    yield from _place(candidates, in_folder)
+    position, rotation = chosen.table(chosen.position), chosen.table(chosen.rotation)
     likely, fast = units.length_units(chosen.times, position)
-    unit = likely[0] if likely else None
-    known = chosen.kind in poses.KINDS
-    names = "" if known else "fields: [%s], " % ", ".join(map(_quoted, guess.position))
+    unit = likely[0] if likely else "m"
+    names = "" if known else "fields: [%s], " % ", ".join(map(_quoted, chosen.position))
     ranges = ", ".join(
         "%s %.4g to %.4g" % (path.rsplit(".", 1)[-1], low, high)
-        for path, low, high in zip(guess.position, position.min(axis=0), position.max(axis=0))
+        for path, low, high in zip(chosen.position, position.min(axis=0), position.max(axis=0))
     )
-    yield "position: {%sunit: %s}  # %s, %.3g a second" % (names, unit or "m", ranges, fast)
-    rotation = [chosen.values[path] for path in guess.rotation]
-    if len(rotation) == 4:
+    yield "position: {%sunit: %s}  # %s, %.3g a second" % (names, unit, ranges, fast)
+    if rotation.shape[1] == 4:
         if not known:
-            yield "orientation: [%s]" % ", ".join(map(_quoted, guess.rotation))
-        scale = LENGTHS[unit] if unit else 1.0
-        axes, _, why = axes_guess(scale * position, np.column_stack(rotation))
-        yield 'axes: "%s"  # %s' % (axes, why)
+            yield "orientation: [%s]" % ", ".join(map(_quoted, chosen.rotation))
+        yield 'axes: "%s"  # %s' % axes_guess(LENGTHS[unit] * position, rotation)
     elif not known:
-        (heading,) = guess.rotation
-        degrees = bool(DEGREES.search(heading)) or units.in_degrees(chosen.times, rotation[0])
+        (heading,) = chosen.rotation
+        degrees = bool(DEGREES.search(heading)) or units.in_degrees(chosen.times, rotation[:, 0])
         yield "heading: {field: %s, unit: %s, sign: 1}  # %.4g to %.4g" % (
             _quoted(heading),
             "deg" if degrees else "rad",
-            rotation[0].min(),
-            rotation[0].max(),
+            rotation.min(),
+            rotation.max(),
         )
         yield "# axes: \"x, -y, -z\"  # where z points up and headings are counter-clockwise"
     if chosen.clock:
         yield "time: %s" % chosen.clock
 
 
-def _inputs(columns: Columns, taken: Sequence[str] = ()) -> Dict[str, Array]:
+def _inputs(seen: Seen) -> Dict[str, Array]:
     """Numbers that could be commands: of few levels, or that do not change but are not 0."""
-    found = {}
-    for path, values in columns.values.items():
-        if path in columns.clock_fields or path in taken or not np.isfinite(values).all():
-            continue
-        if COUNTER.search(path):
-            continue
-        if units.command_unit(values) is None and not LIKELY.search(columns.topic + path):
-            continue
-        if np.any(values != 0):
-            found[path] = values
-    return found
+    taken = {*seen.clock_fields, *seen.position, *seen.rotation}
+    return {
+        path: values
+        for path, values in seen.values.items()
+        if path not in taken
+        and not COUNTER.search(path)
+        and np.isfinite(values).all()
+        and (units.command_unit(values) or LIKELY.search(seen.topic + path))
+        and np.any(values != 0)
+    }
 
 
-def _taken(columns: Columns) -> Tuple[str, ...]:
-    guess = pose_guess(columns) if is_pose(columns) else None
-    return guess.position + guess.rotation if guess else ()
-
-
-def _command_score(columns: Columns) -> float:
+def _command_score(seen: Seen) -> float:
     """How likely a topic has the commands."""
-    found = _inputs(columns, _taken(columns))
+    found = _inputs(seen)
     if not found:
         return 0.0
     switching = [
         len(np.unique(v)) <= MAX_LEVELS or units.command_unit(v) != "normalised"
         for v in found.values()
     ]
-    likely = bool(LIKELY.search(columns.topic)) or any(LIKELY.search(path) for path in found)
+    likely = bool(LIKELY.search(seen.topic)) or any(LIKELY.search(path) for path in found)
     changes = any(np.any(np.diff(v) != 0) for v in found.values())
     return 2.0 * likely + changes + float(np.mean(switching))
 
 
-def _command_lines(
-    candidates: Sequence[Columns], chosen: Optional[Columns], in_folder: bool
-) -> Iterator[str]:
+def _command_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
     if not candidates:
         yield "topic: ''  # nothing in the file seems to have commands"
         return
-    columns = candidates[0]
-    yield from _place(columns, in_folder)
-    yield from _others(candidates)
-    if columns.clock:
-        yield "time: %s" % columns.clock
-    elif not columns.is_table:
+    yield from _place(candidates, in_folder)
+    if candidates[0].clock:
+        yield "time: %s" % candidates[0].clock
+    elif candidates[0].kind != TABLE:
         yield "# time: receipt  # in place of the header's stamp, which a type without one has not"
-    found = _inputs(columns, _taken(columns))
+    found = _inputs(candidates[0])
     yield "channels:  # name each as the model names its thruster, or lift"
     names = _names(found)
     for path, values in found.items():
-        yield "  " + _channel(names[path], path, values)
+        unit = units.command_unit(values)
+        low, high = float(values.min()), float(values.max())
+        meaning = "unit: %s" % unit if unit else "off: %g, full: %g" % (low, high)
+        meaning += ", range: [-1, 1]" * (unit != "microseconds" and low < 0)
+        changes = int((np.diff(values) != 0).sum())
+        line = "  %s: {field: %s, %s}  # %g to %g, %d changes"
+        yield line % (names[path], _quoted(path), meaning, low, high, changes)
 
 
 def _names(found: Mapping[str, Array]) -> Dict[str, str]:
@@ -334,20 +293,3 @@ def _names(found: Mapping[str, Array]) -> Dict[str, str]:
         if len(rest) == 2:
             plain.update(zip(rest, ("left", "right")))
     return plain
-
-
-def _channel(name: str, path: str, values: Array) -> str:
-    unit = units.command_unit(values)
-    low, high = float(values.min()), float(values.max())
-    meaning = "unit: %s" % unit if unit else "off: %g, full: %g" % (low, high)
-    if unit != "microseconds" and low < 0:
-        meaning += ", range: [-1, 1]"
-    changes = int((np.diff(values) != 0).sum())
-    return "%s: {field: %s, %s}  # %g to %g, %d changes" % (
-        name,
-        _quoted(path),
-        meaning,
-        low,
-        high,
-        changes,
-    )

@@ -1,10 +1,17 @@
-"""Contents and oddities of a recording, in words."""
+"""What a recording holds and what is odd in it, as plain values and in words."""
 
 import datetime
-from typing import Callable, Iterator, List, Sequence, Tuple, TypeVar
+import json
+from dataclasses import asdict
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar
+
+import numpy as np
 
 from ground.annotations import Document
-from ground.recordings import quality, suspicions
+from ground.recordings import repair, reply, suspicions
+from ground.recordings.quality import RepairedRun, lifted, same_inputs
+from ground.recordings.recording import Recording
+from ground.recordings.run_settings import NAMES
 
 _T = TypeVar("_T")
 
@@ -16,7 +23,128 @@ DRIVES_BY = {  # assumptions if no record says when the drive began
 FEWEST_CHANGES = 20  # changes of the commands that show whether the motion follows them
 CERTAIN = 3.0  # standard errors that an effect of a thruster exceeds
 MAX_NAMED = 4  # gaps and other events that are listed; the rest is counted
+GAP = 0.05  # a longer pause is a gap [s]
+LATE = 0.05  # a stamp with a larger delay after its frame is late [s]
+TOGETHER = 1e-3  # stamps of one burst are nearer [s]
+PAIR = ["left", "right"]  # the thrusters of a usual craft
+MAX_ENTRIES = 3  # entries in which two files differ that are listed
 MAX_CHANGES = 30  # live changes that are listed; the rest is counted
+
+
+def describe(runs: Sequence[RepairedRun]) -> List[Document]:
+    """`described` of runs, with the runs that have the same inputs."""
+    pairs = same_inputs(runs)
+    found = [described(run) for run in runs]
+    for d in found:
+        d["same_inputs_as"] = [b if a == d["name"] else a for a, b in pairs if d["name"] in (a, b)]
+    return found
+
+
+def described(run: RepairedRun) -> Document:
+    """What a run holds and what is odd in it, as plain values; times are on the run's clock [s]."""
+    recording = run.recording
+    stamps, controls = recording.pose_times, recording.control_times
+    times = run.motion.times - run.zero
+    grounded = (times > run.active[0]) & (times < run.active[1])
+    grounded &= ~lifted(recording, run.motion.times)
+    return {
+        "name": recording.name,
+        "source": recording.source,
+        "settings": recording.settings.describe(run.zero),
+        "flown_by": recording.flown_by,
+        "files": {kind: file.describe() for kind, file in recording.files.items()},
+        "changes": [change.describe(run.zero) for change in recording.changes],
+        "begins": float(stamps.min()),
+        "warnings": recording.warnings,
+        "duration": float(max(stamps.max(), controls[-1]) - min(stamps.min(), controls[0])),
+        "usable": {
+            "duration": run.usable(),
+            "of": float(run.end),
+            "spans": [list(span) for span in run.spans],
+        },
+        "rest": float(run.active[0]),
+        "rest_at_end": float(run.end - run.active[1]),
+        "without_lift": [
+            {"start": float(times[s[0]]), "end": float(times[s[-1]])}
+            for s in reply.stretches(times, grounded)
+        ],
+        "drives": {"begin": [float(t) for t in run.drives], "by": run.drives_by},
+        "poses": _poses_of(run),
+        "controls": _controls_of(run),
+        "authority": _authority(run.recording),
+        "clock_offset": float(recording.clock_offset),
+        "reply": run.reply,
+        "contacts": [{"start": float(a), "end": float(b)} for a, b in run.contacts],
+        "repairs": run.motion.repairs,
+        "suspicions": [one.describe() for one in suspicions.of(recording)],
+    }
+
+
+def _poses_of(run: RepairedRun) -> Document:
+    """Contents of `info` on the poses."""
+    recording, motion = run.recording, run.motion
+    stamps = recording.pose_times
+    steps = np.diff(np.sort(stamps))
+    intervals = np.diff(motion.times)
+    psi = recording.eta[:, 2]
+    poses: Document = {
+        "count": len(stamps),
+        "rate": float((len(stamps) - 1) / (stamps.max() - stamps.min())),
+        "median_step": float(np.median(steps)),
+        "noise": {"position": motion.noise[0], "heading": motion.noise[1]},
+        "gaps": [
+            {"start": float(t - run.zero), "length": float(d)}
+            for t, d in zip(motion.times[:-1], intervals)
+            if d > GAP
+        ],
+        "duplicate_stamps": int((steps == 0).sum()),
+        "stamps_out_of_order": int((np.diff(stamps) < 0).sum()),
+        "bursts": int((steps < TOGETHER).sum()),
+        "heading_wraps": int((np.abs(np.diff(repair.wrap(motion.measured[:, 2]))) > np.pi).sum()),
+        "mirrored_headings": motion.repairs["headings mirrored back"],
+        "frozen": motion.repairs["frozen poses dropped"],
+        "overtaken": motion.repairs["poses that overtook each other put in order"],
+        "spikes": [float(t - run.zero) for t in motion.times[motion.spikes]],
+        "out_of_range": int((np.abs(psi) > np.pi + 1e-9).sum()),
+    }
+    clock = motion.clock
+    if clock is not None:
+        poses["frame_clock"] = {
+            "rate": clock.rate,
+            "lost": clock.lost,
+            "lateness": {
+                "median": float(np.median(clock.lateness)),
+                "largest": float(clock.lateness.max()),
+                "above_50_ms": int((clock.lateness > LATE).sum()),
+            },
+            "roughness": float(clock.roughness),
+        }
+    return poses
+
+
+def _controls_of(run: RepairedRun) -> Document:
+    """Contents of `info` on the commands."""
+    recording, motion = run.recording, run.motion
+    controls, thrust = recording.control_times, recording.thrust
+    changes = (np.abs(np.diff(thrust, axis=0)) > 1e-6).any(axis=1)
+    return {
+        "count": len(controls),
+        "rate": float((len(controls) - 1) / (controls[-1] - controls[0])),
+        "changes": int(changes.sum()),
+        "channels": list(recording.channels),
+        "thrusters": list(recording.thrusters),
+        "levels": [float(f(thrust)) for f in (np.min, np.max)],
+        "lift": [float(f(recording.lift)) for f in (np.min, np.max)],
+        "start_after_poses": float(controls[0] - motion.times[0]),
+        "end_after_poses": float(controls[-1] - motion.times[-1]),
+    }
+
+
+def _authority(recording: Recording) -> Document:
+    """What each thruster does, of crafts that are not of the usual pair."""
+    if list(recording.thrusters) == PAIR:
+        return {}
+    return dict(zip(recording.thrusters, map(asdict, reply.authorities(recording))))
 
 
 def when(d: Document) -> str:
@@ -34,7 +162,7 @@ def _flown_by(kind: str, name: str, d: Document) -> str:
 
 
 def facts(d: Document) -> Iterator[Tuple[str, str]]:
-    """Name and text of what a recording holds; d: as quality.Run.describe gives it."""
+    """Name and text of what a recording holds; d: of `described`."""
     poses, controls = d["poses"], d["controls"]
     noise = poses["noise"]
     yield "recorded", when(d)
@@ -61,7 +189,7 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
         controls["count"],
         controls["rate"],
         controls["changes"],
-        "thrusters" if thrusters == list(quality.PAIR) else ", ".join(thrusters),
+        "thrusters" if thrusters == PAIR else ", ".join(thrusters),
         *controls["levels"],
         *controls["lift"],
     )
@@ -234,3 +362,53 @@ def _named(items: Sequence[_T], name: Callable[[_T], str]) -> str:
     text = ", ".join(name(item) for item in items[:MAX_NAMED])
     more = len(items) - MAX_NAMED
     return text + (" and %d more" % more if more > 0 else "")
+
+
+def differences(recordings: Sequence[Recording]) -> str:
+    """A line that groups recordings by settings, and by model and room of their controllers, if these
+    differ; empty if they do not."""
+    parts = [part for kind in NAMES for part in _different_files(recordings, kind)]
+    for name in ("axes", "heading_offset"):
+        groups: Dict[Tuple[Any, ...], List[str]] = {}
+        for recording in recordings:
+            values = recording.settings.values(name)
+            if values is not None:
+                groups.setdefault(values, []).append(recording.name)
+        if len(groups) > 1:
+            parts += [
+                "%s %s for %s" % (name, " then ".join("%s" % v for v in values), ", ".join(names))
+                for values, names in groups.items()
+            ]
+    return "the runs were recorded with different settings: " + "; ".join(parts) if parts else ""
+
+
+def _different_files(recordings: Sequence[Recording], kind: str) -> Iterator[str]:
+    """Phrases that group recordings by the model or room of their controllers where these differ: by
+    content if that was recorded, else by name."""
+    groups: Dict[str, Tuple[str, Optional[Document], List[str]]] = {}
+    for recording in sorted(recordings, key=lambda r: kind not in r.files):
+        name = recording.flown_by.get(kind)
+        if name is None:
+            continue
+        file = recording.files.get(kind)
+        entries = file.entries() if file else None
+        key = next((k for k, group in groups.items() if group[0] == name), name)
+        if entries is not None:
+            key = json.dumps(entries, sort_keys=True, default=str)
+        groups.setdefault(key, (name, entries, []))[2].append(recording.name)
+    if len(groups) < 2:
+        return
+    yield from ("%s %s for %s" % (kind, name, ", ".join(r)) for name, _, r in groups.values())
+    (first, one, _), *others = groups.values()
+    for name, another, _ in others:
+        if one is not None and another is not None:
+            pair = "%s and %s differ" % (first, name) if name != first else "two files named %s differ" % name
+            yield "%s: %s" % (pair, _entries(one, another))
+
+
+def _entries(one: Mapping[str, Any], another: Mapping[str, Any]) -> str:
+    """Differences between the entries of two files, in words."""
+    pairs = {key: (one.get(key, "none"), another.get(key, "none")) for key in [*one, *another]}
+    named = ["%s %s against %s" % (key, *pair) for key, pair in pairs.items() if pair[0] != pair[1]]
+    more = ["and %d more" % (len(named) - MAX_ENTRIES)] if len(named) > MAX_ENTRIES else []
+    return ", ".join(named[:MAX_ENTRIES] + more)

@@ -5,8 +5,9 @@ of the command line have it from. What it leaves open is found in the file, or h
 """
 
 import math
+import re
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple, TypeVar, Union
 
 import numpy as np
 import yaml
@@ -14,7 +15,9 @@ import yaml
 from ground import _core
 from ground.annotations import Array
 from ground.errors import GroundError, reason
-from ground.recordings.fields import PATH
+
+_T = TypeVar("_T")
+_D = TypeVar("_D")
 
 SCHEMA = "ground/mapping/1"
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # [m]
@@ -27,6 +30,7 @@ HEADER, RECEIPT = "header", "receipt"
 RANGE = (0.0, 1.0)  # default range of a command
 MAX_DRIFT = 0.1  # [s/s]
 MAX_CHANNELS = 9  # eight thrusters and the lift fan
+NAME = re.compile(r"[A-Za-z_]\w*")
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -110,21 +114,14 @@ class FieldMapping:
         heading_offset: Optional[float] = None,
     ) -> "FieldMapping":
         """The same with what options say in its place; None leaves it as it is."""
-        given: Dict[str, Any] = {
-            "topic": pose_topic,
-            "body": body,
-            "axes": axes,
-            "heading_offset": heading_offset,
-        }
-        changed = {name: value for name, value in given.items() if value is not None}
+        given = {"axes": axes, "heading_offset": heading_offset, "topic": pose_topic, "body": body}
+        changed: Dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         options = {n: "--" + n.replace("_", "-") for n in ("axes", "heading_offset") if n in changed}
-        commands = self.commands
-        if command_topic is not None:
-            commands = replace(commands, topic=command_topic)
+        topic = self.commands.topic if command_topic is None else command_topic
         return replace(
             self,
             poses=replace(self.poses, **changed),
-            commands=commands,
+            commands=replace(self.commands, topic=topic),
             sources={**self.sources, **options},
         )
 
@@ -147,7 +144,7 @@ def load(path: str) -> FieldMapping:
     except (ValueError, yaml.YAMLError, RecursionError) as error:
         raise GroundError("%s: not YAML: %s" % (path, " ".join(str(error).split())))
     root = _Node(path, "", content)
-    schema = root.text("schema")
+    schema = root.take("schema", _text, "")
     if schema != SCHEMA:
         raise GroundError(
             "%s: schema is '%s', but must be %s" % (path, schema, SCHEMA)
@@ -155,12 +152,76 @@ def load(path: str) -> FieldMapping:
             else "%s: not a mapping: write schema: %s" % (path, SCHEMA)
         )
     poses, commands = _poses(root.child("poses")), _commands(root.child("commands"))
-    offset, drift = root.number("clock_offset", 0.0), root.number("clock_drift", 0.0)
-    if not abs(drift) < MAX_DRIFT:
-        raise root.wrong("clock_drift", "is %g, but must be within -%g and %g" % (drift, *[MAX_DRIFT] * 2))
+    offset = root.take("clock_offset", _number, 0.0)
+    drift = root.take("clock_drift", _drift, 0.0)
     root.finish()
     given = {n: path for n in ("axes", "heading_offset") if getattr(poses, n) is not None}
     return FieldMapping(poses, commands, offset, drift, path, given)
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise ValueError("is %s, but must be a finite number" % value)
+    return float(value)
+
+
+def _factor(value: Any) -> float:
+    if _number(value) == 0:
+        raise ValueError("is 0")
+    return float(value)
+
+
+def _sign(value: Any) -> int:
+    if _number(value) not in (1, -1):
+        raise ValueError("is %g, but must be 1 or -1" % value)
+    return int(value)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError("is %s, but must be a string" % value)
+    return value
+
+
+def _one_of(*choices: str) -> Callable[[Any], str]:
+    def check(value: Any) -> str:
+        if _text(value) not in choices:
+            raise ValueError("is '%s', but must be one of %s" % (value, ", ".join(choices)))
+        return str(value)
+
+    return check
+
+
+def _fields(*counts: int) -> Callable[[Any], Tuple[str, ...]]:
+    def check(value: Any) -> Tuple[str, ...]:
+        if not isinstance(value, list) or not all(isinstance(v, str) and v for v in value):
+            raise ValueError("must be a list of fields")
+        if len(value) not in counts:
+            raise ValueError("has %d fields, but needs %s" % (len(value), " or ".join(map(str, counts))))
+        return tuple(value)
+
+    return check
+
+
+def _axes(value: Any) -> str:
+    try:
+        _core.AxisMapping(_text(value), 0.0)
+    except ValueError as error:
+        raise ValueError("is not a frame: %s" % error)
+    return str(value)
+
+
+def _drift(value: Any) -> float:
+    if not abs(_number(value)) < MAX_DRIFT:
+        raise ValueError("is %g, but must be within -%g and %g" % (value, MAX_DRIFT, MAX_DRIFT))
+    return float(value)
+
+
+def _range(value: Any) -> Tuple[float, float]:
+    two = isinstance(value, list) and len(value) == 2 and all(type(v) in (int, float) for v in value)
+    if not two or not -1 <= value[0] < value[1] <= 1:
+        raise ValueError("is %s, but must be two numbers within -1 and 1" % value)
+    return float(value[0]), float(value[1])
 
 
 class _Node:
@@ -168,69 +229,34 @@ class _Node:
 
     def __init__(self, file: str, name: str, content: Any) -> None:
         self.file, self.name = file, name
-        if content is None:
-            content = {}
-        if not isinstance(content, dict):
+        if content is not None and not isinstance(content, dict):
             raise GroundError("%s: %s is not a table of keys" % (file, name or "the file"))
         # YAML takes a plain `off` for false.
-        self.content = {"off" if key is False else key: value for key, value in content.items()}
+        self.content = {"off" if key is False else key: v for key, v in (content or {}).items()}
 
-    def path(self, key: str) -> str:
-        """Name of a key from the top of the file."""
-        return "%s.%s" % (self.name, key) if self.name else key
-
-    def wrong(self, key: str, what: str) -> GroundError:
+    def wrong(self, key: str, what: object) -> GroundError:
         """The error for a key."""
-        return GroundError("%s: %s %s" % (self.file, self.path(key), what))
+        path = "%s.%s" % (self.name, key) if self.name else key
+        return GroundError("%s: %s %s" % (self.file, path, what))
 
     def child(self, key: str) -> "_Node":
         """The table of a key, empty where it is missing."""
-        return _Node(self.file, self.path(key), self.content.pop(key, None))
+        path = "%s.%s" % (self.name, key) if self.name else key
+        return _Node(self.file, path, self.content.pop(key, None))
 
-    def has(self, key: str) -> bool:
-        """Whether a key is there that has not been taken."""
-        return key in self.content
+    def take(self, key: str, check: Callable[[Any], _T], default: _D) -> Union[_T, _D]:
+        """The value of a key, or a default where it is missing."""
+        if key not in self.content:
+            return default
+        try:
+            return check(self.content.pop(key))
+        except ValueError as error:
+            raise self.wrong(key, error)
 
-    def text(self, key: str, default: str = "") -> str:
-        """A string."""
-        value = self.content.pop(key, default)
-        if not isinstance(value, str):
-            raise self.wrong(key, "is %s, but must be a string" % value)
-        return value
-
-    def choice(self, key: str, default: str, choices: Sequence[str]) -> str:
-        """One of some strings."""
-        value = self.text(key, default)
-        if value not in choices:
-            raise self.wrong(key, "is '%s', but must be one of %s" % (value, ", ".join(choices)))
-        return value
-
-    def number(self, key: str, default: float) -> float:
-        """A finite number."""
-        value = self.content.pop(key, default)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise self.wrong(key, "is %s, but must be a finite number" % value)
-        return float(value)
-
-    def sign(self, key: str) -> int:
-        """1 or -1."""
-        value = self.number(key, 1)
-        if value not in (1, -1):
-            raise self.wrong(key, "is %g, but must be 1 or -1" % value)
-        return int(value)
-
-    def fields(self, key: str, counts: Sequence[int]) -> Tuple[str, ...]:
-        """Names of so many fields."""
-        value = self.content.pop(key, None)
-        if value is None:
-            return ()
-        if not isinstance(value, list) or not all(isinstance(v, str) and v for v in value):
-            raise self.wrong(key, "must be a list of fields")
-        if len(value) not in counts:
-            raise self.wrong(
-                key, "has %d fields, but needs %s" % (len(value), " or ".join(map(str, counts)))
-            )
-        return tuple(value)
+    def apart(self, one: str, *others: str) -> None:
+        """GroundError for keys that exclude each other."""
+        if one in self.content and any(other in self.content for other in others):
+            raise self.wrong(one, "and %s are both given; keep one" % " or ".join(others))
 
     def finish(self) -> None:
         """GroundError for a key that nothing has taken."""
@@ -240,122 +266,80 @@ class _Node:
 
 def _clock(node: _Node) -> Clock:
     """The value of key `time`."""
-    value = node.content.get("time")
-    if not isinstance(value, dict):
-        return Clock(node.choice("time", "", ("", HEADER, RECEIPT)))
+    if not isinstance(node.content.get("time"), dict):
+        return Clock(node.take("time", _one_of("", HEADER, RECEIPT), ""))
     inner = node.child("time")
-    clock = Clock(
-        "",
-        inner.text("field"),
-        inner.choice("unit", "s", list(TIMES)),
-        inner.text("nanoseconds"),
-    )
+    unit = inner.take("unit", _one_of(*TIMES), "s")
+    clock = Clock("", inner.take("field", _text, ""), unit, inner.take("nanoseconds", _text, ""))
     inner.finish()
     if not clock.field:
         raise node.wrong("time", "names no field")
     return clock
 
 
-def _place(node: _Node) -> Tuple[str, str, str]:
-    """Topic, file and type."""
-    topic, file = node.text("topic"), node.text("file")
-    if topic and file:
-        raise node.wrong("file", "and topic are both given; keep one")
-    return topic, file, node.text("type").replace("/msg/", "/")
+def _place(node: _Node) -> Dict[str, Any]:
+    """Topic, file, type and time."""
+    node.apart("file", "topic")
+    found: Dict[str, Any] = {key: node.take(key, _text, "") for key in ("topic", "file", "type")}
+    return dict(found, type=found["type"].replace("/msg/", "/"), time=_clock(node))
 
 
 def _poses(node: _Node) -> Poses:
-    topic, file, kind = _place(node)
-    position = node.child("position")
-    orientation = node.fields("orientation", (4,))
-    heading = node.child("heading")
-    axes = node.text("axes") if node.has("axes") else None
+    node.apart("heading", "orientation")
+    position, heading = node.child("position"), node.child("heading")
     poses = Poses(
-        topic,
-        file,
-        kind,
-        node.text("body"),
-        position.fields("fields", (2, 3)),
-        position.choice("unit", "m", list(LENGTHS)),
-        position.number("scale", 1.0),
-        orientation,
-        heading.text("field"),
-        heading.choice("unit", "rad", list(ANGLES)),
-        heading.sign("sign"),
-        axes,
-        node.number("heading_offset", 0.0) if node.has("heading_offset") else None,
-        _clock(node),
+        **_place(node),
+        body=node.take("body", _text, ""),
+        position=position.take("fields", _fields(2, 3), ()),
+        unit=position.take("unit", _one_of(*LENGTHS), "m"),
+        scale=position.take("scale", _factor, 1.0),
+        orientation=node.take("orientation", _fields(4), ()),
+        heading=heading.take("field", _text, ""),
+        heading_unit=heading.take("unit", _one_of(*ANGLES), "rad"),
+        heading_sign=heading.take("sign", _sign, 1),
+        axes=node.take("axes", _axes, None),
+        heading_offset=node.take("heading_offset", _number, None),
     )
     for inner in (position, heading, node):
         inner.finish()
-    if poses.scale == 0:
-        raise position.wrong("scale", "is 0")
-    if poses.orientation and poses.heading:
-        raise node.wrong("heading", "and orientation are both given; keep one")
     if poses.position and not (poses.orientation or poses.heading):
         raise node.wrong("position", "has fields, but neither orientation nor heading has any")
-    if axes is not None:
-        try:
-            _core.AxisMapping(axes, 0.0)
-        except ValueError as error:
-            raise node.wrong("axes", "is not a frame: %s" % error)
     return poses
 
 
 def _commands(node: _Node) -> Commands:
-    topic, file, kind = _place(node)
     channels = node.child("channels")
     names = list(channels.content)
     if len(names) > MAX_CHANNELS:
         raise node.wrong("channels", "are %d, but there may be at most %d" % (len(names), MAX_CHANNELS))
-    lift = node.text("lift", LIFT)
+    lift = node.take("lift", _text, LIFT)
     if lift != LIFT and lift not in names:
         raise node.wrong("lift", "is %s, which is none of the channels: %s" % (lift, ", ".join(names)))
-    found = Commands(
-        topic,
-        file,
-        kind,
-        tuple(_channel(channels.child(name), name) for name in names),
-        lift,
-        _clock(node),
-    )
+    taken = tuple(_channel(channels.child(name), name) for name in names)
+    found = Commands(**_place(node), channels=taken, lift=lift)
     node.finish()
     return found
 
 
 def _channel(node: _Node, name: Any) -> Channel:
-    if not isinstance(name, str) or not PATH.fullmatch(name) or "." in name or "[" in name:
+    if not isinstance(name, str) or not NAME.fullmatch(name):
         raise GroundError(
             "%s: the channel '%s' is not a name: use letters, digits and _" % (node.file, name)
         )
-    if node.has("unit") and (node.has("off") or node.has("full")):
-        raise node.wrong("unit", "and off or full are both given; keep one")
-    off, full = COMMANDS[node.choice("unit", "normalised", list(COMMANDS))]
-    off, full = node.number("off", off), node.number("full", full)
-    if off == full:
-        raise node.wrong("full", "is the same as off, %g" % off)
+    node.apart("unit", "off", "full")
+    off, full = COMMANDS[node.take("unit", _one_of(*COMMANDS), "normalised")]
     channel = Channel(
         name,
-        node.text("field"),
-        off,
-        full,
-        node.number("scale", 1.0),
-        node.sign("sign"),
-        _range(node),
+        node.take("field", _text, ""),
+        node.take("off", _number, off),
+        node.take("full", _number, full),
+        node.take("scale", _factor, 1.0),
+        node.take("sign", _sign, 1),
+        node.take("range", _range, RANGE),
     )
     node.finish()
     if not channel.field:
         raise node.wrong("field", "is missing")
-    if channel.scale == 0:
-        raise node.wrong("scale", "is 0")
+    if channel.off == channel.full:
+        raise node.wrong("full", "is the same as off, %g" % channel.off)
     return channel
-
-
-def _range(node: _Node) -> Tuple[float, float]:
-    value: List[Any] = node.content.pop("range", list(RANGE))
-    numbers = isinstance(value, list) and all(
-        isinstance(v, (int, float)) and not isinstance(v, bool) for v in value
-    )
-    if not numbers or len(value) != 2 or not -1 <= value[0] < value[1] <= 1:
-        raise node.wrong("range", "is %s, but must be two numbers within -1 and 1" % value)
-    return float(value[0]), float(value[1])

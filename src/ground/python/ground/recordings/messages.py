@@ -1,69 +1,121 @@
-"""What gives messages: a bag of ROS 1 or 2, an MCAP file, tables; and its messages of one type."""
+"""Messages of ground's own topics, and the bags of ROS 1 that they are written to, by rosbags."""
 
-from typing import Callable, Iterable, Iterator, List, Optional, Protocol, Tuple
+import contextlib
+import functools
+import glob
+import os
+from dataclasses import dataclass, field
+from typing import Any, Dict, Iterator, Mapping
 
-from ground.annotations import Message, Time
-from ground.recordings.bag_reader import Topics
-from ground.recordings.batches import Batch
+import numpy as np
 
-Tell = Callable[[float], None]
-TOLD = 1000  # messages between calls of a Tell
-MANY = 5000  # messages whose reading takes so long that it is worth telling
+import ground
+from ground.annotations import Message
 
-
-class MessageSource(Protocol):
-    """Topics and their messages. Types are named as in ROS 1, "geometry_msgs/PoseStamped"."""
-
-    warnings: List[str]  #: what is wrong with the file, complete when its messages have been read
-
-    def get_type_and_topic_info(self) -> Topics:
-        """Type and number of messages by topic."""
-
-    def read_messages(self, topics: Iterable[str]) -> Iterator[Tuple[str, Message, Time]]:
-        """Yields topic, message and time of receipt (None where it is unknown), in their order."""
-
-    def batch(self, topic: str) -> Optional[Batch]:
-        """The messages of a topic at once; None where they have to be read one by one."""
-
-
-def topics_of(bag: MessageSource, kind: str) -> List[str]:
-    """Topics of message type `kind` with messages in a MessageSource, by name."""
-    topics = bag.get_type_and_topic_info().topics
-    return sorted(t for t, e in topics.items() if e.msg_type == kind and e.message_count > 0)
+# Topics of the bags that launch/record.launch records
+POSE = "/vrpn_client_node/hovercraft/pose"
+SETTINGS = "/mocap_state/settings"
+RUN_SETTINGS = "/run/settings"
+CONTROLS = "/controls"
+WANTED = "/controls/wanted"
+DECISION = "/decision"
+STATUS = "/controller/status"
+DRIVE = "/drive"
+BURSTS = "/bursts"
+TRUTH = "/simulator/truth"
+REFERENCE = "/reference"
+REFERENCE_PATH = "/path/reference"
+CONTROLLER = "/controller"  # name of its node
+CHUNK = 8 * 1024  # size of a bag's chunks, as in launch/record.launch; a cut loses at most one [bytes]
+TIME = "builtin_interfaces/msg/Time"
 
 
-def announced(bag: MessageSource, kind: str) -> bool:
-    """Whether the bag has or had messages of type `kind`, which may be lost."""
-    return any(e.msg_type == kind for e in bag.get_type_and_topic_info().topics.values())
+def time(nanoseconds: int) -> Any:
+    """A time of messages."""
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return _store().types[TIME](sec=seconds, nanosec=rest)
 
 
-def of_type(bag: MessageSource, kind: str) -> Iterator[Message]:
-    """Yields all messages of type `kind`, in the order of receipt."""
-    for _, message, _ in bag.read_messages(topics_of(bag, kind)):
-        yield message
+def new(kind: str, **fields: Any) -> Message:
+    """A message of a type such as "ground_msgs/Controls"; fields that are not given are empty or 0."""
+    plain = {
+        name: np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value
+        for name, value in fields.items()
+    }
+    return _new("/msg/".join(kind.split("/")), plain)
 
 
-class Told:
-    """A MessageSource that tells which share of its messages has been read, 0..1."""
+@functools.lru_cache(maxsize=None)
+def _store() -> Any:
+    """rosbags' Typestore of ROS 1 with ground's messages: those of ROS, or those in the wheel."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    def __init__(self, source: MessageSource, tell: Tell) -> None:
-        self._source = source
-        self._tell = tell
-        self.warnings = source.warnings
+    texts: Dict[str, str] = {}
+    for path in glob.glob(os.path.join(os.path.dirname(ground.__file__), "msg", "*.msg")):
+        with open(path) as file:
+            texts[os.path.splitext(os.path.basename(path))[0]] = file.read()
+    if not texts:
+        import ground_msgs.msg as own
 
-    def get_type_and_topic_info(self) -> Topics:
-        """See MessageSource."""
-        return self._source.get_type_and_topic_info()
+        every = {name: getattr(kind, "_full_text", "") for name, kind in vars(own).items()}
+        texts = {name: text.split("=" * 80)[0] for name, text in every.items() if text}
+    types: Dict[str, Any] = {}
+    for name, text in texts.items():
+        types.update(get_types_from_msg(text, "ground_msgs/msg/" + name))
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(types)
+    return store
 
-    def read_messages(self, topics: Iterable[str]) -> Iterator[Tuple[str, Message, Time]]:
-        """See MessageSource."""
-        info, wanted = self.get_type_and_topic_info().topics, set(topics)
-        total = sum(entry.message_count for topic, entry in info.items() if topic in wanted)
-        for count, row in enumerate(self._source.read_messages(wanted)):
-            if count % TOLD == 0 and total > MANY:
-                self._tell(min(1.0, count / total))
-            yield row
 
-    def batch(self, topic: str) -> Optional[Batch]:
-        """See MessageSource."""
-        return self._source.batch(topic)
+def _new(name: str, fields: Mapping[str, Any]) -> Message:
+    definition = _store().get_msgdef(name)
+    return definition.cls(**{**{n: _empty(*of) for n, of in definition.fields}, **fields})
+
+
+def _empty(node: Any, of: Any) -> Any:
+    """Default value of a field; node, of: rosbags' description of its type."""
+    if node == 2:
+        return time(0) if of == TIME else _new(of, {})
+    if node == 1:
+        return {"string": "", "bool": False}.get(of[0], 0)
+    inner, count = of
+    is_number = inner[0] == 1 and inner[1][0] != "string"
+    values = [_empty(*inner) for _ in range(count if node == 3 else 0)]
+    return np.array(values, inner[1][0]) if is_number else values
+
+
+@dataclass
+class _Bag:
+    """A bag that is being written."""
+
+    writer: Any
+    connections: Dict[str, Any] = field(default_factory=dict)  # by topic
+
+    def write(self, topic: str, message: Message, received: int) -> None:
+        """Adds a message that was received at a time [ns]."""
+        store, name = _store(), message.__msgtype__
+        if topic not in self.connections:
+            definition, md5sum = store.generate_msgdef(name)
+            self.connections[topic] = self.writer.add_connection(
+                topic, name, msgdef=definition, md5sum=md5sum
+            )
+        self.writer.write(self.connections[topic], received, store.serialize_ros1(message, name))
+
+
+@contextlib.contextmanager
+def bag_writer(path: str) -> Iterator[_Bag]:
+    """A new bag, which replaces the file at `path`."""
+    import lz4.frame
+    from rosbags.rosbag1 import Writer
+
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(path)  # rosbags writes new files only
+    writer = Writer(path)
+    writer.set_compression(Writer.CompressionFormat.LZ4)
+    # With a checksum and without the size, as rosbag writes and reads it.
+    writer.compressor = functools.partial(
+        lz4.frame.compress, content_checksum=True, store_size=False, block_linked=False
+    )
+    writer.chunk_threshold = CHUNK
+    with writer:
+        yield _Bag(writer)

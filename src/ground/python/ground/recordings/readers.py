@@ -1,4 +1,4 @@
-"""Readers of recordings, one for each kind of file; the first one that can read a file is used.
+"""Reads recordings from files: bags of ROS 1 and 2, MCAP files, tables, and kinds of a user's own.
 
 To support another kind of file, add a Reader to READERS.
 """
@@ -7,25 +7,30 @@ import glob
 import os
 import re
 from dataclasses import replace
-from typing import ContextManager, Dict, Iterable, List, Optional, Protocol, Tuple
+from typing import Dict, Iterable, List, Mapping, Protocol, Tuple
 
+import numpy as np
+
+from ground.annotations import Array, Flags, Indices
 from ground.errors import GroundError
-from ground.recordings import bag_reader, digest, drafts, run_parameters
-from ground.recordings.bag_reader import BagReader
-from ground.recordings.mapping import DEFAULT, FieldMapping
-from ground.recordings.messages import MessageSource, Tell, Told
-from ground.recordings.recording import Recording, read_source
-from ground.recordings.ros2_reader import Ros2Reader
-from ground.recordings.tables import SUFFIXES, TableReader
+from ground.recordings import commands, containers, poses, run_settings, units
+from ground.recordings.containers import RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
+from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, TIMES, Clock, FieldMapping
+from ground.recordings.recording import Recording, checked, digest_of_files
 
 METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder
+BAG, ROS2, TABLE = "bag", "bag of ROS 2", "table"  # kinds of files that are read without more
+LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
+FARTHEST = 1e4  # largest plausible coordinate of a pose [m]
+MANY_LOST = 0.1  # share of lost poses from which their axes are checked
+MOST_RAW = 2000  # poses as measured that axes are judged by
 
 
 class Reader(Protocol):
     """Reads Recordings from one kind of file."""
 
-    name: str  #: name of the kind, "bag"
-    suffix: str  #: suffix of the files that are read if a folder is given, ".bag"
+    name: str  #: name of the kind, "log"
+    suffix: str  #: suffix of the files that are read if a folder is given, ".log"
 
     def can_read(self, path: str) -> bool:
         """Whether the file or folder at `path` is of this kind, by its first bytes or its name."""
@@ -34,140 +39,89 @@ class Reader(Protocol):
         """The Recording in a file, by what the mapping says. Raises GroundError."""
 
 
-class OfMessages:
-    """A reader of files that hold messages."""
-
-    name, suffix = "", ""
-
-    def open(self, path: str, mapping: FieldMapping) -> ContextManager[MessageSource]:
-        """The messages in a file. Raises GroundError."""
-        raise NotImplementedError
-
-    def everything(self, path: str) -> ContextManager[MessageSource]:
-        """All that is in a file, of which a mapping may choose. Raises GroundError."""
-        return self.open(path, DEFAULT)
-
-    def files(self, path: str, mapping: FieldMapping) -> List[str]:
-        """The files that a recording is read from."""
-        if not os.path.isdir(path):
-            return [path]
-        return sorted(entry.path for entry in os.scandir(path) if entry.is_file())
-
-    def read(self, path: str, mapping: FieldMapping, tell: Optional[Tell] = None) -> Recording:
-        """See Reader; tell: called with the share that has been read."""
-        with self.open(path, mapping) as source:
-            return read_source(Told(source, tell) if tell else source, path, mapping)
+READERS: List[Reader] = []  #: a user's own, beside those of bags and tables
 
 
-class Bag(OfMessages):
-    """Bags of ROS 1."""
-
-    name, suffix = "bag", ".bag"
-
-    def can_read(self, path: str) -> bool:
-        """See Reader."""
-        if os.path.isdir(path):
-            return False
-        with open(path, "rb") as file:
-            return file.read(len(bag_reader.ANY_MAGIC)) == bag_reader.ANY_MAGIC
-
-    def open(self, path: str, mapping: FieldMapping) -> ContextManager[MessageSource]:
-        """See OfMessages."""
-        return BagReader(path)
+def _names() -> List[str]:
+    return [BAG, ROS2, TABLE, *(reader.name for reader in READERS)]
 
 
-class Ros2Bag(OfMessages):
-    """Bags of ROS 2, as folders or as their single files."""
-
-    name, suffix = "bag of ROS 2", ".mcap"
-
-    def can_read(self, path: str) -> bool:
-        """See Reader."""
-        if os.path.isdir(path):
-            return os.path.isfile(os.path.join(path, METADATA))
-        return path.endswith((".mcap", ".db3"))
-
-    def open(self, path: str, mapping: FieldMapping) -> ContextManager[MessageSource]:
-        """See OfMessages."""
-        return Ros2Reader(path)
-
-    def files(self, path: str, mapping: FieldMapping) -> List[str]:
-        """See OfMessages; SQLite may have what was written last in a file of its own."""
-        log = path + "-wal"
-        return super().files(path, mapping) + ([log] if os.path.isfile(log) else [])
-
-
-class Table(OfMessages):
-    """CSV and Parquet files; a folder where poses and commands are files of their own."""
-
-    name, suffix = "table", SUFFIXES[0]
-
-    def can_read(self, path: str) -> bool:
-        """See Reader."""
-        return path.lower().endswith(SUFFIXES) or (os.path.isdir(path) and bool(_tables(path)))
-
-    def open(self, path: str, mapping: FieldMapping) -> ContextManager[MessageSource]:
-        """See OfMessages."""
-        return TableReader(self.files(path, mapping))
-
-    def files(self, path: str, mapping: FieldMapping) -> List[str]:
-        """See OfMessages."""
-        return list(dict.fromkeys(_pair(path, mapping)))
-
-    def everything(self, path: str) -> ContextManager[MessageSource]:
-        """See OfMessages."""
-        return TableReader(_tables(path) if os.path.isdir(path) else [path])
-
-    def read(self, path: str, mapping: FieldMapping, tell: Optional[Tell] = None) -> Recording:
-        """See OfMessages."""
-        if not mapping.of_tables:
-            raise GroundError(
-                "%s: which columns are times, poses and commands is not known; identify info %s "
-                "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it"
-                % (path, path)
-            )
-        poses, commands = _pair(path, mapping)
-        with self.open(path, mapping) as source:
-            named = mapping.with_options(os.path.basename(poses), os.path.basename(commands))
-            return read_source(Told(source, tell) if tell else source, path, named)
-
-
-READERS: List[Reader] = [Bag(), Ros2Bag(), Table()]
-
-
-def reader_of(path: str) -> Reader:
-    """The first reader that can read a file or folder. GroundError when there is none."""
-    kinds = " or a ".join(reader.name for reader in READERS)
+def _kind(path: str) -> str:
+    """The name of the kind of a file or folder. GroundError when there is no reader for it."""
     if not os.path.exists(path):
         raise GroundError("%s: no such file" % path)
+    is_folder = os.path.isdir(path)
+    if os.path.isfile(os.path.join(path, METADATA)) or path.endswith((".mcap", ".db3")):
+        return ROS2
+    if path.lower().endswith(SUFFIXES) or (is_folder and _tables(path)):
+        return TABLE
+    if not is_folder:
+        with open(path, "rb") as file:
+            if file.read(len(containers.MAGIC)) == containers.MAGIC:
+                return BAG
     for reader in READERS:
         if reader.can_read(path):
-            return reader
-    if os.path.isdir(path):
+            return reader.name
+    kinds = " or a ".join(_names())
+    if is_folder:
         raise GroundError("%s: a folder, not a %s; name the files in it" % (path, kinds))
     raise GroundError("%s: not a %s" % (path, kinds))
 
 
-def read(path: str, mapping: FieldMapping = DEFAULT, tell: Optional[Tell] = None) -> Recording:
-    """The Recording in a file of any kind, by what the mapping says; tell: called with the share of it
-    that has been read, 0..1. Raises GroundError."""
-    reader = reader_of(path)
-    if isinstance(reader, OfMessages):
-        found, read_from = reader.read(path, mapping, tell), reader.files(path, mapping)
+def _read_from(path: str, mapping: FieldMapping) -> List[str]:
+    """The files that a recording is read from."""
+    kind = _kind(path)
+    if kind == TABLE:
+        return list(dict.fromkeys(_pair(path, mapping)))
+    if os.path.isdir(path):
+        return sorted(entry.path for entry in os.scandir(path) if entry.is_file())
+    log = path + "-wal"  # where SQLite may have what was written last
+    return [path] + ([log] if os.path.isfile(log) else [])
+
+
+def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
+    """The Recording in a file of any kind, by what the mapping says. Raises GroundError."""
+    kind = _kind(path)
+    own = next((reader for reader in READERS if reader.name == kind), None)
+    if own is not None:
+        files = [path] if os.path.isfile(path) else []
+        found = own.read(path, mapping)
+    elif kind != TABLE:
+        files = _read_from(path, mapping)
+        with Bag(path) as bag:
+            found = of_container(bag, mapping)
+    elif not mapping.of_tables:
+        raise GroundError(
+            "%s: which columns are times, poses and commands is not known; identify info %s "
+            "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, path)
+        )
     else:
-        found, read_from = reader.read(path, mapping), [path] if os.path.isfile(path) else []
+        files = _read_from(path, mapping)
+        names = [os.path.basename(name) for name in files]
+        with Tables(files) as tables:
+            tables.path = path
+            found = of_container(tables, mapping.with_options(names[0], names[-1]))
     # The description of a folder is not part of a run: the same run may be given without it.
-    measured = [name for name in read_from if os.path.basename(name) != METADATA]
-    return replace(found, digest=digest.of_files(measured) if measured else "")
+    measured = [name for name in files if os.path.basename(name) != METADATA]
+    return replace(found, digest=digest_of_files(measured) if measured else "")
+
+
+def opened(path: str) -> Container:
+    """All that is in a file or folder, of which a mapping may choose. Raises GroundError."""
+    kind = _kind(path)
+    if kind == TABLE:
+        return Tables(_tables(path) if os.path.isdir(path) else [path])
+    if kind not in (BAG, ROS2):
+        raise GroundError("%s: a %s takes no mapping" % (path, kind))
+    return Bag(path)
 
 
 def files(path: str, mapping: FieldMapping = DEFAULT) -> List[str]:
     """The files that a recording is read from, with those beside it; empty where that is not known. Raises
     GroundError."""
-    reader = reader_of(path)
-    if not isinstance(reader, OfMessages):
+    if _kind(path) not in (BAG, ROS2, TABLE):
         return []
-    return [*reader.files(path, mapping), *run_parameters.paths_beside(path)]
+    return [*_read_from(path, mapping), *run_settings.paths_beside(path)]
 
 
 def size(path: str) -> int:
@@ -177,17 +131,184 @@ def size(path: str) -> int:
     return os.path.getsize(path) if os.path.exists(path) else 0
 
 
-def drafted(path: str) -> str:
-    """The text of a mapping for a file or folder, with the evidence of what it guesses. Raises
-    GroundError."""
-    if os.path.isdir(path) and len(_tables(path)) < 2:  # the runs may be folders in it
-        inside = sorted(entry.path for entry in os.scandir(path) if entry.is_dir())
-        path = next((found for found in inside if _tables(found)), path)
-    reader = reader_of(path)
-    if not isinstance(reader, OfMessages):
-        raise GroundError("%s: a %s takes no mapping" % (path, reader.name))
-    with reader.everything(path) as source:
-        return drafts.draft(source, path, os.path.isdir(path))
+def settings_in(path: str, mapping: FieldMapping = DEFAULT) -> run_settings.Settings:
+    """The Settings by which the mocap's poses in a bag become world_ned. Raises GroundError."""
+    with opened(path) as bag:
+        return run_settings.settings_of(bag, ("axes", "heading_offset"), mapping, [])
+
+
+def files_in(path: str) -> Dict[str, run_settings.RunFile]:
+    """RunFile by `model` and `room` that were recorded with the run. Raises GroundError."""
+    with opened(path) as bag:
+        return run_settings.flown_by(bag)[1]
+
+
+def of_container(source: Container, mapping: FieldMapping) -> Recording:
+    """The recording in an open Container, by what the mapping says.
+
+    Where the mapping names no topic, poses come from a mocap PoseStamped where there is one, else
+    from a PointStamped `pose` or `eta` (x, y, psi), from ground_msgs/State, or from the only topic of
+    another type with poses; commands from the topic `controls`. Mocap poses become world_ned by the
+    mapping's axes and heading_offset where given, else by the settings that were recorded with the
+    run; planar ones take the heading offset; states are corrected already. Raises GroundError.
+    """
+    path, warnings, topics = source.path, source.warnings, source.topics
+    posed, commanded = _topics(source, mapping)
+    flown_by, run_files = run_settings.flown_by(source)
+    kind = topics[posed].kind
+    taken = poses.takes(kind, mapping.poses)
+    settings = run_settings.settings_of(source, taken, mapping, warnings)
+
+    columns, where = source.table(posed), "%s: %s" % (path, posed)
+    stamps = _stamps(columns, mapping.poses.time, where)
+    measured = poses.read(columns, stamps, where, kind, mapping.poses, settings)
+    stamps = stamps[measured.chosen]
+    valid = measured.valid & ~(np.abs(measured.rows[:, :2]) > FARTHEST).any(axis=1)
+    if not valid.all():
+        warnings.append(_lost(path, valid, measured.raw, settings))
+    times = containers.seconds(stamps[valid])
+    delay = _delay(columns, measured.chosen, stamps)
+    shifted = times + mapping.clock_offset + mapping.clock_drift * (times - times[:1])
+    rows = np.column_stack([shifted, measured.rows[valid]])
+
+    columns, where = source.table(commanded), "%s: %s" % (path, commanded)
+    channels, lift = commands.channels_of(columns, topics[commanded].kind, mapping.commands, where)
+    sent_at = _stamps(columns, mapping.commands.time, where)
+    sent = np.column_stack([containers.seconds(sent_at), commands.read(columns, channels, where)])
+    disorder = int((np.diff(sent_at) < 0).sum())
+    if disorder:
+        warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
+    delay -= _delay(columns, np.ones(len(sent_at), bool), sent_at)
+
+    found = checked(
+        path,
+        rows,
+        sent,
+        ", ".join("%s (%s)" % (topic, topics[topic].kind) for topic in (posed, commanded)),
+        warnings,
+        [channel.name for channel in channels],
+        {channel.name: channel.range for channel in channels},
+    )
+    return replace(
+        found,
+        path=str(path),
+        lift_channel=lift,
+        drives=_drives(source),
+        settings=settings,
+        changes=run_settings.live_changes(source),
+        flown_by=flown_by,
+        files=run_files,
+        # One recorder received both: if their delays differ by much, their stamps have two clocks.
+        clock_offset=0.0 if mapping.clock_offset or mapping.clock_drift else delay,
+    )
+
+
+def _stamps(columns: Columns, clock: Clock, where: str) -> Indices:
+    """The stamps of a table [ns], from a field, the header or the times of receipt. GroundError when there
+    are none."""
+    if not clock.field:
+        name = STAMP if clock.source != RECEIPT and STAMP in columns else RECEIVED
+        if name not in columns or (clock.source == HEADER and name != STAMP):
+            missing = "no header" if clock.source == HEADER else "no time of receipt"
+            raise GroundError("%s: %s; name the field that is the time in a mapping" % (where, missing))
+        return np.asarray(columns[name])
+    paths = [path for path in (clock.field, clock.nanoseconds) if path]
+    as_numbers = containers.values(columns, paths, where)
+    bad = ~np.isfinite(as_numbers).all(axis=1)
+    if bad.any():
+        raise GroundError("%s: time number %d is not a number" % (where, np.argmax(bad) + 1))
+    total = np.zeros(len(as_numbers), np.int64)
+    for path, unit, as_number in zip(paths, (TIMES[clock.unit], 1), as_numbers.T):
+        given = containers.column(columns, path)
+        far = (as_number < 0) | (as_number * unit >= LATEST)
+        if far.any():
+            raise GroundError(
+                "%s: a time is %g %s, which is not between 1970 and 2106; the key unit of the "
+                "mapping's time may be wrong" % (where, as_number[far][0], clock.unit)
+            )
+        # Integers stay exact: those of nanoseconds have more digits than a float.
+        if given is not None and given.dtype.kind in "iu":
+            total += given.astype(np.int64) * unit
+        else:
+            total += np.rint(as_number * unit).astype(np.int64)
+    return total
+
+
+def _delay(columns: Columns, chosen: Flags, stamps: Indices) -> float:
+    """Median time from stamp to receipt [s]; 0 where that is not known."""
+    if RECEIVED not in columns or not len(stamps):
+        return 0.0
+    return 1e-9 * float(np.median(columns[RECEIVED][chosen] - stamps))
+
+
+def _drives(source: Container) -> Array:
+    """When each drive began and the stamp of the last message about it (k, 2) [s], ordered by the latter,
+    so that the next message overrules a damaged one."""
+    found: Dict[int, int] = {}
+    for message in source.rows("ground_msgs/Drive"):
+        found[message["began"]] = message[STAMP]
+    ordered = sorted(found.items(), key=lambda row: row[1])
+    return containers.seconds(np.array(ordered, np.int64).reshape(-1, 2))
+
+
+def _lost(path: str, valid: Flags, raw: Array, settings: run_settings.Settings) -> str:
+    """How many poses are lost, with the axes that would keep them where these are why. GroundError when
+    none is left."""
+    lost = int((~valid).sum())
+    step = 1 + len(raw) // MOST_RAW
+    fit = units.fitting_axes(raw[::step]) if len(raw) else None
+    if fit is None or lost < MANY_LOST * len(valid) or "axes" not in settings.taken:
+        return "%d poses are invalid and were left out" % lost
+    axes, share = fit
+    text = "%.0f%% of the poses do not fit the axes '%s' and were left out: --axes \"%s\" fits %.0f%%" % (
+        100 * lost / len(valid),
+        settings.changes[0].axes,
+        axes,
+        100 * share,
+    )
+    if valid.sum() < 2:
+        raise GroundError("%s: %s" % (path, text))
+    return text
+
+
+def _topics(source: Container, mapping: FieldMapping) -> Tuple[str, str]:
+    """Topics of the poses and of the controls."""
+    info, path = source.topics, source.path
+    there = ", ".join("%s (%s)" % (t, e.kind) for t, e in sorted(info.items())) or "no messages at all"
+    for topic, kind, option in (
+        (mapping.poses.topic, mapping.poses.type, "--pose-topic"),
+        (mapping.commands.topic, mapping.commands.type, "--command-topic"),
+    ):
+        if topic and (topic not in info or not info[topic].count):
+            raise GroundError(
+                "%s: no messages on %s, which %s names; it has %s"
+                % (path, topic, mapping.file or option, there)
+            )
+        if topic and kind and info[topic].kind != kind:
+            raise GroundError("%s: %s has %s, not %s" % (path, topic, info[topic].kind, kind))
+    ranked = commands.ranks(info)
+    others = [mapping.commands.topic] if mapping.commands.topic else list(ranked)
+    likely = poses.ranks(info, mapping.poses, others)
+    return (
+        mapping.poses.topic or _best(path, "poses", likely, "--pose-topic", there),
+        mapping.commands.topic or _best(path, "controls", ranked, "--command-topic", there),
+    )
+
+
+def _best(path: str, what: str, ranks: Mapping[str, int], option: str, there: str) -> str:
+    """The topic of the lowest rank. GroundError when there is none or several have it."""
+    if not ranks:
+        raise GroundError(
+            "%s: no %s in this bag; it has %s; %s names another topic, and identify info "
+            "--write-mapping drafts a mapping for other fields and units" % (path, what, there, option)
+        )
+    same = sorted(topic for topic, rank in ranks.items() if rank == min(ranks.values()))
+    if len(same) > 1:
+        raise GroundError(
+            "%s: several topics could be the %s: %s; choose one by %s"
+            % (path, what, ", ".join(same), option)
+        )
+    return same[0]
 
 
 def listed(paths: Iterable[str], mapping: FieldMapping = DEFAULT) -> List[str]:
@@ -202,37 +323,35 @@ def listed(paths: Iterable[str], mapping: FieldMapping = DEFAULT) -> List[str]:
 def _inside(folder: str, mapping: FieldMapping) -> List[str]:
     if os.path.isfile(os.path.join(folder, METADATA)):
         return [folder]
-    files: List[str] = []
-    for reader in READERS:
-        if not isinstance(reader, Table):
-            files += glob.glob(os.path.join(glob.escape(folder), "*" + reader.suffix))
+    found: List[str] = []
+    for suffix in (".bag", ".mcap", *(reader.suffix for reader in READERS)):
+        found += glob.glob(os.path.join(glob.escape(folder), "*" + suffix))
     below = sorted(entry.path for entry in os.scandir(folder) if entry.is_dir())
-    files += [path for path in below if os.path.isfile(os.path.join(path, METADATA))]
-    if files:
-        return sorted(files)
-    if not mapping.of_tables:
-        if any(_tables(path) for path in [folder, *below]):
-            return [folder]
-    elif mapping.poses.file or mapping.commands.file:
-        files = [path for place in [folder, *below] for path in _paired(place, mapping)]
-    else:
-        files = _tables(folder)
-    if files:
-        return sorted(files)
-    kinds = " or ".join(reader.name for reader in READERS)
-    raise GroundError("%s: there is no %s in this folder" % (folder, kinds))
+    found += [path for path in below if os.path.isfile(os.path.join(path, METADATA))]
+    if not found and not mapping.of_tables:
+        found = [folder] if any(_tables(path) for path in [folder, *below]) else []
+    elif not found and (mapping.poses.file or mapping.commands.file):
+        for place in [folder, *below]:
+            pairs = _pairs(place, mapping)
+            found += [place] if len(pairs) == 1 else [of_poses for of_poses, _ in pairs]
+    elif not found:
+        found = _tables(folder)
+    if not found:
+        raise GroundError("%s: there is no %s in this folder" % (folder, " or ".join(_names())))
+    return sorted(found)
+
+
+def to_draft(path: str) -> str:
+    """The recording of which a mapping is drafted: a folder, or the first one in it that has tables."""
+    if os.path.isdir(path) and len(_tables(path)) < 2:  # the runs may be folders in it
+        inside = sorted(entry.path for entry in os.scandir(path) if entry.is_dir())
+        return next((found for found in inside if _tables(found)), path)
+    return path
 
 
 def _tables(folder: str) -> List[str]:
     names = sorted(os.listdir(folder))
     return [os.path.join(folder, name) for name in names if name.lower().endswith(SUFFIXES)]
-
-
-def _paired(folder: str, mapping: FieldMapping) -> List[str]:
-    """The recordings of tables in a folder: the folder itself when there is one, else the files of the
-    poses."""
-    pairs = _pairs(folder, mapping)
-    return [folder] if len(pairs) == 1 else [poses for poses, _ in pairs]
 
 
 def _pairs(folder: str, mapping: FieldMapping) -> List[Tuple[str, str]]:
@@ -255,11 +374,11 @@ def _matching(folder: str, pattern: str) -> Dict[Tuple[str, ...], str]:
 
 def _pair(path: str, mapping: FieldMapping) -> Tuple[str, str]:
     """Files of the poses and of the commands of the recording at `path`."""
-    if not (mapping.poses.file or mapping.commands.file) and not os.path.isdir(path):
+    is_folder = os.path.isdir(path)
+    if not (mapping.poses.file or mapping.commands.file) and not is_folder:
         return path, path
-    folder = path if os.path.isdir(path) else os.path.dirname(path) or "."
-    pairs = _pairs(folder, mapping)
-    if not os.path.isdir(path):
+    pairs = _pairs(path if is_folder else os.path.dirname(path) or ".", mapping)
+    if not is_folder:
         name = os.path.basename(path)
         pairs = [pair for pair in pairs if name in [os.path.basename(file) for file in pair]]
     if len(pairs) != 1:

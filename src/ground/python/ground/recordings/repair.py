@@ -1,17 +1,14 @@
 """Repair of a recording's poses; repairs are counted."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Dict, Optional, Tuple
+from typing import Dict, Optional, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, ArrayLike, Document, Flags
+from ground.annotations import Array, ArrayLike, Document, Flags, Indices
 from ground.errors import GroundError
-from ground.recordings import bursts, frame_clock
-
-if TYPE_CHECKING:
-    from ground.recordings.recording import Recording
+from ground.recordings import frame_clock
 
 MAX_GAP = 0.1  # longest gap that is interpolated, or that a window spans [s]
 CLOCK_OFFSET = 0.05  # least offset between the topics' clocks that is corrected [s]
@@ -20,6 +17,11 @@ FLIP_COST = (3.0, 0.5)  # minus log-likelihood of a change of mirroring, and of 
 # Noise of poses [m], [rad], if the recording does not determine it
 TYPICAL_NOISE = (frame_clock.POSITION_NOISE, frame_clock.HEADING_NOISE)
 POLLED_NOISE = (4e-3, 3e-2)  # the same for poses whose instants are known to some milliseconds only
+APART = 1e-3  # stamps of a burst are not further apart [s]
+AROUND = 2  # poses before and after a burst that give its direction
+MIN_WAY = 20.0  # shortest way along which a burst is sorted [standard deviations]
+MIN_GAIN = 50.0  # least fall of the roughness for a new order
+MAX_RATIO = 0.5  # largest roughness of a new order, relative to the old one
 GATE = 8.0  # poses further off than this many standard deviations are spikes
 
 
@@ -44,27 +46,26 @@ def wrap(angle: ArrayLike) -> Array:
     return np.asarray(np.angle(np.exp(1j * np.asarray(angle))))
 
 
-def pose_times(recording: "Recording") -> Array:
-    """Stamps of the poses as recorded [s], on the clock of the commands."""
-    shift = recording.clock_offset if abs(recording.clock_offset) > CLOCK_OFFSET else 0.0
-    return recording.pose_times + shift
+def on_commands_clock(times: Array, offset: float) -> Array:
+    """Stamps of poses [s] on the clock of the commands, which is off by `offset` [s]."""
+    return times + offset if abs(offset) > CLOCK_OFFSET else times
 
 
-def repair(recording: "Recording") -> Motion:
-    """The recording's repaired motion; raises GroundError when too little of it is left."""
-    repairs = {}
-    times = pose_times(recording)
-    if abs(recording.clock_offset) > CLOCK_OFFSET:
-        repairs["poses shifted to the clock of the commands [s]"] = recording.clock_offset
+def repair(name: str, stamps: Array, measured: Array, clock_offset: float = 0.0) -> Motion:
+    """The repaired motion of poses (n, 3) with stamps (n,) [s], in the order of arrival; clock_offset: see
+    Recording. GroundError names the run when too little of it is left."""
+    repairs: Dict[str, float] = {}
+    times = on_commands_clock(stamps, clock_offset)
+    if abs(clock_offset) > CLOCK_OFFSET:
+        repairs["poses shifted to the clock of the commands [s]"] = clock_offset
     repairs["stamps put in order"] = int((np.diff(times) < 0).sum())
     order = np.argsort(times, kind="stable")
-    times, eta = times[order], recording.eta[order].copy()
+    times, eta = times[order], measured[order].copy()
     keep = _distinct(times, eta, repairs)
     times, eta = times[keep], eta[keep]
     if len(times) < 10:
-        raise GroundError("%s: only %d distinct poses" % (recording.name, len(times)))
-    measured, repairs["poses that overtook each other put in order"] = bursts.in_order(times, eta)
-    eta = eta[measured]
+        raise GroundError("%s: only %d distinct poses" % (name, len(times)))
+    eta, repairs["poses that overtook each other put in order"] = _in_order(times, eta)
     eta[:, 2], repairs["headings mirrored back"] = _unmirror(eta[:, 2])
     eta[:, 2] = np.unwrap(eta[:, 2])
     clock = frame_clock.rebuild(times, eta)
@@ -119,6 +120,47 @@ def _distinct(times: Array, eta: Array, repairs: Dict[str, float]) -> Flags:
             frozen[start + 1 : end] = True
     repairs["frozen poses dropped"] = int((frozen & ~again).sum())
     return np.asarray(~(again | frozen))
+
+
+def _in_order(times: Array, eta: Array) -> Tuple[Array, int]:
+    """Poses eta (n, 3), with stamps (n,) [s] not descending, in the order in which they were measured; how
+    many of them move.
+
+    All frames of a burst of a network have nearly the same stamp. A craft goes on in one direction while a
+    burst lasts, and turns on. No order is taken that makes the path rougher: a mocap may flip headings.
+    """
+    heading = np.column_stack([np.cos(eta[:, 2]), np.sin(eta[:, 2])])
+    places = np.column_stack([eta[:, :2] / frame_clock.POSITION_NOISE, heading / frame_clock.HEADING_NOISE])
+    order = np.arange(len(times))
+    close = np.diff(times) < APART
+    starts = np.flatnonzero(close & ~np.append(False, close[:-1]))
+    ends = np.flatnonzero(close & ~np.append(close[1:], False)) + 2
+    for start, end in zip(starts, ends):
+        if start < AROUND or end + AROUND > len(times):
+            continue
+        burst = places[start - AROUND : end + AROUND]
+        found = min((_sorted(burst, n) for n in (2, 4)), key=lambda o: _roughness(burst[o]))
+        before, after = _roughness(burst), _roughness(burst[found])
+        rougher = _roughness(burst[found, :2]) > _roughness(burst[:, :2])
+        if after < MAX_RATIO * before and before - after > MIN_GAIN and not rougher:
+            order[start - AROUND : end + AROUND] = start - AROUND + found
+    return eta[order], int((order != np.arange(len(times))).sum())
+
+
+def _sorted(places: Array, columns: int) -> Indices:
+    """Indices that sort the places of a burst along its way, by the first columns; unchanged if
+    the way is too short."""
+    burst = places[:, :columns]
+    way = burst[-AROUND:].mean(axis=0) - burst[:AROUND].mean(axis=0)
+    order = np.arange(len(burst))
+    if np.linalg.norm(way) > MIN_WAY:
+        order[AROUND:-AROUND] = AROUND + np.argsort(burst[AROUND:-AROUND] @ way, kind="stable")
+    return order
+
+
+def _roughness(places: Array) -> float:
+    """Sum of the squared second differences of consecutive places [variances of the noise]."""
+    return float((np.diff(places, 2, axis=0) ** 2).sum())
 
 
 def _unmirror(psi: Array) -> Tuple[Array, int]:

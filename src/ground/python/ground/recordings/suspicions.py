@@ -1,11 +1,11 @@
 """Mistakes that a recording looks like, each with its evidence and the option that mends it.
 
-Nothing is changed: another unit, axis or channel is the user's to choose. A check is a function of a Run
-in CHECKS.
+Nothing is changed: another unit, axis or channel is the user's to choose. A check is a function of a
+Recording in CHECKS.
 """
 
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Callable, Iterator, List, Sequence, Tuple
+from dataclasses import asdict, dataclass, replace
+from typing import Callable, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
@@ -13,21 +13,15 @@ from ground import _core
 from ground.annotations import Document
 from ground.errors import GroundError
 from ground.recordings import layouts, repair, reply, units
-from ground.recordings.layouts import verdicts, words
-
-if TYPE_CHECKING:
-    from ground.recordings.quality import Run
-    from ground.recordings.recording import Recording
+from ground.recordings.quality import repaired
+from ground.recordings.recording import Recording, once
 
 MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
 TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]
-LATEST = 0.3  # largest delay of the motion on one clock [s]
-EARLIEST = -0.03  # least delay: motion cannot come before its command [s]
-DELAYED = 0.15  # largest delay of the motion, all at once [s]
-DRIFTING = 5.0  # least drift of two clocks, in its standard errors
-DELAYS = np.arange(EARLIEST, DELAYED + 0.005, 0.01)  # delays that one clock explains [s]
-CLEAR = 2.5  # least evidence of another clock, in its standard errors
+EARLIEST, DELAYED = -0.03, 0.15  # delays of the motion that one clock explains [s]
+LATEST = 0.3  # largest delay that may be the craft's own, all at once [s]
 MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run [s]
+CLEAR = 2.5  # least evidence of another clock, in its standard errors
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
 MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
 # Kinds of mistakes that effects of a model can also explain: heading_offset, input_delay, other thrust.
@@ -38,37 +32,50 @@ PAIR = (layouts.Thruster("left", 0.0, -1.0, 0.0), layouts.Thruster("right", 0.0,
 
 @dataclass(frozen=True)
 class Suspicion:
-    """A mistake that a recording looks like."""
+    """A mistake that some recordings look like."""
 
     kind: str  #: the mistake, in a word
     evidence: str  #: what it shows by
     remedy: str  #: option or key of a mapping that mends it
+    runs: Tuple[str, ...] = ()  #: names of the recordings
 
     @property
-    def what(self) -> str:
-        """What seems to be wrong, without the figures."""
-        return self.evidence.split(":")[0]
+    def misread(self) -> bool:
+        """Whether a model of such recordings would be wrong."""
+        return self.kind not in EXPLAINED
+
+    @property
+    def sentence(self) -> str:
+        """In words."""
+        return "%s: %s" % (", ".join(self.runs), sentence(asdict(self)))
 
     def describe(self) -> Document:
         """As plain values."""
-        return asdict(self)
+        return {**asdict(self), "runs": list(self.runs), "misread": self.misread}
 
 
 def sentence(d: Document) -> str:
-    """A described Suspicion in words."""
+    """A described Suspicion in words, without the recordings."""
     return "%s; if so: %s" % (d["evidence"], d["remedy"])
 
 
-def of(run: "Run") -> List[Suspicion]:
-    """The Suspicions of a Run."""
-    return [suspicion for check in CHECKS for suspicion in check(run)]
+@once
+def of(recording: Recording) -> List[Suspicion]:
+    """The Suspicions of a Recording."""
+    every = (one for check in CHECKS for one in check(recording))
+    return [replace(one, runs=(recording.name,)) for one in every]
 
 
-def lengths(run: "Run") -> Iterator[Suspicion]:
+def about(recordings: Sequence[Recording], model: _core.Model) -> List[Suspicion]:
+    """The Suspicions of recordings of a model's craft."""
+    return [one for recording in recordings for one in of(recording)] + of_thrusters(recordings, model)
+
+
+def lengths(recording: Recording) -> Iterator[Suspicion]:
     """Positions in millimetres, centimetres or inches, by speeds that no craft in a room has."""
-    recording = run.recording
-    scatter = repair.scatter(run.motion.times, run.motion.measured)
-    noise = run.motion.noise[0] if scatter is None else float(np.hypot(*scatter[:2]) / np.sqrt(2))
+    motion = recording.motion
+    scatter = repair.scatter(motion.times, motion.measured)
+    noise = motion.noise[0] if scatter is None else float(np.hypot(*scatter[:2]) / np.sqrt(2))
     likely, fast = units.length_units(recording.pose_times, recording.eta[:, :2], noise)
     if likely:
         yield Suspicion(
@@ -87,60 +94,43 @@ def lengths(run: "Run") -> Iterator[Suspicion]:
         )
 
 
-def angles(run: "Run") -> Iterator[Suspicion]:
-    """Headings in degrees, by turns that no craft makes."""
-    recording = run.recording
-    if "axes" in recording.settings.taken:  # headings of quaternions have no unit
-        return
-    if units.in_degrees(recording.pose_times, recording.eta[:, 2]):
-        yield Suspicion(
-            "angle",
-            "headings reach %.0f and change by %.0f a second: they seem to be in degrees"
-            % (
-                np.abs(recording.eta[:, 2]).max(),
-                units.speed(recording.pose_times, recording.eta[:, 2:]),
-            ),
-            "heading: {unit: deg} under poses in a mapping",
-        )
-
-
-def clocks(run: "Run") -> Iterator[Suspicion]:
+def clocks(recording: Recording) -> Iterator[Suspicion]:
     """Stamps of two computers, by the time from command to motion and its change."""
-    if len(reply.changes(run.recording)) < MIN_CHANGES:
+    if (np.abs(np.diff(recording.thrust, axis=0)) > 1e-6).any(axis=1).sum() < MIN_CHANGES:
         return
-    recording, motion = run.recording, run.motion
-    drift = reply.drift(recording, motion)
-    drifts = abs(drift.rate) > max(DRIFTING * drift.error, MIN_DRIFT / run.end)
-    if drifts and reply.drift_evidence(recording, motion, drift) > CLEAR:
+    follows = repaired(recording).reply
+    for clock in reply.clocks(recording):
+        lag = follows["lag"] if follows else clock.lag
+        drifts = abs(clock.rate) > MIN_DRIFT / repaired(recording).end
+        if not drifts and (clock.rate or EARLIEST <= lag <= DELAYED):
+            continue
+        if clock.evidence() < CLEAR:  # slow motors, or a loop that a controller closes
+            continue
+        if drifts:
+            yield Suspicion(
+                "drift",
+                "the motion falls behind its commands by %.1f ms a second: the stamps seem to be of two "
+                "computers' clocks that run at different rates" % (1e3 * clock.rate),
+                "clock_drift: %.5f in a mapping" % -clock.rate,
+            )
+            return
+        late = DELAYED < lag <= LATEST
         yield Suspicion(
-            "drift",
-            "the motion falls behind its commands by %.1f ms a second (+- %.1f): the stamps seem to be of "
-            "two computers' clocks that run at different rates" % (1e3 * drift.rate, 1e3 * drift.error),
-            "clock_drift: %.5f in a mapping" % -drift.rate,
+            "delay" if late else "clock",
+            "the motion comes %.0f ms %s its commands%s: the stamps seem to be of two computers' clocks"
+            % (
+                1e3 * abs(lag),
+                "BEFORE" if lag < 0 else "after",
+                " and all at once, as no motor's lag explains" if late else "",
+            ),
+            "clock_offset: %.2f in a mapping, which leaves the craft's own delay open" % -lag,
         )
-        return
-    lag = run.reply["lag"] if run.reply else reply.far_lag(recording, motion)
-    if lag is None or EARLIEST <= lag <= DELAYED:
-        return
-    if reply.lag_evidence(recording, motion, lag, DELAYS) < CLEAR:
-        return  # slow motors, or a loop that a controller closes
-    late = DELAYED < lag <= LATEST
-    yield Suspicion(
-        "delay" if late else "clock",
-        "the motion comes %.0f ms %s its commands%s: the stamps seem to be of two computers' clocks"
-        % (
-            1e3 * abs(lag),
-            "BEFORE" if lag < 0 else "after",
-            " and all at once, as no motor's lag explains" if late else "",
-        ),
-        "clock_offset: %.2f in a mapping, which leaves the craft's own delay open" % -lag,
-    )
 
 
-def forces(run: "Run") -> Iterator[Suspicion]:
+def forces(recording: Recording) -> Iterator[Suspicion]:
     """Commands in newtons or another unit in which full thrust is far below 1."""
-    most = float(np.abs(run.recording.thrust).max())
-    if run.reply and most < MIN_COMMAND:
+    most = float(np.abs(recording.thrust).max())
+    if repaired(recording).reply and most < MIN_COMMAND:
         yield Suspicion(
             "command",
             "the craft is driven, but no command exceeds %.2g of full thrust: commands seem to be in newtons "
@@ -149,76 +139,45 @@ def forces(run: "Run") -> Iterator[Suspicion]:
         )
 
 
-def directions(run: "Run") -> Iterator[Suspicion]:
+def directions(recording: Recording) -> Iterator[Suspicion]:
     """Swapped, inverted and dead thrusters, and headings of another sign or zero, of a craft with a left and
     a right one."""
-    if run.reply and set(run.recording.thrusters) == {"left", "right"}:
-        yield from _of_layout([run], PAIR)
+    if repaired(recording).reply and set(recording.thrusters) == {"left", "right"}:
+        yield from _of_layout([recording], PAIR)
 
 
-@dataclass(frozen=True)
-class Finding:
-    """A Suspicion about some recordings."""
-
-    runs: Tuple[str, ...]  #: their names
-    suspicion: Suspicion
-
-    def describe(self) -> Document:
-        """As plain values."""
-        return {"runs": list(self.runs), **self.suspicion.describe(), "misread": self.misread}
-
-    @property
-    def misread(self) -> bool:
-        """Whether a model of such recordings would be wrong."""
-        return self.suspicion.kind not in EXPLAINED
-
-    @property
-    def sentence(self) -> str:
-        """In words."""
-        return "%s: %s" % (", ".join(self.runs), sentence(self.suspicion.describe()))
+CHECKS: Sequence[Callable[[Recording], Iterator[Suspicion]]] = (lengths, clocks, forces, directions)
 
 
-def of_thrusters(recordings: Sequence["Recording"], model: _core.Model) -> List[Finding]:
-    """Findings about the channels and headings of a craft with other thrusters than a left and a right
-    one; those of a pair are among the Suspicions of each Run."""
+def of_thrusters(recordings: Sequence[Recording], model: _core.Model) -> List[Suspicion]:
+    """Suspicions about the channels and headings of a craft with other thrusters than a left and a right
+    one; those of a pair are among those of each Recording. What all together look like says it all, unless
+    one of them alone looks like something else."""
     if model.is_pair:
         return []
     thrusters = layouts.thrusters_of(model)
-    alone = [
-        Finding((r.name,), one) for r in recordings for one in _of_layout([r.repaired], thrusters)
-    ]
-    every = [r.repaired for r in recordings]
-    together = [
-        Finding(tuple(r.name for r in recordings), one) for one in _of_layout(every, thrusters)
-    ]
-    said = {finding.suspicion.what for finding in together}
-    return together if {finding.suspicion.what for finding in alone} <= said else alone
-
-
-def of_runs(recordings: Sequence["Recording"]) -> List[Finding]:
-    """The Suspicions of each Run as Findings."""
-    return [Finding((r.name,), one) for r in recordings for one in r.repaired.suspicions]
+    alone = [one for recording in recordings for one in _of_layout([recording], thrusters)]
+    together = list(_of_layout(recordings, thrusters))
+    what, every = ({one.evidence.split(":")[0] for one in some} for some in (alone, together))
+    return together if what <= every else alone
 
 
 def _of_layout(
-    runs: Sequence["Run"], thrusters: Sequence[layouts.Thruster]
+    recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster]
 ) -> Iterator[Suspicion]:
-    """The suspicion about runs of a craft, where they refute their channels and headings."""
+    """The suspicion about recordings of a craft, where they refute their channels and headings."""
     try:
-        verdict = verdicts.of_runs(runs, thrusters)
+        verdict = layouts.judge(recordings, thrusters)
     except GroundError:  # the commands change too little
         return
     if verdict.is_as_recorded:
         return
-    names, measured = [thruster.name for thruster in thrusters], runs[0].recording.settings
+    names, measured = [thruster.name for thruster in thrusters], recordings[0].settings
     ways = [verdict.best.hypothesis, *verdict.same]
-    remedies = [" and ".join(words.remedies(way, names, measured)) for way in ways]
+    what = [layouts.suppositions(way, names, seem=not i) for i, way in enumerate(ways)]
     yield Suspicion(
-        words.kind(ways[0], names),
-        "%s: %s" % (words.alternatives(ways, names), words.evidence(verdict)),
-        ", or ".join(remedies),
+        layouts.kind(ways[0], names),
+        "%s: %s" % (", or equally ".join(what), layouts.evidence(verdict)),
+        ", or ".join(layouts.remedies(way, names, measured) for way in ways),
+        tuple(recording.name for recording in recordings),
     )
-
-
-Check = Callable[["Run"], Iterator[Suspicion]]
-CHECKS: Sequence[Check] = (lengths, angles, clocks, forces, directions)

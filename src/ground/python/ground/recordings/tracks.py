@@ -1,18 +1,18 @@
 """How a recorded craft followed its reference."""
 
 from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Array, Document
+from ground.annotations import Array, Document, Flags
 from ground.errors import GroundError
-from ground.recordings import tracking_error
-from ground.recordings.bag_reader import BagReader
+from ground.recordings.containers import STAMP, Bag, Container, seconds
 from ground.recordings.recording import Recording
 
 PAUSE = 0.5  # time without a reference after which another drive begins [s]
 LONGEST = 0.1  # longest time for which a reference is extrapolated [s]
+AT_BOUND = 1e-6  # an input this near to 0 or 1 is saturated
 SHORTEST = 1.0  # shortest drive that counts [s]
 
 
@@ -38,38 +38,28 @@ class Track:
 def read(path: str, recording: Recording) -> List[Track]:
     """The Tracks of a Recording, read from the bag at `path`; GroundError if nothing followed a
     reference."""
-    followed: List[Tuple[float, ...]] = []
-    limited: List[Tuple[float, ...]] = []
-    decided: List[Tuple[float, ...]] = []
+    inputs = len(recording.thrusters)
+    limited: List[Array] = [np.empty((0, 1 + inputs))]
     drivers: List[Tuple[float, str]] = []
-    with BagReader(path) as bag:
-        topics = bag.get_type_and_topic_info().topics
-        ours = [t for t, e in topics.items() if e.msg_type == "ground_msgs/Reference"]
-        commands = [t for t, e in topics.items() if e.msg_type == "ground_msgs/Controls"]
-        decisions = [t for t, e in topics.items() if e.msg_type == "ground_msgs/Decision"]
-        for topic, message, _ in bag.read_messages(ours + commands + decisions):
-            stamp = message.header.stamp.to_sec()
-            if topic in decisions:
-                decided.append((stamp, message.computing))
-                continue
-            if topic in ours:
-                followed.append((stamp, *message.p, *message.p_dot))
-            elif topic.endswith("wanted"):
-                thrusters = getattr(message, "thrusters", ())  # none before there were any
-                limited.append(
-                    (stamp, *(thrusters if len(thrusters) else (message.left, message.right)))
-                )
-            elif message.header.frame_id:
-                drivers.append((stamp, message.header.frame_id))
-    if not followed:
+    with Bag(path) as bag:
+        followed = _stamped(bag, "ground_msgs/Reference", ["p[0]", "p[1]", "p_dot[0]", "p_dot[1]"])
+        decided = _stamped(bag, "ground_msgs/Decision", ["computing"])
+        for topic in bag.of_kind("ground_msgs/Controls"):
+            columns = bag.table(topic)
+            stamps = seconds(columns[STAMP])
+            if topic.endswith("wanted"):
+                listed = ["thrusters[%d]" % i for i in range(inputs)]
+                names = listed if listed[0] in columns else ["left", "right"]  # none before there were any
+                limited.append(np.column_stack([stamps, *(columns[name] for name in names)]))
+            else:
+                drivers += [(t, name) for t, name in zip(stamps, columns["header.frame_id"]) if name]
+    if not len(followed):
         raise GroundError(
             "%s: no reference was recorded: nothing was tracked, or the topic reference is missing"
             % path
         )
-    references = np.array(sorted(set(followed)))
-    inputs = len(recording.thrusters)
-    wanted = np.array(sorted(limited)).reshape(-1, 1 + inputs)
-    computing = np.array(sorted(decided)).reshape(-1, 2)
+    references = np.unique(followed, axis=0)
+    wanted, computing = _by_time(np.concatenate(limited)), _by_time(decided)
     breaks = np.flatnonzero(np.diff(references[:, 0]) > PAUSE) + 1
     found = [
         _track(recording, part, wanted, computing, drivers) for part in np.split(references, breaks)
@@ -78,6 +68,19 @@ def read(path: str, recording: Recording) -> List[Track]:
     if not tracks:
         raise GroundError("%s: no drive along a reference of %g s and more" % (path, SHORTEST))
     return tracks
+
+
+def _stamped(bag: Container, kind: str, names: Sequence[str]) -> Array:
+    """Rows of stamp [s] and some numbers of the messages of a type, on all topics."""
+    found = [np.empty((0, 1 + len(names)))]
+    for topic in bag.of_kind(kind):
+        columns = bag.table(topic)
+        found.append(np.column_stack([seconds(columns[STAMP]), *(columns[name] for name in names)]))
+    return np.concatenate(found)
+
+
+def _by_time(rows: Array) -> Array:
+    return np.asarray(rows[np.argsort(rows[:, 0], kind="stable")])
 
 
 def _track(
@@ -121,8 +124,8 @@ def _during(rows: Array, began: float, ended: float) -> Array:
 
 def numbers(track: Track, settled: float = 0.0) -> Document:
     """Numbers of a Track from `settled` [s] on: rms, max and final error [m], share of the time in which
-    an input is at a bound, mean square of the inputs, and wanted_summary and compute_ms of
-    tracking_error (the latter of the whole drive), None for what was not recorded."""
+    an input is at a bound, mean square of the inputs, and wanted_summary and compute_ms (the
+    latter of the whole drive), None for what was not recorded."""
     counts = track.times >= settled
     if not counts.any():
         raise GroundError("the drive ended before %g s" % settled)
@@ -132,7 +135,54 @@ def numbers(track: Track, settled: float = 0.0) -> Document:
         "began": track.began,
         "duration": float(track.times[-1]),
         "controller": track.controller or None,
-        **tracking_error.summary(track.errors[counts], inputs),
-        **tracking_error.wanted_summary(wanted),
-        "compute_ms": tracking_error.compute_ms(track.computing[:, 1]),
+        **summary(track.errors[counts], inputs),
+        **wanted_summary(wanted),
+        "compute_ms": compute_ms(track.computing[:, 1]),
+    }
+
+
+def saturated(inputs: Array) -> Flags:
+    """Whether an input of each row (n, k) is at a bound (n,). Of two thrusters, the bounds are 0 and 1;
+    more of them, or those that go backwards, are off without being at a limit."""
+    high = np.abs(inputs) >= 1 - AT_BOUND
+    if inputs.shape[1] == 2 and not (inputs < 0).any():
+        high |= inputs <= AT_BOUND
+    return np.asarray(high.any(axis=1))
+
+
+def summary(errors: Array, inputs: Array) -> Dict[str, Optional[float]]:
+    """Numbers of position errors (n,) [m] and inputs (k, n), 0..1: rms, max and final error [m], share of
+    the time in which an input is at a bound, mean square of the inputs. None where there are no
+    rows."""
+    numbers = dict.fromkeys(("rms", "max", "final", "saturated_fraction", "effort"))
+    if len(errors):
+        numbers["rms"] = float(np.sqrt(np.mean(errors**2)))
+        numbers["max"] = float(errors.max())
+        numbers["final"] = float(errors[-1])
+    if len(inputs):
+        numbers["saturated_fraction"] = float(saturated(inputs).mean())
+        numbers["effort"] = float(np.mean(inputs**2))
+    return numbers
+
+
+def wanted_summary(wanted: Array) -> Dict[str, Optional[float]]:
+    """Share of rows outside 0..1 (two thrusters) or -1..1 before the inputs were limited, and the
+    largest value; None without rows."""
+    least = 0.0 if wanted.shape[1] == 2 else -1.0
+    outside = ((wanted < least - AT_BOUND) | (wanted > 1 + AT_BOUND)).any(axis=1)
+    return {
+        "wanted_outside": float(outside.mean()) if len(wanted) else None,
+        "wanted_largest": float(np.abs(wanted).max()) if len(wanted) else None,
+    }
+
+
+def compute_ms(seconds: Array) -> Optional[Dict[str, float]]:
+    """Median, 99.9% and maximum of the processor time of decisions [ms]; None without decisions."""
+    if not len(seconds):
+        return None
+    found = 1e3 * np.asarray(seconds)
+    return {
+        "median": float(np.median(found)),
+        "p999": float(np.quantile(found, 0.999)),
+        "max": float(found.max()),
     }

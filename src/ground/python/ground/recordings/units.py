@@ -1,6 +1,6 @@
 """What numbers are probably measured in: evidence for drafts of mappings and for suspicions."""
 
-from typing import Optional, Sequence, Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
@@ -83,10 +83,9 @@ def in_degrees(times: Array, headings: Array) -> bool:
     return speed(times, headings[:, None]) > TURN
 
 
-def fitting_axes(raw: Sequence[Sequence[float]]) -> Optional[Tuple[str, float]]:
+def fitting_axes(rows: Array) -> Optional[Tuple[str, float]]:
     """The axes that most poses fit, rows of position and quaternion, and the share of those; None where
     less than half fit any."""
-    rows = np.array(raw)
     shares = {axes: upright(rows, axes) for pair in VERTICAL for axes in pair[:1]}
     best = max(shares, key=lambda axes: shares[axes])
     if shares[best] < 0.5:

@@ -42,7 +42,7 @@ def diagnosis(
     """Writes the page of a diagnosis.
 
     report: as ground.analysis.diagnosis_report gives it; found, conclusion: Diagnosis and Conclusion;
-    described: quality.describe of all runs; held: _core.RunData of runs that were held out; inputs:
+    described: findings.describe of all runs; held: _core.RunData of runs that were held out; inputs:
     files read. At most MAX_DRAWN runs are drawn, unless thorough.
     """
     runs = [(run, "fit") for run in found.runs] + [(run, "held_out") for run in held]
@@ -136,7 +136,7 @@ def comparison(
     """Writes the page of a comparison.
 
     result: contents of compare.json; inspected: for every run, the results of ground.reports.inspection
-    for each model; described: quality.describe of all runs; inputs: files read.
+    for each model; described: findings.describe of all runs; inputs: files read.
     """
     sheet = page.Page("Comparison of " + ", ".join(result["models"]))
     sheet.add(

@@ -16,8 +16,8 @@ from ground.simulation import listing
 from ground.errors import GroundError, OptionError
 from ground.models import Model, ModelLike, Room, RoomLike
 from ground.progress import say
-from ground.recordings import run_parameters
-from ground.recordings.settings import AXES
+from ground.recordings import run_settings
+from ground.recordings.run_settings import AXES
 from ground.simulation import experiments, gains
 from ground.simulation import tracking as loop
 from ground.simulation.experiments import SimulatedRun
@@ -264,7 +264,7 @@ def simulate(
         heading_offset=options.heading_offset,
         sequence=drive.sequence,
         disturbance=acting,
-        made_with=run_parameters.document(drive.parameters(mover, believed or mover)),
+        made_with=run_settings.document(drive.parameters(mover, believed or mover)),
     )
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from ground import _core, files
 from ground.annotations import Array, Message, Time
 from ground.progress import Work
-from ground.recordings import codecs
+from ground.recordings import messages
 from ground.recordings.commands import CHANNELS
-from ground.recordings.settings import AXES
-from ground.recordings.topics import (
+from ground.recordings.run_settings import AXES
+from ground.recordings.messages import (
     BURSTS,
     CONTROLLER,
     CONTROLS,
@@ -62,7 +62,7 @@ def write(
     counts: Dict[str, int] = {}
     told = work or Work()
     with files.new_file(path, force) as temporary:
-        with told.stage(WRITING), codecs.installed().bag_writer(temporary) as bag:
+        with told.stage(WRITING), messages.bag_writer(temporary) as bag:
             series = _series(run, axes, heading_offset)
             told.more(sum(len(s[1]) for s in series) // TOLD + 1)  # the last one: the index
             rows = [zip(times, repeat(topic), stamps, found) for topic, times, stamps, found in series]
@@ -71,17 +71,17 @@ def write(
                 told.reach(number // TOLD)
                 message.header.seq = counts.get(topic, 0)
                 message.header.stamp = _time(stamp)
-                bag.write(topic, message, _time(received))
+                bag.write(topic, message, int(round(received * NS)))
                 counts[topic] = counts.get(topic, 0) + 1
     return counts
 
 
 def _time(seconds: float) -> Time:
-    return codecs.installed().Time(*divmod(int(round(seconds * NS)), NS))
+    return messages.time(int(round(seconds * NS)))
 
 
 def _new(kind: str, frame: str = "", **fields: Any) -> Message:
-    message = codecs.installed().new(kind, **fields)
+    message = messages.new(kind, **fields)
     if frame:
         message.header.frame_id = frame
     return message

@@ -16,9 +16,8 @@ from ground import _core
 from ground.annotations import Array, Document
 from ground.errors import GroundError
 from ground.progress import Progress, Work
-from ground.recordings import digest
-from ground.recordings.recording import Recording
-from ground.recordings.settings import AXES
+from ground.recordings.recording import Recording, digest_of_files
+from ground.recordings.run_settings import AXES
 
 START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # time recorded at rest, before the lift is on [s]
@@ -54,7 +53,7 @@ class SimulatedRun(Recording):
     # states of the controller: time [s], state, reason
     stages: List[Tuple[float, str, str]] = field(default_factory=list)
     stopped: str = ""  # why the controller stopped before its end
-    made_with: str = ""  # parameters of the run, as recordings.run_parameters.document writes them
+    made_with: str = ""  # parameters of the run, as recordings.run_settings.document writes them
     axes: str = AXES  # world_ned x, y, z in the axes of the mocap
     heading_offset: float = 0.0  # heading of the rigid body minus the craft's [rad]
     sequence: str = ""  # how a file of bits was played
@@ -68,7 +67,7 @@ class SimulatedRun(Recording):
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, "run.bag")
             self.save(path)
-            return digest.of_files([path])
+            return digest_of_files([path])
 
     @property
     def frames_not_delivered(self) -> int:

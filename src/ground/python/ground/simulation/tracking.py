@@ -9,7 +9,7 @@ from ground import _core
 from ground.annotations import Array, Document
 from ground.errors import GroundError
 from ground.progress import Work
-from ground.recordings import tracking_error
+from ground.recordings import tracks
 from ground.simulation import gains
 from ground.workers import Workers
 
@@ -219,15 +219,15 @@ def _numbers(found: Tracked, task: Task) -> Document:
     counts = found.times >= task.settled - 1e-9
     at_work = found.decisions[:, 0] >= task.settled - 1e-9
     inputs, wanted = found.inputs[:, 1:], found.wanted[:, 1:]
-    saturated = found.decisions[tracking_error.saturated(inputs), 0]
-    measured = tracking_error.summary(errors[counts], inputs[at_work])
+    saturated = found.decisions[tracks.saturated(inputs), 0]
+    measured = tracks.summary(errors[counts], inputs[at_work])
     numbers = {
         **{name: NEVER_SETTLED[name] if x is None else x for name, x in measured.items()},
         "final": float(errors[-1]),
         "last_saturation": float(saturated[-1]) if len(saturated) else None,
         "stopped": None,
-        **tracking_error.wanted_summary(wanted[at_work]),
-        "compute_ms": tracking_error.compute_ms(found.computing[:, 1]),
+        **tracks.wanted_summary(wanted[at_work]),
+        "compute_ms": tracks.compute_ms(found.computing[:, 1]),
     }
     if task.ends:
         late = found.times >= task.reference.extent() + AFTER_STOP
@@ -283,7 +283,7 @@ def pooled(runs: Sequence[Tracked]) -> Document:
     late = [n["after_stop_max"] for n in numbers if n.get("after_stop_max") is not None]
     if len(late) == len(numbers):
         result["after_stop_max"] = float(np.median(late))
-    result["compute_ms"] = tracking_error.compute_ms(
+    result["compute_ms"] = tracks.compute_ms(
         np.concatenate([r.computing[:, 1] for r in runs])
     )
     errors = [n["rms"] for n in numbers]

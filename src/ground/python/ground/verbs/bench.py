@@ -14,7 +14,7 @@ from ground.fitting.fit import fit
 from ground.fitting.result import Fit
 from ground.models import Model, with_provenance
 from ground.errors import GroundError
-from ground.recordings import digest
+from ground.recordings.recording import digest_of_files
 
 NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
 EFFECTS = {"a": "thrust_asymmetry", "p": "thrust_curve"}  # of a left and a right thruster
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> Document:
             for short, (name, factor) in factors.items()
         },
         [],
-        [digest.of_files([arguments.table])],
+        [digest_of_files([arguments.table])],
     )
     motion = _motion(arguments, fitted.core) if arguments.runs else None
     fitted.save(arguments.output, arguments.force)

@@ -1,6 +1,7 @@
 """identify info: contents, oddities and repairs of recordings."""
 
 import argparse
+import os
 from typing import List
 
 from ground import bag_arguments, command_line, files
@@ -8,7 +9,7 @@ from ground.annotations import Document
 from ground.api import recordings as api
 from ground.models import Model
 from ground.errors import GroundError
-from ground.recordings import findings, layouts, mapping, quality, readers
+from ground.recordings import drafts, findings, layouts, mapping, readers
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +37,7 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     recordings = list(bag_arguments.read(arguments))
     if model:
         recordings = [recording.with_lift_of(model) for recording in recordings]
-    described = quality.describe(api.repaired(recordings, arguments.work))
+    described = findings.describe(api.repaired(recordings, arguments.work))
     for d in described:
         command_line.say(arguments, d["name"])
         for name, value in findings.facts(d):
@@ -56,7 +57,9 @@ def _write_mapping(arguments: argparse.Namespace) -> List[Document]:
     path, output = arguments.bags[0], arguments.output
     files.refuse_existing(output, arguments.force)
     with arguments.work.stage("drafting"):
-        text = readers.drafted(path)
+        path = readers.to_draft(path)
+        with readers.opened(path) as source:
+            text = drafts.draft(source, os.path.isdir(path))
     with files.new_file(output, arguments.force) as temporary:
         with open(temporary, "w", encoding="utf-8") as file:
             file.write(text)
