@@ -207,7 +207,7 @@ void TrajectoryOptimizer::linearize(std::size_t i) {
   for (int begin = 0; begin < number; begin += kDerivatives) {
     const int end = std::min(number, begin + kDerivatives);
     std::array<Jet, kStates> x;
-    for (int j = 0; j < count_; ++j) x[static_cast<std::size_t>(j)] = plan_.states[i](j);
+    for (int j = 0; j < count_; ++j) x[static_cast<std::size_t>(j)] = Jet(plan_.states[i](j));
     Thrusters<Jet> command = plan_.inputs[i].cast<Jet>();
     for (int j = 0; j < command.size(); ++j)
       if (std::abs(command(j).a) < least_input_(j)) command(j).a = least_input_(j);
