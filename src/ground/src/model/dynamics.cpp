@@ -277,6 +277,36 @@ RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
   return dot;
 }
 
+/// Steps of the velocities by (2.4) alone, under a constant force. Most fits integrate nothing else: small
+/// enough for the registers, it is three times as quick as a step of any model.
+template <typename T>
+template <typename H>
+void Dynamics<T>::stepVelocities(Vector3<T>& nu, const Drive& drive, const H& h, int count) const {
+  const H half = h * 0.5, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
+  const T X = damping_.x(), Y = damping_.y(), N = damping_.z(), surge = drive.surge, yaw = drive.yaw;
+  T u = nu.x(), v = nu.y(), r = nu.z();
+  for (int i = 0; i < count; ++i) {
+    T at_u = u, at_v = v, at_r = r, next_u = u, next_v = v, next_r = r;
+    const auto stage = [&](const H& share, const H& to) __attribute__((always_inline)) {
+      const T du = surge + at_r * at_v - X * at_u, dv = -(at_r * at_u + Y * at_v), dr = yaw - N * at_r;
+      next_u += share * du;
+      next_v += share * dv;
+      next_r += share * dr;
+      at_u = u + to * du;
+      at_v = v + to * dv;
+      at_r = r + to * dr;
+    };
+    stage(sixth, half);
+    stage(third, half);
+    stage(third, h);
+    stage(sixth, H(0.0));
+    u = next_u;
+    v = next_v;
+    r = next_r;
+  }
+  nu << u, v, r;
+}
+
 template <typename T>
 template <typename H>
 void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h,
@@ -284,6 +314,10 @@ void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, 
   const bool remembers = inputs.states && !rates_.empty();
   const T* const held = inputs.states ? inputs.states : initial_.data();
   const Drive start(*this, inputs.thrusters[0]);
+  if (!pose && !has_hooks_ && !couples_ && inputs.held) {
+    t += h * static_cast<double>(count);
+    return stepVelocities(state.nu, start, h, count);
+  }
   std::optional<Drive> own_middle, own_end;
   if (!inputs.held) {
     own_middle.emplace(*this, inputs.thrusters[1]);

@@ -87,6 +87,8 @@ class Dynamics {
   /// `rates` is null.
   void derive(const T& t, const RigidState<T>& state, const Drive& drive, double lift,
               const T* states, T* rates, bool pose, RigidState<T>& dot) const;
+  template <typename H>
+  void stepVelocities(Vector3<T>& nu, const Drive& drive, const H& h, int count) const;
   /// Acceleration that effects add to that of thrusters, linear damping and Coriolis forces. With a
   /// coupled mass matrix it is the whole acceleration.
   Vector3<T> effects(Instant& instant, const Drive& drive, const T* states) const;

@@ -1,16 +1,14 @@
 #pragma once
 
-#include <ceres/jet.h>
-
 #include <Eigen/Core>
 #include <cmath>
 
+#include "ground/model/jet.h"
+
 namespace ground {
 
-/// A number with eight exact derivatives, for forward-mode automatic differentiation. The model is
-/// instantiated for double and for Jet. More derivatives take several passes.
-using Jet = ceres::Jet<double, 8>;
-constexpr int kDerivatives = Jet::DIMENSION;
+/// The model is instantiated for double and for Jet. More derivatives than these take several passes.
+constexpr int kDerivatives = 8;
 
 inline double valueOf(double x) { return x; }
 inline double valueOf(const Jet& x) { return x.a; }
@@ -21,7 +19,11 @@ inline void setValue(Jet& x, double value) { x.a = value; }
 
 /// Whether all derivatives are zero.
 inline bool isConstant(double) { return true; }
-inline bool isConstant(const Jet& x) { return (x.v.array() == 0).all(); }
+inline bool isConstant(const Jet& x) {
+  for (int i = 0; i < kDerivatives; ++i)
+    if (x.v[i] != 0) return false;
+  return true;
+}
 
 template <typename T>
 using Vector2 = Eigen::Matrix<T, 2, 1>;
