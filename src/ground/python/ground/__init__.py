@@ -28,7 +28,7 @@ _PUBLIC = {
     "models": "Model Parameter Room",
     "recordings.recording": "Recording",
     "simulating.simulate": "simulate",
-    "simulation.experiments": "SimulatedRun",
+    "simulation.simulated_run": "SimulatedRun",
 }
 _HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from ground.errors import GroundError, GroundWarning, OptionError
     from ground.recordings.recording import Recording
     from ground.simulating.simulate import simulate
-    from ground.simulation.experiments import SimulatedRun
+    from ground.simulation.simulated_run import SimulatedRun
 
 __all__ = [  # the names of _HOMES, repeated for type checkers
     "Addition",

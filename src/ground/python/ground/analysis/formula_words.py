@@ -1,14 +1,12 @@
 """Formulas of what has no name, in words, and numbers with their units."""
 
 import re
-from typing import TYPE_CHECKING, Mapping, Sequence, Tuple
+from dataclasses import dataclass, field
+from typing import Dict, Mapping, Sequence, Tuple
 
 import numpy as np
 
 from ground.analysis.dictionary import PLACE, Feature
-
-if TYPE_CHECKING:
-    from ground.analysis.naming import Piece
 
 ALONG = 3.0  # angle from an axis of the room within which a wave is said to go along it [deg]
 OWN = re.compile(r"_\d+$")  # in the name of a constant of one piece
@@ -112,12 +110,31 @@ def in_words(arguments: Sequence[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
-def of_pieces(pieces: Sequence["Piece"], values: Mapping[str, float]) -> str:
+@dataclass(frozen=True)
+class Piece:
+    """A part of a formula, by channel, and its parameters: value, unit, lower and upper bound."""
+
+    number: int
+    parts: Dict[str, str]
+    parameters: Dict[str, Tuple[float, str, float, float]]
+    means: str
+    arguments: Tuple[str, ...]  # of its feature
+    dependence: str
+    states: Dict[str, str] = field(default_factory=dict)
+    simpler: Tuple["Piece", ...] = ()  # pieces with a factor less
+
+    @property
+    def size(self) -> str:
+        """The parameter without which it does nothing."""
+        return "c%d" % self.number
+
+
+def of_pieces(pieces: Sequence[Piece], values: Mapping[str, float]) -> str:
     """Pieces of a formula in words, with their values."""
     return " and ".join(_told(piece, values) for piece in pieces)
 
 
-def _told(piece: "Piece", values: Mapping[str, float]) -> str:
+def _told(piece: Piece, values: Mapping[str, float]) -> str:
     """A piece in words, with its values."""
     def put(found: "re.Match[str]") -> str:
         name = found.group(1)

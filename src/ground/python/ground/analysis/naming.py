@@ -6,7 +6,7 @@ likelihood fits all of them in the model. A formula is an effect as model files 
 """
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import candidates, formula_words
 from ground.analysis.dictionary import Feature, dependence
+from ground.analysis.formula_words import Piece
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.regression import LEVEL, Regression, Term
@@ -38,7 +39,7 @@ class Formula:
     means: str  # in words
     fit: Fit  # of the model with it
     ratio: float  # of the likelihoods with and without it, 2 ln
-    pieces: Tuple["Piece", ...] = ()
+    pieces: Tuple[Piece, ...] = ()
 
     @property
     def value(self) -> float:
@@ -49,25 +50,6 @@ class Formula:
         """What it means at the values of a model that has it by this name."""
         values = {n: model.value("%s.%s" % (name, n)) for piece in self.pieces for n in piece.parameters}
         return formula_words.of_pieces(self.pieces, values)
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A part of a formula, by channel, and its parameters: value, unit, lower and upper bound."""
-
-    number: int
-    parts: Dict[str, str]
-    parameters: Dict[str, Tuple[float, str, float, float]]
-    means: str
-    arguments: Tuple[str, ...]  # of its feature
-    dependence: str
-    states: Dict[str, str] = field(default_factory=dict)
-    simpler: Tuple["Piece", ...] = ()  # pieces with a factor less
-
-    @property
-    def size(self) -> str:
-        """The parameter without which it does nothing."""
-        return "c%d" % self.number
 
 
 def formula(
@@ -103,7 +85,7 @@ def chosen_features(
 
 def new_pieces(
     regression: Regression, chosen: Sequence[Term], begun: Optional[Formula] = None
-) -> List["Piece"]:
+) -> List[Piece]:
     """The pieces of chosen features, numbered on from those of a formula."""
     if not chosen:
         return []
@@ -116,7 +98,7 @@ def new_pieces(
 
 
 def of_pieces(
-    likelihood: Likelihood, fit: Fit, pieces: Sequence["Piece"], begun: Optional[Formula] = None
+    likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], begun: Optional[Formula] = None
 ) -> Optional[Formula]:
     """The Formula of those pieces that earn their place, in their simplest form that is as likely; begun: one
     that is nearly as good, whose form is kept."""
@@ -141,7 +123,7 @@ def of_pieces(
     return made
 
 
-def _worth(fit: Fit, piece: "Piece") -> float:
+def _worth(fit: Fit, piece: Piece) -> float:
     """Squared ratio of the size of a piece to its standard deviation, roughly the log-likelihood ratio to
     the formula without it."""
     size = next(p for p in fit.parameters if p["name"].split(".")[-1] == piece.size)

@@ -15,6 +15,7 @@ from ground.discovery.story import Flight, Point
 from ground.errors import GroundError
 from ground.recordings import readers
 from ground.recordings.recording import Recording
+from ground.simulation.simulated_run import SimulatedRun
 from ground.simulation import experiments, gains
 
 MOST = 4.0  # longest flight, in lengths of its inputs
@@ -73,7 +74,7 @@ class SimulatedLaboratory:
 
     def simulated(
         self, drive: experiments.Drive, name: str, number: int
-    ) -> experiments.SimulatedRun:
+    ) -> SimulatedRun:
         """The run of a flight from where the craft is. number: of the flight, for random numbers."""
         return experiments.simulate(
             self.truth, drive, name, self.pose.tolist(), mocap=self.mocap, seed=1000 * self.seed + number,
@@ -138,7 +139,7 @@ def excitation(room: _core.RoomPlan, inputs: Array, path: str) -> _core.Excitati
     return params
 
 
-def tracking_parts(run: experiments.SimulatedRun) -> List[float]:
+def tracking_parts(run: SimulatedRun) -> List[float]:
     """Root mean square distances of the measured from the reference's position in parts of the reference
     [m]; empty unless one was tracked to its end."""
     references = run.references

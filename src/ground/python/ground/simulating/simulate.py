@@ -20,7 +20,7 @@ from ground.recordings import run_settings
 from ground.recordings.run_settings import AXES
 from ground.simulation import experiments, gains
 from ground.simulation import tracking as loop
-from ground.simulation.experiments import SimulatedRun
+from ground.simulation.simulated_run import SimulatedRun
 
 DESIGNS = {info.name: info for info in _core.design_table()}
 KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]

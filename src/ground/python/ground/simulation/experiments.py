@@ -4,108 +4,20 @@ An input schedule is an array of rows time [s], left, right, lift (0..1), each h
 Everything runs in process, without ROS, and depends only on its arguments.
 """
 
-import functools
-import os
-import tempfile
-from dataclasses import dataclass, field, replace
-from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
+from dataclasses import dataclass, replace
+from typing import Any, Optional, Sequence, Union
 
 import numpy as np
 
 from ground import _core
 from ground.annotations import Array, Document
 from ground.errors import GroundError
-from ground.progress import Progress, Work
-from ground.recordings.recording import Recording, digest_of_files
-from ground.recordings.run_settings import AXES
+from ground.simulation.simulated_run import SimulatedRun
 
 START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # time recorded at rest, before the lift is on [s]
 TAIL = 0.5  # time recorded after the thrusters are off [s]
 LONGEST = 3600.0  # longest input [s]
-
-
-def _none() -> Array:
-    return np.empty(0)
-
-
-def _no_rows() -> Array:
-    return np.empty((0, 0))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SimulatedRun(Recording):
-    """A recording and the simulator's truth about it; all times on the recording's clock."""
-
-    delivered: Array = field(default_factory=_none)  # (n,) when the poses were delivered [s]
-    truth_times: Array = field(default_factory=_none)  # (k,) [s] of every frame, including lost ones
-    truth_eta: Array = field(default_factory=_no_rows)  # (k, 3) x, y [m], psi [rad], world_ned
-    truth_nu: Array = field(default_factory=_no_rows)  # (k, 3) u, v [m/s], r [rad/s], body
-    truth_nu_dot: Array = field(default_factory=_no_rows)  # (k, 3) their derivatives
-    truth_wrench: Array = field(
-        default_factory=_no_rows
-    )  # (k, 3) disturbance: X, Y [N], N [N m], body
-    references: Array = field(default_factory=_no_rows)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
-    # (i, 3 + n) time, stamp of the state, processor time [s], wanted inputs (of full scale)
-    decisions: Array = field(default_factory=lambda: np.empty((0, 5)))
-    # of excitations: time [s], number, burst or return, reason
-    marks: List[Tuple[float, int, bool, str]] = field(default_factory=list)
-    # states of the controller: time [s], state, reason
-    stages: List[Tuple[float, str, str]] = field(default_factory=list)
-    stopped: str = ""  # why the controller stopped before its end
-    made_with: str = ""  # parameters of the run, as recordings.run_settings.document writes them
-    axes: str = AXES  # world_ned x, y, z in the axes of the mocap
-    heading_offset: float = 0.0  # heading of the rigid body minus the craft's [rad]
-    sequence: str = ""  # how a file of bits was played
-    disturbance: Optional[_core.Disturbance] = None  # the one that acted
-
-    @functools.cached_property
-    def identity(self) -> str:
-        """See Recording; that of the bag which it saves."""
-        if self.digest:
-            return self.digest
-        with tempfile.TemporaryDirectory() as folder:
-            path = os.path.join(folder, "run.bag")
-            self.save(path)
-            return digest_of_files([path])
-
-    @property
-    def frames_not_delivered(self) -> int:
-        """Mocap frames that were lost or late."""
-        return len(self.truth_times) - len(self.pose_times)
-
-    @property
-    def bursts(self) -> int:
-        """Bursts of an excitation in a room."""
-        return sum(burst for _, _, burst, _ in self.marks)
-
-    @property
-    def length(self) -> float:
-        """Time from the first frame to the last one, delivered or not [s]."""
-        return float(self.truth_times[-1] - self.truth_times[0])
-
-    @property
-    def tracking_error(self) -> Optional[float]:
-        """Root mean square of the true distance from the reference [m]; None without one."""
-        if not len(self.references):
-            return None
-        at = np.searchsorted(self.truth_times, self.references[:, 0])
-        off = self.truth_eta[at, :2] - self.references[:, 1:3]
-        return float(np.sqrt((off**2).sum(axis=1).mean()))
-
-    def save(
-        self,
-        path: "Union[str, os.PathLike[str]]",
-        force: bool = False,
-        progress: Progress = None,
-    ) -> Dict[str, int]:
-        """Writes a bag like those that launch/record.launch records. Returns the number of messages by
-        topic. progress: called with a ground.progress.Report at each step. GroundError when
-        it cannot be written, or exists and `force` is not set."""
-        from ground.simulation import bag_writer
-
-        told = self.axes, self.heading_offset, force, Work.of(progress)
-        return bag_writer.write(self, os.fspath(path), *told)
 
 
 @dataclass

@@ -1,18 +1,21 @@
-"""Simulated runs as bags, like those that launch/record.launch records."""
+"""A simulated run, and the bag that it makes: like those that launch/record.launch records."""
 
+import functools
 import heapq
 import operator
+import os
+import tempfile
+from dataclasses import dataclass, field
 from itertools import repeat
-from typing import TYPE_CHECKING, Any, Dict, Iterable, Iterator, List, Optional, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple, Union
 
 import numpy as np
 
 from ground import _core, files
 from ground.annotations import Array, Message, Time
-from ground.progress import Work
+from ground.progress import Progress, Work
 from ground.recordings import messages
 from ground.recordings.commands import CHANNELS
-from ground.recordings.run_settings import AXES
 from ground.recordings.messages import (
     BURSTS,
     CONTROLLER,
@@ -28,9 +31,8 @@ from ground.recordings.messages import (
     TRUTH,
     WANTED,
 )
-
-if TYPE_CHECKING:
-    from ground.simulation.experiments import SimulatedRun
+from ground.recordings.recording import Recording, digest_of_files
+from ground.recordings.run_settings import AXES
 
 WRITING = "writing the bag (thousands of messages)"  # stage
 TOLD = 1000  # messages that are a unit of it
@@ -43,8 +45,89 @@ NS = 10**9
 WORLD = "world_ned"
 
 
+def _none() -> Array:
+    return np.empty(0)
+
+
+def _no_rows() -> Array:
+    return np.empty((0, 0))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SimulatedRun(Recording):
+    """A recording and the simulator's truth about it; all times on the recording's clock."""
+
+    delivered: Array = field(default_factory=_none)  # (n,) when the poses were delivered [s]
+    truth_times: Array = field(default_factory=_none)  # (k,) [s] of every frame, including lost ones
+    truth_eta: Array = field(default_factory=_no_rows)  # (k, 3) x, y [m], psi [rad], world_ned
+    truth_nu: Array = field(default_factory=_no_rows)  # (k, 3) u, v [m/s], r [rad/s], body
+    truth_nu_dot: Array = field(default_factory=_no_rows)  # (k, 3) their derivatives
+    truth_wrench: Array = field(
+        default_factory=_no_rows
+    )  # (k, 3) disturbance: X, Y [N], N [N m], body
+    references: Array = field(default_factory=_no_rows)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
+    # (i, 3 + n) time, stamp of the state, processor time [s], wanted inputs (of full scale)
+    decisions: Array = field(default_factory=lambda: np.empty((0, 5)))
+    # of excitations: time [s], number, burst or return, reason
+    marks: List[Tuple[float, int, bool, str]] = field(default_factory=list)
+    # states of the controller: time [s], state, reason
+    stages: List[Tuple[float, str, str]] = field(default_factory=list)
+    stopped: str = ""  # why the controller stopped before its end
+    made_with: str = ""  # parameters of the run, as recordings.run_settings.document writes them
+    axes: str = AXES  # world_ned x, y, z in the axes of the mocap
+    heading_offset: float = 0.0  # heading of the rigid body minus the craft's [rad]
+    sequence: str = ""  # how a file of bits was played
+    disturbance: Optional[_core.Disturbance] = None  # the one that acted
+
+    @functools.cached_property
+    def identity(self) -> str:
+        """See Recording; that of the bag which it saves."""
+        if self.digest:
+            return self.digest
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "run.bag")
+            self.save(path)
+            return digest_of_files([path])
+
+    @property
+    def frames_not_delivered(self) -> int:
+        """Mocap frames that were lost or late."""
+        return len(self.truth_times) - len(self.pose_times)
+
+    @property
+    def bursts(self) -> int:
+        """Bursts of an excitation in a room."""
+        return sum(burst for _, _, burst, _ in self.marks)
+
+    @property
+    def length(self) -> float:
+        """Time from the first frame to the last one, delivered or not [s]."""
+        return float(self.truth_times[-1] - self.truth_times[0])
+
+    @property
+    def tracking_error(self) -> Optional[float]:
+        """Root mean square of the true distance from the reference [m]; None without one."""
+        if not len(self.references):
+            return None
+        at = np.searchsorted(self.truth_times, self.references[:, 0])
+        off = self.truth_eta[at, :2] - self.references[:, 1:3]
+        return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+    def save(
+        self,
+        path: "Union[str, os.PathLike[str]]",
+        force: bool = False,
+        progress: Progress = None,
+    ) -> Dict[str, int]:
+        """Writes a bag like those that launch/record.launch records. Returns the number of messages by
+        topic. progress: called with a ground.progress.Report at each step. GroundError when
+        it cannot be written, or exists and `force` is not set."""
+        told = self.axes, self.heading_offset, force, Work.of(progress)
+        return write(self, os.fspath(path), *told)
+
+
 def write(
-    run: "SimulatedRun",
+    run: SimulatedRun,
     path: str,
     axes: str = AXES,
     heading_offset: float = 0.0,
@@ -88,7 +171,7 @@ def _new(kind: str, frame: str = "", **fields: Any) -> Message:
 
 
 def _series(
-    run: "SimulatedRun", axes: str, heading_offset: float
+    run: SimulatedRun, axes: str, heading_offset: float
 ) -> List[Tuple[str, Array, Array, Iterable[Message]]]:
     """Topic, record times, stamps and messages of all series of a run."""
     start = run.truth_times[:1]
@@ -115,7 +198,7 @@ def _series(
     ]
 
 
-def _poses(run: "SimulatedRun", axes: str, heading_offset: float) -> Iterator[Message]:
+def _poses(run: SimulatedRun, axes: str, heading_offset: float) -> Iterator[Message]:
     mapping = _core.AxisMapping(axes, heading_offset)
     for eta in run.eta:
         message = _new("geometry_msgs/PoseStamped", "mocap")
@@ -126,7 +209,7 @@ def _poses(run: "SimulatedRun", axes: str, heading_offset: float) -> Iterator[Me
         yield message
 
 
-def _controls(run: "SimulatedRun") -> Iterator[Message]:
+def _controls(run: SimulatedRun) -> Iterator[Message]:
     started = [name in STARTED for _, name, _ in run.stages]
     at = np.searchsorted([stage[0] for stage in run.stages], run.control_times, side="right") - 1
     for stage, row in zip(at, run.controls):
@@ -136,7 +219,7 @@ def _controls(run: "SimulatedRun") -> Iterator[Message]:
         yield message
 
 
-def _inputs(run: "SimulatedRun", thrusters: Array, lift: float) -> Message:
+def _inputs(run: SimulatedRun, thrusters: Array, lift: float) -> Message:
     """Message with inputs; those of a craft that lists its thrusters with the names of its channels."""
     if run.channels == CHANNELS:
         return _new("ground_msgs/Controls", left=thrusters[0], right=thrusters[1], lift=lift)
@@ -145,7 +228,7 @@ def _inputs(run: "SimulatedRun", thrusters: Array, lift: float) -> Message:
     )
 
 
-def _wanted(run: "SimulatedRun") -> Iterator[Message]:
+def _wanted(run: SimulatedRun) -> Iterator[Message]:
     """The inputs that a controller wanted before they were limited."""
     at = np.searchsorted(run.control_times, run.decisions[:, 0])
     for row, command in zip(run.decisions, run.controls[np.minimum(at, len(run.controls) - 1)]):
@@ -154,12 +237,12 @@ def _wanted(run: "SimulatedRun") -> Iterator[Message]:
         yield message
 
 
-def _decisions(run: "SimulatedRun") -> Iterator[Message]:
+def _decisions(run: SimulatedRun) -> Iterator[Message]:
     for row in run.decisions:
         yield _new("ground_msgs/Decision", CONTROLLER, state=_time(row[1]), computing=row[2])
 
 
-def _statuses(run: "SimulatedRun") -> List[Tuple[float, str, str, float]]:
+def _statuses(run: SimulatedRun) -> List[Tuple[float, str, str, float]]:
     """(time, state, reason, elapsed) of the controller's life, as its node would publish them."""
     found, began, stages = [], None, run.stages
     if stages:
@@ -183,12 +266,12 @@ def _status_messages(statuses: Iterable[Tuple[float, str, str, float]]) -> Itera
         yield message
 
 
-def _bursts(run: "SimulatedRun") -> Iterator[Message]:
+def _bursts(run: SimulatedRun) -> Iterator[Message]:
     for _, number, burst, reason in run.marks:
         yield _new("ground_msgs/Burst", number=number, burst=burst, reason=reason)
 
 
-def _drives(run: "SimulatedRun") -> Array:
+def _drives(run: SimulatedRun) -> Array:
     """Rows of when the newest drive began, and when the sender reports it [s]."""
     starts = _core.drive_starts(run.control_times, run.controls[:, -1])
     ends = starts[1:] + [run.control_times[-1]]
@@ -196,25 +279,25 @@ def _drives(run: "SimulatedRun") -> Array:
     return np.array(rows, float).reshape(-1, 2)
 
 
-def _truths(run: "SimulatedRun") -> Iterator[Message]:
+def _truths(run: SimulatedRun) -> Iterator[Message]:
     for eta, nu, nu_dot in zip(run.truth_eta, run.truth_nu, run.truth_nu_dot):
         yield _new("ground_msgs/State", WORLD, eta=eta, nu=nu, nu_dot=nu_dot, valid=True)
 
 
-def _reference_times(run: "SimulatedRun") -> Array:
+def _reference_times(run: SimulatedRun) -> Array:
     """When references are published: on delivery of the state, with the command that it causes."""
     delivered = dict(zip(run.pose_times, run.delivered))
     return np.array([delivered[stamp] for stamp in run.references[:, 0]], float)
 
 
-def _references(run: "SimulatedRun") -> Iterator[Message]:
+def _references(run: SimulatedRun) -> Iterator[Message]:
     for row in run.references:
         p, *derivatives = row[1:9].reshape(4, 2)
         fields = dict(zip(("p_dot", "p_ddot", "p_dddot"), derivatives))
         yield _new("ground_msgs/Reference", WORLD, p=p, **fields)
 
 
-def _reference_path(run: "SimulatedRun") -> Iterator[Message]:
+def _reference_path(run: SimulatedRun) -> Iterator[Message]:
     """The whole reference as a path, as controllers publish it when they start."""
     if not len(run.references):
         return
