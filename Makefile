@@ -41,7 +41,7 @@ fresh:
 
 # Spelling, Python and its types, XML, catkin packages, long functions; TIDY=1: clang-tidy over all C++ as well, which is slow.
 lint: build
-	@$(in_ros) .ci/lint $(if $(TIDY),spelling python types xml packages functions tidy)
+	@$(in_ros) .ci/lint $(if $(TIDY),spelling python types xml packages functions format tidy)
 
 # All C++ tests under sanitizers: address and undefined behaviour, then threads.
 sanitize: $(installed)

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """Sums all JUnit results below a folder: the failures by name, then one line."""
+
 import pathlib
 import sys
 import xml.etree.ElementTree as ElementTree
