@@ -1,4 +1,5 @@
 """Noise levels of the observer of the missing acceleration."""
+
 from dynamic_reconfigure.parameter_generator_catkin import double_t
 
 

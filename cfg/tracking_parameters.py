@@ -1,4 +1,5 @@
 """Parameters of all controllers that follow a reference."""
+
 from dynamic_reconfigure.parameter_generator_catkin import bool_t, double_t, str_t
 
 

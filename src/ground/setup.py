@@ -3,6 +3,4 @@ from setuptools import find_packages, setup
 
 packages = find_packages("python")
 typed = {"ground": ["py.typed"]}
-setup(
-    **generate_distutils_setup(packages=packages, package_dir={"": "python"}, package_data=typed)
-)
+setup(**generate_distutils_setup(packages=packages, package_dir={"": "python"}, package_data=typed))

@@ -4,6 +4,7 @@
 Each row is a median with its smallest and largest value; "goal" is the largest median allowed. Peers do
 the same work in the same run, in their own Python environment.
 """
+
 import argparse
 import contextlib
 import datetime
@@ -60,9 +61,7 @@ def binary(name):
 
 def google(name, *options):
     """Runs a Google Benchmark program: {name of a benchmark: its repetitions}."""
-    found = json.loads(
-        run(binary(name), "--benchmark_format=json", "--benchmark_repetitions=7", *options)
-    )
+    found = json.loads(run(binary(name), "--benchmark_format=json", "--benchmark_repetitions=7", *options))
     cases = {}
     for b in found["benchmarks"]:
         if b.get("run_type") == "iteration":

@@ -70,9 +70,7 @@ def make(size, folder):
     count, seconds = SIZES[size]
     bags = os.path.join(folder, size, "bags")
     os.makedirs(bags, exist_ok=True)
-    missing = [
-        (os.path.join(bags, "run%04d.bag" % number), seconds, number) for number in range(count)
-    ]
+    missing = [(os.path.join(bags, "run%04d.bag" % number), seconds, number) for number in range(count)]
     with workers.Workers(processes=True) as pool:
         list(pool.map(_make_run, [run for run in missing if not os.path.exists(run[0])]))
     tracking = os.path.join(folder, size, "tracking.bag")
@@ -81,9 +79,7 @@ def make(size, folder):
     tables = [os.path.join(folder, size, name + ".csv") for name in ("controls", "pose")]
     if count == 1 and not all(map(os.path.exists, tables)):
         (run,) = ground.read(os.path.join(bags, "run0000.bag"))
-        for path, times, rows in zip(
-            tables, (run.control_times, run.pose_times), (run.controls, run.eta)
-        ):
+        for path, times, rows in zip(tables, (run.control_times, run.pose_times), (run.controls, run.eta)):
             _export(path, times, rows)
     levels = np.linspace(0, 1, 11)
     with open(os.path.join(folder, "bench.csv"), "w") as file:
@@ -202,10 +198,7 @@ def main():
     folder = os.path.abspath(arguments.folder)
     os.makedirs(folder, exist_ok=True)
     jobs = [
-        (size, verb)
-        for size in arguments.sizes
-        for verb in arguments.only
-        if verb in commands(size, folder)
+        (size, verb) for size in arguments.sizes for verb in arguments.only if verb in commands(size, folder)
     ]
     print("%-9s %-9s %9s %9s %8s %9s" % ("verb", "size", "s", "cpu s", "MB", "first s"))
     one = OneByOne()

@@ -33,9 +33,7 @@ void iterate(benchmark::State& state, const Model& model, TrackingController& co
   }
 }
 
-Model craft() {
-  return loadModel(std::string(GROUND_WORKSPACE) + "/cfg/hovercraft/tiny_whoover.yaml");
-}
+Model craft() { return loadModel(std::string(GROUND_WORKSPACE) + "/cfg/hovercraft/tiny_whoover.yaml"); }
 
 void backstepping(benchmark::State& state) {
   const Model model = craft();

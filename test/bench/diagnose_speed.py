@@ -4,6 +4,7 @@
 Four runs of 8 s with one effect, several and none hidden, and the recordings of 2019-04-16 if --recordings
 has them. Prints a table, or one JSON object with --json.
 """
+
 import argparse
 import json
 import os

@@ -6,6 +6,7 @@ nor integrator nor disturbance nor noise are the project's. Each craft flies twi
 a discovery chooses, and with random ones, for the same certainty. Results go to a file of JSON lines; an
 interrupted bench continues where it stopped.
 """
+
 import os
 import sys
 import time
@@ -120,9 +121,7 @@ def _confirmation(found, lab):
     if confirmed is None:
         return None
     numbers = [f.flight.number for f in found.story.flights]
-    truth = discover_floor.true_error(
-        lab.case, lab.flown[numbers.index(confirmed.flight)], found.given
-    )
+    truth = discover_floor.true_error(lab.case, lab.flown[numbers.index(confirmed.flight)], found.given)
     said = {"given": confirmed.given, "final": confirmed.final, "expected": confirmed.floor}
     return dict(said, truth=truth)
 
@@ -141,9 +140,7 @@ def _tracking(case, place, given, final):
 def _squares(case, place, model, number):
     """Squared distances [m^2] of a craft from a rhodonea that it tracks; None where it was stopped."""
     size = tracking.SIZE * place.clearance(place.home)
-    flight = story.Flight(
-        number, story.TRACK, "", tracking.SECONDS, reference=tracking.REFERENCE, size=size
-    )
+    flight = story.Flight(number, story.TRACK, "", tracking.SECONDS, reference=tracking.REFERENCE, size=size)
     lab = discover_lab.HiddenLaboratory(case, model, place)
     landed = lab.fly(flight, np.empty((0, 0)))
     if landed.stopped:
@@ -174,9 +171,7 @@ def bench(options):
     """Runs the jobs without a result and prints the table of all jobs."""
     with workers.Workers(processes=True, count=options.jobs) as team:
         wanted = list(jobs_of(options))
-        results = resumed.results(
-            team, options.results, wanted, tuple, key_of, run_case, options.hours
-        )
+        results = resumed.results(team, options.results, wanted, tuple, key_of, run_case, options.hours)
     print(discover_table.summary(results))
     results = discover_table.usable(results)
     tables = discover_table.lines(results), discover_table.verdicts(results)

@@ -1,4 +1,5 @@
 """Crafts of the discovery bench: one hidden effect, several, none, or what the library does not have."""
+
 from dataclasses import asdict, dataclass, field
 
 import numpy as np

@@ -4,6 +4,7 @@ It is the project's error (study.channel_errors) with hidden_craft as the predic
 craft moves from its true pose and inner states under the commands that reached it, without a disturbance,
 from the initial velocities that fit best.
 """
+
 import numpy as np
 
 import hidden_craft
@@ -73,9 +74,7 @@ def _best(predict, measured, sigma):
     change = np.zeros(3)
     for _ in range(ITERATIONS):
         found = predict(change)
-        slopes = [
-            ((predict(change + step) - found) / sigma).ravel() / STEPS for step in STEPS * np.eye(3)
-        ]
+        slopes = [((predict(change + step) - found) / sigma).ravel() / STEPS for step in STEPS * np.eye(3)]
         left = ((measured - found) / sigma).ravel()
         change = change + np.linalg.lstsq(np.column_stack(slopes), left, rcond=None)[0]
     return predict(change)

@@ -1,4 +1,5 @@
 """A laboratory whose craft is hidden_craft's: it moves by none of the project's equations."""
+
 import math
 from collections import deque
 
@@ -180,9 +181,7 @@ def late_thrust(run):
     """For each fault (a gap of the mocap, a stop of the controller), how long after it thrust was still
     commanded, until poses came again [s]."""
     faults = [
-        (before, after)
-        for before, after in zip(run.delivered, run.delivered[1:])
-        if after - before > GAP / 2
+        (before, after) for before, after in zip(run.delivered, run.delivered[1:]) if after - before > GAP / 2
     ]
     faults += [(time, math.inf) for time, state, _ in run.stages if state == "STOPPED"]
     driven = run.control_times[run.controls[:, :-1].any(axis=1)]

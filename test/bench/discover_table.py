@@ -1,4 +1,5 @@
 """Table of the discovery bench's results beside their goals."""
+
 import re
 
 import numpy as np

@@ -28,10 +28,7 @@ def main():
     ]
     commands += [
         [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-s", "-q"]
-        + [
-            os.path.join(ROOT, "test", "python", name)
-            for name in ("test_faults.py", "test_starved.py")
-        ],
+        + [os.path.join(ROOT, "test", "python", name) for name in ("test_faults.py", "test_starved.py")],
     ]
     table, failed = {}, 0
     for number in range(rounds):
@@ -48,9 +45,7 @@ def main():
     print("|---|---|---|")
     for (name, ending), seen in table.items():
         most = "most" if "recorded" not in seen[0] else "least"
-        worst = (max if most == "most" else min)(
-            seen, key=lambda w: float((NUMBER.findall(w) or ["0"])[0])
-        )
+        worst = (max if most == "most" else min)(seen, key=lambda w: float((NUMBER.findall(w) or ["0"])[0]))
         missing = "" if len(seen) == rounds else " (%d of %d)" % (len(seen), rounds)
         print("| %s | %s%s | %s |" % (name, ending, missing, worst))
     print("%d of %d programs failed" % (failed, rounds * len(commands)))

@@ -4,6 +4,7 @@ The sensitivities of all runs go through one scan over time, in float64. Velocit
 over the runs, so that XLA fuses a step into few loops. The search runs inside two `while_loop`s,
 without returns to Python.
 """
+
 import sys
 import time
 
@@ -46,9 +47,7 @@ def make_fit(problem):
             k2 = derivative(along(nu, k1, h / 2))
             k3 = derivative(along(nu, k2, h / 2))
             k4 = derivative(along(nu, k3, h))
-            nu = tuple(
-                a + h / 6 * (b + 2 * c + 2 * d + e) for a, b, c, d, e in zip(nu, k1, k2, k3, k4)
-            )
+            nu = tuple(a + h / 6 * (b + 2 * c + 2 * d + e) for a, b, c, d, e in zip(nu, k1, k2, k3, k4))
         return nu
 
     def simulate(parameters, first):

@@ -5,6 +5,7 @@ channels. Unknowns are I_z, X_u, Y_v, N_r, k, each over its start value, then u,
 every run. As in SimulationError::fit, plain least squares come first; a fit with the pseudo-Huber loss
 (scipy's soft_l1) starts from their result.
 """
+
 import time
 
 import numpy as np

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """The fit of fit_speed.py with scipy.optimize.least_squares over a vectorised numpy simulation."""
+
 import sys
 
 import numpy as np

@@ -5,6 +5,7 @@ Nine runs of 4 s, PRBS {0, 1} at 20 Hz, 100 Hz samples, RK4 with h = 0.005 s, fi
 0.2 each and nine initial velocities. Each contender runs on one core, in the interpreter that has it;
 data and results are exchanged by .npz files.
 """
+
 import argparse
 import json
 import os

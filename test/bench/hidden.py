@@ -5,6 +5,7 @@ A case is a kind and a seed: four runs of 8 s to fit to and two held out. The be
 disturbance and measurement (hidden_cases); kinds that begin with white_ use the project's simulator.
 Results go to a file of JSON lines; an interrupted bench continues where it stopped.
 """
+
 import functools
 import json
 import sys

@@ -4,6 +4,7 @@ A case follows from its kind and seed alone. hidden_craft moves it, hidden_noise
 measures it: the estimator shares neither equations nor integrator nor noise with the truth. The
 poses then take the path of a user's bag: they are repaired, smoothed and cut to the usable spans.
 """
+
 import copy
 import hashlib
 from dataclasses import asdict, dataclass, field

@@ -8,6 +8,7 @@ rule integrates over steps that end where a command or the disturbance changes.
 `simulate` moves a craft under known commands. A Mover moves it step by step and a Channel passes commands on
 as they are sent, for a craft in a control loop.
 """
+
 import math
 from dataclasses import dataclass, field
 from typing import Optional
@@ -161,9 +162,7 @@ THRUST = {
 
 def _spin(p, at, z):
     """Thrusters with different time constants for rising and falling commands."""
-    return [
-        (u - w) / (p["rise"] if u > w else p["fall"]) for u, w in zip((at.left, at.right), z)
-    ]
+    return [(u - w) / (p["rise"] if u > w else p["fall"]) for u, w in zip((at.left, at.right), z)]
 
 
 def _pressure(p, at, z):
@@ -440,8 +439,6 @@ def seen_motion(effects, motion):
     velocity = u - r * dy, v + r * dx
     acceleration = du - v * r - dr * dy - r * r * dx, dv + u * r + dr * dx - r * r * dy
     return tuple(
-        np.column_stack(
-            [np.cos(psi0) * x + np.sin(psi0) * y, np.cos(psi0) * y - np.sin(psi0) * x, turn]
-        )
+        np.column_stack([np.cos(psi0) * x + np.sin(psi0) * y, np.cos(psi0) * y - np.sin(psi0) * x, turn])
         for (x, y), turn in ((velocity, r), (acceleration, dr))
     )

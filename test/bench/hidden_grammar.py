@@ -12,6 +12,7 @@ while, or beyond a limit. An effect is plain values, so that it fits in a line o
   arguments  what the wrench depends on, the most important first
   repeats    whether the recorded motion and the time determine it
 """
+
 import copy
 import math
 

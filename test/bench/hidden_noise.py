@@ -1,4 +1,5 @@
 """Disturbance and pose measurement of the hidden-effect bench."""
+
 import numpy as np
 from scipy import signal
 
@@ -46,9 +47,7 @@ def measured(random, poses, mocap):
     """
     shape, kind, scale = poses.shape, mocap["kind"], mocap["level"] * NOISE
     if kind == "coloured":
-        columns = [
-            ornstein_uhlenbeck(random, shape[0], 1 / RATE, mocap["time"]) for _ in range(3)
-        ]
+        columns = [ornstein_uhlenbeck(random, shape[0], 1 / RATE, mocap["time"]) for _ in range(3)]
         noise = np.column_stack(columns)
     elif kind == "heavy":
         noise = random.standard_t(3, size=shape) / np.sqrt(3)

@@ -1,4 +1,5 @@
 """A human pilot: steers a craft from goal to goal by what it saw a moment ago."""
+
 import numpy as np
 
 TICK = 0.02  # interval of the commands [s]

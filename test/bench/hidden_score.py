@@ -48,9 +48,7 @@ def is_exact(result):
 def is_found(result):
     """Whether each hidden effect was chosen, or declared equal to a chosen one, or declared not
     identifiable from these runs."""
-    found = set(result["found"].get("unseen", ())).union(
-        *(equals(result, name) for name in chosen(result))
-    )
+    found = set(result["found"].get("unseen", ())).union(*(equals(result, name) for name in chosen(result)))
     return set(result["hidden"]) <= found
 
 

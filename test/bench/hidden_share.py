@@ -1,5 +1,6 @@
 """Effects without a name measured by their truth: excess of the error, share of it that the effect causes,
 and share of the effect that the library explains."""
+
 import hidden_craft
 import hidden_white
 import numpy as np

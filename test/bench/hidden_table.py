@@ -1,4 +1,5 @@
 """Tables of the hidden-effect bench's results beside their goals."""
+
 from dataclasses import dataclass
 from typing import Callable, Optional, Tuple
 

@@ -1,4 +1,5 @@
 """The hidden-effect bench in white noise: an effect hidden in the project's own simulated craft."""
+
 import hashlib
 
 import numpy as np

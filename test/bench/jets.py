@@ -1,6 +1,7 @@
 """An air-bearing table with eight jets, one of which is wrong: a weak jet (-20%), or one that is turned by 5
 degrees. The truth is a plate in the world's frame with an integrator of its own, which shares nothing with
 the project's model."""
+
 import math
 
 import numpy as np
@@ -75,11 +76,7 @@ def runs_of(plate, random):
         smoothed = repair.smooth(times, poses, NOISE)
         inputs = np.column_stack([edges, commands, np.ones(len(edges))])
         name = "run %d" % (number + 1)
-        runs.append(
-            _core.RunData(
-                name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, [0.0]
-            )
-        )
+        runs.append(_core.RunData(name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, [0.0]))
     return runs
 
 

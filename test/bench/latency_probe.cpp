@@ -37,8 +37,7 @@ class Probe {
     std::string datagram;
     ground::UdpAddress from;
     auto due = Clock::now();
-    const auto period =
-        std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1 / rate_));
+    const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1 / rate_));
     const ros::Time start = ros::Time::now();
     while (ros::ok() && latencies.size() < count && !stopped_) {
       socket_.send(ground::encodeTelemetry({}), sender_);

@@ -29,7 +29,7 @@ commands:
   channels: {left: {field: left}, right: {field: right}, lift: {field: lift}}
 """
 PLANAR = MAPPING.replace("px, py, pz", "x, y").replace(
-    "  orientation: [qx, qy, qz, qw]\n  axes: \"%s\"\n", "  heading: {field: psi}\n"
+    '  orientation: [qx, qy, qz, qw]\n  axes: "%s"\n', "  heading: {field: psi}\n"
 )
 INCH = 0.0254
 
@@ -42,9 +42,7 @@ class Recorded:
     dead: number of a thruster that does nothing.
     """
 
-    def __init__(
-        self, seed, duration=20.0, rate=None, levels=None, effects=None, push=0.0, dead=None
-    ):
+    def __init__(self, seed, duration=20.0, rate=None, levels=None, effects=None, push=0.0, dead=None):
         random = np.random.default_rng(seed)
         model = _core.load_model(str(MODELS / "tiny_whoover.yaml"))
         for name in ("X_u", "Y_v", "N_r", "I_z", "k"):

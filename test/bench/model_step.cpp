@@ -81,10 +81,10 @@ int main(int argc, char** argv) {
     const char *name, *effects;
     bool pose;
   };
-  for (const Case c : {Case{"velocities", "", false}, Case{"velocities and pose", "", true},
-                       Case{"velocities, quadratic drag", "drag", false},
-                       Case{"velocities, motor lag", "lag", false},
-                       Case{"velocities and pose, three effects", "three", true}}) {
+  for (const Case c :
+       {Case{"velocities", "", false}, Case{"velocities and pose", "", true},
+        Case{"velocities, quadratic drag", "drag", false}, Case{"velocities, motor lag", "lag", false},
+        Case{"velocities and pose, three effects", "three", true}}) {
     const std::string name = c.name;
     const auto add = [&](const char* what, auto function) {
       benchmark::RegisterBenchmark((name + what).c_str(), [c, function](benchmark::State& state) {

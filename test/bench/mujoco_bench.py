@@ -4,6 +4,7 @@
 A case follows from its seed: four runs of 8 s to fit to and two held out (mujoco_cases). Results go to a
 file of JSON lines; an interrupted bench continues where it stopped.
 """
+
 import functools
 import json
 import os

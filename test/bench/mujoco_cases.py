@@ -4,6 +4,7 @@ A quarter has nothing hidden, a half has one effect of the library, a quarter on
 Drives, random wrench and measurement are those of the hidden-effect bench; the wrench turns with the
 craft or keeps its direction in the room.
 """
+
 import json
 import os
 import subprocess

@@ -4,6 +4,7 @@ The engine's frame is world_ned (z down, gravity along +z), so that nothing has 
 are joints, and actuators at sites push along body axes. Drag of the body is MuJoCo's velocity servo.
 Sizes of effects of the library are its parameters; those in NAMELESS have no name there.
 """
+
 import math
 
 import mujoco

@@ -7,6 +7,7 @@
 A held-out error is that of a diagnosis: the mean of |e| / s over windows, summed over u, v and r, each
 window from the best initial velocities.
 """
+
 import json
 import os
 import sys

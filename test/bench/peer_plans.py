@@ -10,6 +10,7 @@ All costs are those of one function. Prints the rows of bench.py's table, a line
 It runs in the peers' interpreter, in a built workspace; --folder is for what is compiled. What cannot be
 installed or compiled is left out with a sentence.
 """
+
 import argparse
 import ctypes
 import json
@@ -147,9 +148,7 @@ def warm(core, peers, seconds):
             same = SAME * core.cost(problem, inputs)
             for name, peer in peers.items():
                 after, plans = peer.solve(problem)
-                reached = next(
-                    (s for s, plan in zip(after, plans) if core.cost(problem, plan) <= same), None
-                )
+                reached = next((s for s, plan in zip(after, plans) if core.cost(problem, plan) <= same), None)
                 missed[name] += reached is None
                 times[name].append(after[-1] if reached is None and len(after) else reached or 0)
         core.calls.plan_flight_end(flight)
@@ -195,9 +194,7 @@ def cold(core, peers, count):
         row("cold plans 1%% above the best, ground, decision %d" % decision,
             far(costs[:, decision - 1]), "%", goal, note)  # fmt: skip
     for name, values in theirs.items():
-        note = "%.2g ms in the median, %.2g ms in 99%%" % tuple(
-            1e3 * np.quantile(values[:, 1], [0.5, 0.99])
-        )
+        note = "%.2g ms in the median, %.2g ms in 99%%" % tuple(1e3 * np.quantile(values[:, 1], [0.5, 0.99]))
         row("cold plans 1%% above the best, %s" % name, far(values[:, 0]), "%", None, note)
 
 

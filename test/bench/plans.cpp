@@ -37,9 +37,9 @@ double quantile(std::vector<double> values, double share) {
 }
 
 struct Decisions {
-  std::vector<double> times;           ///< [s]
-  std::vector<double> excesses;        ///< of costs, relative to the plan improved further
-  double squares = 0;                  ///< sum of squares of the tracking error [m^2]
+  std::vector<double> times;     ///< [s]
+  std::vector<double> excesses;  ///< of costs, relative to the plan improved further
+  double squares = 0;            ///< sum of squares of the tracking error [m^2]
   long improvements = 0;
 };
 
@@ -146,9 +146,7 @@ class Hogs {
 
 void keepDeadline(double milliseconds, int count, int hogs_per_core) {
   using Clock = std::chrono::steady_clock;
-  const auto now = [] {
-    return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
-  };
+  const auto now = [] { return std::chrono::duration<double>(Clock::now().time_since_epoch()).count(); };
   PredictiveParams params;
   params.deadline = 1e-3 * milliseconds;
   PredictiveControl control(craft(), params);
@@ -174,9 +172,9 @@ void keepDeadline(double milliseconds, int count, int hogs_per_core) {
     in_time += times.back() <= params.deadline;
   }
   std::printf("%s: ", refused.empty() ? "real-time priority" : refused.c_str());
-  std::printf("%d of %d decisions in %g ms; %.3f ms median, %.3f ms 99.9%%, %.3f ms at most\n",
-              in_time, count, milliseconds, 1e3 * quantile(times, 0.5),
-              1e3 * quantile(times, 0.999), 1e3 * quantile(times, 1));
+  std::printf("%d of %d decisions in %g ms; %.3f ms median, %.3f ms 99.9%%, %.3f ms at most\n", in_time,
+              count, milliseconds, 1e3 * quantile(times, 0.5), 1e3 * quantile(times, 0.999),
+              1e3 * quantile(times, 1));
 }
 
 }  // namespace

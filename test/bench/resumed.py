@@ -1,4 +1,5 @@
 """Benches whose results go to a file of JSON lines, so that an interrupted one continues where it stopped."""
+
 import argparse
 import functools
 import json

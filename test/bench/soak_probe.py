@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """Watches a long experiment: memory stays constant, commands keep their rate, and there are no warnings."""
+
 import argparse
 import math
 import sys
@@ -32,9 +33,7 @@ def main():
     rospy.init_node("soak_probe")
     stamps, warnings, errors, newest = [], [], [], {}
     rospy.Subscriber("controls", Controls, lambda m: stamps.append(m.header.stamp.to_sec()))
-    rospy.Subscriber(
-        "/rosout", Log, lambda m: warnings.append(m.msg) if m.level >= Log.WARN else None
-    )
+    rospy.Subscriber("/rosout", Log, lambda m: warnings.append(m.msg) if m.level >= Log.WARN else None)
     for topic, kind in (
         ("controller/status", ControllerStatus),
         ("sender/status", SenderStatus),

@@ -105,9 +105,7 @@ def hidden(model_path, effect, values, folder):
     for name, believed in (("before", fitted), ("after", improved)):
         for kind in ("circle", "rhodonea", "sinusoid"):
             task = tracking.task(kind)
-            run = tracking.run(
-                truth, _core.load_model(believed), gains.choice("ModelPredictive"), task
-            )
+            run = tracking.run(truth, _core.load_model(believed), gains.choice("ModelPredictive"), task)
             errors.setdefault(kind, {})[name] = run.numbers["rms"]
     return {"effect": effect, "found": report["improved"]["effects"], "errors": errors}
 
@@ -143,11 +141,7 @@ def print_tables(model, starts, seed):
                 row["effort"],
                 "%.3f / %.3f" % (ms["median"], ms["p999"]),
             ),
-            (
-                "after the stop %.2f mm" % (1e3 * row["after_stop_max"])
-                if row["reference"] == "line"
-                else ""
-            ),
+            ("after the stop %.2f mm" % (1e3 * row["after_stop_max"]) if row["reference"] == "line" else ""),
             flush=True,
         )
     reached = anywhere(model, 200, seed)
@@ -180,9 +174,7 @@ def print_effects(model, effects, strength):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--model", default=os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover_4_1.yaml")
-    )
+    parser.add_argument("--model", default=os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover_4_1.yaml"))
     parser.add_argument("--starts", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", metavar="FILE", help="file for all numbers")

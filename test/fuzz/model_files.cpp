@@ -20,8 +20,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const ground::Dynamics<double> dynamics(model);
   ground::RigidState<double> state;
   state.nu << 0.3, -0.1, 1;
-  ground::Thrusters<double> input =
-      ground::Thrusters<double>::filled(model.thrusters->size(), 0.25);
+  ground::Thrusters<double> input = ground::Thrusters<double>::filled(model.thrusters->size(), 0.25);
   input(0) = 0.5;
   dynamics.derivative(0, state, input, 1);
   return 0;

@@ -1,4 +1,5 @@
 """Commands that have to end: with limits of processor time, wall time and memory."""
+
 import os
 import resource
 import signal

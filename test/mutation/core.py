@@ -1,5 +1,6 @@
 """Mutants of the C++ core: which unit tests execute what, and a copy of the workspace that builds mutants.
 As a program, `core.py JOBS`, it counts what the unit tests execute; gcovr has to be asked next."""
+
 import collections
 import concurrent.futures
 import filecmp

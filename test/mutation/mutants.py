@@ -2,6 +2,7 @@
 """Changes one operator, constant or statement of the C++ core at a time and asks the unit tests whether they
 notice. Prints a table by folder and the mutants that no test noticed. Continues an interrupted run; use
 another file, or --again, when tests or sources have changed."""
+
 import argparse
 import itertools
 import json

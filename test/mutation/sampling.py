@@ -1,4 +1,5 @@
 """Mutants of source files: lines with one operator, constant or statement changed."""
+
 import contextlib
 import io
 import pathlib

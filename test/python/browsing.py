@@ -1,4 +1,5 @@
 """Pages in a browser: fixtures `browser` and `as_wide_as` are in conftest.py."""
+
 import io
 
 DRAWN = """
@@ -13,9 +14,7 @@ def waiting(browser, seconds):
 
 
 def wait_until_drawn(browser):
-    waiting(browser, 60).until(
-        lambda b: all(state == "yes" for _, state in b.execute_script(DRAWN))
-    )
+    waiting(browser, 60).until(lambda b: all(state == "yes" for _, state in b.execute_script(DRAWN)))
     return browser.execute_script(DRAWN)
 
 
@@ -34,9 +33,7 @@ def assert_sound(browser, names):
     assert [line for line in browser.get_log("browser") if line["level"] != "INFO"] == []
     fetched = "return performance.getEntriesByType('resource').map(e => e.name)"
     assert [n for n in browser.execute_script(fetched) if not n.startswith("data:")] == []
-    width, window = browser.execute_script(
-        "return [document.documentElement.scrollWidth, window.innerWidth]"
-    )
+    width, window = browser.execute_script("return [document.documentElement.scrollWidth, window.innerWidth]")
     assert width <= window
     for name in names:
         element = browser.find_element("id", name)

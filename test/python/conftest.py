@@ -1,4 +1,5 @@
 """Helpers of the tests in Python."""
+
 import contextlib
 import functools
 import io
@@ -220,9 +221,7 @@ def browser():
     for argument in ("--headless=new", "--no-sandbox", "--window-size=1280,900"):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(
-        service=service.Service(shutil.which("chromedriver")), options=options
-    )
+    driver = webdriver.Chrome(service=service.Service(shutil.which("chromedriver")), options=options)
     yield driver
     driver.quit()
 

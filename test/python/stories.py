@@ -1,4 +1,5 @@
 """Stories of discoveries for tests."""
+
 import math
 
 from conftest import MODEL
@@ -93,9 +94,7 @@ def whole():
             )
         )
     track = flight(4, tale.TRACK, inputs="", reference="rhodonea", size=1.2, why="")
-    made.flights.append(
-        Flown(track, "", 20.0, labels[-1], path=path(4), errors={}, tracking_error=0.012)
-    )
+    made.flights.append(Flown(track, "", 20.0, labels[-1], path=path(4), errors={}, tracking_error=0.012))
     made.findings = [
         finding(
             1,

@@ -1,4 +1,5 @@
 """identify add as a user runs it."""
+
 import json
 
 import pytest
@@ -20,16 +21,7 @@ def lagging(tmp_path):
 def test_the_error_falls_to_the_noise(tmp_path, lagging):
     out = tmp_path / "better.yaml"
     result = identify(
-        "add",
-        "motor_lag",
-        *lagging[:2],
-        "--model",
-        MODEL,
-        "-o",
-        out,
-        "--holdout",
-        lagging[2],
-        "--json"
+        "add", "motor_lag", *lagging[:2], "--model", MODEL, "-o", out, "--holdout", lagging[2], "--json"
     )
     assert result.returncode == 0, result.stderr
     report = json.loads(result.stdout)
@@ -41,9 +33,7 @@ def test_the_error_falls_to_the_noise(tmp_path, lagging):
         error = report["error"][kind]
         assert error["before"]["error"] > 3 * error["after"]["error"], kind
         # The noise floor is computed from the fitted runs; it differs for others.
-        assert error["after"]["error"] == pytest.approx(
-            floor, rel=0.4 if kind == "holdout" else 0.15
-        ), kind
+        assert error["after"]["error"] == pytest.approx(floor, rel=0.4 if kind == "holdout" else 0.15), kind
         assert sum(error["after"][c] for c in "uvr") == pytest.approx(error["after"]["error"])
     # The model file names its data and can be loaded.
     from ground import _core
@@ -52,9 +42,7 @@ def test_the_error_falls_to_the_noise(tmp_path, lagging):
     assert model.effects == ["motor_lag"]
     assert model.provenance.bags == ["run1.bag", "run40.bag"]
     assert model.provenance.error_after["heldout"] == error_of(report, "heldout")
-    text = identify(
-        "add", "input_delay", *lagging, "--model", out, "-o", tmp_path / "x.yaml"
-    ).stdout
+    text = identify("add", "input_delay", *lagging, "--model", out, "-o", tmp_path / "x.yaml").stdout
     assert "noise of the poses alone" in text and "each run by a fit to the others" in text
 
 

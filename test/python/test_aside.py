@@ -19,9 +19,7 @@ def test_the_command_and_its_session_have_a_low_priority():
         pytest.skip("the kernel does not divide the processors between sessions")
     groups = [AUTOGROUP.read_text()]
     for _ in range(2):
-        groups.append(
-            subprocess.check_output([ASIDE, "cat", str(AUTOGROUP)], universal_newlines=True)
-        )
+        groups.append(subprocess.check_output([ASIDE, "cat", str(AUTOGROUP)], universal_newlines=True))
     assert [group.split()[-1] for group in groups[1:]] == ["10", "10"]
     assert len({group.split()[0] for group in groups}) == 3
 

@@ -142,9 +142,7 @@ def test_the_curve_is_the_simplest_that_fits(tmp_path, monkeypatch, kind, force,
     monkeypatch.setattr("test_bench.LEVELS", np.linspace(0, 1, 41))
     found = []
     for seed in range(10):
-        path = table(
-            tmp_path / "bench.csv", lambda side, w: force(w), ["left"], repeat=repeat, seed=seed
-        )
+        path = table(tmp_path / "bench.csv", lambda side, w: force(w), ["left"], repeat=repeat, seed=seed)
         fit = thrust_bench.fit(thrust_bench.read(str(path), PAIR), PAIR)
         found.append(fit.curve.kind)
         w = np.linspace(0.02, 1, 50)

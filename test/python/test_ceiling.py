@@ -1,4 +1,5 @@
 """How much of a model's error any function of what was recorded could still explain."""
+
 import math
 import re
 
@@ -42,8 +43,15 @@ def rates(body, state, fixed, missing):
     )  # fmt: skip
 
 
-def flown(seed, missing=lambda state: (0.0, 0.0, 0.0), push=0.0, duration=8.0, lost=(), burst=None,
-          levels=((0, 1), (0, 0.9))):
+def flown(
+    seed,
+    missing=lambda state: (0.0, 0.0, 0.0),
+    push=0.0,
+    duration=8.0,
+    lost=(),
+    burst=None,
+    levels=((0, 1), (0, 0.9)),
+):
     """A run of a craft on which `missing` acts, beside a random push, relative to full thrust, and a burst of
     it (begin, end, size); and the missing wrench at its poses. lost: span of time without poses; levels:
     two of each thruster, between which it switches at random."""
@@ -200,9 +208,7 @@ def regression_of(likelihood, fit, formulas, runs):
     features = [dictionary.Feature(parts, "-", family) for parts in formulas]
     sampled = [samples.of_run(likelihood, fit, i) for i in range(len(runs))]
     acting = [dictionary.wrenches(features, fit.model, s) for s in sampled]
-    return Regression(
-        likelihood, fit, features, acting, [dictionary.followed(fit.model, s) for s in sampled]
-    )
+    return Regression(likelihood, fit, features, acting, [dictionary.followed(fit.model, s) for s in sampled])
 
 
 def test_what_the_parameters_can_follow_is_no_feature(pushed):
@@ -296,8 +302,10 @@ def test_a_function_of_the_screen_is_a_formula_of_a_model_file():
     sampled, _ = path_of(model)
     spaces = samples.namespace(sampled)
     kinds = {}
-    for scalar in scalars.of_motion(model, SCALES, [sampled]) + scalars.few(model, SCALES) + scalars.of_place(
-        SCALES, sampled.values["x"], sampled.values["y"]
+    for scalar in (
+        scalars.of_motion(model, SCALES, [sampled])
+        + scalars.few(model, SCALES)
+        + scalars.of_place(SCALES, sampled.values["x"], sampled.values["y"])
     ):
         kinds.setdefault(re.sub(r"[\d.]+", "", scalar.text), scalar)
     for scalar in kinds.values():

@@ -66,7 +66,5 @@ def test_a_lift_channel_may_have_another_name(tmp_path):
 
 def written(folder, line):
     path = folder / "mapping.yaml"
-    path.write_text(
-        "schema: ground/mapping/1\ncommands:\n  channels: {front: {field: f}}\n  %s\n" % line
-    )
+    path.write_text("schema: ground/mapping/1\ncommands:\n  channels: {front: {field: f}}\n  %s\n" % line)
     return str(path)

@@ -1,4 +1,5 @@
 """No files and no folders of the package import each other."""
+
 import importlib.machinery
 import importlib.util
 

@@ -1,4 +1,5 @@
 """identify compare as a user runs it: does it point at the hidden effect of a run?"""
+
 import json
 
 import numpy as np
@@ -123,9 +124,7 @@ def test_a_push_is_left_out_and_reported(tmp_path):
 
 def test_fitted_and_held_out_runs_are_pooled_separately(tmp_path):
     change = hidden(tmp_path, "{name: quadratic_drag, cx: 0.03, cy: 0.03, cr: 0.0}")
-    bags = [
-        write_bag(tmp_path / ("%d.bag" % s), seed=s, duration=10, change=change) for s in (1, 2, 3)
-    ]
+    bags = [write_bag(tmp_path / ("%d.bag" % s), seed=s, duration=10, change=change) for s in (1, 2, 3)]
     fitted = tmp_path / "fitted.yaml"
     assert identify("fit", *bags[:2], "--model", MODEL, "-o", fitted).returncode == 0
     report = compare(tmp_path / "out", bags, MODEL, fitted)

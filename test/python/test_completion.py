@@ -1,4 +1,5 @@
 """Completion of command lines, by the protocol that a shell uses, and how fast programs start."""
+
 import os
 import subprocess
 import sys

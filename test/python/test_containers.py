@@ -58,7 +58,9 @@ def transform_stamped(folder):
         message.position.x, message.position.z = 1000 + 500 * right, 1000 + 1000 * lift
         message.orientation.y = 1900 - 900 * left
         messages.append(("/pwm", stamp, message))
-    return write_bag(folder / "run.bag", messages), """
+    return (
+        write_bag(folder / "run.bag", messages),
+        """
 poses: {axes: "x, -y, -z"}
 commands:
   topic: /pwm
@@ -66,7 +68,8 @@ commands:
     right: {field: position.x, off: 1000, full: 1500}
     left: {field: orientation.y, off: 1900, full: 1000}
     lift: {field: position.z, unit: microseconds}
-"""
+""",
+    )
 
 
 def tf(folder):
@@ -89,7 +92,9 @@ def tf(folder):
         message = Vector3Stamped()
         message.vector.x, message.vector.y, message.vector.z = map(float, 100 * values)
         messages.append(("/demand", stamp, message))
-    return write_bag(folder / "run.bag", messages), """
+    return (
+        write_bag(folder / "run.bag", messages),
+        """
 poses: {topic: /tf, body: craft, axes: "x, -y, -z"}
 commands:
   topic: /demand
@@ -97,7 +102,8 @@ commands:
     left: {field: vector.x, unit: percent}
     right: {field: vector.y, unit: percent}
     lift: {field: vector.z, unit: percent}
-"""
+""",
+    )
 
 
 def odometry(folder):
@@ -114,7 +120,9 @@ def odometry(folder):
         messages.append(("/odom", stamp, message))
     for stamp, (left, right, lift) in commands:
         messages.append(("/motors", stamp, Float64MultiArray(data=[lift, -right, 2 * left])))
-    return write_bag(folder / "run.bag", messages), """
+    return (
+        write_bag(folder / "run.bag", messages),
+        """
 poses: {topic: /odom, axes: "x, -y, -z", heading_offset: 2.0}
 commands:
   topic: /motors
@@ -122,7 +130,8 @@ commands:
     left: {field: "data[2]", scale: 0.5}
     right: {field: "data[1]", sign: -1}
     lift: {field: "data[0]"}
-"""
+""",
+    )
 
 
 def in_ros2(folder, plugin, unit):
@@ -142,12 +151,16 @@ def in_ros2(folder, plugin, unit):
         linear = bag.vector("geometry_msgs/Vector3", values)
         still = bag.vector("geometry_msgs/Vector3", (0, 0, 0))
         bag.write("/cmd", stamp, bag.new("geometry_msgs/Twist", linear=linear, angular=still))
-    return bag.close(), """
+    return (
+        bag.close(),
+        """
 poses: {position: {scale: %g}}
 commands:
   topic: /cmd
   channels: {left: {field: linear.x}, right: {field: linear.y}, lift: {field: linear.z}}
-""" % unit
+"""
+        % unit,
+    )
 
 
 def ros2_sqlite3(folder):
@@ -175,6 +188,7 @@ commands:
   time: {field: "t [ms]", unit: ms}
 """
 COLUMNS = ["t [ms]", "x", "y", "heading", "port", "starboard", "fan"]
+
 
 def csv_pair(folder):
     """Poses and commands apart, as a rate of their own takes."""
@@ -315,9 +329,7 @@ def test_a_cut_bag_of_ros2_is_refused_or_read_in_a_sentence(make, tmp_path):
         assert "Traceback" not in result.stderr and "unexpected" not in result.stderr
 
 
-@pytest.mark.parametrize(
-    "make", [pose_stamped, tf, ros2_sqlite3, mcap], ids=lambda make: make.__name__
-)
+@pytest.mark.parametrize("make", [pose_stamped, tf, ros2_sqlite3, mcap], ids=lambda make: make.__name__)
 def test_a_draft_reads_what_it_was_drafted_from(make, tmp_path):
     path, options = written(make, tmp_path / "run")
     draft = tmp_path / "draft.yaml"

@@ -1,4 +1,5 @@
 """identify diagnose as a user runs it: it names the missing effect and writes a model with it."""
+
 import html
 import json
 import sys
@@ -32,8 +33,7 @@ def with_effect(path, entry):
 
 def bags_of(folder, truth, seeds=(1, 40), **options):
     return [
-        write_bag(folder / ("run%d.bag" % s), seed=s, model=truth, nu=(0.3, 0.1, 1), **options)
-        for s in seeds
+        write_bag(folder / ("run%d.bag" % s), seed=s, model=truth, nu=(0.3, 0.1, 1), **options) for s in seeds
     ]
 
 
@@ -141,9 +141,7 @@ def test_an_improvement_is_that_over_what_a_fit_reaches(tmp_path, lagging, unpla
         assert improved[name].items() <= report[error]["error"].items()
 
 
-def test_an_improvement_on_real_runs_is_that_over_what_a_fit_reaches(
-    tmp_path, recordings, unplanned
-):
+def test_an_improvement_on_real_runs_is_that_over_what_a_fit_reaches(tmp_path, recordings, unplanned):
     """These runs differ from one another, too; estimates of what differs may help a fit."""
     bags = bags_of_day(tmp_path, recordings, "2019-04-16")
     found = ground.diagnose(MODEL, bags, only=["motor_lag"])
@@ -257,9 +255,7 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
         parser = argparse.ArgumentParser()
         verb.configure(parser)
         files = ["--effects"] + [str(path) for path in own.values()]
-        arguments = parser.parse_args(
-            ["run.bag", "--model", "m", "-o", "o"] + files + list(options)
-        )
+        arguments = parser.parse_args(["run.bag", "--model", "m", "-o", "o"] + files + list(options))
         chosen = arguments.only, arguments.exclude, arguments.effects
         return {c.name for c in effects_to_try(model, *chosen)}
 
@@ -391,9 +387,7 @@ def test_real_runs_of_one_day(tmp_path, recordings, unplanned):
         (0.01, 1, 10, "missing"),
     ],
 )
-def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(
-    tmp_path, delay, seed, duration, verdict
-):
+def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(tmp_path, delay, seed, duration, verdict):
     from ground import _core
     from ground.analysis import candidates, diagnosis
     from ground.analysis.verdict import conclude
@@ -508,9 +502,7 @@ def test_effects_are_named_by_few_words():
         assert 4 < len(words) <= (60 if of_thruster else 40), name
         assert words[0].islower() and not words.endswith("."), name
     assert candidates.in_words("wind") == "air that moves over the floor (wind)"
-    assert "front_left_back (thruster_gain" in candidates.in_words(
-        "thruster_gain_front_left_back", model
-    )
+    assert "front_left_back (thruster_gain" in candidates.in_words("thruster_gain_front_left_back", model)
     assert candidates.in_words("my_own") == "my_own"
 
 

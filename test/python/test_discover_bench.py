@@ -1,4 +1,5 @@
 """The discovery bench: its craft in a control loop, its floor, and one short discovery."""
+
 import json
 import pathlib
 import sys

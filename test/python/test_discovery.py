@@ -35,9 +35,7 @@ OPTIONS = ["--room", ROOM, "--latency", 0.02, "--disturbance", SHARE, TIME, "--p
 SIDE_FORCE = {
     "name": "side_force_in_turns",
     "expression": {"Y": "a*r*u"},
-    "parameters": {
-        "a": {"value": 0.0047, "unit": "N s^2/m", "neutral": 0.0, "lower": -1, "upper": 1}
-    },
+    "parameters": {"a": {"value": 0.0047, "unit": "N s^2/m", "neutral": 0.0, "lower": -1, "upper": 1}},
 }
 
 
@@ -355,9 +353,7 @@ class RoughAnalyst:
         model = craft(yaw_bias={"n0": 1e-6 * self.past + 1e-8 * reachable + 1e-9 * seed})
         conclusion = types.SimpleNamespace(varies=[], heldout=[0.1, 0.05], refits=())
         fit = types.SimpleNamespace(expected=10.0 if len(recordings) > 4 else 1e-3)
-        found = types.SimpleNamespace(
-            fit=fit, chosen=[types.SimpleNamespace(name="yaw_bias")], steps=[]
-        )
+        found = types.SimpleNamespace(fit=fit, chosen=[types.SimpleNamespace(name="yaw_bias")], steps=[])
         state = types.SimpleNamespace(open=[], beliefs=[])
         return types.SimpleNamespace(
             diagnosis=found, conclusion=conclusion, state=state, offers=[], model=model,
@@ -577,5 +573,3 @@ def test_the_evidence_of_a_comparison_is_a_statistic():
     half = [tracking.evidence(a, b / 2) for a, b in zip(before, after)]
     assert np.mean(np.array(alike) > tracking.CLEAR) < 0.03
     assert np.mean(np.array(half) > tracking.CLEAR) > 0.95
-
-

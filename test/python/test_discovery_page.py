@@ -1,4 +1,5 @@
 """report.html of a discovery, of whole and of unfinished stories."""
+
 import dataclasses
 import json
 import re

@@ -1,4 +1,5 @@
 """Bad arguments raise at every entry of the core: no crash, no endless loop, no silent number."""
+
 import os
 import signal
 
@@ -37,8 +38,15 @@ def run(count=200, dt=0.01, **other):
     bits = np.random.default_rng(3).integers(0, 2, (max(1, count // 10), 2))
     inputs = np.column_stack([np.arange(len(bits)) * 10 * dt, bits, np.ones(len(bits))])
     found = _core.simulate(craft(), inputs, times, np.zeros(3), np.array([0.1, 0.02, 0.1]), [0.0])
-    given = {"name": "run", "times": times, "eta": found["eta"], "nu": found["nu"],
-             "inputs": inputs, "poses": found["eta"], "noise": np.array([1e-3, 1e-3, 1e-2])}
+    given = {
+        "name": "run",
+        "times": times,
+        "eta": found["eta"],
+        "nu": found["nu"],
+        "inputs": inputs,
+        "poses": found["eta"],
+        "noise": np.array([1e-3, 1e-3, 1e-2]),
+    }
     given.update(other)
     return _core.RunData(**given)
 
@@ -106,16 +114,24 @@ def point(model=None, **changes):
 
 def tracking(model=None, believed=None, eta=(0, 0, 0), mocap=None, **changes):
     params = changed_fields(_core.TrackingParams(), **{"duration": 1.0, **changes})
-    return _core.track_reference(model or craft(), believed or craft(), params, np.array(eta, float),
-                                 np.zeros(3), mocap or _core.MocapParams(), 1)
+    return _core.track_reference(
+        model or craft(),
+        believed or craft(),
+        params,
+        np.array(eta, float),
+        np.zeros(3),
+        mocap or _core.MocapParams(),
+        1,
+    )
 
 
 def excite(model=None, believed=None, duration=1.0, room=None, design=None, **returns):
     params = changed_fields(_core.ExcitationParams(), duration=duration, room=room)
     changed_fields(params.design, **(design or {}))
     changed_fields(params.returns, **returns)
-    return _core.excite(model or craft(), believed or craft(), params, np.zeros(3), np.zeros(3),
-                        _core.MocapParams(), 1)
+    return _core.excite(
+        model or craft(), believed or craft(), params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1
+    )
 
 
 def mocap(**changes):
@@ -136,17 +152,28 @@ def forecast(model=None, **changes):
 
 
 def play(
-    rows=((0, 1, 1, 1),), duration=1.0, eta=(0, 0, 0), nu=(0, 0, 0), params=None, model=None,
+    rows=((0, 1, 1, 1),),
+    duration=1.0,
+    eta=(0, 0, 0),
+    nu=(0, 0, 0),
+    params=None,
+    model=None,
     disturbance=None,
 ):
-    return _core.play_schedule(model or craft(), np.array(rows, float), duration,
-                               np.array(eta, float), np.array(nu, float),
-                               params or _core.MocapParams(), 1, disturbance or _core.Disturbance())
+    return _core.play_schedule(
+        model or craft(),
+        np.array(rows, float),
+        duration,
+        np.array(eta, float),
+        np.array(nu, float),
+        params or _core.MocapParams(),
+        1,
+        disturbance or _core.Disturbance(),
+    )
 
 
 def simulate(model=None, inputs=GOOD.inputs, times=GOOD.times, eta=(0, 0, 0), nu=(0, 0, 0), **other):
-    return _core.simulate(model or craft(), inputs, times, np.array(eta, float),
-                          np.array(nu, float), **other)
+    return _core.simulate(model or craft(), inputs, times, np.array(eta, float), np.array(nu, float), **other)
 
 
 def estimators(runs, threads):
@@ -165,11 +192,11 @@ def estimators(runs, threads):
         "GreyBox.scores": grey(lambda b: b.scores(point(), free, threads=threads)),
         "GreyBox.residuals": grey(lambda b: [b.residuals(point(), i) for i in range(len(runs))]),
         "SimulationError.simulate": lambda: error(runs).simulate(craft()),
-        "SimulationError.simulate poses":
-            lambda: error(runs, _core.Target.poses).simulate(craft()),
+        "SimulationError.simulate poses": lambda: error(runs, _core.Target.poses).simulate(craft()),
         "SimulationError.fit": lambda: error(runs).fit(craft(), free, threads=threads),
-        "SimulationError.fit poses":
-            lambda: error(runs, _core.Target.poses).fit(craft(), free, threads=threads),
+        "SimulationError.fit poses": lambda: error(runs, _core.Target.poses).fit(
+            craft(), free, threads=threads
+        ),
         "WrenchFilter": first(lambda one: _core.WrenchFilter(craft(), one)),
         "cut_windows": first(lambda one: _core.cut_windows(one, 0, 0.0, 2.0, 1.0)),
         "predict": first(lambda one: _core.predict(craft(), one, WINDOWS[:1], np.zeros((1, 3)))),
@@ -201,8 +228,7 @@ def entries_of_models(model, threads):
         "GreyBox.forecast": lambda: box(two).forecast(at, 1, [50], [0.3]),
         "SimulationError.simulate": lambda: error(two).simulate(model),
         "SimulationError.fit": lambda: error(two).fit(model, free, threads=threads),
-        "SimulationError.fit poses":
-            lambda: error(two, _core.Target.poses).fit(model, free, threads=threads),
+        "SimulationError.fit poses": lambda: error(two, _core.Target.poses).fit(model, free, threads=threads),
         "WrenchFilter": lambda: _core.WrenchFilter(model, GOOD),
         "predict": lambda: _core.predict(model, GOOD, WINDOWS[:1], np.ones((1, 3))),
         "simulate": lambda: simulate(model=model, nu=(1, 0, 0)),
@@ -233,13 +259,13 @@ def cases_of_indices():
         yield "sigma %d" % index, lambda i=index: simulation_error().sigma(i)
         yield "residuals of run %d" % index, lambda i=index: box().residuals(point(), i)
         yield "forecast of run %d" % index, lambda i=index: forecast(run=i)
-        yield "a window of run %d" % index, \
-            lambda i=index: simulation_error(windows=[_core.Window(i, 0, 50)])
+        yield "a window of run %d" % index, lambda i=index: simulation_error(windows=[_core.Window(i, 0, 50)])
     for span in ((-1, 50), (0, 200), (50, 10), (0, 2**31 - 1)):
-        yield "a window of %d to %d" % span, \
-            lambda s=span: simulation_error(windows=[_core.Window(0, *s)])
-        yield "predict %d to %d" % span, lambda s=span: _core.predict(
-            craft(), GOOD, [_core.Window(0, *s)], np.zeros((1, 3)))
+        yield "a window of %d to %d" % span, lambda s=span: simulation_error(windows=[_core.Window(0, *s)])
+        yield (
+            "predict %d to %d" % span,
+            lambda s=span: _core.predict(craft(), GOOD, [_core.Window(0, *s)], np.zeros((1, 3))),
+        )
     yield "forecasts from behind the end", lambda: forecast(starts=[200])
 
 
@@ -255,17 +281,18 @@ def cases_of_numbers():
         "the start of a drive": lambda v: simulate(drives=[v]),
         "inputs of a run": lambda v: run(inputs=changed(GOOD.inputs, v)),
         "a stamp to smooth": lambda v: _core.smooth(
-            [0, 0.1, v, 0.3], np.zeros((4, 3)), _core.EstimatorParams()),
+            [0, 0.1, v, 0.3], np.zeros((4, 3)), _core.EstimatorParams()
+        ),
         "a pose to smooth": lambda v: _core.smooth(
-            [0, 0.1, 0.2, 0.3], changed(np.zeros((4, 3)), v), _core.EstimatorParams()),
+            [0, 0.1, 0.2, 0.3], changed(np.zeros((4, 3)), v), _core.EstimatorParams()
+        ),
         "a played input": lambda v: play(rows=[(0, v, 1, 1)]),
         "the place of a circle": lambda v: tracking(reference=reference(x=v)),
         "a time on a reference": lambda v: reference().sample([0.0, v]),
         "a place in a room": lambda v: room().clearance((v, 0.0)),
         "a pose for the mocap": lambda v: _core.AxisMapping().to_mocap(np.array([v, 0, 0]), 0.0),
         "velocities to predict from": lambda v: _core.predict(craft(), GOOD, WINDOWS, np.full((2, 3), v)),
-        "initial states": lambda v: simulation_error().fit(
-            craft(), ["k"], initial=[np.full(3, v)] * 2),
+        "initial states": lambda v: simulation_error().fit(craft(), ["k"], initial=[np.full(3, v)] * 2),
     }
     positive = {
         "a level": lambda v: box().likelihood(point(sigma_X=v)),
@@ -286,8 +313,7 @@ def cases_of_numbers():
         "a clock": lambda v: excite(design={"clock": v}),
         "a margin": lambda v: excite(room=room(margin=v)),
         "a rate of control": lambda v: tracking(life=changed_fields(life(), rate=v)),
-        "a disturbance": lambda v: play(
-            disturbance=changed_fields(disturbance(), sigma=np.array([v, 1, 1]))),
+        "a disturbance": lambda v: play(disturbance=changed_fields(disturbance(), sigma=np.array([v, 1, 1]))),
         "the mass": lambda v: craft().set_value("m", v),
     }
     for what, call in {**finite, **positive}.items():
@@ -315,13 +341,23 @@ def cases_of_names():
     yield "an axis mapping of nothing", lambda: _core.AxisMapping("")
     yield "a sequence of order 64", lambda: _core.make_prbs(64, 1)
     yield "an unknown controller", lambda: _core.effect_use("magic", craft())
-    yield "a controller that flies", lambda: tracking(
-        controller=changed_fields(_core.ControllerChoice(), kind="magic"))
+    yield (
+        "a controller that flies",
+        lambda: tracking(controller=changed_fields(_core.ControllerChoice(), kind="magic")),
+    )
 
 
-CASES = dict(pair for make in (
-    cases_of_runs, cases_of_models, cases_of_indices, cases_of_numbers, cases_of_names,
-) for pair in make())
+CASES = dict(
+    pair
+    for make in (
+        cases_of_runs,
+        cases_of_models,
+        cases_of_indices,
+        cases_of_numbers,
+        cases_of_names,
+    )
+    for pair in make()
+)
 
 
 def outcome(call):
@@ -361,6 +397,5 @@ def test_good_arguments_do_not():
     for threads in (1, 2):
         for entry, call in estimators(two, threads).items():
             assert outcome(call) == "returned", entry
-    for call in (forecast, play, tracking, excite, simulate,
-                 lambda: excite(room=room())):
+    for call in (forecast, play, tracking, excite, simulate, lambda: excite(room=room())):
         assert outcome(call) == "returned"

@@ -1,4 +1,5 @@
 """The package as others use it: builds and runs test/downstream/ground_example."""
+
 import functools
 import os
 import pathlib
@@ -43,9 +44,7 @@ def install_space():
     cache = build / "CMakeCache.txt"
     if not cache.is_file():
         pytest.skip("the workspace was not built as one CMake project")
-    prefix = pathlib.Path(
-        re.search("^CMAKE_INSTALL_PREFIX:.*=(.*)$", cache.read_text(), re.M).group(1)
-    )
+    prefix = pathlib.Path(re.search("^CMAKE_INSTALL_PREFIX:.*=(.*)$", cache.read_text(), re.M).group(1))
     assert build in prefix.parents, "installs outside the build folder: remove %s" % cache
     check(ASIDE, "cmake", "--install", build)
     return prefix

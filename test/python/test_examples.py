@@ -1,4 +1,5 @@
 """What pages of the documentation say that their commands print is what they print."""
+
 import sys
 
 import pytest

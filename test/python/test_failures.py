@@ -216,9 +216,7 @@ def script(monkeypatch, name, *arguments):
     return ended.value.code or 0
 
 
-@pytest.mark.parametrize(
-    "name", ["identification", "parameters", "record", "demo", "track", "tune"]
-)
+@pytest.mark.parametrize("name", ["identification", "parameters", "record", "demo", "track", "tune"])
 def test_every_program_takes_debug(monkeypatch, capsys, name):
     assert script(monkeypatch, name, "--help") == 0
     assert "--debug" in capsys.readouterr().out

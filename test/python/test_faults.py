@@ -1,4 +1,5 @@
 """Faults of processes and disk while a craft tracks, observed by the packets to the craft."""
+
 import contextlib
 import os
 import signal
@@ -63,9 +64,9 @@ class Stack:
         """Whether packets came during the last `seconds`, many of them with thrust."""
         now = time.time()
         packets = [p for p in list(self.wire.packets) if p.time > now - seconds]
-        return len(packets) > 30 * seconds and sum(
-            1 for p in packets if p.left or p.right
-        ) > 0.2 * len(packets)
+        return len(packets) > 30 * seconds and sum(1 for p in packets if p.left or p.right) > 0.2 * len(
+            packets
+        )
 
     def wait_until_it_drives(self):
         wait_for(lambda: self.drives(2), 40, "the craft to be driven")
@@ -146,9 +147,7 @@ def test_a_full_disk_ends_the_recording_only(stack, tmp_path):
         ["mount", "-t", "tmpfs", "-o", "size=210m", "tmpfs", str(folder)], stderr=subprocess.PIPE
     )
     if mounted.returncode != 0:
-        pytest.skip(
-            "this test needs the right to mount a file system: %s" % mounted.stderr.decode()
-        )
+        pytest.skip("this test needs the right to mount a file system: %s" % mounted.stderr.decode())
     record = ["roslaunch", "ground", "record.launch", "bag_dir:=%s" % folder]
     try:
         stack.run(*record)
@@ -162,9 +161,7 @@ def test_a_full_disk_ends_the_recording_only(stack, tmp_path):
         (bag,) = folder.glob("*_0.bag*")
         copy = tmp_path / ("copy.bag" + (".active" if bag.suffix == ".active" else ""))
         copy.write_bytes(bag.read_bytes())
-        refused = subprocess.run(
-            record, env=stack.env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
-        )
+        refused = subprocess.run(record, env=stack.env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         assert b"make room" in refused.stdout
     finally:
         subprocess.run(["umount", "-l", str(folder)], check=True)

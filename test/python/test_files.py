@@ -1,4 +1,5 @@
 """Writing files: outputs that are inputs, other kinds of files, file systems without hard links."""
+
 import os
 import shutil
 
@@ -55,8 +56,7 @@ SIMULATE = ["simulate", "--model", "model.yaml", "--input", "steps.csv", "--forc
         FIT + ["symlink"],
         FIT + ["hardlink"],
         FIT + ["link_to_here/model.yaml"],
-        ["fit", "run.bag", "--holdout", "hardlink", "--model", "model.yaml", "--force", "-o"]
-        + ["symlink"],
+        ["fit", "run.bag", "--holdout", "hardlink", "--model", "model.yaml", "--force", "-o"] + ["symlink"],
         ["add", "motor_lag", "run.bag", "--model", "model.yaml", "--force", "-o", "model.yaml"],
         ["add", "effect.yaml", "run.bag", "--model", "model.yaml", "--force", "-o", "effect.yaml"],
         ["diagnose", "run.bag", "--model", "out/improved.yaml", "--force", "-o", "out"],

@@ -1,4 +1,5 @@
 """The hidden-effect bench: its craft, cases, scores and table; `make bench-hidden` measures."""
+
 import json
 import pathlib
 import subprocess
@@ -22,9 +23,7 @@ import hidden_table  # noqa: E402
 import hidden_white  # noqa: E402
 import resumed  # noqa: E402
 
-BODY = {
-    name: _core.load_model(hidden_white.MODEL).value(name) for name in hidden_cases.NOMINAL
-}
+BODY = {name: _core.load_model(hidden_white.MODEL).value(name) for name in hidden_cases.NOMINAL}
 BEGAN, END = 0.5, 3.5  # begin and end of the test drives [s]
 
 

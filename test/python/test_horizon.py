@@ -1,4 +1,5 @@
 """Predicted poses at the horizon that suits a craft."""
+
 import functools
 
 import numpy as np

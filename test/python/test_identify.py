@@ -1,4 +1,5 @@
 """The identification tool as users run it: command line, real files, bad input."""
+
 import json
 import re
 import subprocess
@@ -102,9 +103,7 @@ def test_fit_reports_agreement_of_runs_and_held_out_errors(tmp_path, guess):
     heavy.write_text(MODEL.read_text().replace("I_z: 8.8e-5", "I_z: 1.3e-4"))
     other = write_bag(tmp_path / "other.bag", seed=41, model=heavy)
     out = tmp_path / "f.yaml"
-    result = identify(
-        "fit", *bags, other, "--model", guess, "-o", out, "--holdout", other, "--json"
-    )
+    result = identify("fit", *bags, other, "--model", guess, "-o", out, "--holdout", other, "--json")
     fails(result, "both to fit to and to hold out")
     result = identify("fit", *bags, "--model", guess, "-o", out, "--holdout", other, "--json")
     assert result.returncode == 0, result.stderr
@@ -188,8 +187,6 @@ def test_a_closed_pipe_is_no_error(bag):
         timeout=60,
     )
     assert result.stderr == "" and result.stdout == "run\n"
-
-
 
 
 def degrees(times, eta, inputs):
@@ -290,9 +287,7 @@ def test_bad_files_are_refused_with_a_reason(tmp_path, bag, guess):
     fails(identify("fit", bag, "--model", guess, "-o", out, "--free", "m", "k", "I_z"), "weigh")
     fails(identify("fit", bag, "--model", guess, "-o", tmp_path / "no" / "f.yaml"), "no folder")
     fails(identify("fit", bag, bag, "--model", guess, "-o", out), "twice")
-    fails(
-        identify("fit", bag, "--model", guess, "-o", out, "--from", "100"), "only 0 poses", "--all"
-    )
+    fails(identify("fit", bag, "--model", guess, "-o", out, "--from", "100"), "only 0 poses", "--all")
     fails(identify("info", bag, "--axes", "x,y"), "--axes")
     assert not out.exists()
 
@@ -414,9 +409,5 @@ def test_real_recordings_import_and_fit(tmp_path, recordings):
             assert fit["error"]["after"] < 0.65
             assert all(p["identified"] for p in fit["parameters"].values())
             # The result does not depend on the start, even with a damping at its bound.
-            far = identify(
-                "fit", bag, "--model", MODEL, "-o", out, "--force", "--starts", 3, "--json"
-            )
+            far = identify("fit", bag, "--model", MODEL, "-o", out, "--force", "--starts", 3, "--json")
             assert json.loads(far.stdout)["starts"]["at_best"] == 3, far.stderr
-
-

@@ -1,4 +1,5 @@
 """Runs are told by what their files contain, and models by theirs; names are labels."""
+
 import os
 import pathlib
 import pickle
@@ -136,9 +137,7 @@ commands: {time: {field: t}, channels: {left: {field: left}, right: {field: righ
 """
     (tmp_path / "one.yaml").write_text(mapping % ("x", "y"))
     (tmp_path / "other.yaml").write_text(mapping % ("y", "x"))
-    one, other = [
-        ground.read(table, mapping=tmp_path / name)[0] for name in ("one.yaml", "other.yaml")
-    ]
+    one, other = [ground.read(table, mapping=tmp_path / name)[0] for name in ("one.yaml", "other.yaml")]
     assert one.identity == other.identity != run.identity
     refused(lambda: ground.fit(MODEL, one, holdout=other), "hold out")
 
@@ -182,9 +181,7 @@ def test_two_fits_are_compared(here):
     assert len(set(frame.index.get_level_values("model"))) == 2
     named = ground.compare({"first": models[0], "second": models[1]}, "test/run1.bag")
     assert list(named.models) == ["first", "second"]
-    assert ground.compare({"a/b": MODEL, "a_b": models[0]}, "test/run1.bag").save(
-        here / "odd", page=False
-    )
+    assert ground.compare({"a/b": MODEL, "a_b": models[0]}, "test/run1.bag").save(here / "odd", page=False)
     assert len(list((here / "odd").glob("*.csv"))) == 2
 
 
@@ -261,9 +258,7 @@ def files_in(folder):
 
 def test_a_comparison_leaves_no_file_of_the_one_before(here, tmp_path):
     out, other = tmp_path / "out", ground.Model.load(MODEL).with_values({"k": 0.07})
-    ground.compare({"one": MODEL, "two": other}, ["train/run1.bag", "test/run1.bag"]).save(
-        out, page=False
-    )
+    ground.compare({"one": MODEL, "two": other}, ["train/run1.bag", "test/run1.bag"]).save(out, page=False)
     (out / "notes.csv").write_text("mine")
     ground.compare({"two": other}, "test/run1.bag").save(out, page=False, force=True)
     fresh = tmp_path / "fresh"

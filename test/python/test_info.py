@@ -1,4 +1,5 @@
 """Defects of recordings that info finds and repairs, each put into a simulated run with known truth."""
+
 import json
 
 import numpy as np
@@ -174,9 +175,7 @@ def test_contact_with_a_wall_is_left_out():
     bounced = state["nu"][at] * [-0.6, -0.6, -0.5]
     after = _core.simulate(model, inputs, times[at:], state["eta"][at], bounced)
     assert np.linalg.norm(state["nu"][at, :2]) > 0.5
-    eta[at:] = after["eta"] + np.random.default_rng(1).normal(
-        0, [3e-4, 3e-4, 5e-3], (len(times) - at, 3)
-    )
+    eta[at:] = after["eta"] + np.random.default_rng(1).normal(0, [3e-4, 3e-4, 5e-3], (len(times) - at, 3))
     run = repaired(recorded(times, eta, inputs))
     assert len(run.contacts) == 1
     start, end = run.contacts[0]
@@ -231,9 +230,7 @@ def test_a_gap_in_a_fast_spin_adds_no_turns():
         psi += np.random.default_rng(1).normal(0, 5e-3, len(psi))
         eta = np.column_stack([0 * times, 0 * times, np.angle(np.exp(1j * psi))])
         seen = (times < 3.0) | (times > 3.27)
-        recording = Recording(
-            "spin", times[seen], eta[seen], times[:2], np.zeros((2, 3)), "nowhere"
-        )
+        recording = Recording("spin", times[seen], eta[seen], times[:2], np.zeros((2, 3)), "nowhere")
         nu = recording.motion.nu
         assert np.abs(nu[:, 2] - rate[seen]).max() < 3, "at phase %.1f" % phase
 

@@ -1,4 +1,5 @@
 """Crafts that list their thrusters: an air-bearing table with eight jets."""
+
 import os
 import sys
 
@@ -76,9 +77,7 @@ def test_a_controller_of_another_craft_is_refused(table):
     params = _core.TrackingParams()
     pair = _core.load_model(PAIR)
     with pytest.raises(ValueError, match="commands 2 thrusters, and Air-bearing table has 8"):
-        _core.track_reference(
-            table, pair, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1
-        )
+        _core.track_reference(table, pair, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1)
 
 
 def test_a_simulated_bag_of_the_table_is_read_by_its_channels(table, tmp_path):
@@ -124,9 +123,7 @@ def test_designs_for_other_thrusters_say_what_they_need(table, tmp_path):
     with pytest.raises(ValueError, match="OpenLoopPRBS has levels for a left and a right thruster"):
         params = _core.TrackingParams()
         params.controller.kind = "OpenLoopPRBS"
-        _core.track_reference(
-            table, table, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1
-        )
+        _core.track_reference(table, table, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1)
 
 
 def test_a_fit_finds_the_parameters_of_the_table(table):
@@ -170,9 +167,7 @@ def test_columns_are_in_the_order_of_the_model(table):
 
 def test_a_recording_of_another_craft_is_refused_in_a_sentence(tmp_path):
     bag = tmp_path / "run.bag"
-    made = conftest.identify(
-        "simulate", "--model", PAIR, "--input", "prbs", "--duration", 3, "-o", bag
-    )
+    made = conftest.identify("simulate", "--model", PAIR, "--input", "prbs", "--duration", 3, "-o", bag)
     assert made.returncode == 0, made.stderr
     for verb in (["fit", bag, "-o", tmp_path / "m.yaml"], ["diagnose", bag, "-o", tmp_path / "d"]):
         refused = conftest.identify(*verb, "--model", TABLE)

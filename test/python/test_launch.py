@@ -628,9 +628,7 @@ def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
         "experiment:=killed",
         "port:=%d" % port,
     ) as launch:
-        active = wait_for(
-            lambda: list(tmp_path.glob("*_killed_0.bag.active")), 30, "the recording"
-        )[0]
+        active = wait_for(lambda: list(tmp_path.glob("*_killed_0.bag.active")), 30, "the recording")[0]
         wait_for(lambda: active.stat().st_size > 300e3, 40, "some recorded seconds")
         clock = subprocess.run(
             ["rostopic", "echo", "-n", "1", "/clock/clock"],

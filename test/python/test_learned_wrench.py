@@ -1,4 +1,5 @@
 """A learned wrench stands in for an effect without a name: simulated, compared, fitted, driven by."""
+
 import itertools
 
 import numpy as np

@@ -1,4 +1,5 @@
 """Fits with a random disturbance, held-out parts, bands and experiments, on short simulated runs."""
+
 import dataclasses
 import functools
 

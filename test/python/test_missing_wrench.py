@@ -1,4 +1,5 @@
 """The missing wrench along a run, and residuals."""
+
 import dataclasses
 
 import numpy as np
@@ -119,9 +120,7 @@ def test_correlations_are_those_of_plain_sums():
 def test_white_residuals_are_accepted_99_times_of_100():
     random = np.random.default_rng(9)
     stretch = np.zeros(500, int)
-    accepted = [
-        residuals._autocorrelation(random.normal(size=500), stretch)["accepted"] for _ in range(200)
-    ]
+    accepted = [residuals._autocorrelation(random.normal(size=500), stretch)["accepted"] for _ in range(200)]
     assert 0.96 <= np.mean(accepted) < 1
     outside = [residuals._autocorrelation(random.normal(size=500), stretch) for _ in range(100)]
     assert 0.003 < np.mean([one["outside"] / one["lags"] for one in outside]) < 0.02

@@ -1,4 +1,5 @@
 """The MuJoCo bench: its cases, its table, and its craft where MuJoCo is installed (make bench-mujoco)."""
+
 import pathlib
 import subprocess
 import sys
@@ -56,8 +57,10 @@ def engine_moves(tmp_path, monkeypatch):
 @needs_mujoco
 @pytest.mark.parametrize("effect", [None, *mujoco_cases.LIBRARY])
 def test_the_engine_agrees_with_independent_equations(engine_moves, effect):
-    seed = 1 if effect is None else next(
-        seed for seed in range(1, 81) if mujoco_cases.make(seed)[0].hidden == [effect]
+    seed = (
+        1
+        if effect is None
+        else next(seed for seed in range(1, 81) if mujoco_cases.make(seed)[0].hidden == [effect])
     )
     case = mujoco_cases.make(seed)[0]
     for run in case.runs:

@@ -90,9 +90,7 @@ def lost(given, begin, end):
 
 def gap(given, begin, end):
     kept = ~((given.times > begin) & (given.times < end))
-    return changed(
-        given, times=given.times[kept], speeds=given.speeds[kept], valid=given.valid[kept]
-    )
+    return changed(given, times=given.times[kept], speeds=given.speeds[kept], valid=given.valid[kept])
 
 
 UNDECIDED = [
@@ -111,9 +109,7 @@ UNDECIDED = [
 ]
 
 
-@pytest.mark.parametrize(
-    "make, reason", [row[1:] for row in UNDECIDED], ids=[r[0] for r in UNDECIDED]
-)
+@pytest.mark.parametrize("make, reason", [row[1:] for row in UNDECIDED], ids=[r[0] for r in UNDECIDED])
 def test_an_undecided_trial_gives_a_reason(make, reason):
     verdict = own_stop.judge(make())
     assert verdict.outcome == own_stop.UNDECIDED, verdict

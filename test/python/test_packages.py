@@ -1,4 +1,5 @@
 """The packages: dependencies, licence, optional libraries, and names of targets."""
+
 import re
 import subprocess
 import xml.etree.ElementTree
@@ -106,6 +107,4 @@ def test_targets_do_not_collide_in_another_workspace(tmp_path):
 
 
 def run(*command):
-    return subprocess.run(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True
-    )
+    return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True)

@@ -1,4 +1,5 @@
 """Progress of long work: what a function is told, and how a program shows it."""
+
 import io
 import json
 import re

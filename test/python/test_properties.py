@@ -1,4 +1,5 @@
 """Properties of small functions of ground.recordings and ground.analysis, each with plain numbers."""
+
 import numpy as np
 import pytest
 from conftest import identify, simulate_run

@@ -1,4 +1,5 @@
 """Usable parts, contacts and numbers of made-up recordings."""
+
 import dataclasses
 import types
 
@@ -76,8 +77,8 @@ def test_a_run_ends_with_its_lift():
 
 def test_gaps_split_the_usable_part_and_short_pieces_are_left_out():
     times, eta, rows = flown([(6.0, True)])
-    lost = ((times > 2.0) & (times < 2.2)) | ((times > 4.0) & (times < 4.3)) | (
-        (times > 4.55) & (times < 4.8)
+    lost = (
+        ((times > 2.0) & (times < 2.2)) | ((times > 4.0) & (times < 4.3)) | ((times > 4.55) & (times < 4.8))
     )
     run = run_of(times[~lost], eta[~lost], rows)
     starts, ends = zip(*run.spans)

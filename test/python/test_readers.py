@@ -23,9 +23,7 @@ def log(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     times, eta, inputs = simulate_run(duration=4)
     at = np.searchsorted(inputs[:, 0], times, side="right") - 1
-    rows = np.column_stack(
-        [times + 1000, eta[:, 0], -eta[:, 1], -np.degrees(eta[:, 2]), inputs[at, 1:]]
-    )
+    rows = np.column_stack([times + 1000, eta[:, 0], -eta[:, 1], -np.degrees(eta[:, 2]), inputs[at, 1:]])
     np.savetxt("run.log", rows, "%.17g")
     rows[:, 4:6] *= 100
     with open("log.csv", "w", newline="") as file:

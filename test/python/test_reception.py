@@ -1,4 +1,5 @@
 """What the identification node says when nothing arrives."""
+
 from ground.nodes import reception
 
 POSE, POINT = "geometry_msgs/PoseStamped", "geometry_msgs/PointStamped"

@@ -1,4 +1,5 @@
 """Repair of poses, on made-up recordings whose truth is known."""
+
 import numpy as np
 import pytest
 from conftest import recording_of, simulate_run

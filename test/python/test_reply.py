@@ -26,9 +26,7 @@ def recorded(noise=0.0, seed=5, duration=24.0, together=False):
     u, v, r = nu.T
     eta, flags = np.column_stack([0 * r, 0 * r, np.cumsum(r) / 100]), np.zeros(len(times), bool)
     nu_dot = wanted - np.column_stack([-r * v, r * u, 0 * r])
-    recording = recording_of(
-        times, eta, np.column_stack([edges, thrust]), channels=("a", "b", "c")
-    )
+    recording = recording_of(times, eta, np.column_stack([edges, thrust]), channels=("a", "b", "c"))
     vars(recording)["motion"] = Motion(times, eta, eta, nu, nu_dot, (3e-4, 5e-3), flags, flags, None)
     return recording
 

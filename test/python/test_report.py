@@ -1,4 +1,5 @@
 """report.html in a browser: plots are drawn, nothing is fetched or cut off, zoom is linked."""
+
 import json
 import resource
 
@@ -20,10 +21,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def bags(folder):
     truth = with_effect(folder / "truth.yaml", TRUTH)
-    return [
-        write_bag(folder / ("run%d.bag" % s), seed=s, model=truth, nu=(0.3, 0.1, 1))
-        for s in (1, 40)
-    ]
+    return [write_bag(folder / ("run%d.bag" % s), seed=s, model=truth, nu=(0.3, 0.1, 1)) for s in (1, 40)]
 
 
 @pytest.fixture(scope="module")
@@ -46,9 +44,7 @@ def compared(folder, bags, diagnosed):
 
 
 @pytest.mark.parametrize("verb", ["compare", "diagnose"])
-def test_a_disk_that_fills_while_the_page_is_written_keeps_the_numbers(
-    tmp_path, verb, capsys
-):
+def test_a_disk_that_fills_while_the_page_is_written_keeps_the_numbers(tmp_path, verb, capsys):
     out, bag = tmp_path / "out", write_bag(tmp_path / "run.bag", duration=4)
     arguments = [verb, str(bag), "--model", str(MODEL), "-o", str(out)]
     if verb == "diagnose":
@@ -93,8 +89,7 @@ def test_the_page_of_a_diagnosis(diagnosed, browser):
     ):
         assert part in text, part
     bars, lines = browser.execute_script(
-        "const f = document.getElementById('figure0');"
-        "return [f.data[0].x, f.layout.shapes.map(s => s.x0)]"
+        "const f = document.getElementById('figure0');return [f.data[0].x, f.layout.shapes.map(s => s.x0)]"
     )
     assert len(bars) == 2 and bars[0] > 3 * bars[1] > 0
     assert lines[0] == pytest.approx(bars[1], rel=0.5)  # the noise floor
@@ -113,9 +108,7 @@ def test_the_path_shows_the_zoomed_time_span(diagnosed, browser):
         "Plotly.relayout(f, %s).then(() => setTimeout(done, 200))"
     )
     browser.execute_async_script(zoom % "{'xaxis4.range': [2, 4]}")
-    assert browser.execute_script(
-        "return document.getElementById('figure1').layout.xaxis.range"
-    ) == [2, 4]
+    assert browser.execute_script("return document.getElementById('figure1').layout.xaxis.range") == [2, 4]
     part = browser.execute_script(shown)
     assert all(0.1 * w < p < 0.5 * w for w, p in zip(whole, part))
     browser.execute_async_script(zoom % "{'xaxis.range': [0, 100]}")

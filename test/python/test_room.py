@@ -130,8 +130,6 @@ def test_a_reference_too_large_for_the_room_is_refused_with_one_line(tmp_path):
     fails(refused(tmp_path, *shifted), "the reference does not fit into", status=2)
 
 
-
-
 @pytest.mark.parametrize(
     "old, new, words",
     [

@@ -146,9 +146,7 @@ def test_thinning_keeps_the_information_of_the_poses():
     times = np.arange(0, 2, 1 / 240)
     times = times[(times < 1.0) | (times > 1.2)]
     noise = np.array([1e-4, 1e-4, 1e-3])
-    poses = np.column_stack([times, np.sin(times), times]) + noise * random.normal(
-        size=(len(times), 3)
-    )
+    poses = np.column_stack([times, np.sin(times), times]) + noise * random.normal(size=(len(times), 3))
     inputs = np.array([[0.0, 0.5, 0.5, 1.0]])
     run = _core.RunData("run", times, poses, 0 * poses, inputs, poses, noise)
     thin = thinned(run)

@@ -1,4 +1,5 @@
 """Settings of the measurement (axes, heading_offset) and files are recorded with a run and used."""
+
 import hashlib
 import json
 import shutil
@@ -83,9 +84,9 @@ def test_axes_of_the_parameter_file_beside_a_bag_are_used_by_every_verb(tmp_path
     added = verb("add", "heading_offset", bag, *model, "-o", tmp_path / "added.yaml")[0]
     left = added["parameters"]["heading_offset.psi0"]["value"]
     assert abs(left) < 0.02, "the recorded offset must be corrected, only once"
-    found = verb(
-        "diagnose", bag, *model, "-o", tmp_path / "found", "--only", "heading_offset", "motor_lag"
-    )[0]
+    found = verb("diagnose", bag, *model, "-o", tmp_path / "found", "--only", "heading_offset", "motor_lag")[
+        0
+    ]
     assert found["verdict"] == "complete"
     described = verb("info", bag, "--json")[0][0]["settings"]
     assert (described["axes"], described["heading_offset"]) == (TURNED, OFFSET)

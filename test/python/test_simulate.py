@@ -1,4 +1,5 @@
 """identify simulate as users run it, and its bags."""
+
 import hashlib
 import json
 import math
@@ -71,9 +72,7 @@ def digest_of_messages(path, but=()):
 
 
 def test_the_bag_has_the_contents_of_a_recording(tmp_path):
-    path, result = simulate(
-        tmp_path, "prbs", "--duration", 4, "--latency", 0.05, "--start-pose", 1, -2, 3
-    )
+    path, result = simulate(tmp_path, "prbs", "--duration", 4, "--latency", 0.05, "--start-pose", 1, -2, 3)
     found = messages(path)
     assert result["messages"] == {topic: len(rows) for topic, rows in found.items()}
     assert set(found) == {POSE, "/controls", TRUTH, DRIVE, "/mocap_state/settings", SETTINGS}
@@ -224,8 +223,7 @@ def guess(tmp_path):
 
 def test_fit_finds_the_simulated_parameters(tmp_path, guess):
     bags = [
-        simulate(tmp_path, "prbs", "--seed", s, "--gap-rate", 0.2, name="run%d.bag" % s)[0]
-        for s in (1, 2)
+        simulate(tmp_path, "prbs", "--seed", s, "--gap-rate", 0.2, name="run%d.bag" % s)[0] for s in (1, 2)
     ]
     out = tmp_path / "fitted.yaml"
     result = identify("fit", *bags, "--model", guess, "-o", out, "--json")

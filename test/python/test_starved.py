@@ -1,4 +1,5 @@
 """An overloaded computer while a craft tracks, in a file of its own because it disturbs timed tests."""
+
 import os
 import signal
 import subprocess
@@ -10,10 +11,7 @@ from test_faults import LIMIT, report, stack  # noqa: F401, a fixture
 
 def test_a_starved_computer_still_stops_it(stack):  # noqa: F811
     """Four busy processes per core run when the states stop coming."""
-    busy = [
-        subprocess.Popen([sys.executable, "-c", "while True: pass"])
-        for _ in range(4 * os.cpu_count())
-    ]
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4 * os.cpu_count())]
     try:
         time.sleep(2)
         late = stack.thrust_after(stack.kill("mocap_state", signal.SIGSTOP), 2)

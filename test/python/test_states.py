@@ -1,4 +1,5 @@
 """Effects with states, from the model file to the fit of their parameters."""
+
 import numpy as np
 import pytest
 from conftest import MODEL

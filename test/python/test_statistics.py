@@ -34,17 +34,13 @@ def run_data(duration=6.0, seed=1, noise=1.0):
 @pytest.mark.parametrize("freedom", [1, 2, 7])
 def test_tails_are_those_of_scipy(freedom):
     for value in (0.1, 1.0, 6.6, 30.0):
-        assert distributions.chi_squared_above(value, freedom) == pytest.approx(
-            stats.chi2.sf(value, freedom)
-        )
+        assert distributions.chi_squared_above(value, freedom) == pytest.approx(stats.chi2.sf(value, freedom))
     assert distributions.chi_squared_above(0.0, freedom) == 1.0
     assert distributions.chi_squared_above(-3.0, freedom) == 1.0
     for chance in (1e-5, 0.01, 0.3):
         limit = distributions.chi_squared_limit(chance, freedom)
         assert distributions.chi_squared_above(limit, freedom) == pytest.approx(chance)
-        assert distributions.student_limit(chance, freedom) == pytest.approx(
-            stats.t.isf(chance, freedom)
-        )
+        assert distributions.student_limit(chance, freedom) == pytest.approx(stats.t.isf(chance, freedom))
 
 
 def test_the_mean_is_tested_as_by_scipy():

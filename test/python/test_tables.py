@@ -82,9 +82,7 @@ def test_a_references_cfg_agrees_with_the_core(configured):
 
 def test_the_observer_of_live_comparison_has_the_same_ranges(configured):
     fields = configured("LiveComparison")
-    observer = [
-        p for p in controller("ModelPredictive") if p.name in fields and p.name != "horizon"
-    ]
+    observer = [p for p in controller("ModelPredictive") if p.name in fields and p.name != "horizon"]
     assert len(observer) == 6
     assert_same(observer, fields, but=["default"])
 
@@ -114,9 +112,7 @@ def test_all_parameters_of_a_controller_are_written_and_read_back(kind, tmp_path
     values = {}
     for number, parameter in enumerate(controller(kind), 2):
         inside = parameter.low + (parameter.high - parameter.low) / number
-        values[parameter.name] = (
-            round(inside) if parameter.type == "int" else float("%.4g" % inside)
-        )
+        values[parameter.name] = round(inside) if parameter.type == "int" else float("%.4g" % inside)
     gains.put(choice, values)
     assert gains.get(choice) == values != gains.get(gains.choice(kind))
     path = gains.write(str(tmp_path / "gains.yaml"), choice, [])

@@ -15,11 +15,7 @@ def bench(rows):
 def one_thruster(force, levels, repeat=1, noise=0.0, seed=1):
     random = np.random.default_rng(seed)
     return bench(
-        [
-            (w, [1.0], number, force(w) + noise * random.normal())
-            for w in levels
-            for number in range(repeat)
-        ]
+        [(w, [1.0], number, force(w) + noise * random.normal()) for w in levels for number in range(repeat)]
     )
 
 
@@ -50,9 +46,7 @@ def test_thrusters_that_were_measured_together_are_counted_or_named(tmp_path):
 
 
 def bent(bend, repeat=3):
-    return one_thruster(
-        lambda w: 0.2 * w + bend * w * (w - 0.55), np.linspace(0.1, 1, 10), repeat, 2e-3
-    )
+    return one_thruster(lambda w: 0.2 * w + bend * w * (w - 0.55), np.linspace(0.1, 1, 10), repeat, 2e-3)
 
 
 # --- gains

@@ -1,4 +1,5 @@
 """Controllers in closed loop with the simulated craft."""
+
 import json
 import re
 
@@ -45,9 +46,7 @@ def track(*arguments):
 def medians(controller, truth, believed, task, starts, conditions=None, max_error=0.0):
     from ground.simulation import tracking
 
-    runs = tracking.many(
-        truth, believed, controller, task, starts, conditions, max_error=max_error
-    )
+    runs = tracking.many(truth, believed, controller, task, starts, conditions, max_error=max_error)
     return tracking.pooled(runs)
 
 
@@ -106,9 +105,7 @@ def test_the_predictive_controller_stops_at_the_end_of_a_line(smooth):
     task.until = task.reference.extent() + tracking.AFTER_STOP + 1
     for path in (MODEL, TABLE_4_1):
         model = load(path)
-        found = medians(
-            gains.choice("ModelPredictive"), model, model, task, tracking.starts(4 * STARTS, 3)
-        )
+        found = medians(gains.choice("ModelPredictive"), model, model, task, tracking.starts(4 * STARTS, 3))
         assert found["after_stop_max"] < 10e-3
 
 
@@ -117,9 +114,7 @@ def test_the_predictive_controller_reaches_the_circle_from_anywhere():
 
     task = tracking.task("circle", rate_of_turn=0.63, settled=7.0, until=9.0)
     model = load(MODEL)
-    runs = tracking.many(
-        model, model, gains.choice("ModelPredictive"), task, tracking.anywhere(100, 5, 3.0)
-    )
+    runs = tracking.many(model, model, gains.choice("ModelPredictive"), task, tracking.anywhere(100, 5, 3.0))
     reached = np.mean([run.numbers["rms"] < 5e-3 for run in runs])
     assert reached >= 0.99
 

@@ -1,4 +1,5 @@
 """The search for gains, and its result for the Tiny Whoover."""
+
 import json
 
 import numpy as np
@@ -60,9 +61,7 @@ def test_the_same_search_finds_the_same_gains(tmp_path):
     for run in (program, process):
         out = tmp_path / run.__name__
         search = ["--evaluations", 12, "--starts", 1, "--test-starts", 1, "--holdout"]
-        result = run(
-            "tune", "--model", MODEL, *search, "--references", "line", "-o", out, "--json"
-        )
+        result = run("tune", "--model", MODEL, *search, "--references", "line", "-o", out, "--json")
         assert result.returncode == 0, result.stderr
         texts.append(out.read_text())
     assert texts[0] == texts[1]

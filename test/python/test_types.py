@@ -1,4 +1,5 @@
 """The compiled core: what loads with it, and arguments that its documentation names."""
+
 import subprocess
 import sys
 

@@ -1,4 +1,5 @@
 """Work on all cores: results in order, errors passed on, and what is said when a process is killed."""
+
 import os
 import signal
 

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """An air-bearing table with eight jets in closed loop through UDP: all nodes command every thruster."""
+
 import os
 import sys
 import unittest
@@ -57,9 +58,7 @@ class AnyThrustersTest(unittest.TestCase):
         )
         reference = reference[(reference[:, 0] > begin) & (reference[:, 0] <= truth[-1, 0])]
         self.assertGreater(len(reference), 25 * WATCHED)
-        off = [
-            np.interp(reference[:, 0], truth[:, 0], truth[:, i]) - reference[:, i] for i in (1, 2)
-        ]
+        off = [np.interp(reference[:, 0], truth[:, 0], truth[:, i]) - reference[:, i] for i in (1, 2)]
         error = np.sqrt(np.square(off).sum(axis=0).mean())
         print("error: %.1f mm" % (1e3 * error))
         self.assertLess(error, BOUND)

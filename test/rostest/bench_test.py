@@ -87,9 +87,7 @@ class Bench(SenderTest):
         self.hovercraft.wait_packets(3)  # until the zero arrives
         packets = self.hovercraft.since(0)
         edges = [
-            (after.time, after[1:])
-            for before, after in zip(packets, packets[1:])
-            if after[1:] != before[1:]
+            (after.time, after[1:]) for before, after in zip(packets, packets[1:]) if after[1:] != before[1:]
         ]
         expected = [(i * HOLD, level) for i, level in enumerate(LEFT + RIGHT)][1:]
         expected.append((len(LEFT + RIGHT) * HOLD, ZERO))

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """Packets follow poses although the log of the ground station blocks and a subscriber stops reading."""
+
 import os
 import signal
 import subprocess

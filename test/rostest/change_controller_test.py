@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """The lines of docs/tracking.md that change the controller while the craft drives in a room."""
+
 import os
 import re
 import signal
@@ -77,9 +78,7 @@ class ChangeControllerTest(unittest.TestCase):
         self.drives_for(6)
         self.assertEqual(self.controls.message.header.frame_id, "/predictive")
         for name in ("reference", "size", "rate_of_turn", "lift"):
-            self.assertEqual(
-                rospy.get_param("predictive/" + name), rospy.get_param("controller/" + name)
-            )
+            self.assertEqual(rospy.get_param("predictive/" + name), rospy.get_param("controller/" + name))
         self.done(change)
         self.assertEqual(rospy.get_param("predictive/reference"), "rhodonea")
         self.drives_for(10)

@@ -1,4 +1,5 @@
 """Base class of the tests of controllers."""
+
 import time
 import unittest
 
@@ -31,9 +32,7 @@ class ControllerCase(unittest.TestCase):
         self.states.stop()
 
     def arm(self, armed):
-        self.sender.publish(
-            SenderStatus(state=SenderStatus.ARMED if armed else SenderStatus.DISARMED)
-        )
+        self.sender.publish(SenderStatus(state=SenderStatus.ARMED if armed else SenderStatus.DISARMED))
 
     def expect(self, state, timeout=3):
         harness.wait_for(lambda: self.status.message.state == state, timeout, "status %d" % state)
@@ -41,4 +40,3 @@ class ControllerCase(unittest.TestCase):
     def run_it(self):
         self.assertTrue(self.start().success)
         self.expect(S.RUNNING)
-

@@ -58,9 +58,7 @@ class DiscoveryCase(unittest.TestCase):
 
     def check_rest(self):
         """No thrust, no lift, no motion."""
-        harness.wait_for(
-            lambda: max(map(abs, self.truth.message.nu[:2])) < AT_REST, 10, "the craft at rest"
-        )
+        harness.wait_for(lambda: max(map(abs, self.truth.message.nu[:2])) < AT_REST, 10, "the craft at rest")
         self.assertEqual((thrust(self.controls.message), self.controls.message.lift), (0, 0))
 
     def check_room(self):

@@ -1,6 +1,7 @@
 """A craft on loopback that only records the packets that it receives.
 
 Its own decoder and encoder check the link's protocol independently."""
+
 import collections
 import socket
 import struct

@@ -38,9 +38,7 @@ class MocapFault:
         self._publisher = rospy.Publisher(
             "vrpn_client_node/hovercraft/pose", PoseStamped, queue_size=1, tcp_nodelay=True
         )
-        self._subscriber = rospy.Subscriber(
-            "unspoilt_pose", PoseStamped, self._pass, tcp_nodelay=True
-        )
+        self._subscriber = rospy.Subscriber("unspoilt_pose", PoseStamped, self._pass, tcp_nodelay=True)
 
     def _pass(self, pose):
         spoil = self.spoil
@@ -224,10 +222,9 @@ class FaultsTest(unittest.TestCase):
             rospy.wait_for_service(full, 30)
             setattr(cls, name, staticmethod(rospy.ServiceProxy(full, kind)))
         harness.wait_for(
-            lambda: cls.status.message
-            and cls.truth.message
-            and cls.sender.message
-            and cls.sender.message.peer,
+            lambda: (
+                cls.status.message and cls.truth.message and cls.sender.message and cls.sender.message.peer
+            ),
             30,
             "craft and controller",
         )
@@ -293,9 +290,7 @@ class FaultsTest(unittest.TestCase):
         if ending == GOES_ON:
             self.drive()
         else:
-            harness.wait_for(
-                lambda: self.status.message.state == ControllerStatus.STOPPED, 5, "a stop"
-            )
+            harness.wait_for(lambda: self.status.message.state == ControllerStatus.STOPPED, 5, "a stop")
             time.sleep(0.3)  # no thrust when the mocap is back
             self.assertEqual(self.wire.thrust_between(end, time.time()), [])
         self.ended(ending, begun)
@@ -360,9 +355,7 @@ class FaultsTest(unittest.TestCase):
         harness.wait_for(lambda: status.message, 5, "the status of " + driver)
         if driver != "controller":
             self.assertTrue(rospy.ServiceProxy(driver + "/start", Trigger)().success)
-            harness.wait_for(
-                lambda: status.message.state == ControllerStatus.RUNNING, 5, driver + " RUNNING"
-            )
+            harness.wait_for(lambda: status.message.state == ControllerStatus.RUNNING, 5, driver + " RUNNING")
             time.sleep(1)
         return status
 

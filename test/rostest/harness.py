@@ -1,4 +1,5 @@
 """Helpers of the ROS tests: publishers of a nodelet's inputs, listeners, and waiting."""
+
 import math
 import threading
 import time

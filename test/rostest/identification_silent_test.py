@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """The identification node says at once why nothing arrives, and when it does."""
+
 import os
 import sys
 import time

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """The identification node during an experiment: tasks on live topics and bags, progress, offers."""
+
 import json
 import os
 import shutil
@@ -39,9 +40,7 @@ class IdentificationTest(unittest.TestCase):
         output = rospy.get_param(NODE + "output")
         shutil.rmtree(output, True)
         self.addCleanup(shutil.rmtree, output, True)
-        harness.wait_for(
-            lambda: self.status.message and self.model.message, 20, "the latched topics"
-        )
+        harness.wait_for(lambda: self.status.message and self.model.message, 20, "the latched topics")
         self.assertEqual(self.status.message.state, S.IDLE)
         self.assert_first_model()
         self.refuse_bad_requests(output)
@@ -84,8 +83,10 @@ class IdentificationTest(unittest.TestCase):
         thread.start()
         texts = lambda: [m.message for _, m in self.status.all[before:]]  # noqa: E731
         harness.wait_for(
-            lambda: self.status.message.state == S.RUNNING
-            and any("searching for missing effects, " in text for text in texts()),
+            lambda: (
+                self.status.message.state == S.RUNNING
+                and any("searching for missing effects, " in text for text in texts())
+            ),
             60,
             lambda: "progress; %s %s" % (texts(), answers),
         )
@@ -125,9 +126,7 @@ class IdentificationTest(unittest.TestCase):
         offered = service(NODE + "offer", OfferModel)(nodes=["live_comparison", "simulator"])
         self.assertTrue(offered.success, offered.answers)
         harness.wait_for(lambda: self.error.message.model == "improved", 10, "the model in use")
-        refused = service(NODE + "offer", OfferModel)(
-            nodes=["live_comparison", "sender"], file=__file__
-        )
+        refused = service(NODE + "offer", OfferModel)(nodes=["live_comparison", "sender"], file=__file__)
         self.assertFalse(refused.success)
         self.assertIn("old model stays", refused.answers[0])
         self.assertIn("does not answer", refused.answers[1])

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """Models during an experiment: errors, predicted paths, the missing wrench, and which model is better."""
+
 import math
 import os
 import signal
@@ -42,9 +43,10 @@ class LiveComparisonTest(unittest.TestCase):
     def test_a_pause_of_the_process_pauses_simulated_time(self):
         controller = harness.Latest("controller/status", ControllerStatus, keep=True)
         sender = harness.Latest("sender/status", SenderStatus, keep=True)
-        running = lambda: controller.message and (  # noqa: E731
-            controller.message.state == ControllerStatus.RUNNING
-        )
+
+        def running():
+            return controller.message and controller.message.state == ControllerStatus.RUNNING
+
         harness.wait_for(running, 40, "the craft to be driven")
         uri = rosnode.get_api_uri(rosgraph.Master("/test"), "/ground_manager")
         manager = ServerProxy(uri).getPid("/test")[2]
@@ -107,9 +109,7 @@ class LiveComparisonTest(unittest.TestCase):
         self.assertEqual(first.message.model, "tiny_whoover")
         taken = load(file=TRUTH)
         self.assertTrue(taken.success, taken.message)
-        harness.wait_for(
-            lambda: comparison.message and comparison.message.better, 30, "a preference"
-        )
+        harness.wait_for(lambda: comparison.message and comparison.message.better, 30, "a preference")
         self.assertEqual(list(comparison.message.models), ["tiny_whoover", "tilted_craft"])
         self.assertEqual(comparison.message.better, "tilted_craft")
         self.assertGreater(comparison.message.difference, 0)
@@ -139,15 +139,11 @@ class LiveComparisonTest(unittest.TestCase):
             s = by_stamp.get(m.header.stamp)
             if s and m.window > 2:
                 c, n = math.cos(s.eta[2]), math.sin(s.eta[2])
-                forces.append(
-                    (c * m.wrench[0] - n * m.wrench[1], n * m.wrench[0] + c * m.wrench[1])
-                )
+                forces.append((c * m.wrench[0] - n * m.wrench[1], n * m.wrench[0] + c * m.wrench[1]))
         self.assertGreater(len(forces), 300)
         for axis in range(2):
             mean = sum(f[axis] for f in forces) / len(forces)
-            self.assertAlmostEqual(
-                mean, SLOPES[axis] * WEIGHT, delta=0.25 * abs(SLOPES[0]) * WEIGHT
-            )
+            self.assertAlmostEqual(mean, SLOPES[axis] * WEIGHT, delta=0.25 * abs(SLOPES[0]) * WEIGHT)
 
     def check_displays(self):
         """rviz gets paths, the missing force, the map of the floor, and a legend with units."""
@@ -217,10 +213,12 @@ class LiveComparisonTest(unittest.TestCase):
         late = harness.Latest("late_error", ModelError)
         for error in (self.second, late):  # errors by delays at the start decay
             harness.wait_for(
-                lambda error=error: error.message
-                and error.message.model == "sagging_craft"
-                and error.message.window > 3
-                and error.message.error < 0.8,
+                lambda error=error: (
+                    error.message
+                    and error.message.model == "sagging_craft"
+                    and error.message.window > 3
+                    and error.message.error < 0.8
+                ),
                 20,
                 lambda error=error: "small errors of the sagging craft, not %s" % error.message,
             )

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """Mocap poses to state: validity, stamps, frames."""
+
 import math
 import os
 import sys
@@ -27,9 +28,7 @@ class MocapStateTest(unittest.TestCase):
         self.publisher = rospy.Publisher(POSE, PoseStamped, queue_size=10, tcp_nodelay=True)
         harness.wait_for(self.publisher.get_num_connections, 20, "a subscriber")
         # Wait until the node reports the end of the last test's poses, and for its max_gap.
-        harness.wait_for(
-            lambda: self.state.message and "no pose" in self.state.message.status, 5, "silence"
-        )
+        harness.wait_for(lambda: self.state.message and "no pose" in self.state.message.status, 5, "silence")
         time.sleep(0.5)
         self.state.all.clear()
 
@@ -84,9 +83,7 @@ class MocapStateTest(unittest.TestCase):
         self.assertEqual(odometry.header.frame_id, "world_ned")
         self.assertEqual(odometry.child_frame_id, "hovercraft")
         self.assertAlmostEqual(odometry.twist.twist.angular.z, 2.0, 1)
-        harness.wait_for(
-            lambda: buffer.can_transform("world", "hovercraft", rospy.Time(0)), 3, "tf"
-        )
+        harness.wait_for(lambda: buffer.can_transform("world", "hovercraft", rospy.Time(0)), 3, "tf")
         down = buffer.lookup_transform("world", "world_ned", rospy.Time(0)).transform.rotation
         self.assertAlmostEqual(abs(down.x), 1, 6)
 
@@ -152,9 +149,7 @@ class MocapStateTest(unittest.TestCase):
             return [pose]
 
         self.play(0.2, spoil=without)
-        harness.wait_for(
-            lambda: any("no stamp" in m.status for _, m in self.state.all), 1, "without stamp"
-        )
+        harness.wait_for(lambda: any("no stamp" in m.status for _, m in self.state.all), 1, "without stamp")
         self.assertFalse(any(m.valid for _, m in self.state.all))
 
     def test_parameters_change_live_and_bad_ones_are_refused(self):
@@ -163,9 +158,7 @@ class MocapStateTest(unittest.TestCase):
         self.assertEqual(answer["median"], 5)
         answer = client.update_configuration({"estimator": "guess"})
         self.assertEqual(answer["estimator"], "kalman")
-        answer = client.update_configuration(
-            {"heading_offset": 0.5, "estimator": "finite_differences"}
-        )
+        answer = client.update_configuration({"heading_offset": 0.5, "estimator": "finite_differences"})
         self.assertEqual(answer["estimator"], "finite_differences")
         self.play(0.3, rate_of_turn=0.0)
         harness.wait_for(self.valid_now, 1, "a valid state")

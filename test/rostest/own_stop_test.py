@@ -61,9 +61,7 @@ class OwnStopTest(unittest.TestCase):
         self.armed()
         verdict = stop_trial.verdict_of(*stack.try_stop(PUSH, 5.0))
         print("watchdog %.1f s: %s: %s" % (watchdog, verdict.outcome, verdict.reason))
-        harness.wait_for(
-            lambda: self.status.message.state == SenderStatus.DISARMED, 5, "a disarmed sender"
-        )
+        harness.wait_for(lambda: self.status.message.state == SenderStatus.DISARMED, 5, "a disarmed sender")
         return verdict
 
     def test_a_craft_that_stops_after_half_a_second(self):
@@ -90,22 +88,17 @@ class OwnStopTest(unittest.TestCase):
         self.arm(False)
 
         def trial(outcome, simulated=False):
-            records.append(
-                path, craft, {"date": "2026-01-02", "outcome": outcome, "simulated": simulated}
-            )
+            records.append(path, craft, {"date": "2026-01-02", "outcome": outcome, "simulated": simulated})
 
         def arming_message():
             message = self.armed()
             reason = harness.wait_for(
-                lambda: self.status.message.state == SenderStatus.ARMED
-                and self.status.message.reason,
+                lambda: self.status.message.state == SenderStatus.ARMED and self.status.message.reason,
                 5,
                 "ARMED",
             )
             self.arm(False)
-            harness.wait_for(
-                lambda: self.status.message.state == SenderStatus.DISARMED, 5, "DISARMED"
-            )
+            harness.wait_for(lambda: self.status.message.state == SenderStatus.DISARMED, 5, "DISARMED")
             self.assertEqual(reason.partition("; ")[2], message.partition("; ")[2])
             return message
 

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """Live parameters: each is documented, and a user lists and sets them in a terminal."""
+
 import importlib
 import os
 import re
@@ -53,9 +54,11 @@ class ParametersTest(unittest.TestCase):
 
     def test_listed_and_set(self):
         harness.wait_for(
-            lambda: rospy.has_param("/controller/k_phi_2")
-            and rospy.has_param("/visualizer/rate")
-            and rospy.has_param("/simulator/latency"),
+            lambda: (
+                rospy.has_param("/controller/k_phi_2")
+                and rospy.has_param("/visualizer/rate")
+                and rospy.has_param("/simulator/latency")
+            ),
             30,
             "the nodes",
         )
@@ -141,16 +144,12 @@ class ParametersTest(unittest.TestCase):
             "5% more",
         )
         editor.send("\r0.125\r")
-        harness.wait_for(
-            lambda: rospy.get_param("/sender/command_timeout") == 0.125, 10, "the typed value"
-        )
+        harness.wait_for(lambda: rospy.get_param("/sender/command_timeout") == 0.125, 10, "the typed value")
         editor.send("\r7\r")
         editor.expect("is outside")
         self.assertEqual(rospy.get_param("/sender/command_timeout"), 0.125)
         editor.send("d")
-        harness.wait_for(
-            lambda: rospy.get_param("/sender/command_timeout") == before, 10, "the default"
-        )
+        harness.wait_for(lambda: rospy.get_param("/sender/command_timeout") == before, 10, "the default")
         editor.send("q")
         editor.expect(pexpect.EOF)
         editor.close()

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """The default experiment in its room, through the whole chain."""
+
 import os
 import sys
 import unittest
@@ -15,9 +16,7 @@ from visualization_msgs.msg import MarkerArray
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 
-MODEL = os.path.join(
-    os.path.dirname(os.path.abspath(__file__)), "../../cfg/hovercraft/tiny_whoover.yaml"
-)
+MODEL = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../cfg/hovercraft/tiny_whoover.yaml")
 HALF_WIDTH = 2.0  # half the width of the square room [m]
 BIT = 1 / 15.0  # length of a bit [s]
 
@@ -58,9 +57,7 @@ class RoomTest(unittest.TestCase):
         start = rospy.ServiceProxy("controller/start", Trigger)()
         self.assertTrue(start.success, start.message)
         ended = (ControllerStatus.DONE, ControllerStatus.STOPPED)
-        harness.wait_for(
-            lambda: status.message and status.message.state in ended, 60, "the end"
-        )
+        harness.wait_for(lambda: status.message and status.message.state in ended, 60, "the end")
         self.assertEqual(status.message.state, ControllerStatus.DONE, status.message.reason)
 
         farthest = max(max(abs(m.eta[0]), abs(m.eta[1])) for _, m in truth.all)
@@ -69,9 +66,7 @@ class RoomTest(unittest.TestCase):
         self.assertGreater(farthest, 0.5)
         marks = [(m.header.stamp.to_sec(), m.number, m.burst) for _, m in bursts.all]
         self.assertGreater(len(marks), 4)
-        self.assertEqual(
-            [m[2] for m in marks], [(i % 2 == 0) == marks[0][2] for i in range(len(marks))]
-        )
+        self.assertEqual([m[2] for m in marks], [(i % 2 == 0) == marks[0][2] for i in range(len(marks))])
         self.assertTrue(all(m.reason for _, m in bursts.all))
         # Only during returns home the controller decides by the state.
         decided = [m.header.stamp.to_sec() for _, m in decisions.all]

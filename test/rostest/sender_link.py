@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """The sender's peer, its handling of datagrams, and its live parameters."""
+
 import math
 import os
 import sys

@@ -1,4 +1,5 @@
 """Helpers of the sender's tests: a sender for each test, crafts, states and commands."""
+
 import os
 import signal
 import subprocess
@@ -79,9 +80,7 @@ class Feed:
     def take_controls(self):
         with self.lock:
             if self.controls is None:
-                self.controls = rospy.Publisher(
-                    "controls", Controls, queue_size=1, tcp_nodelay=True
-                )
+                self.controls = rospy.Publisher("controls", Controls, queue_size=1, tcp_nodelay=True)
 
     def leave_controls(self):
         """Stops publishing controls: only one controller may."""
@@ -148,9 +147,7 @@ class SenderTest(unittest.TestCase):
             self.assertEqual(craft.garbled, [])
         if rospy.has_param("sender"):
             rospy.delete_param("sender")
-        wait_for(
-            lambda: self.feed.states.get_num_connections() == 0, "the end of the old sender"
-        )
+        wait_for(lambda: self.feed.states.get_num_connections() == 0, "the end of the old sender")
 
     def spawn(self, *command):
         process = subprocess.Popen(command)
@@ -168,8 +165,7 @@ class SenderTest(unittest.TestCase):
 
     def wait_connected(self):
         wait_for(
-            lambda: self.feed.controls.get_num_connections()
-            and self.feed.states.get_num_connections(),
+            lambda: self.feed.controls.get_num_connections() and self.feed.states.get_num_connections(),
             "the sender's subscriptions",
             timeout=20,
         )
@@ -185,9 +181,7 @@ class SenderTest(unittest.TestCase):
         return craft
 
     def wait_status(self, condition, what):
-        return wait_for(
-            lambda: SenderTest.status and condition(SenderTest.status), "status " + what
-        )
+        return wait_for(lambda: SenderTest.status and condition(SenderTest.status), "status " + what)
 
     @staticmethod
     def arm(on=True):
@@ -239,9 +233,7 @@ def publish_until_killed(values):
     rospy.init_node("doomed_controller", anonymous=True)
     feed = rospy.Publisher("controls", Controls, queue_size=1, tcp_nodelay=True)
     armed = []
-    rospy.Subscriber(
-        "sender/status", SenderStatus, lambda s: armed.append(s.state == SenderStatus.ARMED)
-    )
+    rospy.Subscriber("sender/status", SenderStatus, lambda s: armed.append(s.state == SenderStatus.ARMED))
     while not rospy.is_shutdown():
         feed.publish(controls_of(values if armed and armed[-1] else ZERO))
         time.sleep(0.01)

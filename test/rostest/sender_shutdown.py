@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """However the sender ends, it sends zeros several times."""
+
 import shutil
 import signal
 import sys

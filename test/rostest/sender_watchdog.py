@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """Zeros are sent in time after faults of controller and state."""
+
 import math
 import sys
 import time
@@ -60,9 +61,7 @@ class SenderWatchdog(SenderTest):
 
     def test_killed_controller(self):
         self.feed.leave_controls()
-        wait_for(
-            lambda: time.time() > self.feed.last_command + 0.3, "staleness of the old commands"
-        )
+        wait_for(lambda: time.time() > self.feed.last_command + 0.3, "staleness of the old commands")
         controller = spawn_controller(self, DRIVE)
         wait_for(lambda: self.arm().success, "arming")
         self.wait_driving(self.hovercraft)

@@ -86,9 +86,7 @@ class SimulatorTest(unittest.TestCase):
         self.assertAlmostEqual(sorted(steps)[len(steps) // 2], 0.01, 6)
         client = dynamic_reconfigure.client.Client("simulator", timeout=10)
         client.update_configuration({"real_time_factor": 1.0})
-        self.assertEqual(
-            client.update_configuration({"real_time_factor": 0.0})["real_time_factor"], 1.0
-        )
+        self.assertEqual(client.update_configuration({"real_time_factor": 0.0})["real_time_factor"], 1.0)
         client.close()
         start = len(self.clock.all)
         time.sleep(1.0)

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """TrajectoryTracking: live gains, references and models."""
+
 import math
 import os
 import sys
@@ -53,9 +54,7 @@ class TrackingTest(ControllerCase):
         self.assertAlmostEqual(math.hypot(*point.p_dot), 1.2, 6)
         client = dynamic_reconfigure.client.Client("tracking", timeout=10)
         client.update_configuration({"size": 1.0})
-        harness.wait_for(
-            lambda: abs(math.hypot(*reference.message.p) - 1) < 1e-6, 1, "a circle of 1 m"
-        )
+        harness.wait_for(lambda: abs(math.hypot(*reference.message.p) - 1) < 1e-6, 1, "a circle of 1 m")
         harness.wait_for(lambda: len(path.all) > 1, 1, "its path")
         client.update_configuration({"size": 2.0})
         client.close()
@@ -108,9 +107,7 @@ class TrackingTest(ControllerCase):
             begun = len(self.controls.all)
             change.start()
             change.join()
-        harness.wait_for(
-            lambda: abs(math.hypot(*reference.message.p) - 1.25) < 1e-3, 2, "the new reference"
-        )
+        harness.wait_for(lambda: abs(math.hypot(*reference.message.p) - 1.25) < 1e-3, 2, "the new reference")
         self.assertEqual(self.status.message.state, S.RUNNING, self.status.message.reason)
         times = [t for t, _ in self.controls.all[begun:]]
         gap = max(b - a for a, b in zip(times, times[1:]))

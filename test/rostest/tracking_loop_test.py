@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """Both tracking controllers in closed loop through UDP: live changes of gains, reference, model and
 controller, and a loss of the mocap. Loading of files never blocks the sender."""
+
 import math
 import os
 import shutil
@@ -34,8 +35,7 @@ class TrackingLoopTest(unittest.TestCase):
         self.sender = harness.Latest("sender/status", SenderStatus, keep=True)
         self.controls = harness.Latest("controls", Controls, keep=True)
         self.status = {
-            name: harness.Latest(name + "/status", S, keep=True)
-            for name in ("controller", "predictive")
+            name: harness.Latest(name + "/status", S, keep=True) for name in ("controller", "predictive")
         }
 
         harness.wait_for(lambda: not rospy.Time.now().is_zero(), 20, "the clock")
@@ -62,18 +62,14 @@ class TrackingLoopTest(unittest.TestCase):
     def error(self, duration):
         """RMS of the true error over the next `duration` seconds [m]."""
         begin = rospy.Time.now().to_sec()
-        harness.wait_for(
-            lambda: rospy.Time.now().to_sec() > begin + duration, 10 * duration, "time"
-        )
+        harness.wait_for(lambda: rospy.Time.now().to_sec() > begin + duration, 10 * duration, "time")
         truth, reference = (
             np.array([(m.header.stamp.to_sec(), *get(m)[:2]) for _, m in list(heard.all)])
             for heard, get in ((self.truth, lambda m: m.eta), (self.reference, lambda m: m.p))
         )
         reference = reference[(reference[:, 0] > begin) & (reference[:, 0] <= truth[-1, 0])]
         self.assertGreater(len(reference), 25 * duration)  # 50 Hz; a busy host loses some
-        off = [
-            np.interp(reference[:, 0], truth[:, 0], truth[:, i]) - reference[:, i] for i in (1, 2)
-        ]
+        off = [np.interp(reference[:, 0], truth[:, 0], truth[:, i]) - reference[:, i] for i in (1, 2)]
         return math.sqrt(np.square(off).sum(axis=0).mean())
 
     def load(self, name, file):
@@ -184,9 +180,7 @@ class TrackingLoopTest(unittest.TestCase):
             answers[node, path] = self.load(node, path)
 
         calls = [
-            threading.Thread(target=load, args=(node, path), daemon=True)
-            for path in wrong
-            for node in nodes
+            threading.Thread(target=load, args=(node, path), daemon=True) for path in wrong for node in nodes
         ]
         for call in calls:
             call.start()

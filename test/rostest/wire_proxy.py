@@ -1,4 +1,5 @@
 """A proxy on the link between sender and craft that records packets and adds faults."""
+
 import random
 import select
 import socket
@@ -58,9 +59,7 @@ class WireProxy:
                 if ready is self._to_craft:
                     self._craft = source
                     if not self.silent:
-                        self._to_sender.sendto(
-                            data if self.counts else without_count(data), self._sender
-                        )
+                        self._to_sender.sendto(data if self.counts else without_count(data), self._sender)
                 else:
                     lift, _, right, left = [(v - 1000) / 1000 for v in decode_motors(data)]
                     self.packets.append(Packet(arrival, left, right, lift))

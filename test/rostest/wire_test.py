@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """From the poses of a mocap to the packets on the wire, all nodelets in one manager."""
+
 import os
 import sys
 import time
@@ -86,9 +87,7 @@ class WireTest(unittest.TestCase):
         time.sleep(0.3)
         moment = time.time()
         self.mocap.stop()
-        self.craft.wait(
-            lambda packets: is_zero(packets[-1]) and packets[-1].time > moment, "zero packets", 2
-        )
+        self.craft.wait(lambda packets: is_zero(packets[-1]) and packets[-1].time > moment, "zero packets", 2)
         time.sleep(0.2)
         after = self.craft.since(moment)
         delay = max((p.time for p in after if not is_zero(p)), default=moment) - moment

@@ -35,8 +35,7 @@ Thruster someThruster(int number) {
   one.gain = uniform(0.5, 2);
   const double kind = uniform(0, 1);
   if (kind < 0.3) one.curve.power = uniform(0.5, 2.5);
-  if (kind > 0.7)
-    one.curve.table = {{-1, -0.7}, {-0.5, -0.6}, {-0.1, 0}, {0.2, 0}, {0.5, 0.4}, {1, 1}};
+  if (kind > 0.7) one.curve.table = {{-1, -0.7}, {-0.5, -0.6}, {-0.1, 0}, {0.2, 0}, {0.5, 0.4}, {1, 1}};
   return one;
 }
 
@@ -73,9 +72,7 @@ struct Problem {
       high(i) = full(i) * one.curve.at(one.most);
     }
   }
-  double effort(const Eigen::VectorXd& force) const {
-    return force.cwiseQuotient(full).squaredNorm();
-  }
+  double effort(const Eigen::VectorXd& force) const { return force.cwiseQuotient(full).squaredNorm(); }
 };
 
 /// Calls act(force, columns of free thrusters, their indices) for every set of active bounds;
@@ -111,39 +108,39 @@ bool inside(const Problem& problem, const Eigen::VectorXd& force) {
 Eigen::Vector3d closest(const Problem& problem, const Eigen::Vector3d& demand) {
   Eigen::Vector3d best = Eigen::Vector3d::Zero();
   double least = std::numeric_limits<double>::infinity();
-  forEverySet(problem, [&](Eigen::VectorXd force, const Eigen::MatrixXd& columns,
-                           const std::vector<int>& free) {
-    if (!free.empty()) {
-      const Eigen::VectorXd solved =
-          columns.completeOrthogonalDecomposition().solve(demand - problem.columns * force);
-      for (std::size_t i = 0; i < free.size(); ++i)
-        force(free[i]) = solved(static_cast<Eigen::Index>(i));
-    }
-    const Eigen::Vector3d wrench = problem.columns * force;
-    if (!inside(problem, force) || (wrench - demand).squaredNorm() >= least) return;
-    least = (wrench - demand).squaredNorm();
-    best = wrench;
-  });
+  forEverySet(problem,
+              [&](Eigen::VectorXd force, const Eigen::MatrixXd& columns, const std::vector<int>& free) {
+                if (!free.empty()) {
+                  const Eigen::VectorXd solved =
+                      columns.completeOrthogonalDecomposition().solve(demand - problem.columns * force);
+                  for (std::size_t i = 0; i < free.size(); ++i)
+                    force(free[i]) = solved(static_cast<Eigen::Index>(i));
+                }
+                const Eigen::Vector3d wrench = problem.columns * force;
+                if (!inside(problem, force) || (wrench - demand).squaredNorm() >= least) return;
+                least = (wrench - demand).squaredNorm();
+                best = wrench;
+              });
   return best;
 }
 
 /// The least sum of squares of the relative forces that give a wrench.
 double leastEffort(const Problem& problem, const Eigen::Vector3d& wrench) {
   double least = std::numeric_limits<double>::infinity();
-  forEverySet(problem, [&](Eigen::VectorXd force, const Eigen::MatrixXd& columns,
-                           const std::vector<int>& free) {
-    if (!free.empty()) {
-      Eigen::MatrixXd scaled = columns;
-      for (std::size_t i = 0; i < free.size(); ++i)
-        scaled.col(static_cast<Eigen::Index>(i)) *= problem.full(free[i]);
-      const Eigen::VectorXd solved =
-          scaled.completeOrthogonalDecomposition().solve(wrench - problem.columns * force);
-      for (std::size_t i = 0; i < free.size(); ++i)
-        force(free[i]) = problem.full(free[i]) * solved(static_cast<Eigen::Index>(i));
-    }
-    if ((problem.columns * force - wrench).norm() > 1e-7 * problem.full.maxCoeff()) return;
-    if (inside(problem, force)) least = std::min(least, problem.effort(force));
-  });
+  forEverySet(problem,
+              [&](Eigen::VectorXd force, const Eigen::MatrixXd& columns, const std::vector<int>& free) {
+                if (!free.empty()) {
+                  Eigen::MatrixXd scaled = columns;
+                  for (std::size_t i = 0; i < free.size(); ++i)
+                    scaled.col(static_cast<Eigen::Index>(i)) *= problem.full(free[i]);
+                  const Eigen::VectorXd solved =
+                      scaled.completeOrthogonalDecomposition().solve(wrench - problem.columns * force);
+                  for (std::size_t i = 0; i < free.size(); ++i)
+                    force(free[i]) = problem.full(free[i]) * solved(static_cast<Eigen::Index>(i));
+                }
+                if ((problem.columns * force - wrench).norm() > 1e-7 * problem.full.maxCoeff()) return;
+                if (inside(problem, force)) least = std::min(least, problem.effort(force));
+              });
   return least;
 }
 
@@ -184,8 +181,7 @@ TEST(Allocation, FindsTheClosestWrenchAndThenTheLeastEffort) {
     ASSERT_LT((given.cwiseProduct(per_lever) - out.wrench).norm(), 1e-9 * problem.full.maxCoeff());
 
     const Eigen::Vector3d best = closest(problem, demand);
-    ASSERT_LT((given - demand).norm(), (best - demand).norm() + 1e-4 * problem.full.maxCoeff())
-        << trial;
+    ASSERT_LT((given - demand).norm(), (best - demand).norm() + 1e-4 * problem.full.maxCoeff()) << trial;
     const double effort = leastEffort(problem, best);
     ASSERT_LT(problem.effort(force), effort * (1 + 1e-4) + 1e-9) << trial;
     saturated += (best - demand).norm() > 1e-3 * reach;

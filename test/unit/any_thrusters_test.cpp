@@ -59,8 +59,8 @@ Model listed() {
 
 /// Root mean square of the position error after `settled` [s]. Fails if an input is outside of its
 /// range.
-double errorOf(const Model& truth, TrackingController& control,
-               const ReferenceTrajectory& reference, double duration, double settled) {
+double errorOf(const Model& truth, TrackingController& control, const ReferenceTrajectory& reference,
+               double duration, double settled) {
   const Dynamics<double> dynamics(truth);
   InputSequence inputs(truth.thrusters->size());
   Simulation<double> simulation(dynamics, inputs, {}, 0);
@@ -92,8 +92,7 @@ TEST(TrackingLawOfAnyThrusters, GivesAListedPairTheInputsOfThePair) {
     for (int c = 0; c < 3; ++c) state.nu(c) = uniform(random);
     reference.p = {uniform(random), uniform(random)};
     reference.p_dot = {uniform(random), uniform(random)};
-    const TrackingLaw::Output a = pair.run(state, reference, {}),
-                              b = other.run(state, reference, {});
+    const TrackingLaw::Output a = pair.run(state, reference, {}), b = other.run(state, reference, {});
     for (int j = 0; j < 2; ++j) {
       ASSERT_NEAR(a.inputs(j), b.inputs(j), 1e-12);
       ASSERT_NEAR(a.wanted(j), b.wanted(j), 1e-9 * (1 + std::abs(a.wanted(j))));
@@ -121,8 +120,7 @@ TEST(TrackingLawOfAnyThrusters, RefusesCraftsThatItCannotSteer) {
     model.body.l = model.thrusters->lever();
     return effectUse("TrajectoryTracking", model).refusal;
   };
-  EXPECT_NE(use({forward}).find("do not turn it to starboard; use ModelPredictive"),
-            std::string::npos)
+  EXPECT_NE(use({forward}).find("do not turn it to starboard; use ModelPredictive"), std::string::npos)
       << use({forward});
   forward.position.y() = -0.1;
   EXPECT_NE(use({forward}).find("do not turn it to port"), std::string::npos) << use({forward});
@@ -195,8 +193,7 @@ TEST_P(PlansOfAnyThrusters, AreOptimalWithinTheBounds) {
 }
 
 INSTANTIATE_TEST_SUITE_P(All, PlansOfAnyThrusters,
-                         testing::Values(Planned{"four", four()},
-                                         Planned{"reversible", reversible()},
+                         testing::Values(Planned{"four", four()}, Planned{"reversible", reversible()},
                                          Planned{"table", table()}),
                          [](const auto& test) { return test.param.name; });
 
@@ -208,11 +205,9 @@ TEST(FeasibilityOfAnyThrusters, KnowsBrakesAndSidewaysThrust) {
   pair.thrusters = std::make_shared<const ThrusterLayout>(back);
   EXPECT_NE(infeasibility(*stop, pair), "") << "without thrusters in front it cannot brake";
   EXPECT_EQ(infeasibility(*stop, four()), "");
-  EXPECT_NE(infeasibility(*makeCircle({0, 0}, 2, 1.5), four()).find("a thrust of"),
-            std::string::npos);
+  EXPECT_NE(infeasibility(*makeCircle({0, 0}, 2, 1.5), four()).find("a thrust of"), std::string::npos);
   EXPECT_EQ(infeasibility(*makeLine({0, 0}, {1, 1}, 0.2, true), table()), "");
-  EXPECT_NE(infeasibility(*makeCircle({0, 0}, 1, 1), table()).find("full thrust is"),
-            std::string::npos);
+  EXPECT_NE(infeasibility(*makeCircle({0, 0}, 1, 1), table()).find("full thrust is"), std::string::npos);
 }
 
 ExperimentLog flown(const Model& model, CraftFault fault, double fault_from) {
@@ -250,10 +245,8 @@ TEST(ExcitationOfAnyThrusters, StaysInsideARoom) {
     const ExperimentLog log = excite(model, model, params, {});
     EXPECT_EQ(log.stopped, "") << model.name;
     EXPECT_GE(log.marks.size(), 3u) << model.name << ": bursts and returns";
-    for (const auto& truth : log.truth)
-      ASSERT_GT(room.clearance(truth.state.eta.head<2>()), 0) << model.name;
-    for (const auto& command : log.commands)
-      ASSERT_EQ(command.thrusters.size(), model.thrusters->size());
+    for (const auto& truth : log.truth) ASSERT_GT(room.clearance(truth.state.eta.head<2>()), 0) << model.name;
+    for (const auto& command : log.commands) ASSERT_EQ(command.thrusters.size(), model.thrusters->size());
   }
 }
 

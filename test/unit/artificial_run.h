@@ -28,16 +28,14 @@ inline Model start() { return with({0.2, 0.2, 0.2, 0.2, 0.2}); }
 /// with epsilon times the standard deviation of the velocity. (As printed, (3.5) divides by sigma
 /// and has the same random number in all channels.) `memory` is the noise's correlation between
 /// samples.
-inline RunData record(const Model& model, double duration, double epsilon, unsigned seed,
-                      double memory = 0) {
+inline RunData record(const Model& model, double duration, double epsilon, unsigned seed, double memory = 0) {
   PrbsParams params;
   params.clock = 20;
   params.duration = duration;
   const InputSignal prbs = playBits({makePrbs(9, seed), 1}, params);
   RunData run;
   run.name = "artificial";
-  for (double t = 0; t < duration; t = prbs.nextChange(t))
-    run.inputs.add(t, prbs.at(t).thrusters, 1);
+  for (double t = 0; t < duration; t = prbs.nextChange(t)) run.inputs.add(t, prbs.at(t).thrusters, 1);
   const Dynamics<double> dynamics(model);
   Simulation<double> simulation(dynamics, run.inputs, {}, 0);
   const int samples = static_cast<int>(duration * 100) + 1;
@@ -57,8 +55,8 @@ inline RunData record(const Model& model, double duration, double epsilon, unsig
   Vector3<double> noise = Vector3<double>::Zero();
   for (int i = 0; i < samples; ++i) {
     for (int c = 0; c < 3; ++c)
-      noise(c) = (i > 0 ? memory : 0) * noise(c) +
-                 (i > 0 ? std::sqrt(1 - memory * memory) : 1) * normal(random);
+      noise(c) =
+          (i > 0 ? memory : 0) * noise(c) + (i > 0 ? std::sqrt(1 - memory * memory) : 1) * normal(random);
     run.nu.row(i) += epsilon * sigma.cwiseProduct(noise);
   }
   return run;
@@ -127,8 +125,7 @@ inline NoiseStudy studyNoise(double epsilon, unsigned seeds, FitOptions::Objecti
   NoiseStudy study;
   std::vector<double> errors;
   for (unsigned seed = 1; seed <= seeds; ++seed) {
-    const FitResult fit =
-        problem(record(truth(), 4, epsilon, seed)).fit(start(), options(objective));
+    const FitResult fit = problem(record(truth(), 4, epsilon, seed)).fit(start(), options(objective));
     errors.push_back(worst(fit));
     study.coverage.add(fit);
   }

@@ -49,8 +49,7 @@ TEST_F(Ascent, EndsAtTheSameMaximumFromEverywhere) {
     const GreyBoxFit fit = box_.fit(starts[i], near());
     EXPECT_TRUE(fit.converged) << i;
     EXPECT_NEAR(fit.log_posterior, best_.log_posterior, 0.1) << i;
-    if (getenv("SHOW"))
-      printf("%zu %d %g\n", i, fit.iterations, fit.log_posterior - best_.log_posterior);
+    if (getenv("SHOW")) printf("%zu %d %g\n", i, fit.iterations, fit.log_posterior - best_.log_posterior);
   }
 }
 
@@ -66,13 +65,13 @@ TEST(LevelPrior, IsBroadAboutSmallDisturbancesAndNarrowAboutTheNoise) {
     // Median, and the factor of a standard deviation.
     const bool room = names[i] == "sigma_room" || names[i] == "time_room";
     const auto [expected, factor] = room && kind == "sigma" ? std::make_pair(0.003 * full, 4.5)
-                                    : room             ? std::make_pair(1.0, 2.7)
-                                    : kind == "sigma"  ? std::make_pair(0.02 * full, 4.5)
-                                    : kind == "white"  ? std::make_pair(0.001 * full, 4.5)
-                                    : kind == "trim"   ? std::make_pair(0.003 * full, 4.5)
-                                    : kind == "time"   ? std::make_pair(0.3, 2.7)
-                                    : kind == "thrust" ? std::make_pair(0.01, 2.0)
-                                                       : std::make_pair(1.0, 1.5);
+                                    : room                  ? std::make_pair(1.0, 2.7)
+                                    : kind == "sigma"       ? std::make_pair(0.02 * full, 4.5)
+                                    : kind == "white"       ? std::make_pair(0.001 * full, 4.5)
+                                    : kind == "trim"        ? std::make_pair(0.003 * full, 4.5)
+                                    : kind == "time"        ? std::make_pair(0.3, 2.7)
+                                    : kind == "thrust"      ? std::make_pair(0.01, 2.0)
+                                                            : std::make_pair(1.0, 1.5);
     EXPECT_NEAR(median[i] / expected, 1, 1e-9) << names[i];
     EXPECT_NEAR(std::exp(prior.deviation[i]) / factor, 1, 0.02) << names[i];
   }

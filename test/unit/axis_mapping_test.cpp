@@ -26,8 +26,7 @@ std::vector<std::string> allAxes() {
   for (const char* order : {"xyz", "xzy", "yxz", "yzx", "zxy", "zyx"})
     for (int signs = 0; signs < 8; ++signs) {
       std::string axes;
-      for (int i = 0; i < 3; ++i)
-        axes += std::string(i ? ", " : "") + (signs >> i & 1 ? "-" : "") + order[i];
+      for (int i = 0; i < 3; ++i) axes += std::string(i ? ", " : "") + (signs >> i & 1 ? "-" : "") + order[i];
       all.push_back(axes);
     }
   return all;
@@ -92,8 +91,7 @@ TEST(AxisMapping, RoundTripsAreExactInEveryFrame) {
 TEST(AxisMapping, HeadingIsTheDirectionOfTheBowWhenTheCraftRollsAndPitches) {
   const AxisMapping mapping("x, y, z");
   for (double tilt : {-0.2, 0.15}) {
-    const Quaterniond pose = AngleAxisd(0.9, Vector3d::UnitZ()) *
-                             AngleAxisd(tilt, Vector3d::UnitY()) *
+    const Quaterniond pose = AngleAxisd(0.9, Vector3d::UnitZ()) * AngleAxisd(tilt, Vector3d::UnitY()) *
                              AngleAxisd(2 * tilt, Vector3d::UnitX());
     EXPECT_NEAR(mapping.toPlanar(Vector3d::Zero(), pose)->z(), 0.9, 1e-14);
   }
@@ -122,8 +120,8 @@ TEST(AxisMapping, GivesTheReasonForABadPose) {
 }
 
 TEST(AxisMapping, RefusesAxesThatAreNotRightHanded) {
-  for (const char* axes : {"", "x", "x, z", "x, z, -y, x", "x, z, -y,", "x, x, y", "a, b, c",
-                           "x, z, --y", "x z -y", "x, z, -", "xx, z, -y", "X, Z, -Y"})
+  for (const char* axes : {"", "x", "x, z", "x, z, -y, x", "x, z, -y,", "x, x, y", "a, b, c", "x, z, --y",
+                           "x z -y", "x, z, -", "xx, z, -y", "X, Z, -Y"})
     EXPECT_FALSE(accepted(axes)) << axes;
   try {
     AxisMapping mapping("x, z, y");

@@ -21,8 +21,7 @@ int boundsOfRandomProblems(int size, int problems) {
   int at_bounds = 0;
   for (int problem = 0; problem < problems; ++problem) {
     SCOPED_TRACE(testing::Message() << size << " elements, problem " << problem);
-    const Eigen::MatrixXd root =
-        Eigen::MatrixXd::NullaryExpr(size, size, [] { return uniform(-1, 1); });
+    const Eigen::MatrixXd root = Eigen::MatrixXd::NullaryExpr(size, size, [] { return uniform(-1, 1); });
     const BoxMinimum::Square H =
         root * root.transpose() + uniform(1e-3, 0.3) * Eigen::MatrixXd::Identity(size, size);
     PerThruster g = PerThruster::Zero(size), low = g, high = g;
@@ -56,8 +55,7 @@ int boundsOfRandomProblems(int size, int problems) {
       inside(i, i) = 1;
     }
     // Equations of the free elements.
-    const Eigen::MatrixXd sides =
-        Eigen::MatrixXd::NullaryExpr(3, size, [] { return uniform(-1, 1); });
+    const Eigen::MatrixXd sides = Eigen::MatrixXd::NullaryExpr(3, size, [] { return uniform(-1, 1); });
     Eigen::MatrixXd wanted = sides;
     for (int i = 0; i < size; ++i)
       if (!box.free()(i)) wanted.col(i).setZero();
@@ -75,8 +73,7 @@ TEST(BoxMinimum, MeetsTheConditionsOfAMinimum) {
 TEST(BoxMinimum, AFunctionWithoutMinimumIsRefused) {
   const Eigen::Vector2d g(0.1, 0.2), low(-1, -1), high(1, 1);
   for (const Eigen::Vector2d& diagonal :
-       {Eigen::Vector2d(-1, 1), Eigen::Vector2d(1, -1), Eigen::Vector2d(-1, -2),
-        Eigen::Vector2d(0, 1)}) {
+       {Eigen::Vector2d(-1, 1), Eigen::Vector2d(1, -1), Eigen::Vector2d(-1, -2), Eigen::Vector2d(0, 1)}) {
     const Eigen::Matrix2d H = diagonal.asDiagonal();
     EXPECT_FALSE(BoxMinimum().solve(H, g, low, high)) << diagonal.transpose();
   }

@@ -52,8 +52,12 @@ class Lifecycle : public testing::Test {
   Lifecycle()
       : life(
             pilot,
-            [this](const Inputs& inputs) { sent.push_back({time, inputs, life.current()}); },
-            [this] { stages.push_back({time, life.current()}); }) {
+            [this](const Inputs& inputs) {
+              sent.push_back({time, inputs, life.current()});
+            },
+            [this] {
+              stages.push_back({time, life.current()});
+            }) {
     params.recovery_time = 0.5;
     params.require_armed = false;
     life.setParams(params);
@@ -86,9 +90,7 @@ class Lifecycle : public testing::Test {
   void expectStopped(const std::string& reason) {
     EXPECT_EQ(life.current(), State::kStopped);
     EXPECT_EQ(life.reason(), reason);
-    EXPECT_EQ(
-        sent.back().inputs.thrusters(0) + sent.back().inputs.thrusters(1) + sent.back().inputs.lift,
-        0);
+    EXPECT_EQ(sent.back().inputs.thrusters(0) + sent.back().inputs.thrusters(1) + sent.back().inputs.lift, 0);
     EXPECT_EQ(pilot.deactivated, pilot.activated);
   }
 

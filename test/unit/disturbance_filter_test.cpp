@@ -221,8 +221,7 @@ class PlainFilter {
   void start(std::size_t k, const DisturbanceLevels& levels, FilterVector& x, FilterMatrix& P) const {
     const auto row = static_cast<Eigen::Index>(k);
     const Dynamics<Jet> exact(model_);
-    x.head<6>() =
-        motionOf(stateSeenAs(exact, {run_.eta.row(row).transpose(), run_.nu.row(row).transpose()}));
+    x.head<6>() = motionOf(stateSeenAs(exact, {run_.eta.row(row).transpose(), run_.nu.row(row).transpose()}));
     x.segment<5>(6).setZero();
     FilterVector variance = FilterVector::Zero();
     variance.head<9>() << 0.01, 0.01, 0.25, 0.09, 0.09, 9, levels.sigma.array().square();
@@ -255,8 +254,7 @@ class PlainFilter {
     noise(2) *= levels.heading;
     seen.S = H * P * H.transpose();
     seen.S.diagonal() += noise.array().square().matrix();
-    seen.innovation =
-        run_.eta.row(static_cast<Eigen::Index>(k)).transpose() - measured(x.head<6>());
+    seen.innovation = run_.eta.row(static_cast<Eigen::Index>(k)).transpose() - measured(x.head<6>());
     seen.innovation(2) = std::remainder(seen.innovation(2), 2 * M_PI);
     const double distance = seen.innovation.dot(seen.S.inverse() * seen.innovation);
     seen.capped = known ? (*known)[k].capped() : distance > cap;
@@ -343,8 +341,7 @@ TEST_P(Filtered, AgreesWithAPlainKalmanFilter) {
   EXPECT_EQ(capped > 0, std::isfinite(GetParam()));
   EXPECT_NEAR(likelihood_, sum, 1e-5 * std::abs(sum));
   const FilterVector deviation = seen_.back().covariance.diagonal().cwiseSqrt();
-  EXPECT_LT((filter_.constantsSigma() - deviation.tail<4>()).norm(),
-            1e-5 * deviation.tail<4>().norm());
+  EXPECT_LT((filter_.constantsSigma() - deviation.tail<4>()).norm(), 1e-5 * deviation.tail<4>().norm());
   EXPECT_EQ(filter_.constants(), Eigen::Vector4d(filter_.constantsSoFar().bottomRows<1>()));
   for (const double block : {0.3, 1.0, 1e9}) {
     const Eigen::VectorXd parts = filter_.densities(block);
@@ -414,8 +411,7 @@ class FixedGains {
       const Vector3<double> faster = mobility * push;
       for (int i = 0; i < 6; ++i) {
         x(i) += s.by_thrust[i] * x(14);
-        for (int l = 0; l < 3; ++l)
-          x(i) += s.held(i, l) * faster(l);
+        for (int l = 0; l < 3; ++l) x(i) += s.held(i, l) * faster(l);
       }
     }
     return white;
@@ -456,8 +452,7 @@ TEST_P(Filtered, ParameterScoresAreThoseOfFiniteDifferencesWithFixedGains) {
     by_wrench.col(j) = (fixed.whitened(more, more.mass().inverse(), nullptr, &above) -
                         fixed.whitened(less, less.mass().inverse(), nullptr, &below)) /
                        (2 * kChange);
-    by_acceleration.col(j) =
-        (fixed.whitened(more, here) - fixed.whitened(less, here)) / (2 * kChange);
+    by_acceleration.col(j) = (fixed.whitened(more, here) - fixed.whitened(less, here)) / (2 * kChange);
     for (std::size_t i = 0; i < kept_.size(); ++i) {
       const auto sample = static_cast<std::size_t>(kept_[i].sample);
       sensitivity[i].col(j) = (above[sample] - below[sample]) / (2 * kChange);
@@ -470,11 +465,9 @@ TEST_P(Filtered, ParameterScoresAreThoseOfFiniteDifferencesWithFixedGains) {
   // The log-density of a capped pose is -3/2 log D at the squared distance D, that of others -D/2.
   Eigen::VectorXd weight = Eigen::VectorXd::Ones(3 * static_cast<Eigen::Index>(seen_.size()));
   for (std::size_t k = 0; k < seen_.size(); ++k)
-    if (seen_[k].capped)
-      weight.segment<3>(3 * static_cast<Eigen::Index>(k)).setConstant(3 / GetParam());
+    if (seen_[k].capped) weight.segment<3>(3 * static_cast<Eigen::Index>(k)).setConstant(3 / GetParam());
   const Eigen::MatrixXd information = by_wrench.transpose() * weight.asDiagonal() * by_wrench;
-  const Eigen::MatrixXd accelerated =
-      by_acceleration.transpose() * weight.asDiagonal() * by_acceleration;
+  const Eigen::MatrixXd accelerated = by_acceleration.transpose() * weight.asDiagonal() * by_acceleration;
   const Eigen::VectorXd size = information.diagonal().cwiseSqrt();
   std::vector<FilterBelief> kept = kept_;
   const RunScores found = filter_.scores(model_, free, 0.5, &kept);
@@ -482,8 +475,7 @@ TEST_P(Filtered, ParameterScoresAreThoseOfFiniteDifferencesWithFixedGains) {
     return (of.cwiseInverse().asDiagonal() * error * of.cwiseInverse().asDiagonal()).norm();
   };
   EXPECT_LT(relative(found.information - information, size), 1e-4);
-  EXPECT_LT(relative(found.by_acceleration - accelerated, accelerated.diagonal().cwiseSqrt()),
-            1e-4);
+  EXPECT_LT(relative(found.by_acceleration - accelerated, accelerated.diagonal().cwiseSqrt()), 1e-4);
   const Eigen::Index blocks = found.score.rows();
   EXPECT_EQ(blocks, std::lround(run_.times.back() / 0.5));
   Eigen::MatrixXd score = Eigen::MatrixXd::Zero(blocks, n);
@@ -523,8 +515,7 @@ TEST_P(Filtered, LevelScoresAreThoseOfFiniteDifferences) {
     for (std::size_t i = 0; i < kLevels; ++i) {
       e.push_back((up[i][k].innovation - down[i][k].innovation) / (2 * kChange));
       S.push_back((up[i][k].S - down[i][k].S) / (2 * kChange));
-      score(static_cast<Eigen::Index>(i)) +=
-          (up[i][k].density - down[i][k].density) / (2 * kChange);
+      score(static_cast<Eigen::Index>(i)) += (up[i][k].density - down[i][k].density) / (2 * kChange);
       for (std::size_t j = 0; j <= i; ++j)
         information(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) +=
             e[i].dot(inverse * e[j]) + 0.5 * (inverse * S[i] * inverse * S[j]).trace();
@@ -537,8 +528,7 @@ TEST_P(Filtered, LevelScoresAreThoseOfFiniteDifferences) {
     EXPECT_NEAR(found.score(i), score(i), 0.02 * std::abs(score(i)) + 0.02 * size)
         << DisturbanceLevels::names()[static_cast<std::size_t>(i)];
     for (Eigen::Index j = 0; j < count; ++j)
-      EXPECT_NEAR(found.information(i, j), information(i, j),
-                  0.01 * size * std::sqrt(information(j, j)))
+      EXPECT_NEAR(found.information(i, j), information(i, j), 0.01 * size * std::sqrt(information(j, j)))
           << i << ' ' << j;
   }
 }
@@ -558,13 +548,13 @@ TEST_P(Filtered, ResponsesAreThoseOfFiniteDifferencesWithFixedGains) {
   for (int c = 0; c < 3; ++c) {
     constexpr double kChange = 1e-4;
     Eigen::MatrixX3d up = Eigen::MatrixX3d::Zero(samples, 3);
-    up.col(channels[static_cast<std::size_t>(c)]) = kChange * acting.col(3 * c + channels[static_cast<std::size_t>(c)]);
+    up.col(channels[static_cast<std::size_t>(c)]) =
+        kChange * acting.col(3 * c + channels[static_cast<std::size_t>(c)]);
     const Eigen::MatrixX3d down = -up;
     const Matrix3<double> mobility = dynamics.mass().inverse();
     // Minus the change of the innovations: the wrench that a model without it leaves unexplained.
     Eigen::VectorXd finite =
-        (fixed.whitened(dynamics, mobility, &down) - fixed.whitened(dynamics, mobility, &up)) /
-        (2 * kChange);
+        (fixed.whitened(dynamics, mobility, &down) - fixed.whitened(dynamics, mobility, &up)) / (2 * kChange);
     for (std::size_t k = 0; k < seen_.size(); ++k)
       if (seen_[k].starts) finite.segment<3>(3 * static_cast<Eigen::Index>(k)).setZero();
     EXPECT_LT((found.col(c) - finite).norm(), 1e-4 * finite.norm()) << c;

@@ -45,8 +45,8 @@ class PlainObserver {
       x_.head<6>() << at.eta, at.nu;
       if (!started_) x_.tail<3>().setZero();  // a restart keeps what was missing
       Vector9 deviation;
-      deviation << params_.position_noise, params_.position_noise, params_.heading_noise, 0.05,
-          0.05, 0.2, params_.push_drift, params_.push_drift, params_.twist_drift;
+      deviation << params_.position_noise, params_.position_noise, params_.heading_noise, 0.05, 0.05, 0.2,
+          params_.push_drift, params_.push_drift, params_.twist_drift;
       P_ = deviation.cwiseAbs2().asDiagonal();
       began_ = time;
       started_ = true;
@@ -62,8 +62,8 @@ class PlainObserver {
     const Eigen::Matrix<double, 6, 1> next = moved(x_, time);
     x_.head<6>() = next;
     Vector9 density;
-    density << 0, 0, 0, params_.push, params_.push, params_.twist, params_.push_drift,
-        params_.push_drift, params_.twist_drift;
+    density << 0, 0, 0, params_.push, params_.push, params_.twist, params_.push_drift, params_.push_drift,
+        params_.twist_drift;
     P_ = F * P_ * F.transpose();
     P_ += (time - time_) * Matrix9(density.cwiseAbs2().asDiagonal());
     time_ = time;
@@ -74,10 +74,8 @@ class PlainObserver {
     }
     Vector3<double> e = seen.eta - measured(x_);
     e(2) = std::remainder(e(2), 2 * M_PI);
-    const Vector3<double> noise(params_.position_noise, params_.position_noise,
-                                params_.heading_noise);
-    const Matrix3<double> S =
-        H * P_ * H.transpose() + Matrix3<double>(noise.cwiseAbs2().asDiagonal());
+    const Vector3<double> noise(params_.position_noise, params_.position_noise, params_.heading_noise);
+    const Matrix3<double> S = H * P_ * H.transpose() + Matrix3<double>(noise.cwiseAbs2().asDiagonal());
     const Eigen::Matrix<double, 9, 3> K = P_ * H.transpose() * S.inverse();
     x_ += K * e;
     P_ -= K * H * P_;

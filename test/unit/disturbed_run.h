@@ -43,8 +43,7 @@ inline RunData disturbedRun(const Model& model, const Disturbance& disturbance, 
   RunData run;
   run.name = "disturbed";
   run.noise = {kPosition, kPosition, kHeading};
-  for (double t = 0; t < duration; t = prbs.nextChange(t))
-    run.inputs.add(t, prbs.at(t).thrusters, 1);
+  for (double t = 0; t < duration; t = prbs.nextChange(t)) run.inputs.add(t, prbs.at(t).thrusters, 1);
   DisturbanceSource source(disturbance, kStep, seed);
   Disturbance in_room;
   in_room.sigma << draught.sigma, draught.sigma, 0;
@@ -78,8 +77,7 @@ inline RunData disturbedRun(const Model& model, const Disturbance& disturbance, 
   return run;
 }
 
-inline std::vector<RunData> disturbedRuns(const Model& model, double share, int count,
-                                          unsigned seed = 1) {
+inline std::vector<RunData> disturbedRuns(const Model& model, double share, int count, unsigned seed = 1) {
   std::vector<RunData> runs;
   for (int i = 0; i < count; ++i)
     runs.push_back(disturbedRun(model, pushes(model, share), seed + static_cast<unsigned>(i)));

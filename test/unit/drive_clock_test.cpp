@@ -13,8 +13,8 @@
 #include "ground/identification/simulation_error.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
-#include "ground/model/simulation.h"
 #include "ground/model/model_file.h"
+#include "ground/model/simulation.h"
 #include "ground/simulation/experiment.h"
 
 namespace ground {

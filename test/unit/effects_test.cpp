@@ -122,9 +122,9 @@ TEST_P(EveryEffect, DerivativesAgreeWithFiniteDifferences) {
         for (int k = 0; k < 6; ++k) {
           const auto value = [k](const auto& m) { return k < 3 ? m.eta(k) : m.nu(k - 3); };
           const double d = value(exact[i]).v[3];
-          const double finite =
-              bounded ? (4 * value(plus[i]) - 3 * value(zero[i]) - value(other[i])) / (2 * h)
-                      : (value(plus[i]) - value(other[i])) / (2 * h);
+          const double finite = bounded
+                                    ? (4 * value(plus[i]) - 3 * value(zero[i]) - value(other[i])) / (2 * h)
+                                    : (value(plus[i]) - value(other[i])) / (2 * h);
           largest = std::max(largest, std::abs(finite));
           worst = std::max(worst, std::abs(d - finite));
         }
@@ -157,8 +157,8 @@ TEST_P(EveryEffect, SaysWhetherTheMotionDependsOnThePose) {
 /// Powers of mass and time in a unit such as "N s^2/m".
 Vector2<double> powers(std::string unit) {
   Vector2<double> found(0, 0);
-  const std::map<std::string, Vector2<double>> known = {
-      {"kg", {1, 0}}, {"s", {0, 1}}, {"N", {1, -2}}, {"m", {0, 0}}, {"rad", {0, 0}}, {"-", {0, 0}}};
+  const std::map<std::string, Vector2<double>> known = {{"kg", {1, 0}}, {"s", {0, 1}},   {"N", {1, -2}},
+                                                        {"m", {0, 0}},  {"rad", {0, 0}}, {"-", {0, 0}}};
   const std::regex factor("(/?)([a-zA-Z]+|-)(?:\\^(\\d))?");
   for (std::sregex_iterator at(unit.begin(), unit.end(), factor), end; at != end; ++at) {
     const double power = at->str(3).empty() ? 1 : std::stod(at->str(3));
@@ -180,10 +180,9 @@ TEST_P(EveryEffect, ScalesChangeWithTheUnitsOfMassAndTime) {
   for (const ParameterInfo& info : makeEffect(GetParam())->info().parameters) {
     EXPECT_GT(info.scale(body), 0) << info.name;
     if (info.scale(other) == info.scale(body) && info.scale(smaller) == info.scale(body)) continue;
-    const Vector2<double> power =
-        (info.coordinate == Coordinate::kReciprocal ? -1 : 1) * powers(info.unit);
-    EXPECT_NEAR(info.scale(other) / info.scale(body),
-                std::pow(mass, power(0)) * std::pow(time, power(1)), 1e-9)
+    const Vector2<double> power = (info.coordinate == Coordinate::kReciprocal ? -1 : 1) * powers(info.unit);
+    EXPECT_NEAR(info.scale(other) / info.scale(body), std::pow(mass, power(0)) * std::pow(time, power(1)),
+                1e-9)
         << info.name;
   }
 }
@@ -193,29 +192,29 @@ INSTANTIATE_TEST_SUITE_P(Library, EveryEffect, testing::ValuesIn(effectNames()),
 
 TEST(EffectLibrary, HasTheSpecifiedNames) {
   const std::vector<std::string> specified = {"added_mass",
-                                             "battery_sag",
-                                             "body_force_bias",
-                                             "com_offset",
-                                             "coulomb_friction",
-                                             "differential_side_force",
-                                             "directional_yaw_damping",
-                                             "floor_friction_map",
-                                             "floor_tilt",
-                                             "heading_offset",
-                                             "input_delay",
-                                             "marker_offset",
-                                             "momentum_drag",
-                                             "motor_lag",
-                                             "quadratic_drag",
-                                             "skirt_friction",
-                                             "sway_yaw_damping",
-                                             "thrust_asymmetry",
-                                             "thrust_curve",
-                                             "thrust_misalignment",
-                                             "thrust_speed_loss",
-                                             "thrust_sway_moment",
-                                             "wind",
-                                             "yaw_bias"};
+                                              "battery_sag",
+                                              "body_force_bias",
+                                              "com_offset",
+                                              "coulomb_friction",
+                                              "differential_side_force",
+                                              "directional_yaw_damping",
+                                              "floor_friction_map",
+                                              "floor_tilt",
+                                              "heading_offset",
+                                              "input_delay",
+                                              "marker_offset",
+                                              "momentum_drag",
+                                              "motor_lag",
+                                              "quadratic_drag",
+                                              "skirt_friction",
+                                              "sway_yaw_damping",
+                                              "thrust_asymmetry",
+                                              "thrust_curve",
+                                              "thrust_misalignment",
+                                              "thrust_speed_loss",
+                                              "thrust_sway_moment",
+                                              "wind",
+                                              "yaw_bias"};
   const auto names = effectNames();
   for (const auto& name : specified)
     EXPECT_NE(std::find(names.begin(), names.end(), name), names.end()) << name;
@@ -239,8 +238,8 @@ TEST(Physics, ComOffsetIsTheSameCraftSeenFromAnotherPoint) {
   RigidState<double> about_com, about_origin;
   about_com.nu << 0.4, 0.3, 5.0;
   about_com.eta << 1, 2, 0.7;
-  about_origin.nu << about_com.nu.x() + about_com.nu.z() * g.y(),
-      about_com.nu.y() - about_com.nu.z() * g.x(), about_com.nu.z();
+  about_origin.nu << about_com.nu.x() + about_com.nu.z() * g.y(), about_com.nu.y() - about_com.nu.z() * g.x(),
+      about_com.nu.z();
   about_origin.eta.head<2>() = about_com.eta.head<2>() - bodyToWorld<double>(0.7, g);
   about_origin.eta.z() = 0.7;
   const InputSequence none;
@@ -322,8 +321,7 @@ double floorDamping(const Model& model, double x, double y) {
   RigidState<double> state;
   state.eta << x, y, 0.3;
   state.nu << 0.5, 0.25, 0;
-  const Vector3<double> change =
-      acceleration(tinyWhoover(), state).nu - acceleration(model, state).nu;
+  const Vector3<double> change = acceleration(tinyWhoover(), state).nu - acceleration(model, state).nu;
   EXPECT_NEAR(change.y(), 0.5 * change.x(), 1e-12);  // opposite to the velocity
   EXPECT_EQ(change.z(), 0);
   return model.body.m * change.x() / 0.5;
@@ -369,8 +367,7 @@ TEST(ExpressionEffect, EqualsTheFormulaAndItsDerivatives) {
   state.eta.z() = 0.6;
   const double nominal = acceleration(tinyWhoover(), state, {0.5, 0.5}).nu.z();
   const double moment = -2e-6 * 64 + 3e-4 * std::sin(0.6) * 0.5;
-  EXPECT_NEAR(acceleration(model, state, {0.5, 0.5}).nu.z() - nominal, moment / model.body.I_z,
-              1e-9);
+  EXPECT_NEAR(acceleration(model, state, {0.5, 0.5}).nu.z() - nominal, moment / model.body.I_z, 1e-9);
 
   std::vector<double> at = model.coordinates();
   for (std::size_t p = 2; p < at.size(); ++p) {
@@ -383,8 +380,7 @@ TEST(ExpressionEffect, EqualsTheFormulaAndItsDerivatives) {
     down[p] -= h;
     const auto plus = run(model, up), minus = run(model, down);
     const double finite = (plus.back().eta.z() - minus.back().eta.z()) / (2 * h);
-    EXPECT_NEAR(scale * exact.back().eta.z().v[0], scale * finite,
-                1e-5 * std::abs(scale * finite) + 1e-9);
+    EXPECT_NEAR(scale * exact.back().eta.z().v[0], scale * finite, 1e-5 * std::abs(scale * finite) + 1e-9);
   }
 }
 
@@ -561,9 +557,7 @@ TEST(StatesOfEffects, MayActOnEachThruster) {
   const Model model = withSkirt(droop, 0.01, 0.2);
   const Dynamics<double> dynamics(model), nominal(tinyWhoover());
   const double full = 1;
-  const auto at = [&](const Dynamics<double>& d) {
-    return d.derivative(0, {}, {0.5, 0.25}, 1, &full).nu;
-  };
+  const auto at = [&](const Dynamics<double>& d) { return d.derivative(0, {}, {0.5, 0.25}, 1, &full).nu; };
   const Vector3<double> change = at(dynamics) - at(nominal);
   EXPECT_NEAR(change.x(), 0, 1e-12);
   EXPECT_NEAR(change.z(), -0.01 * model.body.l / model.body.I_z, 1e-9);

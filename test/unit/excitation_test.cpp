@@ -1,6 +1,4 @@
 // Excitation inside a room: bursts of an input design between returns home.
-#include "ground/control/excitation_pilot.h"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,6 +7,7 @@
 #include <limits>
 #include <random>
 
+#include "ground/control/excitation_pilot.h"
 #include "ground/model/model_file.h"
 #include "ground/simulation/experiment.h"
 
@@ -55,8 +54,7 @@ ExperimentParams place(unsigned long seed, bool gaps = false) {
 /// The least distance of the true craft from the walls [m].
 double leastClearance(const ExperimentLog& log, const Room& room) {
   double least = std::numeric_limits<double>::infinity();
-  for (const auto& truth : log.truth)
-    least = std::min(least, room.clearance(truth.state.eta.head<2>()));
+  for (const auto& truth : log.truth) least = std::min(least, room.clearance(truth.state.eta.head<2>()));
   return least;
 }
 
@@ -97,9 +95,8 @@ void expectTurns(const ExperimentLog& log) {
   }
   EXPECT_LT(log.marks.back().time, drivenUntil(log) + kTolerance);
   for (const auto& decision : log.decisions) {
-    const auto next = std::find_if(log.marks.begin(), log.marks.end(), [&](const Mark& mark) {
-      return mark.time > decision.time;
-    });
+    const auto next = std::find_if(log.marks.begin(), log.marks.end(),
+                                   [&](const Mark& mark) { return mark.time > decision.time; });
     const Mark& last = *(next - 1);
     const bool ends_now = last.burst && last.time == decision.time;
     EXPECT_TRUE(!last.burst || ends_now) << "a decision within a burst, " << decision.time;
@@ -116,8 +113,7 @@ std::size_t expectDesign(const ExperimentLog& log, const InputSignal& signal, do
     const double begin = log.marks[i].time;
     const double end = i + 1 < log.marks.size() ? log.marks[i + 1].time : drivenUntil(log);
     const auto rowAt = [&](double time) {
-      const auto since = static_cast<std::size_t>(
-          std::floor((time - begin) / spacing + kTolerance));
+      const auto since = static_cast<std::size_t>(std::floor((time - begin) / spacing + kTolerance));
       return (row + since) % signal.inputs.size();
     };
     std::vector<double> seen;
@@ -127,18 +123,16 @@ std::size_t expectDesign(const ExperimentLog& log, const InputSignal& signal, do
       // At its end, the last command of a return precedes the first of the burst.
       if (k + 1 < log.commands.size() && log.commands[k + 1].time == command.time) continue;
       const std::size_t now = rowAt(command.time);
-      EXPECT_EQ(command.thrusters(0), signal.inputs[now].thrusters(0))
-          << command.time << " row " << now;
-      EXPECT_EQ(command.thrusters(1), signal.inputs[now].thrusters(1))
-          << command.time << " row " << now;
+      EXPECT_EQ(command.thrusters(0), signal.inputs[now].thrusters(0)) << command.time << " row " << now;
+      EXPECT_EQ(command.thrusters(1), signal.inputs[now].thrusters(1)) << command.time << " row " << now;
       EXPECT_EQ(command.lift, 1) << command.time;
       seen.push_back(command.time);
     }
     for (double edge = begin; edge < end - kTolerance; edge += spacing) {
       if (recovering(log, edge)) continue;
       ++edges;
-      const auto met = std::find_if(seen.begin(), seen.end(),
-                                    [&](double time) { return time > edge - kTolerance; });
+      const auto met =
+          std::find_if(seen.begin(), seen.end(), [&](double time) { return time > edge - kTolerance; });
       const double late = (met == seen.end() ? end : *met) - edge;
       missed += late > kTolerance;
       latest = std::max(latest, late);
@@ -189,9 +183,8 @@ TEST(Excitation, ReturnsComeHome) {
     const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(1));
     int returns = 0;
     for (std::size_t i = 2; i < log.marks.size(); i += 2) {
-      const auto truth = std::find_if(log.truth.begin(), log.truth.end(), [&](const auto& t) {
-        return t.time >= log.marks[i].time;
-      });
+      const auto truth = std::find_if(log.truth.begin(), log.truth.end(),
+                                      [&](const auto& t) { return t.time >= log.marks[i].time; });
       ASSERT_NE(truth, log.truth.end());
       EXPECT_LT((truth->state.eta.head<2>() - room.home).norm(), least + 0.05);
       ++returns;
@@ -216,8 +209,7 @@ TEST(Excitation, WithoutARoomItIsTheOpenLoopSignal) {
   schedule.add(0, 0, 0, 0);
   schedule.add(log.stages.at(1).time, 0, 0, 1);
   for (std::size_t i = 0; i < signal.times.size(); ++i)
-    schedule.add(begins + signal.times[i], signal.inputs[i].thrusters(0),
-                 signal.inputs[i].thrusters(1), 1);
+    schedule.add(begins + signal.times[i], signal.inputs[i].thrusters(0), signal.inputs[i].thrusters(1), 1);
   const double end = begins + 10;
   const ExperimentLog open = playSchedule(tinyWhoover(), schedule, end, place(5));
   ASSERT_LE(open.truth.size(), log.truth.size());
@@ -259,8 +251,7 @@ TEST(Excitation, AStrongDisturbanceStopsTheCraftBeforeAWall) {
     ExperimentParams where = place(seed);
     where.disturbance.sigma << 0.1, 0.1, 0;  // full thrust is 0.124 N
     where.disturbance.time.setConstant(1.0);
-    const ExperimentLog log =
-        excite(tinyWhoover(), tinyWhoover(), inRoom(square(), seed, 8), where);
+    const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), inRoom(square(), seed, 8), where);
     if (log.stopped.empty()) continue;
     ++stopped;
     EXPECT_NE(log.stopped.find("of the room"), std::string::npos) << log.stopped;

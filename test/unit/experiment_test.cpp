@@ -65,8 +65,7 @@ void expectSame(const ExperimentLog& a, const ExperimentLog& b) {
     EXPECT_EQ(a.commands[i].thrusters(0), b.commands[i].thrusters(0));
     EXPECT_EQ(a.commands[i].thrusters(1), b.commands[i].thrusters(1));
   }
-  for (std::size_t i = 0; i < a.truth.size(); ++i)
-    EXPECT_EQ(a.truth[i].state.nu, b.truth[i].state.nu);
+  for (std::size_t i = 0; i < a.truth.size(); ++i) EXPECT_EQ(a.truth[i].state.nu, b.truth[i].state.nu);
 }
 
 TEST(Experiment, SameArgumentsGiveTheSameLog) {

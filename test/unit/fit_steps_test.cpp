@@ -47,8 +47,7 @@ TEST(RobustLoss, IsThePseudoHuberLossWithItsDerivatives) {
   for (const double delta : {0.1, 1.0, 3.0, kInfinity}) {
     const RobustLoss loss{delta};
     const auto rho = [&](double r) {
-      return std::isinf(delta) ? r * r
-                               : 2 * delta * delta * (std::sqrt(1 + std::pow(r / delta, 2)) - 1);
+      return std::isinf(delta) ? r * r : 2 * delta * delta * (std::sqrt(1 + std::pow(r / delta, 2)) - 1);
     };
     const std::vector<double> residuals = {-7, -1, -0.3, 0, 0.05, 0.5, 2, 40};
     const int count = static_cast<int>(residuals.size());
@@ -86,8 +85,7 @@ TEST(RobustLoss, IsThePseudoHuberLossWithItsDerivatives) {
 void expectSameFit(const FitResult& found, const FitResult& expected, double tolerance) {
   for (std::size_t i = 0; i < expected.parameters.size(); ++i) {
     const FittedParameter &a = found.parameters[i], &b = expected.parameters[i];
-    EXPECT_NEAR(a.value, b.value, tolerance * std::min(b.deviation, std::abs(b.value)) + 1e-9)
-        << b.name;
+    EXPECT_NEAR(a.value, b.value, tolerance * std::min(b.deviation, std::abs(b.value)) + 1e-9) << b.name;
   }
   EXPECT_NEAR(found.objective, expected.objective, 1e-3 * expected.objective);
 }
@@ -149,8 +147,7 @@ TEST(StartKept, MovesAlongDirectionsWithoutInformationToTheStart) {
     EXPECT_NE(kept.scaled[0] == at[0], kept.scaled[3] == at[3]) << "one of both is the start's";
     // The coordinate of I_z is its reciprocal.
     EXPECT_NEAR(kept.scaled[3] * kept.scaled[0] / (found.scaled[3] * found.scaled[0]), 1, close);
-    for (const std::size_t i : {1u, 2u})
-      EXPECT_NEAR(kept.scaled[i] / found.scaled[i], 1, close) << i;
+    for (const std::size_t i : {1u, 2u}) EXPECT_NEAR(kept.scaled[i] / found.scaled[i], 1, close) << i;
     EXPECT_NEAR(kept.cost / found.cost, 1, close);
     EXPECT_GT(kept.iterations, found.iterations);
   };
@@ -194,8 +191,8 @@ TEST(NearFit, LeavesABoundThatItMetOnTheWay) {
   const Solution best = descend(windows, free, {kInfinity}, near, scaledStart(free), far.initial);
   ASSERT_GT(best.scaled[1], 0.1);
   // Factors on X_u, Y_v and k from which steps meet the bound of X_u or of Y_v.
-  for (const Vector3<double>& factors : std::vector<Vector3<double>>{
-           {0.3, 5, 0.6}, {0.3, 5, 1.5}, {3, 1, 0.2}, {0.03, 1, 4}}) {
+  for (const Vector3<double>& factors :
+       std::vector<Vector3<double>>{{0.3, 5, 0.6}, {0.3, 5, 1.5}, {3, 1, 0.2}, {0.03, 1, 4}}) {
     std::vector<double> scaled = best.scaled;
     scaled[1] *= factors(0);
     scaled[2] *= factors(1);
@@ -220,9 +217,8 @@ Eigen::MatrixXd jackknife(const SimulationError& problem, const Model& model, co
   std::vector<int> block_of;
   blocks = 0;
   for (Eigen::Index w = 0; w < windows; ++w) {
-    const WindowResiduals rows =
-        residualsOf(problem, model, model.coordinates(), free.index, static_cast<int>(w),
-                    initial[static_cast<std::size_t>(w)], true);
+    const WindowResiduals rows = residualsOf(problem, model, model.coordinates(), free.index,
+                                             static_cast<int>(w), initial[static_cast<std::size_t>(w)], true);
     const Eigen::Index count = rows.residuals.size(), before = r.size();
     J.conservativeResize(before + count, Eigen::NoChange);
     J.bottomRows(count).setZero();
@@ -293,8 +289,8 @@ TEST(Estimates, IntervalsAreSymmetricInTheCoordinateAndEndAtTheBounds) {
   const auto infos = model.parameters();
   for (std::size_t i = 0; i < 2; ++i) {
     const ParameterInfo& info = infos[static_cast<std::size_t>(free.index[i])];
-    const double value = model.value(names[i]), at = info.toCoordinate(value),
-                 scaled = at / free.scale[i], deviation = 0.1 * scaled;
+    const double value = model.value(names[i]), at = info.toCoordinate(value), scaled = at / free.scale[i],
+                 deviation = 0.1 * scaled;
     const FittedParameter found = estimateOf(info, free, i, scaled, deviation, 2, 7);
     EXPECT_NEAR(found.value, value, 1e-12 * value);
     EXPECT_EQ(found.start, 7);

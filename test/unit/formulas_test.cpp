@@ -48,15 +48,13 @@ Model craftWith(const std::vector<std::string>& effects) {
   Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
   for (const std::string& name : effects) {
     model.addEffect(makeEffect(name));
-    for (const auto& [parameter, value] : kEffects.at(name))
-      model.setValue(name + "." + parameter, value);
+    for (const auto& [parameter, value] : kEffects.at(name)) model.setValue(name + "." + parameter, value);
   }
   return model;
 }
 
 /// A parameter of the model, or what it is without the effect.
-double valueOr(const Model& model, const std::string& effect, const std::string& name,
-               double none) {
+double valueOr(const Model& model, const std::string& effect, const std::string& name, double none) {
   return model.hasEffect(effect) ? model.value(effect + "." + name) : none;
 }
 
@@ -71,8 +69,8 @@ Vector3<double> accelerationOf(const Model& model, const Instant& at) {
   const double ua = u - (c * wx + s * wy), va = v - (-s * wx + c * wy), air = std::hypot(ua, va);
 
   const double inf = std::numeric_limits<double>::infinity();
-  const double all = std::exp(-at.t / p("battery_sag", "tau", inf)) *
-                     std::max(0.0, 1 - p("thrust_speed_loss", "c") * ua);
+  const double all =
+      std::exp(-at.t / p("battery_sag", "tau", inf)) * std::max(0.0, 1 - p("thrust_speed_loss", "c") * ua);
   const double power = p("thrust_curve", "p", 1), a = p("thrust_asymmetry", "a");
   const double left = all * b.k * (1 + a) * std::pow(at.left, power);
   const double right = all * b.k * (1 - a) * std::pow(at.right, power);
@@ -86,17 +84,15 @@ Vector3<double> accelerationOf(const Model& model, const Instant& at) {
   const double slope_x = c * gx + s * gy, slope_y = -s * gx + c * gy;
   const double xg = p("com_offset", "xg"), yg = p("com_offset", "yg");
 
-  const double X = F * std::cos(angle) - b.X_u * ua - p("quadratic_drag", "cx") * air * ua -
-                   drag * ua + p("body_force_bias", "x0") - f * u / speed + slope_x;
-  const double Y = F * std::sin(angle) - b.Y_v * va - p("quadratic_drag", "cy") * air * va -
-                   drag * va + p("body_force_bias", "y0") - f * v / speed + slope_y -
-                   p("sway_yaw_damping", "yr") * r +
+  const double X = F * std::cos(angle) - b.X_u * ua - p("quadratic_drag", "cx") * air * ua - drag * ua +
+                   p("body_force_bias", "x0") - f * u / speed + slope_x;
+  const double Y = F * std::sin(angle) - b.Y_v * va - p("quadratic_drag", "cy") * air * va - drag * va +
+                   p("body_force_bias", "y0") - f * v / speed + slope_y - p("sway_yaw_damping", "yr") * r +
                    p("differential_side_force", "c") * (left - right);
-  const double N = b.l * (left - right) * std::cos(angle) - b.N_r * r -
-                   p("quadratic_drag", "cr") * std::abs(r) * r + p("yaw_bias", "n0") -
-                   p("sway_yaw_damping", "nv") * va + p("thrust_sway_moment", "c") * F * va -
-                   p("directional_yaw_damping", "na") * std::abs(r) - n * (r > 0 ? 1 : -1) +
-                   xg * slope_y - yg * slope_x;
+  const double N =
+      b.l * (left - right) * std::cos(angle) - b.N_r * r - p("quadratic_drag", "cr") * std::abs(r) * r +
+      p("yaw_bias", "n0") - p("sway_yaw_damping", "nv") * va + p("thrust_sway_moment", "c") * F * va -
+      p("directional_yaw_damping", "na") * std::abs(r) - n * (r > 0 ? 1 : -1) + xg * slope_y - yg * slope_x;
 
   // Fossen 1994, 2.4, term by term
   const double mx = b.m + p("added_mass", "mx"), my = b.m + p("added_mass", "my"), m = b.m;
@@ -123,14 +119,12 @@ TEST_P(Formulas, GiveTheAcceleration) {
     RigidState<double> state;
     state.eta.z() = at.psi;
     state.nu << at.u, at.v, at.r;
-    const Vector3<double> found =
-        dynamics.derivative(at.t, state, {at.left, at.right}, at.lift).nu;
+    const Vector3<double> found = dynamics.derivative(at.t, state, {at.left, at.right}, at.lift).nu;
     const Vector3<double> wanted = accelerationOf(model, at);
     const bool smooth = model.hasEffect("coulomb_friction") || model.hasEffect("skirt_friction") ||
                         model.hasEffect("directional_yaw_damping");
     const double tolerance = smooth ? 3e-3 : 1e-10;
-    for (int i = 0; i < 3; ++i)
-      EXPECT_NEAR(found(i), wanted(i), tolerance * (1 + std::abs(wanted(i)))) << i;
+    for (int i = 0; i < 3; ++i) EXPECT_NEAR(found(i), wanted(i), tolerance * (1 + std::abs(wanted(i)))) << i;
   }
 }
 

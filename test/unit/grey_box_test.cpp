@@ -65,8 +65,8 @@ TEST(GreyBox, FindsForcesInTheFrameInWhichTheyAct) {
   struct Case {
     double body, room, time;  // parts of full thrust; correlation time in the room [s]
   };
-  for (const Case& one : {Case{0, 0.005, 0.5}, Case{0, 0.05, 0.5}, Case{0, 0.02, 1.5},
-                          Case{0.03, 0, 1}, Case{0.02, 0.02, 0.5}}) {
+  for (const Case& one : {Case{0, 0.005, 0.5}, Case{0, 0.05, 0.5}, Case{0, 0.02, 1.5}, Case{0.03, 0, 1},
+                          Case{0.02, 0.02, 0.5}}) {
     Disturbance body = pushes(model, one.body);
     body.trim.setZero();
     std::vector<RunData> runs;
@@ -78,8 +78,8 @@ TEST(GreyBox, FindsForcesInTheFrameInWhichTheyAct) {
     EXPECT_TRUE(fit.converged);
     const double room = meanLevel(fit, levels.sigma_room) / full;
     const double X = meanLevel(fit, levels.sigma(0)) / full, Y = meanLevel(fit, levels.sigma(1)) / full;
-    SCOPED_TRACE(testing::Message() << one.body << ' ' << one.room << ' ' << one.time << " found "
-                                    << X << ' ' << Y << ' ' << room << ' ' << levels.time_room);
+    SCOPED_TRACE(testing::Message() << one.body << ' ' << one.room << ' ' << one.time << " found " << X << ' '
+                                    << Y << ' ' << room << ' ' << levels.time_room);
     if (one.room > 0) {
       EXPECT_NEAR(std::log(room / one.room), 0, std::log(1.5));
       EXPECT_NEAR(std::log(levels.time_room / one.time), 0, std::log(2.0));
@@ -185,14 +185,13 @@ TEST(GreyBox, ScoresAreSlopesWithOutliers) {
       const std::vector<double> before = other.model.coordinates();
       const auto infos = other.model.parameters();
       const auto at = static_cast<std::size_t>(other.model.index(name));
-      other.model.setValue(name, infos[at].fromCoordinate(
-                                     before[at] + deviations * deviation * close.scale[0]));
+      other.model.setValue(name,
+                           infos[at].fromCoordinate(before[at] + deviations * deviation * close.scale[0]));
       return other;
     };
     const auto likelihood = [&](double deviations) {
       double sum = 0;
-      for (const Eigen::VectorXd& run : box.likelihood(moved(deviations), kCap, 1, 1))
-        sum += run.sum();
+      for (const Eigen::VectorXd& run : box.likelihood(moved(deviations), kCap, 1, 1)) sum += run.sum();
       return sum;
     };
     // Two standard deviations away, where the slope is clear.
@@ -280,8 +279,7 @@ TEST(GreyBox, ScoreTestsOfAbsentEffectsHaveTheirDistribution) {
         b(r) = score(used[r]);
         for (int c = 0; c < 6; ++c) A(r, c) = found.information(used[r], used[c]);
       }
-      sum += b.dot(A.ldlt().solve(b)) -
-             b.head<5>().dot(A.topLeftCorner<5, 5>().ldlt().solve(b.head<5>()));
+      sum += b.dot(A.ldlt().solve(b)) - b.head<5>().dot(A.topLeftCorner<5, 5>().ldlt().solve(b.head<5>()));
       ++count;
     }
   }
@@ -361,8 +359,7 @@ TEST(GreyBoxForecast, AgreesWithAMonteCarloSimulation) {
   for (int i = 0; i < kMotions; ++i) {
     DisturbanceSource source(disturbance, kStep, 100 + static_cast<unsigned>(i));
     Simulation<double> simulation(dynamics, run.inputs,
-                                  {run.eta.row(first).transpose(), run.nu.row(first).transpose()},
-                                  kStart);
+                                  {run.eta.row(first).transpose(), run.nu.row(first).transpose()}, kStart);
     for (std::size_t h = 0; h < horizons.size(); ++h) {
       while (simulation.time() < kStart + horizons[h] - 1e-9) {
         simulation.state().nu += kStep * over.cwiseProduct(source.next());
@@ -389,8 +386,7 @@ TEST(GreyBoxForecast, AgreesWithAMonteCarloSimulation) {
       Eigen::VectorXd::Map(values.data(), kMotions) = motions[h].col(c);
       std::sort(values.begin(), values.end());
       const double mean = motions[h].col(c).mean();
-      const double deviation =
-          std::sqrt((motions[h].col(c).array() - mean).square().sum() / (kMotions - 1));
+      const double deviation = std::sqrt((motions[h].col(c).array() - mean).square().sum() / (kMotions - 1));
       EXPECT_NEAR(found.deviation(row, c) / deviation, 1, 0.07) << horizons[h] << " s, " << c;
       EXPECT_NEAR((found.mean(row, c) - mean) / deviation, 0, 0.2) << horizons[h] << " s, " << c;
       EXPECT_NEAR((found.low(row, c) - values[kMotions / 20]) / deviation, 0, 0.3);
@@ -412,12 +408,11 @@ TEST(GreyBoxForecast, BandsHoldNineOfTenMeasurements) {
     options.horizons = {2, 2};
     for (const Forecast& one : box.forecast({model, levelsOf(disturbance), {}}, 0, options)) {
       const Eigen::Index last = one.mean.rows() - 1, at = one.first + last;
-      EXPECT_NEAR(run.times[static_cast<std::size_t>(at)] -
-                      run.times[static_cast<std::size_t>(one.first)], 2, 0.02);
+      EXPECT_NEAR(run.times[static_cast<std::size_t>(at)] - run.times[static_cast<std::size_t>(one.first)], 2,
+                  0.02);
       Eigen::Matrix<double, 1, 6> truth;
       truth << run.poses.row(at), run.nu.row(at);
-      for (int c = 0; c < 6; ++c)
-        held[c] += one.low(last, c) <= truth(c) && truth(c) <= one.high(last, c);
+      for (int c = 0; c < 6; ++c) held[c] += one.low(last, c) <= truth(c) && truth(c) <= one.high(last, c);
       ++count;
       wide += one.deviation(last, 2);
     }
@@ -447,8 +442,7 @@ TEST(GreyBoxForecast, BandsHoldUnderAForceThatKeepsItsDirectionInTheRoom) {
     const Eigen::Index last = one.mean.rows() - 1, at = one.first + last;
     Eigen::Matrix<double, 1, 6> truth;
     truth << run.poses.row(at), run.nu.row(at);
-    for (int c = 0; c < 6; ++c)
-      held[c] += one.low(last, c) <= truth(c) && truth(c) <= one.high(last, c);
+    for (int c = 0; c < 6; ++c) held[c] += one.low(last, c) <= truth(c) && truth(c) <= one.high(last, c);
     ++count;
     known += one.deviation(last, 0);
     options.starts = {0};  // where nothing is known of the force

@@ -92,8 +92,7 @@ TEST(Fit, EndsAtOnePointEvenIfAParameterIsAtItsBound) {
   for (const std::vector<double>& from : starts) {
     const FitResult other = p.fit(with(from), options());
     for (const std::string& name : kNominal)
-      EXPECT_NEAR(other.model.value(name), given.model.value(name),
-                  1e-4 * given.model.value(name) + 1e-12)
+      EXPECT_NEAR(other.model.value(name), given.model.value(name), 1e-4 * given.model.value(name) + 1e-12)
           << name;
   }
 }
@@ -194,8 +193,7 @@ TEST(Windows, CoverTheRunWithoutItsGaps) {
     EXPECT_EQ(cutWindows(run, 0, 0, last, last).size(), samples < 6 ? 0u : 1u);
   }
   for (std::size_t i = 200; i < run.times.size(); ++i) run.times[i] += 0.5;
-  for (const Window& w : cutWindows(run, 0, 0, 1e9, 1.0))
-    EXPECT_FALSE(w.first < 200 && w.last >= 200);
+  for (const Window& w : cutWindows(run, 0, 0, 1e9, 1.0)) EXPECT_FALSE(w.first < 200 && w.last >= 200);
   EXPECT_THROW(SimulationError({run}, {}), std::invalid_argument);
 }
 

@@ -35,8 +35,7 @@ RunData record(const Model& model, double noise, unsigned seed = 1, double durat
   params.clock = 15;
   params.duration = duration;
   const InputSignal prbs = playBits({makePrbs(9, seed), 1}, params);
-  for (double t = 0; t < duration; t = prbs.nextChange(t))
-    run.inputs.add(t, prbs.at(t).thrusters, 1);
+  for (double t = 0; t < duration; t = prbs.nextChange(t)) run.inputs.add(t, prbs.at(t).thrusters, 1);
   const Dynamics<double> dynamics(model);
   Simulation<double> simulation(dynamics, run.inputs, {}, 0);
   std::mt19937 random(seed);
@@ -136,8 +135,7 @@ TEST(InferredWrench, FindsAConstantWrench) {
   const InferredWrench inferred = filter.smooth(filter.likeliestNoise(WrenchNature::kRandomWalk));
   const Vector3<double> wrench(0.01, -0.02, 2e-4);
   for (int c = 0; c < 3; ++c)
-    EXPECT_NEAR(inferred.wrench.col(c).mean(), wrench(c), 0.1 * std::abs(wrench(c)))
-        << "channel " << c;
+    EXPECT_NEAR(inferred.wrench.col(c).mean(), wrench(c), 0.1 * std::abs(wrench(c))) << "channel " << c;
 }
 
 TEST(InferredWrench, FollowsAVaryingWrench) {
@@ -173,8 +171,7 @@ TEST(InferredWrench, RespondsToAnActingWrenchAsPredicted) {
   const WrenchFilter filter(nominal(), with_force);
   const auto count = static_cast<Eigen::Index>(with_force.times.size());
   Eigen::MatrixXd acting(count, 1);
-  for (Eigen::Index i = 0; i < count; ++i)
-    acting(i) = std::sin(12 * with_force.times[i]) > 0 ? 0.01 : -0.01;
+  for (Eigen::Index i = 0; i < count; ++i) acting(i) = std::sin(12 * with_force.times[i]) > 0 ? 0.01 : -0.01;
   WrenchNoise noise;
   noise.force = 0.005;
   noise.moment = 1e-3;
@@ -191,9 +188,7 @@ TEST(InferredWrench, RespondsToAnActingWrenchAsPredicted) {
 TEST(InferredWrench, GivesTheModelsThrust) {
   const RunData recorded = record(nominal(), 0, 1, 2);
   const double k = nominal().body.k, l = nominal().body.l;
-  const auto thrustOf = [&](const Model& model) {
-    return WrenchFilter(model, recorded).modelThrust();
-  };
+  const auto thrustOf = [&](const Model& model) { return WrenchFilter(model, recorded).modelThrust(); };
   const Eigen::MatrixX3d plain = thrustOf(nominal());
   const Eigen::MatrixX3d turned =
       thrustOf(with("  - {name: thrust_misalignment, angle: 1.5707963267948966}\n"
@@ -255,13 +250,10 @@ class PlainFilter {
   };
 
   /// The model's deviations from the measured motion, seen by the run's poses.
-  Result run(WrenchNature nature, const WrenchNoise& noise) const {
-    return run(nature, noise, z_, offset_);
-  }
+  Result run(WrenchNature nature, const WrenchNoise& noise) const { return run(nature, noise, z_, offset_); }
 
   /// The wrench that is inferred if only the `acting` one disturbs and nothing else is random.
-  Eigen::VectorXd response(const WrenchNoise& noise, const Eigen::VectorXd& acting,
-                           int channel) const {
+  Eigen::VectorXd response(const WrenchNoise& noise, const Eigen::VectorXd& acting, int channel) const {
     std::vector<Vector3<double>> z;
     Vector9 x = Vector9::Zero();
     for (std::size_t k = 0; k < along_.size(); ++k) {
@@ -291,8 +283,7 @@ class PlainFilter {
     pushed.setValue("body_force_bias.y0", x(7));
     pushed.setValue("yaw_bias.n0", x(8));
     const Dynamics<double> dynamics(pushed);
-    Simulation<double> simulation(dynamics, run_.inputs, {x.head<3>(), x.segment<3>(3)},
-                                  run_.times[k]);
+    Simulation<double> simulation(dynamics, run_.inputs, {x.head<3>(), x.segment<3>(3)}, run_.times[k]);
     simulation.advance(run_.times[k + 1]);
     Eigen::VectorXd to(6);
     to << simulation.state().eta, simulation.state().nu;
@@ -312,8 +303,7 @@ class PlainFilter {
     start << 9 * R, 0.09, 0.09, 9, force * force, force * force, moment * moment;
     if (white) start.tail<3>().setZero();
     Result result;
-    for (Eigen::MatrixX3d* rows :
-         {&result.innovation, &result.normalised, &result.wrench, &result.sigma})
+    for (Eigen::MatrixX3d* rows : {&result.innovation, &result.normalised, &result.wrench, &result.sigma})
       rows->resize(count, 3);
     std::vector<Vector9> x_before, x_after;
     std::vector<Matrix9> P_before, P_after;
@@ -329,11 +319,9 @@ class PlainFilter {
       const double distance = e.dot(S.inverse() * e), more = std::max(1.0, distance / 25);
       Matrix3<double> turn = Matrix3<double>::Identity();  // to the axes of the craft
       turn.topLeftCorner<2, 2>() = Eigen::Rotation2Dd(-along_[at](2)).toRotationMatrix();
-      result.normalised.row(k) = (turn * e).array() /
-                                 (turn * S * turn.transpose()).diagonal().array().sqrt() /
-                                 std::sqrt(more);
-      result.density.push_back(-0.5 *
-                               (std::log(S.determinant()) + 3 * std::log(more) + distance / more));
+      result.normalised.row(k) =
+          (turn * e).array() / (turn * S * turn.transpose()).diagonal().array().sqrt() / std::sqrt(more);
+      result.density.push_back(-0.5 * (std::log(S.determinant()) + 3 * std::log(more) + distance / more));
       const Eigen::Matrix<double, 9, 3> K = P * H_[at].transpose() * S.inverse() / more;
       x += K * e;
       P -= K * H_[at] * P;
@@ -347,8 +335,7 @@ class PlainFilter {
       }
       const Eigen::Matrix<double, 6, 3> by_wrench = F_[at].topRightCorner<6, 3>();
       Matrix9 Q = Matrix9::Zero();
-      const Eigen::Matrix<double, 6, 6> shaken =
-          by_wrench * density.asDiagonal() * by_wrench.transpose();
+      const Eigen::Matrix<double, 6, 6> shaken = by_wrench * density.asDiagonal() * by_wrench.transpose();
       if (white) {
         Q.topLeftCorner<6, 6>() = shaken / dt_[at];
       } else {
@@ -368,8 +355,8 @@ class PlainFilter {
       } else {
         const Vector9 unit = P_before[at + 1].diagonal().cwiseSqrt().cwiseInverse();
         const Matrix9 next = unit.asDiagonal() * P_before[at + 1] * unit.asDiagonal();
-        const Matrix9 gain = P_after[at] * F_[at].transpose() * unit.asDiagonal() * next.inverse() *
-                             unit.asDiagonal();
+        const Matrix9 gain =
+            P_after[at] * F_[at].transpose() * unit.asDiagonal() * next.inverse() * unit.asDiagonal();
         x = x_after[at] + gain * (x - x_before[at + 1]);
         P = P_after[at] + gain * (P - P_before[at + 1]) * gain.transpose();
       }
@@ -453,8 +440,8 @@ TEST(WrenchFilter, TheLikeliestNoiseIsAMaximum) {
   for (const WrenchNature nature : {WrenchNature::kRandomWalk, WrenchNature::kWhite}) {
     const WrenchNoise found = filter.likeliestNoise(nature);
     const double best = filter.innovations(nature, found).log_likelihood;
-    double WrenchNoise::*const levels[] = {&WrenchNoise::force, &WrenchNoise::moment,
-                                           &WrenchNoise::position, &WrenchNoise::heading};
+    double WrenchNoise::*const levels[] = {&WrenchNoise::force, &WrenchNoise::moment, &WrenchNoise::position,
+                                           &WrenchNoise::heading};
     for (double WrenchNoise::*const level : levels)
       for (const double factor : {0.25, 0.8, 1.25, 4.0}) {
         WrenchNoise other = found;

@@ -52,8 +52,7 @@ std::map<std::string, DesignParams> designs() {
 
 Rows rowsOf(const InputSignal& signal) {
   Rows rows;
-  for (const Inputs& inputs : signal.inputs)
-    rows.push_back({inputs.thrusters(0), inputs.thrusters(1)});
+  for (const Inputs& inputs : signal.inputs) rows.push_back({inputs.thrusters(0), inputs.thrusters(1)});
   return rows;
 }
 
@@ -68,8 +67,7 @@ void expectSound(const InputSignal& signal) {
   ASSERT_FALSE(signal.times.empty());
   ASSERT_EQ(signal.times.size(), signal.inputs.size());
   EXPECT_GE(signal.times.front(), 0);
-  for (std::size_t i = 1; i < signal.times.size(); ++i)
-    ASSERT_GT(signal.times[i], signal.times[i - 1]);
+  for (std::size_t i = 1; i < signal.times.size(); ++i) ASSERT_GT(signal.times[i], signal.times[i - 1]);
   EXPECT_LE(signal.times.back(), signal.end);
   for (const Inputs& inputs : signal.inputs)
     for (double input : {inputs.thrusters(0), inputs.thrusters(1), inputs.lift})
@@ -242,8 +240,7 @@ TEST(InputFile, BitsAreFoundAndPlayedAtTheClock) {
   std::string text;
   const PrbsBits bits = makePrbs(6, 3);
   for (const auto& bit : bits)
-    for (int i = 0; i < 3; ++i)
-      text += std::string(bit[0] ? "1," : "-1,") + (bit[1] ? "1\n" : "-1\n");
+    for (int i = 0; i < 3; ++i) text += std::string(bit[0] ? "1," : "-1,") + (bit[1] ? "1\n" : "-1\n");
   DesignParams params = inputFile(text);
   params.levels = {0.1, 0.8};
   params.clock = 20;
@@ -273,8 +270,7 @@ TEST(InputFile, TimedRowsAreHeldUntilTheNext) {
   EXPECT_EQ(signal.end, 2) << "it ends with its last row, whatever the duration";
   EXPECT_FALSE(signal.has_lift);
   EXPECT_EQ(signal.description, "");
-  const InputSignal late = makeDesign(
-      inputFile(" time , left , right\r\n1, 0.5 ,0.25\r\n\n 3,0,0\n"), 20);
+  const InputSignal late = makeDesign(inputFile(" time , left , right\r\n1, 0.5 ,0.25\r\n\n 3,0,0\n"), 20);
   EXPECT_EQ(late.times, (std::vector<double>{1, 3}));
   EXPECT_EQ(late.at(0.5).thrusters(0), 0) << "before the first row";
   EXPECT_EQ(late.nextChange(0), 1);

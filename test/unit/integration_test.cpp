@@ -97,11 +97,9 @@ TEST(Simulation, EndsStepsAtRequestedTimesAndAtChangesOfTheCommand) {
   inputs.add(0.0456789, 0, 0, 1);
   Simulation<double> simulation(dynamics, inputs, {}, 0.0);
   simulation.advance(0.0333);
-  EXPECT_NEAR(simulation.state().nu.x(), 2 * model.body.k / model.body.m * (0.0333 - 0.0123),
-              1e-14);
+  EXPECT_NEAR(simulation.state().nu.x(), 2 * model.body.k / model.body.m * (0.0333 - 0.0123), 1e-14);
   simulation.advance(1.0);
-  EXPECT_NEAR(simulation.state().nu.x(), 2 * model.body.k / model.body.m * (0.0456789 - 0.0123),
-              1e-14);
+  EXPECT_NEAR(simulation.state().nu.x(), 2 * model.body.k / model.body.m * (0.0456789 - 0.0123), 1e-14);
 }
 
 TEST(MotorLag, GivesTheExactImpulseForAnyTimeConstant) {

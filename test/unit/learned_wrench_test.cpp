@@ -76,15 +76,14 @@ TEST(LearnedWrench, IsTheSumOfItsBells) {
   Vector3<double> sum(0, 0, 0);
   const Vector3<double> at(0.2, -0.2, 0.3);
   for (int bell = 0; bell < 21; ++bell) {
-    const Vector3<double> away = (at - term.centres.row(bell).transpose())
-                                     .cwiseQuotient(Vector3<double>::Map(term.widths.data()));
+    const Vector3<double> away =
+        (at - term.centres.row(bell).transpose()).cwiseQuotient(Vector3<double>::Map(term.widths.data()));
     const double distance = away.norm(), height = std::pow(1 - distance * distance / 9, 4);
     for (std::size_t c = 0; c < 3 && distance < 3; ++c)
       sum(int(c)) += term.weights[c][std::size_t(bell)] * height;
   }
   const LearnedWrench learned{"rest", {term}};
-  for (const double scale : {1.0, 0.4})
-    EXPECT_LT((added(with(learned, scale)) - scale * sum).norm(), 1e-12);
+  for (const double scale : {1.0, 0.4}) EXPECT_LT((added(with(learned, scale)) - scale * sum).norm(), 1e-12);
   const Eigen::MatrixXd values = bells(term, at.transpose());
   for (std::size_t c = 0; c < 3; ++c)
     EXPECT_NEAR((values * Eigen::VectorXd::Map(term.weights[c].data(), 21))(0), sum(int(c)), 1e-15);
@@ -154,8 +153,7 @@ TEST(LearnedWrench, DerivativesAgreeWithFiniteDifferences) {
       RigidState<Jet> state;
       Jet t(0.3, 0);
       for (int c = 0; c < 6; ++c)
-        (c < 3 ? state.eta(c) : state.nu(c - 3)) =
-            Jet(c < 3 ? kState.eta(c) : kState.nu(c - 3), 1 + c);
+        (c < 3 ? state.eta(c) : state.nu(c - 3)) = Jet(c < 3 ? kState.eta(c) : kState.nu(c - 3), 1 + c);
       const Vector3<Jet> exact =
           Dynamics<Jet>(model, coordinates).derivative(t, state, {Jet(0.6), Jet(0.3)}, 1).nu;
       for (int d = 0; d < 8; ++d) {
@@ -164,9 +162,7 @@ TEST(LearnedWrench, DerivativesAgreeWithFiniteDifferences) {
           if (d == 7) values.back() += h;
           RigidState<double> there = kState;
           if (d > 0 && d < 7) (d < 4 ? there.eta(d - 1) : there.nu(d - 4)) += h;
-          return Dynamics<double>(model, values)
-              .derivative(0.3 + (d == 0 ? h : 0), there, kInput, 1)
-              .nu;
+          return Dynamics<double>(model, values).derivative(0.3 + (d == 0 ? h : 0), there, kInput, 1).nu;
         };
         const Vector3<double> finite = (moved(1e-5) - moved(-1e-5)) / 2e-5;
         for (int c = 0; c < 3; ++c)

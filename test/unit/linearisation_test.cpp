@@ -130,15 +130,14 @@ TEST(Linearisation, AgreesWithThatOfEachWindowAlone) {
             windows.losses({at, all.free, initial}, RobustLoss{delta}.weighing());
         std::size_t count = 0;
         for (int w = 0; w < static_cast<int>(all.windows.size()); ++w) {
-          const WindowResiduals alone =
-              residualsOf(problem, all.model, at, all.free, w, initial[w], true);
+          const WindowResiduals alone = residualsOf(problem, all.model, at, all.free, w, initial[w], true);
           ASSERT_TRUE(alone.finite());
           const int samples = static_cast<int>(alone.residuals.size()) / 3, in = w == 2 ? 1 : parts;
           double loss = 0;
           for (int part = 0; part < in; ++part, ++count) {
             ASSERT_EQ(found.count({w, part}), 1u);
-            const NormalEquations expected = sumRows(alone, columns, 3 * (samples * part / in),
-                                                     3 * (samples * (part + 1) / in), {delta});
+            const NormalEquations expected =
+                sumRows(alone, columns, 3 * (samples * part / in), 3 * (samples * (part + 1) / in), {delta});
             expectSame(found.at({w, part}), expected);
             loss += expected.loss;
           }
@@ -162,8 +161,7 @@ TEST(Linearisation, ReportsWindowsThatAreNotFinite) {
   windows.normalEquations(
       {at, all.free, initial}, weigh, [](int) { return 1; },
       [&](int w, int, const NormalEquations& equations) {
-        finite[w] =
-            equations.A.allFinite() && equations.b.allFinite() && std::isfinite(equations.loss);
+        finite[w] = equations.A.allFinite() && equations.b.allFinite() && std::isfinite(equations.loss);
       });
   for (std::size_t w = 0; w < losses.size(); ++w) {
     EXPECT_EQ(std::isfinite(losses[w]), w != 5) << w;

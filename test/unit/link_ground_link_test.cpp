@@ -31,21 +31,19 @@ class GroundLinkTest : public testing::Test {
   };
 
   void make(const UdpAddress& peer = {}, const GroundLinkParams& params = {}) {
-    link_ = std::make_unique<GroundLink>(params, peer,
-                                         [this](const std::string& datagram, const UdpAddress& to) {
-                                           if (!broken_.empty()) return broken_;
-                                           Packet packet{now_, {}, to};
-                                           EXPECT_TRUE(decodeMotors(datagram, packet.command));
-                                           packets_.push_back(packet);
-                                           return std::string();
-                                         });
+    link_ =
+        std::make_unique<GroundLink>(params, peer, [this](const std::string& datagram, const UdpAddress& to) {
+          if (!broken_.empty()) return broken_;
+          Packet packet{now_, {}, to};
+          EXPECT_TRUE(decodeMotors(datagram, packet.command));
+          packets_.push_back(packet);
+          return std::string();
+        });
   }
   void SetUp() override { make(); }
 
   GroundLink& link() { return *link_; }
-  void telemetry(const UdpAddress& from) {
-    link().datagram(now_, encodeTelemetry(CraftTelemetry()), from);
-  }
+  void telemetry(const UdpAddress& from) { link().datagram(now_, encodeTelemetry(CraftTelemetry()), from); }
   /// Telemetry that counts the commands that have reached the craft.
   void counted(std::uint32_t commands) {
     CraftTelemetry t;
@@ -120,8 +118,7 @@ TEST_F(GroundLinkTest, ArmsOnlyWithEverythingInPlace) {
   EXPECT_EQ(arm(), "the state is stale");
   state();
   EXPECT_EQ(arm(), "there is no fresh command");
-  for (const MotorCommand& c :
-       {MotorCommand{0.01, 0, 0}, {0, 0.01, 0}, {0, 0, 0.01}, {-0.01, 0, 0}}) {
+  for (const MotorCommand& c : {MotorCommand{0.01, 0, 0}, {0, 0.01, 0}, {0, 0, 0.01}, {-0.01, 0, 0}}) {
     command(c);
     EXPECT_EQ(arm(), "the command is not zero");
   }
@@ -212,8 +209,7 @@ TEST_F(GroundLinkTest, RefusesCommandsThatAreNotFinite) {
   armed();
   command(kDrive);
   const std::size_t sent = packets_.size();
-  for (const MotorCommand& c :
-       {MotorCommand{kNan, 0, 0}, {0, kInf, 0}, {0, 0, -kInf}, {kNan, kNan, kNan}})
+  for (const MotorCommand& c : {MotorCommand{kNan, 0, 0}, {0, kInf, 0}, {0, 0, -kInf}, {kNan, kNan, kNan}})
     command(c);
   EXPECT_EQ(packets_.size(), sent);
   EXPECT_EQ(link().counters().refused, 4u);
@@ -590,8 +586,7 @@ TEST_F(GroundLinkTest, ASilenceIsRefusedWithAReason) {
   for (const double duration : {0.0, -1.0, 2.01, kNan, kInf})
     EXPECT_EQ(link().silence(now_, duration), "a silence must be longer than 0 s and at most 2 s");
   command({0.2, 0.51, 1});
-  EXPECT_EQ(link().silence(now_, 1),
-            "the thrust is above 0.5, too much for a craft that may not stop");
+  EXPECT_EQ(link().silence(now_, 1), "the thrust is above 0.5, too much for a craft that may not stop");
   command(kWeak);
   broken_ = "Network is unreachable";
   EXPECT_EQ(link().silence(now_, 1), "packets cannot be sent: Network is unreachable");

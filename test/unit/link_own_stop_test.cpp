@@ -11,8 +11,7 @@
 namespace ground {
 namespace {
 
-const std::string kUnproven =
-    "it is not proven that this craft stops by itself (rosrun ground prove_stop)";
+const std::string kUnproven = "it is not proven that this craft stops by itself (rosrun ground prove_stop)";
 
 class OwnStopTest : public testing::Test {
  protected:
@@ -40,8 +39,9 @@ TEST_F(OwnStopTest, IsUnprovenWithoutATrialOfThisCraft) {
 
 TEST_F(OwnStopTest, UsesTheNewestDecidedTrialOfTheRealCraft) {
   const std::string craft = "Tiny Whoover:\n";
-  const std::string failed = "this craft FAILED to stop by itself on 2026-01-02T03:04:05 "
-                             "(rosrun ground prove_stop)";
+  const std::string failed =
+      "this craft FAILED to stop by itself on 2026-01-02T03:04:05 "
+      "(rosrun ground prove_stop)";
   EXPECT_EQ(remark(craft + trial("passed")), "");
   EXPECT_EQ(remark(craft + trial("failed")), failed);
   EXPECT_EQ(remark(craft + trial("passed") + trial("failed")), failed);

@@ -11,9 +11,7 @@
 namespace ground {
 namespace {
 
-std::string bytes(std::initializer_list<int> values) {
-  return std::string(values.begin(), values.end());
-}
+std::string bytes(std::initializer_list<int> values) { return std::string(values.begin(), values.end()); }
 
 std::string refusal(const std::string& datagram) {
   MotorCommand command{0.5, 0.5, 0.5};
@@ -85,8 +83,7 @@ TEST(MotorsOfAnyThrusters, AreRefusedByAnotherCraft) {
   command.thrusters(1) = -0.4;
   std::vector<Thruster> forward = layout.thrusters();
   forward[1].least = 0;
-  EXPECT_FALSE(
-      decodeMotors(encodeMotors(command, layout), command, &reason, ThrusterLayout(forward)));
+  EXPECT_FALSE(decodeMotors(encodeMotors(command, layout), command, &reason, ThrusterLayout(forward)));
   EXPECT_EQ(reason, "a motor is outside of the range of its thruster");
 }
 
@@ -126,8 +123,8 @@ CraftTelemetry someTelemetry() {
 
 TEST(DroneState, DecodesKnownBytes) {
   // roll = 1.0 (fixed32), acc_x = 300, gyro_z = -2 (varint of ten bytes)
-  const std::string datagram = bytes({0x0d, 0x00, 0x00, 0x80, 0x3f, 0x20, 0xac, 0x02, 0x48, 0xfe,
-                                      0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x01});
+  const std::string datagram = bytes({0x0d, 0x00, 0x00, 0x80, 0x3f, 0x20, 0xac, 0x02, 0x48, 0xfe, 0xff, 0xff,
+                                      0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x01});
   CraftTelemetry t;
   ASSERT_TRUE(decodeTelemetry(datagram, t));
   EXPECT_EQ(t.roll, 1.0f);

@@ -73,8 +73,7 @@ std::string complaint(const std::string& yaml) {
 
 TEST(ModelFile, ReadsTheShippedCrafts) {
   const Model tiny = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  EXPECT_EQ(tiny.values(),
-            (std::vector<double>{0.0583, 0.0325, 8.8e-5, 0.0055, 0.0271, 4.62e-5, 0.062}));
+  EXPECT_EQ(tiny.values(), (std::vector<double>{0.0583, 0.0325, 8.8e-5, 0.0055, 0.0271, 4.62e-5, 0.062}));
   EXPECT_EQ(tiny.body.input_max, 1.0);
   const Model mvwt = loadModel("cfg/hovercraft/mvwt.yaml");
   EXPECT_EQ(mvwt.values(), (std::vector<double>{5.15, 0.123, 0.047, 4.5, 4.5, 0.41, 1.0}));
@@ -99,8 +98,8 @@ TEST(ModelFile, RoundTrip) {
   model.provenance.digests = {"0a1b", "2c3d"};
   model.provenance.error_before = {{"fit", 0.9}, {"heldout", 1.0}};
   model.provenance.error_after = {{"fit", 0.5}};
-  model.provenance.confidence_95 = {
-      {"k", {0.06, 0.063}}, {"battery_sag.tau", {80, std::numeric_limits<double>::infinity()}}};
+  model.provenance.confidence_95 = {{"k", {0.06, 0.063}},
+                                    {"battery_sag.tau", {80, std::numeric_limits<double>::infinity()}}};
   model.provenance.not_identified = {"m", "battery_sag.tau"};
   const std::string text = formatModel(model);
   const Model back = parseModel(text, "written");
@@ -120,9 +119,7 @@ TEST(ModelFile, RoundTrip) {
 
   RigidState<double> state;
   state.eta << 0.2, 0, 0.7;
-  const auto force = [&](const Model& m) {
-    return Dynamics<double>(m).derivative(0, state, {0, 0}, 1).nu;
-  };
+  const auto force = [&](const Model& m) { return Dynamics<double>(m).derivative(0, state, {0, 0}, 1).nu; };
   EXPECT_EQ(force(back), force(model));
 }
 
@@ -166,14 +163,11 @@ TEST(ModelFile, ComplaintsNameLineKeyAndRange) {
       {"effects:\n", "provenance: {bags: 3}\neffects:\n", "line 4: bags must be a list"},
       {"effects:\n", "provenance: {bags: [a, b], digests: [c]}\neffects:\n",
        "line 4: provenance must have one digest for each of its bags, or none"},
-      {"effects:\n", "provenance: {confidence_95: {k: 3}}\neffects:\n",
-       "line 4: k must be [lower, upper]"},
+      {"effects:\n", "provenance: {confidence_95: {k: 3}}\neffects:\n", "line 4: k must be [lower, upper]"},
       {"effects:\n", "provenance: {confidence_95: {k: [1, 2, 3]}}\neffects:\n",
        "line 4: k must be [lower, upper]"},
-      {"effects:\n", "provenance: {not_identified: 3}\neffects:\n",
-       "line 4: not_identified must be a list"},
-      {"effects:\n", "provenance: {bag: [a]}\neffects:\n",
-       "line 4: unknown key 'bag' in provenance"},
+      {"effects:\n", "provenance: {not_identified: 3}\neffects:\n", "line 4: not_identified must be a list"},
+      {"effects:\n", "provenance: {bag: [a]}\neffects:\n", "line 4: unknown key 'bag' in provenance"},
   };
   ASSERT_EQ(complaint(kGood), "");
   for (const Bad& bad : cases) {
@@ -216,12 +210,10 @@ TEST(ModelFile, AnEffectFromAFileIsAddedOrRefusedWithItsLine) {
   EXPECT_EQ(model.value("gust.g"), 0.1);
   EXPECT_EQ(withEffect(Model(), "- name: motor_lag\n  tau: 0.1\n", "own.yaml").effects.size(), 1u);
   const Bad cases[] = {
-      {"g: {value: 0.1, unit: N s/m}", "g: {value: much, unit: N s/m}",
-       "own.yaml, line 4: g must be"},
+      {"g: {value: 0.1, unit: N s/m}", "g: {value: much, unit: N s/m}", "own.yaml, line 4: g must be"},
       {"g*u", "g*(u", "own.yaml, line 1: effect 'gust': formula X = 'g*(u'"},
       {"parameters:\n", "parameter:\n", "own.yaml, line 4: unknown key 'parameter'"},
-      {"name: gust", "name: washboard",
-       "own.yaml, line 1: the model has effect 'washboard' already"},
+      {"name: gust", "name: washboard", "own.yaml, line 1: the model has effect 'washboard' already"},
       {"name: gust", "name: [", "own.yaml, line "},
       {gust.c_str(), "", "own.yaml: it is empty"},
       {gust.c_str(), kGood, "own.yaml, line 1: it must be one effect with a name"},
@@ -286,10 +278,8 @@ TEST(ModelFile, EffectsAndFormulasHaveLimits) {
   for (int i = 0; i < 4; ++i) together += effectText("e" + std::to_string(i), sines(60));
   EXPECT_NE(complaint(together).find("more than 3000"), std::string::npos) << complaint(together);
   std::string parameters = "  - name: gust\n    expression: {X: \"a0*u\"}\n    parameters:\n";
-  for (int i = 0; i < 40; ++i)
-    parameters += "      a" + std::to_string(i) + ": {value: 0.01, unit: N}\n";
-  EXPECT_NE(complaint(std::string(kGood) + parameters).find("more than 32 parameters"),
-            std::string::npos);
+  for (int i = 0; i < 40; ++i) parameters += "      a" + std::to_string(i) + ": {value: 0.01, unit: N}\n";
+  EXPECT_NE(complaint(std::string(kGood) + parameters).find("more than 32 parameters"), std::string::npos);
 }
 
 Body<double> tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml").body; }

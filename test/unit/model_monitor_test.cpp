@@ -44,8 +44,7 @@ class Experiment {
       const double t = i * 0.01;
       simulation.advance(t);
       for (; next < inputs.size() && inputs.times[next] <= t; ++next)
-        for (ModelMonitor* m : monitors)
-          m->command(from + inputs.times[next], inputs.thrusters[next], 1);
+        for (ModelMonitor* m : monitors) m->command(from + inputs.times[next], inputs.thrusters[next], 1);
       const Measurement<double> seen = simulation.measure();
       RigidState<double> state{seen.eta, seen.nu};
       for (int c = 0; c < 3; ++c) {
@@ -66,8 +65,7 @@ class Experiment {
 TEST(ModelMonitor, ATrueModelHasTheErrorOfTheMeasurement) {
   for (const Model& truth :
        {craft(), with("motor_lag", {{"tau", 0.06}}), with("input_delay", {{"delay", 0.05}}),
-        with("heading_offset", {{"psi0", 1.2}}),
-        with("marker_offset", {{"dx", 0.03}, {"dy", 0.01}})}) {
+        with("heading_offset", {{"psi0", 1.2}}), with("marker_offset", {{"dx", 0.03}, {"dy", 0.01}})}) {
     ModelMonitor monitor(truth, {});
     std::optional<ModelMonitor::Error> last;
     double first = -1;
@@ -127,16 +125,15 @@ TEST(ModelContest, PrefersTheTrueModelButNoneOfTwoEqualOnes) {
   const Model truth = with("floor_tilt", {{"sx", 0.015}, {"sy", 0.0}});
   ModelMonitor nominal(craft(), {}), right(truth, {}), again(truth, {});
   ModelContest unequal(1.0, 10.0), equal(1.0, 10.0);
-  Experiment(truth).run(
-      0, 14, {&nominal, &right, &again}, [&](double t, const RigidState<double>& s) {
-        const auto a = nominal.measure(t, s), b = right.measure(t, s), c = again.measure(t, s);
-        if (!a || !b || !c) return;
-        unequal.add(t, *a, *b);
-        equal.add(t, *c, *b);
-        if (t < 4.5) {
-          EXPECT_FALSE(unequal.preference());
-        }
-      });
+  Experiment(truth).run(0, 14, {&nominal, &right, &again}, [&](double t, const RigidState<double>& s) {
+    const auto a = nominal.measure(t, s), b = right.measure(t, s), c = again.measure(t, s);
+    if (!a || !b || !c) return;
+    unequal.add(t, *a, *b);
+    equal.add(t, *c, *b);
+    if (t < 4.5) {
+      EXPECT_FALSE(unequal.preference());
+    }
+  });
   const auto found = unequal.preference();
   ASSERT_TRUE(found);
   EXPECT_TRUE(found->clear());

@@ -29,9 +29,8 @@ constexpr double kDeafFrom = 5.0;  // [s]
 
 Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 
-ExperimentLog drive(const Model& truth, const std::string& controller, double deaf_from,
-                    double deaf_until, double duration, unsigned long seed = 1,
-                    CraftFault fault = CraftFault::kDeaf) {
+ExperimentLog drive(const Model& truth, const std::string& controller, double deaf_from, double deaf_until,
+                    double duration, unsigned long seed = 1, CraftFault fault = CraftFault::kDeaf) {
   TrackingParams tracking;
   tracking.controller.kind = controller;
   tracking.controller.prbs.duration = tracking.duration = duration;
@@ -76,8 +75,7 @@ double reportedAfter(const Model& truth, const std::string& controller, unsigned
     return at == 0 ? kNever : at - kDeafFrom;
   }
   // The controller stops by itself.
-  EXPECT_NE(log.stopped.find("the craft does not follow its commands"), std::string::npos)
-      << log.stopped;
+  EXPECT_NE(log.stopped.find("the craft does not follow its commands"), std::string::npos) << log.stopped;
   return log.stopped_at - kDeafFrom;
 }
 
@@ -110,12 +108,11 @@ TEST_P(Obedience, AModelWrongByAFactorOfTwoGivesNoFalseReport) {
 }
 
 TEST_P(Obedience, EffectsMissingInTheModelGiveNoFalseReport) {
-  const std::map<std::string, std::map<std::string, double>> effects = {
-      {"motor_lag", {{"tau", 0.06}}},
-      {"input_delay", {{"delay", 0.15}}},
-      {"thrust_asymmetry", {{"a", 0.2}}},
-      {"coulomb_friction", {{"f", 0.01}}},
-      {"floor_tilt", {{"sx", 0.02}}}};
+  const std::map<std::string, std::map<std::string, double>> effects = {{"motor_lag", {{"tau", 0.06}}},
+                                                                        {"input_delay", {{"delay", 0.15}}},
+                                                                        {"thrust_asymmetry", {{"a", 0.2}}},
+                                                                        {"coulomb_friction", {{"f", 0.01}}},
+                                                                        {"floor_tilt", {{"sx", 0.02}}}};
   for (const auto& [name, values] : effects) {
     Model truth = craft();
     truth.addEffect(makeEffect(name));
@@ -135,8 +132,8 @@ class FaultNamed : public testing::TestWithParam<Named> {};
 
 TEST_P(FaultNamed, WithinAboutASecondAndTheControllerStops) {
   for (unsigned long seed : {1ul, 2ul, 3ul}) {
-    const ExperimentLog log = drive(craft(), "ModelPredictive", kDeafFrom, kNever, kDeafFrom + 4,
-                                    seed, GetParam().fault);
+    const ExperimentLog log =
+        drive(craft(), "ModelPredictive", kDeafFrom, kNever, kDeafFrom + 4, seed, GetParam().fault);
     EXPECT_NE(log.stopped.find(GetParam().words), std::string::npos) << log.stopped;
     EXPECT_LT(log.stopped_at - kDeafFrom, 1.5);
   }

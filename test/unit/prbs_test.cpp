@@ -1,6 +1,4 @@
 // Pseudo-random binary sequences and how they are played.
-#include "ground/control/input_design.h"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -8,6 +6,8 @@
 #include <fstream>
 #include <limits>
 #include <set>
+
+#include "ground/control/input_design.h"
 
 namespace ground {
 namespace {
@@ -100,8 +100,7 @@ TEST(PrbsFile, FindsTheRowsPerBit) {
       EXPECT_EQ(file.rows.size(), 63u * rows_per_bit - late);
     }
   }
-  EXPECT_EQ(readPrbs(fileWith("1,0\n1,0\n0,1\n0,1\n1,0\n1,0\n")).rows_per_bit, 1)
-      << "too short to judge";
+  EXPECT_EQ(readPrbs(fileWith("1,0\n1,0\n0,1\n0,1\n1,0\n1,0\n")).rows_per_bit, 1) << "too short to judge";
   EXPECT_EQ(readPrbs(fileWith(recorded(makePrbs(6, 3), 4, 0)), 2).rows_per_bit, 2) << "as given";
   EXPECT_THROW(readPrbs(fileWith("1,0\n"), -1), std::invalid_argument);
   EXPECT_EQ(PrbsFile({PrbsBits(900), 3}).describe(15),
@@ -109,14 +108,12 @@ TEST(PrbsFile, FindsTheRowsPerBit) {
 }
 
 TEST(PrbsFile, ComplaintsNameFileAndLine) {
-  for (const char* text :
-       {"1,0\n1\n", "1,0\n1,x\n", "1,0\n2,0\n", "1,0\n1,0,1\n", "1,0\nleft,right\n"}) {
+  for (const char* text : {"1,0\n1\n", "1,0\n1,x\n", "1,0\n2,0\n", "1,0\n1,0,1\n", "1,0\nleft,right\n"}) {
     try {
       readPrbs(fileWith(text));
       ADD_FAILURE() << text;
     } catch (const std::runtime_error& error) {
-      EXPECT_NE(std::string(error.what()).find("prbs_test.csv, line 2"), std::string::npos)
-          << error.what();
+      EXPECT_NE(std::string(error.what()).find("prbs_test.csv, line 2"), std::string::npos) << error.what();
     }
   }
   EXPECT_THROW(readPrbs(fileWith("\n")), std::runtime_error);

@@ -159,8 +159,7 @@ TEST_P(Continued, NeverCostMoreThanTheSameInputsAndMostlyMuchLess) {
             (1 - (at - std::floor(at))) * asVector(planned[from]) +
             (at - std::floor(at)) * asVector(planned[to]);
       }
-      const State start =
-          plan->states()[shift < 1 ? 1 : 0] + far * (near(1, random) - near(0, random));
+      const State start = plan->states()[shift < 1 ? 1 : 0] + far * (near(1, random) - near(0, random));
       for (TrajectoryOptimizer* one : {plan.get(), same.get()})
         one->setProblem(shift, start, 1, {0, 0, 0}, ahead(std::min(shift, 10.0)));
       const double open = same->rollOut(), cost = plan->warmStart(shift);
@@ -264,16 +263,14 @@ TEST(DisturbanceObserver, PredictsTheStateWhenACommandTakesEffect) {
   const Model truth =
       craft({{"input_delay", {0.07}}, {"motor_lag", {0.05}}, {"marker_offset", {0.02, -0.01}}});
   std::vector<std::pair<double, RigidState<double>>> predicted;
-  observe(truth, truth, 4,
-          [&](double t, const DisturbanceObserver& observer, const auto& simulation, auto&) {
-            if (t > 2 && t < 3)
-              predicted.emplace_back(t + observer.delay(), observer.at(t + observer.delay()).state);
-            for (const auto& [time, state] : predicted) {
-              if (std::abs(time - t) > 1e-9) continue;
-              EXPECT_LT((state.eta - simulation.state().eta).norm(), 1e-3) << t;
-              EXPECT_LT((state.nu - simulation.state().nu).norm(), 2e-2) << t;
-            }
-          });
+  observe(truth, truth, 4, [&](double t, const DisturbanceObserver& observer, const auto& simulation, auto&) {
+    if (t > 2 && t < 3) predicted.emplace_back(t + observer.delay(), observer.at(t + observer.delay()).state);
+    for (const auto& [time, state] : predicted) {
+      if (std::abs(time - t) > 1e-9) continue;
+      EXPECT_LT((state.eta - simulation.state().eta).norm(), 1e-3) << t;
+      EXPECT_LT((state.nu - simulation.state().nu).norm(), 2e-2) << t;
+    }
+  });
   EXPECT_GT(predicted.size(), 50u);
 }
 

@@ -124,9 +124,10 @@ TEST(Room, ClearanceOfAPathIsItsSmallestClearance) {
 
 /// A room file; `lines` replace those that start with the same word, and are added otherwise.
 std::string roomFile(const std::vector<std::string>& lines) {
-  std::vector<std::string> text = {"schema: ground/room/1", "name: test",
-                                   "corners: [[-2, -2], [2, -2], [2, 2], [-2, 2]]", "margin: 0.3",
-                                   "home: [0.5, -0.5]", "braking: 1.2", "latency: 0.15"};
+  std::vector<std::string> text = {
+      "schema: ground/room/1", "name: test",        "corners: [[-2, -2], [2, -2], [2, 2], [-2, 2]]",
+      "margin: 0.3",           "home: [0.5, -0.5]", "braking: 1.2",
+      "latency: 0.15"};
   for (const std::string& line : lines) {
     const std::string word = line.substr(0, line.find(':') + 1);
     const auto at = std::find_if(text.begin(), text.end(), [&](const std::string& old) {
@@ -316,8 +317,7 @@ TEST(LeavesRoom, NeedsSpaceToStopAfterALossOfTheMocap) {
     double least = 2;
     for (double angle = 0; angle < 2 * M_PI; angle += 1e-3) {
       const Point along(-std::sin(angle), std::cos(angle));
-      const double way =
-          (Fence::kLoss + square().latency) * speed + 0.5 * speed * speed / square().braking;
+      const double way = (Fence::kLoss + square().latency) * speed + 0.5 * speed * speed / square().braking;
       const Point end = 1.5 * Point(std::cos(angle), std::sin(angle)) + way * along;
       least = std::min(least, 2 - end.cwiseAbs().maxCoeff());
     }

@@ -171,8 +171,7 @@ Moments momentsOf(DisturbanceSource& source, int steps, int k) {
   for (int i = 0; i < steps; ++i) all.push_back(source.next());
   Moments found{Vector3<double>::Zero(), Vector3<double>::Zero()};
   for (int i = 0; i < steps; ++i) found.variance += all[i].cwiseAbs2() / steps;
-  for (int i = k; i < steps; ++i)
-    found.correlation += all[i].cwiseProduct(all[i - k]) / (steps - k);
+  for (int i = k; i < steps; ++i) found.correlation += all[i].cwiseProduct(all[i - k]) / (steps - k);
   found.correlation = found.correlation.cwiseQuotient(found.variance);
   return found;
 }
@@ -187,8 +186,8 @@ TEST(DisturbanceSource, HasTheGivenDeviationAndCorrelation) {
     const double a = std::exp(-kStep / given.time(i)), b = a * a;
     // Standard errors of the variance and, by Bartlett's formula, of a correlation.
     const double of_variance = std::sqrt(2 * (1 + b) / (1 - b) / kSteps);
-    const double of_correlation = std::sqrt(
-        ((1 + b) * (1 - std::pow(b, kLag)) / (1 - b) - 2 * kLag * std::pow(b, kLag)) / kSteps);
+    const double of_correlation =
+        std::sqrt(((1 + b) * (1 - std::pow(b, kLag)) / (1 - b) - 2 * kLag * std::pow(b, kLag)) / kSteps);
     EXPECT_LT(of_variance, 0.1);
     EXPECT_NEAR(found.variance(i) / (given.sigma(i) * given.sigma(i)), 1, 3 * of_variance) << i;
     EXPECT_NEAR(found.correlation(i), std::exp(-0.2 / given.time(i)), 3 * of_correlation) << i;
@@ -228,8 +227,7 @@ TEST(SimulatedLab, ADisturbanceActsAsAForce) {
   plain.body.k = same.body.k;
   const Vector3<double> expected =
       Dynamics<double>(plain).derivative(0.2, room.state(), {1, 0.6}, 1).nu +
-      Vector3<double>(wrench.x() / plain.body.m, wrench.y() / plain.body.m,
-                      wrench.z() / plain.body.I_z);
+      Vector3<double>(wrench.x() / plain.body.m, wrench.y() / plain.body.m, wrench.z() / plain.body.I_z);
   EXPECT_LT((room.derivative().nu - expected).norm(), 1e-9);
 }
 

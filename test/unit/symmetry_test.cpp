@@ -94,8 +94,7 @@ TEST(Symmetry, PredictiveControlPlansTheSameInATurnedWorld) {
   for (int problem = 0; problem < 12; ++problem) {
     const RigidState<double> start = randomState(random, 2.5);
     const auto decided = [&](const World& world) {
-      const ReferencePtr line =
-          makeLine(world.position({0, 0}), world.position({1.5, 0.4}), 0.5, true);
+      const ReferencePtr line = makeLine(world.position({0, 0}), world.position({1.5, 0.4}), 0.5, true);
       PredictiveParams params;
       params.search_iterations = 4;
       PredictiveControl control(craft(), params);
@@ -134,8 +133,7 @@ RunData seenIn(const World& world, const RunData& run) {
   RunData changed = run;
   changed.inputs = InputSequence();
   for (std::size_t i = 0; i < run.inputs.times.size(); ++i)
-    changed.inputs.add(run.inputs.times[i], world.inputs(run.inputs.thrusters[i]),
-                       run.inputs.lift[i]);
+    changed.inputs.add(run.inputs.times[i], world.inputs(run.inputs.thrusters[i]), run.inputs.lift[i]);
   for (Eigen::Index i = 0; i < run.eta.rows(); ++i) {
     const RigidState<double> seen = world.state({run.eta.row(i), run.nu.row(i)});
     changed.eta.row(i) = seen.eta;
@@ -196,8 +194,7 @@ TEST(Symmetry, TheLikelihoodOfAMirroredRunIsThatOfTheMirroredCraft) {
   };
   const Eigen::VectorXd here = likelihood(lopsided(), run);
   for (const World& world : worlds()) {
-    const Eigen::VectorXd there =
-        likelihood(world.mirrored ? mirrored : lopsided(), seenIn(world, run));
+    const Eigen::VectorXd there = likelihood(world.mirrored ? mirrored : lopsided(), seenIn(world, run));
     ASSERT_EQ(there.size(), here.size());
     EXPECT_LT((there - here).norm(), 1e-6 * here.norm()) << world.turn;
   }

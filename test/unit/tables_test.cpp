@@ -39,8 +39,9 @@ std::map<std::string, Configured> configured(const std::vector<std::string>& fil
     text << stream.rdbuf();
     all += text.str();
   }
-  const std::regex entry("\"(\\w+)\",\\s*(?:double|int)_t,\\s*0,\\s*\"([^\"]*)\",\\s*([^\\s,]+),"
-                         "\\s*([^\\s,]+),\\s*([^\\s,)]+),?\\s*\\)");
+  const std::regex entry(
+      "\"(\\w+)\",\\s*(?:double|int)_t,\\s*0,\\s*\"([^\"]*)\",\\s*([^\\s,]+),"
+      "\\s*([^\\s,]+),\\s*([^\\s,)]+),?\\s*\\)");
   std::map<std::string, Configured> found;
   for (std::sregex_iterator at(all.begin(), all.end(), entry), end; at != end; ++at)
     found[at->str(1)] = {at->str(2), at->str(3), std::stod(at->str(4)), std::stod(at->str(5))};
@@ -111,8 +112,7 @@ TEST(Tables, DefaultsOfTheCoreAreThoseOfItsNodes) {
                                   {"obedience_timeout", link.obedience_timeout},
                                   {"keepalive_rate", link.keepalive_rate}});
   const MonitorParams monitor;
-  expectDefaults({"LiveComparison.cfg"},
-                 {{"horizon", monitor.horizon}, {"window", monitor.window}});
+  expectDefaults({"LiveComparison.cfg"}, {{"horizon", monitor.horizon}, {"window", monitor.window}});
   const PrbsParams prbs;
   expectDefaults({"OpenLoopPRBS.cfg"}, {{"clock", prbs.clock},
                                         {"duration", prbs.duration},
@@ -138,9 +138,8 @@ TEST(Tables, DefaultsOfTheCoreAreThoseOfItsNodes) {
                             {"recovery_time", drive.life.recovery_time}});
   expectDefaults({"Excitation.cfg"}, {{"duration", drive.duration}});
   const LifecycleParams life;
-  expectDefaults(
-      {"OpenLoopPRBS.cfg"},
-      {{"lift", life.lift}, {"lift_time", life.lift_time}, {"state_timeout", life.state_timeout}});
+  expectDefaults({"OpenLoopPRBS.cfg"},
+                 {{"lift", life.lift}, {"lift_time", life.lift_time}, {"state_timeout", life.state_timeout}});
   EXPECT_EQ(life.rate, drive.life.rate);
   const Room plain, room = loadRoom("cfg/room/room_4x4.yaml");
   EXPECT_EQ(plain.corners, room.corners);

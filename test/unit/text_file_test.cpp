@@ -94,9 +94,10 @@ TEST_F(TextFile, IsRefusedIfTooLarge) {
 TEST_F(TextFile, HasTheSameLimitsInEveryReader) {
   const std::string pipe = fifo(), big = huge();
   for (const auto& read : std::vector<std::function<void(const std::string&)>>{
-           [](const std::string& path) { loadModel(path); },
-           [](const std::string& path) { readPrbs(path); },
-           [](const std::string& path) { readReference(path, {0, 0}, 0.5, false); }}) {
+           [](const std::string& path) { loadModel(path); }, [](const std::string& path) { readPrbs(path); },
+           [](const std::string& path) {
+             readReference(path, {0, 0}, 0.5, false);
+           }}) {
     EXPECT_EQ(complaint([&] { read(pipe); }), pipe + ": it is not a regular file");
     const std::string message = complaint([&] { read(big); });
     EXPECT_EQ(message.find(big + ": it is larger than "), 0u) << message;

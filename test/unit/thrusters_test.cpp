@@ -11,9 +11,9 @@
 #include <vector>
 
 #include "ground/model/effect_registry.h"
-#include "ground/model/simulation.h"
 #include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
+#include "ground/model/simulation.h"
 
 namespace ground {
 namespace {
@@ -104,8 +104,8 @@ TEST(ThrusterLayout, GivesTheWrenchOfItsForces) {
 }
 
 TEST(ThrusterLayout, CurvesHaveExactDerivatives) {
-  for (const ForceCurve& curve : {four().thrusters->thrusters()[2].curve,
-                                  four().thrusters->thrusters()[3].curve}) {
+  for (const ForceCurve& curve :
+       {four().thrusters->thrusters()[2].curve, four().thrusters->thrusters()[3].curve}) {
     for (const double at : {-0.3, 0.2, 0.7}) {
       const double h = 1e-6;
       EXPECT_NEAR(curve.at(Jet(at, 0)).v[0], (curve.at(at + h) - curve.at(at - h)) / (2 * h), 1e-8);

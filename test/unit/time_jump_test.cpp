@@ -41,9 +41,14 @@ TEST(TimeJump, IsFoundInAWallClockInBothDirections) {
 
 TEST(TimeJump, IsNotFoundInASlewedWallClock) {
   for (double rate : {-0.083, -5e-4, 5e-4, 0.083})
-    EXPECT_TRUE(jumps(Clock::kWall, [&](double t) { return t * (1 + rate); }, 600).empty()) << rate;
+    EXPECT_TRUE(jumps(
+                    Clock::kWall, [&](double t) { return t * (1 + rate); }, 600)
+                    .empty())
+        << rate;
   // The same if it is read rarely.
-  EXPECT_TRUE(jumps(Clock::kWall, [](double t) { return 0.917 * t; }, 600, 30).empty());
+  EXPECT_TRUE(jumps(
+                  Clock::kWall, [](double t) { return 0.917 * t; }, 600, 30)
+                  .empty());
 }
 
 TEST(TimeJump, IsFoundInASimulatedClockAtAnyPace) {
@@ -80,7 +85,9 @@ TEST(TimeJump, IsNotFoundInPausesPacesAndStepsOfASimulatedClock) {
 
 TEST(TimeJump, IsFoundInASimulatedClockAfterAPause) {
   const std::vector<double> found = jumps(
-      Clock::kSimulated, [](double t) { return t < 5 ? t : t < 8 ? 5 : t + 2; }, 12);
+      Clock::kSimulated, [](double t) { return t < 5   ? t
+                                               : t < 8 ? 5
+                                                       : t + 2; }, 12);
   ASSERT_FALSE(found.empty());
   EXPECT_GT(found[0], 0.5);
 }

@@ -51,20 +51,18 @@ TEST_P(Reference, DerivativesAgreeWithFiniteDifferences) {
 
 INSTANTIATE_TEST_SUITE_P(
     All, Reference,
-    testing::Values(std::make_pair("circle", makeCircle({0.5, -1}, 2.0, 0.6)),
-                    std::make_pair("line", makeLine({0, 0}, {2.5, 2.5}, 0.707, true)),
-                    std::make_pair("sharp_line", makeLine({0, 0}, {2.5, 2.5}, 0.707, false)),
-                    std::make_pair("rhodonea", makeRhodonea({0.1, 0.2}, 1.5, 1.5, 0.4)),
-                    std::make_pair("sinusoid", makeSinusoid({0, 0}, 0.5, 1.0, 0.6)),
-                    std::make_pair("spline", makeSpline({0, 1, 2.5, 3, 4.2, 6, 7}, {{0, 0},
-                                                                                    {0.3, 0.1},
-                                                                                    {0.9, 0.5},
-                                                                                    {1, 0.7},
-                                                                                    {1, 1.2},
-                                                                                    {0.3, 1.5},
-                                                                                    {-0.2, 1.4}})),
-                    std::make_pair("waypoints", makeWaypoints(corners(), 0.4, true)),
-                    std::make_pair("sharp_waypoints", makeWaypoints(corners(), 0.4, false))),
+    testing::Values(
+        std::make_pair("circle", makeCircle({0.5, -1}, 2.0, 0.6)),
+        std::make_pair("line", makeLine({0, 0}, {2.5, 2.5}, 0.707, true)),
+        std::make_pair("sharp_line", makeLine({0, 0}, {2.5, 2.5}, 0.707, false)),
+        std::make_pair("rhodonea", makeRhodonea({0.1, 0.2}, 1.5, 1.5, 0.4)),
+        std::make_pair("sinusoid", makeSinusoid({0, 0}, 0.5, 1.0, 0.6)),
+        std::make_pair(
+            "spline",
+            makeSpline({0, 1, 2.5, 3, 4.2, 6, 7},
+                       {{0, 0}, {0.3, 0.1}, {0.9, 0.5}, {1, 0.7}, {1, 1.2}, {0.3, 1.5}, {-0.2, 1.4}})),
+        std::make_pair("waypoints", makeWaypoints(corners(), 0.4, true)),
+        std::make_pair("sharp_waypoints", makeWaypoints(corners(), 0.4, false))),
     [](const auto& test) { return test.param.first; });
 
 TEST(References, SplinesPassTheirPointsAndStayAtTheLast) {
@@ -91,8 +89,7 @@ std::string file(const std::string& text) {
 }
 
 TEST(References, FilesAreReadOrRefusedByLine) {
-  const ReferencePtr timed =
-      readReference(file("time,x,y\n5,0,0\n6,1,0\n7,2,1\n"), {1, 0}, 1, true);
+  const ReferencePtr timed = readReference(file("time,x,y\n5,0,0\n6,1,0\n7,2,1\n"), {1, 0}, 1, true);
   EXPECT_LT((timed->at(1).p - Vector2<double>(2, 0)).norm(), 1e-12);
   EXPECT_EQ(timed->extent(), 2);
   const ReferencePtr way = readReference(file("x,y\n0,0\n3,4\n"), {0, 0}, 2, false);
@@ -192,8 +189,8 @@ TEST(EffectUse, TrajectoryTrackingRefusesModelsThatMisleadIt) {
 
 /// Time at which a watch stops a craft with an error(time), and its reason; -1 if never.
 template <typename Error>
-std::pair<double, std::string> stops(TrackingWatch& watch, Error error, double end,
-                                     double begin = 0, double step = 0.02) {
+std::pair<double, std::string> stops(TrackingWatch& watch, Error error, double end, double begin = 0,
+                                     double step = 0.02) {
   for (int i = 0; begin + i * step < end; ++i) {
     const double t = begin + i * step;
     const std::string reason = watch.look(t, error(t));
@@ -205,7 +202,8 @@ std::pair<double, std::string> stops(TrackingWatch& watch, Error error, double e
 TEST(TrackingWatch, StopsAfterASecondBeyondMaxError) {
   TrackingWatch watch;
   watch.setMaxError(0.5);
-  const auto [time, reason] = stops(watch, [](double t) { return t < 5 ? 0.1 : 0.83; }, 20);
+  const auto [time, reason] = stops(
+      watch, [](double t) { return t < 5 ? 0.1 : 0.83; }, 20);
   EXPECT_NEAR(time, 6, 0.05);
   EXPECT_EQ(reason, "0.83 m from the reference for 1 s, more than max_error 0.5 m");
   watch.restart();
@@ -232,15 +230,20 @@ TEST(TrackingWatch, LeavesTimeToArrive) {
 TEST(TrackingWatch, StopsACraftThatNeverArrivesOrDrivesAway) {
   TrackingWatch watch;
   watch.setMaxError(0.5);
-  const auto [late, never] = stops(watch, [](double) { return 1.3; }, 100);
+  const auto [late, never] = stops(
+      watch, [](double) { return 1.3; }, 100);
   EXPECT_NEAR(late, 20, 0.1);
   EXPECT_EQ(never, "1.30 m from the reference, and never within max_error 0.5 m for 1 s in 20 s");
   watch.restart();
-  const auto [early, away] = stops(watch, [](double t) { return 1 + t; }, 100);
+  const auto [early, away] = stops(
+      watch, [](double t) { return 1 + t; }, 100);
   EXPECT_NEAR(early, 2.5 + 1, 0.1);
   EXPECT_NE(away.find("and 1.00 m at the start: it drives away from it"), std::string::npos);
   watch.restart();
-  EXPECT_NEAR(stops(watch, [](double) { return NAN; }, 100).first, 1, 0.05);
+  EXPECT_NEAR(stops(
+                  watch, [](double) { return NAN; }, 100)
+                  .first,
+              1, 0.05);
 }
 
 TEST(Feasibility, AgreesWithTheMotionOfTheModel) {
@@ -281,8 +284,8 @@ TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
     RigidState<double> state;
     const ReferencePoint at = reference->at(t);
     state.eta << at.p.x() + 0.01 * normal(random), at.p.y() + 0.01 * normal(random), normal(random);
-    state.nu.head<2>() = worldToBody<double>(state.eta.z(), at.p_dot) +
-                         0.05 * Vector2<double>(normal(random), normal(random));
+    state.nu.head<2>() =
+        worldToBody<double>(state.eta.z(), at.p_dot) + 0.05 * Vector2<double>(normal(random), normal(random));
     state.nu.z() = 0.3 * normal(random);
     const auto out = law.run(state, at, gains);
     if (out.force <= 0 || out.force >= 9) continue;
@@ -296,14 +299,11 @@ TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
           out.force / model.body.m + r * v.y() - model.body.Y_v / model.body.m * v.x(),
           -r * v.x() - model.body.Y_v / model.body.m * v.y());
       const Vector2<double> p_dot = bodyToWorld<double>(state.eta.z(), v);
-      moved.eta << state.eta.x() + dt * p_dot.x(), state.eta.y() + dt * p_dot.y(),
-          state.eta.z() + dt * r;
+      moved.eta << state.eta.x() + dt * p_dot.x(), state.eta.y() + dt * p_dot.y(), state.eta.z() + dt * r;
       moved.nu << v + dt * v_dot, r + dt * yaw_acceleration;
       return law.run(moved, reference->at(t + dt), gains).alpha;
     };
-    const auto central = [&](double h) {
-      return Vector2<double>((alpha(h) - alpha(-h)) / (2 * h));
-    };
+    const auto central = [&](double h) { return Vector2<double>((alpha(h) - alpha(-h)) / (2 * h)); };
     const double h = 2e-4;  // Richardson's extrapolation of central differences
     const Vector2<double> finite = (4 * central(h / 2) - central(h)) / 3;
     EXPECT_LT((finite - out.alpha_dot).norm(), 1e-9 * std::max(1.0, out.alpha_dot.norm())) << trial;
@@ -357,8 +357,7 @@ TEST(TrackingLaw, TracksTheCircleWithTheTinyWhooverWithinTheThesisBand) {
       start.eta(i) = normal(random);
       start.nu(i) = normal(random);
     }
-    errors.push_back(
-        track(model, TrackingGains(), *makeCircle({0, 0}, 2.0, 0.6), start, 60, 20).rms);
+    errors.push_back(track(model, TrackingGains(), *makeCircle({0, 0}, 2.0, 0.6), start, 60, 20).rms);
   }
   std::sort(errors.begin(), errors.end());
   EXPECT_NEAR(errors[5], 0.36, 0.06);
@@ -393,8 +392,7 @@ TEST(ReferenceTable, EveryKindIsMadeAndUsesExactlyItsParameters) {
       if (one.type == "bool") one.set(changed, !std::get<bool>(one.standard));
       if (one.type == "str") one.set(changed, std::string("way.csv"));
       EXPECT_FALSE(changed == params) << one.name;
-      const bool takes =
-          std::find(info.takes.begin(), info.takes.end(), one.name) != info.takes.end();
+      const bool takes = std::find(info.takes.begin(), info.takes.end(), one.name) != info.takes.end();
       const ReferencePtr other = makeReference(changed);
       EXPECT_EQ(other->at(0.3).p != made->at(0.3).p, takes) << info.name << " " << one.name;
       if (one.type != "double") continue;

@@ -32,8 +32,7 @@ template <class Params, class Owner>
 void expectRange(const Params& params, double Owner::*field) {
   const std::string message = refusal(params, field, 1e9);
   std::smatch range;
-  ASSERT_TRUE(std::regex_search(message, range, std::regex("between ([0-9.]+) and ([0-9.]+)")))
-      << message;
+  ASSERT_TRUE(std::regex_search(message, range, std::regex("between ([0-9.]+) and ([0-9.]+)"))) << message;
   const double low = std::stod(range[1]), high = std::stod(range[2]), nearly = 1e-6 * high;
   EXPECT_LT(low, high);
   for (const double good : {low, low + nearly, 0.5 * (low + high), high})
@@ -52,8 +51,7 @@ void expectPositive(const Params& params, double Owner::*field, bool zero = fals
 }
 
 TEST(Ranges, AreThoseOfTheMessages) {
-  for (double Room::*field : {&Room::braking, &Room::latency})
-    expectRange(Room(), field);
+  for (double Room::*field : {&Room::braking, &Room::latency}) expectRange(Room(), field);
   Room hall;  // a margin has to leave space
   hall.corners = {{-200, -200}, {200, -200}, {200, 200}, {-200, 200}};
   expectRange(hall, &Room::margin);
@@ -61,8 +59,8 @@ TEST(Ranges, AreThoseOfTheMessages) {
   for (double L::*field : {&L::lift, &L::lift_time, &L::state_timeout, &L::recovery_time, &L::rate})
     expectRange(L(), field);
   using M = MocapParams;
-  for (double M::*field : {&M::rate, &M::position_noise, &M::heading_noise, &M::latency, &M::loss,
-                           &M::gap_rate, &M::gap_length})
+  for (double M::*field :
+       {&M::rate, &M::position_noise, &M::heading_noise, &M::latency, &M::loss, &M::gap_rate, &M::gap_length})
     expectRange(M(), field);
   for (double DesignParams::*field : {&DesignParams::clock, &DesignParams::hold})
     expectRange(DesignParams(), field);
@@ -73,19 +71,16 @@ TEST(Ranges, AreThoseOfTheMessages) {
 }
 
 TEST(Ranges, OfWholeNumbersIncludeTheirEnds) {
-  for (const int order : {2, 20})
-    EXPECT_EQ(refusal(DesignParams(), &DesignParams::order, order), "");
+  for (const int order : {2, 20}) EXPECT_EQ(refusal(DesignParams(), &DesignParams::order, order), "");
   for (const int order : {1, 21})
-    EXPECT_EQ(refusal(DesignParams(), &DesignParams::order, order),
-              "order must be between 2 and 20");
+    EXPECT_EQ(refusal(DesignParams(), &DesignParams::order, order), "order must be between 2 and 20");
   for (const int rows : {0, 1, 1000})
     EXPECT_EQ(refusal(DesignParams(), &DesignParams::rows_per_bit, rows), "");
   EXPECT_NE(refusal(DesignParams(), &DesignParams::rows_per_bit, -1), "");
   for (const int median : {1, 3, 101})
     EXPECT_EQ(refusal(EstimatorParams(), &EstimatorParams::median, median), "");
   for (const int median : {-1, 0, 2, 100, 103})
-    EXPECT_EQ(refusal(EstimatorParams(), &EstimatorParams::median, median),
-              "median must be odd, 1 to 101");
+    EXPECT_EQ(refusal(EstimatorParams(), &EstimatorParams::median, median), "median must be odd, 1 to 101");
 }
 
 TEST(Ranges, OpenOnesAreWithoutZero) {
@@ -97,8 +92,8 @@ TEST(Ranges, OpenOnesAreWithoutZero) {
   EXPECT_EQ(refusal(E(), &E::gate, 1), "");
   EXPECT_NE(refusal(E(), &E::gate, 0.999), "");
   using G = GroundLinkParams;
-  for (double G::*field : {&G::command_timeout, &G::state_timeout, &G::keepalive_rate,
-                           &G::peer_timeout, &G::send_timeout})
+  for (double G::*field :
+       {&G::command_timeout, &G::state_timeout, &G::keepalive_rate, &G::peer_timeout, &G::send_timeout})
     expectPositive(G(), field);
   for (double G::*field : {&G::recovery_time, &G::craft_timeout}) expectPositive(G(), field, true);
   for (const double good : {0.0, 0.5, 3.0, 10.0})

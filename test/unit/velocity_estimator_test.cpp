@@ -244,8 +244,7 @@ TEST(Smoother, RestartsAfterALongGapAndAfterAJump) {
     EXPECT_LT((wrapped(motion.eta.row(i)) - eta[i]).head<2>().norm(), 1e-3) << i;
     EXPECT_LT(std::abs(wrapAngle(motion.eta(i, 2) - eta[i].z())), 1e-3) << i;
   }
-  for (int i = 1; i < 300; ++i)
-    EXPECT_LT(std::abs(motion.eta(i, 2) - motion.eta(i - 1, 2)), M_PI + 0.1);
+  for (int i = 1; i < 300; ++i) EXPECT_LT(std::abs(motion.eta(i, 2) - motion.eta(i - 1, 2)), M_PI + 0.1);
 }
 
 /// Motion of one axis by least squares over all poses: constant acceleration driven by white jerk.
@@ -253,8 +252,8 @@ struct LeastSquares {
   Eigen::MatrixX3d x;               ///< position, velocity, acceleration at each stamp
   Matrix3<double> last_covariance;  ///< of the last row
 
-  LeastSquares(const std::vector<double>& stamps, const Eigen::VectorXd& z, double noise,
-               double jerk, double typical_speed) {
+  LeastSquares(const std::vector<double>& stamps, const Eigen::VectorXd& z, double noise, double jerk,
+               double typical_speed) {
     const Eigen::Index count = z.size();
     Eigen::MatrixXd A = Eigen::MatrixXd::Zero(3 * count, 3 * count);
     Eigen::VectorXd b = Eigen::VectorXd::Zero(3 * count);
@@ -263,8 +262,7 @@ struct LeastSquares {
     A(1, 1) = std::pow(typical_speed, -2);
     A(2, 2) = std::pow(3 * typical_speed, -2);
     for (Eigen::Index k = 1; k < count; ++k) {
-      const double h =
-          stamps[static_cast<std::size_t>(k)] - stamps[static_cast<std::size_t>(k) - 1];
+      const double h = stamps[static_cast<std::size_t>(k)] - stamps[static_cast<std::size_t>(k) - 1];
       // The covariance of a jump by white jerk, in units in which it hardly depends on h.
       Matrix3<double> Q;
       Q << 1.0 / 20, 1.0 / 8, 1.0 / 6, 1.0 / 8, 1.0 / 3, 1.0 / 2, 1.0 / 6, 1.0 / 2, 1;
@@ -324,9 +322,8 @@ TEST(Smoother, IsTheLeastSquaresSolutionOfAllPoses) {
   for (int k = 1; k < 50; ++k) stamps.push_back(stamps.back() + (k % 7 == 3 ? 0.05 : 0.01));
   const Eigen::MatrixX3d eta = noisyPoses(stamps);
   const EstimatorParams params = openGate();
-  const LeastSquares axes[3] = {{stamps, eta.col(0), 5e-4, 7, 3},
-                                {stamps, eta.col(1), 5e-4, 7, 3},
-                                {stamps, eta.col(2), 5e-3, 90, 20}};
+  const LeastSquares axes[3] = {
+      {stamps, eta.col(0), 5e-4, 7, 3}, {stamps, eta.col(1), 5e-4, 7, 3}, {stamps, eta.col(2), 5e-3, 90, 20}};
   const SmoothedMotion found = smooth(stamps, eta, params);
   for (Eigen::Index k = 0; k < eta.rows(); ++k) {
     const auto [nu, nu_dot] = bodyOf(axes, k);

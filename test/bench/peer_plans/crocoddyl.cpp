@@ -38,8 +38,8 @@ class Step : public crocoddyl::ActionModelAbstract {
             const ConstVector& u) override {
     plan_step(problem_->missing, x.data(), u.data(), data->xnext.data(), nullptr);
     const double turning = u(0) - u(1);
-    data->cost = stateCost(x) + cost_.step * (cost_.input * u.squaredNorm() +
-                                              cost_.turning * turning * turning);
+    data->cost =
+        stateCost(x) + cost_.step * (cost_.input * u.squaredNorm() + cost_.turning * turning * turning);
   }
   void calc(const std::shared_ptr<ActionDataAbstract>& data, const ConstVector& x) override {
     data->cost = stateCost(x);
@@ -80,9 +80,7 @@ class Step : public crocoddyl::ActionModelAbstract {
   std::shared_ptr<crocoddyl::ActionModelBase> cloneAsFloat() const override { return nullptr; }
 
  private:
-  double positionWeight() const {
-    return cost_.step * (k_ == kSteps ? 1 + cost_.end_position : 1);
-  }
+  double positionWeight() const { return cost_.step * (k_ == kSteps ? 1 + cost_.end_position : 1); }
   double velocityWeight() const {
     return cost_.step * (cost_.velocity + (k_ == kSteps ? cost_.end_velocity : 0));
   }
@@ -122,12 +120,11 @@ struct Solvers {
   std::shared_ptr<Watch> watch = std::make_shared<Watch>();
   std::vector<VectorXd> xs, us;
 
-  Solvers()
-      : xs(kSteps + 1, VectorXd::Zero(kStates)), us(kSteps, VectorXd::Zero(kInputs)) {
+  Solvers() : xs(kSteps + 1, VectorXd::Zero(kStates)), us(kSteps, VectorXd::Zero(kInputs)) {
     std::vector<std::shared_ptr<crocoddyl::ActionModelAbstract>> steps;
     for (int k = 0; k < kSteps; ++k) steps.push_back(std::make_shared<Step>(k, problem));
-    shooting = std::make_shared<crocoddyl::ShootingProblem>(
-        VectorXd::Zero(kStates), steps, std::make_shared<Step>(kSteps, problem));
+    shooting = std::make_shared<crocoddyl::ShootingProblem>(VectorXd::Zero(kStates), steps,
+                                                            std::make_shared<Step>(kSteps, problem));
     shooting->set_nthreads(1);
     fddp = std::make_unique<crocoddyl::SolverBoxFDDP>(shooting);
     ddp = std::make_unique<crocoddyl::SolverBoxDDP>(shooting);
@@ -140,8 +137,8 @@ struct Solvers {
 
 }  // namespace
 
-int crocoddyl_solve(const PlanProblem* problem, int is_fddp, int most, double* seconds,
-                    double* inputs, double* cost) {
+int crocoddyl_solve(const PlanProblem* problem, int is_fddp, int most, double* seconds, double* inputs,
+                    double* cost) {
   static Solvers all;
   all.problem = problem;
   all.watch->count = 0;

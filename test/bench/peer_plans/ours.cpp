@@ -36,8 +36,7 @@ TrajectoryOptimizer& optimizerOf(const PlanProblem& problem) {
     references[static_cast<std::size_t>(k)].p_dot = {row[2], row[3]};
   }
   optimizer->setWeights(params.weights);
-  optimizer->setProblem(0, start, 1, Eigen::Map<const Vector3<double>>(problem.missing),
-                        references);
+  optimizer->setProblem(0, start, 1, Eigen::Map<const Vector3<double>>(problem.missing), references);
   return *optimizer;
 }
 
@@ -50,8 +49,7 @@ struct DecidedFlight {
   std::vector<State> states;
   int decision = 0;
 
-  explicit DecidedFlight(ReferencePtr followed)
-      : reference(std::move(followed)), flight(model, reference) {}
+  explicit DecidedFlight(ReferencePtr followed) : reference(std::move(followed)), flight(model, reference) {}
 
   /// The previous plan, shifted by a period as TrajectoryOptimizer::warmStart() does.
   void guess(PlanProblem& problem) const {
@@ -77,8 +75,7 @@ struct DecidedFlight {
 PlanCost plan_cost_weights() {
   const PredictiveParams params;
   const PlanWeights& w = params.weights;
-  return {params.horizon / params.steps, w.velocity, w.input, w.turning, w.end_position,
-          w.end_velocity};
+  return {params.horizon / params.steps, w.velocity, w.input, w.turning, w.end_position, w.end_velocity};
 }
 
 void plan_body(double* body) {
@@ -168,14 +165,12 @@ void plan_cold(int number, PlanProblem* problem, double* costs, double* seconds)
     seconds[i] = sum += processorTime() - before;
     costs[i] = control.plan().cost();
   }
-  fill(*problem, control.plan().states()[0], control.plan().missing(), *start.reference,
-       start.since);
+  fill(*problem, control.plan().states()[0], control.plan().missing(), *start.reference, start.since);
   // The plan that a controller begins with: half of the full thrust.
   std::copy_n(problem->start, kStates, problem->states[0]);
   for (int k = 0; k < kSteps; ++k) {
     std::fill_n(problem->inputs[k], kInputs, 0.5);
-    plan_step(problem->missing, problem->states[k], problem->inputs[k], problem->states[k + 1],
-              nullptr);
+    plan_step(problem->missing, problem->states[k], problem->inputs[k], problem->states[k + 1], nullptr);
   }
 }
 

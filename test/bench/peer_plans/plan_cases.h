@@ -60,9 +60,7 @@ class Flight {
   }
   void command(double t, const Thrusters<double>& chosen) { inputs_.add(t, chosen, 1); }
   /// Distance from the reference [m].
-  double error(double t) const {
-    return (simulation_.state().eta.head<2>() - reference_->at(t).p).norm();
-  }
+  double error(double t) const { return (simulation_.state().eta.head<2>() - reference_->at(t).p).norm(); }
 
  private:
   static RigidState<double> startOn(const ReferenceTrajectory& reference) {

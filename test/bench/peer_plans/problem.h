@@ -7,9 +7,9 @@ enum { kStates = 6, kInputs = 2, kSteps = 40 };
 
 /// A problem, and the plan from which every contender starts.
 struct PlanProblem {
-  double start[kStates];          ///< eta, nu
-  double missing[3];              ///< additional acceleration (body)
-  double references[kSteps][4];   ///< position and velocity at the end of each step
+  double start[kStates];         ///< eta, nu
+  double missing[3];             ///< additional acceleration (body)
+  double references[kSteps][4];  ///< position and velocity at the end of each step
   double inputs[kSteps][kInputs];
   double states[kSteps + 1][kStates];  ///< may have gaps: no roll-out of the inputs
 };
@@ -41,6 +41,6 @@ double plan_cold_best(const PlanProblem* problem, int number);
 
 /// Crocoddyl: BoxFDDP, or BoxDDP. Writes the processor time [s] and the inputs after each
 /// iteration, at most `most`; returns their number. `cost` is the peer's own of its last plan.
-int crocoddyl_solve(const PlanProblem* problem, int is_fddp, int most, double* seconds,
-                    double* inputs, double* cost);
+int crocoddyl_solve(const PlanProblem* problem, int is_fddp, int most, double* seconds, double* inputs,
+                    double* cost);
 }

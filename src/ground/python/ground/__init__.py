@@ -6,6 +6,7 @@ velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame;
 wrong file or argument raises `GroundError` with one line that says what, where and why. What is
 valid but probably a mistake gives a `GroundWarning`.
 """
+
 import os
 from typing import TYPE_CHECKING, Any, List
 

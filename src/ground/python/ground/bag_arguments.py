@@ -18,12 +18,8 @@ class Span:
     """The part of every run that is used."""
 
     start: float = option(0.0, "start, on the run's clock [s]", name="--from", type=seconds, metavar="S")
-    end: Optional[float] = option(
-        None, "end, on the run's clock [s]", name="--to", type=seconds, metavar="S"
-    )
-    everything: bool = option(
-        False, "use the whole recording, not only what info calls usable", name="--all"
-    )
+    end: Optional[float] = option(None, "end, on the run's clock [s]", name="--to", type=seconds, metavar="S")
+    everything: bool = option(False, "use the whole recording, not only what info calls usable", name="--all")
 
     @property
     def part(self) -> api.Part:
@@ -59,9 +55,7 @@ class Bags(argparse.Action):
 
 def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the bags, and how they are read."""
-    parser.add_argument(
-        "bags", metavar="BAG", nargs="+", action=Bags, help="recorded run, or folder of them"
-    )
+    parser.add_argument("bags", metavar="BAG", nargs="+", action=Bags, help="recorded run, or folder of them")
     add_reading_arguments(parser)
 
 
@@ -132,9 +126,7 @@ def configure_fit(parser: argparse.ArgumentParser, model: str, output: str, kind
     command_line.add_options(parser, kind)
 
 
-def run_fit(
-    arguments: argparse.Namespace, fit: Callable[..., Any], kind: Type[Any], *given: str
-) -> Document:
+def run_fit(arguments: argparse.Namespace, fit: Callable[..., Any], kind: Type[Any], *given: str) -> Document:
     """Runs such a verb; given: what `fit` takes between model and recordings."""
     files.refuse_existing(arguments.output, arguments.force)
     found = fit(

@@ -1,4 +1,5 @@
 """Errors and warnings: a failed program prints one line and exits with status 1."""
+
 import argparse
 import contextlib
 import errno
@@ -121,9 +122,7 @@ def reason(error: OSError) -> str:
 
 def add_debug(parser: argparse.ArgumentParser) -> None:
     """Adds --debug to an argparse parser."""
-    parser.add_argument(
-        "--debug", action="store_true", help="show where it failed (also: GROUND_DEBUG=1)"
-    )
+    parser.add_argument("--debug", action="store_true", help="show where it failed (also: GROUND_DEBUG=1)")
 
 
 def _flush_or_drop(stream: TextIO) -> None:

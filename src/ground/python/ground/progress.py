@@ -1,10 +1,10 @@
 """Progress of long work: its stages, how much of each is done, and how a program shows that.
 
-    work = Work(print)
-    with work.stage("reading", len(paths)):
-        for path in paths:
-            read(path)
-            work.step()
+work = Work(print)
+with work.stage("reading", len(paths)):
+    for path in paths:
+        read(path)
+        work.step()
 """
 
 import contextlib

@@ -52,9 +52,7 @@ def distinct_labels(
     return found
 
 
-def _with_folders(
-    label: str, paths: Sequence[str], used: Collection[str], link: str
-) -> List[str]:
+def _with_folders(label: str, paths: Sequence[str], used: Collection[str], link: str) -> List[str]:
     """A label with as few folders of each path as make it unique; the label itself without a path."""
     folders = [os.path.dirname(os.path.abspath(path)).split(os.sep) if path else [] for path in paths]
     found = [label] * len(paths)

@@ -19,9 +19,7 @@ class Workers:
     def __init__(self, processes: bool = False, count: Optional[int] = None) -> None:
         count = count or len(os.sched_getaffinity(0))
         self._pool: Executor = (
-            ProcessPoolExecutor(count, initializer=_end_quietly)
-            if processes
-            else ThreadPoolExecutor(count)
+            ProcessPoolExecutor(count, initializer=_end_quietly) if processes else ThreadPoolExecutor(count)
         )
 
     def __enter__(self) -> "Workers":

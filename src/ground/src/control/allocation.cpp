@@ -6,8 +6,8 @@
 namespace ground {
 namespace {
 
-constexpr double kEffort = 1e-9;     // e of the class comment
-constexpr double kMet = 1e-6;        // relative error of a wrench that counts as met
+constexpr double kEffort = 1e-9;  // e of the class comment
+constexpr double kMet = 1e-6;     // relative error of a wrench that counts as met
 
 double inputInTable(const std::vector<std::array<double, 2>>& table, double force) {
   // Points from input 0 outwards, on the side of the force.
@@ -40,8 +40,7 @@ double inputFor(const ForceCurve& curve, double force) {
   return std::copysign(std::pow(std::abs(force), 1 / curve.power), force);
 }
 
-Allocation::Allocation(const ThrusterLayout& layout, const Body<double>& body,
-                       const Weights& weights)
+Allocation::Allocation(const ThrusterLayout& layout, const Body<double>& body, const Weights& weights)
     : layout_(layout), lever_(body.l), weights_(weights.surge, weights.sway, weights.yaw) {
   const int count = layout.size();
   columns_.resize(3, count);
@@ -67,8 +66,7 @@ Allocation::Output Allocation::run(const Vector3<double>& wrench) const {
   const Vector3<double> reachable = columns_ * problem_.unbounded();
   const bool met = (given - reachable).norm() <= kMet * high_.maxCoeff();
   const Thrusters<double> inputs = inputsOf(force);
-  return {inputs, met ? inputs : inputsOf(problem_.unbounded()),
-          {given.x(), given.y(), given.z() * lever_}};
+  return {inputs, met ? inputs : inputsOf(problem_.unbounded()), {given.x(), given.y(), given.z() * lever_}};
 }
 
 Allocation::Output Allocation::most(const Vector3<double>& direction) const {
@@ -78,8 +76,7 @@ Allocation::Output Allocation::most(const Vector3<double>& direction) const {
 
 Thrusters<double> Allocation::inputsOf(const Forces& force) const {
   Thrusters<double> inputs = Thrusters<double>::zero(layout_.size());
-  for (int i = 0; i < inputs.size(); ++i)
-    inputs(i) = inputFor(layout_[i].curve, force(i) / full_(i));
+  for (int i = 0; i < inputs.size(); ++i) inputs(i) = inputFor(layout_[i].curve, force(i) / full_(i));
   return inputs;
 }
 

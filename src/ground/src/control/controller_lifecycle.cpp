@@ -34,8 +34,7 @@ std::string LifecycleParams::validate() const {
 }
 
 const char* nameOf(ControllerLifecycle::State state) {
-  static const char* names[] = {"IDLE", "WAITING", "LIFTING",   "RUNNING",
-                                "DONE", "STOPPED", "RECOVERING"};
+  static const char* names[] = {"IDLE", "WAITING", "LIFTING", "RUNNING", "DONE", "STOPPED", "RECOVERING"};
   return names[static_cast<int>(state)];
 }
 
@@ -48,8 +47,7 @@ std::string ControllerLifecycle::start(Instant now) {
   started_at_ = now.steady;
   lifted_ = lifted_ && others_until_ > started_at_;
   enter(now, State::kWaiting,
-        params_.require_state ? "waits for a valid state and an armed sender"
-                              : "waits for an armed sender");
+        params_.require_state ? "waits for a valid state and an armed sender" : "waits for an armed sender");
   return "";
 }
 
@@ -93,8 +91,7 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   }
   if (state_ != State::kRunning || change_at_) return;
   // A tenth of tolerance, so that jitter does not skip every other state.
-  if (!last_update_ || measured.stamp - *last_update_ >= 0.9 / params_.rate)
-    control(now, measured.stamp);
+  if (!last_update_ || measured.stamp - *last_update_ >= 0.9 / params_.rate) control(now, measured.stamp);
 }
 
 void ControllerLifecycle::timeJumped(Instant now, const std::string& what) {
@@ -114,8 +111,7 @@ void ControllerLifecycle::tick(Instant now) {
     if (!leaving.empty()) enter(now, State::kStopped, leaving);
   }
   if (state_ == State::kLifting && problem.empty() && now.time >= liftedAt()) begin(now);
-  if (driving() && now.time >= running_since_ + pilot_.end())
-    enter(now, State::kDone, "came to its end");
+  if (driving() && now.time >= running_since_ + pilot_.end()) enter(now, State::kDone, "came to its end");
   act(now);
 }
 
@@ -176,8 +172,7 @@ std::string ControllerLifecycle::jumped(const MeasuredState& state) const {
   const double turn = std::abs(wrapAngle(to.eta.z() - from.eta.z() - from.nu.z() * dt));
   if (way <= kWay + kSpeed * dt && turn <= kTurn + kTurnRate * dt) return "";
   char text[120];
-  std::snprintf(text, sizeof text, "the state has jumped by %.2f m and %.2f rad in %.2f s", way,
-                turn, dt);
+  std::snprintf(text, sizeof text, "the state has jumped by %.2f m and %.2f rad in %.2f s", way, turn, dt);
   return text;
 }
 
@@ -232,8 +227,8 @@ void ControllerLifecycle::control(Instant now, double stamp) {
     const std::string reason = pilot_.objection(*measured_);
     if (!reason.empty()) return enter(now, State::kStopped, reason);
   }
-  const Inputs inputs = pilot_.update(
-      elapsed, stamp, params_.require_state ? measured_->state : noState(), params_.lift);
+  const Inputs inputs =
+      pilot_.update(elapsed, stamp, params_.require_state ? measured_->state : noState(), params_.lift);
   last_update_ = stamp;
   schedule(elapsed);
   if (!inputs.finite()) return enter(now, State::kStopped, "the command is not finite");
@@ -265,9 +260,7 @@ double ControllerLifecycle::liftAlone() const {
   return on ? params_.lift : 0.0;
 }
 
-double ControllerLifecycle::liftedAt() const {
-  return lifting_since_ + (lifted_ ? 0 : params_.lift_time);
-}
+double ControllerLifecycle::liftedAt() const { return lifting_since_ + (lifted_ ? 0 : params_.lift_time); }
 
 /// Time to repeat the last command. A closed-loop controller first waits for the next state.
 double ControllerLifecycle::repeatAt() const {

@@ -12,8 +12,7 @@ EffectUse openLoopUse(const Model& model) {
   EffectUse use;
   if (!model.thrusters->isPair())
     use.refusal = "OpenLoopPRBS has levels for a left and a right thruster, and " + model.name +
-                  " lists others (" + model.thrusters->names() +
-                  "): use an excitation of design prbs";
+                  " lists others (" + model.thrusters->names() + "): use an excitation of design prbs";
   return use;
 }
 
@@ -44,30 +43,26 @@ class OpenLoop : public TrackingController {
 ControllerInfo openLoop() {
   using C = ControllerChoice;
   Tunables<C> parameters = lifted(&C::prbs, PrbsParams::table());
-  parameters.push_back(
-      {{"order", "-", "Order of the sequence of 2^order - 1 bits", 2, 20}, &C::prbs_order});
-  parameters.push_back(
-      {{"seed", "-", "Start of the sequence in its period", 0, 1e6}, &C::prbs_seed});
-  return {
-      "OpenLoopPRBS",
-      "Plays a binary sequence in open loop",
-      false,
-      parameters,
-      [parameters](const C& choice) {
-        const std::string wrong = rangeError(parameters, choice);
-        return wrong.empty() ? choice.prbs.validate() : wrong;
-      },
-      &openLoopUse,
-      [](const Model& model, const C& choice) { return std::make_unique<OpenLoop>(model, choice); },
-      [](TrackingController& controller, const C& choice) {
-        static_cast<OpenLoop&>(controller).setParams(choice);
-      }};
+  parameters.push_back({{"order", "-", "Order of the sequence of 2^order - 1 bits", 2, 20}, &C::prbs_order});
+  parameters.push_back({{"seed", "-", "Start of the sequence in its period", 0, 1e6}, &C::prbs_seed});
+  return {"OpenLoopPRBS",
+          "Plays a binary sequence in open loop",
+          false,
+          parameters,
+          [parameters](const C& choice) {
+            const std::string wrong = rangeError(parameters, choice);
+            return wrong.empty() ? choice.prbs.validate() : wrong;
+          },
+          &openLoopUse,
+          [](const Model& model, const C& choice) { return std::make_unique<OpenLoop>(model, choice); },
+          [](TrackingController& controller, const C& choice) {
+            static_cast<OpenLoop&>(controller).setParams(choice);
+          }};
 }
 
 /// Description of a Control that follows a reference, with its Params in ControllerChoice.
 template <class Control, class Params>
-ControllerInfo following(const std::string& name, const std::string& text,
-                         Params ControllerChoice::*params) {
+ControllerInfo following(const std::string& name, const std::string& text, Params ControllerChoice::*params) {
   using C = ControllerChoice;
   return {name,
           text,
@@ -88,8 +83,7 @@ ControllerInfo following(const std::string& name, const std::string& text,
 const std::vector<ControllerInfo>& controllerTable() {
   static const std::vector<ControllerInfo> table = {
       openLoop(),
-      following<BacksteppingControl>("TrajectoryTracking",
-                                     "Backstepping on the rigid body (thesis 4.2)",
+      following<BacksteppingControl>("TrajectoryTracking", "Backstepping on the rigid body (thesis 4.2)",
                                      &ControllerChoice::gains),
       following<PredictiveControl>("ModelPredictive",
                                    "Model predictive control on the whole model, effects included",
@@ -101,8 +95,8 @@ const std::vector<ControllerInfo>& controllerTable() {
 const ControllerInfo& controllerInfo(const std::string& kind) {
   const ControllerInfo* const info = findNamed(controllerTable(), kind);
   if (!info)
-    throw std::invalid_argument("the controller must be one of " + namesOf(controllerTable()) +
-                                ", not '" + kind + "'");
+    throw std::invalid_argument("the controller must be one of " + namesOf(controllerTable()) + ", not '" +
+                                kind + "'");
   return *info;
 }
 
@@ -118,8 +112,7 @@ EffectUse effectUse(const std::string& kind, const Model& model) {
   return controllerInfo(kind).effectUse(model);
 }
 
-std::unique_ptr<TrackingController> makeController(const Model& model,
-                                                   const ControllerChoice& params) {
+std::unique_ptr<TrackingController> makeController(const Model& model, const ControllerChoice& params) {
   const std::string wrong = params.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   return controllerInfo(params.kind).make(model, params);

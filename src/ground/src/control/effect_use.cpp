@@ -23,8 +23,7 @@ bool neutral(const Model::Entry& entry) {
 std::vector<std::string> active(const Model& model, unsigned hooks = ~0u) {
   std::vector<std::string> names;
   for (const Model::Entry& entry : model.effects)
-    if (!neutral(entry) && (entry.effect->hooks() & hooks))
-      names.push_back(entry.effect->info().name);
+    if (!neutral(entry) && (entry.effect->hooks() & hooks)) names.push_back(entry.effect->info().name);
   return names;
 }
 
@@ -54,8 +53,7 @@ EffectUse wholeModelUse(const Model& model) {
 
 EffectUse bodyOnlyUse(const Model& model, const std::string& controller) {
   EffectUse use{{}, active(model), ""};
-  const auto refuse = [&](unsigned hook, const char* what, double value, double bound,
-                          const char* unit) {
+  const auto refuse = [&](unsigned hook, const char* what, double value, double bound, const char* unit) {
     if (std::abs(value) <= bound || !use.refusal.empty()) return;
     char text[160];
     std::snprintf(text, sizeof text, " (%s by %.3g %s, and more than %g %s steers it wrong)", what,
@@ -65,10 +63,8 @@ EffectUse bodyOnlyUse(const Model& model, const std::string& controller) {
   };
   const Dynamics<double> dynamics(model);
   const Measurement<double> seen = dynamics.measure(RigidState<double>());
-  refuse(Effect::kMeasure, "the measured heading is off", wrapAngle(seen.eta.z()),
-         kMaxHeadingOffset, "rad");
-  refuse(Effect::kMeasure, "the tracked point is off", seen.eta.head<2>().norm(), kMaxMarkerOffset,
-         "m");
+  refuse(Effect::kMeasure, "the measured heading is off", wrapAngle(seen.eta.z()), kMaxHeadingOffset, "rad");
+  refuse(Effect::kMeasure, "the tracked point is off", seen.eta.head<2>().norm(), kMaxMarkerOffset, "m");
   refuse(Effect::kDelay, "commands are late", dynamics.inputDelay(), kMaxDelay, "s");
   return use;
 }

@@ -16,8 +16,7 @@ std::string ReturnParams::validate() const {
   return "";
 }
 
-ExcitationPilot::ExcitationPilot(ReferencePilot::Clock clock, Marked marked,
-                                 ReferencePilot::Decided decided)
+ExcitationPilot::ExcitationPilot(ReferencePilot::Clock clock, Marked marked, ReferencePilot::Decided decided)
     : clock_(clock),
       marked_(std::move(marked)),
       // Decisions during a burst only plan the way home and are not reported.
@@ -77,8 +76,7 @@ std::string ExcitationPilot::objection(const MeasuredState& measured) {
   return "";
 }
 
-Inputs ExcitationPilot::update(double elapsed, double stamp, const RigidState<double>& state,
-                               double lift) {
+Inputs ExcitationPilot::update(double elapsed, double stamp, const RigidState<double>& state, double lift) {
   lift_ = lift;
   if (!bursting_) {
     const Inputs inputs = home_.update(elapsed, stamp, state, lift);

@@ -92,9 +92,8 @@ std::string format(const char* text, Args... args) {
 void judgeThrust(const Limits& limits, double surge, double t, Worst& worst) {
   const double most = limits.thrust();
   if (surge > most)
-    worst.report(
-        surge / most - 1,
-        format("at %.2f s it takes a thrust of %.3g N, but full thrust is %.3g N", t, surge, most));
+    worst.report(surge / most - 1,
+                 format("at %.2f s it takes a thrust of %.3g N, but full thrust is %.3g N", t, surge, most));
   if (surge >= limits.least()) return;
   worst.report((limits.least() - surge) / most,
                limits.reverses()
@@ -109,11 +108,10 @@ void judgeThrust(const Limits& limits, double surge, double t, Worst& worst) {
 /// Judges the yaw moment at time t [s] with a thrust.
 void judgeMoment(const Limits& limits, double moment, double surge, double t, Worst& worst) {
   const double limit = limits.moment(surge, moment);
-  worst.report(
-      (std::abs(moment) - limit) / limits.fullMoment(),
-      format("at %.2f s it takes a yaw moment of %.3g N m, but with a thrust of %.3g N the limit "
-             "is %.3g N m",
-             t, std::abs(moment), surge, limit));
+  worst.report((std::abs(moment) - limit) / limits.fullMoment(),
+               format("at %.2f s it takes a yaw moment of %.3g N m, but with a thrust of %.3g N the limit "
+                      "is %.3g N m",
+                      t, std::abs(moment), surge, limit));
 }
 
 }  // namespace
@@ -142,9 +140,8 @@ std::string infeasibility(const ReferenceTrajectory& reference, const Model& mod
       turned = M_PI - turned;
     }
     if (last.thrust > 0 && turned > 1 && t - last_time < 0.25)
-      worst.report(10 + turned,
-                   format("at %.2f s the craft would have to turn by %.0f degrees within %.2f s", t,
-                          turned * 180 / M_PI, t - last_time));
+      worst.report(10 + turned, format("at %.2f s the craft would have to turn by %.0f degrees within %.2f s",
+                                       t, turned * 180 / M_PI, t - last_time));
     const double surge = backwards ? -now.surge : now.surge;
     judgeThrust(limits, surge, t, worst);
     const double before = demand(reference.at(t - h / 4), body).yaw_rate;

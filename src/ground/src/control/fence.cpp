@@ -31,7 +31,7 @@ Vector2<double> Fence::stoppingPoint(const RigidState<double>& state, double age
 }
 
 double Fence::violation(const RigidState<double>& state, double age,
-                     Eigen::Matrix<double, 1, 5>& derivative) const {
+                        Eigen::Matrix<double, 1, 5>& derivative) const {
   Vector2<double> away;
   const double violation = distance_ - room_.clearance(stoppingPoint(state, age), away);
   if (!(violation > 0)) return 0;
@@ -42,8 +42,7 @@ double Fence::violation(const RigidState<double>& state, double age,
   rest_by << 1, 0, -time * velocity.y(), time * heading.c, -time * heading.s,  //
       0, 1, time * velocity.x(), time * heading.s, time * heading.c;
   if (speed > 0)
-    rest_by.rightCols<2>() +=
-        0.5 / (room_.braking * speed) * velocity * state.nu.head<2>().transpose();
+    rest_by.rightCols<2>() += 0.5 / (room_.braking * speed) * velocity * state.nu.head<2>().transpose();
   derivative = -away.transpose() * rest_by;
   return violation;
 }
@@ -121,8 +120,7 @@ std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory&
   return reason + text;
 }
 
-std::string leavesRoom(const Model& model, const InputSequence& inputs, double end,
-                       const Room& room) {
+std::string leavesRoom(const Model& model, const InputSequence& inputs, double end, const Room& room) {
   constexpr double kInterval = 0.05;  // [s]
   const Dynamics<double> dynamics(model);
   RigidState<double> start{Vector3<double>::Zero(), Vector3<double>::Zero()};

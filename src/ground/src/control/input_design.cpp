@@ -13,20 +13,19 @@
 namespace ground {
 namespace {
 
-constexpr double kLongestInput = 3600;        // [s]
-constexpr double kTiny = 1e-9;                // tolerance for rounding errors of edges [s]
+constexpr double kLongestInput = 3600;  // [s]
+constexpr double kTiny = 1e-9;          // tolerance for rounding errors of edges [s]
 constexpr std::size_t kMaxRows = 2000000;
 constexpr double kGolden = 0.6180339887498949;
-constexpr double kSlowest = 1.0 / 8;          // lowest frequency of a multisine [Hz]
-constexpr double kSinesPerClock = 1.0 / 6;    // highest frequency of a multisine over the clock
+constexpr double kSlowest = 1.0 / 8;        // lowest frequency of a multisine [Hz]
+constexpr double kSinesPerClock = 1.0 / 6;  // highest frequency of a multisine over the clock
 const std::vector<double> kTwoLevels = {0, 1}, kFiveLevels = {0, 0.25, 0.5, 0.75, 1};
 const std::vector<double> kBothWays = {-1, 1}, kFiveBothWays = {-1, -0.5, 0, 0.5, 1};
 
 using Row = Thrusters<double>;
 
 /// Rows of equal length, repeated for a duration and limited to the ranges of the thrusters.
-InputSignal repeated(const DesignParams& p, const std::vector<Row>& rows, double row_rate,
-                     double duration) {
+InputSignal repeated(const DesignParams& p, const std::vector<Row>& rows, double row_rate, double duration) {
   const double count = std::ceil(duration * row_rate - kTiny);
   if (!(count <= static_cast<double>(kMaxRows)))
     throw std::invalid_argument("the input has more than 2 million rows: lower clock or duration");
@@ -40,9 +39,7 @@ InputSignal repeated(const DesignParams& p, const std::vector<Row>& rows, double
   return signal;
 }
 
-Row everyThruster(const DesignParams& p, double input) {
-  return Row::filled(p.thrusters->size(), input);
-}
+Row everyThruster(const DesignParams& p, double input) { return Row::filled(p.thrusters->size(), input); }
 
 /// Start in the period for a seed; consecutive seeds start far apart.
 std::size_t startOf(const DesignParams& p, std::size_t period) {
@@ -99,8 +96,7 @@ std::vector<Row> multisineRows(const DesignParams& p) {
       const double turns = static_cast<double>(i + p.seed) / static_cast<double>(rows.size());
       sums(part) += std::cos(2 * M_PI * h * turns + phase);
     }
-    for (int part = 0; part < parts; ++part)
-      most(part) = std::max(most(part), std::abs(sums(part)));
+    for (int part = 0; part < parts; ++part) most(part) = std::max(most(part), std::abs(sums(part)));
   }
   for (Row& row : rows) {
     for (int part = 0; part < parts; ++part) row(part) /= most(part);
@@ -165,9 +161,7 @@ bool playsBothWays(const DesignParams& p) {
 }
 
 bool staircase(const std::string& kind) { return kind == "steps" || kind == "single-thruster"; }
-bool takesManyLevels(const std::string& kind) {
-  return staircase(kind) || kind == "multilevel-prbs";
-}
+bool takesManyLevels(const std::string& kind) { return staircase(kind) || kind == "multilevel-prbs"; }
 
 std::string wrongLevels(const DesignParams& p) {
   const std::string& kind = p.kind;
@@ -207,8 +201,7 @@ InputSignal timedRows(const TableFile& table, const ThrusterLayoutPtr& thrusters
       const double most = thruster ? layout[static_cast<int>(i) - 1].most : 1;
       if (row[i] >= least && row[i] <= most) continue;
       std::ostringstream text;
-      text << "inputs must be between " << least << " and " << most << " for "
-           << layout.channels()[i - 1];
+      text << "inputs must be between " << least << " and " << most << " for " << layout.channels()[i - 1];
       table.fail(k, text.str());
     }
     signal.times.push_back(row[0]);
@@ -241,9 +234,7 @@ const std::vector<DesignInfo>& designTable() {
       {"spin",
        "those that turn to starboard high, then all low three times as long; then the others",
        {"hold", "levels"}},
-      {"single-thruster",
-       "each thruster alone through the levels, one after the other",
-       {"hold", "levels"}},
+      {"single-thruster", "each thruster alone through the levels, one after the other", {"hold", "levels"}},
       {"multisine",
        "sums of sines up to a sixth of the clock, uncorrelated between thrusters",
        {"clock", "levels", "seed"}},
@@ -298,8 +289,8 @@ InputSignal readInputFile(const DesignParams& params, double duration) {
   if (header == columns || header == with_lift)
     return timedRows(table, params.thrusters, header == with_lift);
   if (!header.empty() || params.thrusters->size() != 2)
-    throw std::runtime_error(path + ", line 1: the columns are " + shortened(header) + ", not " +
-                             columns + " or " + with_lift);
+    throw std::runtime_error(path + ", line 1: the columns are " + shortened(header) + ", not " + columns +
+                             " or " + with_lift);
   const PrbsFile bits = bitsOf(table, params.rows_per_bit);
   InputSignal signal = repeated(params, between(bits.rows, levels.front(), levels.back()),
                                 params.clock * bits.rows_per_bit, duration);
@@ -312,8 +303,8 @@ InputSignal playBits(const PrbsFile& bits, const PrbsParams& params) {
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   std::vector<Row> rows;
   for (const auto& bit : bits.rows)
-    rows.push_back({bit[0] ? params.left_high : params.left_low,
-                    bit[1] ? params.right_high : params.right_low});
+    rows.push_back(
+        {bit[0] ? params.left_high : params.left_low, bit[1] ? params.right_high : params.right_low});
   return repeated({}, rows, params.clock * bits.rows_per_bit, params.duration);
 }
 

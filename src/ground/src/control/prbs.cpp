@@ -13,19 +13,34 @@ constexpr std::size_t kMaxBits = 2000000;  // rows of a file
 
 /// Taps of maximum-length registers by order (Alfke, Xilinx XAPP 052, 1996).
 const std::vector<std::vector<int>>& taps() {
-  static const std::vector<std::vector<int>> table = {
-      {},           {},       {2, 1},   {3, 2},         {4, 3},         {5, 3},         {6, 5},
-      {7, 6},       {8, 6, 5, 4},       {9, 5},         {10, 7},        {11, 9},
-      {12, 6, 4, 1}, {13, 4, 3, 1},     {14, 5, 3, 1},  {15, 14},       {16, 15, 13, 4},
-      {17, 14},     {18, 11}, {19, 6, 2, 1}, {20, 17}};
+  static const std::vector<std::vector<int>> table = {{},
+                                                      {},
+                                                      {2, 1},
+                                                      {3, 2},
+                                                      {4, 3},
+                                                      {5, 3},
+                                                      {6, 5},
+                                                      {7, 6},
+                                                      {8, 6, 5, 4},
+                                                      {9, 5},
+                                                      {10, 7},
+                                                      {11, 9},
+                                                      {12, 6, 4, 1},
+                                                      {13, 4, 3, 1},
+                                                      {14, 5, 3, 1},
+                                                      {15, 14},
+                                                      {16, 15, 13, 4},
+                                                      {17, 14},
+                                                      {18, 11},
+                                                      {19, 6, 2, 1},
+                                                      {20, 17}};
   return table;
 }
 
 }  // namespace
 
 std::vector<bool> makeSequence(int order) {
-  if (order < 2 || order > 20)
-    throw std::invalid_argument("the order of a PRBS must be between 2 and 20");
+  if (order < 2 || order > 20) throw std::invalid_argument("the order of a PRBS must be between 2 and 20");
   const std::size_t period = (std::size_t{1} << order) - 1;
   std::vector<bool> sequence(period);
   std::uint32_t reg = 1;
@@ -52,8 +67,8 @@ std::string PrbsFile::describe(double clock) const {
   std::ostringstream text;
   text.precision(4);
   text << rows.size() << " rows, " << rows_per_bit << (rows_per_bit == 1 ? " row" : " rows")
-       << " per bit: a clock of " << clock << " Hz plays " << row_rate
-       << " rows per second, all in " << static_cast<double>(rows.size()) / row_rate << " s";
+       << " per bit: a clock of " << clock << " Hz plays " << row_rate << " rows per second, all in "
+       << static_cast<double>(rows.size()) / row_rate << " s";
   return text.str();
 }
 

@@ -14,7 +14,7 @@ namespace {
 
 /// First turns of other plans, in both directions [rad]; full thrust follows.
 constexpr std::array<double, 4> kTurns = {M_PI / 4, M_PI / 2, 3 * M_PI / 4, M_PI};
-constexpr double kMaxOtherCost = 0.98;     // relative cost below which another plan replaces it
+constexpr double kMaxOtherCost = 0.98;    // relative cost below which another plan replaces it
 constexpr double kMinImprovement = 1e-3;  // relative decrease of the cost to continue iterating
 
 }  // namespace
@@ -42,10 +42,7 @@ const Tunables<PredictiveParams>& PredictiveParams::table() {
 std::string PredictiveParams::validate() const { return rangeError(table(), *this); }
 
 PredictiveControl::PredictiveControl(const Model& model, const PredictiveParams& params)
-    : model_(model),
-      turns_{turnTo(false), turnTo(true)},
-      seen_(model),
-      observer_(model, params.observer) {
+    : model_(model), turns_{turnTo(false), turnTo(true)}, seen_(model), observer_(model, params.observer) {
   const Allocation::Output full = Allocation(*model.thrusters, model.body).most({1, 0, 0});
   forward_ = full.inputs;
   full_thrust_ = full.wrench.x();
@@ -253,12 +250,10 @@ Thrusters<double> PredictiveControl::decide(const Observation& seen) {
   TrajectoryOptimizer::State state = TrajectoryOptimizer::State::Zero();
   state.head<3>() = start_.state.eta;
   state.segment<3>(3) = start_.state.nu;
-  for (int i = 0; i < kMaxStates; ++i)
-    state(6 + i) = start_.effects[static_cast<std::size_t>(i)];
+  for (int i = 0; i < kMaxStates; ++i) state(6 + i) = start_.effects[static_cast<std::size_t>(i)];
   const double since = acts - seen.reference_start;
   for (std::size_t k = 0; k < references_.size(); ++k)
-    references_[k] =
-        seen.reference->at(std::max(0.0, since + static_cast<double>(k + 1) * plan_->step()));
+    references_[k] = seen.reference->at(std::max(0.0, since + static_cast<double>(k + 1) * plan_->step()));
   for (TrajectoryOptimizer* plan : {plan_.get(), others_[0].plan.get(), others_[1].plan.get()})
     plan->setProblem(acts - seen.drive_start, state, seen.lift, start_.missing, references_);
 

@@ -19,8 +19,7 @@ double processorTime() {
 ReferencePilot::ReferencePilot(Clock clock, Decided decided)
     : clock_(std::move(clock)), decided_(std::move(decided)) {}
 
-void ReferencePilot::swapController(std::unique_ptr<TrackingController>& controller,
-                                    const Model& model) {
+void ReferencePilot::swapController(std::unique_ptr<TrackingController>& controller, const Model& model) {
   controller_.swap(controller);
   controller_->setClock(steady_);
   input_max_ = model.body.input_max;
@@ -63,12 +62,11 @@ std::string ReferencePilot::objection(const MeasuredState& measured) {
   return watch_.look(std::max(0.0, stamp - *reference_start_), error);
 }
 
-Inputs ReferencePilot::update(double, double stamp, const RigidState<double>& state,
-                              double lift) {
+Inputs ReferencePilot::update(double, double stamp, const RigidState<double>& state, double lift) {
   const double before = processorTime();
   const double now = std::max(stamp, clock_());
-  Thrusters<double> inputs = controller_->decide(
-      {now, stamp, state, reference_.get(), *reference_start_, lift, drive_.origin(now)});
+  Thrusters<double> inputs =
+      controller_->decide({now, stamp, state, reference_.get(), *reference_start_, lift, drive_.origin(now)});
   asVector(inputs) /= input_max_;
   Thrusters<double> wanted = controller_->wanted();
   asVector(wanted) /= input_max_;

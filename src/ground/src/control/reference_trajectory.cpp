@@ -87,8 +87,7 @@ class Pace {
     if (!smooth_) return {x, d, 0, 0};
     // 35 x^4 - 84 x^5 + 70 x^6 - 20 x^7: velocity, acceleration and jerk vanish at both ends.
     const double x2 = x * x, x3 = x2 * x;
-    return {x2 * x2 * (35 + x * (-84 + x * (70 - 20 * x))),
-            d * 140 * x3 * (1 + x * (-3 + x * (3 - x))),
+    return {x2 * x2 * (35 + x * (-84 + x * (70 - 20 * x))), d * 140 * x3 * (1 + x * (-3 + x * (3 - x))),
             d * d * 420 * x2 * (1 + x * (-4 + x * (5 - 2 * x))),
             d * d * d * 840 * x * (1 + x * (-6 + x * (10 - 5 * x)))};
   }
@@ -185,8 +184,7 @@ class Curve {
     const auto derivative = [&](Eigen::Index i) {
       return i < d.cols() ? Vector2<double>(d.col(i)) : Vector2<double>::Zero().eval();
     };
-    return {derivative(0), by * derivative(1), by * by * derivative(2),
-            by * by * by * derivative(3)};
+    return {derivative(0), by * derivative(1), by * by * derivative(2), by * by * by * derivative(3)};
   }
 
  private:
@@ -214,11 +212,9 @@ class TimedSpline : public ReferenceTrajectory {
 
 class Waypoints : public ReferenceTrajectory {
  public:
-  Waypoints(const std::vector<double>& distances, const std::vector<Vector2<double>>& points,
-            double speed, bool smooth)
-      : curve_(distances, points),
-        distances_(distances),
-        pace_(curve_.length(), speed, smooth) {}
+  Waypoints(const std::vector<double>& distances, const std::vector<Vector2<double>>& points, double speed,
+            bool smooth)
+      : curve_(distances, points), distances_(distances), pace_(curve_.length(), speed, smooth) {}
   ReferencePoint at(double t) const override {
     const Progress on = pace_.at(t);
     const double length = curve_.length();
@@ -287,31 +283,25 @@ ReferencePtr makeCircle(const Vector2<double>& centre, double radius, double rat
   return std::make_shared<Circle>(centre, radius, rate);
 }
 
-ReferencePtr makeLine(const Vector2<double>& start, const Vector2<double>& end, double speed,
-                      bool smooth) {
-  require(speed > 0 && (end - start).norm() > 0,
-          "a line needs a positive speed and two different ends");
+ReferencePtr makeLine(const Vector2<double>& start, const Vector2<double>& end, double speed, bool smooth) {
+  require(speed > 0 && (end - start).norm() > 0, "a line needs a positive speed and two different ends");
   return std::make_shared<Line>(start, end, speed, smooth);
 }
 
-ReferencePtr makeRhodonea(const Vector2<double>& centre, double amplitude, double petals,
-                          double rate) {
+ReferencePtr makeRhodonea(const Vector2<double>& centre, double amplitude, double petals, double rate) {
   require(amplitude > 0 && std::isfinite(petals) && turns(rate),
           "a rhodonea needs a positive size and a rate other than 0");
   return std::make_shared<Rhodonea>(centre, amplitude, petals, rate);
 }
 
-ReferencePtr makeSinusoid(const Vector2<double>& start, double speed, double amplitude,
-                          double rate) {
+ReferencePtr makeSinusoid(const Vector2<double>& start, double speed, double amplitude, double rate) {
   require(std::isfinite(speed) && std::isfinite(amplitude) && turns(rate),
           "a sinusoid needs a rate other than 0");
   return std::make_shared<Sinusoid>(start, speed, amplitude, rate);
 }
 
-ReferencePtr makeSpline(const std::vector<double>& times,
-                        const std::vector<Vector2<double>>& points) {
-  require(points.size() >= 2 && points.size() == times.size(),
-          "a spline needs at least two points");
+ReferencePtr makeSpline(const std::vector<double>& times, const std::vector<Vector2<double>>& points) {
+  require(points.size() >= 2 && points.size() == times.size(), "a spline needs at least two points");
   require(times.front() == 0, "the first point of a spline must be at time 0");
   for (std::size_t i = 1; i < times.size(); ++i)
     require(times[i] > times[i - 1] && std::isfinite(times[i]), "times must ascend");
@@ -337,8 +327,7 @@ ReferencePtr readReference(const std::string& path, const Vector2<double>& origi
   if (!timed && table.header != "x,y")
     throw std::runtime_error(path + ", line 1: the columns must be time,x,y or x,y, not '" +
                              shortened(table.header) + "'");
-  if (table.size() < 2)
-    throw std::runtime_error(path + ", line 1: at least two points must follow");
+  if (table.size() < 2) throw std::runtime_error(path + ", line 1: at least two points must follow");
   std::vector<double> times;
   std::vector<Vector2<double>> points;
   for (std::size_t i = 0; i < table.size(); ++i) {
@@ -353,45 +342,62 @@ ReferencePtr readReference(const std::string& path, const Vector2<double>& origi
 const Tunables<ReferenceParams>& ReferenceParams::table() {
   using P = ReferenceParams;
   static const Tunables<P> table = {
-      {{"x", "m", "Centre, start or origin, world_ned", -100, 100},
-       [](auto& p) -> auto& { return p.origin.x(); }},
-      {{"y", "m", "Centre, start or origin, world_ned", -100, 100},
-       [](auto& p) -> auto& { return p.origin.y(); }},
-      {{"size", "m", "Radius or amplitude", 0.01, 100}, &P::size},
-      {{"rate_of_turn", "rad/s", "Angular rate of the reference", -10, 10}, &P::rate_of_turn},
-      {{"petals", "-", "Rhodonea: rate of the radius per rate of turn", 0, 20}, &P::petals},
-      {{"speed", "m/s", "Line, sinusoid, waypoints: speed", 0.001, 20}, &P::speed},
-      {{"end_x", "m", "Line: end, world_ned", -100, 100},
-       [](auto& p) -> auto& { return p.end.x(); }},
-      {{"end_y", "m", "Line: end, world_ned", -100, 100},
-       [](auto& p) -> auto& { return p.end.y(); }},
-      {{"smooth", "", "Line, waypoints: start and stop smoothly"}, &P::smooth},
-      {{"file", "s, m", "CSV with columns time,x,y or x,y"}, &P::file},
-  };
-  return table;
+      {{"x", "m", "Centre, start or origin, world_ned", -100, 100}, [](auto& p) -> auto& {return p.origin.x();
+}
+}  // namespace ground
+, {{"y", "m", "Centre, start or origin, world_ned", -100, 100}, [](auto& p) -> auto& {return p.origin.y();
+}
+}
+, {{"size", "m", "Radius or amplitude", 0.01, 100}, &P::size},
+    {{"rate_of_turn", "rad/s", "Angular rate of the reference", -10, 10}, &P::rate_of_turn},
+    {{"petals", "-", "Rhodonea: rate of the radius per rate of turn", 0, 20}, &P::petals},
+    {{"speed", "m/s", "Line, sinusoid, waypoints: speed", 0.001, 20}, &P::speed},
+    {{"end_x", "m", "Line: end, world_ned", -100, 100}, [](auto& p) -> auto& {return p.end.x();
+}
+}
+, {{"end_y", "m", "Line: end, world_ned", -100, 100}, [](auto& p) -> auto& {return p.end.y();
+}
+}
+, {{"smooth", "", "Line, waypoints: start and stop smoothly"}, &P::smooth},
+    {{"file", "s, m", "CSV with columns time,x,y or x,y"}, &P::file},
+}
+;
+return table;
 }
 
 bool ReferenceParams::operator==(const ReferenceParams& other) const {
   const Tunables<ReferenceParams>& all = table();
-  return kind == other.kind && std::all_of(all.begin(), all.end(), [&](const auto& one) {
-           return one.get(*this) == one.get(other);
-         });
+  return kind == other.kind && std::all_of(all.begin(), all.end(),
+                                           [&](const auto& one) { return one.get(*this) == one.get(other); });
 }
 
 const std::vector<ReferenceInfo>& referenceTable() {
   using P = const ReferenceParams&;
   static const std::vector<ReferenceInfo> table = {
-      {"circle", "Centre x, y; size is the radius", {"x", "y", "size", "rate_of_turn"}, false,
+      {"circle",
+       "Centre x, y; size is the radius",
+       {"x", "y", "size", "rate_of_turn"},
+       false,
        [](P p) { return makeCircle(p.origin, p.size, p.rate_of_turn); }},
-      {"line", "From x, y to end_x, end_y at speed, then stop",
-       {"x", "y", "end_x", "end_y", "speed", "smooth"}, true,
+      {"line",
+       "From x, y to end_x, end_y at speed, then stop",
+       {"x", "y", "end_x", "end_y", "speed", "smooth"},
+       true,
        [](P p) { return makeLine(p.origin, p.end, p.speed, p.smooth); }},
-      {"rhodonea", "Rose curve about x, y", {"x", "y", "size", "petals", "rate_of_turn"}, false,
+      {"rhodonea",
+       "Rose curve about x, y",
+       {"x", "y", "size", "petals", "rate_of_turn"},
+       false,
        [](P p) { return makeRhodonea(p.origin, p.size, p.petals, p.rate_of_turn); }},
-      {"sinusoid", "From x, y along x; size is the amplitude",
-       {"x", "y", "speed", "size", "rate_of_turn"}, false,
+      {"sinusoid",
+       "From x, y along x; size is the amplitude",
+       {"x", "y", "speed", "size", "rate_of_turn"},
+       false,
        [](P p) { return makeSinusoid(p.origin, p.speed, p.size, p.rate_of_turn); }},
-      {"file", "CSV with columns time,x,y or x,y", {"file", "x", "y", "speed", "smooth"}, true,
+      {"file",
+       "CSV with columns time,x,y or x,y",
+       {"file", "x", "y", "speed", "smooth"},
+       true,
        [](P p) { return readReference(p.file, p.origin, p.speed, p.smooth); }},
   };
   return table;
@@ -400,8 +406,8 @@ const std::vector<ReferenceInfo>& referenceTable() {
 ReferencePtr makeReference(const ReferenceParams& params) {
   const ReferenceInfo* const info = findNamed(referenceTable(), params.kind);
   if (!info)
-    throw std::invalid_argument("reference must be one of " + namesOf(referenceTable()) +
-                                ", not '" + params.kind + "'");
+    throw std::invalid_argument("reference must be one of " + namesOf(referenceTable()) + ", not '" +
+                                params.kind + "'");
   const auto& takes = info->takes;
   for (const Tunable<ReferenceParams>& one : ReferenceParams::table()) {
     if (std::find(takes.begin(), takes.end(), one.name) == takes.end()) continue;

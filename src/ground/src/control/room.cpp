@@ -34,8 +34,8 @@ bool meet(const Position& a, const Position& b, const Position& c, const Positio
     return cross(q - p, r - p);
   };
   if (side(a, b, c) * side(a, b, d) < 0 && side(c, d, a) * side(c, d, b) < 0) return true;
-  return fromWall(a, c, d).isZero(0) || fromWall(b, c, d).isZero(0) ||
-         fromWall(c, a, b).isZero(0) || fromWall(d, a, b).isZero(0);
+  return fromWall(a, c, d).isZero(0) || fromWall(b, c, d).isZero(0) || fromWall(c, a, b).isZero(0) ||
+         fromWall(d, a, b).isZero(0);
 }
 
 Position readPosition(const YamlReader& reader, const YAML::Node& node, const std::string& key) {
@@ -45,14 +45,12 @@ Position readPosition(const YamlReader& reader, const YAML::Node& node, const st
 
 /// Error message for the corners of a room; empty if they are valid.
 std::string wrongCorners(const std::vector<Position>& corners) {
-  if (corners.size() < 3 || corners.size() > kMaxCorners)
-    return "a room needs between 3 and 1000 corners";
+  if (corners.size() < 3 || corners.size() > kMaxCorners) return "a room needs between 3 and 1000 corners";
   for (const Position& corner : corners)
     if (!corner.allFinite() || corner.norm() > 1e4) return "a corner is farther than 10 km away";
   const std::size_t n = corners.size();
   for (std::size_t i = 0; i < n; ++i)
-    if ((corners[(i + 1) % n] - corners[i]).norm() < 1e-3)
-      return "two neighbouring corners are the same";
+    if ((corners[(i + 1) % n] - corners[i]).norm() < 1e-3) return "two neighbouring corners are the same";
   for (std::size_t i = 0; i < n; ++i) {
     const Position &a = corners[i], &b = corners[(i + 1) % n];
     for (std::size_t j = i + 2; j < n; ++j)
@@ -62,8 +60,7 @@ std::string wrongCorners(const std::vector<Position>& corners) {
   return "";
 }
 
-void readField(const YamlReader& reader, const std::string& key, const YAML::Node& value,
-               Room& room) {
+void readField(const YamlReader& reader, const std::string& key, const YAML::Node& value, Room& room) {
   if (key == "name") {
     room.name = reader.text(value, key);
   } else if (key == "corners") {
@@ -133,9 +130,7 @@ double Room::clearanceOfWay(const Position& from, const Position& to) const {
   return least;
 }
 
-Room loadRoom(const std::string& path) {
-  return parseRoom(readTextFile(path, kLargestRoom), path);
-}
+Room loadRoom(const std::string& path) { return parseRoom(readTextFile(path, kLargestRoom), path); }
 
 Room parseRoom(const std::string& yaml, const std::string& source) {
   const YamlReader reader(source);
@@ -145,9 +140,8 @@ Room parseRoom(const std::string& yaml, const std::string& source) {
     reader.fail(root, std::string("not a room file: it must say 'schema: ") + kRoomSchema + "'");
   Room room;
   room.corners.clear();
-  reader.each(root, kTop, [&](const std::string& key, const YAML::Node& value) {
-    readField(reader, key, value, room);
-  });
+  reader.each(root, kTop,
+              [&](const std::string& key, const YAML::Node& value) { readField(reader, key, value, room); });
   const std::string wrong = room.validate();
   if (!wrong.empty()) {
     // The message begins with the key, unless it is about the corners.

@@ -71,10 +71,9 @@ TableFile readTable(const std::string& path, std::size_t most_rows) {
     }
     if (table.width == 0) table.width = count;
     if (count != table.width)
-      table.fail(last, std::to_string(count) + " values for " + std::to_string(table.width) +
-                           " columns" + (table.header.empty() ? "" : " (" + table.header + ")"));
-    if (table.size() > most_rows)
-      table.fail(last, "it has more than " + std::to_string(most_rows) + " rows");
+      table.fail(last, std::to_string(count) + " values for " + std::to_string(table.width) + " columns" +
+                           (table.header.empty() ? "" : " (" + table.header + ")"));
+    if (table.size() > most_rows) table.fail(last, "it has more than " + std::to_string(most_rows) + " rows");
   }
   return table;
 }

@@ -18,10 +18,8 @@ const Tunables<TrackingGains>& TrackingGains::table() {
   static const Tunables<G> table = {
       {{"k_e", "kg/s", "Position error", 1e-6, 100, {1, -3, 2}}, &G::k_e},
       {{"k_z", "N m s", "Yaw rate error", 1e-7, 10, {1, -6, 1}}, &G::k_z},
-      {{"k_phi_1", "kg^2/s", "Surge velocity error, K_phi(1,1)", 1e-5, 100, {1, -4, 2}},
-       &G::k_phi_1},
-      {{"k_phi_2", "kg^2/s", "Sway velocity error, K_phi(2,2)", 1e-5, 100, {1, -4, 2}},
-       &G::k_phi_2},
+      {{"k_phi_1", "kg^2/s", "Surge velocity error, K_phi(1,1)", 1e-5, 100, {1, -4, 2}}, &G::k_phi_1},
+      {{"k_phi_2", "kg^2/s", "Sway velocity error, K_phi(2,2)", 1e-5, 100, {1, -4, 2}}, &G::k_phi_2},
       {{"delta_1", "m/s", "Velocity offset along surge, not 0", -1, 1, {-1, -4, 0}}, &G::delta_1},
       {{"delta_2", "m/s", "Velocity offset along sway", -1, 1}, &G::delta_2},
   };
@@ -44,9 +42,7 @@ TrackingLaw::TrackingLaw(const Model& model)
 
 std::string TrackingLaw::steeringProblem(const Model& model) {
   const Allocation allocation(*model.thrusters, model.body);
-  const auto most = [&](const Vector3<double>& along) {
-    return along.dot(allocation.most(along).wrench);
-  };
+  const auto most = [&](const Vector3<double>& along) { return along.dot(allocation.most(along).wrench); };
   const char* missing = nullptr;
   if (most({0, 0, -1}) < kMinShare * model.body.l * model.body.k) missing = "turn it to port";
   if (most({0, 0, 1}) < kMinShare * model.body.l * model.body.k) missing = "turn it to starboard";
@@ -56,8 +52,7 @@ std::string TrackingLaw::steeringProblem(const Model& model) {
          model.thrusters->names() + ") do not " + missing + "; use ModelPredictive";
 }
 
-TrackingLaw::Output TrackingLaw::run(const RigidState<double>& state,
-                                     const ReferencePoint& reference,
+TrackingLaw::Output TrackingLaw::run(const RigidState<double>& state, const ReferencePoint& reference,
                                      const TrackingGains& gains) const {
   using Vector = Vector2<double>;
   using Matrix = Eigen::Matrix2d;
@@ -90,13 +85,13 @@ TrackingLaw::Output TrackingLaw::run(const RigidState<double>& state,
   const double applied = std::clamp(out.force, least_force_, most_force_);
   const Vector v_dot = Vector(applied / m, 0) - S * v - d / m * v;
   const Vector z1_dot = v_dot + S * w_d - a_d + k_e / m * e_dot;
-  const Vector h_dot = -d * (-S * w_d + a_d) + k_e / m * d * e_dot - m * (-S * a_d + j_d) +
-                       k_e * z1_dot - k_e * k_e / m * e_dot;
+  const Vector h_dot = -d * (-S * w_d + a_d) + k_e / m * d * e_dot - m * (-S * a_d + j_d) + k_e * z1_dot -
+                       k_e * k_e / m * e_dot;
   out.alpha_dot = -B_inverse * (h_dot + e_dot / m + K * z1_dot / m);
 
   const double z2 = r - out.alpha.y();
-  out.torque = -m * B.col(1).dot(phi) + body_.N_r * out.alpha.y() + body_.I_z * out.alpha_dot.y() -
-               gains.k_z * z2;
+  out.torque =
+      -m * B.col(1).dot(phi) + body_.N_r * out.alpha.y() + body_.I_z * out.alpha_dot.y() - gains.k_z * z2;
   const Allocation::Output given = allocation_.run({out.force, 0, out.torque});
   out.wanted = given.wanted;
   out.inputs = given.inputs;

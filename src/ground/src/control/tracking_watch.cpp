@@ -47,16 +47,16 @@ std::string TrackingWatch::look(double time, double error) {
 
   char text[160] = "";
   if (outside_ >= kPatience && arrived_) {
-    std::snprintf(text, sizeof text, "%.2f m from the reference for %g s, more than max_error %.3g m",
-                  error, kPatience, max_error_);
+    std::snprintf(text, sizeof text, "%.2f m from the reference for %g s, more than max_error %.3g m", error,
+                  kPatience, max_error_);
   } else if (outside_ >= kPatience) {
     std::snprintf(text, sizeof text,
-                  "%.2f m from the reference, and %.2f m at the start: it drives away from it",
-                  error, first_error_);
+                  "%.2f m from the reference, and %.2f m at the start: it drives away from it", error,
+                  first_error_);
   } else if (!arrived_ && approaching_ >= kApproach) {
     std::snprintf(text, sizeof text,
-                  "%.2f m from the reference, and never within max_error %.3g m for %g s in %g s",
-                  error, max_error_, kPatience, kApproach);
+                  "%.2f m from the reference, and never within max_error %.3g m for %g s in %g s", error,
+                  max_error_, kPatience, kApproach);
   }
   return text;
 }

@@ -57,8 +57,8 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
       input_max_(model.body.input_max),
       step_(step) {
   if (count_ > kStates)
-    throw std::invalid_argument("a model whose effects have more than " +
-                                std::to_string(kMaxStates) + " states cannot be planned with");
+    throw std::invalid_argument("a model whose effects have more than " + std::to_string(kMaxStates) +
+                                " states cannot be planned with");
   if (steps < 1 || steps > kMaxSteps || !(step > 0))
     throw std::invalid_argument("the horizon needs between 1 and 200 steps of positive length");
   const ThrusterLayout& layout = dynamics_.layout();
@@ -107,8 +107,7 @@ double TrajectoryOptimizer::stateCost(std::size_t i, const RigidState<double>& s
   const bool end = i + 1 == references_.size();
   const double position = end ? 1 + weights_.end_position : 1;
   const double velocity = weights_.velocity + (end ? weights_.end_velocity : 0);
-  const Vector2<double> over_floor =
-      bodyToWorld<double>(state.eta.z(), state.nu.head<2>().eval());
+  const Vector2<double> over_floor = bodyToWorld<double>(state.eta.z(), state.nu.head<2>().eval());
   const double cost = position * (state.eta.head<2>() - reference.p).squaredNorm() +
                       velocity * (over_floor - reference.p_dot).squaredNorm();
   if (!walls_) return cost;
@@ -118,8 +117,7 @@ double TrajectoryOptimizer::stateCost(std::size_t i, const RigidState<double>& s
 }
 
 /// l_x and the Gauss-Newton part of l_xx of the cost of the plan's state at the end of step i.
-TrajectoryOptimizer::CostDerivatives TrajectoryOptimizer::stateCostDerivatives(
-    std::size_t i) const {
+TrajectoryOptimizer::CostDerivatives TrajectoryOptimizer::stateCostDerivatives(std::size_t i) const {
   CostDerivatives by;
   const State& state = plan_.states[i + 1];
   const ReferencePoint& reference = references_[i];
@@ -136,8 +134,7 @@ TrajectoryOptimizer::CostDerivatives TrajectoryOptimizer::stateCostDerivatives(
   by.curvature.bottomRightCorner<3, 3>() = velocity * turned.transpose() * turned;
   if (!walls_) return by;
   Eigen::Matrix<double, 1, 5> wall;
-  const double violation =
-      walls_->fence.violation({state.head<3>(), state.segment<3>(3)}, walls_->age, wall);
+  const double violation = walls_->fence.violation({state.head<3>(), state.segment<3>(3)}, walls_->age, wall);
   if (!(violation > 0)) return by;
   const double weight = 2 * step_ * walls_->weight;
   by.gradient += weight * violation * wall.transpose();
@@ -162,9 +159,9 @@ double TrajectoryOptimizer::simulate(double limit, const Policy& policy) {
     State& next = tried_.states[i + 1];
     next = tried_.states[i];
     tried_.inputs[i] = policy(i, next);
-    const RigidState<double> after = drivenStep(
-        dynamics_, t_ + static_cast<double>(i) * step_, {next.head<3>(), next.segment<3>(3)},
-        tried_.inputs[i], lift_, missing_, step_, next.data() + 6);
+    const RigidState<double> after =
+        drivenStep(dynamics_, t_ + static_cast<double>(i) * step_, {next.head<3>(), next.segment<3>(3)},
+                   tried_.inputs[i], lift_, missing_, step_, next.data() + 6);
     next.head<3>() = after.eta;
     next.segment<3>(3) = after.nu;
     cost += step_ * (inputCost(tried_.inputs[i]) + stateCost(i, after));
@@ -216,9 +213,9 @@ void TrajectoryOptimizer::linearize(std::size_t i) {
       (variable < kStates ? x[static_cast<std::size_t>(variable)] : command(variable - kStates))
           .v[j - begin] = 1.0;
     }
-    const RigidState<Jet> after = drivenStep<Jet>(
-        derivatives_, Jet(t_ + static_cast<double>(i) * step_), {{x[0], x[1], x[2]}, {x[3], x[4], x[5]}},
-        command, lift_, missing_.cast<Jet>(), step_, &x[6]);
+    const RigidState<Jet> after = drivenStep<Jet>(derivatives_, Jet(t_ + static_cast<double>(i) * step_),
+                                                  {{x[0], x[1], x[2]}, {x[3], x[4], x[5]}}, command, lift_,
+                                                  missing_.cast<Jet>(), step_, &x[6]);
     for (std::size_t j = 0; j < 3; ++j) {
       x[j] = after.eta(static_cast<int>(j));
       x[3 + j] = after.nu(static_cast<int>(j));
@@ -282,8 +279,7 @@ bool TrajectoryOptimizer::backwardPass() {
 
 /// Inputs of step i: the plan's, with a part of the last iteration's change and with its feedback on
 /// the deviation of `state` from the plan, within their ranges.
-Thrusters<double> TrajectoryOptimizer::withFeedback(std::size_t i, double length,
-                                                    const State& state) const {
+Thrusters<double> TrajectoryOptimizer::withFeedback(std::size_t i, double length, const State& state) const {
   const Stage& stage = stages_[i];
   PerThruster u = asVector(plan_.inputs[i]) + length * stage.k;
   u += stage.K.transpose() * (state - plan_.states[i]);
@@ -311,13 +307,11 @@ void TrajectoryOptimizer::shiftPlan(double shift) {
 double TrajectoryOptimizer::warmStart(double shift) {
   shiftPlan(shift);
   if (!has_gains_) return rollOut();
-  accept(simulate(kNoLimit, [this](std::size_t i, const State& state) {
-    return withFeedback(i, 0, state);
-  }));
+  accept(simulate(kNoLimit, [this](std::size_t i, const State& state) { return withFeedback(i, 0, state); }));
   const double limit = std::isfinite(cost_) ? cost_ : kNoLimit;
   // accept() left the shifted inputs in tried_.
-  const double open = simulate(
-      limit, [this](std::size_t i, const State&) -> Thrusters<double> { return tried_.inputs[i]; });
+  const double open =
+      simulate(limit, [this](std::size_t i, const State&) -> Thrusters<double> { return tried_.inputs[i]; });
   if (open < limit) accept(open);
   return cost_;
 }
@@ -328,9 +322,8 @@ bool TrajectoryOptimizer::improve() {
   if (count_ == 6 ? backwardPass<6>() : backwardPass<kStates>()) {
     has_gains_ = true;
     for (const double length : kLengths) {
-      const double cost = simulate(cost_, [&](std::size_t i, const State& state) {
-        return withFeedback(i, length, state);
-      });
+      const double cost =
+          simulate(cost_, [&](std::size_t i, const State& state) { return withFeedback(i, length, state); });
       if (!(cost < cost_)) continue;
       accept(cost);
       if (length == 1) damping_ = damping_ / 5 < kMinDamping ? 0 : damping_ / 5;

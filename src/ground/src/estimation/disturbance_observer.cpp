@@ -33,8 +33,8 @@ const Tunables<ObserverParams>& ObserverParams::table() {
 DisturbanceObserver::DisturbanceObserver(const Model& model, const ObserverParams& params)
     : dynamics_(model), derivatives_(model), params_(params) {
   if (model.stateCount() > kMaxStates)
-    throw std::invalid_argument("a model whose effects have more than " +
-                                std::to_string(kMaxStates) + " states cannot be observed");
+    throw std::invalid_argument("a model whose effects have more than " + std::to_string(kMaxStates) +
+                                " states cannot be observed");
   reset();
 }
 
@@ -78,8 +78,7 @@ void DisturbanceObserver::settle() {
   if (known == 0 || !dynamics_.hasMemory()) return;
   const double from = std::max(recent(known - 1).time + delay(), time_ - kActuatorMemory);
   replay(from, time_, [&](double t, double h, const Command& c) {
-    dynamics_.settle(t - origin_, estimate_.state, c.thrusters, c.lift, h,
-                     estimate_.effects.data());
+    dynamics_.settle(t - origin_, estimate_.state, c.thrusters, c.lift, h, estimate_.effects.data());
   });
 }
 
@@ -95,8 +94,8 @@ void DisturbanceObserver::begin(double time, const RigidState<double>& measured)
   }
   settle();
   Vector9 deviation;
-  deviation << params_.position_noise, params_.position_noise, params_.heading_noise, 0.05, 0.05,
-      0.2, params_.push_drift, params_.push_drift, params_.twist_drift;
+  deviation << params_.position_noise, params_.position_noise, params_.heading_noise, 0.05, 0.05, 0.2,
+      params_.push_drift, params_.push_drift, params_.twist_drift;
   covariance_ = deviation.array().square().matrix().asDiagonal();
 }
 
@@ -138,8 +137,8 @@ void DisturbanceObserver::predict(double until) {
   const double h = until - time_;
   time_ = until;
   Vector9 noise = Vector9::Zero();
-  noise.segment<6>(3) << params_.push, params_.push, params_.twist, params_.push_drift,
-      params_.push_drift, params_.twist_drift;
+  noise.segment<6>(3) << params_.push, params_.push, params_.twist, params_.push_drift, params_.push_drift,
+      params_.twist_drift;
   covariance_ = (F * covariance_ * F.transpose()).eval();
   covariance_.diagonal() += h * noise.array().square().matrix();
 }
@@ -155,8 +154,7 @@ void DisturbanceObserver::correct(const Vector3<double>& eta) {
     off(i) = eta(i) - seen.eta(i).a;
   }
   off.z() = wrapAngle(off.z());
-  const Vector3<double> noise(params_.position_noise, params_.position_noise,
-                              params_.heading_noise);
+  const Vector3<double> noise(params_.position_noise, params_.position_noise, params_.heading_noise);
   Matrix3<double> S = H * covariance_ * H.transpose();
   S.diagonal() += noise.array().square().matrix();
   const Eigen::Matrix<double, 9, 3> K =
@@ -175,8 +173,7 @@ void DisturbanceObserver::correct(const Vector3<double>& eta) {
 DisturbanceObserver::Estimate DisturbanceObserver::at(double time) const {
   Estimate at = estimate_;
   replay(time_, time, [&](double t, double h, const Command& c) {
-    const StepInputs<double> acting =
-        dynamics_.actuate(c.thrusters, c.lift, h, at.effects.data());
+    const StepInputs<double> acting = dynamics_.actuate(c.thrusters, c.lift, h, at.effects.data());
     at.state = pushedStep(dynamics_, t - origin_, at.state, acting, at.missing, h);
   });
   return at;

@@ -49,17 +49,16 @@ void ModelMonitor::command(double time, const Thrusters<double>& thrusters, doub
   inputs_.add(time, thrusters, lift);
   observer_.command(time, thrusters, lift);
   const double oldest = time - params_.horizon * kSlack - kInputMemory;
-  const auto past = std::upper_bound(inputs_.times.begin(), inputs_.times.end(), oldest) -
-                    inputs_.times.begin() - 1;
+  const auto past =
+      std::upper_bound(inputs_.times.begin(), inputs_.times.end(), oldest) - inputs_.times.begin() - 1;
   if (past < static_cast<long>(inputs_.size() / 2)) return;  // drops many at once, to save time
   inputs_.drop(static_cast<std::size_t>(past));
 }
 
 /// The newest state that is at least one horizon old, or nullptr.
 const ModelMonitor::Sample* ModelMonitor::start(double time) const {
-  const auto after =
-      std::upper_bound(samples_.begin(), samples_.end(), time - params_.horizon + 1e-6,
-                       [](double t, const Sample& s) { return t < s.time; });
+  const auto after = std::upper_bound(samples_.begin(), samples_.end(), time - params_.horizon + 1e-6,
+                                      [](double t, const Sample& s) { return t < s.time; });
   if (after == samples_.begin()) return nullptr;
   const Sample& found = *(after - 1);
   return time - found.time > kSlack * params_.horizon ? nullptr : &found;
@@ -69,8 +68,7 @@ Simulation<double> ModelMonitor::simulate(const Sample& from) const {
   return Simulation<double>(dynamics_, inputs_, from.state, from.time);
 }
 
-std::optional<ModelMonitor::Error> ModelMonitor::measure(double time,
-                                                         const RigidState<double>& measured) {
+std::optional<ModelMonitor::Error> ModelMonitor::measure(double time, const RigidState<double>& measured) {
   if (!samples_.empty() && time < samples_.back().time) reset();
   if (!samples_.empty() && time == samples_.back().time) return std::nullopt;
   observer_.countFrom(inputs_.drive.origin(time));
@@ -89,8 +87,7 @@ std::optional<ModelMonitor::Error> ModelMonitor::measure(double time,
   error.eta.z() = wrapAngle(error.eta.z());
   error.nu = measured.nu - error.predicted.nu;
   error.wrench = dynamics_.mass() * estimate.missing;
-  if (!error.eta.allFinite() || !error.nu.allFinite() || !error.wrench.allFinite())
-    return std::nullopt;
+  if (!error.eta.allFinite() || !error.nu.allFinite() || !error.wrench.allFinite()) return std::nullopt;
   add({time, error.nu.cwiseAbs(), measured.nu});
   const double count = static_cast<double>(scores_.size());
   Vector3<double> mean_error = Vector3<double>::Zero(), mean = mean_error, square = mean_error;
@@ -129,8 +126,7 @@ std::vector<Vector3<double>> ModelMonitor::path(double step) const {
   return poses;
 }
 
-void ModelContest::add(double time, const ModelMonitor::Error& first,
-                       const ModelMonitor::Error& second) {
+void ModelContest::add(double time, const ModelMonitor::Error& first, const ModelMonitor::Error& second) {
   if (!differences_.empty() && time < differences_.back().first) differences_.clear();
   differences_.emplace_back(time, first.error_now - second.error_now);
   while (time - differences_.front().first > window_) differences_.pop_front();

@@ -89,8 +89,7 @@ void IntervalScatter::add(double dt) {
 double IntervalScatter::stampNoise() const { return std::sqrt(variance_ / 2); }
 
 bool JumpDetector::add(double stamp, const Vector3<double>& eta, const EstimatorParams& params) {
-  count_ =
-      count_ > 0 && sameMotion(eta_, eta, stamp - stamp_, kUnknownMotion, params) ? count_ + 1 : 1;
+  count_ = count_ > 0 && sameMotion(eta_, eta, stamp - stamp_, kUnknownMotion, params) ? count_ + 1 : 1;
   stamp_ = stamp;
   eta_ = eta;
   return count_ >= kMinPoses;

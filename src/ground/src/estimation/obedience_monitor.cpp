@@ -11,16 +11,16 @@
 namespace ground {
 namespace {
 
-constexpr double kInterval = 0.1;     // length of intervals; velocities change visibly [s]
-constexpr double kMemory = 40;        // how long intervals are kept [s]
-constexpr double kMinHalf = 0.5;      // smallest evidence of each half of a period
-constexpr double kMaxGap = 0.25;      // longest gap between states within an interval [s]
-constexpr double kPush = 0.03;        // white disturbance, relative to full thrust [1/sqrt(Hz)]
-constexpr double kTrim = 0.05;        // constant disturbance, relative to full thrust
-constexpr double kDrag = 0.5;         // relative error of the motion without thrust
-constexpr double kFreedom = 4;        // degrees of freedom of Student's t
-constexpr double kPlausible = -2;     // log-likelihood of an error of about two deviations
-constexpr double kMinLift = 0.5;      // with less lift, the craft sits on the floor by command
+constexpr double kInterval = 0.1;           // length of intervals; velocities change visibly [s]
+constexpr double kMemory = 40;              // how long intervals are kept [s]
+constexpr double kMinHalf = 0.5;            // smallest evidence of each half of a period
+constexpr double kMaxGap = 0.25;            // longest gap between states within an interval [s]
+constexpr double kPush = 0.03;              // white disturbance, relative to full thrust [1/sqrt(Hz)]
+constexpr double kTrim = 0.05;              // constant disturbance, relative to full thrust
+constexpr double kDrag = 0.5;               // relative error of the motion without thrust
+constexpr double kFreedom = 4;              // degrees of freedom of Student's t
+constexpr double kPlausible = -2;           // log-likelihood of an error of about two deviations
+constexpr double kMinLift = 0.5;            // with less lift, the craft sits on the floor by command
 constexpr std::size_t kMaxCommands = 4000;  // old commands are dropped beyond this number
 
 /// Thrust relative to the commanded one, within which a model may be wrong.
@@ -78,8 +78,8 @@ struct ObedienceMonitor::Spread {
 
   double logLikelihood(const Vector3<double>& seen, const Vector3<double>& predicted) const {
     const Vector3<double> off = seen - predicted;
-    const double found = loss(off.head<2>().squaredNorm() / velocity, 2) +
-                         loss(square(off.z()) / yaw_rate, 1);
+    const double found =
+        loss(off.head<2>().squaredNorm() / velocity, 2) + loss(square(off.z()) / yaw_rate, 1);
     return std::isfinite(found) ? -found : 0;
   }
 };
@@ -92,7 +92,8 @@ ObedienceMonitor::ObedienceMonitor(const Model& model)
       derivatives_(model),
       most_(model.thrusters->fullThrust() * model.body.k * model.body.input_max / model.body.m),
       most_yaw_(fullYaw(model)) {
-  static_assert(kShares.size() * kExtraDelays.size() == kFollowingCount && kExtraDelays.size() == kDelayCount);
+  static_assert(kShares.size() * kExtraDelays.size() == kFollowingCount &&
+                kExtraDelays.size() == kDelayCount);
   addExplanations();
   reset();
 }
@@ -104,16 +105,14 @@ void ObedienceMonitor::addExplanations() {
                    {"as with a fifth of the model's thrust", &weak_, all},
                    {"as with five times the model's thrust", &strong_, all}};
   if (layout.size() == 2)
-    explanations_.push_back({"as if " + layout[0].name + " and " + layout[1].name + " were swapped",
-                             &dynamics_, all, true});
+    explanations_.push_back(
+        {"as if " + layout[0].name + " and " + layout[1].name + " were swapped", &dynamics_, all, true});
   for (int i = 0; i < layout.size() && layout.size() > 1; ++i) {
     Thrusters<double> shares = all;
     shares(i) = 0;
-    explanations_.push_back(
-        {"as if the " + layout[i].name + " thruster were off", &dynamics_, shares});
+    explanations_.push_back({"as if the " + layout[i].name + " thruster were off", &dynamics_, shares});
   }
-  explanations_.push_back(
-      {"as if it sat on the floor, without lift", &sitting_, all, false, false});
+  explanations_.push_back({"as if it sat on the floor, without lift", &sitting_, all, false, false});
 }
 
 void ObedienceMonitor::reset() {
@@ -127,21 +126,18 @@ void ObedienceMonitor::reset() {
 void ObedienceMonitor::command(double time, const Thrusters<double>& thrusters, double lift) {
   if (delayed_[0].size() > 0 && time < delayed_[0].times.back()) reset();
   forgetOldCommands(time);
-  for (std::size_t i = 0; i < delayed_.size(); ++i)
-    delayed_[i].add(time + kExtraDelays[i], thrusters, lift);
+  for (std::size_t i = 0; i < delayed_.size(); ++i) delayed_[i].add(time + kExtraDelays[i], thrusters, lift);
   for (std::size_t i = 0; i < others_.size(); ++i) {
     const Explanation& e = explanations_[i];
     Thrusters<double> inputs = Thrusters<double>::zero(thrusters.size());
-    for (int j = 0; j < inputs.size(); ++j)
-      inputs(j) = e.shares(j) * thrusters(e.swapped ? 1 - j : j);
+    for (int j = 0; j < inputs.size(); ++j) inputs(j) = e.shares(j) * thrusters(e.swapped ? 1 - j : j);
     others_[i].add(time, inputs, e.lifted ? lift : 0);
   }
 }
 
 void ObedienceMonitor::forgetOldCommands(double time) {
   if (delayed_[0].size() < kMaxCommands) return;
-  const double oldest =
-      time - kActuatorMemory - dynamics_.inputDelay() - kExtraDelays.back() - kMaxGap;
+  const double oldest = time - kActuatorMemory - dynamics_.inputDelay() - kExtraDelays.back() - kMaxGap;
   std::size_t count = 0;
   while (count + 1 < delayed_[0].size() && delayed_[0].times[count + 1] < oldest) ++count;
   for (InputSequence& commands : delayed_) commands.drop(count);
@@ -156,8 +152,7 @@ void ObedienceMonitor::measure(double time, const RigidState<double>& state,
   if (started_ && elapsed <= kMaxGap && lifted()) intervals_.push_back(compare(now));
   started_ = true;
   start_ = now;
-  while (!intervals_.empty() && intervals_.front().end <= time - kMemory)
-    intervals_.pop_front();
+  while (!intervals_.empty() && intervals_.front().end <= time - kMemory) intervals_.pop_front();
 }
 
 /// The state of the craft's centre, given that of the tracked point.
@@ -173,8 +168,8 @@ bool ObedienceMonitor::lifted() const {
   return delayed_[0].size() > 0 && delayed_[0].lift.back() >= kMinLift;
 }
 
-Vector3<double> ObedienceMonitor::predict(const Dynamics<double>& dynamics,
-                                          const InputSequence& inputs, double time) const {
+Vector3<double> ObedienceMonitor::predict(const Dynamics<double>& dynamics, const InputSequence& inputs,
+                                          double time) const {
   Simulation<double> simulation(dynamics, inputs, start_.state, start_.time);
   simulation.advance(time);
   return overFloor(simulation.state());
@@ -226,16 +221,13 @@ ObedienceMonitor::Evidence ObedienceMonitor::evidenceOfOthers(double duration) c
   return evidence;
 }
 
-double ObedienceMonitor::evidence(double duration) const {
-  return evidenceOfOthers(duration).maxCoeff();
-}
+double ObedienceMonitor::evidence(double duration) const { return evidenceOfOthers(duration).maxCoeff(); }
 
 std::string ObedienceMonitor::disobedience(double duration) const {
   for (double span : {duration, 2 * duration, 4 * duration}) {
     const Evidence all = evidenceOfOthers(span), recent = evidenceOfOthers(span / 2);
     Eigen::Index best = 0;
-    if (all.maxCoeff(&best) < kEvidence || recent(best) < kMinHalf ||
-        all(best) - recent(best) < kMinHalf)
+    if (all.maxCoeff(&best) < kEvidence || recent(best) < kMinHalf || all(best) - recent(best) < kMinHalf)
       continue;
     return "it moves " + likely(span, best);
   }

@@ -18,8 +18,7 @@ struct Step {
   bool used = false;    ///< the pose was accepted
 };
 
-void check(const std::vector<double>& stamps, const Eigen::MatrixX3d& eta,
-           const EstimatorParams& params) {
+void check(const std::vector<double>& stamps, const Eigen::MatrixX3d& eta, const EstimatorParams& params) {
   if (eta.rows() != static_cast<Eigen::Index>(stamps.size()))
     throw std::invalid_argument("there must be as many stamps as poses");
   if (stamps.size() < 3) throw std::invalid_argument("smoothing needs at least three poses");
@@ -88,8 +87,7 @@ SmoothedMotion smooth(const std::vector<double>& stamps, const Eigen::MatrixX3d&
         x[i] = here.x;
       } else if (const double dt = stamps[k + 1] - stamps[k]; dt > 0) {
         const AxisFilter& next = steps[k + 1].predicted.axis(i);
-        const Eigen::Matrix3d gain =
-            here.P * AxisFilter::transition(dt).transpose() * next.P.inverse();
+        const Eigen::Matrix3d gain = here.P * AxisFilter::transition(dt).transpose() * next.P.inverse();
         x[i] = here.x + gain * (x[i] - next.x);
       }
     }

@@ -74,8 +74,7 @@ void TimeJumpDetector::learnPace(double steady, double time) {
 
 std::string describeTimeJump(double jump) {
   char text[80];
-  std::snprintf(text, sizeof text, "time jumped %s by %.1f s", jump < 0 ? "back" : "ahead",
-                std::abs(jump));
+  std::snprintf(text, sizeof text, "time jumped %s by %.1f s", jump < 0 ? "back" : "ahead", std::abs(jump));
   return text;
 }
 

@@ -41,8 +41,7 @@ class FiniteDifferenceEstimator : public VelocityEstimator {
     if (!sameMotion(expected, eta, since, count_ > 1 ? 1.0 : kUnknownMotion, params_)) return false;
     // Stamps of the same poll do not give the time between poses: use an older sample.
     int back = 0;
-    while (back < std::min(count_, kMaxMedian) - 1 && time_ - past(back).time < kMinInterval)
-      ++back;
+    while (back < std::min(count_, kMaxMedian) - 1 && time_ - past(back).time < kMinInterval) ++back;
     const Sample from = past(back);
     Sample& newest = samples_[count_++ % kCapacity];
     newest.time = time_;
@@ -118,8 +117,7 @@ class KalmanEstimator : public VelocityEstimator {
 
   void publish() {
     estimate_.eta = filter_.position();
-    bodyMotion(filter_.velocity(), filter_.acceleration(), estimate_.eta.z(), estimate_.nu,
-               estimate_.nu_dot);
+    bodyMotion(filter_.velocity(), filter_.acceleration(), estimate_.eta.z(), estimate_.nu, estimate_.nu_dot);
     // A heading error rotates the velocity: (u, v) += (v, -u) d psi.
     const Vector2<double> turned(estimate_.nu.y(), -estimate_.nu.x());
     const Eigen::Matrix3d &x = filter_.axis(0).P, &y = filter_.axis(1).P, &psi = filter_.axis(2).P;
@@ -143,8 +141,7 @@ void bodyMotion(const Vector3<double>& velocity, const Vector3<double>& accelera
   const Vector2<double> v = velocity.head<2>(), a = acceleration.head<2>();
   nu << worldToBody<double>(psi, v), velocity.z();
   // d/dt (R' v) = R' a - r S R' v
-  nu_dot << worldToBody<double>(psi, a) + nu.z() * Vector2<double>(nu.y(), -nu.x()),
-      acceleration.z();
+  nu_dot << worldToBody<double>(psi, a) + nu.z() * Vector2<double>(nu.y(), -nu.x()), acceleration.z();
 }
 
 void VelocityEstimator::reset() {

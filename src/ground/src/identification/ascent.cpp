@@ -14,12 +14,12 @@
 namespace ground::detail {
 namespace {
 
-constexpr double kMinGain = 0.01;      // gain of the log-posterior below which the search ends
+constexpr double kMinGain = 0.01;        // gain of the log-posterior below which the search ends
 constexpr double kCoarseGain = 0.1;      // the same while the limit of distances is lowered
-constexpr double kNoGain = 0.01;       // share of these below which an expected gain is not tried
-constexpr double kMinShare = 0.1;      // share of the other ascent's gain below which one waits
+constexpr double kNoGain = 0.01;         // share of these below which an expected gain is not tried
+constexpr double kMinShare = 0.1;        // share of the other ascent's gain below which one waits
 constexpr double kMaxMeanThrust = 0.02;  // largest mean of the runs' relative changes of thrust
-constexpr double kMaxLevelStep = 1.0;  // longest step of a level's logarithm
+constexpr double kMaxLevelStep = 1.0;    // longest step of a level's logarithm
 
 // Indices into DisturbanceLevels::names:
 constexpr int kFirstTime = 4, kFirstTrim = 13;
@@ -42,8 +42,8 @@ struct Prior {
 };
 
 /// A step of damped scoring within bounds. Parameters at a bound do not step outwards.
-Eigen::VectorXd boundedStep(const Eigen::MatrixXd& information, const Eigen::VectorXd& score,
-                            double damping, const Free& free, const std::vector<double>& scaled) {
+Eigen::VectorXd boundedStep(const Eigen::MatrixXd& information, const Eigen::VectorXd& score, double damping,
+                            const Free& free, const std::vector<double>& scaled) {
   const auto n = score.size();
   Eigen::VectorXd step = Eigen::VectorXd::Zero(n);
   std::vector<bool> held(static_cast<std::size_t>(n), false);
@@ -68,8 +68,7 @@ Eigen::VectorXd boundedStep(const Eigen::MatrixXd& information, const Eigen::Vec
       const double to = scaled[at] + found(i);
       step(moving[i]) = std::clamp(to, low, high) - scaled[at];
       // Solve again with this parameter held, so that the others adapt to it.
-      if ((scaled[at] <= low && to < low) || (scaled[at] >= high && to > high))
-        changed = held[at] = true;
+      if ((scaled[at] <= low && to < low) || (scaled[at] >= high && to > high)) changed = held[at] = true;
     }
     if (!changed) break;
   }
@@ -138,8 +137,7 @@ class Ascent {
     const auto runs = static_cast<Eigen::Index>(found.size());
     level_score_ = Eigen::VectorXd::Zero(kLevels + runs);
     level_information_ = Eigen::MatrixXd::Zero(kLevels + runs, kLevels + runs);
-    level_score_.head<kLevels>() =
-        -prior_.precision.cwiseProduct(logs(point_.levels) - prior_.median);
+    level_score_.head<kLevels>() = -prior_.precision.cwiseProduct(logs(point_.levels) - prior_.median);
     level_information_.diagonal().head<kLevels>() = prior_.precision;
     constexpr double kPrecision = 1 / (kLoudness * kLoudness);
     for (Eigen::Index i = 0; i < runs; ++i) {
@@ -258,8 +256,7 @@ class Ascent {
     const Step result = stepBy(step, level_score_, level_information_);
     for (Eigen::Index i = 0; i < step.size(); ++i) {
       // A scoring step of the logarithm changes the variance by the factor 1 + 2 step.
-      if (i < kFirstTime || i >= kFirstTime + 4)
-        step(i) = 0.5 * std::log(std::max(1e-3, 1 + 2 * step(i)));
+      if (i < kFirstTime || i >= kFirstTime + 4) step(i) = 0.5 * std::log(std::max(1e-3, 1 + 2 * step(i)));
       step(i) = std::clamp(step(i), -kMaxLevelStep, kMaxLevelStep);
     }
     point.levels = fromLogs(logs(point.levels) + step.head<kLevels>());

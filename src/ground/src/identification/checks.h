@@ -15,8 +15,7 @@ void checkFree(const RunData& run);
 void checkGap(double max_gap);
 /// Throws std::invalid_argument unless acting wrenches are finite and have a row a sample and a
 /// channel, 0 to 2, for each column.
-void checkActing(const Eigen::MatrixXd& acting, const std::vector<int>& channels,
-                 std::size_t samples);
+void checkActing(const Eigen::MatrixXd& acting, const std::vector<int>& channels, std::size_t samples);
 /// Error message for a window in which the motion of a model is not finite.
 std::string notFinite(const RunData& run, const Window& window);
 

@@ -22,9 +22,7 @@ constexpr int kMaxReleases = 5;
 /// Largest relative rise of the cost for parameters without information to keep their start.
 constexpr double kMaxRise = 0.01;
 
-double fineTolerance(const FitOptions& options) {
-  return options.near ? kNearTolerance : kFineTolerance;
-}
+double fineTolerance(const FitOptions& options) { return options.near ? kNearTolerance : kFineTolerance; }
 
 /// Ends a solve when a parameter has reached a bound.
 class AtBound : public ceres::IterationCallback {
@@ -46,8 +44,8 @@ class AtBound : public ceres::IterationCallback {
 /// One solve by ceres; `scaled` and `initial` are start and result. With `until_bound` it ends when
 /// a parameter reaches a bound.
 ceres::Solver::Summary solve(Linearisation& windows, const Free& free, const RobustLoss& robust,
-                             double tolerance, int iterations, bool until_bound,
-                             std::vector<double>& scaled, Initials& initial) {
+                             double tolerance, int iterations, bool until_bound, std::vector<double>& scaled,
+                             Initials& initial) {
   WindowCosts costs(windows, free, robust, scaled, initial);
   ceres::Solver::Options options;
 #if CERES_VERSION_MAJOR >= 2
@@ -90,8 +88,7 @@ Eigen::VectorXd gradient(Linearisation& windows, const Free& free, const RobustL
   const auto n = static_cast<Eigen::Index>(free.index.size());
   std::vector<Eigen::VectorXd> slopes(at.initial.size(), Eigen::VectorXd::Zero(n));
   windows.normalEquations(
-      {free.coordinates(at.scaled.data()), free.index, at.initial}, robust.weighing(),
-      [](int) { return 1; },
+      {free.coordinates(at.scaled.data()), free.index, at.initial}, robust.weighing(), [](int) { return 1; },
       [&](int window, int, const NormalEquations& equations) {
         const Eigen::VectorXd slope = equations.b.head(n);
         if (slope.allFinite()) slopes[window] = slope;
@@ -107,8 +104,7 @@ bool onBound(const Free& free, const Solution& at, std::size_t i) {
 }
 
 /// Whether the cost decreases from the bound of parameter i into its range.
-bool fallsInwards(const Eigen::VectorXd& slope, const Free& free, const Solution& at,
-                  std::size_t i) {
+bool fallsInwards(const Eigen::VectorXd& slope, const Free& free, const Solution& at, std::size_t i) {
   return slope(i) * free.inward(i, at.scaled[i]) < -1e-6 * (1e-6 + at.cost);
 }
 
@@ -128,19 +124,18 @@ Free moving(const Free& free, const std::vector<bool>& held, const Solution& at)
 
 /// One solve from a solution, in which the `held` parameters are constant.
 void solveBeside(const std::vector<bool>& held, Linearisation& windows, const Free& free,
-                 const RobustLoss& robust, double tolerance, const FitOptions& options,
-                 Solution& solution) {
+                 const RobustLoss& robust, double tolerance, const FitOptions& options, Solution& solution) {
   const Free others = moving(free, held, solution);
   std::vector<double> scaled;
   for (std::size_t i = 0; i < held.size(); ++i)
     if (!held[i]) scaled.push_back(solution.scaled[i]);
-  const auto summary = solve(windows, others, robust, tolerance, options.max_iterations,
-                             options.near, scaled, solution.initial);
+  const auto summary = solve(windows, others, robust, tolerance, options.max_iterations, options.near, scaled,
+                             solution.initial);
   solution.cost = summary.final_cost;
   solution.iterations += static_cast<int>(summary.iterations.size());
   solution.usable = summary.IsSolutionUsable() && std::isfinite(summary.final_cost);
-  solution.converged = summary.termination_type == ceres::CONVERGENCE ||
-                       summary.termination_type == ceres::USER_SUCCESS;
+  solution.converged =
+      summary.termination_type == ceres::CONVERGENCE || summary.termination_type == ceres::USER_SUCCESS;
   solution.message = summary.message;
   if (!solution.usable) return;
   for (std::size_t i = 0, j = 0; i < held.size(); ++i)
@@ -149,11 +144,10 @@ void solveBeside(const std::vector<bool>& held, Linearisation& windows, const Fr
 
 /// The parameters to hold at first: the fixed ones, and with `near` those on a bound from which the
 /// cost does not decrease inwards.
-std::vector<bool> heldAtFirst(Linearisation& windows, const Free& free, const RobustLoss& robust,
-                              bool near, const std::vector<bool>& fixed, Solution& solution) {
+std::vector<bool> heldAtFirst(Linearisation& windows, const Free& free, const RobustLoss& robust, bool near,
+                              const std::vector<bool>& fixed, Solution& solution) {
   std::vector<bool> held = fixed;
-  for (std::size_t i = 0; near && i < held.size(); ++i)
-    held[i] = fixed[i] || onBound(free, solution, i);
+  for (std::size_t i = 0; near && i < held.size(); ++i) held[i] = fixed[i] || onBound(free, solution, i);
   if (held == fixed) return held;
   solution.cost = 0;
   const Eigen::VectorXd slope = gradient(windows, free, robust, solution);
@@ -173,9 +167,8 @@ bool holdOnBounds(const Free& free, const Solution& solution, std::vector<bool>&
 /// Descends by one loss with an active set of bounds. In front of a bound the solver's steps
 /// shorten to zero for all parameters. Parameters at a bound are therefore held while the others
 /// continue, and are released if the cost decreases inwards. `fixed` parameters are constant.
-void descendWithinBounds(Linearisation& windows, const Free& free, const RobustLoss& robust,
-                         double tolerance, const FitOptions& options, Solution& solution,
-                         std::vector<bool> fixed = {}) {
+void descendWithinBounds(Linearisation& windows, const Free& free, const RobustLoss& robust, double tolerance,
+                         const FitOptions& options, Solution& solution, std::vector<bool> fixed = {}) {
   const std::size_t n = free.index.size();
   fixed.resize(n, false);
   std::vector<bool> held = heldAtFirst(windows, free, robust, options.near, fixed, solution);
@@ -206,16 +199,14 @@ std::vector<double> lossesOf(FitOptions::Objective objective) {
 }
 
 Solution descend(Linearisation& windows, const Free& free, const std::vector<double>& losses,
-                 const FitOptions& options, std::vector<double> scaled, Initials initial,
-                 double coarse) {
+                 const FitOptions& options, std::vector<double> scaled, Initials initial, double coarse) {
   Solution solution;
   solution.scaled = std::move(scaled);
   solution.initial = std::move(initial);
   for (const double delta : losses) {
     solution.delta = delta;
     const bool last = delta == losses.back() && std::isfinite(delta);
-    descendWithinBounds(windows, free, {delta}, last ? fineTolerance(options) : coarse, options,
-                        solution);
+    descendWithinBounds(windows, free, {delta}, last ? fineTolerance(options) : coarse, options, solution);
     if (!solution.usable) break;
   }
   return solution;
@@ -240,10 +231,9 @@ Solution startKept(Linearisation& windows, const Free& free, const Eigen::Matrix
   Solution kept = found;
   for (Eigen::Index i = 0; i < n; ++i) {
     const double start = free.base[free.index[i]] / free.scale[i];
-    kept.scaled[i] = fixed[i]
-                         ? start
-                         : std::clamp(found.scaled[i] + moved(i), free.lower[i] / free.scale[i],
-                                      free.upper[i] / free.scale[i]);
+    kept.scaled[i] = fixed[i] ? start
+                              : std::clamp(found.scaled[i] + moved(i), free.lower[i] / free.scale[i],
+                                           free.upper[i] / free.scale[i]);
   }
   descendWithinBounds(windows, free, {found.delta}, fineTolerance(options), options, kept, fixed);
   const double rounding = 1e-12 * static_cast<double>(windows.problem().windows().size());

@@ -16,8 +16,7 @@ namespace {
 /// The state of the filter during a run.
 class Pass {
  public:
-  Pass(const Model& model, const RunData& run, const Eigen::MatrixX3d& poses,
-       const DisturbanceLevels& levels)
+  Pass(const Model& model, const RunData& run, const Eigen::MatrixX3d& poses, const DisturbanceLevels& levels)
       : run_(run),
         poses_(poses),
         dynamics_(model, coordinatesWithThrust(model)),
@@ -152,8 +151,7 @@ class Pass {
     s.middle = Rotation<double>(at_.eta.z() + 0.5 * s.dt * at_.nu.z());
     const Vector2<double> body = s.middle.toBody(force);
     s.push.head<2>() += body;
-    const Eigen::Matrix<double, 6, 1> turned =
-        s.response.col(0) * body.y() - s.response.col(1) * body.x();
+    const Eigen::Matrix<double, 6, 1> turned = s.response.col(0) * body.y() - s.response.col(1) * body.x();
     s.motion.col(2) += turned;
     s.motion.col(5) += 0.5 * s.dt * turned;
   }
@@ -207,8 +205,7 @@ double DisturbanceFilter::run(const Model& model, const DisturbanceLevels& level
     s.dt = last ? 0 : run_.times[k + 1] - run_.times[k];
     if (s.dt <= 0) continue;
     pass.move(k, s);
-    if (!std::isfinite(likelihood) || !pass.finite())
-      return std::numeric_limits<double>::quiet_NaN();
+    if (!std::isfinite(likelihood) || !pass.finite()) return std::numeric_limits<double>::quiet_NaN();
   }
   constants_sigma_ = pass.constantsSigma();
   levels_ = levels;
@@ -222,8 +219,7 @@ double requireFinite(double log_likelihood) {
 }
 
 std::size_t DisturbanceFilter::lastOfStretch(std::size_t sample) const {
-  const auto next = std::find(starts_.begin() + static_cast<std::ptrdiff_t>(sample) + 1,
-                              starts_.end(), true);
+  const auto next = std::find(starts_.begin() + static_cast<std::ptrdiff_t>(sample) + 1, starts_.end(), true);
   return static_cast<std::size_t>(next - starts_.begin()) - 1;
 }
 
@@ -241,8 +237,7 @@ int DisturbanceFilter::blockOf(std::size_t sample, int blocks) const {
 Eigen::VectorXd DisturbanceFilter::densities(double block) const {
   const int blocks = blockCount(block);
   Eigen::VectorXd sums = Eigen::VectorXd::Zero(blocks);
-  for (std::size_t k = 0; k < samples_.size(); ++k)
-    sums(blockOf(k, blocks)) += samples_[k].log_density;
+  for (std::size_t k = 0; k < samples_.size(); ++k) sums(blockOf(k, blocks)) += samples_[k].log_density;
   return sums;
 }
 

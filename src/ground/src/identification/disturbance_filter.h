@@ -28,19 +28,19 @@ using FilterMatrix = Eigen::Matrix<double, kFilterStates, kFilterStates>;
 /// Output of the filter at a sample: everything that derivatives of its innovations need.
 struct FilterSample {
   RigidState<double> predicted, filtered;
-  Vector3<double> push;           ///< wrench that acts until the next sample, body
-  Rotation<double> middle;        ///< by the heading in the middle of the step
+  Vector3<double> push;                              ///< wrench that acts until the next sample, body
+  Rotation<double> middle;                           ///< by the heading in the middle of the step
   Eigen::Matrix<double, kFilterStates + 1, 3> gain;  ///< Kalman gain; its last row is zero
-  Matrix3<double> whitening;      ///< inverse Cholesky factor of the innovation's covariance
+  Matrix3<double> whitening;  ///< inverse Cholesky factor of the innovation's covariance
   Vector3<double> innovation;
-  Matrix3<double> seen;                    ///< derivative of the measured pose by the pose
-  Eigen::Matrix<double, 6, 6> motion;      ///< derivative of the next pose and velocity by these
-  Eigen::Matrix<double, 6, 3> held;        ///< derivative of these by a held acceleration
-  Eigen::Matrix<double, 6, 3> response;    ///< derivative of these by a held wrench
-  Eigen::Matrix<double, 6, 1> by_thrust;   ///< derivative of these by a relative change of all thrust
-  double dt;                      ///< time to the next sample; 0 at the end of a stretch [s]
-  double log_density;             ///< log-density of the pose given those before it; 0 at a start
-  bool starts;                    ///< first sample of a stretch: only the trims are carried over
+  Matrix3<double> seen;                   ///< derivative of the measured pose by the pose
+  Eigen::Matrix<double, 6, 6> motion;     ///< derivative of the next pose and velocity by these
+  Eigen::Matrix<double, 6, 3> held;       ///< derivative of these by a held acceleration
+  Eigen::Matrix<double, 6, 3> response;   ///< derivative of these by a held wrench
+  Eigen::Matrix<double, 6, 1> by_thrust;  ///< derivative of these by a relative change of all thrust
+  double dt;                              ///< time to the next sample; 0 at the end of a stretch [s]
+  double log_density;                     ///< log-density of the pose given those before it; 0 at a start
+  bool starts;                            ///< first sample of a stretch: only the trims are carried over
   /// Factor by which the variance of the pose's noise was increased (GreyBoxOptions::cap); 1 if not.
   double inflation;
 
@@ -56,14 +56,14 @@ struct FilterBelief {
   int sample = 0;
   FilterVector mean = FilterVector::Zero();
   FilterMatrix covariance = FilterMatrix::Zero();
-  double log_likelihood = 0;  ///< log-likelihood of the poses so far
+  double log_likelihood = 0;    ///< log-likelihood of the poses so far
   Eigen::MatrixXd sensitivity;  ///< derivative of the mean by free coordinates over scale
 };
 
 /// Derivatives of the log-likelihood of one run by coordinates over scale, summed over blocks of
 /// time.
 struct RunScores {
-  Eigen::MatrixXd score;        ///< a row a block
+  Eigen::MatrixXd score;  ///< a row a block
   Eigen::MatrixXd information;
   /// Information if parameters change while the accelerations by the disturbance stay the same,
   /// instead of its wrenches. A craft twice as heavy under twice the wrenches has the same motion,
@@ -90,7 +90,7 @@ class DisturbanceFilter {
   /// other functions are undefined; see requireFinite(). `levels` are those of this run. Fills in
   /// the beliefs in `kept`, whose samples are given in ascending order.
   [[nodiscard]] double run(const Model& model, const DisturbanceLevels& levels, double cap,
-             std::vector<FilterBelief>* kept = nullptr);
+                           std::vector<FilterBelief>* kept = nullptr);
 
   /// Derivatives at the last call of run(), by coordinates over scale. Fills in the sensitivity of
   /// the beliefs in `kept`, in ascending order of their samples.

@@ -25,9 +25,8 @@ DisturbanceLevels DisturbanceLevels::of(const std::array<double, kCount>& v) {
 
 const std::array<std::string, DisturbanceLevels::kCount>& DisturbanceLevels::names() {
   static const std::array<std::string, kCount> names = {
-      "sigma_X",   "sigma_Y", "sigma_N", "sigma_room", "time_X",   "time_Y",
-      "time_N",    "time_room", "white_X", "white_Y",  "white_N",  "position",
-      "heading",   "trim_X",  "trim_Y",  "trim_N",     "thrust"};
+      "sigma_X", "sigma_Y", "sigma_N",  "sigma_room", "time_X", "time_Y", "time_N", "time_room", "white_X",
+      "white_Y", "white_N", "position", "heading",    "trim_X", "trim_Y", "trim_N", "thrust"};
   return names;
 }
 
@@ -41,8 +40,7 @@ LevelPrior::LevelPrior(const Body<double>& body) {
   median.white = 0.001 * full;
   median.trim = 0.003 * full;
   median.thrust = 0.01;
-  deviation = {1.5, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0, 1.5,
-               1.5, 1.5, 0.4, 0.4, 1.5, 1.5, 1.5, 0.7};
+  deviation = {1.5, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0, 1.5, 1.5, 1.5, 0.4, 0.4, 1.5, 1.5, 1.5, 0.7};
 }
 
 }  // namespace ground

@@ -15,8 +15,7 @@ Eigen::MatrixXd correlationOf(const Uncertainty& u, const Free& free) {
   for (int i = 0; i < n; ++i)
     for (int j = 0; j < n; ++j)
       if (i != j && deviation(i) * deviation(j) > 0)
-        result(i, j) =
-            free.sign(i) * free.sign(j) * u.covariance(i, j) / (deviation(i) * deviation(j));
+        result(i, j) = free.sign(i) * free.sign(j) * u.covariance(i, j) / (deviation(i) * deviation(j));
   return result;
 }
 
@@ -25,12 +24,10 @@ double conditionOf(const Uncertainty& u) {
   return values(0) > 0 ? values(values.size() - 1) / values(0) : kInfinity;
 }
 
-double quantileOf(double freedom) {
-  return boost::math::quantile(boost::math::students_t(freedom), 0.975);
-}
+double quantileOf(double freedom) { return boost::math::quantile(boost::math::students_t(freedom), 0.975); }
 
-FittedParameter estimateOf(const ParameterInfo& info, const Free& free, std::size_t i,
-                           double scaled, double deviation, double quantile, double before) {
+FittedParameter estimateOf(const ParameterInfo& info, const Free& free, std::size_t i, double scaled,
+                           double deviation, double quantile, double before) {
   const double at = scaled * free.scale[i], spread = deviation * free.scale[i];
   const double value = std::clamp(info.fromCoordinate(at), info.lower, info.upper);
   const bool identified = std::isfinite(spread);
@@ -56,10 +53,9 @@ std::vector<FittedParameter> intervalsOf(const Uncertainty& u, const Free& free,
   std::vector<FittedParameter> result;
   for (int i = 0; i < n; ++i) {
     const int at = free.index[i];
-    const double deviation =
-        u.identified[i] ? std::sqrt(std::max(u.covariance(i, i), 0.0)) : kInfinity;
-    result.push_back(estimateOf(infos[at], free, static_cast<std::size_t>(i), scaled[i], deviation,
-                                quantile, before[at]));
+    const double deviation = u.identified[i] ? std::sqrt(std::max(u.covariance(i, i), 0.0)) : kInfinity;
+    result.push_back(
+        estimateOf(infos[at], free, static_cast<std::size_t>(i), scaled[i], deviation, quantile, before[at]));
   }
   return result;
 }

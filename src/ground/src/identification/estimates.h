@@ -20,8 +20,8 @@ double quantileOf(double freedom);
 /// Estimate of the free parameter `i`, with the interval of `quantile` deviations to either side.
 /// `before` is its value before the fit. `scaled` and `deviation` are those of its coordinate over
 /// its scale; an infinite deviation means that it is not identifiable from the data.
-FittedParameter estimateOf(const ParameterInfo& info, const Free& free, std::size_t i,
-                           double scaled, double deviation, double quantile, double before);
+FittedParameter estimateOf(const ParameterInfo& info, const Free& free, std::size_t i, double scaled,
+                           double deviation, double quantile, double before);
 
 /// Values with 95% intervals by Student's t; `scaled` are the fitted coordinates over scale.
 std::vector<FittedParameter> intervalsOf(const Uncertainty& u, const Free& free,

@@ -25,8 +25,7 @@ class Sensitivity {
       mobility_.push_back(dynamics_.back().mass().inverse());
     }
     for (const auto& d : dynamics_)
-      simulations_.emplace_back(d, run.inputs, RigidState<Jet>(), run.times[0],
-                                longestStep(d, run.noise));
+      simulations_.emplace_back(d, run.inputs, RigidState<Jet>(), run.times[0], longestStep(d, run.noise));
   }
 
   void forget(double until) {
@@ -43,9 +42,7 @@ class Sensitivity {
       if (!dynamics_[g].distorts()) continue;
       const Measurement<Jet> seen = dynamics_[g].measure(here);
       for (int a = 0; a < 3; ++a)
-        eachOf(g, [&](int column, int j) {
-          seen_(a, column) = seen_(a, n_ + column) = seen.eta(a).v[j];
-        });
+        eachOf(g, [&](int column, int j) { seen_(a, column) = seen_(a, n_ + column) = seen.eta(a).v[j]; });
     }
     white_ = correctDeviation(s, seen_, state_);
   }
@@ -136,8 +133,7 @@ class LevelDeviation {
     covariance_.move(s, step);
     moveDeviation(s, step, x_);
     // A different correlation time changes the decay of the filtered wrench.
-    x_.head<6>() += responseToProcesses(s) *
-                    ((step.mean - unchanged.mean) * processes_.array()).matrix();
+    x_.head<6>() += responseToProcesses(s) * ((step.mean - unchanged.mean) * processes_.array()).matrix();
     x_.segment<kProcesses>(kSlow).array() += (step.left - unchanged.left) * processes_.array();
     processes_.array() *= unchanged.left;
   }
@@ -162,8 +158,8 @@ class LevelDeviation {
 /// elements off the diagonal occur twice in the covariance.
 LevelRow levelPull(const Vector3<double>& e) {
   LevelRow pull;
-  pull << -e, 0.5 * (e(0) * e(0) - 1), e(1) * e(0), 0.5 * (e(1) * e(1) - 1), e(2) * e(0),
-      e(2) * e(1), 0.5 * (e(2) * e(2) - 1);
+  pull << -e, 0.5 * (e(0) * e(0) - 1), e(1) * e(0), 0.5 * (e(1) * e(1) - 1), e(2) * e(0), e(2) * e(1),
+      0.5 * (e(2) * e(2) - 1);
   return pull;
 }
 LevelRow levelWeight() {
@@ -179,8 +175,7 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
   const int blocks = blockCount(block);
   const auto n = static_cast<Eigen::Index>(free.index.size());
   Sensitivity sensitivity(model, free, run_);
-  RunScores sums{Eigen::MatrixXd::Zero(blocks, n), Eigen::MatrixXd::Zero(n, n),
-                 Eigen::MatrixXd::Zero(n, n)};
+  RunScores sums{Eigen::MatrixXd::Zero(blocks, n), Eigen::MatrixXd::Zero(n, n), Eigen::MatrixXd::Zero(n, n)};
   const Random random(levels_, run_.noise);
   std::size_t next = 0;  // belief to fill in
   for (std::size_t k = 0; k < samples_.size(); ++k) {
@@ -214,8 +209,7 @@ RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels,
       const LevelRow row = deviation.correct(s);
       // Capped poses do not count: their density hardly depends on the levels, so that levels of
       // ever more capped poses would seem ever likelier.
-      if (!s.starts && !s.capped())
-        rows.block<9, 1>(9 * static_cast<Eigen::Index>(k), level) = row;
+      if (!s.starts && !s.capped()) rows.block<9, 1>(9 * static_cast<Eigen::Index>(k), level) = row;
       if (s.dt > 0) deviation.move(s);
     }
   }

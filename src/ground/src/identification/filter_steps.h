@@ -30,18 +30,17 @@ double longestStep(const Dynamics<T>& dynamics, const Vector3<double>& noise) {
 struct Random {
   using Processes = Eigen::Array<double, kProcesses, 1>;
 
-  Processes variance, time;         ///< stationary variance, correlation time [s]
-  Eigen::Array3d white;             ///< density of the white wrench: X, Y, N
-  Eigen::Array3d noise;             ///< variance of measured x, y, psi
-  Eigen::Array4d constant;          ///< variance of the constant states
+  Processes variance, time;  ///< stationary variance, correlation time [s]
+  Eigen::Array3d white;      ///< density of the white wrench: X, Y, N
+  Eigen::Array3d noise;      ///< variance of measured x, y, psi
+  Eigen::Array4d constant;   ///< variance of the constant states
 
   Random(const DisturbanceLevels& levels, const Vector3<double>& pose_noise) {
     const double room = levels.sigma_room * levels.sigma_room;
     variance << levels.sigma.array().square(), room, room;
     time << levels.time.array(), levels.time_room, levels.time_room;
     white = levels.white.array().square();
-    noise << levels.position * pose_noise(0), levels.position * pose_noise(1),
-        levels.heading * pose_noise(2);
+    noise << levels.position * pose_noise(0), levels.position * pose_noise(1), levels.heading * pose_noise(2);
     noise = noise.square().eval();
     constant << levels.trim.array().square(), levels.thrust * levels.thrust;
   }
@@ -94,8 +93,8 @@ struct Covariance {
     const Eigen::Matrix<double, kConstants, kConstants> known =
         P.block<kConstants, kConstants>(kConstant, kConstant);
     StateVector variances;
-    variances << kPosition * kPosition, kPosition * kPosition, kHeading * kHeading,
-        kSpeed * kSpeed, kSpeed * kSpeed, kYawRate * kYawRate, random.variance, random.constant, 0;
+    variances << kPosition * kPosition, kPosition * kPosition, kHeading * kHeading, kSpeed * kSpeed,
+        kSpeed * kSpeed, kYawRate * kYawRate, random.variance, random.constant, 0;
     P = variances.asDiagonal();
     if (!first) P.block<kConstants, kConstants>(kConstant, kConstant) = known;
   }

@@ -30,14 +30,12 @@ struct Descents {
   }
 };
 
-bool isRobust(const FitOptions& options) {
-  return options.objective == FitOptions::Objective::kLeastSquares;
-}
+bool isRobust(const FitOptions& options) { return options.objective == FitOptions::Objective::kLeastSquares; }
 
 /// Descends from every start, after a fit to short pieces if given. Throws std::runtime_error if
 /// the descent from the model's values, which the user chose, fails.
-Descents descendFromStarts(Linearisation& windows, const SimulationError* short_pieces,
-                           const Free& free, const FitOptions& options) {
+Descents descendFromStarts(Linearisation& windows, const SimulationError* short_pieces, const Free& free,
+                           const FitOptions& options) {
   const Model& model = windows.model();
   const std::vector<double> losses = options.near && isRobust(options) && options.width > 0
                                          ? std::vector<double>{options.width}
@@ -48,8 +46,7 @@ Descents descendFromStarts(Linearisation& windows, const SimulationError* short_
   for (const std::vector<double>& start : startsOf(free, options.starts)) {
     Solution found;
     try {
-      const std::vector<double> from =
-          pieces ? approach(windows, *pieces, free, options, start) : start;
+      const std::vector<double> from = pieces ? approach(windows, *pieces, free, options, start) : start;
       found = descend(windows, free, losses, options, from,
                       initialsAt(from, windows.problem(), model, free, options));
       if (!found.usable) throw std::runtime_error(found.message);
@@ -67,10 +64,10 @@ Descents descendFromStarts(Linearisation& windows, const SimulationError* short_
 /// Returns `found` for an exact fit or if the robust fit fails.
 Solution weighOutliers(Linearisation& windows, const Free& free, const FitOptions& options,
                        const Solution& found) {
-  const double delta =
-      options.width > 0 ? options.width
-                        : 2 * deviationOf(windows.residuals({free.coordinates(found.scaled.data()),
-                                                             free.index, found.initial}));
+  const double delta = options.width > 0
+                           ? options.width
+                           : 2 * deviationOf(windows.residuals(
+                                     {free.coordinates(found.scaled.data()), free.index, found.initial}));
   if (!(delta > 1e-9)) return found;  // an exact fit
   Solution robust = descend(windows, free, {delta}, options, found.scaled, found.initial);
   if (!robust.usable) return found;
@@ -80,8 +77,7 @@ Solution weighOutliers(Linearisation& windows, const Free& free, const FitOption
 
 /// Uncertainty of the solution. First moves the solution back to its start along directions that
 /// are not identifiable.
-Uncertainty judge(Linearisation& windows, const Free& free, const FitOptions& options,
-                  Solution& solution) {
+Uncertainty judge(Linearisation& windows, const Free& free, const FitOptions& options, Solution& solution) {
   const Uncertainty first = uncertainty(windows, free, solution, options.block);
   if (first.unseen.cols() == 0) return first;
   solution = startKept(windows, free, first.unseen, options, solution);
@@ -106,8 +102,7 @@ Model modelAt(const Model& model, const Free& free, const Solution& solution) {
 
 /// The thesis's objective (3.4) from given initial states. Throws std::runtime_error if the model
 /// cannot be simulated.
-double thesisObjective(const SimulationError& problem, const Model& model,
-                       const Initials& initial) {
+double thesisObjective(const SimulationError& problem, const Model& model, const Initials& initial) {
   if (problem.target() != Target::kVelocities)
     return problem.objective(simulateFrom(problem, model, initial));
   const auto sizes = [](const double* residuals, int count, double*, double*, double* loss) {
@@ -119,8 +114,7 @@ double thesisObjective(const SimulationError& problem, const Model& model,
   int samples = 0;
   for (std::size_t w = 0; w < sums.size(); ++w) {
     const Window& window = problem.windows()[w];
-    if (!std::isfinite(sums[w]))
-      throw std::runtime_error(notFinite(problem.runs()[window.run], window));
+    if (!std::isfinite(sums[w])) throw std::runtime_error(notFinite(problem.runs()[window.run], window));
     sum += sums[w];
     samples += window.last - window.first + 1;
   }

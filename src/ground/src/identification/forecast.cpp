@@ -38,10 +38,10 @@ class Normal {
 
 /// Change of the random wrench over the step to the next sample.
 struct WrenchStep {
-  double dt;              ///< [s]
-  Vector3<double> left;   ///< fraction of the Ornstein-Uhlenbeck wrench that remains
-  Vector3<double> fresh;  ///< standard deviation of its random change [N], [N m]
-  Vector3<double> white;  ///< standard deviation of the white wrench's impulse [N s], [N m s]
+  double dt;                     ///< [s]
+  Vector3<double> left;          ///< fraction of the Ornstein-Uhlenbeck wrench that remains
+  Vector3<double> fresh;         ///< standard deviation of its random change [N], [N m]
+  Vector3<double> white;         ///< standard deviation of the white wrench's impulse [N s], [N m s]
   double left_room, fresh_room;  ///< the same of the force in the room
 };
 
@@ -67,8 +67,7 @@ std::vector<WrenchStep> wrenchSteps(const RunData& run, const DisturbanceLevels&
 
 /// Draws one motion; a row of x, y, psi, u, v, r for each sample from the first on.
 void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& steps,
-                const FilterVector& from, int first, Normal& normal,
-                Eigen::Ref<Eigen::MatrixXd> rows) {
+                const FilterVector& from, int first, Normal& normal, Eigen::Ref<Eigen::MatrixXd> rows) {
   model.body.k *= std::max(0.0, 1 + from(kThrust));
   const Dynamics<double> dynamics(model);
   const Matrix3<double> mobility = dynamics.mass().inverse();
@@ -84,13 +83,10 @@ void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& 
   see(0);
   for (std::size_t k = 0; k < steps.size(); ++k) {
     const WrenchStep& step = steps[k];
-    const Vector3<double> next =
-        step.left.cwiseProduct(slow) + step.fresh.cwiseProduct(normal.vector<3>());
-    const Vector2<double> next_room =
-        step.left_room * room + step.fresh_room * normal.vector<2>();
-    const Vector3<double> impulse =
-        step.dt * (from.segment<3>(kConstant) + 0.5 * (slow + next)) +
-        step.white.cwiseProduct(normal.vector<3>());
+    const Vector3<double> next = step.left.cwiseProduct(slow) + step.fresh.cwiseProduct(normal.vector<3>());
+    const Vector2<double> next_room = step.left_room * room + step.fresh_room * normal.vector<2>();
+    const Vector3<double> impulse = step.dt * (from.segment<3>(kConstant) + 0.5 * (slow + next)) +
+                                    step.white.cwiseProduct(normal.vector<3>());
     const Vector2<double> in_room = 0.5 * step.dt * (room + next_room);
     slow = next;
     room = next_room;
@@ -110,9 +106,8 @@ void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& 
 }  // namespace
 
 Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
-                    const std::vector<Alternative>& alternatives,
-                    const Eigen::MatrixXd& sensitivity, int last, const ForecastOptions& options,
-                    std::mt19937_64& random) {
+                    const std::vector<Alternative>& alternatives, const Eigen::MatrixXd& sensitivity,
+                    int last, const ForecastOptions& options, std::mt19937_64& random) {
   const int first = alternatives.front().belief.sample;
   const Eigen::Index count = last - first + 1;
   const auto draws = static_cast<Eigen::Index>(models.size());
@@ -142,12 +137,12 @@ Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
         one.levels.heading * run.noise(2), options.velocity_noise;
     rows.rowwise() += noise.cwiseProduct(normal.vector<6>()).transpose();
   }
-  Forecast result{first, Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6),
-                  Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6)};
+  Forecast result{first, Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6), Eigen::MatrixXd(count, 6),
+                  Eigen::MatrixXd(count, 6)};
   // The real motion has every rank among the draws with equal probability, so a band between order
   // statistics has coverage `part` for any number of draws.
-  const auto outside = static_cast<Eigen::Index>(
-      std::lround(0.5 * (1 - options.part) * (static_cast<double>(draws) + 1)));
+  const auto outside =
+      static_cast<Eigen::Index>(std::lround(0.5 * (1 - options.part) * (static_cast<double>(draws) + 1)));
   std::vector<double> values(static_cast<std::size_t>(draws));
   for (Eigen::Index row = 0; row < count; ++row)
     for (int channel = 0; channel < 6; ++channel) {

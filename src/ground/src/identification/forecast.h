@@ -26,8 +26,7 @@ struct DrawnModel {
 /// Each alternative gets a number of draws in proportion to its weight. `sensitivity`: derivative
 /// of the belief's mean by DrawnModel::away.
 Forecast forecastBy(const RunData& run, const std::vector<DrawnModel>& models,
-                    const std::vector<Alternative>& alternatives,
-                    const Eigen::MatrixXd& sensitivity, int last, const ForecastOptions& options,
-                    std::mt19937_64& random);
+                    const std::vector<Alternative>& alternatives, const Eigen::MatrixXd& sensitivity,
+                    int last, const ForecastOptions& options, std::mt19937_64& random);
 
 }  // namespace ground::detail

@@ -11,8 +11,8 @@ namespace ground::detail {
 
 /// Scaling between solver variables of order one and coordinates of the model.
 struct Free {
-  std::vector<double> base;  ///< coordinates of all parameters, the free ones at their start
-  std::vector<int> index;    ///< indices of the free parameters in Model::parameters()
+  std::vector<double> base;                 ///< coordinates of all parameters, the free ones at their start
+  std::vector<int> index;                   ///< indices of the free parameters in Model::parameters()
   std::vector<double> scale, lower, upper;  ///< bounds in coordinates
   std::vector<bool> reciprocal;             ///< the coordinate is 1/value
   /// Precision and mean of the prior of coordinates over scale.
@@ -30,9 +30,7 @@ struct Free {
   /// The tolerance allows for steps that rounding cuts before the bound.
   int inward(std::size_t i, double scaled) const {
     constexpr double kOnBound = 1e-7;
-    return scaled - lower[i] / scale[i] <= kOnBound   ? 1
-           : upper[i] / scale[i] - scaled <= kOnBound ? -1
-                                                      : 0;
+    return scaled - lower[i] / scale[i] <= kOnBound ? 1 : upper[i] / scale[i] - scaled <= kOnBound ? -1 : 0;
   }
 };
 

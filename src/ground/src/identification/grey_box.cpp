@@ -64,11 +64,10 @@ std::vector<double> loudnessAbout(bool unknown) {
 }
 
 /// A model for each draw, with uncertain parameters clamped to their bounds.
-std::vector<DrawnModel> drawModels(const Model& model, const ForecastOptions& options,
-                                   const Free& free, std::mt19937_64& random) {
+std::vector<DrawnModel> drawModels(const Model& model, const ForecastOptions& options, const Free& free,
+                                   std::mt19937_64& random) {
   const auto n = static_cast<Eigen::Index>(options.free.size());
-  if (n == 0)
-    return std::vector<DrawnModel>(static_cast<std::size_t>(options.draws), {model, {}});
+  if (n == 0) return std::vector<DrawnModel>(static_cast<std::size_t>(options.draws), {model, {}});
   Eigen::MatrixXd information = options.information;
   information.diagonal().array() += 1 / (kVagueDeviation * kVagueDeviation);
   const Eigen::LLT<Eigen::MatrixXd> root(information);
@@ -141,13 +140,11 @@ GreyBoxFit GreyBox::fit(const GreyBoxPoint& start, const GreyBoxOptions& options
   return ascend(search, prior_, start, options);
 }
 
-std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
-                                                const GreyBoxOptions& options) const {
+std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit, const GreyBoxOptions& options) const {
   if (options.free.empty()) return {};
   const auto runs = static_cast<Eigen::Index>(runs_.size());
   const Eigen::Index count = fit.level_information.rows();  // levels, then the loudness of each run
-  if (count != kLevels + runs || fit.level_information.cols() != count ||
-      !fit.level_information.allFinite())
+  if (count != kLevels + runs || fit.level_information.cols() != count || !fit.level_information.allFinite())
     throw std::invalid_argument("intervals need a fit of these runs and of their levels");
   check(fit.point, options.cap);
   const std::set<int> held = levelIndices(options.held);
@@ -166,8 +163,7 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
     requireFinite(search.evaluate(point, options.cap));
     return knownBy(search.scores(point, free).by_acceleration);
   };
-  Eigen::MatrixXd slopes =
-      Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(free.index.size()), count);
+  Eigen::MatrixXd slopes = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(free.index.size()), count);
   Eigen::VectorXd lost = Eigen::VectorXd::Zero(count);
   for (int c = 0; c < count; ++c) {
     constexpr double kStep = 0.3;  // of a logarithm: averages the slope over the likely range
@@ -187,14 +183,14 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit,
   constexpr double kMinFreedom = 3, kMaxFreedom = 1e6;  // degrees of freedom
   std::vector<double> freedom;
   for (Eigen::Index i = 0; i < variance.size(); ++i)
-    freedom.push_back(doubt(i, i) > 0 ? std::clamp(2 * std::pow(variance(i), 2) / doubt(i, i),
-                                                   kMinFreedom, kMaxFreedom)
-                                      : kMaxFreedom);
+    freedom.push_back(doubt(i, i) > 0
+                          ? std::clamp(2 * std::pow(variance(i), 2) / doubt(i, i), kMinFreedom, kMaxFreedom)
+                          : kMaxFreedom);
   return estimatesBy(known, fit.point.model, free, scaled, freedom);
 }
 
-std::vector<Eigen::VectorXd> GreyBox::likelihood(const GreyBoxPoint& point, double cap,
-                                                 double block, int threads) const {
+std::vector<Eigen::VectorXd> GreyBox::likelihood(const GreyBoxPoint& point, double cap, double block,
+                                                 int threads) const {
   check(point, cap);
   RunFilters search(runs_, max_gap_, threads);
   requireFinite(search.evaluate(point, cap));
@@ -210,9 +206,8 @@ GreyBoxScores GreyBox::scores(const GreyBoxPoint& point, const std::vector<std::
   const Free free = makeFree(point.model, parameters);
   requireFinite(search.evaluate(point, cap));
   std::vector<RunScores> found(runs_.size());
-  inParallel(runs_.size(), threads, [&](std::size_t i) {
-    found[i] = search.filters()[i].scores(point.model, free, block);
-  });
+  inParallel(runs_.size(), threads,
+             [&](std::size_t i) { found[i] = search.filters()[i].scores(point.model, free, block); });
   GreyBoxScores result;
   result.scale = free.scale;
   const auto n = static_cast<Eigen::Index>(parameters.size());
@@ -223,8 +218,7 @@ GreyBoxScores GreyBox::scores(const GreyBoxPoint& point, const std::vector<std::
   rows = 0;
   for (std::size_t i = 0; i < found.size(); ++i) {
     result.score.middleRows(rows, found[i].score.rows()) = found[i].score;
-    result.run.insert(result.run.end(), static_cast<std::size_t>(found[i].score.rows()),
-                      static_cast<int>(i));
+    result.run.insert(result.run.end(), static_cast<std::size_t>(found[i].score.rows()), static_cast<int>(i));
     result.information += found[i].information;
     rows += found[i].score.rows();
   }
@@ -290,9 +284,9 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
   for (std::size_t i = 0; i < sensitive.size(); ++i) sensitive[i].sample = options.starts[i];
   if (!options.free.empty() && !alternatives.empty()) {
     const auto& ended = alternatives.back();
-    const auto likeliest = std::max_element(
-        ended.begin(), ended.end(),
-        [](const Alternative& a, const Alternative& b) { return a.weight < b.weight; });
+    const auto likeliest =
+        std::max_element(ended.begin(), ended.end(),
+                         [](const Alternative& a, const Alternative& b) { return a.weight < b.weight; });
     requireFinite(filter.run(point.model, likeliest->levels, options.cap));
     filter.scores(point.model, free, 1e9, &sensitive);
   }
@@ -302,9 +296,8 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
     const double until = data.times[first] + options.horizons[result.size()];
     std::size_t last = filter.lastOfStretch(first);
     while (last > first && data.times[last] > until) --last;
-    result.push_back(
-        forecastBy(data, models, possible, sensitive[result.size()].sensitivity,
-                   static_cast<int>(last), options, random));
+    result.push_back(forecastBy(data, models, possible, sensitive[result.size()].sensitivity,
+                                static_cast<int>(last), options, random));
     if (!result.back().mean.allFinite())
       throw std::runtime_error("the model's motion along the recordings is not finite");
   }
@@ -312,8 +305,7 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
 }
 
 std::size_t GreyBox::indexOf(int run) const {
-  if (run < 0 || run >= static_cast<int>(runs_.size()))
-    throw std::invalid_argument("there is no such run");
+  if (run < 0 || run >= static_cast<int>(runs_.size())) throw std::invalid_argument("there is no such run");
   return static_cast<std::size_t>(run);
 }
 

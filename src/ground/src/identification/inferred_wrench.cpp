@@ -30,9 +30,7 @@ class OutsideWrench final : public Effect {
     return std::shared_ptr<const Effect>(std::shared_ptr<const Effect>(), this);
   }
   void wrench(const double*, const Point<double>&, Vector3<double>&) const override {}
-  void wrench(const Jet*, const Point<Jet>&, Vector3<Jet>& wrench) const override {
-    wrench += value;
-  }
+  void wrench(const Jet*, const Point<Jet>&, Vector3<Jet>& wrench) const override { wrench += value; }
 
   Vector3<Jet> value = Vector3<Jet>::Zero();
 };
@@ -64,8 +62,7 @@ struct Seeded {
 
 /// Wrench of the thrusters: the acceleration that the inputs cause, times the mass matrix.
 Vector3<double> thrustWrench(const Dynamics<Jet>& dynamics, OutsideWrench& outside, double t,
-                             const RigidState<double>& at, const Thrusters<Jet>& input,
-                             double lift) {
+                             const RigidState<double>& at, const Thrusters<Jet>& input, double lift) {
   const Seeded seeded(at, {6, 7, 8});
   outside.value = seeded.wrench;
   const Vector3<Jet> with = dynamics.derivative(Jet(t), seeded.state, input, lift).nu;
@@ -200,8 +197,7 @@ class WrenchFilter::Lineariser {
   std::vector<Simulation<Jet>> simulations_;
 };
 
-void WrenchFilter::linearise(const Model& model, const RunData& run,
-                             const Eigen::MatrixX3d& poses) {
+void WrenchFilter::linearise(const Model& model, const RunData& run, const Eigen::MatrixX3d& poses) {
   Lineariser lineariser(model, run, poses);
   samples_.resize(run.times.size());
   thrust_.resize(static_cast<Eigen::Index>(run.times.size()), 3);
@@ -217,13 +213,12 @@ void WrenchFilter::linearise(const Model& model, const RunData& run,
   }
 }
 
-WrenchFilter::Matrix9 WrenchFilter::initialCovariance(WrenchNature nature,
-                                                      const WrenchNoise& noise) const {
+WrenchFilter::Matrix9 WrenchFilter::initialCovariance(WrenchNature nature, const WrenchNoise& noise) const {
   // Standard deviations of smoothed velocities, deliberately large [m/s], [rad/s].
   constexpr double kSpeed = 0.3, kYawRate = 3.0;
   Vector9 sigma;
-  sigma << 3 * noise.position, 3 * noise.position, 3 * noise.heading, kSpeed, kSpeed, kYawRate,
-      force_scale_, force_scale_, moment_scale_;
+  sigma << 3 * noise.position, 3 * noise.position, 3 * noise.heading, kSpeed, kSpeed, kYawRate, force_scale_,
+      force_scale_, moment_scale_;
   if (nature == WrenchNature::kWhite) sigma.tail<3>().setZero();
   return sigma.cwiseAbs2().asDiagonal();
 }
@@ -232,8 +227,7 @@ WrenchFilter::Matrix9 WrenchFilter::processNoise(const Sample& sample, WrenchNat
                                                  const WrenchNoise& noise) const {
   Matrix9 Q = Matrix9::Zero();
   if (sample.dt <= 0) return Q;
-  const Vector3<double> density =
-      Vector3<double>(noise.force, noise.force, noise.moment).cwiseAbs2();
+  const Vector3<double> density = Vector3<double>(noise.force, noise.force, noise.moment).cwiseAbs2();
   const Eigen::Matrix<double, 6, 3> by_wrench = sample.transition.topRightCorner<6, 3>();
   const Eigen::Matrix<double, 6, 3> scaled = by_wrench * density.asDiagonal();
   if (nature == WrenchNature::kWhite) {
@@ -253,8 +247,7 @@ Innovations WrenchFilter::filter(WrenchNature nature, const WrenchNoise& noise, 
   Innovations result;
   result.normalised.resize(count, 3);
   result.valid.assign(count, false);
-  const Vector3<double> variance =
-      Vector3<double>(noise.position, noise.position, noise.heading).cwiseAbs2();
+  const Vector3<double> variance = Vector3<double>(noise.position, noise.position, noise.heading).cwiseAbs2();
   const Matrix9 start = initialCovariance(nature, noise);
   for (std::size_t s = 0; s + 1 < stretches_.size(); ++s) {
     Vector9 x = Vector9::Zero();
@@ -282,8 +275,8 @@ Innovations WrenchFilter::filter(WrenchNature nature, const WrenchNoise& noise, 
       result.normalised.row(k) /= std::sqrt(inflation);
       if (k - stretches_[s] >= kSettling) {
         result.valid[k] = true;
-        result.log_likelihood -= 0.5 * (std::log(S.determinant()) + 3 * std::log(inflation) +
-                                        std::min(distance, kMaxDistance));
+        result.log_likelihood -=
+            0.5 * (std::log(S.determinant()) + 3 * std::log(inflation) + std::min(distance, kMaxDistance));
       }
       const Eigen::Matrix<double, 9, 3> K = PH * inverse;
       x += K * innovation;
@@ -318,8 +311,8 @@ WrenchNoise WrenchFilter::likeliestNoise(WrenchNature nature) const {
   const double memory = nature == WrenchNature::kWhite ? 0.1 : 1.0;
   Levels logs = {std::log(0.3 * memory * force_scale_), std::log(0.3 * memory * moment_scale_),
                  std::log(5e-4), std::log(5e-3)};
-  const Levels lowest = {std::log(1e-6 * force_scale_), std::log(1e-6 * moment_scale_),
-                         std::log(1e-6), std::log(1e-5)};
+  const Levels lowest = {std::log(1e-6 * force_scale_), std::log(1e-6 * moment_scale_), std::log(1e-6),
+                         std::log(1e-5)};
   double best = likelihood(logs);
   for (const double factor : {6.0, 2.5, 1.6, 1.25}) {
     const double step = std::log(factor);
@@ -366,8 +359,7 @@ InferredWrench WrenchFilter::smooth(const WrenchNoise& noise, const Eigen::Matri
         const Matrix9& next = pass.predicted_covariance[k + 1];
         const Vector9 scale = next.diagonal().cwiseSqrt().cwiseInverse();
         const Matrix9 scaled = scale.asDiagonal() * next * scale.asDiagonal();
-        const Matrix9 cross =
-            scale.asDiagonal() * samples_[k].transition * pass.filtered_covariance[k];
+        const Matrix9 cross = scale.asDiagonal() * samples_[k].transition * pass.filtered_covariance[k];
         const Matrix9 gain = (scale.asDiagonal() * scaled.ldlt().solve(cross)).transpose();
         pass.smoothing_gain[k] = gain;
         x = pass.filtered[k] + gain * (x - pass.predicted[k + 1]);
@@ -383,8 +375,8 @@ InferredWrench WrenchFilter::smooth(const WrenchNoise& noise, const Eigen::Matri
 
 /// Responses to acting wrenches. The filter is linear, so its error under one wrench alone follows
 /// from the same gains.
-void WrenchFilter::respond(const Pass& pass, const Eigen::MatrixXd& acting,
-                           const std::vector<int>& channels, Eigen::MatrixXd& responses) const {
+void WrenchFilter::respond(const Pass& pass, const Eigen::MatrixXd& acting, const std::vector<int>& channels,
+                           Eigen::MatrixXd& responses) const {
   constexpr int kBatch = 16;  // wrenches computed together
   using Errors = Eigen::Matrix<double, 9, kBatch>;
   std::vector<Errors> predicted(samples_.size()), filtered(samples_.size());
@@ -403,8 +395,7 @@ void WrenchFilter::respond(const Pass& pass, const Eigen::MatrixXd& acting,
       }
       Errors error = filtered[last];
       for (int k = last; k >= first; --k) {
-        if (k < last)
-          error = (filtered[k] + pass.smoothing_gain[k] * (error - predicted[k + 1])).eval();
+        if (k < last) error = (filtered[k] + pass.smoothing_gain[k] * (error - predicted[k + 1])).eval();
         for (Eigen::Index j = begin; j < end; ++j)
           responses(k, j) = acting(k, j) - error(6 + channels[j], j - begin);
       }

@@ -28,14 +28,11 @@ Known knownBy(const Eigen::MatrixXd& information) {
   while (first < n && !(eigen.values(first) > kMinEigenvalue * eigen.values(n - 1))) ++first;
   const Eigen::MatrixXd directions = size.cwiseInverse().asDiagonal() * eigen.vectors;
   Known known;
-  known.variance = directions.rightCols(n - first).cwiseAbs2() *
-                   eigen.values.tail(n - first).cwiseInverse();
+  known.variance = directions.rightCols(n - first).cwiseAbs2() * eigen.values.tail(n - first).cwiseInverse();
   for (Eigen::Index i = 0; i < n; ++i)
-    known.identified.push_back(
-        eigen.vectors.row(i).head(first).squaredNorm() < kMaxParticipation &&
-        known.variance(i) < kMaxDeviation * kMaxDeviation);
-  known.volume = eigen.values.tail(n - first).array().log().sum() +
-                 2 * size.array().log().sum();
+    known.identified.push_back(eigen.vectors.row(i).head(first).squaredNorm() < kMaxParticipation &&
+                               known.variance(i) < kMaxDeviation * kMaxDeviation);
+  known.volume = eigen.values.tail(n - first).array().log().sum() + 2 * size.array().log().sum();
   known.unseen = orthonormalised(directions.leftCols(first));
   return known;
 }

@@ -16,13 +16,9 @@ class InitialCost {
   using Scalar = double;
   enum { NUM_RESIDUALS = Eigen::Dynamic, NUM_PARAMETERS = Eigen::Dynamic };
 
-  InitialCost(const SimulationError& problem, const Model& model,
-              const std::vector<double>& coordinates, int window, const RobustLoss& robust)
-      : problem_(problem),
-        model_(model),
-        coordinates_(coordinates),
-        window_(window),
-        robust_(robust) {}
+  InitialCost(const SimulationError& problem, const Model& model, const std::vector<double>& coordinates,
+              int window, const RobustLoss& robust)
+      : problem_(problem), model_(model), coordinates_(coordinates), window_(window), robust_(robust) {}
   int NumResiduals() const {
     const Window& w = problem_.windows()[window_];
     return 3 * (w.last - w.first + 1);
@@ -43,8 +39,7 @@ class InitialCost {
     for (Eigen::Index i = 0; i < rows; ++i) {
       const double r = found.residuals(i);
       residuals[i] = robust_(r);
-      if (jacobian)
-        columns.row(i) = robust_.derivative(r) * found.derivatives.row(i);
+      if (jacobian) columns.row(i) = robust_.derivative(r) * found.derivatives.row(i);
     }
     return true;
   }
@@ -59,9 +54,8 @@ class InitialCost {
 
 }  // namespace
 
-void solveInitial(const SimulationError& problem, const Model& model,
-                  const std::vector<double>& coordinates, const RobustLoss& robust, int window,
-                  Eigen::VectorXd& initial, double tolerance) {
+void solveInitial(const SimulationError& problem, const Model& model, const std::vector<double>& coordinates,
+                  const RobustLoss& robust, int window, Eigen::VectorXd& initial, double tolerance) {
   const InitialCost function(problem, model, coordinates, window, robust);
   ceres::TinySolver<InitialCost> solver;
   solver.options.function_tolerance = tolerance / 3 * function.NumResiduals();

@@ -20,8 +20,7 @@ void checkInitials(const SimulationError& problem, const Initials& initial);
 
 /// Fits the initial state of one window, starting from `initial`. Ends when a step lowers the cost
 /// per sample by less than `tolerance`.
-void solveInitial(const SimulationError& problem, const Model& model,
-                  const std::vector<double>& coordinates, const RobustLoss& robust, int window,
-                  Eigen::VectorXd& initial, double tolerance = 3e-10);
+void solveInitial(const SimulationError& problem, const Model& model, const std::vector<double>& coordinates,
+                  const RobustLoss& robust, int window, Eigen::VectorXd& initial, double tolerance = 3e-10);
 
 }  // namespace ground::detail

@@ -16,8 +16,7 @@ NormalEquations& NormalEquations::operator-=(const NormalEquations& other) {
   return *this;
 }
 
-NormalEquations normalEquations(const WindowResiduals& rows, int first, int last,
-                                const Weigh& weigh) {
+NormalEquations normalEquations(const WindowResiduals& rows, int first, int last, const Weigh& weigh) {
   const int count = last - first;
   Eigen::VectorXd weight(count), product(count), loss(count);
   weigh(rows.residuals.data() + first, count, weight.data(), product.data(), loss.data());

@@ -28,7 +28,7 @@ struct NormalEquations {
 
 /// Residuals of a window at some parameters and initial state.
 struct WindowResiduals {
-  Eigen::VectorXd residuals;    ///< u, v, r (or x, y, psi) of each sample in turn
+  Eigen::VectorXd residuals;  ///< u, v, r (or x, y, psi) of each sample in turn
   /// Derivatives of these, a row each: by the free parameters, then by the initial state. Empty
   /// unless requested.
   Eigen::MatrixXd derivatives;
@@ -37,8 +37,7 @@ struct WindowResiduals {
 };
 
 /// Normal equations of the rows [first, last).
-NormalEquations normalEquations(const WindowResiduals& rows, int first, int last,
-                                const Weigh& weigh);
+NormalEquations normalEquations(const WindowResiduals& rows, int first, int last, const Weigh& weigh);
 
 /// Sum of the losses of all rows.
 double lossOf(const Eigen::VectorXd& residuals, const Weigh& weigh);

@@ -22,8 +22,8 @@ WindowSimulation predict(const Model& model, const RunData& run, const std::vect
     if (first < 0 || last < first || last >= static_cast<int>(run.times.size()))
       throw std::invalid_argument("a window lies outside its run");
     const Measurement<double> start{run.eta.row(first), initial_nu.row(w)};
-    Simulation<double> simulation(dynamics, run.inputs, stateSeenAs(differentiable, start),
-                                  run.times[first], kDefaultStep, &measured);
+    Simulation<double> simulation(dynamics, run.inputs, stateSeenAs(differentiable, start), run.times[first],
+                                  kDefaultStep, &measured);
     Eigen::MatrixX3d eta(last - first + 1, 3), nu(last - first + 1, 3);
     for (int i = first; i <= last; ++i) {
       simulation.advance(run.times[i]);
@@ -31,8 +31,7 @@ WindowSimulation predict(const Model& model, const RunData& run, const std::vect
       eta.row(i - first) = seen.eta;
       nu.row(i - first) = seen.nu;
     }
-    if (!eta.allFinite() || !nu.allFinite())
-      throw std::runtime_error(detail::notFinite(run, windows[w]));
+    if (!eta.allFinite() || !nu.allFinite()) throw std::runtime_error(detail::notFinite(run, windows[w]));
     result.eta.push_back(std::move(eta));
     result.nu.push_back(std::move(nu));
   }

@@ -11,8 +11,8 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// Evaluates a loss for `count` residuals: weight W and product s for J'WJ and J's, and the loss
 /// itself, which is twice its contribution to the cost. If `weight` is null, sets only the loss.
-using Weigh = std::function<void(const double* residuals, int count, double* weight,
-                                 double* product, double* loss)>;
+using Weigh =
+    std::function<void(const double* residuals, int count, double* weight, double* product, double* loss)>;
 
 /// Pseudo-Huber loss rho(r) = 2 delta^2 (sqrt(1 + (r/delta)^2) - 1): about r^2 for residuals below
 /// delta, about 2 delta |r| above. Infinite delta: least squares. Least-squares solvers use its
@@ -29,8 +29,7 @@ struct RobustLoss {
     return r == 0 ? 1 : f * (1 - (root - 1) / (2 * root));
   }
   /// See Weigh: f'^2, f f', f^2. The compiler vectorises the loops, which have no branches.
-  void weigh(const double* residuals, int count, double* weight, double* product,
-             double* loss) const {
+  void weigh(const double* residuals, int count, double* weight, double* product, double* loss) const {
     const double over = 1 / (delta * delta);
     if (!weight) {
       for (int i = 0; i < count; ++i) {
@@ -55,14 +54,11 @@ struct RobustLoss {
     }
   }
   Weigh weighing() const {
-    return
-        [robust = *this](const double* residuals, int count, double* weight, double* product,
-                         double* loss) { robust.weigh(residuals, count, weight, product, loss); };
+    return [robust = *this](const double* residuals, int count, double* weight, double* product,
+                            double* loss) { robust.weigh(residuals, count, weight, product, loss); };
   }
   /// Half the derivative of the loss by the residual.
-  double score(double r) const {
-    return std::isinf(delta) ? r : r / std::sqrt(1 + r * r / (delta * delta));
-  }
+  double score(double r) const { return std::isinf(delta) ? r : r / std::sqrt(1 + r * r / (delta * delta)); }
   /// Half the second derivative of the loss, averaged over about `width` (at least delta), because
   /// absolute values have all their curvature at zero, where few residuals are.
   double curvature(double r, double width) const {

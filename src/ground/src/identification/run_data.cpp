@@ -18,8 +18,7 @@ void checkRun(const RunData& run) {
   require(run.eta.rows() == count && run.nu.rows() == count &&
               (run.poses.rows() == count || run.poses.rows() == 0),
           "times, eta, nu and poses differ in length");
-  require(run.eta.allFinite() && run.nu.allFinite() && run.poses.allFinite(),
-          "a measurement is not finite");
+  require(run.eta.allFinite() && run.nu.allFinite() && run.poses.allFinite(), "a measurement is not finite");
   require(std::is_sorted(run.times.begin(), run.times.end()) &&
               std::all_of(run.times.begin(), run.times.end(), [](double t) { return std::isfinite(t); }),
           "times descend or are not finite");
@@ -33,16 +32,14 @@ namespace detail {
 
 void checkFree(const RunData& run) {
   checkRun(run);
-  if (run.wrench.rows() > 0)
-    throw std::invalid_argument(run.name + ": only GreyBox takes a known wrench");
+  if (run.wrench.rows() > 0) throw std::invalid_argument(run.name + ": only GreyBox takes a known wrench");
 }
 
 void checkGap(double max_gap) {
   if (!(max_gap > 0)) throw std::invalid_argument("the longest gap must be positive");
 }
 
-void checkActing(const Eigen::MatrixXd& acting, const std::vector<int>& channels,
-                 std::size_t samples) {
+void checkActing(const Eigen::MatrixXd& acting, const std::vector<int>& channels, std::size_t samples) {
   if (acting.cols() != static_cast<Eigen::Index>(channels.size()) ||
       (acting.cols() > 0 && acting.rows() != static_cast<Eigen::Index>(samples)))
     throw std::invalid_argument("acting wrenches need a row a sample and a channel a column");
@@ -61,14 +58,13 @@ std::string notFinite(const RunData& run, const Window& window) {
 
 }  // namespace detail
 
-std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to,
-                               double length, double max_gap) {
+std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to, double length,
+                               double max_gap) {
   checkRun(run);
   detail::checkGap(max_gap);
   if (!(length > 0)) throw std::invalid_argument("the length of windows must be positive");
   if (run_index < 0) throw std::invalid_argument("the index of a run is negative");
-  if (std::isnan(from) || std::isnan(to))
-    throw std::invalid_argument("windows need a start and an end");
+  if (std::isnan(from) || std::isnan(to)) throw std::invalid_argument("windows need a start and an end");
   constexpr int kMinSamples = 6;  // enough to identify an initial velocity
   std::vector<Window> windows;
   const auto add = [&](int first, int last) {

@@ -44,24 +44,21 @@ DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run) {
   return levels;
 }
 
-RunFilters::RunFilters(const std::vector<RunData>& runs, double max_gap, int threads)
-    : threads_(threads) {
+RunFilters::RunFilters(const std::vector<RunData>& runs, double max_gap, int threads) : threads_(threads) {
   for (const RunData& run : runs) filters_.emplace_back(run, max_gap);
   by_run_.resize(runs.size());
 }
 
 double RunFilters::evaluate(const GreyBoxPoint& point, double cap) {
-  inParallel(filters_.size(), threads_, [&](std::size_t i) {
-    by_run_[i] = filters_[i].run(point.model, levelsOf(point, i), cap);
-  });
+  inParallel(filters_.size(), threads_,
+             [&](std::size_t i) { by_run_[i] = filters_[i].run(point.model, levelsOf(point, i), cap); });
   return std::accumulate(by_run_.begin(), by_run_.end(), 0.0);
 }
 
 RunScores RunFilters::scores(const GreyBoxPoint& point, const Free& free) const {
   std::vector<RunScores> found(filters_.size());
-  inParallel(filters_.size(), threads_, [&](std::size_t i) {
-    found[i] = filters_[i].scores(point.model, free, 1e9);
-  });
+  inParallel(filters_.size(), threads_,
+             [&](std::size_t i) { found[i] = filters_[i].scores(point.model, free, 1e9); });
   for (std::size_t i = 1; i < found.size(); ++i) {
     found[0].score += found[i].score;
     found[0].information += found[i].information;
@@ -75,9 +72,8 @@ RunScores RunFilters::scores(const GreyBoxPoint& point, const Free& free) const 
 std::vector<RunLevelScores> RunFilters::levelScores(const GreyBoxPoint& point,
                                                     const std::set<int>& held) const {
   std::vector<RunLevelScores> found(filters_.size());
-  inParallel(filters_.size(), threads_, [&](std::size_t i) {
-    found[i] = filters_[i].levelScores(levelsOf(point, i), held);
-  });
+  inParallel(filters_.size(), threads_,
+             [&](std::size_t i) { found[i] = filters_[i].levelScores(levelsOf(point, i), held); });
   return found;
 }
 

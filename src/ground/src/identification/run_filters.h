@@ -37,8 +37,7 @@ class RunFilters {
   /// Sums over the runs, one block each; the information includes the prior of the parameters.
   RunScores scores(const GreyBoxPoint& point, const Free& free) const;
   /// Level scores of each run; zero for the levels `held`.
-  std::vector<RunLevelScores> levelScores(const GreyBoxPoint& point,
-                                          const std::set<int>& held) const;
+  std::vector<RunLevelScores> levelScores(const GreyBoxPoint& point, const std::set<int>& held) const;
 
   const std::vector<DisturbanceFilter>& filters() const { return filters_; }
   const std::vector<double>& byRun() const { return by_run_; }

@@ -20,8 +20,7 @@ std::shared_ptr<const SimulationError::Data> SimulationError::prepare(std::vecto
     const Vector3<double> mean = run.nu.colwise().mean();
     const Vector3<double> sigma =
         (run.nu.rowwise() - mean.transpose()).array().square().colwise().mean().sqrt();
-    if (!(sigma.minCoeff() > 0))
-      throw std::invalid_argument(run.name + ": the craft does not move");
+    if (!(sigma.minCoeff() > 0)) throw std::invalid_argument(run.name + ": the craft does not move");
     data->sigma.push_back(sigma);
     data->measured.push_back(target == Target::kPoses ? run.poses : run.nu);
     data->weight.push_back((target == Target::kPoses ? run.noise : sigma).cwiseInverse());
@@ -30,15 +29,12 @@ std::shared_ptr<const SimulationError::Data> SimulationError::prepare(std::vecto
   return data;
 }
 
-SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> windows,
-                                 Target target)
+SimulationError::SimulationError(std::vector<RunData> runs, std::vector<Window> windows, Target target)
     : SimulationError(prepare(std::move(runs), target), std::move(windows), target) {}
 
-SimulationError::SimulationError(std::shared_ptr<const Data> data, std::vector<Window> windows,
-                                 Target target)
+SimulationError::SimulationError(std::shared_ptr<const Data> data, std::vector<Window> windows, Target target)
     : data_(std::move(data)), windows_(std::move(windows)), target_(target) {
-  if (windows_.empty())
-    throw std::invalid_argument("the runs are too short: there is no window to simulate");
+  if (windows_.empty()) throw std::invalid_argument("the runs are too short: there is no window to simulate");
   for (const Window& w : windows_) {
     if (w.run < 0 || w.run >= static_cast<int>(runs().size()) || w.first < 0 || w.last <= w.first ||
         w.last >= static_cast<int>(runs()[w.run].times.size()))
@@ -53,8 +49,7 @@ const Vector3<double>& SimulationError::sigma(int run) const {
 }
 const std::vector<RunData>& SimulationError::runs() const { return data_->runs; }
 
-WindowSimulation SimulationError::simulate(const Model& model,
-                                           FitOptions::Objective objective) const {
+WindowSimulation SimulationError::simulate(const Model& model, FitOptions::Objective objective) const {
   const std::vector<double> coordinates = model.coordinates();
   detail::Initials initial = detail::measuredInitials(*this);
   detail::inParallel(windows_.size(), 0, [&](std::size_t w) {

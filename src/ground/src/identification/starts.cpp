@@ -22,8 +22,8 @@ constexpr double kInitialTolerance = 1e-4;  // cost per sample; the following fi
 /// simulation is not finite, because the solver would write its own message to stderr.
 double squaresOf(Linearisation& windows, const Free& free, const std::vector<double>& scaled) {
   const Initials initial = measuredInitials(windows.problem());
-  const std::vector<double> losses = windows.losses(
-      {free.coordinates(scaled.data()), free.index, initial}, RobustLoss().weighing());
+  const std::vector<double> losses =
+      windows.losses({free.coordinates(scaled.data()), free.index, initial}, RobustLoss().weighing());
   for (std::size_t w = 0; w < losses.size(); ++w)
     if (!std::isfinite(losses[w])) {
       const Window& window = windows.problem().windows()[w];
@@ -44,9 +44,7 @@ std::vector<std::vector<double>> startsOf(const Free& free, int count) {
       const double given = free.base[free.index[i]] / free.scale[i];
       const double lower = free.lower[i] / free.scale[i], upper = free.upper[i] / free.scale[i];
       const double way = s == 0 ? 0 : uniform(random);
-      scaled[i] = s == 0       ? given
-                  : lower >= 0 ? std::max(given, 0.1) * std::pow(10, way)
-                               : given + way;
+      scaled[i] = s == 0 ? given : lower >= 0 ? std::max(given, 0.1) * std::pow(10, way) : given + way;
       scaled[i] = std::min(std::max(scaled[i], lower), upper);
     }
     starts.push_back(scaled);
@@ -71,8 +69,8 @@ std::vector<Window> shortPieces(const SimulationError& problem) {
 std::vector<double> approach(Linearisation& windows, Linearisation& pieces, const Free& free,
                              const FitOptions& options, const std::vector<double>& from) {
   const double far = squaresOf(windows, free, from);
-  const Solution near = descend(pieces, free, {kInfinity}, options, from,
-                                measuredInitials(pieces.problem()), kApproachTolerance);
+  const Solution near = descend(pieces, free, {kInfinity}, options, from, measuredInitials(pieces.problem()),
+                                kApproachTolerance);
   try {
     if (near.usable && squaresOf(windows, free, near.scaled) < far) return near.scaled;
   } catch (const std::runtime_error&) {
@@ -81,16 +79,15 @@ std::vector<double> approach(Linearisation& windows, Linearisation& pieces, cons
   return from;
 }
 
-Initials initialsAt(const std::vector<double>& scaled, const SimulationError& problem,
-                    const Model& model, const Free& free, const FitOptions& options) {
+Initials initialsAt(const std::vector<double>& scaled, const SimulationError& problem, const Model& model,
+                    const Free& free, const FitOptions& options) {
   if (!options.initial.empty()) return options.initial;
   Initials initial = measuredInitials(problem);
   if (!options.near) return initial;
   const std::vector<double> coordinates = free.coordinates(scaled.data());
   const RobustLoss robust{options.width > 0 ? options.width : kInfinity};
   inParallel(initial.size(), options.threads, [&](std::size_t w) {
-    solveInitial(problem, model, coordinates, robust, static_cast<int>(w), initial[w],
-                 kInitialTolerance);
+    solveInitial(problem, model, coordinates, robust, static_cast<int>(w), initial[w], kInitialTolerance);
   });
   return initial;
 }

@@ -25,7 +25,7 @@ std::vector<double> approach(Linearisation& windows, Linearisation& pieces, cons
 /// Initial states at the start of a descent: those of the options if given. Otherwise fitted ones
 /// with FitOptions::near, because effects may rotate and shift the measurement by any amount, and
 /// measured ones without.
-Initials initialsAt(const std::vector<double>& scaled, const SimulationError& problem,
-                    const Model& model, const Free& free, const FitOptions& options);
+Initials initialsAt(const std::vector<double>& scaled, const SimulationError& problem, const Model& model,
+                    const Free& free, const FitOptions& options);
 
 }  // namespace ground::detail

@@ -21,8 +21,7 @@ NormalEquations reduced(const NormalEquations& whole, Eigen::Index k) {
   const Eigen::Index n = b.size() - k;
   Eigen::MatrixXd coupling(k, n + 1);  // to the parameters, and to the residuals
   coupling << A.bottomLeftCorner(k, n), b.tail(k);
-  const Eigen::MatrixXd follows =
-      A.topRightCorner(n, k) * leastSquares(A.bottomRightCorner(k, k), coupling);
+  const Eigen::MatrixXd follows = A.topRightCorner(n, k) * leastSquares(A.bottomRightCorner(k, k), coupling);
   NormalEquations result = NormalEquations::zero(n);
   result.A = A.topLeftCorner(n, n) - follows.leftCols(n);
   result.b = b.head(n) - follows.col(n);
@@ -31,11 +30,9 @@ NormalEquations reduced(const NormalEquations& whole, Eigen::Index k) {
 
 /// Normal equations of the scaled free parameters and a window's initial state, for blocks of about
 /// `block` seconds of each window.
-std::vector<std::vector<NormalEquations>> equationsOfBlocks(Linearisation& windows,
-                                                            const Free& free,
+std::vector<std::vector<NormalEquations>> equationsOfBlocks(Linearisation& windows, const Free& free,
                                                             const ParameterPoint& point,
-                                                            const RobustLoss& robust,
-                                                            double block) {
+                                                            const RobustLoss& robust, double block) {
   const SimulationError& problem = windows.problem();
   const int n = static_cast<int>(free.index.size()), k = problem.initialSize();
   const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n);
@@ -48,8 +45,8 @@ std::vector<std::vector<NormalEquations>> equationsOfBlocks(Linearisation& windo
   std::vector<std::vector<NormalEquations>> blocks(problem.windows().size());
   for (std::size_t w = 0; w < blocks.size(); ++w)
     blocks[w].assign(parts(static_cast<int>(w)), NormalEquations::zero(n + k));
-  const auto weigh = [robust, width](const double* residuals, int count, double* weight,
-                                     double* product, double* loss) {
+  const auto weigh = [robust, width](const double* residuals, int count, double* weight, double* product,
+                                     double* loss) {
     const RobustLoss by = robust;  // a local copy, so that the loop is vectorised
     const double over = width;
     for (int i = 0; i < count; ++i) {
@@ -58,17 +55,15 @@ std::vector<std::vector<NormalEquations>> equationsOfBlocks(Linearisation& windo
       loss[i] = 0;
     }
   };
-  windows.normalEquations(point, weigh, parts,
-                          [&](int window, int number, const NormalEquations& equations) {
-                            NormalEquations& part = blocks[window][number];
-                            part.A = equations.A;
-                            part.A.topRows(n) = scale.asDiagonal() * part.A.topRows(n);
-                            part.A.leftCols(n) = part.A.leftCols(n) * scale.asDiagonal();
-                            part.b = equations.b;
-                            part.b.head(n) = scale.cwiseProduct(part.b.head(n));
-                            if (!std::isfinite(part.A.sum() + part.b.sum()))
-                              part = NormalEquations::zero(n + k);
-                          });
+  windows.normalEquations(point, weigh, parts, [&](int window, int number, const NormalEquations& equations) {
+    NormalEquations& part = blocks[window][number];
+    part.A = equations.A;
+    part.A.topRows(n) = scale.asDiagonal() * part.A.topRows(n);
+    part.A.leftCols(n) = part.A.leftCols(n) * scale.asDiagonal();
+    part.b = equations.b;
+    part.b.head(n) = scale.cwiseProduct(part.b.head(n));
+    if (!std::isfinite(part.A.sum() + part.b.sum())) part = NormalEquations::zero(n + k);
+  });
   return blocks;
 }
 
@@ -132,17 +127,15 @@ Eigen::MatrixXd seenDirections(const Eigen::MatrixXd& information, Uncertainty& 
 
 }  // namespace
 
-Uncertainty uncertainty(Linearisation& windows, const Free& free, const Solution& at,
-                        double block) {
+Uncertainty uncertainty(Linearisation& windows, const Free& free, const Solution& at, double block) {
   const SimulationError& problem = windows.problem();
   const int n = static_cast<int>(free.index.size()), k = problem.initialSize();
   double total = 0;
   for (const Window& window : problem.windows()) total += durationOf(problem, window);
   // A covariance of n parameters needs several times n blocks, so short data have shorter blocks.
   block = std::min(block, total / (4 * n));
-  const std::vector<std::vector<NormalEquations>> blocks =
-      equationsOfBlocks(windows, free, {free.coordinates(at.scaled.data()), free.index, at.initial},
-                        {at.delta}, block);
+  const std::vector<std::vector<NormalEquations>> blocks = equationsOfBlocks(
+      windows, free, {free.coordinates(at.scaled.data()), free.index, at.initial}, {at.delta}, block);
   const auto [whole, changes] = withoutEach(blocks, n, k);
 
   Uncertainty result;

@@ -36,8 +36,7 @@ class WindowCosts::OwnCost : public ceres::CostFunction {
     int column = 0;
     for (std::size_t block = 0; block < parameter_block_sizes().size(); ++block) {
       const int count = parameter_block_sizes()[block];
-      if (jacobians[block])
-        RowMajor(jacobians[block], rows, count) = share.own.middleCols(column, count);
+      if (jacobians[block]) RowMajor(jacobians[block], rows, count) = share.own.middleCols(column, count);
       column += count;
     }
     return true;
@@ -104,9 +103,7 @@ void WindowCosts::PrepareForEvaluation(bool derivatives, bool moved) {
   }
   all_.normalEquations(
       point, weigh, [](int) { return 1; },
-      [&](int window, int, const NormalEquations& equations) {
-        eliminate(equations, windows_[window]);
-      });
+      [&](int window, int, const NormalEquations& equations) { eliminate(equations, windows_[window]); });
   const auto columns = static_cast<Eigen::Index>(free_.index.size()) + 1;
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(columns, columns);
   for (const Share& share : windows_)

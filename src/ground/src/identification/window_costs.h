@@ -22,8 +22,8 @@ class WindowCosts : public ceres::EvaluationCallback {
  public:
   /// Variables are `scaled` (unless empty) and the windows' initial states. All arguments must
   /// outlive it.
-  WindowCosts(Linearisation& windows, const Free& free, const RobustLoss& robust,
-              std::vector<double>& scaled, Initials& initial);
+  WindowCosts(Linearisation& windows, const Free& free, const RobustLoss& robust, std::vector<double>& scaled,
+              Initials& initial);
 
   void addTo(ceres::Problem& solver);
 

@@ -16,8 +16,7 @@ constexpr int kMaxInitial = 6;  // largest size of an initial state
 /// iteration that converges in two rounds, because the position offset depends on the heading but
 /// not vice versa.
 template <typename T>
-RigidState<T> stateMeasuredAt(const Dynamics<T>& dynamics, const Vector3<T>& measured,
-                              const Vector3<T>& nu) {
+RigidState<T> stateMeasuredAt(const Dynamics<T>& dynamics, const Vector3<T>& measured, const Vector3<T>& nu) {
   RigidState<T> state{measured, nu};
   for (int i = 0; i < 2; ++i) {
     const Vector3<T> seen = dynamics.measure(state).eta;
@@ -31,8 +30,7 @@ RigidState<T> stateMeasuredAt(const Dynamics<T>& dynamics, const Vector3<T>& mea
 template <typename T>
 RigidState<T> stateAtStart(const Dynamics<T>& dynamics, const Vector3<T>& measured,
                            const std::array<T, kMaxInitial>& initial, int size) {
-  if (size == 3)
-    return stateMeasuredAt<T>(dynamics, measured, {initial[0], initial[1], initial[2]});
+  if (size == 3) return stateMeasuredAt<T>(dynamics, measured, {initial[0], initial[1], initial[2]});
   return {{initial[0], initial[1], initial[2]}, {initial[3], initial[4], initial[5]}};
 }
 
@@ -42,8 +40,7 @@ struct Variables {
   std::vector<T> coordinates;
   std::array<T, kMaxInitial> initial;
 
-  explicit Variables(const std::vector<double>& values)
-      : coordinates(values.begin(), values.end()) {
+  explicit Variables(const std::vector<double>& values) : coordinates(values.begin(), values.end()) {
     initial.fill(T(0.0));
   }
   /// Makes the columns [begin, end) variables; columns are the free parameters, then the initial
@@ -51,16 +48,15 @@ struct Variables {
   void seed(const std::vector<int>& free, int begin, int end) {
     const int count = static_cast<int>(free.size());
     for (int column = begin; column < end; ++column)
-      (column < count ? coordinates[free[column]] : initial[column - count]).v[column - begin] =
-          1.0;
+      (column < count ? coordinates[free[column]] : initial[column - count]).v[column - begin] = 1.0;
   }
 };
 
 /// Sets the residuals, and the columns [begin, end) of their derivatives if T has any.
 template <typename T>
 void simulateWindow(const SimulationError& problem, const SimulationError::Data& data,
-                    const Dynamics<T>& dynamics, const Variables<T>& point, int window, int begin,
-                    int end, WindowResiduals& result) {
+                    const Dynamics<T>& dynamics, const Variables<T>& point, int window, int begin, int end,
+                    WindowResiduals& result) {
   const Window& span = problem.windows()[window];
   const RunData& run = problem.runs()[span.run];
   const Motion motion = motionOf(run);
@@ -87,8 +83,8 @@ void simulateWindow(const SimulationError& problem, const SimulationError::Data&
 }  // namespace
 
 WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
-                            const std::vector<double>& coordinates, const std::vector<int>& free,
-                            int window, const Eigen::VectorXd& initial, bool derivatives) {
+                            const std::vector<double>& coordinates, const std::vector<int>& free, int window,
+                            const Eigen::VectorXd& initial, bool derivatives) {
   const Window& span = problem.windows()[window];
   const int rows = 3 * (span.last - span.first + 1), size = problem.initialSize();
   const int columns = derivatives ? static_cast<int>(free.size()) + size : 0;
@@ -107,8 +103,7 @@ WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
   return result;
 }
 
-WindowSimulation simulateFrom(const SimulationError& problem, const Model& model,
-                              const Initials& initial) {
+WindowSimulation simulateFrom(const SimulationError& problem, const Model& model, const Initials& initial) {
   WindowSimulation result;
   const Dynamics<double> dynamics(model);
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
@@ -129,8 +124,7 @@ WindowSimulation simulateFrom(const SimulationError& problem, const Model& model
       eta.row(i) = seen.eta;
       nu.row(i) = seen.nu;
     }
-    if (!eta.allFinite() || !nu.allFinite())
-      throw std::runtime_error(notFinite(run, window));
+    if (!eta.allFinite() || !nu.allFinite()) throw std::runtime_error(notFinite(run, window));
     result.eta.push_back(std::move(eta));
     result.nu.push_back(std::move(nu));
   }

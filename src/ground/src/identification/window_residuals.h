@@ -14,12 +14,11 @@ namespace ground::detail {
 /// `derivatives` also their derivatives by the parameters with indices `free` and by the initial
 /// state.
 WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
-                            const std::vector<double>& coordinates, const std::vector<int>& free,
-                            int window, const Eigen::VectorXd& initial, bool derivatives);
+                            const std::vector<double>& coordinates, const std::vector<int>& free, int window,
+                            const Eigen::VectorXd& initial, bool derivatives);
 
 /// Simulates every window from the given initial states. Throws std::runtime_error if a motion is
 /// not finite.
-WindowSimulation simulateFrom(const SimulationError& problem, const Model& model,
-                              const Initials& initial);
+WindowSimulation simulateFrom(const SimulationError& problem, const Model& model, const Initials& initial);
 
 }  // namespace ground::detail

@@ -33,12 +33,10 @@ std::string GroundLinkParams::validate() const {
   const auto positive = [](double x) { return std::isfinite(x) && x > 0; };
   if (!positive(command_timeout)) return "command_timeout must be positive";
   if (!positive(state_timeout)) return "state_timeout must be positive";
-  if (!std::isfinite(recovery_time) || recovery_time < 0)
-    return "recovery_time must not be negative";
+  if (!std::isfinite(recovery_time) || recovery_time < 0) return "recovery_time must not be negative";
   if (!positive(keepalive_rate)) return "keepalive_rate must be positive";
   if (!positive(peer_timeout)) return "peer_timeout must be positive";
-  if (!std::isfinite(craft_timeout) || craft_timeout < 0)
-    return "craft_timeout must not be negative";
+  if (!std::isfinite(craft_timeout) || craft_timeout < 0) return "craft_timeout must not be negative";
   if (obedience_timeout != 0 && !(obedience_timeout >= 0.5 && obedience_timeout <= 10))
     return "obedience_timeout must be 0 or between 0.5 and 10 s";
   if (!positive(send_timeout)) return "send_timeout must be positive";
@@ -83,8 +81,8 @@ bool GroundLink::isCraft(double now, const UdpAddress& from, bool telemetry) {
   const bool better = !peer_locked_ && telemetry;
   // A restarted craft sends from another port of its address. Silence is only known of a craft that
   // has sent telemetry.
-  const bool back = peer_speaks_ && telemetry && from.host == peer_.host &&
-                    now - peer_heard_ > params_.peer_timeout;
+  const bool back =
+      peer_speaks_ && telemetry && from.host == peer_.host && now - peer_heard_ > params_.peer_timeout;
   if (!unknown && !better && !back) return false;
   peer_ = from;
   ++revision_;
@@ -109,14 +107,12 @@ std::optional<CraftTelemetry> GroundLink::datagram(double now, const std::string
   return telemetry;
 }
 
-void GroundLink::command(double now, double age, const std::string& source,
-                         const MotorCommand& command) {
+void GroundLink::command(double now, double age, const std::string& source, const MotorCommand& command) {
   watch(now);  // a command after the timeout must not prevent the fault
   const bool armed = state_ == State::kArmed;
   if (armed && source != armed_source_)
-    return refuse("a command of " + source + " is not of " + armed_source_ +
-                      ", with which the craft is armed",
-                  false);
+    return refuse(
+        "a command of " + source + " is not of " + armed_source_ + ", with which the craft is armed", false);
   if (!command.finite()) return refuse("a command of " + source + " is not finite", true);
   if (command.thrusters.size() != layout_->size())
     return refuse("a command of " + source + " is for " + std::to_string(command.thrusters.size()) +
@@ -127,8 +123,7 @@ void GroundLink::command(double now, double age, const std::string& source,
   if (!(age < params_.command_timeout))
     return refuse("a command of " + source + " is older by its stamp than command_timeout", true);
   if (age < -kMaxAhead)
-    return refuse("a command of " + source + " has a stamp from the future: the clocks differ",
-                  true);
+    return refuse("a command of " + source + " has a stamp from the future: the clocks differ", true);
   if (source != command_source_ && command_until_ > now) {
     clash_until_ = now + params_.command_timeout;
     clash_ = "both " + command_source_ + " and " + source + " send commands: stop one of them";
@@ -219,8 +214,7 @@ std::string GroundLink::stateMissing(double now) const {
 
 /// Why the commands do not allow arming; empty if they do.
 std::string GroundLink::commandMissing(double now) const {
-  if (publishers_ > 1)
-    return std::to_string(publishers_) + " nodes publish commands: stop all but one";
+  if (publishers_ > 1) return std::to_string(publishers_) + " nodes publish commands: stop all but one";
   if (clash_until_ > now) return clash_;
   if (command_until_ <= now) return because("there is no fresh command", command_problem_);
   if (!command_.zero()) return "the command is not zero";
@@ -265,8 +259,7 @@ void GroundLink::watch(double now) {
   if (state_ != State::kArmed) return;
   // It may have restarted, and must not receive thrust when it returns.
   if (craftSilent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
-  if (receivesNoCommands())
-    return disobeyed(now, "its count of received commands stands still");
+  if (receivesNoCommands()) return disobeyed(now, "its count of received commands stands still");
   if (!send_problem_.empty() && sent_until_ <= now)
     return fault(now, because("packets cannot be sent", send_problem_));
 }

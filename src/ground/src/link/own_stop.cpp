@@ -11,8 +11,7 @@ namespace ground {
 namespace {
 
 constexpr std::size_t kLargestFile = 4 << 20;  // thousands of trials [bytes]
-constexpr char kUnproven[] =
-    "it is not proven that this craft stops by itself (rosrun ground prove_stop)";
+constexpr char kUnproven[] = "it is not proven that this craft stops by itself (rosrun ground prove_stop)";
 
 /// The newest decided trial of the real craft; undefined if there is none.
 YAML::Node newestDecided(const YAML::Node& trials) {

@@ -70,15 +70,15 @@ bool decodeMotors(const std::string& datagram, MotorCommand& command, std::strin
     return refuse("it is for another number of thrusters", reason);
   MotorCommand read = Inputs::off(layout.size());
   double lift_right = 0;
-  bool inside = fromMotor(motors.motor_dl(), 0, 1, read.lift) &&
-                fromMotor(motors.motor_dr(), 0, 1, lift_right);
+  bool inside =
+      fromMotor(motors.motor_dl(), 0, 1, read.lift) && fromMotor(motors.motor_dr(), 0, 1, lift_right);
   for (int i = 0; i < layout.size(); ++i)
-    inside = inside && fromMotor(all[static_cast<std::size_t>(i)], layout[i].least, layout[i].most,
-                                 read.thrusters(i));
+    inside = inside &&
+             fromMotor(all[static_cast<std::size_t>(i)], layout[i].least, layout[i].most, read.thrusters(i));
   if (!inside)
-    return refuse(layout.isPair() ? "a motor is outside 1000..2000"
-                                  : "a motor is outside of the range of its thruster",
-                  reason);
+    return refuse(
+        layout.isPair() ? "a motor is outside 1000..2000" : "a motor is outside of the range of its thruster",
+        reason);
   command = read;
   return true;
 }

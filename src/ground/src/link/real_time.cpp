@@ -35,8 +35,7 @@ const std::string& prepareRealTime() {
     std::string refused;
     std::thread([&refused] { refused = prioritise(RealTimePriority::kReport); }).join();
     const std::string unlocked = lockMemory();
-    return "real time: " +
-           (refused.empty() ? "priority granted" : "no priority (" + refused + ")") +
+    return "real time: " + (refused.empty() ? "priority granted" : "no priority (" + refused + ")") +
            (unlocked.empty() ? ", memory locked" : ", memory not locked (" + unlocked + ")");
   }();
   return granted;

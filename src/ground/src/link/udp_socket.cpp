@@ -42,8 +42,7 @@ UdpAddress UdpAddress::parse(const std::string& text, std::uint16_t default_port
         std::all_of(digits.begin(), digits.end(), [](char c) { return c >= '0' && c <= '9'; });
     const int port = number ? std::stoi(digits) : 0;
     if (port < 1 || port > 65535)
-      throw std::invalid_argument("'" + text +
-                                  "' is not HOST or HOST:PORT with a port of 1..65535");
+      throw std::invalid_argument("'" + text + "' is not HOST or HOST:PORT with a port of 1..65535");
     address.port = static_cast<std::uint16_t>(port);
   }
   addrinfo hints{}, *found = nullptr;
@@ -66,8 +65,7 @@ std::string UdpAddress::text() const {
   return std::string(buffer) + ':' + std::to_string(port);
 }
 
-UdpSocket::UdpSocket(const UdpAddress& local)
-    : file_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+UdpSocket::UdpSocket(const UdpAddress& local) : file_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
   const sockaddr_in address = toSystem(local);
   if (file_ < 0 || bind(file_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
     const std::string reason = std::strerror(errno);

@@ -2,7 +2,6 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -154,14 +153,12 @@ void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
 template <typename T>
 void Dynamics<T>::requireThrusters(int count) const {
   if (count != layout_->size())
-    throw std::invalid_argument("the model has " + std::to_string(layout_->size()) +
-                                " thrusters (" + layout_->names() + ") but the inputs are for " +
-                                std::to_string(count));
+    throw std::invalid_argument("the model has " + std::to_string(layout_->size()) + " thrusters (" +
+                                layout_->names() + ") but the inputs are for " + std::to_string(count));
 }
 
 template <typename T>
-StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, double lift, const T& h,
-                                   T* states) const {
+StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, double lift, const T& h, T* states) const {
   StepInputs<T> inputs{{command, command, command}, lift, actuators_.empty(), states};
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
   return inputs;
@@ -176,8 +173,8 @@ Settling Dynamics<T>::settling() const {
 }
 
 template <typename T>
-void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command,
-                         double lift, const T& h, T* states) const {
+void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command, double lift,
+                         const T& h, T* states) const {
   const StepInputs<T> inputs = actuate(command, lift, h, states);
   if (rates_.empty()) return;
   const Rotation<T> heading(state.eta.z());
@@ -254,7 +251,7 @@ void Dynamics<T>::derive(const T& t, const RigidState<T>& state, const Drive& dr
     heading = Rotation<T>(state.eta.z());
     dot.eta << heading.toWorld({u, v}), r;
   }
-  if (has_hooks_ || couples_) {
+  if (!isBodyAlone()) {
     Instant instant(*this, t, state.eta, heading, state.nu, drive, lift, states);
     if (rates) this->rates(instant, states, rates);
     dot.nu = effects(instant, drive, states);
@@ -269,9 +266,8 @@ void Dynamics<T>::derive(const T& t, const RigidState<T>& state, const Drive& dr
 }
 
 template <typename T>
-RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state,
-                                      const Thrusters<T>& input, double lift,
-                                      const T* states) const {
+RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state, const Thrusters<T>& input,
+                                      double lift, const T* states) const {
   RigidState<T> dot;
   derive(t, state, Drive(*this, input), lift, states ? states : initial_.data(), nullptr, true, dot);
   return dot;
@@ -309,21 +305,17 @@ void Dynamics<T>::stepVelocities(Vector3<T>& nu, const Drive& drive, const H& h,
 
 template <typename T>
 template <typename H>
-void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h,
-                       int count, bool pose) const {
+void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h, int count,
+                       bool pose) const {
   const bool remembers = inputs.states && !rates_.empty();
   const T* const held = inputs.states ? inputs.states : initial_.data();
   const Drive start(*this, inputs.thrusters[0]);
-  if (!pose && !has_hooks_ && !couples_ && inputs.held) {
+  if (!pose && isBodyAlone() && inputs.held) {
     t += h * static_cast<double>(count);
     return stepVelocities(state.nu, start, h, count);
   }
-  std::optional<Drive> own_middle, own_end;
-  if (!inputs.held) {
-    own_middle.emplace(*this, inputs.thrusters[1]);
-    own_end.emplace(*this, inputs.thrusters[2]);
-  }
-  const Drive &middle = own_middle ? *own_middle : start, &end = own_end ? *own_end : start;
+  const Drive middle = inputs.held ? start : Drive(*this, inputs.thrusters[1]);
+  const Drive end = inputs.held ? start : Drive(*this, inputs.thrusters[2]);
   const H zero(0.0), half = h * 0.5, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
   RigidState<T> k;
   for (int i = 0; i < count; ++i) {
@@ -364,10 +356,10 @@ Measurement<T> Dynamics<T>::measure(const RigidState<T>& state) const {
 template class Dynamics<double>;
 template class Dynamics<Jet>;
 
-template void Dynamics<double>::step(double&, RigidState<double>&, const StepInputs<double>&,
-                                     const double&, int, bool) const;
-template void Dynamics<Jet>::step(Jet&, RigidState<Jet>&, const StepInputs<Jet>&, const double&,
-                                  int, bool) const;
+template void Dynamics<double>::step(double&, RigidState<double>&, const StepInputs<double>&, const double&,
+                                     int, bool) const;
+template void Dynamics<Jet>::step(Jet&, RigidState<Jet>&, const StepInputs<Jet>&, const double&, int,
+                                  bool) const;
 template void Dynamics<Jet>::step(Jet&, RigidState<Jet>&, const StepInputs<Jet>&, const Jet&, int,
                                   bool) const;
 

@@ -34,11 +34,10 @@ class ExpressionEffect final : public Effect {
       info_.parameters[i].scale = [scale](const Body<double>&) { return scale; };
     }
     info_.states = static_cast<int>(definition.states.size());
-    for (const ExpressionDefinition::State& state : definition.states)
-      info_.initial.push_back(state.initial);
+    for (const ExpressionDefinition::State& state : definition.states) info_.initial.push_back(state.initial);
     values_.resize(static_cast<std::size_t>(firstParameter()) + info_.parameters.size());
-    for (const auto& [name, text] : {std::make_pair("X", definition.X), {"Y", definition.Y},
-                                     {"N", definition.N}})
+    for (const auto& [name, text] :
+         {std::make_pair("X", definition.X), {"Y", definition.Y}, {"N", definition.N}})
       wrench_.push_back(bound(std::string("formula ") + name, text));
     for (const auto& [name, text] : forces()) forces_.push_back(bound("formula " + name, text));
     for (const ExpressionDefinition::State& state : definition.states)
@@ -56,23 +55,21 @@ class ExpressionEffect final : public Effect {
     for (const Formula& formula : forces_) set |= formula.text.empty() ? 0u : kThrust;
     return rates_.empty() ? set : set | kRates;
   }
-  EffectPtr forThread() const override {
-    return std::make_shared<ExpressionEffect>(definition_, layout_);
-  }
+  EffectPtr forThread() const override { return std::make_shared<ExpressionEffect>(definition_, layout_); }
   const ExpressionDefinition& definition() const { return definition_; }
 
-#define GROUND_HOOKS_OF(T)                                                                   \
-  void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) const override {        \
-    Vector3<T> own(T(0.0), T(0.0), T(0.0));                                                  \
-    add(p, point, wrench_.data(), 3, own.data());                                            \
-    addInBody(own, definition_.world, point, wrench);                                        \
-  }                                                                                          \
-  void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) const override {         \
-    add(p, point, forces_.data(), force.size(), force.begin());                              \
-  }                                                                                          \
-  void rates(const T* p, const Point<T>& point, T* rates) const override {                   \
-    std::fill(rates, rates + info_.states, T(0.0));                                          \
-    add(p, point, rates_.data(), info_.states, rates);                                       \
+#define GROUND_HOOKS_OF(T)                                                             \
+  void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) const override {  \
+    Vector3<T> own(T(0.0), T(0.0), T(0.0));                                            \
+    add(p, point, wrench_.data(), 3, own.data());                                      \
+    addInBody(own, definition_.world, point, wrench);                                  \
+  }                                                                                    \
+  void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) const override { \
+    add(p, point, forces_.data(), force.size(), force.begin());                        \
+  }                                                                                    \
+  void rates(const T* p, const Point<T>& point, T* rates) const override {             \
+    std::fill(rates, rates + info_.states, T(0.0));                                    \
+    add(p, point, rates_.data(), info_.states, rates);                                 \
   }
   GROUND_HOOKS_OF(double)
   GROUND_HOOKS_OF(Jet)
@@ -105,12 +102,11 @@ class ExpressionEffect final : public Effect {
     const auto components = definition_.components();
     for (auto given = components.begin() + 3; given != components.end(); ++given) {
       if (given->second.empty()) continue;
-      const auto found = std::find_if(all.begin(), all.end(),
-                                      [&](const auto& one) { return one.first == given->first; });
+      const auto found =
+          std::find_if(all.begin(), all.end(), [&](const auto& one) { return one.first == given->first; });
       if (found == all.end())
-        throw std::invalid_argument("effect '" + definition_.name + "': " +
-                                    shortened(given->first) + " is of no thruster; the craft has " +
-                                    layout_.names());
+        throw std::invalid_argument("effect '" + definition_.name + "': " + shortened(given->first) +
+                                    " is of no thruster; the craft has " + layout_.names());
       found->second = given->second;
     }
     return all;
@@ -119,8 +115,7 @@ class ExpressionEffect final : public Effect {
   /// Adds the values of `count` formulas to `sums`.
   template <typename T>
   void add(const T* p, const Point<T>& point, const Formula* formulas, int count, T* sums) const {
-    for (int j = 0; j < static_cast<int>(values_.size()); ++j)
-      values_[j] = valueOf(argument(p, point, j));
+    for (int j = 0; j < static_cast<int>(values_.size()); ++j) values_[j] = valueOf(argument(p, point, j));
     for (int i = 0; i < count; ++i) {
       if (formulas[i].text.empty()) continue;
       sums[i] += formulas[i].parser.Eval();
@@ -173,8 +168,7 @@ class ExpressionEffect final : public Effect {
         ++value;
       }
       for (const auto& state : definition_.states) parser.DefineVar(state.name, value++);
-      for (const ParameterInfo& parameter : info_.parameters)
-        parser.DefineVar(parameter.name, value++);
+      for (const ParameterInfo& parameter : info_.parameters) parser.DefineVar(parameter.name, value++);
       parser.SetExpr(text);
       int results = 0;
       parser.Eval(results);
@@ -238,12 +232,11 @@ std::size_t ExpressionDefinition::formulaLength() const {
   return length;
 }
 
-EffectPtr makeExpressionEffect(const ExpressionDefinition& definition,
-                               const ThrusterLayout& layout) {
+EffectPtr makeExpressionEffect(const ExpressionDefinition& definition, const ThrusterLayout& layout) {
   if (!isIdentifier(definition.name))
     throw std::invalid_argument("effect name '" + shortened(definition.name) +
-                                "' is not an identifier of at most " +
-                                std::to_string(kLongestName) + " characters");
+                                "' is not an identifier of at most " + std::to_string(kLongestName) +
+                                " characters");
   const auto components = definition.components();
   if (std::all_of(components.begin(), components.end(),
                   [](const auto& component) { return component.second.empty(); }))
@@ -260,8 +253,8 @@ EffectPtr makeExpressionEffect(const ExpressionDefinition& definition,
   for (const auto& variable : argumentNames(layout)) names.insert(variable.begin(), variable.end());
   const auto take = [&](const std::string& what, const std::string& name) {
     if (!isIdentifier(name) || !names.insert(name).second)
-      throw std::invalid_argument("effect '" + definition.name + "': " + what + " name '" +
-                                  shortened(name) + "' is taken or not an identifier");
+      throw std::invalid_argument("effect '" + definition.name + "': " + what + " name '" + shortened(name) +
+                                  "' is taken or not an identifier");
   };
   for (const ParameterInfo& parameter : definition.parameters) take("parameter", parameter.name);
   for (const ExpressionDefinition::State& state : definition.states) {

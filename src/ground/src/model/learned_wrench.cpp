@@ -70,8 +70,7 @@ class Bells {
     Vector3<T> term = value.cast<T>();
     if constexpr (!std::is_same_v<T, double>)
       for (int c = 0; c < 3; ++c)
-        for (int i = 0; i < count_; ++i)
-          term(c).v += slopes(c, i) * at[static_cast<std::size_t>(i)].v;
+        for (int i = 0; i < count_; ++i) term(c).v += slopes(c, i) * at[static_cast<std::size_t>(i)].v;
     term *= scale;
     addInBody(term, world_, point, wrench);
   }
@@ -101,9 +100,9 @@ class Bells {
   }
   Eigen::VectorXd placeOf(const Eigen::RowVectorXd& row) const {
     Eigen::VectorXd place(count_);
-    coordinates<double>(
-        [&](int i) { return row(i); },
-        [&](int i) { return Vector2<double>(std::cos(row(i)), std::sin(row(i))); }, place.data());
+    coordinates<double>([&](int i) { return row(i); },
+                        [&](int i) { return Vector2<double>(std::cos(row(i)), std::sin(row(i))); },
+                        place.data());
     return place;
   }
 
@@ -115,8 +114,7 @@ class Bells {
   Eigen::Matrix3Xd weights_;         ///< X, Y, N of each bell, a column each
 };
 
-class LearnedWrenchEffect final : public Effect,
-                                  public std::enable_shared_from_this<LearnedWrenchEffect> {
+class LearnedWrenchEffect final : public Effect, public std::enable_shared_from_this<LearnedWrenchEffect> {
  public:
   LearnedWrenchEffect(const LearnedWrench& definition, const ThrusterLayout& layout)
       : definition_(definition) {
@@ -129,8 +127,8 @@ class LearnedWrenchEffect final : public Effect,
 
   const EffectInfo& info() const override { return info_; }
   unsigned hooks() const override {
-    const bool pose = std::any_of(terms_.begin(), terms_.end(),
-                                  [](const Bells& term) { return term.usesPose(); });
+    const bool pose =
+        std::any_of(terms_.begin(), terms_.end(), [](const Bells& term) { return term.usesPose(); });
     return kWrench | (pose ? kPose : 0u);
   }
   EffectPtr forThread() const override { return shared_from_this(); }
@@ -162,8 +160,7 @@ void validateArguments(const LearnedTerm& term, const ThrusterLayout& layout) {
   require(!term.arguments.empty() && term.arguments.size() <= kMaxArguments,
           "a term has one to " + std::to_string(kMaxArguments) + " arguments");
   std::string known;
-  for (const auto& names : argumentNames(layout))
-    known += (known.empty() ? "" : ", ") + names.front();
+  for (const auto& names : argumentNames(layout)) known += (known.empty() ? "" : ", ") + names.front();
   std::set<int> seen;
   for (const std::string& argument : term.arguments) {
     const int index = argumentIndex(argument, layout);
@@ -218,8 +215,7 @@ const LearnedWrench* learnedWrench(const Effect& effect) {
   return learned ? &learned->definition() : nullptr;
 }
 
-Eigen::MatrixXd bells(const LearnedTerm& term, const Eigen::MatrixXd& rows,
-                      const ThrusterLayout& layout) {
+Eigen::MatrixXd bells(const LearnedTerm& term, const Eigen::MatrixXd& rows, const ThrusterLayout& layout) {
   validate(term, layout);
   require(rows.cols() == term.centres.cols(), "a row must have a number for each argument");
   const Bells all(term, layout);

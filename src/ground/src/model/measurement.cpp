@@ -29,8 +29,9 @@ RigidState<double> stateSeenAs(const Dynamics<Jet>& dynamics, const Measurement<
     state.nu += step.tail<3>();
     if (step.cwiseAbs().maxCoeff() < 1e-10) return state;
   }
-  throw std::runtime_error("no state of the model has the recorded pose and velocity as its "
-                           "measurement");
+  throw std::runtime_error(
+      "no state of the model has the recorded pose and velocity as its "
+      "measurement");
 }
 
 }  // namespace ground

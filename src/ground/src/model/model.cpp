@@ -26,8 +26,8 @@ std::size_t centreCount(const Effect& effect) {
 }
 
 /// Throws std::invalid_argument if a size of the model's effects together with one more is too large.
-void requireRoom(const Model& model, const Effect& more, std::size_t (*size)(const Effect&),
-                 std::size_t most, const std::string& what) {
+void requireRoom(const Model& model, const Effect& more, std::size_t (*size)(const Effect&), std::size_t most,
+                 const std::string& what) {
   std::size_t sum = size(more);
   for (const Model::Entry& entry : model.effects) sum += size(*entry.effect);
   if (sum > most)
@@ -88,30 +88,25 @@ std::string checkValue(const ParameterInfo& parameter, double value) {
 
 void Model::addEffect(EffectPtr effect) {
   const EffectInfo& info = effect->info();
-  if (hasEffect(info.name))
-    throw std::invalid_argument("the model has effect '" + info.name + "' already");
+  if (hasEffect(info.name)) throw std::invalid_argument("the model has effect '" + info.name + "' already");
   if (effects.size() >= kMaxEffects)
     throw std::invalid_argument("a model has at most " + std::to_string(kMaxEffects) + " effects");
-  requireRoom(*this, *effect, formulaLength, kLongestFormulas,
-              "characters of the model's formulas are");
-  requireRoom(*this, *effect, centreCount, kMaxCentres,
-              "centres of the model's learned wrenches are");
+  requireRoom(*this, *effect, formulaLength, kLongestFormulas, "characters of the model's formulas are");
+  requireRoom(*this, *effect, centreCount, kMaxCentres, "centres of the model's learned wrenches are");
   std::vector<double> values;
   for (const ParameterInfo& parameter : info.parameters) values.push_back(parameter.neutral);
   effects.push_back({std::move(effect), std::move(values)});
 }
 
 void Model::removeEffect(const std::string& effect) {
-  const auto found = std::find_if(effects.begin(), effects.end(),
-                                  [&](const Entry& e) { return effectName(e) == effect; });
-  if (found == effects.end())
-    throw std::invalid_argument("the model has no effect '" + effect + "'");
+  const auto found =
+      std::find_if(effects.begin(), effects.end(), [&](const Entry& e) { return effectName(e) == effect; });
+  if (found == effects.end()) throw std::invalid_argument("the model has no effect '" + effect + "'");
   effects.erase(found);
 }
 
 bool Model::hasEffect(const std::string& effect) const {
-  return std::any_of(effects.begin(), effects.end(),
-                     [&](const Entry& e) { return effectName(e) == effect; });
+  return std::any_of(effects.begin(), effects.end(), [&](const Entry& e) { return effectName(e) == effect; });
 }
 
 std::vector<ParameterInfo> Model::parameters() const {
@@ -132,14 +127,12 @@ int Model::index(const std::string& parameter) const {
     if (all[i].name == parameter) return static_cast<int>(i);
     known << ' ' << all[i].name;
   }
-  throw std::invalid_argument("the model has no parameter '" + parameter + "'; it has" +
-                              known.str());
+  throw std::invalid_argument("the model has no parameter '" + parameter + "'; it has" + known.str());
 }
 
 std::vector<double> Model::values() const {
   std::vector<double> all = {body.m, body.l, body.I_z, body.X_u, body.Y_v, body.N_r, body.k};
-  for (const Entry& entry : effects)
-    all.insert(all.end(), entry.values.begin(), entry.values.end());
+  for (const Entry& entry : effects) all.insert(all.end(), entry.values.begin(), entry.values.end());
   return all;
 }
 
@@ -198,8 +191,7 @@ int Model::parameterCount() const { return static_cast<int>(values().size()); }
 
 int Model::stateCount() const {
   int count = 0;
-  for (const Entry& entry : effects)
-    count += entry.effect->info().stateCount(thrusters->size());
+  for (const Entry& entry : effects) count += entry.effect->info().stateCount(thrusters->size());
   return count;
 }
 

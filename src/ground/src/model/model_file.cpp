@@ -47,8 +47,8 @@ std::string names(const std::vector<ParameterInfo>& parameters) {
 using BodyLines = std::map<std::string, int>;
 
 /// Numbers in a list of so many.
-std::vector<double> readNumbers(const YamlReader& reader, const YAML::Node& node,
-                                const std::string& what, std::size_t count) {
+std::vector<double> readNumbers(const YamlReader& reader, const YAML::Node& node, const std::string& what,
+                                std::size_t count) {
   if (!node.IsSequence() || node.size() != count)
     reader.fail(node, what + " must be a list of " + std::to_string(count) + " numbers");
   std::vector<double> numbers;
@@ -74,8 +74,7 @@ ForceCurve readCurve(const YamlReader& reader, const YAML::Node& node, const std
       reader.unknown(value, key, what, "power, table");
     }
   });
-  if (power == !curve.table.empty())
-    reader.fail(node, what + " must have either power or table");
+  if (power == !curve.table.empty()) reader.fail(node, what + " must have either power or table");
   return curve;
 }
 
@@ -104,14 +103,12 @@ Thruster readThruster(const YamlReader& reader, const YAML::Node& node) {
     } else if (key == "curve") {
       one.curve = readCurve(reader, value, "the curve of a thruster");
     } else {
-      reader.unknown(value, key, what,
-                     "name, position, direction, channel, range, gain, curve");
+      reader.unknown(value, key, what, "name, position, direction, channel, range, gain, curve");
     }
   });
   if (one.name.empty()) reader.fail(node, "a thruster has no name");
   if (!has_position)
-    reader.fail(node, "thruster " + shortened(one.name) +
-                          " has no position ([forward, to starboard] in m)");
+    reader.fail(node, "thruster " + shortened(one.name) + " has no position ([forward, to starboard] in m)");
   if (!has_direction)
     reader.fail(node, "thruster " + shortened(one.name) +
                           " has no direction (of its force in degrees: 0 forward, 90 starboard)");
@@ -148,8 +145,8 @@ ThrusterLayoutPtr readThrusters(const YamlReader& reader, const YAML::Node& body
   std::vector<Thruster> thrusters;
   for (const auto& one : list) thrusters.push_back(readThruster(reader, one));
   try {
-    return std::make_shared<const ThrusterLayout>(
-        std::move(thrusters), body["lift"] ? readLift(reader, body["lift"]) : "lift");
+    return std::make_shared<const ThrusterLayout>(std::move(thrusters),
+                                                  body["lift"] ? readLift(reader, body["lift"]) : "lift");
   } catch (const std::invalid_argument& error) {
     reader.fail(list, error.what());
   }
@@ -181,8 +178,8 @@ void readBody(const YamlReader& reader, const YAML::Node& node, Model& model, Bo
   });
   for (std::size_t i = 0; i < values.size(); ++i)
     if (std::isnan(values[i]))
-      reader.fail(node, "body has no " + bodyParameters()[i].name + " (" + bodyParameters()[i].doc +
-                            ", " + bodyParameters()[i].unit + ")");
+      reader.fail(node, "body has no " + bodyParameters()[i].name + " (" + bodyParameters()[i].doc + ", " +
+                            bodyParameters()[i].unit + ")");
   if (!has_input_max) reader.fail(node, "body has no input_max (largest input of a thruster)");
   model.setValues(values);
 }
@@ -211,8 +208,7 @@ ParameterInfo readExpressionParameter(const YamlReader& reader, const std::strin
       scale = reader.number(entry, key);
       if (!(scale > 0) || std::isinf(scale)) reader.fail(entry, "scale must be positive");
     } else {
-      reader.unknown(entry, key, "parameter " + name,
-                     "value, unit, doc, neutral, lower, upper, scale");
+      reader.unknown(entry, key, "parameter " + name, "value, unit, doc, neutral, lower, upper, scale");
     }
   });
   if (!has_value) reader.fail(node, "parameter " + name + " has no value");
@@ -280,8 +276,7 @@ bool readFrame(const YamlReader& reader, const YAML::Node& node) {
   return frame == "world";
 }
 
-void readExpression(const YamlReader& reader, const std::string& name, const YAML::Node& node,
-                    Model& model) {
+void readExpression(const YamlReader& reader, const std::string& name, const YAML::Node& node, Model& model) {
   ExpressionDefinition definition;
   definition.name = name;
   std::vector<double> values;
@@ -297,8 +292,7 @@ void readExpression(const YamlReader& reader, const std::string& name, const YAM
     } else if (key == "parameters") {
       reader.each(value, "parameters of " + name, [&](const std::string& p, const YAML::Node& n) {
         if (p.size() > kLongestName)
-          reader.fail(n, "a parameter's name is longer than " + std::to_string(kLongestName) +
-                             " characters");
+          reader.fail(n, "a parameter's name is longer than " + std::to_string(kLongestName) + " characters");
         double number = 0, scale = 0;
         definition.parameters.push_back(readExpressionParameter(reader, p, n, number, scale));
         definition.typical.push_back(scale);
@@ -338,8 +332,8 @@ void readParameters(const YamlReader& reader, const YAML::Node& node, Model::Ent
   });
   for (std::size_t i = 0; i < given.size(); ++i)
     if (!given[i])
-      reader.fail(node, "effect " + info.name + " has no " + parameters[i].name + " (" +
-                            parameters[i].doc + ", " + parameters[i].unit + ")");
+      reader.fail(node, "effect " + info.name + " has no " + parameters[i].name + " (" + parameters[i].doc +
+                            ", " + parameters[i].unit + ")");
 }
 
 /// Reads rows of so many numbers.
@@ -351,31 +345,27 @@ Eigen::MatrixXd readRows(const YamlReader& reader, const YAML::Node& node, const
   Eigen::MatrixXd rows(node.size(), columns);
   Eigen::Index next = 0;
   for (const auto& row : node)
-    rows.row(next++) = Eigen::RowVectorXd::Map(
-        readNumbers(reader, row, "a row of " + what, columns).data(),
-        static_cast<Eigen::Index>(columns));
+    rows.row(next++) = Eigen::RowVectorXd::Map(readNumbers(reader, row, "a row of " + what, columns).data(),
+                                               static_cast<Eigen::Index>(columns));
   return rows;
 }
 
-LearnedTerm readTerm(const YamlReader& reader, const YAML::Node& node,
-                     const ThrusterLayout& layout) {
+LearnedTerm readTerm(const YamlReader& reader, const YAML::Node& node, const ThrusterLayout& layout) {
   const std::string what = "a term of a learned wrench";
   std::map<std::string, YAML::Node> given;
   reader.each(node, what, [&](const std::string& key, const YAML::Node& value) {
     for (const char* known : {"arguments", "widths", "frame", "centres", "weights"})
       if (key == known) given[key] = value;
-    if (!given.count(key))
-      reader.unknown(value, key, what, "arguments, widths, frame, centres, weights");
+    if (!given.count(key)) reader.unknown(value, key, what, "arguments, widths, frame, centres, weights");
   });
   for (const char* key : {"arguments", "widths", "centres", "weights"})
     if (!given.count(key)) reader.fail(node, what + " has no " + key);
   LearnedTerm term;
   if (!given["arguments"].IsSequence() || given["arguments"].size() == 0 ||
       given["arguments"].size() > kMaxArguments)
-    reader.fail(given["arguments"], "arguments must be a list of one to " +
-                                        std::to_string(kMaxArguments) + " names, such as [x, y]");
-  for (const auto& name : given["arguments"])
-    term.arguments.push_back(reader.text(name, "an argument"));
+    reader.fail(given["arguments"], "arguments must be a list of one to " + std::to_string(kMaxArguments) +
+                                        " names, such as [x, y]");
+  for (const auto& name : given["arguments"]) term.arguments.push_back(reader.text(name, "an argument"));
   const std::size_t arguments = term.arguments.size();
   term.widths = readNumbers(reader, given["widths"], "widths", arguments);
   if (given.count("frame")) term.world = readFrame(reader, given["frame"]);
@@ -383,10 +373,8 @@ LearnedTerm readTerm(const YamlReader& reader, const YAML::Node& node,
   const auto centres = static_cast<std::size_t>(term.centres.rows());
   reader.each(given["weights"], "weights", [&](const std::string& key, const YAML::Node& value) {
     const std::size_t channel = std::string("XYN").find(key);
-    if (key.size() != 1 || channel == std::string::npos)
-      reader.unknown(value, key, "weights", "X, Y, N");
-    term.weights[channel] =
-        readNumbers(reader, value, "weights " + key + " (one for each centre)", centres);
+    if (key.size() != 1 || channel == std::string::npos) reader.unknown(value, key, "weights", "X, Y, N");
+    term.weights[channel] = readNumbers(reader, value, "weights " + key + " (one for each centre)", centres);
   });
   try {
     validate(term, layout);
@@ -400,10 +388,8 @@ void readLearnedWrench(const YamlReader& reader, const std::string& name, const 
                        Model& model) {
   LearnedWrench definition{name, {}};
   const YAML::Node terms = node["terms"];
-  if (!terms || !terms.IsSequence())
-    reader.fail(node, "effect " + name + " must have a list of terms");
-  for (const auto& term : terms)
-    definition.terms.push_back(readTerm(reader, term, *model.thrusters));
+  if (!terms || !terms.IsSequence()) reader.fail(node, "effect " + name + " must have a list of terms");
+  for (const auto& term : terms) definition.terms.push_back(readTerm(reader, term, *model.thrusters));
   try {
     model.addEffect(makeLearnedWrench(definition, *model.thrusters));
   } catch (const std::invalid_argument& error) {
@@ -416,11 +402,9 @@ void readEffect(const YamlReader& reader, const YAML::Node& node, Model& model) 
   if (!node.IsMap() || !node["name"]) reader.fail(node, "an effect must be a map with its name");
   const std::string name = reader.text(node["name"], "name");
   if (name.size() > kLongestName)
-    reader.fail(node,
-                "the effect's name is longer than " + std::to_string(kLongestName) + " characters");
+    reader.fail(node, "the effect's name is longer than " + std::to_string(kLongestName) + " characters");
   if (node["expression"]) return readExpression(reader, name, node, model);
-  if (node["terms"] || name == LearnedWrench().name)
-    return readLearnedWrench(reader, name, node, model);
+  if (node["terms"] || name == LearnedWrench().name) return readLearnedWrench(reader, name, node, model);
   try {
     model.addEffect(makeEffect(name, *model.thrusters));
   } catch (const std::invalid_argument& error) {
@@ -520,8 +504,7 @@ std::string format(double value) {
   }
 }
 
-void emitNumber(YAML::Emitter& out, const std::string& key, double value,
-                const std::string& comment) {
+void emitNumber(YAML::Emitter& out, const std::string& key, double value, const std::string& comment) {
   out << YAML::Key << key << YAML::Value << format(value);
   if (!comment.empty()) out << YAML::Comment(comment);
 }
@@ -576,16 +559,15 @@ void emitBody(YAML::Emitter& out, const Model& model) {
     emitNumber(out, "input_max", model.body.input_max, "largest input of a thruster");
   } else {
     out << YAML::Key << "thrusters"
-        << YAML::Comment("position [m]: forward, to starboard; direction of the force [deg]: 0 "
-                         "forward, 90 to starboard")
+        << YAML::Comment(
+               "position [m]: forward, to starboard; direction of the force [deg]: 0 "
+               "forward, 90 to starboard")
         << YAML::Value << YAML::BeginSeq;
-    for (const Thruster& one : layout.thrusters())
-      emitThruster(out, one, model.body.l / layout.lever());
+    for (const Thruster& one : layout.thrusters()) emitThruster(out, one, model.body.l / layout.lever());
     out << YAML::EndSeq;
     if (layout.liftChannel() != "lift")
-      out << YAML::Key << "lift" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key
-          << "channel" << YAML::Value << YAML::DoubleQuoted << layout.liftChannel()
-          << YAML::EndMap;
+      out << YAML::Key << "lift" << YAML::Value << YAML::Flow << YAML::BeginMap << YAML::Key << "channel"
+          << YAML::Value << YAML::DoubleQuoted << layout.liftChannel() << YAML::EndMap;
   }
   out << YAML::EndMap;
 }
@@ -611,8 +593,7 @@ void emitExpression(YAML::Emitter& out, const ExpressionDefinition& definition,
                     const std::vector<double>& values) {
   out << YAML::Key << "expression" << YAML::Value << YAML::BeginMap;
   for (const auto& [name, formula] : definition.components())
-    if (!formula.empty())
-      out << YAML::Key << name << YAML::Value << YAML::DoubleQuoted << formula;
+    if (!formula.empty()) out << YAML::Key << name << YAML::Value << YAML::DoubleQuoted << formula;
   out << YAML::EndMap;
   if (definition.world) out << YAML::Key << "frame" << YAML::Value << "world";
   emitStates(out, definition.states);
@@ -644,8 +625,8 @@ void emitTerm(YAML::Emitter& out, const LearnedTerm& term) {
     const Eigen::VectorXd centre = term.centres.row(i);
     emitNumbers(out, std::vector<double>(centre.data(), centre.data() + centre.size()));
   }
-  out << YAML::EndSeq << YAML::Key << "weights" << YAML::Comment("N, N, N m")
-      << YAML::Value << YAML::BeginMap;
+  out << YAML::EndSeq << YAML::Key << "weights" << YAML::Comment("N, N, N m") << YAML::Value
+      << YAML::BeginMap;
   for (std::size_t channel = 0; channel < 3; ++channel) {
     if (term.weights[channel].empty()) continue;
     out << YAML::Key << std::string(1, "XYN"[channel]) << YAML::Value;
@@ -701,8 +682,7 @@ void emitProvenance(YAML::Emitter& out, const Provenance& provenance) {
   if (!provenance.not_identified.empty()) {
     out << YAML::Key << "not_identified" << YAML::Value << YAML::Flow << YAML::BeginSeq;
     for (const std::string& name : provenance.not_identified) out << name;
-    out << YAML::EndSeq
-        << YAML::Comment("kept at their start values, or known only in combination");
+    out << YAML::EndSeq << YAML::Comment("kept at their start values, or known only in combination");
   }
   out << YAML::EndMap;
 }
@@ -835,12 +815,11 @@ void saveModel(const Model& model, const std::string& path, bool overwrite) {
   std::string temporary = path + ".XXXXXX";
   const int file = newFile(temporary);
   if (file < 0) throw systemError(path, "cannot write the model file");
-  const bool written =
-      write(file, text.data(), text.size()) == ssize_t(text.size()) && fsync(file) == 0;
+  const bool written = write(file, text.data(), text.size()) == ssize_t(text.size()) && fsync(file) == 0;
   const int write_error = errno;
   close(file);
-  const bool moved = written && (overwrite ? rename(temporary.c_str(), path.c_str()) == 0
-                                           : moveToNewName(temporary, path));
+  const bool moved =
+      written && (overwrite ? rename(temporary.c_str(), path.c_str()) == 0 : moveToNewName(temporary, path));
   const int move_error = errno;
   unlink(temporary.c_str());
   if (moved) return;

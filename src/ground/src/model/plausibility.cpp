@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kMinAcceleration = 1e-4;  // [m/s^2]
-constexpr double kMaxAcceleration = 1e4;    // [m/s^2]
+constexpr double kMaxAcceleration = 1e4;   // [m/s^2]
 
 double fullThrust(const Body<double>& b) { return 2 * b.k * b.input_max; }
 double acceleration(const Body<double>& b) { return fullThrust(b) / b.m; }
@@ -25,17 +25,15 @@ struct Key {
 
 const std::vector<Key>& keys() {
   using B = Body<double>;
-  static const std::vector<Key> all = {
-      {"m", "kg", &B::m, 0.5},          {"l", "m", &B::l, 0.06},
-      {"I_z", "kg m^2", &B::I_z, 1e-3}, {"X_u", "N s/m", &B::X_u, 0.1},
-      {"Y_v", "N s/m", &B::Y_v, 0.1},   {"N_r", "N m s", &B::N_r, 1e-3},
-      {"k", "N", &B::k, 0.3},           {"input_max", "", &B::input_max, 1}};
+  static const std::vector<Key> all = {{"m", "kg", &B::m, 0.5},          {"l", "m", &B::l, 0.06},
+                                       {"I_z", "kg m^2", &B::I_z, 1e-3}, {"X_u", "N s/m", &B::X_u, 0.1},
+                                       {"Y_v", "N s/m", &B::Y_v, 0.1},   {"N_r", "N m s", &B::N_r, 1e-3},
+                                       {"k", "N", &B::k, 0.3},           {"input_max", "", &B::input_max, 1}};
   return all;
 }
 
 const Key& keyNamed(const std::string& name) {
-  return *std::find_if(keys().begin(), keys().end(),
-                       [&](const Key& key) { return key.name == name; });
+  return *std::find_if(keys().begin(), keys().end(), [&](const Key& key) { return key.name == name; });
 }
 
 /// A ratio of parameters that is similar for all crafts.
@@ -127,10 +125,9 @@ const MistakenUnit* probableUnit(const Body<double>& body) {
 
 /// The parameter of a ratio whose value is farthest from that of a typical craft.
 const Key& strangest(const Ratio& ratio, const Body<double>& body) {
-  return keyNamed(
-      *std::max_element(ratio.keys.begin(), ratio.keys.end(), [&](const char* a, const char* b) {
-        return distance(body, keyNamed(a)) < distance(body, keyNamed(b));
-      }));
+  return keyNamed(*std::max_element(ratio.keys.begin(), ratio.keys.end(), [&](const char* a, const char* b) {
+    return distance(body, keyNamed(a)) < distance(body, keyNamed(b));
+  }));
 }
 
 std::string withUnit(double value, const char* unit) {
@@ -145,8 +142,8 @@ Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& 
                         const MistakenUnit* unit) {
   std::ostringstream text;
   const double value = body.*key.place;
-  text << key.name << ": " << withUnit(value, key.unit) << " is implausible: " << ratio.meaning
-       << ' ' << withUnit(ratio.value(body), ratio.unit) << "; crafts have ";
+  text << key.name << ": " << withUnit(value, key.unit) << " is implausible: " << ratio.meaning << ' '
+       << withUnit(ratio.value(body), ratio.unit) << "; crafts have ";
   if (std::isinf(ratio.upper)) {
     text << "more than " << withUnit(ratio.lower, ratio.unit);
   } else {
@@ -181,8 +178,7 @@ const std::vector<MistakenUnit>& mistakenUnits() {
   return all;
 }
 
-std::vector<Implausibility> implausibilities(const Body<double>& given,
-                                             const ThrusterLayout& layout) {
+std::vector<Implausibility> implausibilities(const Body<double>& given, const ThrusterLayout& layout) {
   Body<double> body = given;
   body.input_max *= layout.fullThrust() / thrusterPair()->fullThrust();
   std::vector<Implausibility> found;
@@ -200,8 +196,8 @@ std::vector<Implausibility> implausibilities(const Body<double>& given,
   for (const Ratio& ratio : ratios()) {
     if (sound(ratio, repaired)) continue;
     const Key& key = strangest(ratio, repaired);
-    const bool reported = std::any_of(found.begin(), found.end(),
-                                      [&](const Implausibility& f) { return f.key == key.name; });
+    const bool reported =
+        std::any_of(found.begin(), found.end(), [&](const Implausibility& f) { return f.key == key.name; });
     if (!reported) found.push_back(describe(key, ratio, body, nullptr));
   }
   const double a = acceleration(body);

@@ -3,11 +3,9 @@
 namespace ground {
 template <typename T>
 Simulation<T>::Simulation(const Dynamics<T>& dynamics, const InputSequence& inputs,
-                          const RigidState<T>& initial, double start, double max_step,
-                          const Motion* measured)
+                          const RigidState<T>& initial, double start, double max_step, const Motion* measured)
     : dynamics_(dynamics),
-      stepping_(inputs, start, valueOf(dynamics.inputDelay()), !isConstant(dynamics.inputDelay()),
-                max_step),
+      stepping_(inputs, start, valueOf(dynamics.inputDelay()), !isConstant(dynamics.inputDelay()), max_step),
       state_(initial),
       effect_states_(dynamics.initialStates()),
       t_(stepping_.t()) {
@@ -15,8 +13,7 @@ Simulation<T>::Simulation(const Dynamics<T>& dynamics, const InputSequence& inpu
   for (const Stepping::Held& held : stepping_.before(dynamics_.settling()))
     dynamics_.settle(T(held.t), measured ? cast<T>(measured->at(held.time)) : state_,
                      inputs.thrusters[held.command].template cast<T>(), inputs.lift[held.command],
-                     dynamics_.withDelay(held.duration, held.by_delay),
-                     effect_states_.data());
+                     dynamics_.withDelay(held.duration, held.by_delay), effect_states_.data());
 }
 
 template <typename T>
@@ -41,9 +38,7 @@ template <typename T>
 template <typename H>
 void Simulation<T>::step(int steps, const H& h) {
   const Thrusters<T> held = stepping_.thrusters().template cast<T>();
-  const auto act = [&] {
-    return dynamics_.actuate(held, stepping_.lift(), T(h), effect_states_.data());
-  };
+  const auto act = [&] { return dynamics_.actuate(held, stepping_.lift(), T(h), effect_states_.data()); };
   if (!dynamics_.hasMemory()) return dynamics_.step(t_, state_, act(), h, steps, pose_);
   for (int i = 0; i < steps; ++i) dynamics_.step(t_, state_, act(), h, 1, pose_);
 }
@@ -51,8 +46,7 @@ void Simulation<T>::step(int steps, const H& h) {
 template <typename T>
 Thrusters<T> Simulation<T>::actuated() const {
   std::vector<T> states = effect_states_;
-  return dynamics_
-      .actuate(stepping_.thrusters().template cast<T>(), stepping_.lift(), T(0.0), states.data())
+  return dynamics_.actuate(stepping_.thrusters().template cast<T>(), stepping_.lift(), T(0.0), states.data())
       .thrusters[0];
 }
 

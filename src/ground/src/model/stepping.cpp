@@ -21,8 +21,7 @@ bool repeats(const InputSequence& inputs, std::size_t command) {
 void InputSequence::add(double time, const Thrusters<double>& command, double lift_value) {
   if (command.size() != thruster_count)
     throw std::invalid_argument("a command for " + std::to_string(command.size()) +
-                                " thrusters goes to a craft with " +
-                                std::to_string(thruster_count));
+                                " thrusters goes to a craft with " + std::to_string(thruster_count));
   if (!times.empty() && time < times.back())
     throw std::invalid_argument("commands must be in ascending order of time");
   times.push_back(time);
@@ -51,12 +50,10 @@ RigidState<double> Motion::at(double time) const {
   return {between(*eta), between(*nu)};
 }
 
-Stepping::Stepping(const InputSequence& inputs, double start, double delay, bool varies,
-                   double max_step)
+Stepping::Stepping(const InputSequence& inputs, double start, double delay, bool varies, double max_step)
     : inputs_(&inputs), time_(start), delay_(delay), max_step_(max_step), varies_(varies) {
-  next_ = static_cast<std::size_t>(
-      std::upper_bound(inputs.times.begin(), inputs.times.end(), start - delay) -
-      inputs.times.begin());
+  next_ = static_cast<std::size_t>(std::upper_bound(inputs.times.begin(), inputs.times.end(), start - delay) -
+                                   inputs.times.begin());
   held_ = next_;
 }
 
@@ -65,15 +62,16 @@ std::vector<Stepping::Held> Stepping::before(const Settling& settling) const {
   if (settling.memory <= 0) return held;
   const std::vector<double>& times = inputs_->times;
   const double oldest = time_ - settling.memory;
-  const auto first = static_cast<std::size_t>(
-      std::upper_bound(times.begin(), times.end(), oldest - delay_) - times.begin());
+  const auto first =
+      static_cast<std::size_t>(std::upper_bound(times.begin(), times.end(), oldest - delay_) - times.begin());
   // The command before `first` acts from `oldest`, the last one acts until now. These two times do
   // not move with the delay; the changes between commands do.
   for (std::size_t i = first > 0 ? first - 1 : 0; i < next_; ++i) {
     const bool cut = i < first, last = i + 1 == next_;
     const double begin = cut ? oldest : times[i] + delay_;
-    const double duration =
-        last ? time_ - begin : cut ? times[i + 1] + delay_ - begin : times[i + 1] - times[i];
+    const double duration = last  ? time_ - begin
+                            : cut ? times[i + 1] + delay_ - begin
+                                  : times[i + 1] - times[i];
     const double by_delay = varies_ ? double(cut) - double(last) : 0.0;
     const int pieces = std::max(1, static_cast<int>(std::ceil(duration / settling.step - 1e-9)));
     for (int k = 0; k < pieces; ++k) {
@@ -86,8 +84,7 @@ std::vector<Stepping::Held> Stepping::before(const Settling& settling) const {
 }
 
 void Stepping::forget(std::size_t count) {
-  if (count >= std::min(held_, next_))
-    throw std::logic_error("a command that acts must not be forgotten");
+  if (count >= std::min(held_, next_)) throw std::logic_error("a command that acts must not be forgotten");
   held_ -= count;
   next_ -= count;
 }
@@ -123,8 +120,7 @@ bool Stepping::reach(double time, bool moves, Stretch& stretch) {
 }
 
 Thrusters<double> Stepping::thrusters() const {
-  return held_ == 0 ? Thrusters<double>::zero(inputs_->thruster_count)
-                    : inputs_->thrusters[held_ - 1];
+  return held_ == 0 ? Thrusters<double>::zero(inputs_->thruster_count) : inputs_->thrusters[held_ - 1];
 }
 
 double Stepping::lift() const { return held_ == 0 ? 0.0 : inputs_->lift[held_ - 1]; }

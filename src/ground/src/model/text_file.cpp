@@ -38,8 +38,7 @@ struct Descriptor {
 };
 
 std::string sizeText(std::size_t bytes) {
-  return bytes >= 1000000 ? std::to_string(bytes / 1000000) + " MB"
-                          : std::to_string(bytes) + " bytes";
+  return bytes >= 1000000 ? std::to_string(bytes / 1000000) + " MB" : std::to_string(bytes) + " bytes";
 }
 
 }  // namespace

@@ -12,7 +12,7 @@
 namespace ground {
 namespace {
 
-constexpr double kSmallForce = 1e-12;  // relative to full force: that of rounding
+constexpr double kSmallForce = 1e-12;             // relative to full force: that of rounding
 constexpr std::size_t kLongestThrusterName = 40;  // [characters]
 
 bool isIdentifier(const std::string& text) {
@@ -56,8 +56,10 @@ void validateTable(const Thruster& thruster) {
     if (!std::isfinite(table[i][0]) || !std::isfinite(table[i][1]))
       fail(thruster, "a number in the table of its curve is not finite");
     if (i > 0 && (table[i][0] <= table[i - 1][0] || table[i][1] < table[i - 1][1]))
-      fail(thruster, "inputs in the table of its curve must ascend and forces must not fall, as "
-                     "they do at " + text(table[i][0]));
+      fail(thruster,
+           "inputs in the table of its curve must ascend and forces must not fall, as "
+           "they do at " +
+               text(table[i][0]));
   }
   if (table.front()[0] > thruster.least || table.back()[0] < thruster.most)
     fail(thruster, "the table of its curve must reach from " + text(thruster.least) + " to " +
@@ -85,8 +87,7 @@ void validate(const Thruster& thruster) {
   if (thruster.channel.empty()) fail(thruster, "its channel has no name");
   if (!thruster.position.allFinite()) fail(thruster, "its position is not finite");
   if (!(std::abs(thruster.direction) <= 360))
-    fail(thruster, "direction must be between -360 and 360 degrees, not " +
-                       text(thruster.direction));
+    fail(thruster, "direction must be between -360 and 360 degrees, not " + text(thruster.direction));
   if (!(thruster.least >= -1 && thruster.least <= 0 && thruster.most > 0 && thruster.most <= 1))
     fail(thruster, "range must be [LEAST, MOST] with -1 <= LEAST <= 0 < MOST <= 1, not [" +
                        text(thruster.least) + ", " + text(thruster.most) +
@@ -95,8 +96,7 @@ void validate(const Thruster& thruster) {
     fail(thruster, "gain must be positive, not " + text(thruster.gain) +
                        "; turn the direction by 180 for the opposite force");
   if (!(thruster.curve.power >= 0.2 && thruster.curve.power <= 5))
-    fail(thruster, "the power of its curve must be between 0.2 and 5, not " +
-                       text(thruster.curve.power));
+    fail(thruster, "the power of its curve must be between 0.2 and 5, not " + text(thruster.curve.power));
   validateTable(thruster);
 }
 
@@ -127,8 +127,8 @@ ThrusterLayout::ThrusterLayout(std::vector<Thruster> thrusters, std::string lift
 
 void ThrusterLayout::validateAll() const {
   if (thrusters_.empty() || thrusters_.size() > kMaxThrusters)
-    throw std::invalid_argument("a craft has 1 to " + std::to_string(kMaxThrusters) +
-                                " thrusters, not " + std::to_string(thrusters_.size()));
+    throw std::invalid_argument("a craft has 1 to " + std::to_string(kMaxThrusters) + " thrusters, not " +
+                                std::to_string(thrusters_.size()));
   if (lift_channel_.empty()) throw std::invalid_argument("the channel of the lift has no name");
   std::set<std::string> names;
   for (const Thruster& one : thrusters_) {

@@ -15,8 +15,7 @@ YAML::Node YamlReader::parse(const std::string& yaml) const {
   try {
     root = YAML::Load(yaml);
   } catch (const YAML::ParserException& error) {
-    throw std::runtime_error(source_ + ", line " + std::to_string(error.mark.line + 1) + ": " +
-                             error.msg);
+    throw std::runtime_error(source_ + ", line " + std::to_string(error.mark.line + 1) + ": " + error.msg);
   }
   if (root.IsNull()) throw std::runtime_error(source_ + ": it is empty");
   return root;
@@ -41,16 +40,14 @@ void YamlReader::each(const YAML::Node& map, const std::string& what, const Visi
   for (const auto& entry : map) {
     if (!entry.first.IsScalar()) fail(entry.first, "a key in " + what + " is not a word");
     const std::string key = entry.first.Scalar();
-    if (!seen.insert(key).second)
-      fail(entry.first, "duplicate key '" + shortened(key) + "' in " + what);
+    if (!seen.insert(key).second) fail(entry.first, "duplicate key '" + shortened(key) + "' in " + what);
     visit(key, entry.second);
   }
 }
 
 double YamlReader::number(const YAML::Node& node, const std::string& key) const {
   double value = 0;
-  if (!node.IsScalar() || !YAML::convert<double>::decode(node, value))
-    fail(node, key + " must be a number");
+  if (!node.IsScalar() || !YAML::convert<double>::decode(node, value)) fail(node, key + " must be a number");
   if (std::isnan(value)) fail(node, key + " must not be NaN");
   return value;
 }

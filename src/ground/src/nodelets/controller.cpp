@@ -11,8 +11,8 @@
 namespace ground {
 namespace {
 
-constexpr double kStatusPeriod = 0.5;    // [s]
-constexpr double kWatch = 0.005;         // longest interval of ticks of the life cycle [s]
+constexpr double kStatusPeriod = 0.5;  // [s]
+constexpr double kWatch = 0.005;       // longest interval of ticks of the life cycle [s]
 // Largest pace of a simulated clock [-], and shortest interval of ticks with it [s].
 constexpr double kMaxPace = 10, kSimulatedTick = 5e-4;
 

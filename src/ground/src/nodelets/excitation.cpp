@@ -46,9 +46,9 @@ class Excitation : public Controller {
         : ExcitationPilot([&excitation] { return excitation.seconds(ros::Time::now()); },
                           [&excitation](const Mark& mark) { excitation.marked(mark); },
                           [&excitation](const ReferencePilot::Decision& decision) {
-                            excitation.decision_publisher_.note(
-                                decision, excitation.pilot_.layout(), excitation.measuredAt(),
-                                excitation.getName(), excitation.config_.lift);
+                            excitation.decision_publisher_.note(decision, excitation.pilot_.layout(),
+                                                                excitation.measuredAt(), excitation.getName(),
+                                                                excitation.config_.lift);
                           }),
           owner(excitation) {}
     /// Those of the model; without one, a left and a right thruster.
@@ -68,17 +68,16 @@ class Excitation : public Controller {
     decision_publisher_.advertise(topics);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
         nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
-    model_service_ =
-        ModelService(nh, "load_model", [this](const Model& model, const std::string&) {
-          const std::lock_guard one(changing_);
-          const std::string other = otherThrusters(*thrusters(), *model.thrusters);
-          if (!other.empty()) throw std::runtime_error(other);
-          const std::string caution = judge(&model, config_, signal_);
-          const std::lock_guard lock(mutex());
-          model_ = model;
-          pilot_.setCaution(caution);
-          return caution;
-        });
+    model_service_ = ModelService(nh, "load_model", [this](const Model& model, const std::string&) {
+      const std::lock_guard one(changing_);
+      const std::string other = otherThrusters(*thrusters(), *model.thrusters);
+      if (!other.empty()) throw std::runtime_error(other);
+      const std::string caution = judge(&model, config_, signal_);
+      const std::lock_guard lock(mutex());
+      model_ = model;
+      pilot_.setCaution(caution);
+      return caution;
+    });
     drive_subscriber_ = topics.subscribe("drive", 4, &Excitation::onDrive, this);
   }
 
@@ -98,8 +97,7 @@ class Excitation : public Controller {
         found.push_back(std::stod(word, &used));
       } catch (const std::exception&) {
       }
-      if (used != word.size())
-        throw std::invalid_argument("levels: '" + word + "' is not a number");
+      if (used != word.size()) throw std::invalid_argument("levels: '" + word + "' is not a number");
     }
     return found;
   }
@@ -160,8 +158,7 @@ class Excitation : public Controller {
     common.state_timeout = c.state_timeout;
     common.recovery_time = c.recovery_time;
     common.rate = c.rate;
-    if (!built_.description.empty())
-      NODELET_INFO("%s: %s", c.file.c_str(), built_.description.c_str());
+    if (!built_.description.empty()) NODELET_INFO("%s: %s", c.file.c_str(), built_.description.c_str());
     if (!caution.empty()) NODELET_INFO("%s: %s", getName().c_str(), caution.c_str());
     const std::lock_guard lock(mutex());
     config_ = c;
@@ -180,11 +177,9 @@ class Excitation : public Controller {
     const double most = model->body.input_max;
     for (std::size_t i = 0; i < signal.times.size(); ++i) {
       const Inputs& row = signal.inputs[i];
-      inputs.add(signal.times[i], most * asVector(row.thrusters),
-                 signal.has_lift ? row.lift : c.lift);
+      inputs.add(signal.times[i], most * asVector(row.thrusters), signal.has_lift ? row.lift : c.lift);
     }
-    const std::string leaves =
-        leavesRoom(*model, inputs, std::min<double>(c.duration, signal.end), *room());
+    const std::string leaves = leavesRoom(*model, inputs, std::min<double>(c.duration, signal.end), *room());
     return leaves.empty() ? "open loop; by the model it stays inside"
                           : "open loop: " + leaves + ", where it is stopped";
   }

@@ -11,7 +11,7 @@ namespace {
 using visualization_msgs::Marker;
 
 constexpr double kEntryHeight = 0.34, kTextHeight = 0.13, kSampleBelow = 0.13;  // [m]
-constexpr double kLegendZ = -0.4;   // above the craft; z points down [m]
+constexpr double kLegendZ = -0.4;     // above the craft; z points down [m]
 constexpr double kCharacter = 0.055;  // mean width of a character [m]
 
 /// An opaque colour as it looks on a white floor, where both faces of a square lie over it.
@@ -55,14 +55,12 @@ Marker sampleOf(const LegendEntry& entry, const std::string& frame, int id, doub
 }
 
 /// A white sheet behind the entries.
-Marker sheet(const std::vector<LegendEntry>& entries, const std::string& frame, double x,
-             double y) {
+Marker sheet(const std::vector<LegendEntry>& entries, const std::string& frame, double x, double y) {
   double width = 0;
   for (const LegendEntry& entry : entries)
     width = std::max({width, entry.length, kCharacter * static_cast<double>(entry.text.size())});
   const double height = kEntryHeight * static_cast<double>(entries.size());
-  Marker m =
-      makeMarker(frame, "legend", 0, Marker::CUBE, markerColor("#ffffff", 0.85));
+  Marker m = makeMarker(frame, "legend", 0, Marker::CUBE, markerColor("#ffffff", 0.85));
   m.frame_locked = true;
   m.pose.position = markerPoint(x + kTextHeight - height / 2, y, kLegendZ + 0.01);
   m.scale.x = height;
@@ -82,8 +80,7 @@ visualization_msgs::MarkerArrayPtr legendMarkers(const std::vector<LegendEntry>&
   if (!entries.empty()) array->markers.push_back(sheet(entries, frame, x, y));
   for (const LegendEntry& entry : entries) {
     const int id = static_cast<int>(array->markers.size());
-    Marker text =
-        makeMarker(frame, "legend", id, Marker::TEXT_VIEW_FACING, markerColor(palette::kBlack));
+    Marker text = makeMarker(frame, "legend", id, Marker::TEXT_VIEW_FACING, markerColor(palette::kBlack));
     text.frame_locked = true;
     text.text = entry.text;
     text.scale.z = kTextHeight;

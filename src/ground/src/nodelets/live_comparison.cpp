@@ -63,31 +63,28 @@ class LiveComparison : public nodelet::Nodelet {
   void start() {
     ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
     ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
-    const std::array<std::string, kModels> files = {
-        requiredParameter<std::string>(nh, "model"),
-        optionalParameter<std::string>(nh, "model2", "")};
+    const std::array<std::string, kModels> files = {requiredParameter<std::string>(nh, "model"),
+                                                    optionalParameter<std::string>(nh, "model2", "")};
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
-        nh, [](const Config& c) { return params(c).validate(); },
-        [this](const Config& c) { apply(c); });
+        nh, [](const Config& c) { return params(c).validate(); }, [this](const Config& c) { apply(c); });
     for (std::size_t i = 0; i < kModels; ++i) {
       const std::string suffix = i == 0 ? "" : "2";
       Contestant& c = contestants_[i];
       if (!files[i].empty()) take(c, loadModelAndWarn(files[i]), files[i]);
       c.error = topics.advertise<ground_msgs::ModelError>("model_error" + suffix, 10);
       c.path = topics.advertise<nav_msgs::Path>("path/predicted" + suffix, 1);
-      c.service =
-          ModelService(nh, "load_model" + suffix, [this, &c](const Model& m, const std::string& f) {
-            const std::lock_guard<std::mutex> lock(mutex_);
-            take(c, m, f);
-            return std::string();
-          });
+      c.service = ModelService(nh, "load_model" + suffix, [this, &c](const Model& m, const std::string& f) {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        take(c, m, f);
+        return std::string();
+      });
     }
     comparison_publisher_ = topics.advertise<ground_msgs::ModelComparison>("model_comparison", 1);
     controls_subscriber_ = topics.subscribe("controls", 50, &LiveComparison::onControls, this,
                                             ros::TransportHints().tcpNoDelay());
     drive_subscriber_ = topics.subscribe("drive", 4, &LiveComparison::onDrive, this);
-    state_subscriber_ = topics.subscribe("state", 50, &LiveComparison::onState, this,
-                                         ros::TransportHints().tcpNoDelay());
+    state_subscriber_ =
+        topics.subscribe("state", 50, &LiveComparison::onState, this, ros::TransportHints().tcpNoDelay());
   }
 
   static MonitorParams params(const Config& c) {
@@ -159,12 +156,11 @@ class LiveComparison : public nodelet::Nodelet {
       const Model& model = c.monitor->model();
       const std::string other = misfit(*controls, *model.thrusters);
       if (other.empty())
-        c.monitor->command(
-            time, model.body.input_max * asVector(model.thrusters->clipped(inputs.thrusters, 1)),
-            inputs.lift);
+        c.monitor->command(time,
+                           model.body.input_max * asVector(model.thrusters->clipped(inputs.thrusters, 1)),
+                           inputs.lift);
       else
-        NODELET_WARN_THROTTLE(5, "live_comparison: %s: a command %s", c.name.c_str(),
-                              other.c_str());
+        NODELET_WARN_THROTTLE(5, "live_comparison: %s: a command %s", c.name.c_str(), other.c_str());
     }
   }
 
@@ -190,8 +186,7 @@ class LiveComparison : public nodelet::Nodelet {
     if (errors[0] && errors[1]) publishComparison(message->header, *errors[0], *errors[1]);
   }
 
-  static void publishError(Contestant& c, const std_msgs::Header& header,
-                           const ModelMonitor::Error& e) {
+  static void publishError(Contestant& c, const std_msgs::Header& header, const ModelMonitor::Error& e) {
     auto message = boost::make_shared<ground_msgs::ModelError>();
     message->header = header;
     message->model = c.name;
@@ -244,16 +239,16 @@ class LiveComparison : public nodelet::Nodelet {
 
   static constexpr std::size_t kModels = 2;
   static constexpr double kPathStep = 0.02;  // [s]
-  static constexpr double kJump = 0.5;  // smallest jump back, larger than any disorder [s]
+  static constexpr double kJump = 0.5;       // smallest jump back, larger than any disorder [s]
 
   CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards what follows
   Config config_;
   std::array<Contestant, kModels> contestants_;
   ModelContest contest_{1.0, 10.0};
-  ros::Time epoch_;   ///< zero of the monitors' clock
-  ros::Time newest_;  ///< newest stamp
-  DriveClock drive_;  ///< starts of drives, on the monitors' clock
+  ros::Time epoch_;                        ///< zero of the monitors' clock
+  ros::Time newest_;                       ///< newest stamp
+  DriveClock drive_;                       ///< starts of drives, on the monitors' clock
   ground_msgs::Drive::ConstPtr recorded_;  ///< newest start of a drive, recorded by the sender
   double last_paths_ = 0;
   ros::Publisher comparison_publisher_;

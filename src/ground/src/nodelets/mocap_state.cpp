@@ -93,8 +93,8 @@ class MocapState : public nodelet::Nodelet {
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
         nh, [](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
     thread_ = std::thread([this] { watch(); });
-    subscriber_ = topics.subscribe("vrpn_client_node/hovercraft/pose", 10, &MocapState::onPose,
-                                   this, ros::TransportHints().tcpNoDelay());
+    subscriber_ = topics.subscribe("vrpn_client_node/hovercraft/pose", 10, &MocapState::onPose, this,
+                                   ros::TransportHints().tcpNoDelay());
   }
 
   void loadRecorded(ros::NodeHandle& nh) {
@@ -107,8 +107,7 @@ class MocapState : public nodelet::Nodelet {
     try {
       for (int i = 0; i < list.size(); ++i) {
         XmlRpc::XmlRpcValue& entry = list[i];
-        recorded_.push_back(
-            {number(entry["from"]), entry["axes"], number(entry["heading_offset"])});
+        recorded_.push_back({number(entry["from"]), entry["axes"], number(entry["heading_offset"])});
         AxisMapping(recorded_.back().axes, recorded_.back().heading_offset);
       }
     } catch (const XmlRpc::XmlRpcException& error) {
@@ -229,8 +228,7 @@ class MocapState : public nodelet::Nodelet {
     const auto& q = pose.pose.orientation;
     const char* why = "the pose has no stamp";
     std::optional<Vector3<double>> eta;
-    if (!pose.header.stamp.isZero())
-      eta = mapping_.toPlanar({p.x, p.y, p.z}, {q.w, q.x, q.y, q.z}, &why);
+    if (!pose.header.stamp.isZero()) eta = mapping_.toPlanar({p.x, p.y, p.z}, {q.w, q.x, q.y, q.z}, &why);
     for (const auto& estimator : estimators_) {
       if (eta) {
         estimator->update(pose.header.stamp.toSec(), *eta);
@@ -245,8 +243,7 @@ class MocapState : public nodelet::Nodelet {
 
   /// Age of the newest pose [s]; 0 without ROS time or pose.
   double age() const {
-    return ros::Time::isValid() && !stamp_.isZero() ? secondsBetween(stamp_, ros::Time::now())
-                                                    : 0.0;
+    return ros::Time::isValid() && !stamp_.isZero() ? secondsBetween(stamp_, ros::Time::now()) : 0.0;
   }
 
   /// Why a state is invalid although the estimate is valid; empty if the state is valid.
@@ -353,8 +350,8 @@ class MocapState : public nodelet::Nodelet {
   std::string axes_;
   double wanted_offset_ = std::numeric_limits<double>::quiet_NaN();  ///< parameter heading_offset
   AxisMapping mapping_;
-  const std::array<std::unique_ptr<VelocityEstimator>, 2> estimators_{
-      makeKalmanEstimator({}), makeFiniteDifferenceEstimator({})};
+  const std::array<std::unique_ptr<VelocityEstimator>, 2> estimators_{makeKalmanEstimator({}),
+                                                                      makeFiniteDifferenceEstimator({})};
   int active_ = 0;
   RosTimeWatch time_watch_;
   SteadyClock::duration timeout_{};
@@ -366,7 +363,7 @@ class MocapState : public nodelet::Nodelet {
   SteadyClock::time_point last_pose_, rejection_logged_;
   SteadyClock::duration upright_time_{};
   SteadyClock::time_point leaned_;  ///< last time at which the craft leaned for several poses
-  ros::Time stamp_;  ///< stamp of the newest pose
+  ros::Time stamp_;                 ///< stamp of the newest pose
   bool alive_ = true;
   bool real_time_ = false;  ///< constant after start()
   bool was_valid_ = false;

@@ -60,16 +60,13 @@ class OpenLoopPRBS : private Pilot, public Controller {
 
   void activate(double) override {
     signal_ = playBits(sequence_, params_);
-    if (!csv_.empty())
-      log().info(csv_ + ": " + sequence_.describe(params_.clock));
+    if (!csv_.empty()) log().info(csv_ + ": " + sequence_.describe(params_.clock));
   }
   Inputs update(double elapsed, double, const RigidState<double>&, double lift) override {
     return {signal_.at(elapsed).thrusters, lift};
   }
   double end() const override { return signal_.end; }
-  double nextChange(double elapsed) const override {
-    return signal_.nextChange(elapsed);
-  }
+  double nextChange(double elapsed) const override { return signal_.nextChange(elapsed); }
 
   std::string csv_;  ///< empty if the sequence is generated
   PrbsFile sequence_;

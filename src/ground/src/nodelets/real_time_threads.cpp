@@ -18,8 +18,7 @@ namespace {
 /// goes round too often.
 class PollThread {
  public:
-  PollThread()
-      : connection_(manager_->addPollThreadListener([this] { round(); })) {
+  PollThread() : connection_(manager_->addPollThreadListener([this] { round(); })) {
     manager_->getPollSet().signal();
   }
   /// No round is under way after it returns.

@@ -120,8 +120,7 @@ class Sender : public nodelet::Nodelet {
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
-    drive_publisher_ =
-        callbacks_.handle(getNodeHandle()).advertise<ground_msgs::Drive>("drive", 1, true);
+    drive_publisher_ = callbacks_.handle(getNodeHandle()).advertise<ground_msgs::Drive>("drive", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
         nh, [this](const SenderConfig& c) { return params(c).validate(); },
         [this](const SenderConfig& c) {
@@ -141,8 +140,7 @@ class Sender : public nodelet::Nodelet {
     report_thread_ = std::thread([this] { report(); });
     link_thread_ = std::thread([this] { run(); });
     arm_service_ = arm_callbacks_.handle(nh).advertiseService("arm", &Sender::onArm, this);
-    silence_service_ =
-        arm_callbacks_.handle(nh).advertiseService("silence", &Sender::onSilence, this);
+    silence_service_ = arm_callbacks_.handle(nh).advertiseService("silence", &Sender::onSilence, this);
     NODELET_INFO("sender: listening on UDP port %d", static_cast<int>(socket_->port()));
   }
 
@@ -155,8 +153,7 @@ class Sender : public nodelet::Nodelet {
     const UdpAddress peer = peer_text.empty() ? UdpAddress() : UdpAddress::parse(peer_text);
     if (!peer_text.empty() && !peer.known())
       throw std::runtime_error("peer '" + peer_text + "' is not the address of a craft");
-    socket_ =
-        std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
+    socket_ = std::make_unique<UdpSocket>(UdpAddress::parse(address, static_cast<std::uint16_t>(port)));
     link_ = std::make_unique<GroundLink>(
         GroundLinkParams(), peer,
         [this](const std::string& data, const UdpAddress& to) {
@@ -167,11 +164,9 @@ class Sender : public nodelet::Nodelet {
 
   /// Throws std::runtime_error if other parameters need a state or arm automatically.
   void prepareForBench(const std::string& room) {
-    if (!room.empty())
-      throw std::runtime_error("a bench has no room: leave out parameter room or bench");
+    if (!room.empty()) throw std::runtime_error("a bench has no room: leave out parameter room or bench");
     if (auto_arm_)
-      throw std::runtime_error(
-          "arm a craft on a bench by hand: leave out parameter auto_arm or bench");
+      throw std::runtime_error("arm a craft on a bench by hand: leave out parameter auto_arm or bench");
     obedience_ = nullptr;  // a fastened craft does not follow its commands
     NODELET_WARN("sender: %s", kBench);
   }
@@ -201,17 +196,14 @@ class Sender : public nodelet::Nodelet {
   }
 
   /// Age of a message by its stamp [s]; negative for a stamp in the future.
-  static double age(const std_msgs::Header& header) {
-    return secondsBetween(header.stamp, ros::Time::now());
-  }
+  static double age(const std_msgs::Header& header) { return secondsBetween(header.stamp, ros::Time::now()); }
 
   void onControls(const ros::MessageEvent<ground_msgs::Controls const>& event) {
     const ground_msgs::Controls& controls = *event.getMessage();
     const std::lock_guard lock(mutex_);
     const std::string other = misfit(controls, *layout_);
     if (other.empty())
-      link_->command(steadyNow(), age(controls.header), event.getPublisherName(),
-                     readInputs(controls));
+      link_->command(steadyNow(), age(controls.header), event.getPublisherName(), readInputs(controls));
     else
       link_->refuseCommand(steadyNow(), event.getPublisherName(), other);
     noteLift();
@@ -236,8 +228,7 @@ class Sender : public nodelet::Nodelet {
 
   /// Checks whether the craft follows its commands. mutex_ is held.
   void watchMotion(const ground_msgs::State& message, const RigidState<double>& state) {
-    if (!obedience_ || obedience_timeout_ == 0 || link_->current() != GroundLink::State::kArmed)
-      return;
+    if (!obedience_ || obedience_timeout_ == 0 || link_->current() != GroundLink::State::kArmed) return;
     const Vector3<double> variance(message.nu_covariance[0], message.nu_covariance[4],
                                    message.nu_covariance[8]);
     if (!variance.allFinite()) return;
@@ -257,8 +248,8 @@ class Sender : public nodelet::Nodelet {
       armed_at_ = ros::Time::now();
     }
     if (armed && (begins || sent != *noted_))
-      obedience_->command(secondsBetween(armed_at_, ros::Time::now()),
-                          input_max_ * asVector(sent.thrusters), sent.lift);
+      obedience_->command(secondsBetween(armed_at_, ros::Time::now()), input_max_ * asVector(sent.thrusters),
+                          sent.lift);
     noted_ = armed ? std::optional<MotorCommand>(sent) : std::nullopt;
   }
 
@@ -290,8 +281,7 @@ class Sender : public nodelet::Nodelet {
     return true;
   }
 
-  bool onSilence(ground_msgs::Silence::Request& request,
-                 ground_msgs::Silence::Response& response) {
+  bool onSilence(ground_msgs::Silence::Request& request, ground_msgs::Silence::Response& response) {
     const std::lock_guard lock(mutex_);
     response.message = link_->silence(steadyNow(), request.duration);
     response.success = response.message.empty();
@@ -400,11 +390,9 @@ class Sender : public nodelet::Nodelet {
     if (real_time_) prioritise(RealTimePriority::kReport);
     std::unique_lock lock(mutex_);
     while (true) {
-      wake_.wait_for(lock, std::chrono::duration<double>(kCountPeriod),
-                     [this] {
-                       return !reporting_ || drive_due_ || !statuses_.empty() ||
-                              !telemetry_.empty();
-                     });
+      wake_.wait_for(lock, std::chrono::duration<double>(kCountPeriod), [this] {
+        return !reporting_ || drive_due_ || !statuses_.empty() || !telemetry_.empty();
+      });
       const bool last = !reporting_;
       const double now = steadyNow();
       if (now >= next_status) {
@@ -442,14 +430,11 @@ class Sender : public nodelet::Nodelet {
   void log(const Status& status, const std::string& refusal, const std::string& remark) {
     static const char* kNames[] = {"DISARMED", "ARMED", "FAULT"};
     if (status.state != logged_.state || status.reason != logged_.reason) {
-      const bool warns = status.state == Status::FAULT ||
-                         (status.state == Status::ARMED && !remark.empty());
-      ROS_LOG(warns ? ros::console::levels::Warn : ros::console::levels::Info,
-              ROSCONSOLE_DEFAULT_NAME, "sender: %s: %s", kNames[status.state],
-              status.reason.c_str());
+      const bool warns = status.state == Status::FAULT || (status.state == Status::ARMED && !remark.empty());
+      ROS_LOG(warns ? ros::console::levels::Warn : ros::console::levels::Info, ROSCONSOLE_DEFAULT_NAME,
+              "sender: %s: %s", kNames[status.state], status.reason.c_str());
     }
-    if (status.peer != logged_.peer)
-      NODELET_INFO("sender: the craft is at %s", status.peer.c_str());
+    if (status.peer != logged_.peer) NODELET_INFO("sender: the craft is at %s", status.peer.c_str());
     if (status.refused != logged_.refused)
       NODELET_WARN("sender: %lu commands refused, last: %s",
                    static_cast<unsigned long>(status.refused - logged_.refused), refusal.c_str());
@@ -470,13 +455,13 @@ class Sender : public nodelet::Nodelet {
   InheritingMutex mutex_;  ///< guards all members down to wake_
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;
-  std::optional<Fence> fence_;  ///< no value without a room
+  std::optional<Fence> fence_;                   ///< no value without a room
   std::unique_ptr<ObedienceMonitor> obedience_;  ///< null without a model
   double obedience_timeout_ = 0, input_max_ = 1;
   ThrusterLayoutPtr layout_ = thrusterPair();  ///< constant after start()
-  bool bench_ = false;  ///< no state is needed; constant after start()
-  bool real_time_ = false;  ///< constant after start()
-  std::string remark_;  ///< remark of the last arming about bench and own stop; may be empty
+  bool bench_ = false;                         ///< no state is needed; constant after start()
+  bool real_time_ = false;                     ///< constant after start()
+  std::string remark_;                 ///< remark of the last arming about bench and own stop; may be empty
   std::optional<MotorCommand> noted_;  ///< the last command passed to obedience_, while armed
   ros::Time armed_at_;
   bool auto_arm_ = false;
@@ -485,9 +470,9 @@ class Sender : public nodelet::Nodelet {
   std::deque<Status::Ptr> statuses_;
   std::deque<Telemetry::Ptr> telemetry_;
   std::condition_variable_any wake_;
-  DriveClock drive_;        ///< on a clock that begins at epoch_; guarded by mutex_
-  ros::Time epoch_;         ///< time of the first command; guarded by mutex_
-  bool drive_due_ = false;  ///< the start of the drive has to be published; guarded by mutex_
+  DriveClock drive_;            ///< on a clock that begins at epoch_; guarded by mutex_
+  ros::Time epoch_;             ///< time of the first command; guarded by mutex_
+  bool drive_due_ = false;      ///< the start of the drive has to be published; guarded by mutex_
   RosTimeWatch time_watch_;     ///< used only by run()
   Status logged_;               ///< used only by report()
   std::size_t publishers_ = 0;  ///< used only by report()

@@ -70,11 +70,11 @@ class Simulator : public nodelet::Nodelet {
     room.seed = static_cast<unsigned long>(seed);
     room.start = optionalParameter<double>(nh, "start_time", 1000.0);
     room.braking = optionalParameter<double>(nh, "braking", room.braking);
-    room.initial.eta << optionalParameter<double>(nh, "x", 0.0),
-        optionalParameter<double>(nh, "y", 0.0), optionalParameter<double>(nh, "psi", 0.0);
+    room.initial.eta << optionalParameter<double>(nh, "x", 0.0), optionalParameter<double>(nh, "y", 0.0),
+        optionalParameter<double>(nh, "psi", 0.0);
     constexpr double kLatest = 4e9;  // a ROS stamp can represent some years more [s]
-    if (!(room.start > 0) || !(room.start < kLatest) ||
-        !(room.braking >= 0 && room.braking < 1e3) || !room.initial.eta.allFinite())
+    if (!(room.start > 0) || !(room.start < kLatest) || !(room.braking >= 0 && room.braking < 1e3) ||
+        !room.initial.eta.allFinite())
       throw std::runtime_error(
           "start_time must be positive and below 4e9 s, braking not negative, x, y, psi finite");
     mocap_.rate = optionalParameter<double>(nh, "mocap_rate", 100.0);
@@ -84,13 +84,11 @@ class Simulator : public nodelet::Nodelet {
     socket_ = std::make_unique<UdpSocket>(UdpAddress());
     room_ = std::make_unique<SimulatedLab>(loaded_, mocap_, room);
 
-    pose_publisher_ =
-        topics.advertise<geometry_msgs::PoseStamped>("vrpn_client_node/hovercraft/pose", 10);
+    pose_publisher_ = topics.advertise<geometry_msgs::PoseStamped>("vrpn_client_node/hovercraft/pose", 10);
     truth_publisher_ = nh.advertise<ground_msgs::State>("truth", 10);
     if (publish_clock_) clock_publisher_ = topics.advertise<rosgraph_msgs::Clock>("/clock", 10);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(
-        nh, [this](const Config& c) { return wrong(c); },
-        [this](const Config& c) { apply(c); });
+        nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
     model_service_ = ModelService(nh, "load_model", [this](const Model& m, const std::string&) {
       const std::lock_guard<std::mutex> lock(mutex_);
       const std::string other = otherThrusters(*loaded_.thrusters, *m.thrusters);
@@ -269,10 +267,10 @@ class Simulator : public nodelet::Nodelet {
   }
 
   static constexpr std::chrono::milliseconds kLongestTurn{20};  // longest turn of run(), wall time
-  static constexpr double kTick = 0.001;            // longest wait for a datagram, wall time [s]
-  static constexpr double kTruthPeriod = 0.01;      // [s]
-  static constexpr double kTelemetryPeriod = 0.02;  // [s]
-  static constexpr double kMarkerHeight = 0.04;     // height of the markers above the floor [m]
+  static constexpr double kTick = 0.001;                        // longest wait for a datagram, wall time [s]
+  static constexpr double kTruthPeriod = 0.01;                  // [s]
+  static constexpr double kTelemetryPeriod = 0.02;              // [s]
+  static constexpr double kMarkerHeight = 0.04;                 // height of the markers above the floor [m]
 
   CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards room_, loaded_, factors_, input_max_, origins, factor and offset

@@ -71,8 +71,7 @@ class Visualizer : public nodelet::Nodelet {
             topic, 50, [this, &newest](const auto& m) { onError(m, newest); });
       };
       error_subscribers_ = {listen("model_error", errors_[0]), listen("model_error2", errors_[1])};
-      comparison_subscriber_ =
-          topics.subscribe("model_comparison", 5, &Visualizer::onComparison, this);
+      comparison_subscriber_ = topics.subscribe("model_comparison", 5, &Visualizer::onComparison, this);
       controls_subscriber_ = topics.subscribe("controls", 50, &Visualizer::onControls, this);
       state_subscriber_ = topics.subscribe("state", 50, &Visualizer::onState, this);
     } catch (const std::exception& error) {
@@ -86,13 +85,11 @@ class Visualizer : public nodelet::Nodelet {
     controls_ = controls;
   }
 
-  void onError(const ground_msgs::ModelError::ConstPtr& error,
-               ground_msgs::ModelError::ConstPtr& newest) {
+  void onError(const ground_msgs::ModelError::ConstPtr& error, ground_msgs::ModelError::ConstPtr& newest) {
     const std::lock_guard<std::mutex> lock(mutex_);
     newest = error;
     if (&newest != &errors_[0] || error->window < kMinWindow) return;
-    floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1],
-               error->error_now);
+    floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1], error->error_now);
   }
 
   void onComparison(const ground_msgs::ModelComparison::ConstPtr& comparison) {
@@ -188,8 +185,7 @@ class Visualizer : public nodelet::Nodelet {
   double halfWidth() const {
     double half = 1.8 * model_.body.l;
     if (!model_.thrusters->isPair())
-      for (const Thruster& one : model_.thrusters->thrusters())
-        half = std::max(half, one.position.norm());
+      for (const Thruster& one : model_.thrusters->thrusters()) half = std::max(half, one.position.norm());
     return half;
   }
 
@@ -255,8 +251,7 @@ class Visualizer : public nodelet::Nodelet {
       const Vector2<double> place = placeOf(i);
       const Vector2<double> along(model_.thrusters->forward(i), model_.thrusters->starboard(i));
       const std::size_t shade = static_cast<std::size_t>(i) % palette::kThrusters.size();
-      Marker thruster =
-          marker(stamp, kThrusters + i, Marker::CYLINDER, palette::kThrusters[shade]);
+      Marker thruster = marker(stamp, kThrusters + i, Marker::CYLINDER, palette::kThrusters[shade]);
       thruster.pose = craft;
       thruster.pose.position = at(place.x(), place.y(), -l);
       thruster.scale.x = thruster.scale.y = 1.4 * l;
@@ -284,14 +279,12 @@ class Visualizer : public nodelet::Nodelet {
     const bool known = isRecent(errors_[0]);
     const double l = model_.body.l, full = typical::force(model_.body);
     const std::array<double, 3> w =
-        known ? std::array<double, 3>{errors_[0]->wrench[0], errors_[0]->wrench[1],
-                                      errors_[0]->wrench[2]}
+        known ? std::array<double, 3>{errors_[0]->wrench[0], errors_[0]->wrench[1], errors_[0]->wrench[2]}
               : std::array<double, 3>{};
     const double per_newton = config_.missing_length / full;
     const auto arrow = [&](int id, double from, double forward, double starboard) {
       Marker m = marker(stamp, id, Marker::ARROW, palette::kMissing);
-      m.points = {at(from, 0, -3 * l),
-                  at(from + per_newton * forward, per_newton * starboard, -3 * l)};
+      m.points = {at(from, 0, -3 * l), at(from + per_newton * forward, per_newton * starboard, -3 * l)};
       m.scale.x = 1.5 * kArrowWidth;
       m.scale.y = 3.5 * kArrowWidth;
       if (!known || std::hypot(forward, starboard) < kMinPart * full) m.action = Marker::DELETE;
@@ -303,20 +296,17 @@ class Visualizer : public nodelet::Nodelet {
 
   /// Publishes the legend when it changes.
   void publishLegend() {
-    const std::vector<LegendEntry> entries =
-        config_.legend ? legendEntries() : std::vector<LegendEntry>();
+    const std::vector<LegendEntry> entries = config_.legend ? legendEntries() : std::vector<LegendEntry>();
     if (entries == legend_) return;
     legend_ = entries;
-    legend_publisher_.publish(
-        legendMarkers(entries, kView, config_.legend_ahead, config_.legend_aside));
+    legend_publisher_.publish(legendMarkers(entries, kView, config_.legend_ahead, config_.legend_aside));
   }
 
   /// What each line, arrow and colour is, with its unit and scale; the error of each model.
   std::vector<LegendEntry> legendEntries() const {
     using Sample = LegendEntry::Sample;
-    std::vector<LegendEntry> entries = {
-        {"measured path", Sample::kPath, palette::kMeasured},
-        {"reference", Sample::kPath, palette::kReference, 0.6, 0.05}};
+    std::vector<LegendEntry> entries = {{"measured path", Sample::kPath, palette::kMeasured},
+                                        {"reference", Sample::kPath, palette::kReference, 0.6, 0.05}};
     for (std::size_t i = 0; i < errors_.size(); ++i) {
       if (!isRecent(errors_[i])) continue;
       const ground_msgs::ModelError& error = *errors_[i];
@@ -326,15 +316,14 @@ class Visualizer : public nodelet::Nodelet {
                          Sample::kPath, palette::kModels[i]});
     }
     const double missing = kMissingSample * typical::force(model_.body) / config_.missing_length;
-    entries.push_back({"thrust of each thruster: " + rounded(1e3 * fullThrust()) + " mN",
-                       Sample::kArrow, palette::kThrusters[0], config_.thrust_length, kArrowWidth});
+    entries.push_back({"thrust of each thruster: " + rounded(1e3 * fullThrust()) + " mN", Sample::kArrow,
+                       palette::kThrusters[0], config_.thrust_length, kArrowWidth});
     if (isRecent(errors_[0]))
-      entries.push_back({"force missing in " + errors_[0]->model + ": " + rounded(1e3 * missing) +
-                             " mN",
+      entries.push_back({"force missing in " + errors_[0]->model + ": " + rounded(1e3 * missing) + " mN",
                          Sample::kArrow, palette::kMissing, kMissingSample, 1.5 * kArrowWidth});
     if (config_.floor_map && !floor_.cells().empty())
-      entries.push_back({"error by place: 0 to " + rounded(floor_.large()) + " [-]",
-                         Sample::kScale, palette::kBlack, 1.0});
+      entries.push_back(
+          {"error by place: 0 to " + rounded(floor_.large()) + " [-]", Sample::kScale, palette::kBlack, 1.0});
     entries.push_back(
         {"1 m (grid: " + rounded(grid_cell_) + " m)", Sample::kBar, palette::kBlack, 1.0, 0.015});
     return entries;
@@ -423,14 +412,14 @@ class Visualizer : public nodelet::Nodelet {
     floor_publisher_.publish(m);
   }
 
-  static constexpr double kRecent = 1.0;       // largest age of an error that is shown [s]
-  static constexpr double kMinWindow = 2.0;    // shortest window with well normalised errors [s]
-  static constexpr double kFloorPeriod = 1.0;  // interval of floor maps [s]
-  static constexpr double kMinPart = 0.01;     // smallest force shown, relative to full thrust
-  static constexpr double kLegendPeriod = 1.0;    // interval of legends [s]
-  static constexpr double kArrowWidth = 0.03;     // shaft of an arrow of thrust [m]
-  static constexpr double kMissingSample = 0.5;   // arrow of a missing force in the legend [m]
-  static constexpr const char* kView = "view";    // frame that views and the legend follow
+  static constexpr double kRecent = 1.0;         // largest age of an error that is shown [s]
+  static constexpr double kMinWindow = 2.0;      // shortest window with well normalised errors [s]
+  static constexpr double kFloorPeriod = 1.0;    // interval of floor maps [s]
+  static constexpr double kMinPart = 0.01;       // smallest force shown, relative to full thrust
+  static constexpr double kLegendPeriod = 1.0;   // interval of legends [s]
+  static constexpr double kArrowWidth = 0.03;    // shaft of an arrow of thrust [m]
+  static constexpr double kMissingSample = 0.5;  // arrow of a missing force in the legend [m]
+  static constexpr const char* kView = "view";   // frame that views and the legend follow
   static constexpr const char *kHullColor = "#c8c8c8", *kBowColor = "#404040";
   /// First numbers of the markers of the craft.
   enum { kHull = 0, kBow = 1, kMissing = 2, kThrusters = 10, kThrust = kThrusters + kMaxThrusters };
@@ -447,7 +436,7 @@ class Visualizer : public nodelet::Nodelet {
   ros::Time last_update_, last_floor_, last_legend_;
   bool shown_ = false;
   Vector2<double> home_{0, 0};  ///< of the room, world_ned [m]
-  double grid_cell_ = 0;  ///< distance of the grid lines on the floor [m]
+  double grid_cell_ = 0;        ///< distance of the grid lines on the floor [m]
   std::vector<LegendEntry> legend_;
   tf2_ros::TransformBroadcaster broadcaster_;
   ros::Publisher measured_publisher_, markers_publisher_, legend_publisher_, floor_publisher_,

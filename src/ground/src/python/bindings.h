@@ -39,9 +39,7 @@ pybind11::list toList(const std::vector<FittedParameter>& parameters);
 /// A matrix that need not be given. Its default is None, because an array as default would load numpy
 /// with the module, and launch files start programs that do not need it.
 using OptionalMatrix = std::optional<Eigen::MatrixXd>;
-inline Eigen::MatrixXd orEmpty(const OptionalMatrix& matrix) {
-  return matrix.value_or(Eigen::MatrixXd());
-}
+inline Eigen::MatrixXd orEmpty(const OptionalMatrix& matrix) { return matrix.value_or(Eigen::MatrixXd()); }
 
 inline Eigen::Map<const Eigen::VectorXd> asColumn(const std::vector<double>& values) {
   return {values.data(), static_cast<Eigen::Index>(values.size())};
@@ -57,8 +55,7 @@ void requireFinite(const Eigen::DenseBase<Numbers>& numbers, const std::string& 
 template <typename Entry, typename Fill>
 Eigen::MatrixXd toRows(const std::vector<Entry>& entries, int columns, Fill fill) {
   Eigen::MatrixXd rows(static_cast<Eigen::Index>(entries.size()), columns);
-  for (Eigen::Index i = 0; i < rows.rows(); ++i)
-    rows.row(i) = fill(entries[static_cast<std::size_t>(i)]);
+  for (Eigen::Index i = 0; i < rows.rows(); ++i) rows.row(i) = fill(entries[static_cast<std::size_t>(i)]);
   return rows;
 }
 
@@ -73,8 +70,7 @@ auto withoutGil(const Compute& compute) {
 template <class Params>
 void defFields(pybind11::class_<Params>& type, const Tunables<Params>& table) {
   for (const Tunable<Params>& one : table)
-    type.def_property(one.name.c_str(), pybind11::cpp_function(one.get),
-                      pybind11::cpp_function(one.set));
+    type.def_property(one.name.c_str(), pybind11::cpp_function(one.get), pybind11::cpp_function(one.set));
 }
 
 }  // namespace ground

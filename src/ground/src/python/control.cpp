@@ -41,8 +41,7 @@ void defReferences(py::module_& module) {
       .def_readonly("type", &TunableInfo::type, "double, int, bool or str.")
       .def_readonly("low", &TunableInfo::low)
       .def_readonly("high", &TunableInfo::high)
-      .def_property_readonly(
-          "default", [](const TunableInfo& info) { return toPython(info, info.standard); })
+      .def_property_readonly("default", [](const TunableInfo& info) { return toPython(info, info.standard); })
       .def_property_readonly(
           "search",
           [](const TunableInfo& info) -> py::object {
@@ -111,8 +110,8 @@ void defControllers(py::module_& module) {
             for (const auto& [name, value] : values) {
               const auto* const one = findNamed(info.parameters, name);
               if (!one)
-                throw std::invalid_argument(info.name + " has no parameter '" + name +
-                                            "'; it has " + namesOf(info.parameters));
+                throw std::invalid_argument(info.name + " has no parameter '" + name + "'; it has " +
+                                            namesOf(info.parameters));
               one->set(choice, value);
             }
           },
@@ -130,14 +129,15 @@ void defRoom(py::module_& module) {
       .def_readwrite("braking", &Room::braking)
       .def_readwrite("latency", &Room::latency)
       .def("validate", &Room::validate)
-      .def("clearance",
-           [](const Room& room, const Vector2<double>& point) {
-             const std::string wrong = room.validate();
-             if (!wrong.empty()) throw std::invalid_argument(wrong);
-             requireFinite(point, "the point");
-             return room.clearance(point);
-           },
-           py::arg("point"), "Distance from the nearest wall [m], negative outside.");
+      .def(
+          "clearance",
+          [](const Room& room, const Vector2<double>& point) {
+            const std::string wrong = room.validate();
+            if (!wrong.empty()) throw std::invalid_argument(wrong);
+            requireFinite(point, "the point");
+            return room.clearance(point);
+          },
+          py::arg("point"), "Distance from the nearest wall [m], negative outside.");
   module.def("load_room", &loadRoom, py::arg("path"));
   module.def("parse_room", &parseRoom, py::arg("yaml"), py::arg("source"));
   module.def(

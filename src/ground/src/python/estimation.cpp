@@ -44,17 +44,15 @@ void bindEstimation(py::module_& module) {
             mapping.toMocap(eta, height, p, q);
             return py::make_tuple(p, Eigen::Vector4d(q.x(), q.y(), q.z(), q.w()));
           },
-          py::arg("eta"), py::arg("height"),
-          "Position and quaternion x, y, z, w in the mocap's frame.")
+          py::arg("eta"), py::arg("height"), "Position and quaternion x, y, z, w in the mocap's frame.")
       .def(
           "to_planar",
           [](const AxisMapping& mapping, const Eigen::Vector3d& p, const Eigen::Vector4d& xyzw) {
             return mapping.toPlanar(p, Eigen::Quaterniond(xyzw(3), xyzw(0), xyzw(1), xyzw(2)));
           },
           py::arg("position"), py::arg("xyzw"), "x, y [m], psi [rad], or None.")
-      .def(
-          "to_planar_rows", &planarRows, py::arg("positions"), py::arg("xyzw"),
-          "The same of each row (n, 3), (n, 4); NaN in place of None.");
+      .def("to_planar_rows", &planarRows, py::arg("positions"), py::arg("xyzw"),
+           "The same of each row (n, 3), (n, 4); NaN in place of None.");
 
   py::class_<EstimatorParams>(module, "EstimatorParams")
       .def(py::init<>())
@@ -66,8 +64,7 @@ void bindEstimation(py::module_& module) {
       .def_readwrite("max_gap", &EstimatorParams::max_gap);
   module.def(
       "smooth",
-      [](const std::vector<double>& stamps, const Eigen::MatrixX3d& eta,
-         const EstimatorParams& params) {
+      [](const std::vector<double>& stamps, const Eigen::MatrixX3d& eta, const EstimatorParams& params) {
         const SmoothedMotion motion = smooth(stamps, eta, params);
         py::dict d;
         d["eta"] = motion.eta;

@@ -1,10 +1,11 @@
 // Bindings of the stochastic likelihood.
+#include "ground/identification/grey_box.h"
+
 #include <pybind11/eigen.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
 #include "bindings.h"
-#include "ground/identification/grey_box.h"
 
 namespace py = pybind11;
 
@@ -14,8 +15,7 @@ namespace {
 py::dict levelsToDict(const DisturbanceLevels& levels) {
   py::dict d;
   const auto values = levels.values();
-  for (int i = 0; i < DisturbanceLevels::kCount; ++i)
-    d[py::str(DisturbanceLevels::names()[i])] = values[i];
+  for (int i = 0; i < DisturbanceLevels::kCount; ++i) d[py::str(DisturbanceLevels::names()[i])] = values[i];
   return d;
 }
 
@@ -52,16 +52,16 @@ py::dict toDict(const GreyBoxFit& fit) {
 }
 
 py::dict fitBox(const GreyBox& box, const GreyBoxPoint& start, const std::vector<std::string>& free,
-                bool levels, std::vector<std::string> held, double cap, bool far,
-                int max_iterations, int threads) {
+                bool levels, std::vector<std::string> held, double cap, bool far, int max_iterations,
+                int threads) {
   GreyBoxOptions options{free, levels, std::move(held), cap, far, max_iterations, threads};
   const auto fit = withoutGil([&] { return box.fit(start, options); });
   return toDict(fit);
 }
 
-py::list intervalsAt(const GreyBox& box, const GreyBoxPoint& point,
-                     const Eigen::MatrixXd& level_information, const std::vector<std::string>& free,
-                     std::vector<std::string> held, double cap, int threads) {
+py::list intervalsAt(const GreyBox& box, const GreyBoxPoint& point, const Eigen::MatrixXd& level_information,
+                     const std::vector<std::string>& free, std::vector<std::string> held, double cap,
+                     int threads) {
   GreyBoxFit fit;
   fit.point = point;
   fit.level_information = level_information;
@@ -74,9 +74,8 @@ py::list intervalsAt(const GreyBox& box, const GreyBoxPoint& point,
   return toList(found);
 }
 
-py::dict scoresAt(const GreyBox& box, const GreyBoxPoint& point,
-                  const std::vector<std::string>& parameters, double cap, double block,
-                  int threads) {
+py::dict scoresAt(const GreyBox& box, const GreyBoxPoint& point, const std::vector<std::string>& parameters,
+                  double cap, double block, int threads) {
   const auto found = withoutGil([&] { return box.scores(point, parameters, cap, block, threads); });
   py::dict d;
   d["scale"] = found.scale;
@@ -88,8 +87,7 @@ py::dict scoresAt(const GreyBox& box, const GreyBoxPoint& point,
 
 py::dict residualsAt(const GreyBox& box, const GreyBoxPoint& point, int run, double cap,
                      const OptionalMatrix& acting) {
-  const auto found =
-      withoutGil([&] { return box.residuals(point, run, cap, orEmpty(acting)); });
+  const auto found = withoutGil([&] { return box.residuals(point, run, cap, orEmpty(acting)); });
   py::dict d;
   d["whitened"] = found.whitened;
   d["scored"] = found.scored;
@@ -100,15 +98,21 @@ py::dict residualsAt(const GreyBox& box, const GreyBoxPoint& point, int run, dou
   return d;
 }
 
-py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run,
-                      std::vector<int> starts, std::vector<double> horizons, bool unknown_loudness,
-                      std::vector<std::string> free, const OptionalMatrix& information,
-                      std::vector<double> scale, double part, int draws,
+py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run, std::vector<int> starts,
+                      std::vector<double> horizons, bool unknown_loudness, std::vector<std::string> free,
+                      const OptionalMatrix& information, std::vector<double> scale, double part, int draws,
                       const Vector3<double>& velocity_noise, double cap, unsigned seed) {
-  const ForecastOptions options{
-      std::move(starts),    std::move(horizons), unknown_loudness, std::move(free),
-      orEmpty(information), std::move(scale),    part,             draws,
-      velocity_noise,       cap,                 seed};
+  const ForecastOptions options{std::move(starts),
+                                std::move(horizons),
+                                unknown_loudness,
+                                std::move(free),
+                                orEmpty(information),
+                                std::move(scale),
+                                part,
+                                draws,
+                                velocity_noise,
+                                cap,
+                                seed};
   const auto found = withoutGil([&] { return box.forecast(point, run, options); });
   py::list result;
   for (const Forecast& forecast : found) {
@@ -126,15 +130,13 @@ py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run,
 }  // namespace
 
 void bindGreyBox(py::module_& module) {
-  py::class_<GreyBoxPoint>(module, "GreyBoxPoint",
-                           "A model and the levels of the disturbance.")
+  py::class_<GreyBoxPoint>(module, "GreyBoxPoint", "A model and the levels of the disturbance.")
       .def(py::init([](const Model& model, const py::dict& levels, std::vector<double> loudness) {
              return GreyBoxPoint{model, levelsFromDict(levels), std::move(loudness)};
            }),
            py::arg("model"), py::arg("levels"), py::arg("loudness") = std::vector<double>())
       .def_readonly("model", &GreyBoxPoint::model)
-      .def_property_readonly("levels",
-                             [](const GreyBoxPoint& p) { return levelsToDict(p.levels); })
+      .def_property_readonly("levels", [](const GreyBoxPoint& p) { return levelsToDict(p.levels); })
       .def_readonly("loudness", &GreyBoxPoint::loudness);
   py::class_<GreyBox>(module, "GreyBox", "Stochastic grey-box likelihood of recorded poses.")
       .def(py::init([](std::vector<RunData> runs, const Model& craft, double max_gap) {
@@ -143,14 +145,12 @@ void bindGreyBox(py::module_& module) {
            py::arg("runs"), py::arg("craft"), py::arg("max_gap") = 0.1)
       .def("start", &GreyBox::start, py::arg("model"))
       .def("fit", &fitBox, py::arg("start"), py::arg("free"), py::arg("levels") = true,
-           py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0,
-           py::arg("far") = false, py::arg("max_iterations") = 60, py::arg("threads") = 1)
-      .def("intervals", &intervalsAt, py::arg("point"), py::arg("level_information"),
-           py::arg("free"), py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0,
-           py::arg("threads") = 1)
+           py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0, py::arg("far") = false,
+           py::arg("max_iterations") = 60, py::arg("threads") = 1)
+      .def("intervals", &intervalsAt, py::arg("point"), py::arg("level_information"), py::arg("free"),
+           py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0, py::arg("threads") = 1)
       .def("likelihood", &GreyBox::likelihood, py::arg("point"), py::arg("cap") = 25.0,
-           py::arg("block") = 1.0, py::arg("threads") = 1,
-           py::call_guard<py::gil_scoped_release>())
+           py::arg("block") = 1.0, py::arg("threads") = 1, py::call_guard<py::gil_scoped_release>())
       .def("scores", &scoresAt, py::arg("point"), py::arg("parameters"), py::arg("cap") = 25.0,
            py::arg("block") = 1.0, py::arg("threads") = 1)
       .def("residuals", &residualsAt, py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,

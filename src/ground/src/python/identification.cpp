@@ -17,19 +17,22 @@ Eigen::MatrixXd fromInputs(const RunData& run) {
   const InputSequence& inputs = run.inputs;
   Eigen::MatrixXd rows(static_cast<Eigen::Index>(inputs.size()), 2 + inputs.thruster_count);
   for (std::size_t i = 0; i < inputs.size(); ++i)
-    rows.row(static_cast<Eigen::Index>(i)) =
-        inputRow(inputs.times[i], inputs.thrusters[i], inputs.lift[i]);
+    rows.row(static_cast<Eigen::Index>(i)) = inputRow(inputs.times[i], inputs.thrusters[i], inputs.lift[i]);
   return rows;
 }
 
-RunData makeRun(const std::string& name, const std::vector<double>& times,
-                const Eigen::MatrixX3d& eta, const Eigen::MatrixX3d& nu,
-                const Eigen::Ref<const Eigen::MatrixXd>& inputs,
-                const std::optional<Eigen::MatrixX3d>& poses,
-                const std::optional<Vector3<double>>& noise, const std::vector<double>& drives,
-                const std::optional<Eigen::MatrixX3d>& wrench) {
-  RunData run{name, times, eta, nu, toInputs(inputs), poses.value_or(Eigen::MatrixX3d(0, 3)),
-              noise.value_or(RunData().noise), wrench.value_or(Eigen::MatrixX3d(0, 3))};
+RunData makeRun(const std::string& name, const std::vector<double>& times, const Eigen::MatrixX3d& eta,
+                const Eigen::MatrixX3d& nu, const Eigen::Ref<const Eigen::MatrixXd>& inputs,
+                const std::optional<Eigen::MatrixX3d>& poses, const std::optional<Vector3<double>>& noise,
+                const std::vector<double>& drives, const std::optional<Eigen::MatrixX3d>& wrench) {
+  RunData run{name,
+              times,
+              eta,
+              nu,
+              toInputs(inputs),
+              poses.value_or(Eigen::MatrixX3d(0, 3)),
+              noise.value_or(RunData().noise),
+              wrench.value_or(Eigen::MatrixX3d(0, 3))};
   if (!drives.empty()) run.inputs.drive = DriveClock(drives);
   return run;
 }
@@ -62,9 +65,8 @@ py::dict toDict(const FitResult& result) {
 void defRecording(py::module_& module) {
   py::class_<RunData>(module, "RunData", "A recording: measurements and commands on one clock.")
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
-           py::arg("inputs"), py::arg("poses") = py::none(),
-           py::arg("noise") = py::none(), py::arg("drives") = std::vector<double>(),
-           py::arg("wrench") = py::none())
+           py::arg("inputs"), py::arg("poses") = py::none(), py::arg("noise") = py::none(),
+           py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none())
       .def_readonly("name", &RunData::name)
       .def_property_readonly("times", &timesOf, "Read-only view [s].")
       .def_readonly("eta", &RunData::eta)
@@ -94,7 +96,8 @@ void defRecording(py::module_& module) {
             return makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
                            t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
                            t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
-                           t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(), t[8].cast<Eigen::MatrixX3d>());
+                           t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(),
+                           t[8].cast<Eigen::MatrixX3d>());
           }));
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) {
@@ -116,12 +119,10 @@ void defSimulationError(py::module_& module) {
   py::enum_<FitOptions::Objective>(module, "Objective")
       .value("least_squares", FitOptions::Objective::kLeastSquares)
       .value("thesis", FitOptions::Objective::kThesis);
-  py::enum_<Target>(module, "Target")
-      .value("velocities", Target::kVelocities)
-      .value("poses", Target::kPoses);
+  py::enum_<Target>(module, "Target").value("velocities", Target::kVelocities).value("poses", Target::kPoses);
   py::class_<SimulationError>(module, "SimulationError", "Simulation minus measurement.")
-      .def(py::init<std::vector<RunData>, std::vector<Window>, Target>(), py::arg("runs"),
-           py::arg("windows"), py::arg("target") = Target::kVelocities)
+      .def(py::init<std::vector<RunData>, std::vector<Window>, Target>(), py::arg("runs"), py::arg("windows"),
+           py::arg("target") = Target::kVelocities)
       .def("sigma", &SimulationError::sigma, py::arg("run"))
       .def(
           "simulate",
@@ -137,9 +138,9 @@ void defSimulationError(py::module_& module) {
           "Simulates every window with the initial velocities that minimise the objective.")
       .def(
           "fit",
-          [](const SimulationError& problem, const Model& model,
-             const std::vector<std::string>& free, FitOptions::Objective objective, int starts,
-             int threads, double width, bool near, const std::vector<Eigen::VectorXd>& initial) {
+          [](const SimulationError& problem, const Model& model, const std::vector<std::string>& free,
+             FitOptions::Objective objective, int starts, int threads, double width, bool near,
+             const std::vector<Eigen::VectorXd>& initial) {
             FitOptions options;
             options.free = free;
             options.width = width;
@@ -151,9 +152,8 @@ void defSimulationError(py::module_& module) {
             const auto result = withoutGil([&] { return problem.fit(model, options); });
             return toDict(result);
           },
-          py::arg("model"), py::arg("free"),
-          py::arg("objective") = FitOptions::Objective::kLeastSquares, py::arg("starts") = 1,
-          py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("near") = false,
+          py::arg("model"), py::arg("free"), py::arg("objective") = FitOptions::Objective::kLeastSquares,
+          py::arg("starts") = 1, py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("near") = false,
           py::arg("initial") = std::vector<Eigen::VectorXd>());
 }
 
@@ -203,16 +203,14 @@ void defWrenchFilter(py::module_& module) {
           "smooth",
           [](const WrenchFilter& filter, const WrenchNoise& noise, const OptionalMatrix& acting,
              const std::vector<int>& channels) {
-            const auto inferred =
-                withoutGil([&] { return filter.smooth(noise, orEmpty(acting), channels); });
+            const auto inferred = withoutGil([&] { return filter.smooth(noise, orEmpty(acting), channels); });
             py::dict d;
             d["wrench"] = inferred.wrench;
             d["sigma"] = inferred.sigma;
             d["responses"] = inferred.responses;
             return d;
           },
-          py::arg("noise"), py::arg("acting") = py::none(),
-          py::arg("channels") = std::vector<int>(),
+          py::arg("noise"), py::arg("acting") = py::none(), py::arg("channels") = std::vector<int>(),
           "X, Y [N], N [N m] and standard deviations, one row a sample; responses to the acting "
           "wrenches.")
       .def_property_readonly("model_thrust", &WrenchFilter::modelThrust)

@@ -76,8 +76,7 @@ Eigen::MatrixX3d forcesOf(const Model& model, const Eigen::Ref<const Eigen::Matr
   requireFinite(inputs, "an input");
   Eigen::MatrixX3d wrench(inputs.rows(), 3);
   for (Eigen::Index i = 0; i < inputs.rows(); ++i)
-    wrench.row(i) =
-        layout.total(layout.forces(Thrusters<double>(inputs.row(i).transpose()))).transpose();
+    wrench.row(i) = layout.total(layout.forces(Thrusters<double>(inputs.row(i).transpose()))).transpose();
   return wrench;
 }
 
@@ -91,9 +90,8 @@ bool acts(const std::optional<Rows>& rows, Eigen::Index count, const std::string
 }
 
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
-                     const std::vector<double>& times, const Vector3<double>& eta,
-                     const Vector3<double>& nu, const std::vector<double>& drives,
-                     const std::optional<Eigen::MatrixX3d>& wrench,
+                     const std::vector<double>& times, const Vector3<double>& eta, const Vector3<double>& nu,
+                     const std::vector<double>& drives, const std::optional<Eigen::MatrixX3d>& wrench,
                      const std::optional<Eigen::MatrixX2d>& room) {
   InputSequence inputs = toInputs(rows);
   if (!drives.empty()) inputs.drive = DriveClock(drives);
@@ -175,16 +173,14 @@ void defModel(py::module_& module) {
       .def_property_readonly("effects",
                              [](const Model& m) {
                                std::vector<std::string> names;
-                               for (const auto& e : m.effects)
-                                 names.push_back(e.effect->info().name);
+                               for (const auto& e : m.effects) names.push_back(e.effect->info().name);
                                return names;
                              })
       .def_property_readonly(
           "summaries",
           [](const Model& m) {
             py::dict all;
-            for (const auto& e : m.effects)
-              all[py::str(e.effect->info().name)] = e.effect->info().summary;
+            for (const auto& e : m.effects) all[py::str(e.effect->info().name)] = e.effect->info().summary;
             return all;
           },
           "What each effect is, by name; empty for formulas of the model file.")
@@ -241,8 +237,7 @@ void defFiles(py::module_& module) {
       "mistaken_units",
       [] {
         std::vector<std::tuple<std::string, std::string, double>> found;
-        for (const MistakenUnit& unit : mistakenUnits())
-          found.emplace_back(unit.key, unit.name, unit.factor);
+        for (const MistakenUnit& unit : mistakenUnits()) found.emplace_back(unit.key, unit.name, unit.factor);
         return found;
       },
       "Parameters of the body, units in which they may be typed by mistake, and factors to SI.");
@@ -250,14 +245,12 @@ void defFiles(py::module_& module) {
   module.def("with_effect", &withEffect, py::arg("model"), py::arg("text"), py::arg("source"),
              "A copy of the model with the effect in this text added.");
   module.def("read_effect_file", &readEffectFile, py::arg("path"));
-  module.def("save_model", &saveModel, py::arg("model"), py::arg("path"),
-             py::arg("overwrite") = false);
+  module.def("save_model", &saveModel, py::arg("model"), py::arg("path"), py::arg("overwrite") = false);
 }
 
 /// Bells of a learned wrench (LearnedTerm) at rows of arguments: (rows, centres).
-Eigen::MatrixXd bellsAt(const std::vector<std::string>& arguments,
-                        const std::vector<double>& widths, const Eigen::MatrixXd& centres,
-                        const Eigen::MatrixXd& rows, const Model* model) {
+Eigen::MatrixXd bellsAt(const std::vector<std::string>& arguments, const std::vector<double>& widths,
+                        const Eigen::MatrixXd& centres, const Eigen::MatrixXd& rows, const Model* model) {
   LearnedTerm term{arguments, widths, false, centres, {}};
   term.weights[0].assign(static_cast<std::size_t>(centres.rows()), 1.0);
   requireFinite(rows, "an argument");
@@ -282,26 +275,26 @@ void defEffects(py::module_& module) {
         return all;
       },
       py::arg("model") = py::none(),
-      "The effects of the library by name; with a model also those of its single thrusters. A diagnosis tries those with `opt_in` only if the user "
+      "The effects of the library by name; with a model also those of its single thrusters. A diagnosis "
+      "tries those with `opt_in` only if the user "
       "names them.");
-  module.def("bells", &bellsAt, py::arg("arguments"), py::arg("widths"), py::arg("centres"),
-             py::arg("rows"), py::arg("model") = py::none(),
+  module.def("bells", &bellsAt, py::arg("arguments"), py::arg("widths"), py::arg("centres"), py::arg("rows"),
+             py::arg("model") = py::none(),
              "Values of the bells of a learned wrench, by which its weights are multiplied, at rows of "
              "its arguments: (rows, centres). Thrusters are a left and a right one, or the model's.");
 }
 
 void defSimulation(py::module_& module) {
-  module.def(
-      "simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"),
-      py::arg("eta"), py::arg("nu"), py::arg("drives") = std::vector<double>(),
-      py::arg("wrench") = py::none(), py::arg("room") = py::none(),
-      "Simulated measurements of pose and velocity at `times` [s] from a true initial state. Raises "
-      "RuntimeError if the motion is not finite. "
-      "`inputs`: rows of time, an input for each thruster, lift. `drives`: starts of drives [s]; if empty, they "
-      "follow from the lift. `wrench`: additional X, Y [N], N [N m], each row until the next time; "
-      "none by default. `room`: additional force x, y [N] along the axes of the room (world_ned).");
-  module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"),
-             py::arg("records") = py::none(),
+  module.def("simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"), py::arg("eta"),
+             py::arg("nu"), py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none(),
+             py::arg("room") = py::none(),
+             "Simulated measurements of pose and velocity at `times` [s] from a true initial state. Raises "
+             "RuntimeError if the motion is not finite. "
+             "`inputs`: rows of time, an input for each thruster, lift. `drives`: starts of drives [s]; if "
+             "empty, they "
+             "follow from the lift. `wrench`: additional X, Y [N], N [N m], each row until the next time; "
+             "none by default. `room`: additional force x, y [N] along the axes of the room (world_ned).");
+  module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"), py::arg("records") = py::none(),
              "Starts of drives [s], the origins of the model's t, from commands in order of time "
              "and from records (k, 2): began and as_of, in order. Empty without any lift.");
 }
@@ -316,8 +309,7 @@ InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows) {
   requireFinite(rows, "an input");
   InputSequence inputs(count);
   for (Eigen::Index i = 0; i < rows.rows(); ++i)
-    inputs.add(rows(i, 0), Thrusters<double>(rows.row(i).segment(1, count).transpose()),
-               rows(i, count + 1));
+    inputs.add(rows(i, 0), Thrusters<double>(rows.row(i).segment(1, count).transpose()), rows(i, count + 1));
   return inputs;
 }
 

@@ -68,9 +68,7 @@ class PythonPlant : public Plant {
     const Pair found = measurementVectors();
     return {found.first, found.second};
   }
-  Vector3<double> wrench() const override {
-    PYBIND11_OVERRIDE_PURE(Vector3<double>, Plant, wrench, );
-  }
+  Vector3<double> wrench() const override { PYBIND11_OVERRIDE_PURE(Vector3<double>, Plant, wrench, ); }
   Vector3<double> poseNoise() override {
     PYBIND11_OVERRIDE_NAME(Vector3<double>, Plant, "pose_noise", poseNoise, );
   }
@@ -79,12 +77,8 @@ class PythonPlant : public Plant {
   using Pair = std::pair<Vector3<double>, Vector3<double>>;
 
   Pair stateVectors() const { PYBIND11_OVERRIDE_PURE_NAME(Pair, Plant, "state", state, ); }
-  Pair derivativeVectors() const {
-    PYBIND11_OVERRIDE_PURE_NAME(Pair, Plant, "derivative", derivative, );
-  }
-  Pair measurementVectors() const {
-    PYBIND11_OVERRIDE_PURE_NAME(Pair, Plant, "measurement", measurement, );
-  }
+  Pair derivativeVectors() const { PYBIND11_OVERRIDE_PURE_NAME(Pair, Plant, "derivative", derivative, ); }
+  Pair measurementVectors() const { PYBIND11_OVERRIDE_PURE_NAME(Pair, Plant, "measurement", measurement, ); }
 };
 
 /// Pose and velocity, or their derivatives, as Python has them.
@@ -130,8 +124,7 @@ void defPlant(py::module_& module) {
 ExperimentParams experimentParams(const Vector3<double>& eta, const Vector3<double>& nu,
                                   const MocapParams& mocap, unsigned long seed,
                                   const Disturbance& disturbance, Plant* plant) {
-  if (!eta.allFinite() || !nu.allFinite())
-    throw std::invalid_argument("the initial state is not finite");
+  if (!eta.allFinite() || !nu.allFinite()) throw std::invalid_argument("the initial state is not finite");
   ExperimentParams params{{eta, nu}, mocap, seed};
   params.disturbance = disturbance;
   params.plant = plant;
@@ -141,21 +134,20 @@ ExperimentParams experimentParams(const Vector3<double>& eta, const Vector3<doub
 /// Defines an experiment that a controller drives.
 template <class Params>
 void defExperiment(py::module_& module, const char* name, const char* params_name,
-                   ExperimentLog (*run)(const Model&, const Model&, const Params&,
-                                        const ExperimentParams&),
+                   ExperimentLog (*run)(const Model&, const Model&, const Params&, const ExperimentParams&),
                    const char* doc) {
   module.def(
       name,
-      [run](const Model& model, const Model& believed, const Params& drive,
-            const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
-            unsigned long seed, const Disturbance& disturbance, Plant* plant) {
+      [run](const Model& model, const Model& believed, const Params& drive, const Vector3<double>& eta,
+            const Vector3<double>& nu, const MocapParams& mocap, unsigned long seed,
+            const Disturbance& disturbance, Plant* plant) {
         const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance, plant);
         const auto log = withoutGil([&] { return run(model, believed, drive, params); });
         return toDict(log);
       },
       py::arg("model"), py::arg("believed"), py::arg(params_name), py::arg("eta"), py::arg("nu"),
-      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
-      py::arg("plant") = nullptr, doc);
+      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(), py::arg("plant") = nullptr,
+      doc);
 }
 
 void defParams(py::module_& module) {
@@ -189,8 +181,8 @@ void defParams(py::module_& module) {
       .def_readwrite("reference", &TrackingParams::reference)
       .def_readwrite("controller", &TrackingParams::controller)
       .def_readwrite("max_error", &TrackingParams::max_error);
-  py::class_<ExcitationParams, DriveParams>(
-      module, "ExcitationParams", "An input design; with a room, in bursts between returns.")
+  py::class_<ExcitationParams, DriveParams>(module, "ExcitationParams",
+                                            "An input design; with a room, in bursts between returns.")
       .def(py::init<>())
       .def_readwrite("design", &ExcitationParams::design)
       .def_readwrite("returns", &ExcitationParams::returns);
@@ -200,16 +192,15 @@ void defExperiments(py::module_& module) {
   module.def(
       "play_schedule",
       [](const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& schedule, double duration,
-         const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap,
-         unsigned long seed, const Disturbance& disturbance, Plant* plant) {
+         const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap, unsigned long seed,
+         const Disturbance& disturbance, Plant* plant) {
         const InputSequence inputs = toInputs(schedule);
         const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance, plant);
         const auto log = withoutGil([&] { return playSchedule(model, inputs, duration, params); });
         return toDict(log);
       },
       py::arg("model"), py::arg("schedule"), py::arg("duration"), py::arg("eta"), py::arg("nu"),
-      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(),
-      py::arg("plant") = nullptr,
+      py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(), py::arg("plant") = nullptr,
       "Simulates craft and mocap under rows of time, an input for each thruster, lift. Returns frames "
       "(captured, delivered, x, y, psi), commands (such rows), truth (time, eta, nu, "
       "nu_dot, wrench of the disturbance). plant: the craft; then eta, nu and disturbance are not "

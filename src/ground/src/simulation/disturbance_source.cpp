@@ -13,8 +13,7 @@ constexpr unsigned long kStream = 0x9e3779b97f4a7c15;
 
 }  // namespace
 
-DisturbanceSource::DisturbanceSource(const Disturbance& disturbance, double step,
-                                     unsigned long seed)
+DisturbanceSource::DisturbanceSource(const Disturbance& disturbance, double step, unsigned long seed)
     : random_(seed ^ kStream), white_(disturbance.white / std::sqrt(step)) {
   const std::string wrong = disturbance.validate();
   if (!wrong.empty()) throw std::invalid_argument("disturbance: " + wrong);

@@ -16,7 +16,7 @@ namespace {
 
 using Command = ExperimentLog::Command;
 
-constexpr double kPatience = 10.0;   // longest wait for a first valid state [s]
+constexpr double kPatience = 10.0;  // longest wait for a first valid state [s]
 
 /// Source of the craft's commands.
 class Driver {
@@ -34,8 +34,7 @@ class Driver {
 
 class Player : public Driver {
  public:
-  Player(const InputSequence& schedule, double duration)
-      : schedule_(schedule), duration_(duration) {
+  Player(const InputSequence& schedule, double duration) : schedule_(schedule), duration_(duration) {
     due_ = schedule_.times.empty() ? duration : std::max(0.0, schedule_.times.front());
   }
 
@@ -67,7 +66,9 @@ class LivePilot : public Driver {
     pilot_ = &pilot;
     life_ = std::make_unique<ControllerLifecycle>(
         pilot, [this](const Inputs& inputs) { send(inputs); },
-        [this] { log_.stages.push_back({now_, life_->current(), life_->reason()}); });
+        [this] {
+          log_.stages.push_back({now_, life_->current(), life_->reason()});
+        });
     life_->setParams(params_.life);
     if (params_.room) life_->setFence(Fence(*params_.room, params_.room->margin));
   }
@@ -101,8 +102,7 @@ class LivePilot : public Driver {
     if (life_->current() == Stage::kWaiting && now >= params_.start + kPatience)
       life_->stop(instant, "there was no valid state to start with");
     life_->tick(instant);
-    if (!std::isfinite(end_) &&
-        (life_->current() == Stage::kDone || life_->current() == Stage::kStopped)) {
+    if (!std::isfinite(end_) && (life_->current() == Stage::kDone || life_->current() == Stage::kStopped)) {
       log_.stopped = life_->current() == Stage::kStopped ? life_->reason() : "";
       log_.stopped_at = now;
       end_ = now + params_.tail;
@@ -153,16 +153,14 @@ void note(const SimulatedLab& room, ExperimentLog& log) {
   const RigidState<double>& state = room.state();
   if (!state.eta.allFinite() || !state.nu.allFinite()) {
     char text[160];
-    std::snprintf(
-        text, sizeof text,
-        "the simulated motion is not finite at %.3f s: the model is unstable, or too fast "
-        "for steps of %g ms",
-        room.time(), 1000 * kDefaultStep);
+    std::snprintf(text, sizeof text,
+                  "the simulated motion is not finite at %.3f s: the model is unstable, or too fast "
+                  "for steps of %g ms",
+                  room.time(), 1000 * kDefaultStep);
     throw std::runtime_error(text);
   }
   const Measurement<double> seen = room.measurement();
-  log.truth.push_back({room.time(), state, room.derivative().nu, {seen.eta, seen.nu},
-                       room.wrench()});
+  log.truth.push_back({room.time(), state, room.derivative().nu, {seen.eta, seen.nu}, room.wrench()});
 }
 
 Command spoiled(Command command, CraftFault fault) {
@@ -211,8 +209,8 @@ void require(const std::string& wrong) {
 void requireSameThrusters(const Model& model, const Model& believed) {
   if (model.thrusters->size() != believed.thrusters->size())
     throw std::invalid_argument("the controller's model " + believed.name + " commands " +
-                                std::to_string(believed.thrusters->size()) + " thrusters, and " +
-                                model.name + " has " + std::to_string(model.thrusters->size()) +
+                                std::to_string(believed.thrusters->size()) + " thrusters, and " + model.name +
+                                " has " + std::to_string(model.thrusters->size()) +
                                 ": give a model with the craft's thrusters");
 }
 
@@ -244,8 +242,7 @@ std::string ExcitationParams::validate() const {
 
 ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, double duration,
                            const ExperimentParams& params) {
-  if (!(duration > 0) || !std::isfinite(duration))
-    throw std::invalid_argument("duration must be positive");
+  if (!(duration > 0) || !std::isfinite(duration)) throw std::invalid_argument("duration must be positive");
   Dynamics<double>(model).requireThrusters(schedule.thruster_count);
   for (std::size_t i = 0; i < schedule.size(); ++i) {
     const Thrusters<double> inside = model.thrusters->clipped(schedule.thrusters[i], 1);
@@ -261,16 +258,15 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
   return log;
 }
 
-ExperimentLog trackReference(const Model& model, const Model& believed,
-                             const TrackingParams& tracking, const ExperimentParams& params) {
+ExperimentLog trackReference(const Model& model, const Model& believed, const TrackingParams& tracking,
+                             const ExperimentParams& params) {
   require(tracking.validate());
   requireSameThrusters(model, believed);
   ExperimentLog log;
   LivePilot live(tracking, log);
   const double input_max = believed.body.input_max;
-  ReferencePilot pilot(
-      [&live] { return live.now(); },
-      [&log, input_max](const ReferencePilot::Decision& d) { note(d, input_max, log); });
+  ReferencePilot pilot([&live] { return live.now(); },
+                       [&log, input_max](const ReferencePilot::Decision& d) { note(d, input_max, log); });
   std::unique_ptr<TrackingController> controller = makeController(believed, tracking.controller);
   ReferencePtr reference = makeReference(tracking.reference);
   if (tracking.room) controller->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});

@@ -13,8 +13,7 @@ ModelCraft::ModelCraft(const Model& model, const Params& params)
     : params_(params),
       source_(params.disturbance.empty()
                   ? std::nullopt
-                  : std::make_optional<DisturbanceSource>(params.disturbance, kDefaultStep,
-                                                          params.seed)),
+                  : std::make_optional<DisturbanceSource>(params.disturbance, kDefaultStep, params.seed)),
       next_wrench_(params.start),
       model_(onThisRun(model)),
       inputs_(model.thrusters->size()),
@@ -106,8 +105,7 @@ void ModelCraft::advance(double time) {
 void ModelCraft::setModel(const Model& model) {
   const RigidState<double> here = state();
   InputSequence inputs = inputs_;
-  for (auto& thrusters : inputs.thrusters)
-    thrusters *= model.body.input_max / model_.body.input_max;
+  for (auto& thrusters : inputs.thrusters) thrusters *= model.body.input_max / model_.body.input_max;
   const Model other = onThisRun(model);
   const Moving probe(other, inputs, here, time());
   const RigidState<double> rate = probe.simulation.derivative();

@@ -21,7 +21,7 @@ std::string MocapParams::validate() const {
 }
 
 SimulatedLab::SimulatedLab(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& mocap,
-           const Params& params)
+                           const Params& params)
     : own_(std::move(own)),
       plant_(plant ? *plant : *own_),
       watchdog_(params.watchdog),
@@ -63,9 +63,8 @@ void SimulatedLab::command(const Thrusters<double>& thrusters, double lift) {
 void SimulatedLab::advance(double time) {
   if (!(time >= time_)) throw std::invalid_argument("a room cannot go back in time");
   while (true) {
-    const double stop = expired_ || watchdog_ == 0
-                            ? std::numeric_limits<double>::infinity()
-                            : std::max(time_, last_command_ + watchdog_);
+    const double stop = expired_ || watchdog_ == 0 ? std::numeric_limits<double>::infinity()
+                                                   : std::max(time_, last_command_ + watchdog_);
     const double next = std::min({time, next_frame_, stop});
     plant_.advance(next);
     time_ = next;

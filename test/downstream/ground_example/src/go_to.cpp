@@ -48,14 +48,12 @@ class GoTo : private ground::Pilot, public ground::Controller {
       end_ = elapsed;
       return {0, 0, lift};
     }
-    const Vector2<double> force =
-        body_.m * (kApproach * kApproach * way - 2 * kApproach * velocity);
+    const Vector2<double> force = body_.m * (kApproach * kApproach * way - 2 * kApproach * velocity);
     const double turn = std::remainder(std::atan2(force.y(), force.x()) - psi, 2 * M_PI);
     const double moment = body_.I_z * (kTurn * kTurn * turn - 2 * kTurn * r);
     const double sum = std::min(force.norm(), body_.k) * std::max(std::cos(turn), 0.0) / body_.k;
     const double difference = moment / (body_.k * body_.l);
-    return {std::clamp((sum + difference) / 2, 0.0, 1.0),
-            std::clamp((sum - difference) / 2, 0.0, 1.0), lift};
+    return {std::clamp((sum + difference) / 2, 0.0, 1.0), std::clamp((sum - difference) / 2, 0.0, 1.0), lift};
   }
 
   ground::Body<double> body_;

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
 """The controller drives the simulated craft to its point and stops there."""
+
 import math
 import unittest
 

@@ -34,8 +34,7 @@ class Allocation {
     Vector3<double> wrench;  ///< X, Y [N], N [N m] of the inputs
   };
 
-  Allocation(const ThrusterLayout& layout, const Body<double>& body)
-      : Allocation(layout, body, Weights()) {}
+  Allocation(const ThrusterLayout& layout, const Body<double>& body) : Allocation(layout, body, Weights()) {}
   Allocation(const ThrusterLayout& layout, const Body<double>& body, const Weights& weights);
 
   /// Inputs for a wrench: X, Y [N], N [N m], body.

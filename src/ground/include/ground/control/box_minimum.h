@@ -13,14 +13,12 @@ using PerThruster = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxThrusters, 1
 /// set (Nocedal and Wright, Numerical Optimization, 2nd ed., 16.5). It allocates no memory.
 class BoxMinimum {
  public:
-  using Square =
-      Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxThrusters, kMaxThrusters>;
+  using Square = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxThrusters, kMaxThrusters>;
   using Flags = Eigen::Matrix<bool, Eigen::Dynamic, 1, 0, kMaxThrusters, 1>;
 
   /// Solves; returns false, without a result, if H is not positive definite. Low must not be above
   /// high.
-  bool solve(const Square& H, const PerThruster& g, const PerThruster& low,
-             const PerThruster& high);
+  bool solve(const Square& H, const PerThruster& g, const PerThruster& low, const PerThruster& high);
 
   /// The minimum inside the box.
   const PerThruster& minimum() const { return minimum_; }
@@ -52,10 +50,8 @@ class BoxMinimum {
     }
   }
   void factorFree(const Square& H);
-  bool moveFree(const Square& H, const PerThruster& g, const PerThruster& low,
-                const PerThruster& high);
-  bool release(const Square& H, const PerThruster& g, const PerThruster& low,
-               const PerThruster& high);
+  bool moveFree(const Square& H, const PerThruster& g, const PerThruster& low, const PerThruster& high);
+  bool release(const Square& H, const PerThruster& g, const PerThruster& low, const PerThruster& high);
 
   Square L_;  ///< Cholesky factor of H or of its free part
   PerThruster unbounded_, minimum_;

@@ -38,7 +38,7 @@ struct MeasuredState {
   double stamp = 0;  ///< time of measurement, clock of stamps [s]
   RigidState<double> state;
   bool valid = false;
-  std::string problem = {};  ///< why it is not valid
+  std::string problem = {};                               ///< why it is not valid
   Vector3<double> nu_variance = Vector3<double>::Zero();  ///< variance of the velocities
 };
 
@@ -61,8 +61,7 @@ class Pilot {
   /// closed-loop update.
   virtual std::string objection(const MeasuredState& /*measured*/) { return ""; }
   /// The inputs from now on; `lift`: lift input of the parameters, 0..1.
-  virtual Inputs update(double elapsed, double stamp, const RigidState<double>& state,
-                        double lift) = 0;
+  virtual Inputs update(double elapsed, double stamp, const RigidState<double>& state, double lift) = 0;
   /// Elapsed time at which it is done [s].
   virtual double end() const { return std::numeric_limits<double>::infinity(); }
   /// Elapsed time of the next change of open-loop inputs [s], or kByState for closed-loop control,
@@ -138,9 +137,7 @@ class ControllerLifecycle {
   State current() const { return state_; }
   const std::string& reason() const { return reason_; }
   /// Whether it is started and not yet done or stopped.
-  bool started() const {
-    return state_ == State::kWaiting || state_ == State::kLifting || driving();
-  }
+  bool started() const { return state_ == State::kWaiting || state_ == State::kLifting || driving(); }
   /// Whether the pilot is active, including RECOVERING.
   bool driving() const { return state_ == State::kRunning || state_ == State::kRecovering; }
   /// Seconds since it began to drive.
@@ -177,13 +174,13 @@ class ControllerLifecycle {
   std::optional<Fence> fence_;
   bool armed_ = false;
   std::optional<MeasuredState> measured_;
-  double measured_at_ = 0;              ///< steady clock [s]
-  std::optional<MeasuredState> known_;  ///< the last state used for control
+  double measured_at_ = 0;                        ///< steady clock [s]
+  std::optional<MeasuredState> known_;            ///< the last state used for control
   double lifting_since_ = 0, running_since_ = 0;  ///< clock of stamps [s]
   std::optional<double> last_update_;             ///< stamp [s]
   /// Next change of open-loop inputs, clock of stamps [s]; no value for closed-loop control.
   std::optional<double> change_at_;
-  double started_at_ = 0;                         ///< steady clock [s]
+  double started_at_ = 0;          ///< steady clock [s]
   double others_until_ = -kNever;  ///< until then another controller counts as driving [s]
   bool lifted_ = false;            ///< the lift was on when it took over from another controller
   /// Time of the loss of the state, steady clock [s]; no value while there is a valid state.

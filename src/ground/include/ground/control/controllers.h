@@ -47,7 +47,6 @@ const ControllerInfo& controllerInfo(const std::string& kind);
 EffectUse effectUse(const std::string& kind, const Model& model);
 /// Makes a controller with `model` as its internal model. Throws std::invalid_argument if
 /// parameters are bad or it must not drive by this model (effectUse).
-std::unique_ptr<TrackingController> makeController(const Model& model,
-                                                   const ControllerChoice& params);
+std::unique_ptr<TrackingController> makeController(const Model& model, const ControllerChoice& params);
 
 }  // namespace ground

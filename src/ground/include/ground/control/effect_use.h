@@ -12,7 +12,7 @@ namespace ground {
 struct EffectUse {
   std::vector<std::string> used;    ///< names of effects
   std::vector<std::string> unused;  ///< effects that the controller ignores, weak enough to do so
-  std::string refusal;  ///< why the controller must not drive by this model; empty if it may
+  std::string refusal;              ///< why the controller must not drive by this model; empty if it may
 
   /// Text such as "uses motor_lag, wind" or "does not use motor_lag, wind"; empty without effects.
   std::string remark() const;

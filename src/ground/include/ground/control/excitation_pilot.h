@@ -17,8 +17,8 @@ namespace ground {
 /// How an excitation is kept inside a room.
 struct ReturnParams {
   Room room;
-  double burst = 4.0;    ///< longest burst [s]
-  double arrival = 0;    ///< distance from home at which a return ends [m]; 0: half way to a wall
+  double burst = 4.0;  ///< longest burst [s]
+  double arrival = 0;  ///< distance from home at which a return ends [m]; 0: half way to a wall
   PredictiveParams predictive;
 
   std::string validate() const;  ///< error message; empty if all values are valid
@@ -40,8 +40,8 @@ class ExcitationPilot : public Pilot {
 
   /// The beginning of a burst or a return.
   struct Mark {
-    double time;        ///< clock of stamps [s]
-    int number;         ///< number of the burst, from 1; a return has that of the burst before
+    double time;  ///< clock of stamps [s]
+    int number;   ///< number of the burst, from 1; a return has that of the burst before
     bool burst;
     std::string reason;  ///< why it begins
   };
@@ -59,8 +59,7 @@ class ExcitationPilot : public Pilot {
   /// Like play(), in bursts; in between, a controller with the internal model `model` returns home.
   /// Throws std::invalid_argument if parameters are bad or the model has other thrusters than the
   /// signal.
-  void playInside(InputSignal signal, double duration, const Model& model,
-                  const ReturnParams& params);
+  void playInside(InputSignal signal, double duration, const Model& model, const ReturnParams& params);
 
   const ThrusterLayout& layout() const override { return *signal_.thrusters; }
   void commanded(double time, const Inputs& inputs) override { home_.commanded(time, inputs); }
@@ -69,8 +68,7 @@ class ExcitationPilot : public Pilot {
 
   void activate(double stamp) override;
   std::string objection(const MeasuredState& measured) override;
-  Inputs update(double elapsed, double stamp, const RigidState<double>& state,
-                double lift) override;
+  Inputs update(double elapsed, double stamp, const RigidState<double>& state, double lift) override;
   double end() const override { return std::min(duration_, ended_); }
   double nextChange(double elapsed) const override;
 

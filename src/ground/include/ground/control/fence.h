@@ -28,7 +28,7 @@ class Fence {
   /// By how much stoppingPoint() is too close to a wall [m], at least 0. `derivative`: its derivatives by x,
   /// y, psi, u, v, set only if it is positive.
   double violation(const RigidState<double>& state, double age,
-                Eigen::Matrix<double, 1, 5>& derivative) const;
+                   Eigen::Matrix<double, 1, 5>& derivative) const;
   /// Why thrust and lift have to be cut now; empty if the craft may continue.
   std::string objection(const RigidState<double>& state, double age) const;
 
@@ -51,11 +51,9 @@ struct PlanWalls {
 /// were lost for Fence::kLoss; empty if it could. Throws std::invalid_argument on an invalid room.
 std::string leavesRoom(const ReferenceTrajectory& reference, const Room& room);
 /// The same for a reference made from `params`, and the largest size that fits, if one does.
-std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference,
-                       const Room& room);
+std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference, const Room& room);
 /// Why a simulated craft leaves a room under open-loop inputs (in the model's units, until `end`
 /// [s]) from rest at home; empty if it stays inside.
-std::string leavesRoom(const Model& model, const InputSequence& inputs, double end,
-                       const Room& room);
+std::string leavesRoom(const Model& model, const InputSequence& inputs, double end, const Room& room);
 
 }  // namespace ground

@@ -12,7 +12,7 @@ namespace ground {
 /// An input design by its name, and the parameters of all designs (see designTable).
 struct DesignParams {
   std::string kind = "prbs";
-  double clock = 15.0;     ///< bits per second [Hz]
+  double clock = 15.0;  ///< bits per second [Hz]
   /// Input levels, 0..1, or -1..1 with reversible thrusters; each is limited to the range of its
   /// thruster. Empty means those of the design: 0 and 1, or 0, 0.25 .. 1; with reversible thrusters
   /// -1 and 1, or -1, -0.5 .. 1.
@@ -39,12 +39,12 @@ const std::vector<DesignInfo>& designTable();
 
 /// Inputs over time, each held until the next; times ascend from 0.
 struct InputSignal {
-  std::vector<double> times;   ///< [s]
-  std::vector<Inputs> inputs;  ///< fractions of the largest input
-  double end = 0;              ///< [s]
-  bool has_lift = false;       ///< whether it includes lift
-  bool once = false;           ///< not repeated, as for a file with times
-  std::string description;     ///< how a file of bits is played; otherwise empty
+  std::vector<double> times;                     ///< [s]
+  std::vector<Inputs> inputs;                    ///< fractions of the largest input
+  double end = 0;                                ///< [s]
+  bool has_lift = false;                         ///< whether it includes lift
+  bool once = false;                             ///< not repeated, as for a file with times
+  std::string description;                       ///< how a file of bits is played; otherwise empty
   ThrusterLayoutPtr thrusters = thrusterPair();  ///< of the craft; never null
 
   bool ended(double t) const;

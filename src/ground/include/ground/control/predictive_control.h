@@ -99,7 +99,7 @@ class PredictiveControl : public TrackingController {
   Thrusters<double> forward_;  ///< inputs of full forward thrust
   double full_thrust_;         ///< [N]
   std::array<Turn, 2> turns_;  ///< to port, to starboard
-  Dynamics<Jet> seen_;  ///< for the state from its measurement
+  Dynamics<Jet> seen_;         ///< for the state from its measurement
   PredictiveParams params_;
   DisturbanceObserver observer_;
   TimeBudget budget_;
@@ -111,7 +111,7 @@ class PredictiveControl : public TrackingController {
   std::array<Seed, kSeeds> seeds_;
   std::array<double, kSeeds> seed_costs_{};  ///< [m^2 s]
   bool has_seeds_ = false;                   ///< whether seeds and costs are this decision's
-  std::array<bool, kSeeds> is_tried_{};  ///< seeds from which plans began in this search
+  std::array<bool, kSeeds> is_tried_{};      ///< seeds from which plans began in this search
   int improvements_ = 0;
   std::optional<PlanWalls> walls_;
   Thrusters<double> wanted_;

@@ -57,8 +57,7 @@ class ReferencePilot : public Pilot {
 
   void activate(double stamp) override;
   std::string objection(const MeasuredState& measured) override;
-  Inputs update(double elapsed, double stamp, const RigidState<double>& state,
-                double lift) override;
+  Inputs update(double elapsed, double stamp, const RigidState<double>& state, double lift) override;
   double end() const override { return duration_; }
 
  private:

@@ -40,27 +40,22 @@ ReferencePtr makeCircle(const Vector2<double>& centre, double radius, double rat
 /// From start to end at `speed` [m/s], then standing still. If smooth, three times continuously
 /// differentiable with peak speed `speed`; otherwise at constant speed with a sudden stop, as in
 /// the thesis.
-ReferencePtr makeLine(const Vector2<double>& start, const Vector2<double>& end, double speed,
-                      bool smooth);
+ReferencePtr makeLine(const Vector2<double>& start, const Vector2<double>& end, double speed, bool smooth);
 /// Rose curve (x, y) + a cos(petals s) (cos s, sin s), s = w t; a [m], w [rad/s].
-ReferencePtr makeRhodonea(const Vector2<double>& centre, double amplitude, double petals,
-                          double rate);
+ReferencePtr makeRhodonea(const Vector2<double>& centre, double amplitude, double petals, double rate);
 /// (x + v t, y + a sin wt); v [m/s], a [m], w [rad/s].
-ReferencePtr makeSinusoid(const Vector2<double>& start, double speed, double amplitude,
-                          double rate);
+ReferencePtr makeSinusoid(const Vector2<double>& start, double speed, double amplitude, double rate);
 
 /// Through `points` [m] at `times` [s], ascending, the first at 0: quintic spline, three times
 /// continuously differentiable in between. Stands still at the last point from then on.
-ReferencePtr makeSpline(const std::vector<double>& times,
-                        const std::vector<Vector2<double>>& points);
+ReferencePtr makeSpline(const std::vector<double>& times, const std::vector<Vector2<double>>& points);
 /// Through `points` [m] by a spline over their distance, at `speed` [m/s]. If smooth, starts and
 /// ends at rest with peak speed `speed`.
 ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double speed, bool smooth);
 /// From a CSV file with the header time,x,y (spline over time [s]) or x,y (waypoints), world_ned
 /// [m], shifted by `origin`. At most a million points and 100 MB; a million points take about a
 /// second. Throws std::runtime_error that names file and line.
-ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
-                           bool smooth);
+ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed, bool smooth);
 
 /// A reference by its kind, and the parameters of all kinds (see referenceTable).
 struct ReferenceParams {
@@ -71,8 +66,8 @@ struct ReferenceParams {
   double petals = 1.5;                               ///< rhodonea: rate of the radius per turn
   double speed = 0.5;                                ///< line, sinusoid, waypoints [m/s]
   Vector2<double> end{2.5, 2.5};                     ///< line: world_ned [m]
-  bool smooth = true;  ///< line, waypoints of a file: start and stop smoothly
-  std::string file;    ///< CSV, see readReference
+  bool smooth = true;                                ///< line, waypoints of a file: start and stop smoothly
+  std::string file;                                  ///< CSV, see readReference
 
   /// All parameters except kind; origin is x, y and end is end_x, end_y.
   static const Tunables<ReferenceParams>& table();

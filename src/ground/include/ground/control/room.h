@@ -13,10 +13,10 @@ struct Room {
   std::string name;
   /// Corners of a simple polygon, in order [m].
   std::vector<Vector2<double>> corners = {{-2, -2}, {2, -2}, {2, 2}, {-2, 2}};
-  double margin = 0.2;                   ///< controllers keep this distance from the walls [m]
-  Vector2<double> home = {0, 0};         ///< where bursts of excitation begin [m]
-  double braking = 1.5;  ///< smallest deceleration by the floor of a craft without lift [m/s^2]
-  double latency = 0.1;  ///< time from a state until the motors are off [s]
+  double margin = 0.2;            ///< controllers keep this distance from the walls [m]
+  Vector2<double> home = {0, 0};  ///< where bursts of excitation begin [m]
+  double braking = 1.5;           ///< smallest deceleration by the floor of a craft without lift [m/s^2]
+  double latency = 0.1;           ///< time from a state until the motors are off [s]
 
   std::string validate() const;  ///< error message; empty if all values are valid
 

@@ -27,8 +27,7 @@ class TrackingController {
   virtual void reset() {}
   /// Called with every command that is sent, by any controller, in order of time [s], in the
   /// model's units.
-  virtual void commanded(double /*time*/, const Thrusters<double>& /*thrusters*/, double /*lift*/) {
-  }
+  virtual void commanded(double /*time*/, const Thrusters<double>& /*thrusters*/, double /*lift*/) {}
   /// Sets walls to avoid; a controller without plans ignores them.
   virtual void avoid(const PlanWalls& /*walls*/) {}
   /// Sets a steady clock [s], by which decisions keep their deadlines. Without one, and without

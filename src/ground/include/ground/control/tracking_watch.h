@@ -45,12 +45,12 @@ class TrackingWatch {
  private:
   double max_error_ = 0.5;
   bool begun_ = false, arrived_ = false;
-  double first_error_ = 0;   ///< error at the first look [m]
-  double last_time_ = 0;     ///< time of the last look [s]
-  double approaching_ = 0;   ///< observed time before arrival [s]
-  double inside_ = 0;        ///< how long the error has been within max_error [s]
-  double outside_ = 0;       ///< how long the error has been too large [s]
-  double caught_up_ = 0;     ///< time from which errors count again after a loss [s]
+  double first_error_ = 0;  ///< error at the first look [m]
+  double last_time_ = 0;    ///< time of the last look [s]
+  double approaching_ = 0;  ///< observed time before arrival [s]
+  double inside_ = 0;       ///< how long the error has been within max_error [s]
+  double outside_ = 0;      ///< how long the error has been too large [s]
+  double caught_up_ = 0;    ///< time from which errors count again after a loss [s]
 };
 
 }  // namespace ground

@@ -15,8 +15,8 @@ namespace ground {
 /// Cost of a plan: weights of squares of the state error at the end of each step, and of the
 /// inputs. They are relative to the weight of the position error, which is 1 per m^2.
 struct PlanWeights {
-  double velocity = 0.1;     ///< weight of the velocity error [s^2]
-  double input = 1e-5;       ///< weight of the inputs, relative to full scale [m^2]
+  double velocity = 0.1;  ///< weight of the velocity error [s^2]
+  double input = 1e-5;    ///< weight of the inputs, relative to full scale [m^2]
   /// Weight of turning [m^2]: of the sum of all inputs, relative to full scale, each times its
   /// lever over l. For the pair this is the inputs' difference.
   double turning = 1e-3;

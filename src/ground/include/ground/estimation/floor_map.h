@@ -20,8 +20,7 @@ class FloorMap {
 
   double cell() const { return cell_; }  ///< side of a cell [m]
   void add(double x, double y, double value) {
-    if (!std::isfinite(x + y + value) || std::abs(x) > kMaxDistance || std::abs(y) > kMaxDistance)
-      return;
+    if (!std::isfinite(x + y + value) || std::abs(x) > kMaxDistance || std::abs(y) > kMaxDistance) return;
     auto& [sum, count] = cells_[{index(x), index(y)}];
     sum += value;
     ++count;
@@ -31,8 +30,7 @@ class FloorMap {
     std::vector<Cell> found;
     for (const auto& [at, seen] : cells_) {
       if (seen.second < kMinCount) continue;
-      found.push_back(
-          {(at.first + 0.5) * cell_, (at.second + 0.5) * cell_, seen.first / seen.second});
+      found.push_back({(at.first + 0.5) * cell_, (at.second + 0.5) * cell_, seen.first / seen.second});
     }
     return found;
   }

@@ -76,8 +76,7 @@ class ObedienceMonitor {
 
   void addExplanations();
   Evidence noEvidence() const { return Evidence::Zero(static_cast<Eigen::Index>(others_.size())); }
-  Vector3<double> predict(const Dynamics<double>& dynamics, const InputSequence& inputs,
-                          double time) const;
+  Vector3<double> predict(const Dynamics<double>& dynamics, const InputSequence& inputs, double time) const;
   Interval compare(const Sample& now) const;
   Evidence evidenceOfOthers(double duration) const;
   std::string likely(double duration, Eigen::Index best) const;
@@ -86,11 +85,11 @@ class ObedienceMonitor {
   void forgetOldCommands(double time);
 
   Dynamics<double> dynamics_;
-  Dynamics<double> sitting_;             ///< with a skirt that brakes without lift
-  Dynamics<double> weak_, strong_;       ///< with a fifth and five times the thrust
-  Dynamics<Jet> derivatives_;            ///< dynamics_ with derivatives
-  double most_;                          ///< acceleration by full thrust [m/s^2]
-  double most_yaw_;                      ///< yaw acceleration by the fastest turn [rad/s^2]
+  Dynamics<double> sitting_;        ///< with a skirt that brakes without lift
+  Dynamics<double> weak_, strong_;  ///< with a fifth and five times the thrust
+  Dynamics<Jet> derivatives_;       ///< dynamics_ with derivatives
+  double most_;                     ///< acceleration by full thrust [m/s^2]
+  double most_yaw_;                 ///< yaw acceleration by the fastest turn [rad/s^2]
   std::array<InputSequence, std::size_t{kDelayCount}> delayed_;  ///< commands, at once and later
   std::vector<Explanation> explanations_;
   std::vector<InputSequence> others_;  ///< inputs by each explanation

@@ -30,9 +30,9 @@ class TimeJumpDetector {
 
   bool started_ = false;
   Clock clock_ = Clock::kWall;
-  double steady_ = 0;       ///< last call, or last change of a simulated clock; steady clock [s]
-  double time_ = 0;         ///< the clock at the last call [s]
-  double divergence_ = 0;   ///< wall clock minus steady clock, without slewing [s]
+  double steady_ = 0;      ///< last call, or last change of a simulated clock; steady clock [s]
+  double time_ = 0;        ///< the clock at the last call [s]
+  double divergence_ = 0;  ///< wall clock minus steady clock, without slewing [s]
   bool pace_known_ = false;
   double pace_ = 0;         ///< recent pace, simulated seconds per second
   double behind_ = 0;       ///< delay of a simulated clock relative to its pace [s]

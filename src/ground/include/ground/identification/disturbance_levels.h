@@ -22,7 +22,7 @@ struct DisturbanceLevels {
   double time_room = 1;  ///< its correlation time [s]
   /// Root of the density of the white wrench [N sqrt(s)], [N m sqrt(s)].
   Vector3<double> white = Vector3<double>::Zero();
-  double position = 1, heading = 1;  ///< pose noise, relative to RunData::noise
+  double position = 1, heading = 1;                ///< pose noise, relative to RunData::noise
   Vector3<double> trim = Vector3<double>::Zero();  ///< deviation of the constant wrench of a run
   double thrust = 0;  ///< deviation of the constant relative change of thrust of a run
 

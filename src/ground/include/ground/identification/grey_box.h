@@ -40,34 +40,34 @@ struct RunTrim {
 
 struct GreyBoxFit {
   GreyBoxPoint point;
-  double log_likelihood = 0;           ///< log-likelihood of the poses
-  double log_posterior = 0;            ///< with the priors of levels and parameters
-  std::vector<double> by_run;          ///< log-likelihood of each run
+  double log_likelihood = 0;   ///< log-likelihood of the poses
+  double log_posterior = 0;    ///< with the priors of levels and parameters
+  std::vector<double> by_run;  ///< log-likelihood of each run
   std::vector<RunTrim> trims;
-  Eigen::MatrixXd information;         ///< Fisher information of coordinates over scale
-  std::vector<double> scale;           ///< scale of each free parameter's coordinate
+  Eigen::MatrixXd information;              ///< Fisher information of coordinates over scale
+  std::vector<double> scale;                ///< scale of each free parameter's coordinate
   std::vector<FittedParameter> parameters;  ///< the free parameters, with intervals
-  Eigen::MatrixXd level_information;   ///< Fisher information of log levels, with the prior
+  Eigen::MatrixXd level_information;        ///< Fisher information of log levels, with the prior
   int iterations = 0;
   bool converged = false;
 };
 
 /// First and second derivatives of the log-likelihood at a point, for score tests (Rao 1948).
 struct GreyBoxScores {
-  std::vector<double> scale;      ///< scales; derivatives are by coordinate / scale
-  Eigen::MatrixXd score;          ///< first derivatives, a row for each block of time
-  std::vector<int> run;           ///< run of each block
-  Eigen::MatrixXd information;    ///< Fisher information: minus the expected second derivatives
+  std::vector<double> scale;    ///< scales; derivatives are by coordinate / scale
+  Eigen::MatrixXd score;        ///< first derivatives, a row for each block of time
+  std::vector<int> run;         ///< run of each block
+  Eigen::MatrixXd information;  ///< Fisher information: minus the expected second derivatives
 };
 
 /// Output of the filter along one run.
 struct GreyBoxResiduals {
-  Eigen::MatrixX3d whitened;  ///< innovations; independent, of variance one if the model is true
-  std::vector<bool> scored;   ///< false at the first pose of a stretch
-  Eigen::MatrixXd states;     ///< filtered x, y [m], psi [rad], u, v [m/s], r [rad/s], (n, 6)
-  Eigen::MatrixX3d wrench;    ///< filtered disturbance in both frames without trim, body [N], [N m]
-  Eigen::MatrixX4d constants; ///< filtered trim: X, Y [N], N [N m], relative change of thrust
-  Eigen::MatrixXd responses;  ///< response of the 3 n whitened innovations to given wrenches
+  Eigen::MatrixX3d whitened;   ///< innovations; independent, of variance one if the model is true
+  std::vector<bool> scored;    ///< false at the first pose of a stretch
+  Eigen::MatrixXd states;      ///< filtered x, y [m], psi [rad], u, v [m/s], r [rad/s], (n, 6)
+  Eigen::MatrixX3d wrench;     ///< filtered disturbance in both frames without trim, body [N], [N m]
+  Eigen::MatrixX4d constants;  ///< filtered trim: X, Y [N], N [N m], relative change of thrust
+  Eigen::MatrixXd responses;   ///< response of the 3 n whitened innovations to given wrenches
 };
 
 struct ForecastOptions {
@@ -131,16 +131,15 @@ class GreyBox {
   /// uncertainty of the levels: Student's t with degrees of freedom by Satterthwaite (1946). The
   /// intervals in GreyBoxFit take the levels as known. Throws std::invalid_argument if the levels
   /// were not fitted.
-  std::vector<FittedParameter> intervals(const GreyBoxFit& fit,
-                                         const GreyBoxOptions& options) const;
+  std::vector<FittedParameter> intervals(const GreyBoxFit& fit, const GreyBoxOptions& options) const;
 
   /// Log-likelihood of each run at a point, by blocks of about `block` seconds.
   std::vector<Eigen::VectorXd> likelihood(const GreyBoxPoint& point, double cap, double block,
                                           int threads) const;
 
   /// Derivatives by the named parameters, by blocks of about `block` seconds.
-  GreyBoxScores scores(const GreyBoxPoint& point, const std::vector<std::string>& parameters,
-                       double cap, double block, int threads) const;
+  GreyBoxScores scores(const GreyBoxPoint& point, const std::vector<std::string>& parameters, double cap,
+                       double block, int threads) const;
 
   /// Filters one run. `acting`: wrenches over time whose responses to compute, a column each, held
   /// from each sample to the next. Each wrench has three columns of `acting`: X, Y [N], N [N m], body.
@@ -152,8 +151,7 @@ class GreyBox {
   /// far. Motions of the stochastic model are drawn from it, because a linearised covariance is too
   /// large once the heading is uncertain by a radian (2.6 times in position after 4 s on real
   /// runs). Uncertain parameters are drawn, too, and shift the filtered state.
-  std::vector<Forecast> forecast(const GreyBoxPoint& point, int run,
-                                 const ForecastOptions& options) const;
+  std::vector<Forecast> forecast(const GreyBoxPoint& point, int run, const ForecastOptions& options) const;
 
   const std::vector<RunData>& runs() const { return runs_; }
 

@@ -78,9 +78,9 @@ class WrenchFilter {
 
   /// Linearised model at one sample and from there to the next.
   struct Sample {
-    Vector3<double> deviation;  ///< measured pose minus measurement at the linearisation point
-    Matrix39 seen = Matrix39::Zero();  ///< derivative of the measured pose by the state
-    double heading;             ///< heading of the body's axes [rad]
+    Vector3<double> deviation;                 ///< measured pose minus measurement at the linearisation point
+    Matrix39 seen = Matrix39::Zero();          ///< derivative of the measured pose by the state
+    double heading;                            ///< heading of the body's axes [rad]
     Matrix9 transition = Matrix9::Identity();  ///< derivative of the next state by the state
     /// The model's next state minus the next linearisation point.
     Vector9 offset = Vector9::Zero();

@@ -12,11 +12,11 @@ namespace ground {
 /// One recording: measurements and commands, on a clock that is 0 at the start of the run.
 struct RunData {
   std::string name;
-  std::vector<double> times;  ///< times of the measurements, ascending [s]
-  Eigen::MatrixX3d eta;       ///< x, y [m], psi unwrapped [rad], world_ned, smoothed
-  Eigen::MatrixX3d nu;        ///< u, v [m/s], r [rad/s], body
-  InputSequence inputs;       ///< in the model's units; its drive clock gives the model's t
-  Eigen::MatrixX3d poses;     ///< eta as measured, not smoothed; empty: eta is used instead
+  std::vector<double> times;                   ///< times of the measurements, ascending [s]
+  Eigen::MatrixX3d eta;                        ///< x, y [m], psi unwrapped [rad], world_ned, smoothed
+  Eigen::MatrixX3d nu;                         ///< u, v [m/s], r [rad/s], body
+  InputSequence inputs;                        ///< in the model's units; its drive clock gives the model's t
+  Eigen::MatrixX3d poses;                      ///< eta as measured, not smoothed; empty: eta is used instead
   Vector3<double> noise = {4e-4, 4e-4, 6e-3};  ///< standard deviations of the poses [m], [rad]
   /// Known wrench X, Y [N], N [N m], body, that acts beside the model, each row until the next sample;
   /// empty: none. Only GreyBox takes one.
@@ -40,8 +40,8 @@ struct Window {
 /// points. Drops a last piece of half a window or less. Windows do not contain gaps longer than
 /// `max_gap` seconds in the measurements. Throws std::invalid_argument if checkRun(run) does, a time
 /// is NaN, or the length or the gap is not positive.
-std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to,
-                               double length, double max_gap = 0.1);
+std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to, double length,
+                               double max_gap = 0.1);
 
 /// Simulated measurements of poses and velocities of windows, at the samples of their runs.
 struct WindowSimulation {

@@ -32,7 +32,7 @@ struct FitOptions {
 struct FittedParameter {
   std::string name, unit;
   double start, value, lower, upper;  ///< lower, upper: 95% interval
-  double deviation;  ///< standard deviation of the estimate; infinite if not identified
+  double deviation;                   ///< standard deviation of the estimate; infinite if not identified
   bool at_bound;
   bool identified;  ///< false: not identifiable from the data, the interval is its whole range
 };
@@ -75,8 +75,8 @@ class SimulationError {
 
   /// Simulates every window with the initial states that minimise the objective. Throws
   /// std::runtime_error if the model cannot be simulated.
-  WindowSimulation simulate(const Model& model, FitOptions::Objective objective =
-                                                    FitOptions::Objective::kLeastSquares) const;
+  WindowSimulation simulate(const Model& model,
+                            FitOptions::Objective objective = FitOptions::Objective::kLeastSquares) const;
 
   /// The thesis's objective (3.4) of a simulation of all windows: the mean over samples of
   /// |e_u|/s_u + |e_v|/s_v + |e_r|/s_r.

@@ -26,7 +26,7 @@ struct GroundLinkParams {
   /// Whether driving needs a valid state inside the room; false only for a bench where the craft is
   /// fastened.
   bool require_state = true;
-  bool require_lift = true;   ///< whether thrust is refused while the lift is off
+  bool require_lift = true;  ///< whether thrust is refused while the lift is off
 
   std::string validate() const;  ///< error message; empty if all values are valid
 };
@@ -50,7 +50,7 @@ struct GroundLinkParams {
 class GroundLink {
  public:
   enum class State { kDisarmed, kArmed, kFault };
-  static constexpr double kLongestSilence = 2.0;    ///< [s]
+  static constexpr double kLongestSilence = 2.0;   ///< [s]
   static constexpr double kMaxSilentThrust = 0.5;  ///< largest input at the start of a silence
   struct Counters {
     std::uint64_t sent = 0, received = 0, malformed = 0, foreign = 0, refused = 0;
@@ -70,8 +70,7 @@ class GroundLink {
   void setPublishers(std::size_t count) { publishers_ = count; }
 
   /// Call with every received datagram. Returns the craft's telemetry if it contains it.
-  std::optional<CraftTelemetry> datagram(double now, const std::string& data,
-                                         const UdpAddress& from);
+  std::optional<CraftTelemetry> datagram(double now, const std::string& data, const UdpAddress& from);
   /// Call with every command. `source`: name of the controller; `age`: time since it was issued
   /// [s], negative for a stamp in the future. Refuses and counts a command that is not finite, for
   /// other thrusters than those of the craft, too old, more than a second ahead or, while armed,
@@ -160,9 +159,9 @@ class GroundLink {
   std::string command_source_, armed_source_;
   std::string armed_reason_;
   std::optional<double> silent_until_;  ///< end of the silence; set only while armed
-  std::string command_problem_;  ///< why the controller's newest command is not command_
-  double command_until_;         ///< time at which command_ becomes stale
-  double clash_until_;           ///< time at which a second controller counts as stopped
+  std::string command_problem_;         ///< why the controller's newest command is not command_
+  double command_until_;                ///< time at which command_ becomes stale
+  double clash_until_;                  ///< time at which a second controller counts as stopped
   std::string clash_;
   double state_until_;  ///< time at which the state becomes stale
   double lost_since_;   ///< time at which the state was lost while armed; kNever if it is valid

@@ -14,9 +14,7 @@ struct UdpAddress {
   static UdpAddress parse(const std::string& text, std::uint16_t default_port = 0);
   std::string text() const;
   bool known() const { return host != 0; }
-  bool operator==(const UdpAddress& other) const {
-    return host == other.host && port == other.port;
-  }
+  bool operator==(const UdpAddress& other) const { return host == other.host && port == other.port; }
   bool operator!=(const UdpAddress& other) const { return !(*this == other); }
 };
 

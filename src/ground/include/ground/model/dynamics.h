@@ -41,18 +41,17 @@ class Dynamics {
 
   /// Passes a command, held over a step of length h [s], through the actuators and advances their
   /// states to the end of the step. step() advances the states of all other effects.
-  StepInputs<T> actuate(const Thrusters<T>& command, double lift, const T& h,
-                        T* states) const;
+  StepInputs<T> actuate(const Thrusters<T>& command, double lift, const T& h, T* states) const;
   /// Advances the states of all effects by h [s] under a command while the motion stays at `state`.
   /// Brings the states to the start of a simulation when the earlier motion is unknown.
-  void settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command,
-              double lift, const T& h, T* states) const;
+  void settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command, double lift, const T& h,
+              T* states) const;
 
   /// Time derivative of the rigid state; its `nu` is the body acceleration. Here and below, t [s]
   /// is the time since the drive began (DriveClock); a negative t counts as 0. `states` are the
   /// states of the effects, by default the initial ones.
-  RigidState<T> derivative(const T& t, const RigidState<T>& state, const Thrusters<T>& input,
-                           double lift, const T* states = nullptr) const;
+  RigidState<T> derivative(const T& t, const RigidState<T>& state, const Thrusters<T>& input, double lift,
+                           const T* states = nullptr) const;
   /// `count` classical RK4 steps of length h [s] from t, which is advanced; each begins with the
   /// same inputs. H is double, or T if h has derivatives. Without `pose` only velocities move.
   /// The states of effects that have rates() are integrated by the same RK4 steps. These are
@@ -85,8 +84,10 @@ class Dynamics {
   struct Instant;
   /// Sets the derivatives of velocity, of the pose if `pose`, and of the effects' states unless
   /// `rates` is null.
-  void derive(const T& t, const RigidState<T>& state, const Drive& drive, double lift,
-              const T* states, T* rates, bool pose, RigidState<T>& dot) const;
+  void derive(const T& t, const RigidState<T>& state, const Drive& drive, double lift, const T* states,
+              T* rates, bool pose, RigidState<T>& dot) const;
+  /// Whether (2.4) has no effects, and a mass matrix diag(m, m, I_z).
+  bool isBodyAlone() const { return !has_hooks_ && !couples_; }
   template <typename H>
   void stepVelocities(Vector3<T>& nu, const Drive& drive, const H& h, int count) const;
   /// Acceleration that effects add to that of thrusters, linear damping and Coriolis forces. With a
@@ -109,8 +110,8 @@ class Dynamics {
   std::vector<EffectPtr> instances_;
   std::vector<T> coordinates_;
   std::vector<Active> actuators_, rates_, thrust_, wrench_, measure_;
-  std::vector<T> initial_;       ///< states of the effects before the first command
-  mutable StateStages stages_;   ///< scratch of one thread
+  std::vector<T> initial_;      ///< states of the effects before the first command
+  mutable StateStages stages_;  ///< scratch of one thread
   Body<T> body_;
   Matrix3<T> mass_, mass_inverse_;
   Vector3<T> over_mass_, damping_;  ///< 1/m, 1/m, 1/I_z; X_u/m, Y_v/m, N_r/I_z

@@ -58,8 +58,8 @@ struct EffectInfo {
 template <typename T>
 struct StepInputs {
   std::array<Thrusters<T>, 3> thrusters;
-  double lift = 0;                      ///< held over the step
-  bool held = false;                    ///< the thruster inputs are also held over the step
+  double lift = 0;    ///< held over the step
+  bool held = false;  ///< the thruster inputs are also held over the step
   /// States of all effects, integrated over the step with the motion. If null, the states stay at
   /// their initial values.
   T* states = nullptr;
@@ -68,18 +68,18 @@ struct StepInputs {
 /// Everything that a wrench may depend on, at one instant.
 template <typename T>
 struct Point {
-  const T& t;                  ///< since the drive began, never below 0 (DriveClock) [s]
-  const Vector3<T>& eta;       ///< x, y [m], psi [rad], world_ned
-  const Vector3<T>& nu;        ///< u, v [m/s], r [rad/s], body
-  const Rotation<T>& heading;  ///< by psi, between body and world
-  const Vector3<T>& nu_air;    ///< nu relative to the air, body
-  const Thrusters<T>& input;   ///< what reaches the thrusters
-  const Thrusters<T>& thrust;  ///< force of the thrusters [N]
+  const T& t;                    ///< since the drive began, never below 0 (DriveClock) [s]
+  const Vector3<T>& eta;         ///< x, y [m], psi [rad], world_ned
+  const Vector3<T>& nu;          ///< u, v [m/s], r [rad/s], body
+  const Rotation<T>& heading;    ///< by psi, between body and world
+  const Vector3<T>& nu_air;      ///< nu relative to the air, body
+  const Thrusters<T>& input;     ///< what reaches the thrusters
+  const Thrusters<T>& thrust;    ///< force of the thrusters [N]
   const ThrusterLayout& layout;  ///< where they are
-  double lift;                 ///< 0..1
-  const Body<T>& body;         ///< nominal parameters
-  const Matrix3<T>& mass;      ///< mass matrix with all effects inside
-  const T* states;             ///< states of the effect that is called
+  double lift;                   ///< 0..1
+  const Body<T>& body;           ///< nominal parameters
+  const Matrix3<T>& mass;        ///< mass matrix with all effects inside
+  const T* states;               ///< states of the effect that is called
 };
 
 /// Measured pose and velocity: those of the mocap's rigid body, not of the centre of the craft.

@@ -43,31 +43,31 @@ using Static = typename StaticOf<Member>::Type;
 /// For each hook: Has_ says whether struct E has a member of that name (the name is ambiguous in a
 /// class that inherits it from E and from Named_). Fits_ says whether that member is a hook for
 /// scalar T. call_ calls it.
-#define GROUND_HOOK(Hook)                                                                       \
-  struct Named_##Hook {                                                                         \
-    int Hook;                                                                                   \
-  };                                                                                            \
-  template <class E>                                                                            \
-  struct Both_##Hook : E, Named_##Hook {};                                                      \
-  template <class E, class = void>                                                              \
-  struct Has_##Hook : std::true_type {};                                                        \
-  template <class E>                                                                            \
-  struct Has_##Hook<E, std::void_t<decltype(&Both_##Hook<E>::Hook)>> : std::false_type {};      \
-  template <class E, class T, class = void>                                                     \
-  struct Fits_##Hook : std::false_type {};                                                      \
-  template <class E, class T>                                                                   \
-  struct Fits_##Hook<E, T,                                                                      \
-                     std::void_t<decltype(static_cast<Static<decltype(&EffectHooks<T>::Hook)>>( \
-                         &E::Hook))>> : std::true_type {};                                      \
-  template <class E, class T, class... Args>                                                    \
-  void call_##Hook(Args&&... args) {                                                            \
-    if constexpr (Has_##Hook<E>::value) {                                                       \
-      static_assert(Fits_##Hook<E, T>::value,                                                   \
-                    "the effect's " #Hook                                                       \
-                    " must be a public static function, a template on the scalar T, with the "  \
-                    "parameters of ground::EffectHooks<T>::" #Hook " (ground/model/effect.h)"); \
-      if constexpr (Fits_##Hook<E, T>::value) E::Hook(std::forward<Args>(args)...);             \
-    }                                                                                           \
+#define GROUND_HOOK(Hook)                                                                                   \
+  struct Named_##Hook {                                                                                     \
+    int Hook;                                                                                               \
+  };                                                                                                        \
+  template <class E>                                                                                        \
+  struct Both_##Hook : E, Named_##Hook {};                                                                  \
+  template <class E, class = void>                                                                          \
+  struct Has_##Hook : std::true_type {};                                                                    \
+  template <class E>                                                                                        \
+  struct Has_##Hook<E, std::void_t<decltype(&Both_##Hook<E>::Hook)>> : std::false_type {};                  \
+  template <class E, class T, class = void>                                                                 \
+  struct Fits_##Hook : std::false_type {};                                                                  \
+  template <class E, class T>                                                                               \
+  struct Fits_##Hook<E, T,                                                                                  \
+                     std::void_t<decltype(static_cast<Static<decltype(&EffectHooks<T>::Hook)>>(&E::Hook))>> \
+      : std::true_type {};                                                                                  \
+  template <class E, class T, class... Args>                                                                \
+  void call_##Hook(Args&&... args) {                                                                        \
+    if constexpr (Has_##Hook<E>::value) {                                                                   \
+      static_assert(Fits_##Hook<E, T>::value,                                                               \
+                    "the effect's " #Hook                                                                   \
+                    " must be a public static function, a template on the scalar T, with the "              \
+                    "parameters of ground::EffectHooks<T>::" #Hook " (ground/model/effect.h)");             \
+      if constexpr (Fits_##Hook<E, T>::value) E::Hook(std::forward<Args>(args)...);                         \
+    }                                                                                                       \
   }
 GROUND_HOOK(delay)
 GROUND_HOOK(actuate)
@@ -110,25 +110,18 @@ class HooksOf : public Base {
     call_actuate<E, T>(p, h, states, u);
   }
   void rates(const T* p, const Point<T>& s, T* d) const override { call_rates<E, T>(p, s, d); }
-  void thrust(const T* p, const Point<T>& s, Thrusters<T>& f) const override {
-    call_thrust<E, T>(p, s, f);
-  }
+  void thrust(const T* p, const Point<T>& s, Thrusters<T>& f) const override { call_thrust<E, T>(p, s, f); }
   void air(const T* p, Vector2<T>& w) const override { call_air<E, T>(p, w); }
-  void inertia(const T* p, const Body<T>& b, Matrix3<T>& m) const override {
-    call_inertia<E, T>(p, b, m);
-  }
-  void wrench(const T* p, const Point<T>& s, Vector3<T>& w) const override {
-    call_wrench<E, T>(p, s, w);
-  }
+  void inertia(const T* p, const Body<T>& b, Matrix3<T>& m) const override { call_inertia<E, T>(p, b, m); }
+  void wrench(const T* p, const Point<T>& s, Vector3<T>& w) const override { call_wrench<E, T>(p, s, w); }
   void measure(const T* p, const Vector3<T>& eta, Measurement<T>& m) const override {
     call_measure<E, T>(p, eta, m);
   }
 };
 
 template <class E>
-class EffectFrom final
-    : public HooksOf<E, double, HooksOf<E, Jet, Effect>>,
-      public std::enable_shared_from_this<EffectFrom<E>> {
+class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, Effect>>,
+                         public std::enable_shared_from_this<EffectFrom<E>> {
  public:
   const EffectInfo& info() const override {
     static const EffectInfo info = E::info();
@@ -160,9 +153,8 @@ class OfThruster : public Effect {
 };
 
 template <class E>
-class ThrusterEffect final
-    : public ThrusterHooks<E, double, ThrusterHooks<E, Jet, OfThruster>>,
-      public std::enable_shared_from_this<ThrusterEffect<E>> {
+class ThrusterEffect final : public ThrusterHooks<E, double, ThrusterHooks<E, Jet, OfThruster>>,
+                             public std::enable_shared_from_this<ThrusterEffect<E>> {
  public:
   ThrusterEffect(int thruster, const ThrusterLayout& layout) : info_(E::info()) {
     this->thruster_ = thruster;
@@ -186,10 +178,10 @@ class ThrusterEffect final
 /// to which the thruster's name is added, `static constexpr Effect::Hook kHook`, kThrust or kWrench,
 /// and `act(p, point, thruster, force or wrench)`, a template on the scalar T that does not look at
 /// the pose. See src/model/effects/thruster_gain.cpp.
-#define GROUND_REGISTER_THRUSTER_EFFECT(E)                                               \
-  namespace {                                                                            \
-  [[maybe_unused]] const bool E##_registered = ::ground::registerThrusterEffect(         \
-      E::info().name, &::ground::detail::ThrusterEffect<E>::make);                       \
+#define GROUND_REGISTER_THRUSTER_EFFECT(E)                                                          \
+  namespace {                                                                                       \
+  [[maybe_unused]] const bool E##_registered =                                                      \
+      ::ground::registerThrusterEffect(E::info().name, &::ground::detail::ThrusterEffect<E>::make); \
   }
 
 /// Makes struct E an effect of the library. E has `static EffectInfo info()` and the static

@@ -30,17 +30,13 @@ struct Inputs {
   Inputs(const Thrusters<double>& all, double lift_input) : thrusters(all), lift(lift_input) {}
   Inputs(double left, double right, double lift_input) : thrusters{left, right}, lift(lift_input) {}
   /// `count` thrusters that are off.
-  static Inputs off(int count, double lift_input = 0) {
-    return {Thrusters<double>::zero(count), lift_input};
-  }
+  static Inputs off(int count, double lift_input = 0) { return {Thrusters<double>::zero(count), lift_input}; }
 
   bool finite() const { return asVector(thrusters).allFinite() && std::isfinite(lift); }
   /// Largest size of the input of a thruster.
   double thrust() const { return asVector(thrusters).lpNorm<Eigen::Infinity>(); }
   bool zero() const { return thrust() == 0 && lift == 0; }
-  bool operator==(const Inputs& other) const {
-    return thrusters == other.thrusters && lift == other.lift;
-  }
+  bool operator==(const Inputs& other) const { return thrusters == other.thrusters && lift == other.lift; }
   bool operator!=(const Inputs& other) const { return !(*this == other); }
 };
 

@@ -9,7 +9,7 @@
 
 namespace ground {
 
-constexpr std::size_t kMaxArguments = 3;  ///< of a term
+constexpr std::size_t kMaxArguments = 3;   ///< of a term
 constexpr std::size_t kMaxCentres = 2000;  ///< of all learned wrenches of a model together
 
 /// A smooth function of some arguments: a sum of bells. The bell at centre c is (1 - d^2/9)^4, with
@@ -38,8 +38,7 @@ struct LearnedWrench {
 /// Throws std::invalid_argument that says what is wrong with a term, for crafts with these thrusters.
 void validate(const LearnedTerm& term, const ThrusterLayout& layout);
 /// Throws std::invalid_argument as validate does, or if the name or the number of terms is wrong.
-EffectPtr makeLearnedWrench(const LearnedWrench& definition,
-                            const ThrusterLayout& layout = *thrusterPair());
+EffectPtr makeLearnedWrench(const LearnedWrench& definition, const ThrusterLayout& layout = *thrusterPair());
 /// The definition of a learned wrench, or nullptr for any other effect.
 const LearnedWrench* learnedWrench(const Effect& effect);
 /// Values of a term's bells, by which its weights are multiplied, at rows of arguments: (rows, bells).

@@ -13,9 +13,9 @@ namespace ground {
 
 /// Where a model's numbers come from. The identification tool writes it.
 struct Provenance {
-  std::string date;                                                ///< ISO 8601
-  std::string command;                                             ///< command line
-  std::vector<std::string> bags;                                   ///< recordings of the fit
+  std::string date;                  ///< ISO 8601
+  std::string command;               ///< command line
+  std::vector<std::string> bags;     ///< recordings of the fit
   std::vector<std::string> digests;  ///< of what the bags contain, in their order; may be unknown
   std::map<std::string, double> error_before, error_after;         ///< by kind of runs
   std::map<std::string, std::pair<double, double>> confidence_95;  ///< by parameter name

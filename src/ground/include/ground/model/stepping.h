@@ -50,9 +50,7 @@ struct Settling {
   double memory = 0;  ///< commands older than this at the start are ignored [s]
   double step = std::numeric_limits<double>::infinity();  ///< longest step [s]
 
-  bool operator==(const Settling& other) const {
-    return memory == other.memory && step == other.step;
-  }
+  bool operator==(const Settling& other) const { return memory == other.memory && step == other.step; }
 };
 
 /// A motion that was measured. It only refers to the numbers: they must outlive it.

@@ -26,9 +26,7 @@ class Thrusters {
       : count_(static_cast<int>(values.size())) {
     for (int i = 0; i < count_; ++i) values_[i] = values(i);
   }
-  Thrusters(const Thrusters& other) : count_(other.count_) {
-    std::copy_n(other.values_, count_, values_);
-  }
+  Thrusters(const Thrusters& other) : count_(other.count_) { std::copy_n(other.values_, count_, values_); }
   Thrusters& operator=(const Thrusters& other) {
     count_ = other.count_;
     std::copy_n(other.values_, count_, values_);
@@ -67,7 +65,7 @@ class Thrusters {
   friend class Thrusters;
 
   int count_ = 0;
-  union {  // so that numbers that are not in use are not initialised
+  union {                      // so that numbers that are not in use are not initialised
     T values_[kMaxThrusters];  ///< the first count_ are set
   };
 };

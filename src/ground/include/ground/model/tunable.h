@@ -73,9 +73,7 @@ struct Tunable : TunableInfo {
   template <class Access>
   Tunable(TunableInfo info, Access access) : TunableInfo(std::move(info)) {
     using Value = std::decay_t<std::invoke_result_t<Access, Params&>>;
-    get = [access](const Params& params) {
-      return detail::settingOf(std::invoke(access, params));
-    };
+    get = [access](const Params& params) { return detail::settingOf(std::invoke(access, params)); };
     set = [access, name = name](Params& params, const Setting& setting) {
       detail::assign(std::invoke(access, params), setting, name);
     };

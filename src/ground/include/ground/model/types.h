@@ -57,12 +57,8 @@ struct Rotation {
     c = cos(psi);
     s = sin(psi);
   }
-  Vector2<T> toWorld(const Vector2<T>& a) const {
-    return {c * a.x() - s * a.y(), s * a.x() + c * a.y()};
-  }
-  Vector2<T> toBody(const Vector2<T>& a) const {
-    return {c * a.x() + s * a.y(), c * a.y() - s * a.x()};
-  }
+  Vector2<T> toWorld(const Vector2<T>& a) const { return {c * a.x() - s * a.y(), s * a.x() + c * a.y()}; }
+  Vector2<T> toBody(const Vector2<T>& a) const { return {c * a.x() + s * a.y(), c * a.y() - s * a.x()}; }
 };
 
 /// Body to world rotation of a planar vector by the heading psi [rad].

@@ -61,8 +61,8 @@ class BackgroundLog {
       const std::size_t lost = std::exchange(lost_, 0);
       lock.unlock();
       for (const Line& line : lines)
-        ROS_LOG(line.warns ? ros::console::levels::Warn : ros::console::levels::Info,
-                ROSCONSOLE_DEFAULT_NAME, "%s", line.text.c_str());
+        ROS_LOG(line.warns ? ros::console::levels::Warn : ros::console::levels::Info, ROSCONSOLE_DEFAULT_NAME,
+                "%s", line.text.c_str());
       if (lost > 0) ROS_WARN("the log was blocked: %zu lines are lost", lost);
       lock.lock();
     }

@@ -89,8 +89,7 @@ class Controller : public nodelet::Nodelet {
   InheritingMutex mutex_;  ///< guards everything below
   std::string name_;
   ros::Time epoch_, measured_at_;
-  ControllerLifecycle life_{pilot_, [this](const Inputs& inputs) { publish(inputs); },
-                            [this] { changed(); }};
+  ControllerLifecycle life_{pilot_, [this](const Inputs& inputs) { publish(inputs); }, [this] { changed(); }};
   std::optional<Room> room_;
   bool auto_start_ = false;
   bool real_time_ = false;  ///< constant after onInit()

@@ -13,8 +13,7 @@ namespace ground {
 
 /// Writes inputs into a message: left and right for the pair, else all thrusters with the names of
 /// their channels.
-inline void writeInputs(const Inputs& inputs, const ThrusterLayout& layout,
-                        ground_msgs::Controls& message) {
+inline void writeInputs(const Inputs& inputs, const ThrusterLayout& layout, ground_msgs::Controls& message) {
   message.lift = inputs.lift;
   if (layout.isPair()) {
     message.left = inputs.thrusters(0);
@@ -28,14 +27,11 @@ inline void writeInputs(const Inputs& inputs, const ThrusterLayout& layout,
 /// Why a message is not for a craft with these thrusters; empty if it is.
 inline std::string misfit(const ground_msgs::Controls& message, const ThrusterLayout& layout) {
   if (message.thrusters.empty() && message.channels.empty())
-    return layout.isPair()
-               ? ""
-               : "is for a left and a right thruster, and the craft has " + layout.names();
+    return layout.isPair() ? "" : "is for a left and a right thruster, and the craft has " + layout.names();
   const bool complete = message.thrusters.size() + 1 == message.channels.size();
   if (complete && !layout.isPair() && message.channels == layout.channels()) return "";
   std::string channels;
-  for (const std::string& channel : message.channels)
-    channels += (channels.empty() ? "" : ", ") + channel;
+  for (const std::string& channel : message.channels) channels += (channels.empty() ? "" : ", ") + channel;
   return "is for the channels " + channels + ", and the craft has " + layout.names();
 }
 

@@ -24,8 +24,8 @@ class DecisionPublisher {
 
   /// layout: the thrusters; state: stamp of the state of the decision; controller: its name; lift:
   /// lift input, 0..1.
-  void note(const ReferencePilot::Decision& made, const ThrusterLayout& layout,
-            const ros::Time& state, const std::string& controller, double lift) {
+  void note(const ReferencePilot::Decision& made, const ThrusterLayout& layout, const ros::Time& state,
+            const std::string& controller, double lift) {
     auto wanted = boost::make_shared<ground_msgs::Controls>();
     wanted->header.stamp = ros::Time::now();
     wanted->header.frame_id = controller;

@@ -23,8 +23,8 @@ struct LegendEntry {
   double width = 0.03;  ///< [m]
 
   bool operator==(const LegendEntry& other) const {
-    return text == other.text && sample == other.sample && color == other.color &&
-           length == other.length && width == other.width;
+    return text == other.text && sample == other.sample && color == other.color && length == other.length &&
+           width == other.width;
   }
 };
 

@@ -50,8 +50,8 @@ inline geometry_msgs::Point markerPoint(double x, double y, double z) {
   return p;
 }
 
-inline visualization_msgs::Marker makeMarker(const std::string& frame, const std::string& group,
-                                             int id, int type, const std_msgs::ColorRGBA& color) {
+inline visualization_msgs::Marker makeMarker(const std::string& frame, const std::string& group, int id,
+                                             int type, const std_msgs::ColorRGBA& color) {
   visualization_msgs::Marker m;
   m.header.frame_id = frame;
   m.ns = group;

@@ -25,8 +25,7 @@ namespace ground {
 template <typename T>
 T requiredParameter(const ros::NodeHandle& nh, const std::string& name) {
   T value;
-  if (!nh.hasParam(name))
-    throw std::runtime_error("parameter " + nh.resolveName(name) + " is missing");
+  if (!nh.hasParam(name)) throw std::runtime_error("parameter " + nh.resolveName(name) + " is missing");
   if (!nh.getParam(name, value))
     throw std::runtime_error("parameter " + nh.resolveName(name) + " has the wrong type");
   return value;
@@ -42,8 +41,8 @@ T optionalParameter(const ros::NodeHandle& nh, const std::string& name, const T&
 template <class Config>
 auto findField(const std::string& name) {
   const auto& fields = Config::__getParamDescriptions__();
-  const auto found = std::find_if(fields.begin(), fields.end(),
-                                  [&](const auto& field) { return field->name == name; });
+  const auto found =
+      std::find_if(fields.begin(), fields.end(), [&](const auto& field) { return field->name == name; });
   return found == fields.end() ? typename std::decay_t<decltype(*found)>() : *found;
 }
 
@@ -79,10 +78,7 @@ class LiveParameters {
 
   /// Throws std::runtime_error if the values on the parameter server are bad.
   LiveParameters(const ros::NodeHandle& nh, Validate validate, Apply apply)
-      : name_(nh.getNamespace()),
-        changes_(nh),
-        validate_(std::move(validate)),
-        apply_(std::move(apply)) {
+      : name_(nh.getNamespace()), changes_(nh), validate_(std::move(validate)), apply_(std::move(apply)) {
     checkTypes(nh);
     using Server = dynamic_reconfigure::Server<Unclamped>;
     server_ = std::make_unique<Server>(mutex_, callbacks_.handle(nh));
@@ -113,8 +109,8 @@ class LiveParameters {
                             ? type == XmlRpcValue::TypeInt
                             : type == XmlRpcValue::TypeDouble || type == XmlRpcValue::TypeInt;
       if (!fits)
-        throw std::runtime_error("parameter " + nh.resolveName(parameter->name) +
-                                 " must be of type " + parameter->type);
+        throw std::runtime_error("parameter " + nh.resolveName(parameter->name) + " must be of type " +
+                                 parameter->type);
     }
   }
 
@@ -128,8 +124,8 @@ class LiveParameters {
         const double x = values[i].value;
         if (!std::isfinite(x) || x < lows[i].value || x > highs[i].value) {
           std::ostringstream text;
-          text << values[i].name << " = " << x << " is outside [" << lows[i].value << ", "
-               << highs[i].value << "]";
+          text << values[i].name << " = " << x << " is outside [" << lows[i].value << ", " << highs[i].value
+               << "]";
           return text.str();
         }
       }
@@ -162,8 +158,7 @@ class LiveParameters {
     const auto word = [](bool value) { return value ? "true" : "false"; };
     for (std::size_t i = 0; i < after.bools.size(); ++i)
       if (before.bools[i].value != after.bools[i].value)
-        found.push_back(
-            {after.bools[i].name, word(before.bools[i].value), word(after.bools[i].value)});
+        found.push_back({after.bools[i].name, word(before.bools[i].value), word(after.bools[i].value)});
     return found;
   }
 
@@ -179,9 +174,7 @@ class LiveParameters {
       current_ = config;
       if (live_) changes_.report(changes);
     } else {
-      if (live_)
-        ROS_ERROR("%s: parameters refused, the old ones kept: %s", name_.c_str(),
-                  refusal_.c_str());
+      if (live_) ROS_ERROR("%s: parameters refused, the old ones kept: %s", name_.c_str(), refusal_.c_str());
       config = current_;
     }
   }

@@ -47,8 +47,7 @@ template <class Config>
 class ReferenceTracking : public Controller {
  protected:
   /// kind: a name in controllerTable().
-  explicit ReferenceTracking(const std::string& kind)
-      : Controller(pilot_), kind_(controllerInfo(kind)) {
+  explicit ReferenceTracking(const std::string& kind) : Controller(pilot_), kind_(controllerInfo(kind)) {
     pilot_.setSteadyClock(steadyNow);
   }
   /// See Controller::shutdown. Every child's destructor must call it first.
@@ -91,7 +90,8 @@ class ReferenceTracking : public Controller {
           throw std::runtime_error(
               "parameter " + nh.resolveName(parameter.name) + " is not one of " + kind_.name +
               ": it comes from the file of gains of another controller, or from an earlier run "
-              "(rosparam delete " + nh.getNamespace() + ")");
+              "(rosparam delete " +
+              nh.getNamespace() + ")");
   }
 
   /// Takes parameters that are not given from the node `controller`.
@@ -100,8 +100,7 @@ class ReferenceTracking : public Controller {
     if (station.getNamespace() == nh.getNamespace() || !station.hasParam("reference")) return;
     for (const auto& field : Config::__getParamDescriptions__()) {
       XmlRpc::XmlRpcValue value;
-      if (!nh.hasParam(field->name) && station.getParam(field->name, value))
-        nh.setParam(field->name, value);
+      if (!nh.hasParam(field->name) && station.getParam(field->name, value)) nh.setParam(field->name, value);
     }
   }
 
@@ -131,8 +130,7 @@ class ReferenceTracking : public Controller {
     const std::lock_guard<std::mutex> one(changing_);
     built_.reset();
     std::string reason = choice(c).validate();
-    if (!reason.empty() || (pilot_.reference() && reference(c) == reference(config_)))
-      return reason;
+    if (!reason.empty() || (pilot_.reference() && reference(c) == reference(config_))) return reason;
     try {
       if (!pilot_.controller()) first_ = made(model_, c);
       built_ = makeReference(reference(c));
@@ -191,8 +189,7 @@ class ReferenceTracking : public Controller {
   }
 
   /// Logs and returns remarks and warnings about a model and a reference.
-  std::string judge(const Model& model, const ReferenceTrajectory& reference,
-                    const std::string& name) const {
+  std::string judge(const Model& model, const ReferenceTrajectory& reference, const std::string& name) const {
     const EffectUse use = kind_.effectUse(model);
     std::string remark = use.remark();
     const std::string node = getName();
@@ -250,7 +247,7 @@ class ReferenceTracking : public Controller {
   }
 
   const ControllerInfo& kind_;
-  ReferencePtr built_;  ///< built by wrong() for apply(), like first_
+  ReferencePtr built_;                         ///< built by wrong() for apply(), like first_
   std::unique_ptr<TrackingController> first_;  ///< the first controller
   /// Held while something is built and swapped in. Its holder may read model_, config_ and the
   /// settings of pilot_ without mutex(). Changes need both.
@@ -260,7 +257,7 @@ class ReferenceTracking : public Controller {
   ReferencePilot pilot_{[this] { return seconds(ros::Time::now()); },
                         [this](const ReferencePilot::Decision& d) { decided(d); }};
   std::optional<ReferencePoint> point_;  ///< that of a decision that is not published yet
-  ros::Time published_;  ///< stamp of the newest message of the reference; guarded by mutex()
+  ros::Time published_;                  ///< stamp of the newest message of the reference; guarded by mutex()
   ros::Publisher reference_publisher_, path_publisher_;
   DecisionPublisher decision_publisher_;
   ModelService model_service_;

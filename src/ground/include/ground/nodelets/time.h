@@ -47,16 +47,15 @@ class RosTimeWatch {
     const ros::Time time = ros::Time::now();
     // On a busy computer there may be a pause between reading the two clocks.
     if (time.isZero() || steady() - before > kLongestReading) return "";
-    const auto clock = ros::Time::isSimTime() ? TimeJumpDetector::Clock::kSimulated
-                                              : TimeJumpDetector::Clock::kWall;
+    const auto clock =
+        ros::Time::isSimTime() ? TimeJumpDetector::Clock::kSimulated : TimeJumpDetector::Clock::kWall;
     const double jump = detector_.update(before, secondsBetween(ros::Time(), time), clock);
     return jump == 0 ? "" : describeTimeJump(jump);
   }
 
  private:
   static double steady() {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch())
-        .count();
+    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
   }
 
   static constexpr double kLongestReading = 0.01;  // [s]

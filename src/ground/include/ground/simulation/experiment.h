@@ -38,12 +38,12 @@ struct ExperimentParams {
 /// A controller as in the nodelets, with states estimated from the delivered frames.
 struct DriveParams {
   EstimatorParams estimator;
-  bool estimate = true;    ///< otherwise states are exact measurements at the frames' captures
+  bool estimate = true;  ///< otherwise states are exact measurements at the frames' captures
   /// Defaults of the tracking nodelets, except that no sender has to be armed.
   LifecycleParams life = {1.0, 1.0, 0.2, 0.5, 50.0, false};
-  double start = 0.5;      ///< start of the controller; the lift waits for a valid state [s]
-  double duration = 20.0;  ///< duration of driving [s]
-  double tail = 0.5;       ///< recording time after the end [s]
+  double start = 0.5;        ///< start of the controller; the lift waits for a valid state [s]
+  double duration = 20.0;    ///< duration of driving [s]
+  double tail = 0.5;         ///< recording time after the end [s]
   std::optional<Room> room;  ///< room of the fence
 
   std::string validate() const;  ///< error message; empty if all values are valid
@@ -82,8 +82,8 @@ struct ExperimentLog {
     Vector3<double> wrench;       ///< wrench of the disturbance: X, Y [N], N [N m], body
   };
   struct Decision {
-    double time;                ///< [s]
-    double stamp;               ///< stamp of the state that it is based on [s]
+    double time;                  ///< [s]
+    double stamp;                 ///< stamp of the state that it is based on [s]
     Thrusters<double> thrusters;  ///< inputs, in the model's units
     Thrusters<double> wanted;     ///< inputs before they were limited
     double computing;             ///< CPU time [s]
@@ -100,10 +100,10 @@ struct ExperimentLog {
 
   std::vector<MocapFrame> frames;  ///< in the order of delivery; psi in (-pi, pi]
   std::vector<Command> commands;
-  std::vector<Truth> truth;           ///< at every frame's capture, including lost frames
-  std::vector<Reference> references;  ///< only when tracking
-  std::vector<Decision> decisions;    ///< only when tracking or returning home
-  std::vector<Stage> stages;          ///< states of the controller's life cycle, if there is one
+  std::vector<Truth> truth;                  ///< at every frame's capture, including lost frames
+  std::vector<Reference> references;         ///< only when tracking
+  std::vector<Decision> decisions;           ///< only when tracking or returning home
+  std::vector<Stage> stages;                 ///< states of the controller's life cycle, if there is one
   std::vector<ExcitationPilot::Mark> marks;  ///< bursts and returns of an excitation
   std::string stopped;    ///< why the controller stopped before its end; empty if it did not
   double stopped_at = 0;  ///< time at which it stopped [s]
@@ -118,8 +118,8 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
 
 /// Tracks a reference with a controller whose internal model is `believed`. The log ends early if
 /// the controller stops itself (ControllerLifecycle, ReferencePilot). Throws like playSchedule.
-ExperimentLog trackReference(const Model& model, const Model& believed,
-                             const TrackingParams& tracking, const ExperimentParams& params);
+ExperimentLog trackReference(const Model& model, const Model& believed, const TrackingParams& tracking,
+                             const ExperimentParams& params);
 
 /// Plays an input design like the nodelet Excitation; returns are driven by a controller whose
 /// internal model is `believed`. Ends early and throws like trackReference.

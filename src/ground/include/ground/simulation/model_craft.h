@@ -15,9 +15,9 @@ namespace ground {
 class ModelCraft : public Plant {
  public:
   struct Params {
-    RigidState<double> initial;  ///< initial state
-    double start = 0.0;          ///< initial time [s]
-    unsigned long seed = 1;      ///< for the disturbance
+    RigidState<double> initial;    ///< initial state
+    double start = 0.0;            ///< initial time [s]
+    unsigned long seed = 1;        ///< for the disturbance
     Disturbance disturbance = {};  ///< Model::disturbance is not used
     /// Deceleration by dry friction of the floor while the lift is off [m/s^2].
     double braking = 2.0;
@@ -40,11 +40,8 @@ class ModelCraft : public Plant {
  private:
   /// The simulation of a model.
   struct Moving {
-    Moving(const Model& model, const InputSequence& inputs, const RigidState<double>& state,
-           double time)
-        : dynamics(model),
-          simulation(dynamics, inputs, state, time),
-          mobility(dynamics.mass().inverse()) {}
+    Moving(const Model& model, const InputSequence& inputs, const RigidState<double>& state, double time)
+        : dynamics(model), simulation(dynamics, inputs, state, time), mobility(dynamics.mass().inverse()) {}
     Dynamics<double> dynamics;
     Simulation<double> simulation;
     Matrix3<double> mobility;  ///< inverse of the mass matrix

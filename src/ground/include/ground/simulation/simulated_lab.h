@@ -87,8 +87,7 @@ class SimulatedLab {
   bool watchdogExpired() const { return expired_; }
 
  private:
-  SimulatedLab(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& mocap,
-       const Params& params);
+  SimulatedLab(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& mocap, const Params& params);
 
   void capture();
   bool lost(double time);
@@ -102,7 +101,7 @@ class SimulatedLab {
   double time_;
   double last_command_;
   Thrusters<double> off_;  ///< zeros, one for each thruster; set by the first command
-  bool expired_ = true;  ///< motors are off until the first command
+  bool expired_ = true;    ///< motors are off until the first command
   double next_frame_;
   double tracked_again_;
   std::deque<MocapFrame> on_their_way_;

@@ -66,9 +66,7 @@ def agreement(
     for channel, value, others in zip("XYN", _tails(likelihood, fit), shapes.reshape(-1, 3).T):
         deviations["tails of " + channel] = max(0.0, _deviation(value, others))
     average = expected.mean() if len(drawn) else error
-    return Agreement(
-        float(np.sqrt(error)), float(np.sqrt(average)), float(np.sqrt(noise)), deviations
-    )
+    return Agreement(float(np.sqrt(error)), float(np.sqrt(average)), float(np.sqrt(noise)), deviations)
 
 
 def _or_none(made: Callable[[int], _Made]) -> Callable[[int], Optional[_Made]]:
@@ -87,9 +85,7 @@ def _deviation(value: float, others: Array) -> float:
     return float((value - others.mean()) / max(others.std(ddof=1), 1e-3))
 
 
-def _recorded(
-    run: _core.RunData, fit: Fit, i: int, random: Random, disturbed: bool
-) -> _core.RunData:
+def _recorded(run: _core.RunData, fit: Fit, i: int, random: Random, disturbed: bool) -> _core.RunData:
     """An artificial recording of a run, with or without the disturbance and its trim."""
     if not disturbed:
         return window_error.recorded(run, fit.model, random)

@@ -284,9 +284,7 @@ def with_known(run: _core.RunData, wrench: Array) -> _core.RunData:
     )
 
 
-def known_wrenches(
-    found: Found, runs: Sequence[_core.RunData], likelihood: Likelihood
-) -> List[Array]:
+def known_wrenches(found: Found, runs: Sequence[_core.RunData], likelihood: Likelihood) -> List[Array]:
     """The predicted wrench of each run, at all of its samples, with the mean constant wrench of
     the others."""
     trims = np.array([trim["wrench"] for trim in found.fit.trims])
@@ -369,9 +367,7 @@ def _suspected(
     return max(shares)
 
 
-def _moved(
-    regression: Regression, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
-) -> Array:
+def _moved(regression: Regression, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> Array:
     """Change of the velocities over windows, relative to their standard deviations, by each
     feature of size one. The motion is that of a damped mass in each direction."""
     from scipy.signal import lfilter  # slow to load

@@ -39,9 +39,7 @@ def mean_thesis_objective(runs: Sequence[_core.RunData], model: _core.Model) -> 
 class Evaluation:
     """One run simulated by one model, and what is needed to pool it with others."""
 
-    pieces: List[
-        Document
-    ]  # per window: times, measured and nu (n, 3), eta (n, 3), index of samples
+    pieces: List[Document]  # per window: times, measured and nu (n, 3), eta (n, 3), index of samples
     sigma: Array  # (3,) standard deviations of u, v, r in the run
     predicted: Array  # (m, 3) errors of the pure prediction [standard deviations]
     thesis: Optional[float]
@@ -90,9 +88,7 @@ def evaluate(run: _core.RunData, model: _core.Model) -> Evaluation:
     )
 
 
-def _predict(
-    run: _core.RunData, model: _core.Model, cut: Sequence[_core.Window], sigma: Array
-) -> Array:
+def _predict(run: _core.RunData, model: _core.Model, cut: Sequence[_core.Window], sigma: Array) -> Array:
     """Errors after the first 0.4 s of windows; initial velocities are fitted to that part only."""
     times, nu = np.array(run.times), np.array(run.nu)
     starts, scored = [], []

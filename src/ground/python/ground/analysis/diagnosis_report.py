@@ -72,9 +72,7 @@ def begun(
             for step, error in zip(diagnosis.steps, conclusion.steps)
         ],
         "slight": _slight(diagnosis.slight),
-        "dropped": [
-            {**_tried(d.trial), "why": d.why, "p_value": d.trial.p_value} for d in diagnosis.dropped
-        ],
+        "dropped": [{**_tried(d.trial), "why": d.why, "p_value": d.trial.p_value} for d in diagnosis.dropped],
         "varies": conclusion.varies,
         **_left(conclusion),
         "disturbance": _disturbance(diagnosis.fit.levels),
@@ -250,10 +248,7 @@ def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
                 error = _error(judged.error.sum(), judged.heldout.sum())
                 proposal = dict(formula.entry, means=formula.means, error=error)
     return {
-        "where": [
-            {"variable": name, "share": share}
-            for name, share in conclusion.ceiling.arguments.items()
-        ],
+        "where": [{"variable": name, "share": share} for name, share in conclusion.ceiling.arguments.items()],
         "proposal": proposal,
     }
 

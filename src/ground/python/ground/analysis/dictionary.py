@@ -204,9 +204,7 @@ def _fields(scales: Scales) -> Iterator[Tuple[str, str, List[_Entry]]]:
     for name, (length, count) in FIELDS.items():
         vectors = random.normal(size=(count, 2)) / (length * scales.extent)
         phases = random.uniform(0, 2 * np.pi, count)
-        waves = [
-            ("cos(%.5g*x+(%.5g)*y+(%.4g))" % (a, b, p), "-") for (a, b), p in zip(vectors, phases)
-        ]
+        waves = [("cos(%.5g*x+(%.5g)*y+(%.4g))" % (a, b, p), "-") for (a, b), p in zip(vectors, phases)]
         yield "%s field of force" % name, "place", _acting(ROOM, waves)
         if name != "fine":
             yield "%s field of moment" % name, "place", _acting([BODY["N"]], waves)
@@ -259,9 +257,7 @@ def _of_past_commands(model: _core.Model) -> Iterator[_Entry]:
         own = {n: "p%d_%s" % (i, n) for n in names}
         rates = {own[n]: "(u_%s-%s)/%g" % (n, own[n], memory) for n in names}
         for formula in ("(%(p)s-%(u)s)", "(%(p)s-%(u)s)*%(u)s", "abs(%(p)s-%(u)s)*(%(p)s-%(u)s)"):
-            each = {
-                "thrust_" + n: formula % {"p": own[n], "u": "u_" + n} for n in names
-            }
+            each = {"thrust_" + n: formula % {"p": own[n], "u": "u_" + n} for n in names}
             for n in names:
                 channel = "thrust_" + n
                 yield {channel: each[channel]}, "-", {own[n]: rates[own[n]]}

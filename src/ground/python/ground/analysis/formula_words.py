@@ -136,6 +136,7 @@ def of_pieces(pieces: Sequence[Piece], values: Mapping[str, float]) -> str:
 
 def _told(piece: Piece, values: Mapping[str, float]) -> str:
     """A piece in words, with its values."""
+
     def put(found: "re.Match[str]") -> str:
         name = found.group(1)
         if name.startswith("away:"):

@@ -69,9 +69,7 @@ def _nearest(seconds: float) -> float:
     return float(near[np.argmin(np.abs(np.log(near / seconds)))])
 
 
-def starts(
-    runs: Sequence[_core.RunData], seconds: float, most: float = MAX_STARTS
-) -> List[_core.Window]:
+def starts(runs: Sequence[_core.RunData], seconds: float, most: float = MAX_STARTS) -> List[_core.Window]:
     """Stretches of runs (_core.RunData) that end a horizon of some seconds after a start. They begin
     where the fit of the initial state does, and overlap. GroundError when no run is long enough."""
     found = [w for i, run in enumerate(runs) for w in _starts_in(run, i, seconds)]
@@ -184,8 +182,7 @@ class _Run:
         off[:, 2] = repair.wrap(off[:, 2])
         noise = self.scale[:3]
         jacobian = [
-            (self._simulated(model, part, state + step) - simulated) / noise
-            for step in np.diag(self.scale)
+            (self._simulated(model, part, state + step) - simulated) / noise for step in np.diag(self.scale)
         ]
         design = np.reshape(jacobian, (6, -1)).T
         solved = np.linalg.lstsq(design, (off / noise).ravel(), rcond=None)[0]

@@ -37,9 +37,7 @@ class Fit:
     by_run: Array  # (runs,) log-likelihood
     information: Array  # (free, free) Fisher information, of coordinates / scale
     scale: Array  # (free,) scale of the coordinates
-    parameters: Tuple[
-        Document, ...
-    ]  # name, unit, value, ci95, deviation, at_bound, identified
+    parameters: Tuple[Document, ...]  # name, unit, value, ci95, deviation, at_bound, identified
     level_information: Array  # Fisher information of the levels' logs, then of each run's loudness
     trims: Tuple[Document, ...]  # one for each run: wrench (3,), wrench_sigma, thrust, thrust_sigma
     converged: bool
@@ -168,9 +166,7 @@ class Likelihood:
         model, which are neutral: score (blocks, n), information (n, n), scale (n,), run
         (blocks,)."""
         point = _core.GreyBoxPoint(model, fit.levels, list(fit.loudness))
-        found = call(
-            self.box.scores, point, list(names), cap=CAP, block=BLOCK, threads=self.threads
-        )
+        found = call(self.box.scores, point, list(names), cap=CAP, block=BLOCK, threads=self.threads)
         return {key: np.array(value) for key, value in found.items()}
 
 

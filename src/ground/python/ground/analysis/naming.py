@@ -145,9 +145,7 @@ def _piece(feature: Feature, size: float, number: int) -> Piece:
     means = formula_words.of_feature(feature, name, own) + past
     arguments = tuple(sorted(feature.family.arguments))
     simpler = tuple(_piece(one, size, number) for one in feature.simpler)
-    return Piece(
-        number, parts, parameters, means, arguments, dependence(feature), dict(states), simpler
-    )
+    return Piece(number, parts, parameters, means, arguments, dependence(feature), dict(states), simpler)
 
 
 _Parameters = Dict[str, Tuple[float, str, float, float]]
@@ -183,9 +181,7 @@ def _timed(states: Mapping[str, str]) -> Tuple[Mapping[str, str], _Parameters, s
 # The formula in the model
 
 
-def _fitted(
-    likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit
-) -> Optional[Formula]:
+def _fitted(likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], near: Fit) -> Optional[Formula]:
     """The Formula of pieces, fitted in the model of a Fit, from the levels of another one near; None where
     that fails or helps nothing."""
     values: Dict[str, float] = {}

@@ -76,9 +76,7 @@ class Experiment:
         params.room, params.duration, params.life.lift = room, IN_ROOM, self.lift
         params.start, params.tail = experiments.LEAD, experiments.TAIL
         try:
-            log = _core.excite(
-                model, model, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1
-            )
+            log = _core.excite(model, model, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1)
         except RuntimeError as error:
             raise GroundError(str(error))
         return experiments.Schedule(log["commands"], log["frames"][-1, 0])

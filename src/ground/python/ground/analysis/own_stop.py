@@ -160,9 +160,7 @@ def _went_on(trial: Trial, found: Break, control: Break, speed: float) -> Verdic
     how = "driven on by its thrust"
     if end < speed + min(0.5 * found.slope * silence, MIN_LOSS):
         how = "gliding, as if its lift was on"
-    reason = (
-        "it went on for all the %.1f s of silence, %s (%.2f m/s, then %.2f m/s), and braked %.2f s "
-    )
+    reason = "it went on for all the %.1f s of silence, %s (%.2f m/s, then %.2f m/s), and braked %.2f s "
     reason += "after the first zero"
     reason %= (silence, how, speed, end, max(0.0, control.time))
     return Verdict(FAILED, reason, speed=speed)
@@ -200,9 +198,7 @@ def find_break(times: Array, speeds: Array, begin: float, end: float) -> Break:
     times_of = np.arange(begin + 2 * step, end - step, 3 * step)
     best = min(range(len(starts)), key=lambda i: float(starts[i].cost))
     s0, slope, braking = starts[best].x
-    fit = least_squares(
-        lambda p: _shape(p[0], p[1], p[2], p[3], t) - s, [s0, slope, times_of[best], braking]
-    )
+    fit = least_squares(lambda p: _shape(p[0], p[1], p[2], p[3], t) - s, [s0, slope, times_of[best], braking])
     s0, slope, time, braking = fit.x
     at_break, last = _shape(s0, slope, time, braking, np.array([time, end]))
     return Break(

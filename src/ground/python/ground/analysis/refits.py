@@ -116,9 +116,7 @@ class Extension:
 
         least, near = fitted(neutral)
         better = [
-            model
-            for error, model in (fitted(other) for other in others)
-            if error < MAX_FAR_ERROR * least
+            model for error, model in (fitted(other) for other in others) if error < MAX_FAR_ERROR * least
         ]
         # The fit from neutral may have found its way, where the likelihood would not.
         return better or [near]
@@ -144,4 +142,3 @@ class Reduction:
         for other in sorted(self.current - {name}):
             neutral = self.fitting.candidates[other].neutral(neutral)
         return self.fitting.likelihood.fit(neutral, free_parameters(neutral), self.nominal)
-

@@ -62,8 +62,13 @@ class Regression:
     of features that each was chosen from, by default all."""
 
     def __init__(
-        self, likelihood: Likelihood, fit: Fit, features: Sequence[Feature],
-        acting: Sequence[Array], followed: Sequence[Array], tried: Sequence[float] = (),
+        self,
+        likelihood: Likelihood,
+        fit: Fit,
+        features: Sequence[Feature],
+        acting: Sequence[Array],
+        followed: Sequence[Array],
+        tried: Sequence[float] = (),
     ) -> None:
         self.likelihood, self.fit = likelihood, fit
         model = fit.model
@@ -90,9 +95,7 @@ class Regression:
 
     # The linear system
 
-    def _add(
-        self, features: Sequence[Feature], acting: Sequence[Array], tried: Sequence[float]
-    ) -> None:
+    def _add(self, features: Sequence[Feature], acting: Sequence[Array], tried: Sequence[float]) -> None:
         wrenches, kept = self._left_of(acting)
         power = sum((w**2).sum(axis=(0, 1)) for w in wrenches) / sum(len(w) for w in wrenches)
         # of each feature, so that its wrench has a mean square of 1
@@ -116,9 +119,7 @@ class Regression:
         self._products = np.empty((0, len(self.features)))
 
     def _left_of(self, acting: Sequence[Array]) -> Tuple[List[Array], Flags]:
-        return _without(
-            *([w / self.full[:, None] for w in every] for every in (acting, self._own))
-        )
+        return _without(*([w / self.full[:, None] for w in every] for every in (acting, self._own)))
 
     def projected(self, acting: Sequence[Array]) -> Array:
         """Responses (rows, k) to wrenches (n, 3, k) along each run, without what parameters can follow."""
@@ -346,9 +347,7 @@ class Regression:
         return ", ".join("%s: %s" % part for part in self.features[j].parts.items())
 
 
-def _without(
-    acting: Sequence[Array], followed: Sequence[Array]
-) -> Tuple[List[Array], Flags]:
+def _without(acting: Sequence[Array], followed: Sequence[Array]) -> Tuple[List[Array], Flags]:
     """Features (n, 3, m) of each run without what is followed, and which of them are left. Their
     weights would run away with the parameters."""
     size = len(followed[0][0, 0])

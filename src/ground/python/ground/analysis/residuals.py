@@ -21,9 +21,7 @@ INPUT_LAGS = np.arange(-0.2, 0.801, 0.04)  # positive: the input precedes the re
 BAND = 0.99
 
 
-def analyse(
-    wrench_filter: _core.WrenchFilter, run: _core.RunData, model: _core.Model
-) -> Document:
+def analyse(wrench_filter: _core.WrenchFilter, run: _core.RunData, model: _core.Model) -> Document:
     """Auto-correlation and correlation with what the thrusters of a model are told to push ahead
     (`input_sum`) and to turn (`input_difference`), with 99% bands.
 
@@ -50,9 +48,7 @@ def analyse(
         values = np.where(valid, residual[:, channel], np.nan)
         values = values - np.nanmean(values)
         auto = _autocorrelation(values, stretch)
-        entry: Document = {
-            "autocorrelation": dict(auto, lag_seconds=[step * k for k in auto["lag_samples"]])
-        }
+        entry: Document = {"autocorrelation": dict(auto, lag_seconds=[step * k for k in auto["lag_samples"]])}
         for command in ("sum", "difference"):
             entry["input_" + command] = _with_input(values, stretch, run, times, model, command)
         result["channels"][name] = entry
@@ -129,9 +125,7 @@ def _with_input(
     for lag in INPUT_LAGS:
         before = told(times - lag)[good]
         spread = before.std() * values[good].std()
-        found.append(
-            float(np.mean((before - before.mean()) * values[good]) / spread) if spread > 0 else 0.0
-        )
+        found.append(float(np.mean((before - before.mean()) * values[good]) / spread) if spread > 0 else 0.0)
     judged = _judged(found, [width] * len(found))
     return dict({"lag_seconds": [float(lag) for lag in INPUT_LAGS]}, **judged)
 

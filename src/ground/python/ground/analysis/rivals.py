@@ -94,6 +94,7 @@ def _filled(formula: Formula) -> Dict[str, str]:
 
 def _mixed(sampled: Samples, random: np.random.Generator) -> Samples:
     """Samples whose values have been mixed, each by itself."""
+
     def mix(values: Dict[str, Array]) -> Dict[str, Array]:
         return {name: random.permutation(v) for name, v in values.items()}
 

@@ -322,9 +322,7 @@ def channels(model: _core.Model, scales: Scales) -> List[Channel]:
         Channel(thrusts, "-", frozenset([COMMAND])),
     ]
     (first, of_first), *others = thrusts.items()
-    channels += [
-        Channel({first: of_first, c: "-(%s)" % f}, "-", frozenset([COMMAND])) for c, f in others
-    ]
+    channels += [Channel({first: of_first, c: "-(%s)" % f}, "-", frozenset([COMMAND])) for c, f in others]
     return channels + [Channel({c: f}, "-", frozenset([COMMAND])) for c, f in thrusts.items()]
 
 

@@ -20,9 +20,7 @@ class ScoreTests:
     log-likelihood ratio is then s' A^-1 s, at the step A^-1 s.
     """
 
-    def __init__(
-        self, likelihood: Likelihood, fit: Fit, candidates: Sequence[effects.Candidate]
-    ) -> None:
+    def __init__(self, likelihood: Likelihood, fit: Fit, candidates: Sequence[effects.Candidate]) -> None:
         extended = fit.model
         for candidate in candidates:
             extended = candidate.neutral(extended)
@@ -34,9 +32,7 @@ class ScoreTests:
         self.nuisance = nuisance
         self.scale = found["scale"][len(nuisance) :]
         self.nuisance_scale = found["scale"][: len(nuisance)]
-        self.columns = {
-            c.name: [names.index(p["name"]) for p in described[c.name]] for c in candidates
-        }
+        self.columns = {c.name: [names.index(p["name"]) for p in described[c.name]] for c in candidates}
         self.names = names
         # Sign that a coordinate's step must have where the neutral value is a bound.
         self.side = np.array([_side(p) for c in candidates for p in described[c.name]])

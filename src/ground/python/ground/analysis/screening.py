@@ -44,9 +44,7 @@ class Product(NamedTuple):
     second: Scalar
 
 
-def screened(
-    regression: Regression, model: _core.Model, sampled: Sequence[Samples]
-) -> Regression:
+def screened(regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> Regression:
     """The Regression with the products that have the largest scores. sampled: of each run."""
     scales = Scales.of(sampled)
     few, screen = scalars.few(model, scales), _Screen(regression, model, sampled)
@@ -71,9 +69,7 @@ def screened(
 class _Screen:
     """Scores of products at the samples of all runs."""
 
-    def __init__(
-        self, regression: Regression, model: _core.Model, sampled: Sequence[Samples]
-    ) -> None:
+    def __init__(self, regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> None:
         self.model, self.sampled = model, sampled
         self.draws, self.edges = np.concatenate(regression.innovations.scores(RANDOM)), _bins(sampled)
         self.middles = self.edges + np.diff(np.append(self.edges, len(self.draws))) // 2

@@ -73,9 +73,7 @@ class Search:
     def nominal(self, near: Optional[Fit] = None) -> Fit:
         """The Fit of the model as it is."""
         if frozenset() not in self.fits:
-            self.fits[frozenset()] = self.likelihood.fit(
-                self.given, free_parameters(self.given), near
-            )
+            self.fits[frozenset()] = self.likelihood.fit(self.given, free_parameters(self.given), near)
         return self.fits[frozenset()]
 
     def run(self, near: Optional[Fit] = None) -> FrozenSet[str]:
@@ -161,13 +159,9 @@ class Search:
     def _proposals(self, current: FrozenSet[str]) -> List[Tuple[str, ...]]:
         tests = self.test_beside(current)
         rest = list(tests.columns)
-        gains: Dict[Tuple[str, ...], float] = {
-            (n,): tests.test((n,))[0] - self._size(n) for n in rest
-        }
+        gains: Dict[Tuple[str, ...], float] = {(n,): tests.test((n,))[0] - self._size(n) for n in rest}
         singles = sorted(gains, key=gains.__getitem__, reverse=True)
-        promising = [
-            s for s in singles if gains[s] + self._size(s[0]) > MIN_GAIN * self._size(s[0])
-        ]
+        promising = [s for s in singles if gains[s] + self._size(s[0]) > MIN_GAIN * self._size(s[0])]
         chosen = promising[: self.refitted]
         turned: List[Tuple[str, ...]] = [
             (n,)

@@ -164,8 +164,7 @@ def draft(levels: Sequence[Tuple[float, float]]) -> str:
     for left, right in levels:
         if left > OFF and right > OFF and left != right:
             raise GroundError(
-                "left %.3g and right %.3g at once have no column in a table of forces"
-                % (left, right)
+                "left %.3g and right %.3g at once have no column in a table of forces" % (left, right)
             )
         side = "left" if right <= OFF else "right" if left <= OFF else BOTH
         if max(left, right) > OFF:
@@ -270,9 +269,7 @@ def _gains(bench: Bench) -> Tuple[Array, Optional[float]]:
     if freedom < 1:
         return ones, None
     least = max(min(squares), 1e-12 * max(squares[0], 1e-300))
-    p_value = float(
-        stats.f.sf((squares[0] - least) / separate / (least / freedom), separate, freedom)
-    )
+    p_value = float(stats.f.sf((squares[0] - least) / separate / (least / freedom), separate, freedom))
     return (gains if p_value < LEVEL else ones), p_value
 
 
@@ -294,16 +291,12 @@ def _choose(
 ) -> Tuple[thrust_curve.Curve, List[Tuple[str, float]]]:
     """The simplest curve that the forces do not reject, and the simpler ones with their p-values."""
     working = bench.together @ gains
-    squares = [
-        float(((bench.forces - working * c.force(bench.inputs)) ** 2).sum()) for c in curves
-    ]
+    squares = [float(((bench.forces - working * c.force(bench.inputs)) ** 2).sum()) for c in curves]
     n = len(bench.forces)
     _, pure, freedom = _pure_error(bench)
     if freedom < 2:
         floor = 1e-12 * float(bench.forces @ bench.forces)
-        score = [
-            n * np.log(max(s, floor) / n) + c.order * np.log(n) for s, c in zip(squares, curves)
-        ]
+        score = [n * np.log(max(s, floor) / n) + c.order * np.log(n) for s, c in zip(squares, curves)]
         near = next(i for i, s in enumerate(score) if s - min(score) < STRONG)
         rejected = [(c.words, float(np.exp((min(score) - s) / 2))) for s, c in zip(score, curves)]
         return curves[near], rejected[:near]

@@ -111,9 +111,7 @@ def polynomial(degree: int) -> Kind:
             "polynomial",
             degree + 1,
             largest,
-            lambda w: np.where(
-                w > at[begin], np.polyval(found[::-1], w / largest), 0.0
-            ),
+            lambda w: np.where(w > at[begin], np.polyval(found[::-1], w / largest), 0.0),
             knots=[float(w) for w in np.linspace(at[begin], largest, count)],
         )
 

@@ -128,9 +128,7 @@ class HeldOut:
         return folds.tested(self.runs, self.cut, self.likelihood, fit)
 
 
-def conclude(
-    found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: bool = False
-) -> Conclusion:
+def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: bool = False) -> Conclusion:
     """Draws the Conclusion of a Diagnosis. misread: no effect was looked for, because the recordings
     look misread.
 
@@ -141,9 +139,7 @@ def conclude(
         return _conclude(found, heldout, misread)
 
 
-def _conclude(
-    found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool
-) -> Conclusion:
+def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool) -> Conclusion:
     left = found.ceiling_of()
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
     if not agrees.holds and not left.said:

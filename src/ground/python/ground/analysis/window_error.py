@@ -43,9 +43,7 @@ class WindowFitter:
     too short.
     """
 
-    def __init__(
-        self, runs: Sequence[_core.RunData], threads: int = 0, most: float = MAX_WINDOWS
-    ) -> None:
+    def __init__(self, runs: Sequence[_core.RunData], threads: int = 0, most: float = MAX_WINDOWS) -> None:
         self.runs, self.threads = runs, threads
         every = windows.cut(runs)
         self.windows = windows.spread(every, most)
@@ -144,9 +142,7 @@ def parts_of(runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> Indi
 
 def free_parameters(model: _core.Model) -> List[str]:
     """The five nominal parameters and all those of a model's effects."""
-    return list(NOMINAL) + [
-        p["name"] for p in model.parameters() if p["name"].split(".")[0] in model.effects
-    ]
+    return list(NOMINAL) + [p["name"] for p in model.parameters() if p["name"].split(".")[0] in model.effects]
 
 
 def channel_errors(
@@ -315,14 +311,10 @@ def recorded(
             raise GroundError("the model's motion along %s is not finite" % run.name)
         poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
     smoothed = repair.smooth(times, poses, (noise[0], noise[2]))
-    return _core.RunData(
-        run.name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, run.drives
-    )
+    return _core.RunData(run.name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, run.drives)
 
 
-def pushes(
-    run: _core.RunData, levels: Mapping[str, float], random: Random
-) -> Tuple[Array, Array]:
+def pushes(run: _core.RunData, levels: Mapping[str, float], random: Random) -> Tuple[Array, Array]:
     """Random pushes of some levels of the likelihood, Ornstein-Uhlenbeck and white noise, at a run's samples,
     each until the next: a wrench (n, 3) X, Y [N], N [N m] in the body's frame, and a force (n, 2) [N] along
     the axes x, y of the room."""

@@ -59,10 +59,7 @@ class Discovery(Shown):
         import pandas
 
         labels = [version.label for version in self.story.versions]
-        rows = [
-            [*(flown.errors.get(label) for label in labels), flown.floor]
-            for flown in self.story.flights
-        ]
+        rows = [[*(flown.errors.get(label) for label in labels), flown.floor] for flown in self.story.flights]
         index = pandas.Index([f.flight.number for f in self.story.flights], name="flight")
         return pandas.DataFrame(rows, index, [*labels, "floor"], dtype=float)
 
@@ -114,9 +111,7 @@ def discover(
     params = simulating.mocap_params(mocap or {})
     acting = simulating.disturbance_on(mover, disturbance, trim)
     _check(mover.core, params, acting)
-    laboratory = SimulatedLaboratory(
-        mover.core, given.core, plan, params, acting, seed, folder=kept
-    )
+    laboratory = SimulatedLaboratory(mover.core, given.core, plan, params, acting, seed, folder=kept)
     work = Work.of(progress)
     settings = flights.Settings(budget, track, seed)
     page = os.path.join(kept, discovery_page.NAME) if kept else ""

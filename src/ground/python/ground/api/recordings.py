@@ -255,9 +255,7 @@ def measured(
     return Measured(found, data, [one for r in found for one in suspicions.of(r)] + of_thrusters)
 
 
-def held_out(
-    given: Recordings, model: Model, part: Part, work: Work, fitted: Measured
-) -> Measured:
+def held_out(given: Recordings, model: Model, part: Part, work: Work, fitted: Measured) -> Measured:
     """Recordings to test on, measured; work: told of what is done. There may be none. GroundError when
     one of them is fitted to as well, also under another name."""
     found = taken(given)

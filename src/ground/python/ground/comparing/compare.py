@@ -110,9 +110,7 @@ def labelled(models: Models) -> Dict[str, Model]:
 
 def _label(model: Model) -> str:
     """A model's name in tables, which others may share."""
-    return model.label if model.path else " with ".join(
-        filter(None, (model.name, ", ".join(model.effects)))
-    )
+    return model.label if model.path else " with ".join(filter(None, (model.name, ", ".join(model.effects))))
 
 
 def _role(model: Model, recording: Recording) -> str:

@@ -29,7 +29,12 @@ MAX_STOPS = 5  # stops that are printed
 NUMBERS = {"size": positive, "rate_of_turn": float, "petals": float, "speed": positive}
 Gains = Union[Path, Mapping[str, float]]
 
-DETAILS = "\n" + listing.references() + "\n" + listing.controllers(tracking.CONTROLLERS) + """
+DETAILS = (
+    "\n"
+    + listing.references()
+    + "\n"
+    + listing.controllers(tracking.CONTROLLERS)
+    + """
 Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file: all of it). Without
 --noise the controller knows the true state at its rate; with it, mocap_state estimates the state from
 a mocap of 100 Hz with noise of 0.3 mm and 5 mrad. --delay is the time from measurement to command.
@@ -37,6 +42,7 @@ The craft starts at rest at the origin; with --seed near it, and with --starts N
 medians are printed. As on the floor, a controller stops when the error has been larger than
 --max-error for a second, or when the craft never arrives; its errors then count as infinite.
 """
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -89,9 +95,7 @@ class Tracking(Shown):
         import pandas
 
         rows = [
-            np.column_stack(
-                [np.full(len(run.times), i), run.times, run.eta, run.reference, run.errors]
-            )
+            np.column_stack([np.full(len(run.times), i), run.times, run.eta, run.reference, run.errors])
             for i, run in enumerate(self.runs, 1)
         ]
         columns = ["run", "t", "x", "y", "psi", "x_reference", "y_reference", "error"]
@@ -146,9 +150,7 @@ class _Options:
 
     controller: str = option("TrajectoryTracking", "(%(default)s)", choices=list(tracking.CONTROLLERS))
     truth: Optional[ModelLike] = option(None, "true model of the craft (--model)", metavar="T.yaml")
-    gains: Optional[Gains] = option(
-        None, "gains of the controller, as tune writes them", metavar="G.yaml"
-    )
+    gains: Optional[Gains] = option(None, "gains of the controller, as tune writes them", metavar="G.yaml")
     perturb: Union[Mapping[str, float], Sequence[Tuple[str, float]]] = option(
         (),
         "parameters of the craft to multiply: k=0.85 I_z=1.15",

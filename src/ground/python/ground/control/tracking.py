@@ -23,9 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="time after the start of the reference from which errors count [s] (%(default)g)",
     )
-    parser.add_argument(
-        "--room", metavar="ROOM.yaml", help="room whose walls are drawn (that of the run)"
-    )
+    parser.add_argument("--room", metavar="ROOM.yaml", help="room whose walls are drawn (that of the run)")
     parser.add_argument(
         "--picture",
         metavar="FILE.png",

@@ -14,7 +14,8 @@ from ground.models import Model
 from ground.progress import Work
 from ground.simulation import gains, tracking, tuning
 
-DETAILS = """
+DETAILS = (
+    """
 Every candidate follows the references from several starts: with the model as it is, with mocap noise
 and 20 ms of delay, and with a craft whose thrust is 15% lower, whose damping is 30% higher and whose
 inertia is 15% higher than in the model. The score is the error (median and worst start) plus weighted
@@ -24,7 +25,11 @@ The table shows starts and references that the search has not used (--holdout).
 A reference is one of those below, if wanted with other parameters, as in
 circle:size=1.5,rate_of_turn=0.8 or line:speed=0.5.
 
-""" + listing.references() + "\n" + listing.controllers(tuning.SPACE)
+"""
+    + listing.references()
+    + "\n"
+    + listing.controllers(tuning.SPACE)
+)
 REFERENCES = (
     "circle",
     "line",
@@ -46,9 +51,7 @@ class TuneOptions:
     """What is searched, and how long."""
 
     controller: str = option("TrajectoryTracking", "(%(default)s)", choices=list(tuning.SPACE))
-    gains: Optional[str] = option(
-        None, "gains to start from and to compare with", metavar="G.yaml"
-    )
+    gains: Optional[str] = option(None, "gains to start from and to compare with", metavar="G.yaml")
     references: Sequence[str] = option(
         REFERENCES,
         "references to search on, see below (%s)" % " ".join(REFERENCES),
@@ -115,8 +118,7 @@ def run(arguments: argparse.Namespace) -> Document:
         if c.condition == "nominal"
     ]
     comments = [
-        "Found by tune: %d candidates on %s of %s."
-        % (len(tried), ", ".join(options.references), model.name),
+        "Found by tune: %d candidates on %s of %s." % (len(tried), ", ".join(options.references), model.name),
         "Median error of %d fresh starts, nominal: %s." % (options.test_starts, "; ".join(medians)),
     ]
     gains.write(arguments.output, tuned, comments, arguments.force)
@@ -150,9 +152,7 @@ def _search(
             team, first, model, seen, places[0], weights, options.evaluations, seeds[0], rate, work
         )
     with work.stage("drives of the finalists", len(seen) * counts[1] * tuning.FINALISTS):
-        chosen = tuning.choose(
-            team, tried, first, model, seen, places[1], weights, seeds[1], rate, work
-        )
+        chosen = tuning.choose(team, tried, first, model, seen, places[1], weights, seeds[1], rate, work)
     tuned = gains.choice(options.controller)
     gains.put(tuned, chosen[0].gains)
     with work.stage("drives of the test", len(seen + unseen) * counts[2] * (len(first) + 1)):

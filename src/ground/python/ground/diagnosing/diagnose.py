@@ -45,8 +45,7 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Span):
     )
     budget: Optional[int] = option(
         None,
-        "number of effects to refit in each step, the most promising by a score test (%d)"
-        % search.REFITTED,
+        "number of effects to refit in each step, the most promising by a score test (%d)" % search.REFITTED,
         type=count,
         metavar="N",
     )
@@ -187,7 +186,9 @@ def _result(
     return Diagnosis(
         verdict=conclusion.verdict,
         effects=tuple(report["improved"]["effects"]),
-        improved=problem.model if conclusion.verdict == MISREAD else fitted_model(
+        improved=problem.model
+        if conclusion.verdict == MISREAD
+        else fitted_model(
             conclusion.improved,
             problem.seen.recordings,
             _errors(report["nominal"]["error"]),

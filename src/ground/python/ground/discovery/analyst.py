@@ -211,9 +211,7 @@ class Analyst:
         model.remove_effect(str(formula.entry["name"]))
         return {**groups, name: proposed}, formula.fit, self._own(name).add(model)
 
-    def propose(
-        self, found: diagnosis.Diagnosis, conclusion: Conclusion
-    ) -> Optional[beliefs.Group]:
+    def propose(self, found: diagnosis.Diagnosis, conclusion: Conclusion) -> Optional[beliefs.Group]:
         """Tries from now on what would explain what the library does not, in the place of earlier
         proposals that explain nothing. A formula and its rivals are a Group; None without one."""
         self.depends = "depends on " + formula_words.in_words(list(conclusion.ceiling.arguments)[:2])

@@ -116,9 +116,7 @@ class Discovery(Flights):
         """Number of flights in a row without a usable recording, since it was begun or continued after
         an end."""
         latest = reversed(self.story.flights[self.story.flights_before :])
-        return len(
-            list(itertools.takewhile(lambda f: f.flight.number not in self._recordings, latest))
-        )
+        return len(list(itertools.takewhile(lambda f: f.flight.number not in self._recordings, latest)))
 
     def _sure(self) -> bool:
         """Whether no question is left that flights could decide."""
@@ -141,9 +139,7 @@ class Discovery(Flights):
             return
         self._tell("chooses the next flight")
         found, first = self.found, self.analyst
-        state, offers = (
-            (first.start, first.first_offers) if found is None else (found.state, found.offers)
-        )
+        state, offers = (first.start, first.first_offers) if found is None else (found.state, found.offers)
         seed = self._seed(len(self.story.flights))
         chosen = self._choose(state, offers, left, seed)
         if found is not None and found.is_left_open and not found.asked:

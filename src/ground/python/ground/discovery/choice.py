@@ -13,8 +13,7 @@ from ground.discovery.pieces import Piece, pieces
 LONGEST = 16.0  # longest flight of an excitation [s]
 NAMED = 4  # open questions that a reason names
 REST = (
-    "Something may be left that neither an effect nor chance explains; random inputs show what it "
-    "depends on."
+    "Something may be left that neither an effect nor chance explains; random inputs show what it depends on."
 )
 CONFIRMING = (
     "PRBS of 10 Hz between 0 and 1 of full thrust",

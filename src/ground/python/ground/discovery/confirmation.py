@@ -34,9 +34,7 @@ def of(flown: Flown, run: _core.RunData, found: Found, model: _core.Model) -> Co
         )
     )  # fmt: skip
     floor = float(np.mean(expected))
-    return Confirmation(
-        flown.flight.number, given, final, floor, holds, sentence, refitted, most
-    )
+    return Confirmation(flown.flight.number, given, final, floor, holds, sentence, refitted, most)
 
 
 def _number(value: Optional[float]) -> str:

@@ -83,12 +83,8 @@ def of_runs(
     basis: Basis, likelihood: Likelihood, levels: Mapping[str, float], loudness: Sequence[float] = ()
 ) -> Information:
     """The Information of the runs of a Likelihood, under levels of disturbance and noise."""
-    point = _core.GreyBoxPoint(
-        basis.extended, {**levels, **likelihood.absent}, list(loudness)
-    )
-    found = call(
-        likelihood.box.scores, point, basis.names, cap=CAP, block=1.0, threads=likelihood.threads
-    )
+    point = _core.GreyBoxPoint(basis.extended, {**levels, **likelihood.absent}, list(loudness))
+    found = call(likelihood.box.scores, point, basis.names, cap=CAP, block=1.0, threads=likelihood.threads)
     score = np.array(found["score"]).sum(axis=0)
     return Information(np.array(found["information"]), score, np.array(found["scale"]))
 
@@ -212,9 +208,7 @@ def mean_rate(offers: Sequence[Offer]) -> Array:
     return np.asarray(sum(o.gain for o in offers) / sum(o.seconds for o in offers))
 
 
-def greedy(
-    questions: Questions, known: Array, offers: Sequence[Offer], longest: float
-) -> List[Offer]:
+def greedy(questions: Questions, known: Array, offers: Sequence[Offer], longest: float) -> List[Offer]:
     """The offers that together remove most doubt per second, within `longest` seconds and at least
     one; fewer when no question is left."""
     chosen: List[Offer] = []

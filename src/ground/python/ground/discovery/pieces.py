@@ -49,9 +49,7 @@ def pieces(model: _core.Model, seed: int) -> List[Piece]:
             except ValueError:
                 continue  # a design for other thrusters
             rows = rows[rows[:, 0] < SECONDS - 1e-9]
-            found.append(
-                Piece(words + at_lift, np.column_stack([rows, np.full(len(rows), lift)]))
-            )
+            found.append(Piece(words + at_lift, np.column_stack([rows, np.full(len(rows), lift)])))
     return found
 
 
@@ -81,9 +79,7 @@ def joined(chosen: Sequence[Piece], lift_time: float) -> Array:
     return np.vstack([*parts, off])
 
 
-def motion(
-    piece: Piece, model: _core.Model, room: _core.RoomPlan, heading: float, noise: Array
-) -> Motion:
+def motion(piece: Piece, model: _core.Model, room: _core.RoomPlan, heading: float, noise: Array) -> Motion:
     """The motion that a model expects of a Piece, played in bursts that begin at home, as
     _core.RunData, and the time that it takes with its returns [s]. noise: of the poses (3,) [m],
     [m], [rad]. Raises GroundError when the motion is not finite."""
@@ -129,9 +125,7 @@ def together(motions: Sequence[Motion]) -> _core.RunData:
     return _run("all pieces", (times, eta, nu, inputs), noise, drives)
 
 
-def _run(
-    name: str, parts: Sequence[Sequence[Array]], noise: Array, drives: Sequence[float]
-) -> _core.RunData:
+def _run(name: str, parts: Sequence[Sequence[Array]], noise: Array, drives: Sequence[float]) -> _core.RunData:
     """_core.RunData of parts of times, poses, velocities and inputs; poses have no noise added."""
     times, eta, nu, inputs = (np.concatenate(part) for part in parts)
     return _core.RunData(name, times, eta, nu, inputs, eta, noise, drives)

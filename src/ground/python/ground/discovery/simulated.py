@@ -72,9 +72,7 @@ class SimulatedLaboratory:
         let it move."""
         self.pose[:2] = self.room.home
 
-    def simulated(
-        self, drive: experiments.Drive, name: str, number: int
-    ) -> SimulatedRun:
+    def simulated(self, drive: experiments.Drive, name: str, number: int) -> SimulatedRun:
         """The run of a flight from where the craft is. number: of the flight, for random numbers."""
         return experiments.simulate(
             self.truth, drive, name, self.pose.tolist(), mocap=self.mocap, seed=1000 * self.seed + number,

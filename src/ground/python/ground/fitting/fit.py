@@ -162,9 +162,7 @@ def _blocks(
     work: Work,
 ) -> Optional[BlockErrors]:
     models, options = (start, result["model"]), problem.options
-    found = folds.leave_blocks_out(
-        problem.runs, models, refit, options.block, options.window, work=work
-    )
+    found = folds.leave_blocks_out(problem.runs, models, refit, options.block, options.window, work=work)
     if found is None:
         return None
     before, after = found["models"]

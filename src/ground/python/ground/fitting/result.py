@@ -125,9 +125,7 @@ class Fit(Shown):
         yield ""
         yield "%-50s %8s %8s %9s" % ("error over windows of 1.5 s", "start", "fitted", "held out")
         for words, values in self._errors():
-            yield "  %-48s %8s %8s %9s" % (
-                (words,) + tuple("" if v is None else "%.3f" % v for v in values)
-            )
+            yield "  %-48s %8s %8s %9s" % ((words,) + tuple("" if v is None else "%.3f" % v for v in values))
         if self.runs:
             yield ""
             yield from _table(list(self.parameters), self.runs)

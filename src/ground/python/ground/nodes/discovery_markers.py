@@ -89,9 +89,7 @@ def _add(array: Message, kind: int, color: str) -> Message:
     return marker
 
 
-def _add_text(
-    array: Message, text: str, y: float, x: float, color: str = appearance.TEXT
-) -> None:
+def _add_text(array: Message, text: str, y: float, x: float, color: str = appearance.TEXT) -> None:
     """A line of text that begins at a place; rviz centres it, so its width is estimated."""
     marker = _add(array, Marker.TEXT_VIEW_FACING, color)
     marker.text, marker.scale.z = text, LETTER

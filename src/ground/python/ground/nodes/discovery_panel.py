@@ -80,9 +80,7 @@ class DiscoveryPanel(QtWidgets.QWidget):
             values = np.where(values > 0, values, math.nan)
             if np.isfinite(values).any():
                 pen = pg.mkPen(color, width=width)
-                self.errors.plot(
-                    flights, values, pen=pen, symbol="o", symbolSize=7, symbolBrush=color
-                )
+                self.errors.plot(flights, values, pen=pen, symbol="o", symbolSize=7, symbolBrush=color)
                 words.append('<span style="color: %s">&#9644; %s</span>' % (color, name))
         self.errors.setTitle(" &nbsp; ".join(words), size="9pt")
         known = [v for v in [*message.errors, *message.floors] if v > 0]

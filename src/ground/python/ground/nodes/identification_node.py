@@ -106,14 +106,10 @@ class LiveBuffer:
     def write(self, path: str, last: float) -> None:
         """Writes the last seconds to a bag; GroundError when there are fewer."""
         if last > self.seconds:
-            raise GroundError(
-                "only the last %g s are kept, not %g (parameter keep)" % (self.seconds, last)
-            )
+            raise GroundError("only the last %g s are kept, not %g (parameter keep)" % (self.seconds, last))
         covered = self.covered()
         if covered < 0.95 * last:
-            raise GroundError(
-                "poses and commands of %.1f s have come so far, not of %g s" % (covered, last)
-            )
+            raise GroundError("poses and commands of %.1f s have come so far, not of %g s" % (covered, last))
         with self._lock:
             chosen, settings = list(self._messages), list(self._settings)
         newest = chosen[-1][0]

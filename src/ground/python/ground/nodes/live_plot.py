@@ -38,6 +38,7 @@ STATUS_COLORS = {
     **dict.fromkeys(["STOPPED", "FAULT"], BAD),
 }
 
+
 @dataclass(frozen=True)
 class Curve:
     """A field of a topic, or the tracking error."""

@@ -3,9 +3,7 @@
 from typing import Mapping, Optional, Sequence
 
 
-def missing(
-    wanted: Mapping[str, str], heard: Sequence[str], published: Mapping[str, str]
-) -> Optional[str]:
+def missing(wanted: Mapping[str, str], heard: Sequence[str], published: Mapping[str, str]) -> Optional[str]:
     """A sentence on the topics from which nothing has come; None when all are heard.
 
     wanted: types by topic; heard: topics that messages have come from; published: types by topic, of

@@ -115,8 +115,7 @@ class Stack:
             say("waiting until the sender is armed: rosservice call %s true" % self.arm.resolved_name)
         _wait(
             lambda: self.statuses[-1].state == SenderStatus.ARMED,
-            lambda: "the sender was not armed within %.0f s: %s"
-            % (patience, self.statuses[-1].reason),
+            lambda: "the sender was not armed within %.0f s: %s" % (patience, self.statuses[-1].reason),
             patience,
         )
 

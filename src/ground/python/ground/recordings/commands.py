@@ -49,9 +49,7 @@ def channels_of(
     names = _named(columns, where) if kind == OWN else ()
     if not names:
         return tuple(Channel(n, path) for n, path in zip(CHANNELS, KINDS[kind])), commands.lift
-    thrusters = [
-        Channel(name, "thrusters[%d]" % i, range=(-1.0, 1.0)) for i, name in enumerate(names[:-1])
-    ]
+    thrusters = [Channel(name, "thrusters[%d]" % i, range=(-1.0, 1.0)) for i, name in enumerate(names[:-1])]
     return (*thrusters, Channel(names[-1], "lift")), names[-1]
 
 

@@ -153,9 +153,7 @@ class Bag(Container):
         """See Container."""
         parts = []
         for kind in sorted({c.msgtype for c in self._reader.connections if c.topic == topic}):
-            connections = [
-                c for c in self._reader.connections if c.topic == topic and c.msgtype == kind
-            ]
+            connections = [c for c in self._reader.connections if c.topic == topic and c.msgtype == kind]
             received, messages = self._messages(connections)
             if not messages:
                 continue
@@ -245,9 +243,7 @@ class _Layouts:
     def __init__(self, types: Mapping[str, Any], kind: str, is_ros1: bool) -> None:
         self._types, self._kind, self._is_ros1 = types, kind, is_ros1
 
-    def columns(
-        self, messages: Sequence[bytes], of_list: str
-    ) -> Tuple[List[Tuple[Indices, Columns]], int]:
+    def columns(self, messages: Sequence[bytes], of_list: str) -> Tuple[List[Tuple[Indices, Columns]], int]:
         """Columns of messages that are alike, with the numbers of these messages, and how many messages do
         not fit the type. of_list: the field whose elements become rows in place of the messages."""
         found: List[Tuple[Indices, Columns]] = []
@@ -414,9 +410,7 @@ def _frame(path: str) -> "pandas.DataFrame":
     try:
         if path.lower().endswith(".parquet"):
             if not any(importlib.util.find_spec(name) for name in ("pyarrow", "fastparquet")):
-                raise GroundError(
-                    "%s: Parquet takes the Python module pyarrow: pip install pyarrow" % path
-                )
+                raise GroundError("%s: Parquet takes the Python module pyarrow: pip install pyarrow" % path)
             return pandas.read_parquet(path)
         names, more = _names(path)
         frame = pandas.read_csv(

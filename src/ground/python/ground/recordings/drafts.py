@@ -224,7 +224,7 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
             rotation.min(),
             rotation.max(),
         )
-        yield "# axes: \"x, -y, -z\"  # where z points up and headings are counter-clockwise"
+        yield '# axes: "x, -y, -z"  # where z points up and headings are counter-clockwise'
     if chosen.clock:
         yield "time: %s" % chosen.clock
 
@@ -249,8 +249,7 @@ def _command_score(seen: Seen) -> float:
     if not found:
         return 0.0
     switching = [
-        len(np.unique(v)) <= MAX_LEVELS or units.command_unit(v) != "normalised"
-        for v in found.values()
+        len(np.unique(v)) <= MAX_LEVELS or units.command_unit(v) != "normalised" for v in found.values()
     ]
     likely = bool(LIKELY.search(seen.topic)) or any(LIKELY.search(path) for path in found)
     changes = any(np.any(np.diff(v) != 0) for v in found.values())

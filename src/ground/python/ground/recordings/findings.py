@@ -169,38 +169,50 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     yield "source", d["source"]
     yield "measured", _measured(d["settings"])
     if d["flown_by"]:
-        yield "flown by", ", ".join(
-            _flown_by(kind, name, d) for kind, name in d["flown_by"].items()
-        )
+        yield "flown by", ", ".join(_flown_by(kind, name, d) for kind, name in d["flown_by"].items())
     spans = ", ".join("%.2f to %.2f" % tuple(s) for s in d["usable"]["spans"])
-    yield "usable", "%.2f of %.2f s: %s" % (
-        d["usable"]["duration"],
-        d["duration"],
-        spans or "nothing",
+    yield (
+        "usable",
+        "%.2f of %.2f s: %s"
+        % (
+            d["usable"]["duration"],
+            d["duration"],
+            spans or "nothing",
+        ),
     )
-    yield "poses", "%d at %.1f Hz, noise %.2f mm, %.1f mrad" % (
-        poses["count"],
-        poses["rate"],
-        1e3 * noise["position"],
-        1e3 * noise["heading"],
+    yield (
+        "poses",
+        "%d at %.1f Hz, noise %.2f mm, %.1f mrad"
+        % (
+            poses["count"],
+            poses["rate"],
+            1e3 * noise["position"],
+            1e3 * noise["heading"],
+        ),
     )
     thrusters = controls["thrusters"]
-    yield "commands", "%d at %.1f Hz, %d changes, %s %g to %g, lift %g to %g" % (
-        controls["count"],
-        controls["rate"],
-        controls["changes"],
-        "thrusters" if thrusters == PAIR else ", ".join(thrusters),
-        *controls["levels"],
-        *controls["lift"],
+    yield (
+        "commands",
+        "%d at %.1f Hz, %d changes, %s %g to %g, lift %g to %g"
+        % (
+            controls["count"],
+            controls["rate"],
+            controls["changes"],
+            "thrusters" if thrusters == PAIR else ", ".join(thrusters),
+            *controls["levels"],
+            *controls["lift"],
+        ),
     )
-    yield "drive", ", ".join(
-        "from %.2f s on" % t if t >= 0 else "began %.2f s before the run" % -t
-        for t in d["drives"]["begin"]
-    ) + DRIVES_BY.get(d["drives"]["by"], "")
-    if d["reply"]:
-        yield "reply", "the craft's motion follows the commands by %.0f ms" % (
-            1e3 * d["reply"]["lag"]
+    yield (
+        "drive",
+        ", ".join(
+            "from %.2f s on" % t if t >= 0 else "began %.2f s before the run" % -t
+            for t in d["drives"]["begin"]
         )
+        + DRIVES_BY.get(d["drives"]["by"], ""),
+    )
+    if d["reply"]:
+        yield "reply", "the craft's motion follows the commands by %.0f ms" % (1e3 * d["reply"]["lag"])
     if d["authority"]:
         yield "thrusters", "; ".join(_does(*item) for item in d["authority"].items())
 
@@ -268,8 +280,9 @@ def findings(d: Document) -> Iterator[str]:
     if d["rest"] > 0.2:
         yield "the craft rests for %.2f s at the start, left out (--all takes it in)" % d["rest"]
     if d["rest_at_end"] > 0.2:
-        yield "no lift, or the craft rests, for %.2f s at the end, left out (--all takes it in)" % (
-            d["rest_at_end"]
+        yield (
+            "no lift, or the craft rests, for %.2f s at the end, left out (--all takes it in)"
+            % (d["rest_at_end"])
         )
     if d["without_lift"]:
         yield "no lift, left out: %s" % _named(d["without_lift"], _span)

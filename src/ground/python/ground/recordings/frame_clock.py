@@ -60,9 +60,7 @@ def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
     roughness = _roughness(frames, eta) / _roughness(times, eta)
     if not roughness < SMOOTHER:
         return None
-    return FrameClock(
-        frames, rate, int(numbers[-1] - numbers[0] + 1 - len(times)), times - frames, roughness
-    )
+    return FrameClock(frames, rate, int(numbers[-1] - numbers[0] + 1 - len(times)), times - frames, roughness)
 
 
 def _irregular(times: Array) -> bool:
@@ -101,9 +99,7 @@ def _rate(times: Array, numbers: Indices, block: int = 60) -> float:
     rate = len(times) / (times[-1] - times[0])
     for _ in range(3):
         late = times - numbers / rate
-        firsts = [
-            i + int(np.argmin(late[i : i + block])) for i in range(0, len(times) - block, block)
-        ]
+        firsts = [i + int(np.argmin(late[i : i + block])) for i in range(0, len(times) - block, block)]
         # A gap makes a block late, never early, and does not affect the median.
         rate = 1 / np.median(np.diff(times[firsts]) / np.diff(numbers[firsts]))
     return float(rate)
@@ -153,9 +149,7 @@ def _line(times: Array, numbers: Indices, block: int = 60) -> Tuple[float, float
 
     slope = (times[-1] - times[0]) / (numbers[-1] - numbers[0])
     late = times - slope * numbers
-    firsts = np.array(
-        [i + int(np.argmin(late[i : i + block])) for i in range(0, len(times), block)]
-    )
+    firsts = np.array([i + int(np.argmin(late[i : i + block])) for i in range(0, len(times), block)])
     slope = stats.theilslopes(times[firsts], numbers[firsts])[0]
     start = np.quantile((times - slope * numbers)[firsts], 0.2)
     return start, 1 / slope

@@ -140,10 +140,7 @@ def thrusters_of(model: _core.Model) -> List[Thruster]:
             for x, y in [one["position"]]
         ]
     c, s = math.cos(turn), math.sin(turn)
-    return [
-        Thruster(t.name, c * t.x + s * t.y, c * t.y - s * t.x, t.direction - turn)
-        for t in thrusters
-    ]
+    return [Thruster(t.name, c * t.x + s * t.y, c * t.y - s * t.x, t.direction - turn) for t in thrusters]
 
 
 def _orders(names: Sequence[str]) -> Iterator[Tuple[str, ...]]:
@@ -199,8 +196,11 @@ class _Moments:
                 A, C = rest.accelerations[at], rest.commands[at]
                 parts.append((C.T @ A, C.T @ C, (A**2).sum(axis=0)))
         found = cls(*(np.array(sums) for sums in zip(*parts))) if parts else None
-        if found is None or len(parts) < MIN_BLOCKS or not (found.totals.sum(axis=0) > 0).all() or not (
-            np.trace(found.sizes.sum(axis=0)) > 1e-9
+        if (
+            found is None
+            or len(parts) < MIN_BLOCKS
+            or not (found.totals.sum(axis=0) > 0).all()
+            or not (np.trace(found.sizes.sum(axis=0)) > 1e-9)
         ):
             raise GroundError("the commands change too little to distinguish the thrusters")
         return found
@@ -236,9 +236,7 @@ class _Evidence:
         for twisted, moments in self.moments.items():
             rows = [i for i, one in enumerate(some) if one.twisted == twisted]
             if rows:
-                found[rows] = moments.unexplained(
-                    np.array([some[i].effects(self.thrusters) for i in rows])
-                )
+                found[rows] = moments.unexplained(np.array([some[i].effects(self.thrusters) for i in rows]))
         return found
 
     def log_ratios(self, left: Array, index: int) -> Tuple[Array, Array]:
@@ -416,8 +414,7 @@ def evidence(verdict: Verdict) -> str:
     if verdict.is_as_recorded:
         return text
     return (
-        text
-        + " then, %.0f%% and %.0f%% as they are, which leaves %.2f times the accelerations unexplained "
+        text + " then, %.0f%% and %.0f%% as they are, which leaves %.2f times the accelerations unexplained "
         "(95%%: %.2f to %.2f)" % (100 * as_is.force, 100 * as_is.turn, as_is.ratio, *as_is.ratio95)
     )
 

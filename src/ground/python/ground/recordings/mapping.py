@@ -323,9 +323,7 @@ def _commands(node: _Node) -> Commands:
 
 def _channel(node: _Node, name: Any) -> Channel:
     if not isinstance(name, str) or not NAME.fullmatch(name):
-        raise GroundError(
-            "%s: the channel '%s' is not a name: use letters, digits and _" % (node.file, name)
-        )
+        raise GroundError("%s: the channel '%s' is not a name: use letters, digits and _" % (node.file, name))
     node.apart("unit", "off", "full")
     off, full = COMMANDS[node.take("unit", _one_of(*COMMANDS), "normalised")]
     channel = Channel(

@@ -47,9 +47,7 @@ class RepairedRun:
         contacts = _contacts(recording, found)
         landing = _landing(recording, contacts)
         self.reply = None if found is None else {"lag": found["lag"], "share": found["share"]}
-        self.contacts = [
-            (float(a - self.zero), float(b - self.zero)) for a, b in contacts if a < landing
-        ]
+        self.contacts = [(float(a - self.zero), float(b - self.zero)) for a, b in contacts if a < landing]
         self.active = self._active(landing)
         self.spans = self._spans()
 
@@ -139,9 +137,7 @@ class RepairedRun:
         low, high = start or 0.0, self.end if end is None else min(end, self.end)
         inside = (times >= low) & (times <= high)
         if not everything:
-            inside &= np.any(
-                [(times >= a) & (times <= b) for a, b in self.spans or [(1, 0)]], axis=0
-            )
+            inside &= np.any([(times >= a) & (times <= b) for a, b in self.spans or [(1, 0)]], axis=0)
         if inside.sum() < 10:
             raise GroundError(
                 "%s: only %d poses in the part asked for; the run is %.2f s long, usable are %.2f s "
@@ -183,9 +179,7 @@ def same_inputs(runs: Sequence[RepairedRun]) -> List[Tuple[str, str]]:
             alike.setdefault(codes[start : start + GRAM].tobytes(), set()).add(number)
     pairs = {pair for some in alike.values() for pair in itertools.combinations(sorted(some), 2)}
     return [
-        (runs[i].recording.name, runs[j].recording.name)
-        for i, j in sorted(pairs)
-        if _agree(held[i], held[j])
+        (runs[i].recording.name, runs[j].recording.name) for i, j in sorted(pairs) if _agree(held[i], held[j])
     ]
 
 

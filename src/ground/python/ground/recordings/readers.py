@@ -305,8 +305,7 @@ def _best(path: str, what: str, ranks: Mapping[str, int], option: str, there: st
     same = sorted(topic for topic, rank in ranks.items() if rank == min(ranks.values()))
     if len(same) > 1:
         raise GroundError(
-            "%s: several topics could be the %s: %s; choose one by %s"
-            % (path, what, ", ".join(same), option)
+            "%s: several topics could be the %s: %s; choose one by %s" % (path, what, ", ".join(same), option)
         )
     return same[0]
 

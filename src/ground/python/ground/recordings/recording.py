@@ -271,6 +271,8 @@ def _check_range(path: str, every: Array, values: Array, limits: Tuple[float, fl
             most,
             " they seem to be in %s:" % unit if unit in ("percent", "microseconds") else "",
             "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at "
-            "-1 has off: -1, full: 1" if -1 <= low < 0 else "",
+            "-1 has off: -1, full: 1"
+            if -1 <= low < 0
+            else "",
         )
     )

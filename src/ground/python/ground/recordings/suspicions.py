@@ -162,9 +162,7 @@ def of_thrusters(recordings: Sequence[Recording], model: _core.Model) -> List[Su
     return together if what <= every else alone
 
 
-def _of_layout(
-    recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster]
-) -> Iterator[Suspicion]:
+def _of_layout(recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster]) -> Iterator[Suspicion]:
     """The suspicion about recordings of a craft, where they refute their channels and headings."""
     try:
         verdict = layouts.judge(recordings, thrusters)

@@ -55,15 +55,12 @@ def read(path: str, recording: Recording) -> List[Track]:
                 drivers += [(t, name) for t, name in zip(stamps, columns["header.frame_id"]) if name]
     if not len(followed):
         raise GroundError(
-            "%s: no reference was recorded: nothing was tracked, or the topic reference is missing"
-            % path
+            "%s: no reference was recorded: nothing was tracked, or the topic reference is missing" % path
         )
     references = np.unique(followed, axis=0)
     wanted, computing = _by_time(np.concatenate(limited)), _by_time(decided)
     breaks = np.flatnonzero(np.diff(references[:, 0]) > PAUSE) + 1
-    found = [
-        _track(recording, part, wanted, computing, drivers) for part in np.split(references, breaks)
-    ]
+    found = [_track(recording, part, wanted, computing, drivers) for part in np.split(references, breaks)]
     tracks = [track for track in found if track]
     if not tracks:
         raise GroundError("%s: no drive along a reference of %g s and more" % (path, SHORTEST))

@@ -15,9 +15,7 @@ def cut(runs: Sequence[_core.RunData], length: float = WINDOW) -> List[_core.Win
     for index, run in enumerate(runs):
         found = cut_part(run, index, run.times[0], run.times[-1], length)
         if not found:
-            raise GroundError(
-                "%s: too short for a window of %.1f s without a gap" % (run.name, length)
-            )
+            raise GroundError("%s: too short for a window of %.1f s without a gap" % (run.name, length))
         windows += found
     return windows
 
@@ -43,9 +41,7 @@ def spread(windows: List[_core.Window], most: float) -> List[_core.Window]:
     return chosen
 
 
-def cut_again(
-    runs: Sequence[_core.RunData], window: _core.Window, length: float
-) -> List[_core.Window]:
+def cut_again(runs: Sequence[_core.RunData], window: _core.Window, length: float) -> List[_core.Window]:
     """Windows of `length` seconds in a window; the window itself if none fits."""
     times = runs[window.run].times
     found = cut_part(runs[window.run], window.run, times[window.first], times[window.last], length)

@@ -127,11 +127,7 @@ def _errors_caption(flights: Sequence[Flown]) -> str:
 
 def newest(story: Story, flown: Flown) -> Optional[str]:
     """Label of the newest model that predicted a flight."""
-    before = [
-        v.label
-        for v in story.versions
-        if v.label in flown.errors and v.after < flown.flight.number
-    ]
+    before = [v.label for v in story.versions if v.label in flown.errors and v.after < flown.flight.number]
     return before[-1] if before else None
 
 

@@ -22,9 +22,7 @@ Y_AXIS, X_AXIS = "y [m] (world_ned)", "x [m] (world_ned)"  # axes of a view from
 ZERO_LINE: Document = {"zeroline": True, "zerolinecolor": "#888888", "zerolinewidth": 1}
 
 
-def curve(
-    x: Any, y: Any, name: str, line: Document, legend: bool, opacity: float = 1.0
-) -> Document:
+def curve(x: Any, y: Any, name: str, line: Document, legend: bool, opacity: float = 1.0) -> Document:
     """A line through points; nothing is drawn at and beside NaN."""
     return {
         "type": "scatter",

@@ -84,9 +84,7 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
     """
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
-    figure = Panels(
-        4, 2, [0.64, 0.36], [155, 155, 155, 88], gaps=(0.08, 0.025), tall=[2], shared="x"
-    )
+    figure = Panels(4, 2, [0.64, 0.36], [155, 155, 155, 88], gaps=(0.08, 0.025), tall=[2], shared="x")
     every = every_so_many(times)
     if bands is not None:
         _add_bands(figure, bands, every.step, model_color(len(studies) - 1))
@@ -198,8 +196,7 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
     figure.update_xaxes(title="lag [ms]", row=3)
     caption = (
         "Run %s: residuals from one pose to the next (Kalman filter around the model). Shaded: "
-        "%.0f%% band, where those of a true model stay."
-        % (studies[0]["run"].name, 100 * residuals.BAND)
+        "%.0f%% band, where those of a true model stay." % (studies[0]["run"].name, 100 * residuals.BAND)
     )
     return figure.finish(560, caption, {"t": 65}, 1.06)
 

@@ -160,8 +160,7 @@ class Page:
             )
 
         self.add(
-            '<div class="wide"><table><thead><tr>%s</tr></thead>'
-            % line([h.lstrip("#=") for h in head], "th")
+            '<div class="wide"><table><thead><tr>%s</tr></thead>' % line([h.lstrip("#=") for h in head], "th")
         )
         for count, row in enumerate(rows):
             kind = ' class="chosen"' * (count in chosen)

@@ -142,9 +142,7 @@ def comparison(
     sheet.add(
         "<h1>%s</h1>"
         % page.text(
-            "Where "
-            + " and ".join(result["models"])
-            + (" fails" if len(result["models"]) == 1 else " fail")
+            "Where " + " and ".join(result["models"]) + (" fails" if len(result["models"]) == 1 else " fail")
         )
     )
     ranking = result["ranking"]
@@ -203,9 +201,7 @@ def _measured_against(
 def _run(sheet: page.Page, studies: List[Document], bands: Optional[bands_of.Bands]) -> None:
     """One run against all models."""
     sheet.figure(figures.motion(studies, bands), ZOOM)
-    sheet.table(
-        NUMBERS, [appearance.numbers_row(s["label"], s["role"], s["numbers"]) for s in studies]
-    )
+    sheet.table(NUMBERS, [appearance.numbers_row(s["label"], s["role"], s["numbers"]) for s in studies])
     sheet.points("%s: %s." % (s["label"], line) for s in studies for line in s["summary"])
     for heading, figure in (
         ("Missing wrench", wrench_figures.wrench_over_time(studies)),
@@ -219,7 +215,8 @@ def _evidence(sheet: page.Page, report: Document) -> None:
     sheet.heading("Evidence")
     sheet.paragraph(
         "Each effect added to the nominal model, and refitted by likelihood; without an effect its "
-        "cross-validated error is then %s." % number(report["nominal"]["cross_validated"])
+        "cross-validated error is then %s."
+        % number(report["nominal"]["cross_validated"])
         + " p: probability of as much evidence without the "
         "effect, corrected for the number of effects tried. ΔBIC: below 0 favours the effect. "
         "Brackets: 95% intervals. Bold: chosen.",
@@ -247,11 +244,7 @@ def _evidence(sheet: page.Page, report: Document) -> None:
             name,
             "%.4g" % nominal[name]["value"] if name in nominal else "",
             "%.4g" % p["value"],
-            (
-                "%.4g to %.4g" % tuple(p["ci95"])
-                if p["identified"]
-                else "not identifiable from these data"
-            ),
+            ("%.4g to %.4g" % tuple(p["ci95"]) if p["identified"] else "not identifiable from these data"),
             p["unit"],
         ]
         for name, p in improved.items()
@@ -295,8 +288,7 @@ def add_origin(sheet: page.Page, inputs: Sequence[str], remarks: Sequence[str]) 
     """Adds the command, the versions of programs, remarks, and fingerprints of the files read."""
     sheet.heading("How it was made")
     sheet.add(
-        "<p><code>%s</code><br>in <code>%s</code></p>"
-        % (page.text(origin.command()), page.text(os.getcwd()))
+        "<p><code>%s</code><br>in <code>%s</code></p>" % (page.text(origin.command()), page.text(os.getcwd()))
     )
     versions = ", ".join("%s %s" % item for item in origin.versions().items())
     sheet.points([origin.now(), versions] + list(remarks))

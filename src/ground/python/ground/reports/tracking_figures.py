@@ -33,17 +33,13 @@ HEADINGS = 24  # number of arrows along a path
 COMPARED = [MEASURED, MODELS[3], MODELS[0], MODELS[1]]  # colours of gains; the last: the tuned ones
 
 
-def driven(
-    run: Any, text: str, counts: Tuple[float, float], room: Optional[Any] = None
-) -> Document:
+def driven(run: Any, text: str, counts: Tuple[float, float], room: Optional[Any] = None) -> Document:
     """Path, error, inputs and computing times of a tracking.Tracked or a recorded tracks.Track.
 
     text: the caption; counts: the span of time in which errors count [s]; room: the _core.RoomPlan
     whose walls are drawn.
     """
-    figure = Panels(
-        3, 2, [0.42, 0.58], [1, 1, 0.6], gaps=(0.08, 0.04), tall=[1], shared="x"
-    )
+    figure = Panels(3, 2, [0.42, 0.58], [1, 1, 0.6], gaps=(0.08, 0.04), tall=[1], shared="x")
     _add_path(figure, run, room)
     line = {"color": MEASURED, "width": 1}
     errors = np.maximum(run.errors, MIN_ERROR)
@@ -128,9 +124,7 @@ def tuned(
     return figure.finish(130 + 26 * max(12, len(result["table"])), text)
 
 
-def _add_candidates(
-    figure: Panels, tried: Sequence[tuning.Candidate], best: Sequence[Document]
-) -> None:
+def _add_candidates(figure: Panels, tried: Sequence[tuning.Candidate], best: Sequence[Document]) -> None:
     marker = {
         "size": 4,
         "color": [c.effort for c in tried],
@@ -162,8 +156,7 @@ def _add_errors(figure: Panels, names: Sequence[str], rows: Sequence[Document]) 
     places = np.arange(len(rows))[::-1]
     for count, (name, shade) in enumerate(zip(names, COMPARED[-len(names) :])):
         low, middle, high = (
-            np.array([row["rms"][name][quantile] for row in rows])
-            for quantile in ("p05", "median", "p95")
+            np.array([row["rms"][name][quantile] for row in rows]) for quantile in ("p05", "median", "p95")
         )
         spread = {
             "array": short(high - middle),

@@ -99,9 +99,11 @@ def followed_input(channels: Document, commands: Mapping[str, str]) -> Optional[
                 strongest = abs(value)
                 late = 1e3 * entry[kind]["lag_seconds"][at]
                 when = "at once" if late < 1 else "%.0f ms after it" % late
-                text = (
-                    "one-step residuals of the motion %s still follow %s, most %s (correlation %.2f)"
-                    % (PLACES[channel], name, when, value)
+                text = "one-step residuals of the motion %s still follow %s, most %s (correlation %.2f)" % (
+                    PLACES[channel],
+                    name,
+                    when,
+                    value,
                 )
     return text
 
@@ -335,9 +337,7 @@ def _varying(found: Document) -> str:
 
 def _sized(report: Document, found: Document) -> str:
     """An effect with the values of its parameters: "moving air (wind), wx 0.3 m/s"."""
-    values = [
-        "%s %s" % (n, quantity(p["value"], p["unit"], 2)) for n, p in found["parameters"].items()
-    ]
+    values = ["%s %s" % (n, quantity(p["value"], p["unit"], 2)) for n, p in found["parameters"].items()]
     return ", ".join([effect(report, found["effect"])] + values)
 
 
@@ -445,21 +445,18 @@ def ceiling(report: Document) -> str:
         steps += [("now", "with the model")]
         steps += [("after", "with what is learnable")] * bool(found["said"])
         off = ["%.3g mm and %.0f deg %s" % (*poses[key], what) for key, what in steps]
-        sentence += (
-            " Poses predicted %.2g s ahead are off by %s (noise of a pose: %.2g mm, %.2g deg)."
-            % (poses["seconds"], listed(off), *poses["noise"])
+        sentence += " Poses predicted %.2g s ahead are off by %s (noise of a pose: %.2g mm, %.2g deg)." % (
+            poses["seconds"],
+            listed(off),
+            *poses["noise"],
         )
     if not agrees["holds"]:
         error = agrees["error"]
         worst = max(agrees["deviations"], key=lambda name: float(agrees["deviations"][name]))
-        sentence += (
-            " What is left is not the random push that the model claims: "
-            + (
-                "the error is %.3f where that push leaves %.3f."
-                % (error["measured"], error["expected"])
-                if worst == "error"
-                else "it is much stronger at some times."
-            )
+        sentence += " What is left is not the random push that the model claims: " + (
+            "the error is %.3f where that push leaves %.3f." % (error["measured"], error["expected"])
+            if worst == "error"
+            else "it is much stronger at some times."
         )
     return sentence
 
@@ -538,9 +535,7 @@ def unexplained(report: Document) -> Iterator[str]:
     rest = report["unexplained"]
     proposal = rest["proposal"]
     if proposal:
-        values = [
-            "%s = %.4g %s" % (n, p["value"], p["unit"]) for n, p in proposal["parameters"].items()
-        ]
+        values = ["%s = %.4g %s" % (n, p["value"], p["unit"]) for n, p in proposal["parameters"].items()]
         terms = ["%s = %s" % item for item in proposal["expression"].items()]
         yield (
             "%s would lower the cross-validated error to %.3f (%s with %s). It is in proposal.yaml, ready "

@@ -27,12 +27,11 @@ from ground.reports.figure_parts import (
 )
 from ground.reports.panels import Panels
 
+
 def wrench_over_time(studies: Sequence[Document]) -> Document:
     """The missing wrench of every model over time, with two standard deviations of the first one's, the
     commands, the force that they produce, and the mean missing force by place."""
-    figure = Panels(
-        4, 2, [0.72, 0.28], [0.28, 0.28, 0.28, 0.16], gaps=(0.075, 0.03), tall=[2], shared="x"
-    )
+    figure = Panels(4, 2, [0.72, 0.28], [0.28, 0.28, 0.28, 0.16], gaps=(0.075, 0.03), tall=[2], shared="x")
     run = studies[0]["run"]
     for row, (channel, label) in enumerate(WRENCH):
         numbers = [s["missing"].numbers["channels"][channel] for s in studies]
@@ -85,5 +84,3 @@ def _add_force_map(figure: Panels, studies: Sequence[Document]) -> None:
     figure.update_xaxes(title=Y_AXIS, row=1, col=2)
     figure.update_yaxes(title={"text": X_AXIS, "standoff": 0}, scaleanchor="x2", row=1, col=2)
     note(figure, 1, 2, "longest arrow<br>%.2g N" % largest, MEASURED, 0.98)
-
-

@@ -33,9 +33,7 @@ LIFT = ("lift", "lift_time")
 PATTERN = ("clock", "order", "levels", "hold", "rows_per_bit")
 BURSTS = ("room", "burst")
 # parameters of references and controllers that are options here
-REFERENCE = [
-    p for p in _core.reference_parameters() if p.name in ("size", "rate_of_turn", "petals", "speed")
-]
+REFERENCE = [p for p in _core.reference_parameters() if p.name in ("size", "rate_of_turn", "petals", "speed")]
 GAINS = gains.CONTROLLERS["TrajectoryTracking"].parameters
 TRACKING = (
     "controller",
@@ -118,9 +116,7 @@ class _Options(Acting):
         range=(0.1, experiments.LONGEST),
         metavar="S",
     )
-    lift: Optional[float] = option(
-        None, "input of the lift fan, 0..1 (1)", range=(0.0, 1.0), metavar="LIFT"
-    )
+    lift: Optional[float] = option(None, "input of the lift fan, 0..1 (1)", range=(0.0, 1.0), metavar="LIFT")
     lift_time: Optional[float] = option(
         None, "lift alone before thrust [s] (1)", range=(0.0, 30.0), metavar="S"
     )
@@ -152,9 +148,7 @@ class _Options(Acting):
         nargs="+",
         metavar="LEVEL",
     )
-    hold: Optional[float] = _input(
-        "time for which a level is held [s] (1)", range=(0.02, 100.0), metavar="S"
-    )
+    hold: Optional[float] = _input("time for which a level is held [s] (1)", range=(0.02, 100.0), metavar="S")
     room: Optional[RoomLike] = _input(
         "play bursts of the input between returns home, inside this room", metavar="ROOM.yaml"
     )
@@ -163,9 +157,7 @@ class _Options(Acting):
         range=(0.1, experiments.LONGEST),
         metavar="S",
     )
-    axes: str = option(
-        AXES, "world_ned x, y, z in the mocap's axes (%(default)s)", group="motion capture"
-    )
+    axes: str = option(AXES, "world_ned x, y, z in the mocap's axes (%(default)s)", group="motion capture")
     heading_offset: float = option(
         0.0,
         "heading of the rigid body minus the craft's; recorded with the run, like the axes (0)",
@@ -174,9 +166,7 @@ class _Options(Acting):
         group="motion capture",
     )
     controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(loop.CONTROLLERS))
-    reference: Optional[str] = _tracking(
-        "(circle)", choices=[kind for kind in loop.KINDS if kind != "file"]
-    )
+    reference: Optional[str] = _tracking("(circle)", choices=[kind for kind in loop.KINDS if kind != "file"])
     origin: Optional[Sequence[float]] = _tracking("centre or start [m] (0 0)", **_PLACE)
     end: Optional[Sequence[float]] = _tracking("end of a line [m] (2.5 2.5)", **_PLACE)
     sharp: bool = option(False, "line: start and stop suddenly", group="tracking")
@@ -189,9 +179,7 @@ class _Options(Acting):
         type=number,
         metavar="M",
     )
-    controller_model: Optional[ModelLike] = _tracking(
-        "the controller's model (--model)", metavar="C.yaml"
-    )
+    controller_model: Optional[ModelLike] = _tracking("the controller's model (--model)", metavar="C.yaml")
 
 
 def _tunable(parameter: _core.TunableInfo) -> Tuple[str, Any, Any]:
@@ -278,9 +266,7 @@ class _Drive:
     def __init__(self, kind: str, options: _Options, craft: _core.Model) -> None:
         if kind not in KINDS and not kind.lower().endswith(".csv"):
             known = ", ".join(KINDS)
-            raise OptionError(
-                "'{kind}' is neither one of {known} nor a .csv file", kind=kind, known=known
-            )
+            raise OptionError("'{kind}' is neither one of {known} nor a .csv file", kind=kind, known=known)
         self.kind, self._craft = kind, craft
         self.options = command_line.given(options, (*PATTERN, *BURSTS, *TRACKING, *LIFT))
         room = self.options.get("room")
@@ -365,9 +351,7 @@ class _Drive:
     def _refuse_unused(self, kind: str) -> None:
         for name in self.options:
             if name not in _takes(kind):
-                raise OptionError(
-                    "{0} does not go with {1} {input}", name, "input", input=self.kind
-                )
+                raise OptionError("{0} does not go with {1} {input}", name, "input", input=self.kind)
 
     def parameters(self, mover: Model, believed: Model) -> Dict[str, Dict[str, str]]:
         """Parameters of the run, by the ROS nodes that would have them."""
@@ -406,9 +390,7 @@ def mocap_params(settings: Mapping[str, float]) -> _core.MocapParams:
     return params
 
 
-def disturbance_on(
-    model: Model, given: Disturbance, trim: Optional[float]
-) -> Optional[_core.Disturbance]:
+def disturbance_on(model: Model, given: Disturbance, trim: Optional[float]) -> Optional[_core.Disturbance]:
     """The _core.Disturbance that acts; None where none does."""
     if given is False and trim is None:
         return None
@@ -435,6 +417,7 @@ def disturbance_on(
     own = experiments.disturbance_in_shares(model.core, trim=trim or 0.0)
     found.trim, found.trim_thrust = own.trim, own.trim_thrust
     return found
+
 
 DETAILS = (
     "\ninputs:\n"

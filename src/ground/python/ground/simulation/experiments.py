@@ -46,9 +46,7 @@ def design(
         raise GroundError(str(error))
 
 
-def design_params(
-    kind: str, model: Optional[_core.Model] = None, **options: Any
-) -> _core.DesignParams:
+def design_params(kind: str, model: Optional[_core.Model] = None, **options: Any) -> _core.DesignParams:
     """The _core.DesignParams of a design and its options, for the thrusters of a model."""
     params = _core.DesignParams()
     if model is not None:
@@ -147,9 +145,7 @@ def simulate(
     return replace(found, channels=tuple(model.channels), lift_channel=model.channels[-1])
 
 
-def _log(
-    model: _core.Model, drive: Drive, believed: _core.Model, *where: Any
-) -> Document:
+def _log(model: _core.Model, drive: Drive, believed: _core.Model, *where: Any) -> Document:
     """The core's log; where: pose, velocity, mocap, seed, disturbance, plant."""
     if isinstance(drive, Schedule):
         return _core.play_schedule(model, drive.rows, drive.end, *where)
@@ -158,9 +154,7 @@ def _log(
     return _core.track_reference(model, believed, drive, *where)
 
 
-def _recorded(
-    log: Document, name: str, source: str, full_scale: float
-) -> SimulatedRun:
+def _recorded(log: Document, name: str, source: str, full_scale: float) -> SimulatedRun:
     """The run on the clock of a recording; full_scale: the largest input of the thrusters."""
     frames, commands, truth = log["frames"], log["commands"], log["truth"]
     references = log["references"]

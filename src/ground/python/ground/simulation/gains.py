@@ -54,9 +54,7 @@ def read(path: str) -> Dict[str, float]:
     return {str(name): float(value) for name, value in values.items()}
 
 
-def write(
-    path: str, choice: _core.ControllerChoice, comments: Iterable[str], force: bool = False
-) -> str:
+def write(path: str, choice: _core.ControllerChoice, comments: Iterable[str], force: bool = False) -> str:
     """Writes the gains of a _core.ControllerChoice; comments: lines on their origin."""
     with files.new_file(path, force) as temporary:
         with open(temporary, "w") as file:

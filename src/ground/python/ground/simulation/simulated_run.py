@@ -62,9 +62,7 @@ class SimulatedRun(Recording):
     truth_eta: Array = field(default_factory=_no_rows)  # (k, 3) x, y [m], psi [rad], world_ned
     truth_nu: Array = field(default_factory=_no_rows)  # (k, 3) u, v [m/s], r [rad/s], body
     truth_nu_dot: Array = field(default_factory=_no_rows)  # (k, 3) their derivatives
-    truth_wrench: Array = field(
-        default_factory=_no_rows
-    )  # (k, 3) disturbance: X, Y [N], N [N m], body
+    truth_wrench: Array = field(default_factory=_no_rows)  # (k, 3) disturbance: X, Y [N], N [N m], body
     references: Array = field(default_factory=_no_rows)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
     # (i, 3 + n) time, stamp of the state, processor time [s], wanted inputs (of full scale)
     decisions: Array = field(default_factory=lambda: np.empty((0, 5)))
@@ -223,9 +221,7 @@ def _inputs(run: SimulatedRun, thrusters: Array, lift: float) -> Message:
     """Message with inputs; those of a craft that lists its thrusters with the names of its channels."""
     if run.channels == CHANNELS:
         return _new("ground_msgs/Controls", left=thrusters[0], right=thrusters[1], lift=lift)
-    return _new(
-        "ground_msgs/Controls", lift=lift, thrusters=thrusters, channels=list(run.channels)
-    )
+    return _new("ground_msgs/Controls", lift=lift, thrusters=thrusters, channels=list(run.channels))
 
 
 def _wanted(run: SimulatedRun) -> Iterator[Message]:

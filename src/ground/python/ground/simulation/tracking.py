@@ -106,16 +106,13 @@ def reference(kind: str, **settings: Any) -> _core.ReferenceParams:
     for name, value in settings.items():
         if name not in KINDS[kind].takes:
             raise GroundError(
-                "reference %s does not take '%s'; it takes %s"
-                % (kind, name, ", ".join(KINDS[kind].takes))
+                "reference %s does not take '%s'; it takes %s" % (kind, name, ", ".join(KINDS[kind].takes))
             )
         setattr(params, name, value)
     return params
 
 
-def task(
-    kind: str, settled: Optional[float] = None, until: Optional[float] = None, **settings: Any
-) -> Task:
+def task(kind: str, settled: Optional[float] = None, until: Optional[float] = None, **settings: Any) -> Task:
     """The Task of a reference by its kind, or of a CSV file; the thesis's parameters are the defaults.
     GroundError as from `reference`."""
     if kind.lower().endswith(".csv"):
@@ -283,9 +280,7 @@ def pooled(runs: Sequence[Tracked]) -> Document:
     late = [n["after_stop_max"] for n in numbers if n.get("after_stop_max") is not None]
     if len(late) == len(numbers):
         result["after_stop_max"] = float(np.median(late))
-    result["compute_ms"] = tracks.compute_ms(
-        np.concatenate([r.computing[:, 1] for r in runs])
-    )
+    result["compute_ms"] = tracks.compute_ms(np.concatenate([r.computing[:, 1] for r in runs]))
     errors = [n["rms"] for n in numbers]
     result["rms_quantiles"] = {
         "p05": quantile(errors, 0.05),

@@ -85,9 +85,7 @@ class Weights:
     limits: Dict[str, float] = field(default_factory=dict)
 
 
-def cells(
-    tasks: Mapping[str, tracking.Task], truth: _core.Model, delay: float = 0.02
-) -> List[Cell]:
+def cells(tasks: Mapping[str, tracking.Task], truth: _core.Model, delay: float = 0.02) -> List[Cell]:
     """Cells of {name: Task}: with the model, with mocap noise and delay, and with a wrong model."""
     wrong = tracking.perturbed(truth, MODEL_ERROR)
     conditions = [
@@ -155,8 +153,7 @@ def evaluate(
 def score(candidate: Candidate, weights: Weights) -> float:
     """Score of a candidate, the lower the better; see the module."""
     logs = [
-        (_log(float(np.median(errors))) + 2 * _log(max(errors))) / 3
-        for errors in candidate.errors.values()
+        (_log(float(np.median(errors))) + 2 * _log(max(errors))) / 3 for errors in candidate.errors.values()
     ]
     worse = [
         max(0.0, _log(max(candidate.errors[cell])) - _log(limit) + MARGIN)
@@ -237,9 +234,7 @@ def search(
     return tried
 
 
-def _apart(
-    places: Sequence[Array], tried: Sequence[Candidate], most: int, distance: float
-) -> List[int]:
+def _apart(places: Sequence[Array], tried: Sequence[Candidate], most: int, distance: float) -> List[int]:
     """Indices of the best Candidates that differ from each other by `distance` in some gain."""
     chosen: List[int] = []
     for count in np.argsort([c.score for c in tried]):
@@ -308,7 +303,5 @@ def _optimizer() -> Any:
     try:
         from cmaes import CMA
     except ImportError:
-        raise GroundError(
-            "the optimiser is missing: install python3-cmaes (Debian) or cmaes from PyPI"
-        )
+        raise GroundError("the optimiser is missing: install python3-cmaes (Debian) or cmaes from PyPI")
     return CMA

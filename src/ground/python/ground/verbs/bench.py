@@ -100,9 +100,7 @@ def run(arguments: argparse.Namespace) -> Document:
     return {
         "model": arguments.output,
         "curve": found.curve.kind,
-        "parameters": {
-            n: {"value": v, "ci95": list(found.intervals[n])} for n, v in found.values.items()
-        },
+        "parameters": {n: {"value": v, "ci95": list(found.intervals[n])} for n, v in found.values.items()},
         "p_equal_gains": found.p_value,
         "rejected": [{"curve": words, "p_value": p} for words, p in found.rejected],
         "residual": found.residual,
@@ -117,9 +115,7 @@ def run(arguments: argparse.Namespace) -> Document:
 Places = Dict[str, Tuple[str, float]]
 
 
-def _put_into(
-    model: _core.Model, found: thrust_bench.Thrust, path: str
-) -> Tuple[_core.Model, Places]:
+def _put_into(model: _core.Model, found: thrust_bench.Thrust, path: str) -> Tuple[_core.Model, Places]:
     """The model with the fitted thrust, and where its values are there. A curve that is no power is
     written with the thrusters listed."""
     if model.is_pair and found.curve.power is not None:
@@ -193,9 +189,7 @@ def _motion(arguments: argparse.Namespace, model: _core.Model) -> Fit:
     )
 
 
-def _agreement(
-    model: _core.Model, found: thrust_bench.Thrust, motion: Fit
-) -> Iterator[str]:
+def _agreement(model: _core.Model, found: thrust_bench.Thrust, motion: Fit) -> Iterator[str]:
     """How the bench agrees with what motion tells."""
     moved = motion.parameters["k"]
     low, high = moved.ci95 or (float("nan"), float("nan"))
@@ -219,9 +213,7 @@ def _agreement(
         yield "the intervals of bench and motion meet"
 
 
-def _lines(
-    arguments: argparse.Namespace, model: _core.Model, found: thrust_bench.Thrust
-) -> Iterator[str]:
+def _lines(arguments: argparse.Namespace, model: _core.Model, found: thrust_bench.Thrust) -> Iterator[str]:
     """Lines to print: curve, parameters, misfit, reach, and the model before."""
     curve = found.curve
     yield "curve: %s" % curve.words
@@ -241,9 +233,7 @@ def _lines(
         yield "no sign of unequal thrusters (p %.2g)" % found.p_value
     yield "forces are %.2g N from the fit (standard deviation)%s" % (
         found.residual,
-        ""
-        if np.isnan(found.scatter)
-        else ", repetitions %.2g N from each other" % found.scatter,
+        "" if np.isnan(found.scatter) else ", repetitions %.2g N from each other" % found.scatter,
     )
     if curve.power is not None and curve.largest < REACH:
         yield (

@@ -23,18 +23,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
-    parser.add_argument(
-        "--model", metavar="M.yaml", required=True, help="the model to begin with"
-    )
-    parser.add_argument(
-        "--truth", metavar="T.yaml", required=True, help="true model of the craft"
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="DIR", required=True, help="folder of the discovery"
-    )
-    parser.add_argument(
-        "--room", metavar="ROOM.yaml", help="room in which it flies (4 x 4 m)"
-    )
+    parser.add_argument("--model", metavar="M.yaml", required=True, help="the model to begin with")
+    parser.add_argument("--truth", metavar="T.yaml", required=True, help="true model of the craft")
+    parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder of the discovery")
+    parser.add_argument("--room", metavar="ROOM.yaml", help="room in which it flies (4 x 4 m)")
     parser.add_argument(
         "--budget",
         type=command_line.positive,

@@ -9,12 +9,8 @@ from ground.recordings import csv_exports
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
-    parser.add_argument(
-        "controls", metavar="CONTROLS.csv", help="left, right, lift as field.point.x, y, z"
-    )
-    parser.add_argument(
-        "pose", metavar="POSE.csv", help="x, y [m], psi [rad] as field.point.x, y, z"
-    )
+    parser.add_argument("controls", metavar="CONTROLS.csv", help="left, right, lift as field.point.x, y, z")
+    parser.add_argument("pose", metavar="POSE.csv", help="x, y [m], psi [rad] as field.point.x, y, z")
     parser.add_argument("-o", "--output", metavar="RUN.bag", required=True)
     parser.add_argument("--force", action="store_true", help="overwrite the bag")
 

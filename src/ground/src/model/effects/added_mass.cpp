@@ -7,10 +7,9 @@ namespace ground {
 struct AddedMass {
   static EffectInfo info() {
     const auto scale = [](const Body<double>& b) { return 0.1 * b.m; };
-    return {
-        "added_mass",
-        "air accelerated with the craft",
-        {{"mx", "kg", "in surge", 0, 0, 1e3, scale}, {"my", "kg", "in sway", 0, 0, 1e3, scale}}};
+    return {"added_mass",
+            "air accelerated with the craft",
+            {{"mx", "kg", "in surge", 0, 0, 1e3, scale}, {"my", "kg", "in sway", 0, 0, 1e3, scale}}};
   }
   template <typename T>
   static void inertia(const T* p, const Body<T>&, Matrix3<T>& mass) {

@@ -7,10 +7,9 @@ namespace ground {
 struct ComOffset {
   static EffectInfo info() {
     const auto scale = [](const Body<double>& b) { return 0.1 * b.l; };
-    return {
-        "com_offset",
-        "centre of mass off the thrust axis",
-        {{"xg", "m", "forward", 0, -1, 1, scale}, {"yg", "m", "to starboard", 0, -1, 1, scale}}};
+    return {"com_offset",
+            "centre of mass off the thrust axis",
+            {{"xg", "m", "forward", 0, -1, 1, scale}, {"yg", "m", "to starboard", 0, -1, 1, scale}}};
   }
   template <typename T>
   static void inertia(const T* p, const Body<T>& body, Matrix3<T>& mass) {

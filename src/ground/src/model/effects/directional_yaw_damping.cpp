@@ -14,9 +14,7 @@ struct DirectionalYawDamping {
     return {"directional_yaw_damping",
             "yaw damping that differs by direction",
             {{"na", "N m s", "more damping clockwise, less the other way", 0, -1e3, 1e3,
-              [](const Body<double>& b) {
-                return 0.1 * typical::moment(b) / typical::yawRate(b);
-              }}}};
+              [](const Body<double>& b) { return 0.1 * typical::moment(b) / typical::yawRate(b); }}}};
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {

@@ -23,8 +23,8 @@ struct FloorFrictionMap {
     for (int i = 0; i < kNodes; ++i)
       for (int j = 0; j < kNodes; ++j)
         info.parameters.push_back({"c_" + std::to_string(i) + "_" + std::to_string(j), "N s/m",
-                                   "damping added at x = " + metres(i) + ", y = " + metres(j), 0,
-                                   -1e3, 1e3, scale});
+                                   "damping added at x = " + metres(i) + ", y = " + metres(j), 0, -1e3, 1e3,
+                                   scale});
     info.opt_in = true;
     info.penalty = penalty;
     return info;

@@ -6,10 +6,9 @@ namespace ground {
 struct MarkerOffset {
   static EffectInfo info() {
     const auto scale = [](const Body<double>& b) { return 0.1 * b.l; };
-    return {
-        "marker_offset",
-        "tracked point away from the body origin",
-        {{"dx", "m", "forward", 0, -1, 1, scale}, {"dy", "m", "to starboard", 0, -1, 1, scale}}};
+    return {"marker_offset",
+            "tracked point away from the body origin",
+            {{"dx", "m", "forward", 0, -1, 1, scale}, {"dy", "m", "to starboard", 0, -1, 1, scale}}};
   }
   template <typename T>
   static void measure(const T* p, const Vector3<T>& eta, Measurement<T>& measurement) {

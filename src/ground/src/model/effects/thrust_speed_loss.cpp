@@ -3,8 +3,8 @@
 
 namespace ground {
 
-/// Propellers that lose thrust with the air speed at their inlet: k (1 - c u), never below zero. The air speed
-/// is that along the force.
+/// Propellers that lose thrust with the air speed at their inlet: k (1 - c u), never below zero. The air
+/// speed is that along the force.
 struct ThrustSpeedLoss {
   static constexpr bool kUsesPose = false;
 
@@ -21,8 +21,8 @@ struct ThrustSpeedLoss {
       return;
     }
     for (int i = 0; i < force.size(); ++i) {
-      const T along = point.layout.forward(i) * point.nu_air.x() +
-                      point.layout.starboard(i) * point.nu_air.y();
+      const T along =
+          point.layout.forward(i) * point.nu_air.x() + point.layout.starboard(i) * point.nu_air.y();
       const T inflow = force(i) < 0.0 ? T(-along) : along;
       force(i) *= notBelowZero(T(1.0 - p[0] * inflow));
     }

@@ -9,8 +9,7 @@ struct ThrusterGain {
   static EffectInfo info() {
     return {"thruster_gain",
             "weak or strong thruster",
-            {{"a", "-", "relative change of its thrust", 0, -1, 1,
-              [](const Body<double>&) { return 0.1; }}}};
+            {{"a", "-", "relative change of its thrust", 0, -1, 1, [](const Body<double>&) { return 0.1; }}}};
   }
   template <typename T>
   static void act(const T* p, const Point<T>&, int thruster, Thrusters<T>& force) {
