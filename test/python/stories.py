@@ -114,7 +114,7 @@ def whole():
     sentence = "Flight 3, which neither fit nor choice has seen, confirms it: 1.750 falls to 0.221"
     made.confirmation = Confirmation(3, 1.75, 0.221, 0.21, True, sentence, 1.31, 0.24)
     check = "the error on a rhodonea falls from 31.0 to 12.0 mm"
-    made.tracking = TrackingCheck("rhodonea", 0.031, 0.012, False, check, labels[-1])
+    made.tracking = TrackingCheck("rhodonea", 0.031, 0.012, False, check, labels[-1], True)
     made.ended = made.sure = True
     made.reason = "nothing is open that a flight could show"
     return made

@@ -159,7 +159,8 @@ void Dynamics<T>::requireThrusters(int count) const {
 
 template <typename T>
 StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, double lift, const T& h, T* states) const {
-  StepInputs<T> inputs{{command, command, command}, lift, actuators_.empty(), states};
+  StepInputs<T> inputs{{command}, lift, actuators_.empty(), states};
+  if (!inputs.held) inputs.thrusters[1] = inputs.thrusters[2] = command;
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
   return inputs;
 }
@@ -180,7 +181,7 @@ void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters
   const Rotation<T> heading(state.eta.z());
   const T zero(0.0), half = 0.5 * h, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
   const auto take = [&](int node, const T& after, const T& share, const T& to, const T* at) {
-    const Drive now(*this, inputs.thrusters[static_cast<std::size_t>(node)]);
+    const Drive now(*this, inputs.thrusters[inputs.held ? 0 : static_cast<std::size_t>(node)]);
     Instant instant(*this, t + after, state.eta, heading, state.nu, now, lift, at);
     rates(instant, at, stages_.rates.data());
     stages_.move(share, to, states);

@@ -54,7 +54,8 @@ struct EffectInfo {
   int stateCount(int thrusters) const { return states + thrusters * states_per_thruster; }
 };
 
-/// Inputs that act over one integration step, at its start, middle and end.
+/// Inputs that act over one integration step, at its start, middle and end; only the first are set if they
+/// are held.
 template <typename T>
 struct StepInputs {
   std::array<Thrusters<T>, 3> thrusters;

@@ -29,7 +29,7 @@ from ground.analysis.evidence import Dropped
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
-from ground.analysis.search import REFITTED, Search
+from ground.analysis.search import EXCLUSION, REFITTED, Search
 from ground.annotations import Each
 from ground.progress import Work
 
@@ -275,9 +275,18 @@ class Diagnosis:
 
     def _without_stand_ins(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """The set without effects that only imitate what has no name: those that do nothing beside a
-        formula for it."""
-        named = self.formula_of(found) if found and self.ceiling_of(found).said else None
+        formula for it, or all, if a formula alone is likelier than they are."""
+        if not found or not self.ceiling_of(found).said:
+            return found
+        named = self.formula_of(found)
         if named is None:
+            alone, best = self.formula_of(frozenset()), self.search.fits[found].log_posterior
+            if alone is None or 2 * (alone.fit.log_posterior - best) < EXCLUSION:
+                return found
+            why = "a formula without it is likelier (%s)" % alone.means
+            for name in sorted(found):
+                self.dropped.append(Dropped(self.trial_in(found, name), why))
+                found = self.search.without(found, name)
             return found
         why = "it imitates what has no name (%s)" % named.means
         rest, fit = found, named.fit

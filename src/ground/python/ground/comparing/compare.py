@@ -48,7 +48,7 @@ from ground.errors import GroundError
 from ground.models import Model, ModelLike
 from ground.progress import Progress, Work
 from ground.recordings.recording import Recording
-from ground.reports import inspection
+from ground.reports import inspection, result_folder
 from ground.results import distinct_labels
 
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
@@ -208,9 +208,10 @@ def run(arguments: argparse.Namespace) -> Document:
     """Runs identify compare; returns what --json prints."""
     models = labelled(arguments.model)
     recordings = list(bag_arguments.reading(arguments, arguments.bags))
-    _, numbers = prepare(arguments.output, arguments.force)
-    chosen = command_line.options(arguments, bag_arguments.Span)
-    found = compare(models, recordings, options=chosen, progress=arguments.work)
+    with result_folder.kept_if_used(arguments.output):
+        _, numbers = prepare(arguments.output, arguments.force)
+        chosen = command_line.options(arguments, bag_arguments.Span)
+        found = compare(models, recordings, options=chosen, progress=arguments.work)
     command_line.say(arguments, str(found))
     with arguments.work.stage(WRITING):
         place = found.save(arguments.output, not arguments.numbers, arguments.force)

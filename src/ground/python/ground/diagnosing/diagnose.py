@@ -19,7 +19,7 @@ from ground.diagnosing.result import Diagnosis, Problem, prepare
 from ground.errors import GroundError
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
 from ground.progress import Progress, Work
-from ground.reports import words
+from ground.reports import result_folder, words
 
 ON_REQUEST = ", ".join(candidates.on_request())
 WRITING = "writing the page"  # stage
@@ -236,15 +236,16 @@ def run(arguments: argparse.Namespace) -> Document:
     def say(line: str) -> None:
         command_line.say(arguments, line)
 
-    prepare(arguments.output, arguments.force)
-    found = diagnose(
-        arguments.model,
-        bag_arguments.reading(arguments, arguments.bags),
-        holdout=bag_arguments.reading(arguments, arguments.holdout),
-        told=say,
-        options=command_line.options(arguments, DiagnoseOptions),
-        progress=arguments.work,
-    )
+    with result_folder.kept_if_used(arguments.output):
+        prepare(arguments.output, arguments.force)
+        found = diagnose(
+            arguments.model,
+            bag_arguments.reading(arguments, arguments.bags),
+            holdout=bag_arguments.reading(arguments, arguments.holdout),
+            told=say,
+            options=command_line.options(arguments, DiagnoseOptions),
+            progress=arguments.work,
+        )
     for line in words.described(found.report):
         say(line)
     with arguments.work.stage(WRITING):

@@ -22,6 +22,19 @@ def prepare(folder: str, paths: Iterable[str], force: bool) -> None:
         files.refuse_existing(path, force)
 
 
+@contextlib.contextmanager
+def kept_if_used(folder: str) -> Iterator[None]:
+    """Wraps a block that may make a folder; if the block fails, a new folder does not stay without files."""
+    is_new = not os.path.isdir(folder)
+    try:
+        yield
+    except BaseException:
+        if is_new:
+            with contextlib.suppress(OSError):
+                os.rmdir(folder)
+        raise
+
+
 def older(path: str, schema: str) -> Document:
     """The numbers that an older run of the same kind has left; empty where there are none."""
     with contextlib.suppress(OSError, ValueError):
