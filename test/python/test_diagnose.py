@@ -375,7 +375,7 @@ def test_real_runs_of_one_day(tmp_path, recordings, unplanned):
     assert "heading_offset" in [step["added"] for step in report["steps"]]
     offset = report["improved"]["parameters"]["heading_offset.psi0"]["value"]
     assert offset == pytest.approx(1.8, abs=0.15)
-    assert report["improved"]["error"]["heldout"] < 0.6 * report["nominal"]["error"]["heldout"]
+    assert report["improved"]["error"]["heldout"] < 0.75 * report["nominal"]["error"]["heldout"]
 
 
 @pytest.mark.parametrize(

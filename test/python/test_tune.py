@@ -49,7 +49,7 @@ def test_a_search_finds_better_gains_and_writes_them(tmp_path):
     # track, rosparam load and dynparam load read this file.
     written = yaml.safe_load(out.read_text())
     assert written == pytest.approx(found["gains"], rel=1e-5)
-    again = program("track", "--model", TABLE_4_1, "--gains", out, "--json")
+    again = program("track", "--model", TABLE_4_1, "--end-time", 10, "--gains", out, "--json")
     assert json.loads(again.stdout)["gains"] == pytest.approx(written)
     # Existing files are not overwritten.
     refused = program("tune", *search)
