@@ -34,7 +34,7 @@ def names(found):
 def test_a_random_wrench_is_not_taken_for_an_effect(seed):
     case, found, conclusion = diagnosed("disturbed_null", seed)
     assert names(found) == []
-    assert conclusion.verdict in ("complete", "varies")
+    assert conclusion.verdict in ("complete", "varies", "undecided")
     full = 2 * case.body["k"]
     assert 0.3 * case.level < found.fit.levels["sigma_X"] / full < 5 * case.level
 

@@ -124,7 +124,7 @@ def test_controllers_run(bare):
     found = json.loads(run(bare / "track", "--model", model, *options))
     wanted = json.loads(program("track", "--model", MODEL, *options).stdout)
     assert found["final"] == pytest.approx(wanted["final"], rel=1e-3)
-    assert "--scheduler" in run(bare / "tune", "--help")
+    assert "--evaluations" in run(bare / "tune", "--help")
 
 
 def test_the_whole_wheel_configures_without_catkin(tmp_path):
