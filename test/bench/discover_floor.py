@@ -1,6 +1,7 @@
 """Error of the true motion along a recorded flight: what noise of poses and disturbance leave to any model.
 
-It is the project's error (study.channel_errors) with hidden_craft as the predictor: in each window the true
+It is the project's error (window_error.channel_errors) with hidden_craft as the predictor: in each window the
+true
 craft moves from its true pose and inner states under the commands that reached it, without a disturbance,
 from the initial velocities that fit best.
 """

@@ -32,7 +32,8 @@ from ground.errors import GroundError
 STARTS = 40  # predictions
 ROUNDS = 4
 PROMISING = 200  # single features of the second and later rounds
-RISE, ENOUGH = 2.0, 20.0  # of the log-likelihood, from which a round is kept, and another follows
+# A round of the search is kept if the log-likelihood rises by RISE, and another follows above ENOUGH.
+RISE, ENOUGH = 2.0, 20.0
 DEVIATIONS = 1.96
 BEHIND = 3.84  # log-likelihood ratio of the largest size of a wrench that the data do not exclude
 MOSTLY = 0.5  # part of what is learnable

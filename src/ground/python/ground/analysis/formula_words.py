@@ -118,7 +118,7 @@ class Piece:
     parts: Dict[str, str]
     parameters: Dict[str, Tuple[float, str, float, float]]
     means: str
-    arguments: Tuple[str, ...]  # of its feature
+    arguments: Tuple[str, ...]  # what its feature depends on, such as place
     dependence: str
     states: Dict[str, str] = field(default_factory=dict)
     simpler: Tuple["Piece", ...] = ()  # pieces with a factor less

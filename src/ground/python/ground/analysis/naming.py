@@ -23,7 +23,7 @@ from ground.errors import GroundError
 
 NAME = "proposed"
 MOST = 5  # features that are chosen from one regression
-MIN_RATIO = 12.0  # of the likelihoods with and without a feature
+MIN_RATIO = 12.0  # least log-likelihood ratio 2 ln(with / without) of a feature
 EXPLAINED = 0.98  # part of the terms' gain from which a formula needs no further feature
 LONGEST = 6  # pieces of a formula
 FADES = re.compile(r"^\((.*)\)/([\d.]+)$")

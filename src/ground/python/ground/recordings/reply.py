@@ -109,7 +109,7 @@ def lag_of(recording: Recording) -> float:
 class Clock(NamedTuple):
     """Another clock by which commands explain the motion."""
 
-    lag: float  # of the motion behind the commands, in the middle of the run [s]
+    lag: float  # time from a command to the motion, in the middle of the run [s]
     rate: float  # change of the lag per second [s/s]
     # gives by how many standard errors it explains more than one clock and slow motors
     evidence: Callable[[], float]
