@@ -15,7 +15,7 @@ from test_identify import write_csv
 import rosbag
 from ground import cli, errors, verbs
 from ground.recordings import messages as topics
-from ground.verbs import info
+from ground.data import info
 
 SCRIPTS = ROOT / "src" / "ground" / "scripts"
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 
 from ground import _core, files
 from ground.analysis import candidates, diagnosis, diagnosis_report
-from ground.analysis.verdict import MISREAD, Conclusion
+from ground.analysis.verdict import Conclusion, MISREAD
 from ground.annotations import Array, Document, Path
-from ground.api.recordings import Measured
+from ground.data.measured import Measured
 from ground.models import Model, Parameter, Room
 from ground.recordings import findings
 from ground.recordings.recording import Recording

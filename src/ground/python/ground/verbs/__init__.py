@@ -22,9 +22,9 @@ class Verb(NamedTuple):
 
 
 ALL = [
-    Verb("import", "verbs.import_csv", "converts CSV of rostopic echo -p to a bag"),
-    Verb("info", "verbs.info", "contents and oddities of recordings, and their usable parts"),
-    Verb("bench", "verbs.bench", "fits thrust, its curve and gains to forces of a bench (thesis 3.2)"),
+    Verb("import", "data.import_csv", "converts CSV of rostopic echo -p to a bag"),
+    Verb("info", "data.info", "contents and oddities of recordings, and their usable parts"),
+    Verb("bench", "fitting.bench", "fits thrust, its curve and gains to forces of a bench (thesis 3.2)"),
     Verb("simulate", "simulating.simulate", "records a simulated experiment to a bag, without ROS running"),
     Verb("fit", "fitting.fit", "fits a model's parameters to recordings by simulation error"),
     Verb("compare", "comparing.compare", "models against recordings: errors, where they come from, pictures"),

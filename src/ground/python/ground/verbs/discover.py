@@ -5,7 +5,7 @@ import argparse
 from ground import command_line
 from ground.annotations import Document
 from ground.errors import GroundError
-from ground.simulating.simulate import MOCAP, Acting, Mocap
+from ground.simulating.simulate import Acting, MOCAP, Mocap
 
 DETAILS = """
 The craft flies bursts of inputs in a room, without ROS and faster than real time. All flights so far
@@ -52,9 +52,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
     # imported here because they are slow to load
-    from ground.api import discovering
+    from ground.discovery import discover
     from ground.models import Model
-    from ground.reports.discovery_words import Teller
+    from ground.discovery.words import Teller
 
     model = Model.load(arguments.model)
 
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> Document:
         command_line.say(arguments, text)
 
     try:
-        found = discovering.discover(
+        found = discover.discover(
             model,
             arguments.truth,
             arguments.output,

@@ -10,9 +10,10 @@ import numpy as np
 
 from ground import _core
 from ground.annotations import Array
-from ground.discovery.story import CONFIRM, PRESENT, SLIGHT, TRACK, Finding, Flight, Flown, Story
-from ground.reports import appearance, discovery_figures, discovery_words, page, report
-from ground.reports.discovery_words import PURPOSES, error, millimetres
+from ground.discovery.story import CONFIRM, Finding, Flight, Flown, PRESENT, SLIGHT, Story, TRACK
+from ground.discovery import figures, words
+from ground.reports import appearance, page, report
+from ground.discovery.words import PURPOSES, error, millimetres
 from ground.reports.words import number, sentence
 
 NAME = "report.html"  # in the folder of a discovery
@@ -47,7 +48,7 @@ class _StoryPage:
         """The page."""
         story, sheet = self._story, self._sheet
         sheet.add("<h1>Missing physics of %s</h1>" % page.text(story.craft or "the craft"))
-        sheet.paragraph(" ".join(discovery_words.summary(story, self._given)), "verdict")
+        sheet.paragraph(" ".join(words.summary(story, self._given)), "verdict")
         if story.activity and not story.ended:
             sheet.paragraph("Now: %s." % story.activity.rstrip("."))
         self._fall()
@@ -87,12 +88,12 @@ class _StoryPage:
     def _fall(self) -> None:
         sheet, story = self._sheet, self._story
         sheet.heading("The error from flight to flight")
-        figure = discovery_figures.errors(story)
+        figure = figures.errors(story)
         if figure is None:
             sheet.paragraph("No model has predicted a flight yet.")
             return
         sheet.figure(figure)
-        labels = [v.label for v in discovery_figures.shown(story)]
+        labels = [v.label for v in figures.shown(story)]
         fitted = {v.label: v.after for v in story.versions}
         rows = []
         for flown in (flown for flown in story.flights if flown.errors):
@@ -109,17 +110,17 @@ class _StoryPage:
     def _belief(self) -> None:
         sheet = self._sheet
         sheet.heading("The belief in each effect")
-        figure = discovery_figures.beliefs(self._story)
+        figure = figures.beliefs(self._story)
         if figure is None:
             sheet.paragraph("No flight has been diagnosed yet.")
             return
         sheet.figure(figure)
         last = {b.effect: b for f in self._story.findings for b in f.beliefs}
-        ranked = [last[name] for name in discovery_figures.ranked(self._story)]
+        ranked = [last[name] for name in figures.ranked(self._story)]
         own = {name: words for f in self._story.findings for name, words in f.words.items()}
         rows = [
             [
-                discovery_words.in_words(b.effect, own, self._given),
+                words.in_words(b.effect, own, self._given),
                 b.state,
                 "" if b.state == SLIGHT else "%.1f%%" % (100 * b.probability),
                 "" if b.share is None or b.state not in (PRESENT, SLIGHT) else _percent(b.share),
@@ -127,7 +128,7 @@ class _StoryPage:
             ]
             for b in ranked
         ]
-        counts = ["%d %s" % (sum(b.state == s for b in ranked), s) for s in discovery_figures.STATES]
+        counts = ["%d %s" % (sum(b.state == s for b in ranked), s) for s in figures.STATES]
         sheet.fold("The effects in words", ", ".join(counts), False)
         found = set(self._story.findings[-1].effects)
         chosen = [i for i, b in enumerate(ranked) if b.effect in found]
@@ -172,7 +173,7 @@ class _StoryPage:
         lines = ["Controlled by the model %s." % flown.controlled_by] * bool(flown.controlled_by)
         if flown.stopped:
             lines.append(sentence("stopped early: %s" % flown.stopped))
-        label = discovery_figures.newest(self._story, flown)
+        label = figures.newest(self._story, flown)
         if label is not None:
             floor = "" if flown.floor is None else "; noise and disturbance leave %s" % number(flown.floor)
             error_of = "the newest model (%s) predicted it with an error of %s%s"
@@ -204,13 +205,13 @@ class _StoryPage:
         names = [str(t["name"]).replace("_", " ") for t in self._given.thrusters] if self._given else []
         if len(names) != count:
             names = ["thruster %d" % (i + 1) for i in range(count)]
-        figure = discovery_figures.flight(plan, flown, inputs, names, self._room)
+        figure = figures.flight(plan, flown, inputs, names, self._room)
         if figure is not None:
             self._sheet.figure(figure)
 
     def _finding(self, finding: Finding) -> None:
         sheet = self._sheet
-        verdict = discovery_words.verdict_of(finding, self._given)
+        verdict = words.verdict_of(finding, self._given)
         sheet.add("<p><strong>%s</strong></p>" % page.text(sentence("found after it: " + verdict)))
         if finding.sentences:
             sheet.points(map(sentence, finding.sentences))

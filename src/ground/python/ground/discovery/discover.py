@@ -45,9 +45,9 @@ class Discovery(Shown):
     @property
     def sentences(self) -> List[str]:
         """What `identify discover` prints at its end."""
-        from ground.reports import discovery_words
+        from ground.discovery import words
 
-        return discovery_words.summary(self.story, self.model.core)
+        return words.summary(self.story, self.model.core)
 
     def to_dict(self) -> Document:
         """Plain values, as journal.json has them."""
@@ -104,7 +104,7 @@ def discover(
     """
     if not budget > 0:
         raise OptionError("{0}: {value:g} is not positive", "budget", value=budget)
-    from ground.reports import discovery_page  # slow to load
+    from ground.discovery import page  # slow to load
 
     given, mover, kept = Model.of(model), Model.of(truth), os.fspath(folder)
     plan = _usual_room() if room is None else Room.of(room).core
@@ -114,11 +114,11 @@ def discover(
     laboratory = SimulatedLaboratory(mover.core, given.core, plan, params, acting, seed, folder=kept)
     work = Work.of(progress)
     settings = flights.Settings(budget, track, seed)
-    page = os.path.join(kept, discovery_page.NAME) if kept else ""
+    place = os.path.join(kept, page.NAME) if kept else ""
 
     def listen(story: Story) -> None:
         if kept:
-            discovery_page.write(story, kept, plan)
+            page.write(story, kept, plan)
         work.reach(int(min(story.flown, story.budget)))
         if story.activity:
             work.note(story.activity)
@@ -140,7 +140,7 @@ def discover(
         confirmed=story.confirmation is not None and story.confirmation.holds,
         seconds=story.flown,
         story=story,
-        page=page,
+        page=place,
     )
 
 
