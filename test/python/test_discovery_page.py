@@ -137,7 +137,7 @@ SAYS = {
     planned: ["Now: chooses the first flight.", "Next: flight 1"],
     stopped: ["Stopped early: no pose for 0.5 s.", "It was not recorded.", "looks at everything"],
     unfinished: ["So far: first-order lag", "not finite", "Now: diagnoses", "Next: flight 5"],
-    long: ["Open a flight to see it", "8 of 18 diagnoses are shown", "the newest of all"],
+    long: ["Open a flight to see it", "the newest of all"],
     unconfirmed: [
         "something is missing that no effect tried explains",
         "The result was not confirmed by a flight of its own.",

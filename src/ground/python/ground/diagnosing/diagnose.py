@@ -20,7 +20,8 @@ from ground.diagnosing.result import Diagnosis, Problem, prepare
 from ground.errors import GroundError
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
 from ground.progress import Progress, Work
-from ground.reports import result_folder, words
+from ground.diagnosing import words
+from ground.reports import result_folder
 
 ON_REQUEST = ", ".join(candidates.on_request())
 WRITING = "writing the page"  # stage

@@ -1,7 +1,7 @@
 """Figures of a discovery (plotly figures, as in ground.reports.figures)."""
 
 import math
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -9,45 +9,18 @@ from ground import _core
 from ground.annotations import Array, Document
 from ground.discovery import story as tale
 from ground.discovery.story import Flight, Flown, Point, Story
-from ground.reports.appearance import (
-    FLOOR,
-    LESS,
-    MARKS,
-    MEASURED,
-    MODELS,
-    ORANGES,
-    TEXT,
-    WARNING,
-    model_color,
-    model_line,
-    thruster_line,
-    transparent,
-)
-from ground.reports.figure_parts import (
-    X_AXIS,
-    Y_AXIS,
-    curve,
-    every_so_many,
-    fewer,
-    points,
-    short,
-    walls,
-)
+from ground.reports import appearance
+from ground.reports.appearance import FLOOR, LESS, MARKS, MEASURED, MODELS, WARNING, model_line, thruster_line
+from ground.reports.figure_parts import X_AXIS, Y_AXIS, curve, every_so_many, fewer, points, short, walls
 from ground.reports.panels import Panels
 
 ROOM_ABOVE = 1.6  # largest error that the axis has room for, over the largest that is drawn
 MIN_ERROR = 1e-6  # smallest error that is drawn [-]
-MOST = 8  # diagnoses, or numbers of flights, that there is room for beside each other
 SMALL = 0.005  # probability up to which an effect that was always absent is not drawn
-FEWEST = 8  # effects that are drawn in any case
+MOST = 8  # latest diagnoses, for which there is room beside each other
 ROW = 26  # height of an effect [pixels]
 STATES = [tale.PRESENT, tale.OPEN, tale.HIDDEN, tale.SLIGHT, tale.ABSENT]  # from top
-CELLS = {  # text of a probability
-    tale.PRESENT: "<b>%s</b>",
-    tale.OPEN: "%s ?",
-    tale.HIDDEN: "×",
-    tale.SLIGHT: "○",
-}
+CELLS = {tale.PRESENT: "<b>%.0f</b>", tale.OPEN: "%.0f ?", tale.HIDDEN: "×", tale.SLIGHT: "○"}
 
 
 def errors(story: Story) -> Optional[Document]:
@@ -58,35 +31,29 @@ def errors(story: Story) -> Optional[Document]:
         return None
     known = [e for flown in flights for e in flown.errors.values() if e is not None]
     known += [flown.floor for flown in flights if flown.floor]
-    top = ROOM_ABOVE * max(known, default=1.0)
+    low, top = max(MIN_ERROR, 0.75 * min(known, default=1.0)), ROOM_ABOVE * max(known, default=1.0)
     figure = Panels()
     for count, version in enumerate(shown(story)):
         _add_model(figure, flights, count, version, top)
-    _add_floor(figure, flights)
-    for flown in flights:
-        if flown.flight.purpose == tale.CONFIRM:
-            at = flown.flight.number
-            shade = transparent(FLOOR, 0.12)
-            figure.span(at - 0.5, at + 0.5, fillcolor=shade, layer="below")
+    floors = [(flown.flight.number, flown.floor) for flown in flights if flown.floor]
+    if floors:
+        at = [n + step for n, _ in floors for step in (-0.4, 0.4, math.nan)]
+        levels = [level for _, level in floors for _ in range(3)]
+        line = {"color": FLOOR, "width": 2, "dash": "dot"}
+        figure.add(curve(at, levels, "floor of noise and disturbance", line, True))
     numbers = [flown.flight.number for flown in flights]
-    ticks = numbers[:: math.ceil(len(numbers) / MOST)]
-    figure.update_xaxes(
-        title="flight",
-        range=[min(numbers) - 0.6, max(numbers) + 0.6],
-        tickvals=ticks,
-        ticktext=["%d" % n for n in ticks],
-    )
-    low = max(MIN_ERROR, 0.75 * min(known, default=1.0))
-    top = max(top, 2 * low)
-    levels = log_ticks(low, top)
+    figure.update_xaxes(title="flight", range=[min(numbers) - 0.6, max(numbers) + 0.6], tickformat="d")
+    span = [math.log10(low), math.log10(top)]
     figure.update_yaxes(
-        title="error of the prediction [-]",
-        type="log",
-        range=[math.log10(low), math.log10(top)],
-        tickvals=levels,
-        ticktext=["%g" % level for level in levels],
+        title="error of the prediction [-]", type="log", range=span, tickformat="~g", dtick="D2"
     )
-    caption = _errors_caption(flights)
+    caption = (
+        "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s; logarithmic. "
+        "Each model predicts the flights after those that it was fitted to, which have open marks. Floor: "
+        "what noise of the poses and the disturbance leave to a true model."
+    )
+    if any(None in flown.errors.values() for flown in flights):
+        caption += " Cross at the top: the predicted motion is not finite."
     if len(shown(story)) < len(story.versions):
         caption += " Of models with the same effects the first is drawn, and the newest of all."
     return figure.finish(400, caption, {"t": 70})
@@ -95,154 +62,81 @@ def errors(story: Story) -> Optional[Document]:
 def shown(story: Story) -> List[tale.Version]:
     """The models that begin another set of effects, and the newest."""
     before = [None, *(version.effects for version in story.versions)]
-    last = len(story.versions) - 1
-    pairs = enumerate(zip(before, story.versions))
-    return [v for i, (effects, v) in pairs if v.effects != effects or i == last]
-
-
-def log_ticks(low: float, high: float) -> List[float]:
-    """Round values of a logarithmic axis: 1, 2 and 5 of each decade, or more where these are few."""
-    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for steps in ((1, 2, 5), (1, 1.5, 2, 3, 4, 5, 7)):
-        found = [step * 10.0**power for power in decades for step in steps]
-        found = [value for value in found if low <= value <= high]
-        if len(found) > 2:
-            break
-    return found
-
-
-def _errors_caption(flights: Sequence[Flown]) -> str:
-    caption = (
-        "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s; logarithmic. "
-        "Each model predicts the flights after those that it was fitted to, which have open marks."
-    )
-    if any(flown.floor is not None for flown in flights):
-        caption += " Floor: what noise of the poses and the disturbance leave to a true model."
-    if any(flown.flight.purpose == tale.CONFIRM for flown in flights):
-        caption += " Shaded: the confirming flight."
-    if any(None in flown.errors.values() for flown in flights):
-        caption += " Cross at the top: the predicted motion is not finite."
-    return caption
-
-
-def newest(story: Story, flown: Flown) -> Optional[str]:
-    """Label of the newest model that predicted a flight."""
-    before = [v.label for v in story.versions if v.label in flown.errors and v.after < flown.flight.number]
-    return before[-1] if before else None
+    pairs = list(zip(before, story.versions))
+    return [v for effects, v in pairs if v.effects != effects or v is story.versions[-1]]
 
 
 def _add_model(
-    figure: Panels,
-    flights: Sequence[Flown],
-    count: int,
-    version: tale.Version,
-    top: float,
+    figure: Panels, flights: Sequence[Flown], count: int, version: tale.Version, top: float
 ) -> None:
     """The errors of a model: filled marks where it predicted, open ones where it was fitted."""
-    at, values, marks, notes = [], [], [], []
-    kind = MARKS[count % len(MARKS)]
-    for flown in flights:
-        if version.label not in flown.errors:
-            continue
-        value, fitted = flown.errors[version.label], flown.flight.number <= version.after
-        at.append(flown.flight.number)
-        values.append(top / 1.15 if value is None else max(value, MIN_ERROR))
-        marks.append("x-open" if value is None else kind + "-open" * fitted)
-        how = "not finite" if value is None else "%.3f" % value
-        notes.append("flight %d, %s: %s%s" % (at[-1], version.label, how, ", fitted to it" * fitted))
-    if not at:
+    kind, predicted = MARKS[count % len(MARKS)], [f for f in flights if version.label in f.errors]
+    values = [f.errors[version.label] for f in predicted]
+    if not predicted:
         return
-    trace = curve(at, values, version.label, model_line(count, 2), True)
-    marker = {"size": 9, "symbol": marks, "color": model_color(count)}
-    trace.update(mode="lines+markers", marker=marker, customdata=notes, cliponaxis=False)
-    figure.add(dict(trace, hovertemplate="%{customdata}<extra></extra>"))
-
-
-def _add_floor(figure: Panels, flights: Sequence[Flown]) -> None:
-    """A level at each flight that has one."""
-    at: List[float] = []
-    levels: List[float] = []
-    for flown in flights:
-        if flown.floor:
-            at += [flown.flight.number - 0.4, flown.flight.number + 0.4, math.nan]
-            levels += [flown.floor, flown.floor, math.nan]
-    if at:
-        line = {"color": FLOOR, "width": 2, "dash": "dot"}
-        figure.add(curve(at, levels, "floor of noise and disturbance", line, True))
+    fitted = [f.flight.number <= version.after for f in predicted]
+    marks = ["x-open" if v is None else kind + "-open" * own for v, own in zip(values, fitted)]
+    drawn = [top / 1.15 if v is None else max(v, MIN_ERROR) for v in values]
+    trace = curve([f.flight.number for f in predicted], drawn, version.label, model_line(count, 2), True)
+    marker = {"size": 9, "symbol": marks, "color": appearance.model_color(count)}
+    figure.add(dict(trace, mode="lines+markers", marker=marker, cliponaxis=False, hovertemplate="%{y:.3f}"))
 
 
 def beliefs(story: Story) -> Optional[Document]:
     """Probability of each effect after each diagnosis, with its state; None without any."""
-    known = [finding for finding in story.findings if finding.beliefs]
-    if not known:
+    findings = [finding for finding in story.findings if finding.beliefs][-MOST:]
+    if not findings:
         return None
-    count = min(MOST, len(known))
-    findings = [known[round(i * (len(known) - 1) / max(1, count - 1))] for i in range(count)]
     table = [{belief.effect: belief for belief in finding.beliefs} for finding in findings]
-    names = _considered(story)
-    columns = ["%d" % finding.after for finding in findings]
-    percent = [[_percent(column[n]) if n in column else None for column in table] for n in names]
+    kept = {n for t in table for n, b in t.items() if b.state != tale.ABSENT or b.probability > SMALL}
+    names = [b.effect for b in ranked(story)]
+    names = [name for name in names if name in kept] or names
+    rows = [[column.get(name) for column in table] for name in names]
     figure = Panels()
     figure.add(
         {
             "type": "heatmap",
-            "z": [[None if p is None else round(p, 1) for p in row] for row in percent],
-            "x": columns,
+            "z": [[_percent(belief) for belief in row] for row in rows],
+            "x": ["%d" % finding.after for finding in findings],
             "y": names,
             "zmin": 0,
             "zmax": 100,
-            "colorscale": ORANGES,
+            "colorscale": appearance.ORANGES,
             "showscale": False,
-            "customdata": [[b[n].state if n in b else "" for b in table] for n in names],
+            "customdata": [[belief.state if belief else "" for belief in row] for row in rows],
             "hovertemplate": "%{y} after flight %{x}: %{z:.0f}%, %{customdata}<extra></extra>",
         }
     )
-    for row, name in zip(percent, names):
-        for place, (column, value) in enumerate(zip(table, row)):
-            if value is not None:
-                text = CELLS.get(column[name].state, "%s").replace("%s", "%.0f" % value)
-                font = {"size": 11, "color": "#ffffff" if value > 60 else TEXT}
+    for name, row in zip(names, rows):
+        for place, belief in enumerate(row):
+            percent = _percent(belief)
+            if belief is not None and percent is not None:
+                text = CELLS.get(belief.state, "%.0f")
+                text = text % percent if "%" in text else text
+                font = {"size": 11, "color": "#ffffff" if percent > 60 else appearance.TEXT}
                 figure.note(text, place, name, inside=False, font=font)
     figure.update_xaxes(title="after flight", type="category")
     figure.update_yaxes(autorange="reversed", automargin=True, type="category", tickvals=names)
     caption = (
-        "Probability [%] that each effect acts on the craft and matters, after each diagnosis. Bold: "
+        "Probability [%%] that each effect acts on the craft and matters, after each diagnosis. Bold: "
         "present; ?: still open; ×: not identifiable, no flight in this room shows it or distinguishes "
-        "it from others; ○: it acts, and is too small to matter; plain: absent."
+        "it from others; ○: it acts, and is too small to matter; plain: absent. Effects that were never "
+        "above %g%% are not shown, nor more than %d diagnoses." % (100 * SMALL, MOST)
     )
-    rest = len(ranked(story)) - len(names)
-    if rest:
-        caption += " %d more effects were never above %g%%." % (rest, 100 * SMALL)
-    if count < len(known):
-        caption += " %d of %d diagnoses are shown." % (count, len(known))
     return figure.finish(ROW * len(names) + 90, caption, {"t": 40, "b": 50, "l": 20})
 
 
-def _percent(belief: tale.Belief) -> float:
-    """Probability that is drawn [%]; 0 for what is too small to matter."""
-    return 0.0 if belief.state == tale.SLIGHT else 100 * belief.probability
+def _percent(belief: Optional[tale.Belief]) -> Optional[float]:
+    """Probability that is drawn [%]; 0 for what is too small to matter, None for what is not known."""
+    if belief is None:
+        return None
+    return 0.0 if belief.state == tale.SLIGHT else round(100 * belief.probability, 1)
 
 
-def _considered(story: Story) -> List[str]:
-    """The effects that were open, present or likely after some diagnosis; of others the likeliest."""
-    every = [belief for finding in story.findings for belief in finding.beliefs]
-    kept = {b.effect for b in every if b.state != tale.ABSENT or b.probability > SMALL}
-    names = ranked(story)
-    return [name for place, name in enumerate(names) if name in kept or place < FEWEST]
-
-
-def ranked(story: Story) -> List[str]:
-    """All effects that a belief is known of: by their last state, then by probability."""
-    last: Dict[str, tale.Belief] = {}
-    for finding in story.findings:
-        last.update((belief.effect, belief) for belief in finding.beliefs)
-
-    def key(name: str) -> Tuple[int, float]:
-        state = last[name].state
-        place = STATES.index(state) if state in STATES else len(STATES)
-        return place, -last[name].probability
-
-    return sorted(last, key=key)
+def ranked(story: Story) -> List[tale.Belief]:
+    """The last belief in each effect: by its state, then by probability."""
+    last: Dict[str, tale.Belief] = {b.effect: b for finding in story.findings for b in finding.beliefs}
+    return sorted(last.values(), key=lambda b: (STATES.index(b.state), -b.probability))
 
 
 def flight(
@@ -266,22 +160,20 @@ def flight(
         return None
     figure = Panels() if inputs is None else Panels(1, 2, [0.45, 0.55], gaps=(0.1, 0))
     if room is not None:
-        figure.add(walls(room), 1, 1)
+        figure.add(walls(room))
     for name, path, line in paths:
-        figure.add(_path(path, name, line), 1, 1)
+        figure.add(_path(path, name, line))
     if paths:
         _, first, _ = paths[-1]
-        start = {"size": 8, "color": MEASURED}
-        figure.add(points([first[0][2]], [first[0][1]], start, name="start"), 1, 1)
+        figure.add(points([first[0][2]], [first[0][1]], {"size": 8, "color": MEASURED}, name="start"))
     if flown and flown.stopped and flown.path:
         _, x, y = flown.path[-1]
-        marker = {"size": 10, "color": WARNING, "symbol": "x"}
-        figure.add(points([y], [x], marker, name="stopped"), 1, 1)
+        figure.add(points([y], [x], {"size": 10, "color": WARNING, "symbol": "x"}, name="stopped"))
     figure.update_xaxes(title=Y_AXIS, row=1, col=1)
     figure.update_yaxes(title=X_AXIS, scaleanchor="x", row=1, col=1)
-    caption = "Seen from above" + ("." if inputs is None else "; and the inputs, played in bursts.")
     if inputs is not None:
         _add_inputs(figure, inputs, thrusters)
+    caption = "Seen from above" + ("." if inputs is None else "; and the inputs, played in bursts.")
     return figure.finish(400, caption, {"t": 40})
 
 
@@ -294,13 +186,10 @@ def _path(path: Sequence[Point], name: str, line: Mapping[str, object]) -> Docum
 
 def _add_inputs(figure: Panels, inputs: Array, thrusters: Sequence[str]) -> None:
     """Inputs over time, each constant until the next."""
-    times = inputs[:, 0]
-    names = [*thrusters, "lift"]
-    for column, name in enumerate(names, 1):
-        line = thruster_line(column - 1, 1.5)
-        if column == len(names):
-            line = {"color": LESS, "width": 1.5, "dash": "dot", "shape": "hv"}
-        figure.add(curve(times, inputs[:, column], "input, " + name, line, True), 1, 2)
+    lift = {"color": LESS, "width": 1.5, "dash": "dot", "shape": "hv"}
+    lines = [*(thruster_line(i, 1.5) for i in range(len(thrusters))), lift]
+    for column, (name, line) in enumerate(zip([*thrusters, "lift"], lines), 1):
+        figure.add(curve(inputs[:, 0], inputs[:, column], "input, " + name, line, True), 1, 2)
     low, high = min(0.0, inputs[:, 1:].min()), max(1.0, inputs[:, 1:].max())
     figure.update_yaxes(title="input [-]", range=[low - 0.05, high + 0.05], row=1, col=2)
     figure.update_xaxes(title="time of the excitation [s]", row=1, col=2)
