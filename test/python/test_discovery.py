@@ -195,7 +195,7 @@ def test_ctrl_c_is_told_and_the_same_command_continues(truth, tmp_path, monkeypa
 @pytest.mark.parametrize(
     "options, status, reason",
     [
-        (["--budget", 0], 2, "0 is not positive"),
+        (["--budget", 0], 2, "0 is not between 1 and"),
         (["--loss", 2], 2, "loss"),
         (["--truth", "nowhere.yaml"], 1, "nowhere.yaml"),
         (["--room", "nowhere.yaml"], 1, "nowhere.yaml"),
