@@ -86,14 +86,13 @@ def in_process(run):
 def verbs():
     core()
     from ground import cli
-    from ground import verbs as identify
 
-    for verb in identify.ALL:
+    for verb in cli.VERBS:
         yield from ["## identify %s" % verb.name, ""]
         yield from code(in_process(lambda argv, verb=verb: cli.main([verb.name] + argv)))
-    for verb in (identify.TRACK, identify.TUNE):
-        yield from ["## %s" % verb.name, ""]
-        yield from code(in_process(lambda argv, verb=verb: cli.program(verb, argv)))
+    for name in cli.PROGRAMS:
+        yield from ["## %s" % name, ""]
+        yield from code(in_process(lambda argv, name=name: cli.program(name, argv)))
     for name in PROGRAMS:
         yield from ["## %s" % name, "", *code(help_of(name))]
 

@@ -95,15 +95,14 @@ def schema(name):
 def program(name, *arguments):
     """Runs a program of the package with a user's arguments in this process, because a new process takes
     a second to load its libraries. Returns a CompletedProcess."""
-    from ground import cli, verbs
+    from ground import cli
 
-    verb = {"track": verbs.TRACK, "tune": verbs.TUNE}.get(name)
     argv = [str(a) for a in arguments]
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         with mock.patch("sys.argv", [name] + argv):
             try:
-                status = cli.program(verb, argv) if verb else cli.main(argv)
+                status = cli.program(name, argv) if name in cli.PROGRAMS else cli.main(argv)
             except SystemExit as end:  # raised by argparse
                 status = end.code
     return subprocess.CompletedProcess([name] + argv, status, out.getvalue(), err.getvalue())

@@ -11,7 +11,8 @@ from ground import _core
 from ground.analysis import bands, folds, window_error
 from ground.analysis.likelihood import Likelihood
 from ground.recordings import windows
-from ground.reports import figures, words
+from ground.diagnosing import words
+from ground.reports import figures
 
 BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
 sys.path.insert(0, str(BENCH))
@@ -116,18 +117,14 @@ def test_predictions_follow_each_other_and_end_at_gaps(cases):
         assert all(t[0] > end - bands.TOLERANCE for (t, _, _), end in zip(tiles[1:], ends))
 
 
-def test_the_plot_shows_one_horizon_at_a_time(cases):
+def test_the_plot_shows_bands_below_all_curves(cases):
     from ground.reports import inspection
 
     runs, _, fit = cases[0]
     found = of_folds(cases[0])[0]
     drawn = figures.motion([inspection.inspect(runs[0], fit.model, "model")], found)
     traces = [t for t in drawn["data"] if t.get("name") == "90% band"]
-    assert len(traces) == 9 and drawn["data"][:9] == traces  # drawn below all other traces
-    assert [t["visible"] for t in traces] == [False] * 3 + [True] * 3 + [False] * 3
-    (menu,) = drawn["layout"]["updatemenus"]
-    assert menu["buttons"][menu["active"]]["args"][0]["visible"] == [t["visible"] for t in traces]
-    assert "90% prediction bands of the improved model hold" in words.bands(
-        {"bands": bands.coverage([found])}
-    )
-    assert words.bands({"bands": []}) is None
+    assert len(traces) == 3 and drawn["data"][:3] == traces
+    (said,) = words.bands({"bands": bands.coverage([found])})
+    assert said.startswith("90% prediction bands hold on held-out runs")
+    assert not list(words.bands({"bands": []}))

@@ -13,7 +13,7 @@ import ground
 from ground import _core
 from ground.analysis import candidates, next_experiment
 from ground.errors import GroundError
-from ground.reports import words as said_of
+from ground.diagnosing import words as said_of
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
 import mistakes
@@ -191,7 +191,7 @@ def test_an_effect_too_small_to_matter_is_reported_but_not_called_missing(tmp_pa
     assert slight["effect"] in ("input_delay", "motor_lag") and slight["p_value"] < 0.01
     assert slight["change"]["seconds"] == 1.0 and 0.1 < slight["change"]["position_mm"] < 2
     for text in (result.stdout, (tmp_path / "out" / "report.html").read_text()):
-        assert "(%s), " % slight["effect"] in text and "is visible and does not matter" in text
+        assert "(%s) is visible" % slight["effect"] in text and "too small to matter" in text
 
 
 def test_an_unknown_effect_is_described_and_found_when_supplied(tmp_path, unplanned):
@@ -359,7 +359,7 @@ def test_bad_options_are_named(tmp_path, options, words):
 
 
 def test_an_unbounded_interval_is_printed():
-    from ground.reports import words
+    from ground.diagnosing import words
 
     entry = {"value": 8728.0, "unit": "s", "ci95": [1852.4, None], "identified": True}
     assert list(words.parameters({"tau": entry})) == ["tau 8728 s [1852, inf]"]

@@ -23,8 +23,8 @@ from ground.discovery.flights import Settings
 from ground.discovery.journal import Journal
 from ground.discovery.laboratory import Landed
 from ground.discovery.simulated import SimulatedLaboratory
-from ground.discovery.story import CONFIRM, GIVEN, PRESENT, TRACK, Flown, Story, Version
-from ground.reports import discovery_words
+from ground.discovery.story import CONFIRM, Flown, GIVEN, PRESENT, Story, TRACK, Version
+from ground.discovery import words
 from ground.simulation import experiments
 
 pytestmark = pytest.mark.usefixtures("one_preparation")
@@ -195,7 +195,7 @@ def test_ctrl_c_is_told_and_the_same_command_continues(truth, tmp_path, monkeypa
 @pytest.mark.parametrize(
     "options, status, reason",
     [
-        (["--budget", 0], 2, "0 is not positive"),
+        (["--budget", 0], 2, "0 is not between 1 and"),
         (["--loss", 2], 2, "loss"),
         (["--truth", "nowhere.yaml"], 1, "nowhere.yaml"),
         (["--room", "nowhere.yaml"], 1, "nowhere.yaml"),
@@ -424,7 +424,7 @@ def test_nothing_is_sure_or_confirmed_while_something_is_left(tmp_path, swift, m
     story = swift(tmp_path, Settings(budget=50.0, track=False)).run()
     assert story.ended and not story.sure and story.verdict == verdict
     assert story.confirmation is None and story.needed
-    said = " ".join(discovery_words.summary(story))
+    said = " ".join(words.summary(story))
     assert "not sure" in said and "othing is missing" not in said
 
 
@@ -514,10 +514,10 @@ def test_what_no_effect_explains_becomes_a_formula_in_words(tmp_path):
     found = begin()
     story = found.run()
     first, last = story.findings[0], story.findings[-1]
-    assert first.verdict == "unexplained" and "it may be a" in discovery_words.verdict_of(first)
+    assert first.verdict == "unexplained" and "it may be a" in words.verdict_of(first)
     assert last.effects == ["proposed"] and story.confirmation.holds and story.sure
     assert any("Y = c1*(u*r)" in sentence for sentence in last.sentences)
-    said = discovery_words.summary(story, given())[0]
+    said = words.summary(story, given())[0]
     assert said.startswith("A force to the side that depends on the velocity")
     errors = story.flights[-1].errors
     assert errors[last.label] < min(0.7 * errors[first.label], 1.2 * story.confirmation.floor)

@@ -13,7 +13,7 @@ from conftest import ROOT
 from ground import _core, files
 from ground.discovery import story as tale
 from ground.discovery.story import Story
-from ground.reports import discovery_figures, discovery_page, discovery_words
+from ground.discovery import figures, page as discovery_page, words
 
 ROOM = _core.load_room(str(ROOT / "cfg" / "room" / "room_4x4.yaml"))
 
@@ -137,7 +137,7 @@ SAYS = {
     planned: ["Now: chooses the first flight.", "Next: flight 1"],
     stopped: ["Stopped early: no pose for 0.5 s.", "It was not recorded.", "looks at everything"],
     unfinished: ["So far: first-order lag", "not finite", "Now: diagnoses", "Next: flight 5"],
-    long: ["Open a flight to see it", "8 of 18 diagnoses are shown", "the newest of all"],
+    long: ["Open a flight to see it", "the newest of all"],
     unconfirmed: [
         "something is missing that no effect tried explains",
         "The result was not confirmed by a flight of its own.",
@@ -184,7 +184,7 @@ def test_a_command_may_write_the_page_after_each_step(tmp_path):
 def test_a_motion_that_is_not_finite_is_marked_above_all_errors():
     story = stories.whole()
     story.flights[1].errors["after flight 1"] = None
-    figure = discovery_figures.errors(story)
+    figure = figures.errors(story)
     model = next(trace for trace in figure["data"] if trace["name"] == "after flight 1")
     assert model["marker"]["symbol"][0] == "x-open" and model["y"][0] > 2.1
     assert "not finite" in figure["layout"]["meta"]
@@ -195,17 +195,17 @@ def test_figures_are_those_that_plotly_knows():
 
     story = stories.whole()
     inputs = [[0, 0, 0, 1], [1, 1, -1, 1]]
-    drawn = discovery_figures.flight(
+    drawn = figures.flight(
         story.flights[0].flight, story.flights[0], np.array(inputs, float), ["left", "right"], ROOM
     )
-    for figure in (discovery_figures.errors(story), discovery_figures.beliefs(story), drawn):
+    for figure in (figures.errors(story), figures.beliefs(story), drawn):
         graph_objects.Figure(data=figure["data"], layout=figure["layout"])
 
 
 def test_the_teller_tells_each_step_once():
     whole, told = stories.whole(), []
     story = stories.begun()
-    teller = discovery_words.Teller(told.append)
+    teller = words.Teller(told.append)
     teller(story)
     assert told == []
     story.planned = stories.flight(1, tale.LOOK)

@@ -79,12 +79,12 @@ class Parsed(BaseException):
 
 def run_as(program, words):
     """Runs the main function of a program with a user's words."""
-    from ground import cli, verbs
+    from ground import cli
 
     if program == "identify":
         cli.main(words)
-    elif program in ("track", "tune"):
-        cli.program({"track": verbs.TRACK, "tune": verbs.TUNE}[program], words)
+    elif program in cli.PROGRAMS:
+        cli.program(program, words)
     else:
         with mock.patch("sys.argv", [program] + words):
             runpy.run_path(str(SCRIPTS / program), run_name="__main__")

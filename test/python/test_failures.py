@@ -13,9 +13,9 @@ from conftest import MODEL, ROOT, free_port, simulate_run, write_bag
 from test_identify import write_csv
 
 import rosbag
-from ground import cli, errors, verbs
+from ground import cli, errors
 from ground.recordings import messages as topics
-from ground.verbs import info
+from ground.data import info
 
 SCRIPTS = ROOT / "src" / "ground" / "scripts"
 
@@ -160,8 +160,8 @@ def test_an_unusable_path_is_one_line(here, capsys, monkeypatch):
     for name in ("bytes.yaml", "date.yaml"):
         fails(capsys, ["add", name, "run.bag", "--model", "model.yaml", "-o", "o.yaml"], name)
         options = ["--model", "model.yaml", "--gains", name]
-        fails(capsys, options, name, run=lambda argv: cli.program(verbs.TRACK, argv))
-        fails(capsys, options + ["-o", "g"], name, run=lambda argv: cli.program(verbs.TUNE, argv))
+        fails(capsys, options, name, run=lambda argv: cli.program("track", argv))
+        fails(capsys, options + ["-o", "g"], name, run=lambda argv: cli.program("tune", argv))
     assert sorted(left(here)) == ["bytes.yaml", "date.yaml"]
 
 

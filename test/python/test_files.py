@@ -7,7 +7,6 @@ import pytest
 from conftest import MODEL, write_bag
 
 from ground import cli, errors, files
-from ground.verbs import TRACK, TUNE
 
 
 @pytest.fixture(scope="module")
@@ -91,10 +90,10 @@ def test_programs_refuse_to_overwrite_their_inputs(here, capsys):
     options = ["--model", "model.yaml", "--force"]
     picture = ["--reference", "way.csv", "--picture", "way.csv"]
     runs = lambda verb: lambda argv: cli.program(verb, argv)  # noqa: E731
-    fails(capsys, options + picture, "way.csv is read", run=runs(TRACK))
-    fails(capsys, options + ["-o", "model.yaml"], "model.yaml is read", run=runs(TUNE))
+    fails(capsys, options + picture, "way.csv is read", run=runs("track"))
+    fails(capsys, options + ["-o", "model.yaml"], "model.yaml is read", run=runs("tune"))
     more = ["--references", "way.csv:speed=0.5", "-o", "gains.yaml", "--picture", "way.csv"]
-    fails(capsys, options + more, "way.csv is read", run=runs(TUNE))
+    fails(capsys, options + more, "way.csv is read", run=runs("tune"))
     assert before == contents(here)
 
 

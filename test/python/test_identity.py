@@ -224,7 +224,7 @@ def test_a_model_does_not_predict_the_run_that_it_was_fitted_to(here):
     fitted = ground.fit(MODEL, "train/run1.bag", free=FREE).model
     models = {"given": MODEL, "fitted": fitted}
     used = ground.compare(models, "train/run1.bag")
-    assert "predicts best" not in used.sentence and "used for fitting fitted" in used.sentence
+    assert "predicts best" not in used.sentence and "fitted was fitted to these runs" in used.sentence
     assert used.ranking.role == "fit" and used.ranking.fitted == ["fitted"]
     both = ground.compare(models, ["train/run1.bag", "test/run1.bag"])
     new = ground.compare(models, "test/run1.bag")

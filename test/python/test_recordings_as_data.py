@@ -233,7 +233,7 @@ def test_files_have_the_permissions_that_the_umask_leaves(tmp_path):
 def test_several_processes_read_and_repair_what_one_does(tmp_path, monkeypatch):
     from conftest import write_bag
 
-    from ground.api import recordings as api
+    from ground.data import measured as api
     from ground.progress import Work
 
     bags = [write_bag(tmp_path / ("%d.bag" % n), seed=n) for n in range(3)]

@@ -16,8 +16,8 @@ os.environ.setdefault("GLOG_minloglevel", "3")
 # Public names by their module. A module is loaded on first use: those that a fit needs take a second.
 _PUBLIC = {
     "adding": "Addition add",
-    "api.discovering": "Discovery discover",
-    "api.recordings": "read",
+    "discovery.discover": "Discovery discover",
+    "data.measured": "read",
     "comparing.compare": "compare",
     "comparing.result": "Comparison RunComparison",
     "control.track": "Tracking track",
@@ -34,11 +34,11 @@ _PUBLIC = {
 _HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
 if TYPE_CHECKING:
     from ground.adding import Addition, add
-    from ground.api.discovering import Discovery, discover
+    from ground.discovery.discover import Discovery, discover
     from ground.fitting.fit import fit
     from ground.fitting.result import Fit
     from ground.models import Model, Parameter, Room
-    from ground.api.recordings import read
+    from ground.data.measured import read
     from ground.comparing.compare import compare
     from ground.comparing.result import Comparison, RunComparison
     from ground.control.track import Tracking, track

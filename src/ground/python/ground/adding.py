@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Tuple
 
 import numpy as np
 
-from ground import _core, bag_arguments, command_line
+from ground import _core, command_line
+from ground.data import bag_arguments
 from ground.analysis import candidates, distributions, window_error
 from ground.analysis.window_error import WindowFit
 from ground.annotations import Array, Document, Path
-from ground.api.recordings import Measured, Recordings, held_out, measured
+from ground.data.measured import Measured, Recordings, held_out, measured
 from ground.models import (
     Model,
     ModelLike,

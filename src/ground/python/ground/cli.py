@@ -1,11 +1,46 @@
-"""The command lines: rosrun ground identify VERB, and programs of one verb, rosrun ground track."""
+"""The command lines: rosrun ground identify VERB, and programs of one verb, rosrun ground track.
+
+A module of a verb has configure(parser) and run(arguments); run returns what --json prints. It is loaded
+when its verb is used: all of them take a third of a second.
+"""
 
 import argparse
+import importlib
 import json
 import sys
-from typing import Iterator, Optional, Sequence
+from typing import Iterator, NamedTuple, Optional, Sequence
 
-from ground import completion, errors, files, progress, verbs
+from ground import completion, errors, files, progress
+
+
+class Verb(NamedTuple):
+    """A verb of identify, or a program of one verb."""
+
+    name: str
+    module: str
+    summary: str
+
+
+VERBS = [
+    Verb("import", "data.import_csv", "converts CSV of rostopic echo -p to a bag"),
+    Verb("info", "data.info", "contents and oddities of recordings, and their usable parts"),
+    Verb("bench", "fitting.bench", "fits thrust, its curve and gains to forces of a bench (thesis 3.2)"),
+    Verb("simulate", "simulating.simulate", "records a simulated experiment to a bag, without ROS running"),
+    Verb("fit", "fitting.fit", "fits a model's parameters to recordings by simulation error"),
+    Verb("compare", "comparing.compare", "models against recordings: errors, where they come from, pictures"),
+    Verb("diagnose", "diagnosing.diagnose", "which physical effect a model lacks, and the model with it"),
+    Verb("discover", "discovery.discover", "a simulated craft flies and finds its own physics"),
+    Verb("add", "adding", "adds an effect to a model, refits it, and shows the error before and after"),
+    Verb("tracking", "control.tracking", "how recorded crafts followed their reference"),
+]
+PROGRAMS = {  # of one verb
+    "track": Verb(
+        "track", "control.track", "drives a simulated craft along a reference, without ROS running"
+    ),
+    "tune": Verb(
+        "tune", "control.tune", "searches for the gains of a controller in closed loop, on all cores"
+    ),
+}
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
@@ -19,16 +54,17 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     return _run("identify " + arguments.verb, arguments)
 
 
-def program(verb: verbs.Verb, argv: Optional[Sequence[str]] = None) -> int:
-    """Runs a program with this verb only; exit status as for main."""
+def program(name: str, argv: Optional[Sequence[str]] = None) -> int:
+    """Runs one of PROGRAMS; exit status as for main."""
+    verb = PROGRAMS[name]
 
     def parser_of(_: Optional[Sequence[str]] = None) -> argparse.ArgumentParser:
-        parser = argparse.ArgumentParser(prog=verb.name, description=verb.summary)
+        parser = argparse.ArgumentParser(prog=name, description=verb.summary)
         _configure(parser, verb)
         return parser
 
     completion.answer(parser_of)
-    return _run(verb.name, parser_of().parse_args(argv))
+    return _run(name, parser_of().parse_args(argv))
 
 
 def _run(name: str, arguments: argparse.Namespace) -> int:
@@ -68,15 +104,15 @@ def _parser(used: Optional[Sequence[str]] = None) -> argparse.ArgumentParser:
     )
     subparsers = parser.add_subparsers(dest="verb", metavar="VERB")
     subparsers.required = True
-    for verb in verbs.ALL:
+    for verb in VERBS:
         sub = subparsers.add_parser(verb.name, help=verb.summary, description=verb.summary)
         if used is None or verb.name in used:
             _configure(sub, verb)
     return parser
 
 
-def _configure(parser: argparse.ArgumentParser, verb: verbs.Verb) -> None:
-    module = verb.load()
+def _configure(parser: argparse.ArgumentParser, verb: Verb) -> None:
+    module = importlib.import_module("ground." + verb.module)
     parser.set_defaults(run=module.run, refuse=parser.error, work=progress.Work())
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     parser.add_argument(

@@ -7,7 +7,7 @@ import platform
 import shlex
 import sys
 from importlib import metadata
-from typing import Dict, List
+from typing import Iterable, List, Tuple
 
 
 def command() -> str:
@@ -21,15 +21,20 @@ def now() -> str:
     return datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
 
 
-def versions() -> Dict[str, str]:
-    """Versions of the programs used, by name."""
+def versions() -> str:
+    """Versions of the programs used."""
     from ground import _core
 
     found = {"ground": _core.version, "Ceres": _core.ceres_version, "Eigen": _core.eigen_version}
     libraries = ("numpy", "scipy", "scikit-learn", "plotly")
     found.update((name, metadata.version(name)) for name in libraries)
     found["Python"] = platform.python_version()
-    return found
+    return ", ".join("%s %s" % item for item in found.items())
+
+
+def fingerprints(paths: Iterable[str]) -> List[Tuple[str, str]]:
+    """Files or folders, each with its fingerprint."""
+    return [(path, fingerprint(path)) for path in paths]
 
 
 def fingerprint(path: str) -> str:

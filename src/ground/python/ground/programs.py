@@ -1,4 +1,4 @@
-"""Entry points of the programs identify, track and tune."""
+"""Entry points of the programs identify, track and tune: they return an exit status."""
 
 from ground.errors import guarded
 
@@ -7,32 +7,23 @@ from ground.errors import guarded
 
 def identify() -> int:
     """Exit status of identify VERB."""
-
-    def work() -> int:
-        from ground import cli
-
-        return cli.main()
-
-    return guarded("identify", work)
+    return _guarded("identify")
 
 
 def track() -> int:
     """Exit status of track."""
-
-    def work() -> int:
-        from ground import cli, verbs
-
-        return cli.program(verbs.TRACK)
-
-    return guarded("track", work)
+    return _guarded("track")
 
 
 def tune() -> int:
     """Exit status of tune."""
+    return _guarded("tune")
 
+
+def _guarded(name: str) -> int:
     def work() -> int:
-        from ground import cli, verbs
+        from ground import cli
 
-        return cli.program(verbs.TUNE)
+        return cli.main() if name == "identify" else cli.program(name)
 
-    return guarded("tune", work)
+    return guarded(name, work)

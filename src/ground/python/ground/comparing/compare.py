@@ -29,11 +29,12 @@ import json
 import os
 from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
-from ground import bag_arguments, command_line, workers
+from ground import command_line, workers
+from ground.data import bag_arguments
 from ground.analysis import comparison
 from ground.analysis.window_error import noise_floor
 from ground.annotations import Document
-from ground.api.recordings import (
+from ground.data.measured import (
     NO_RECORDING,
     Part,
     Recordings,
@@ -43,7 +44,7 @@ from ground.api.recordings import (
     repaired,
     taken,
 )
-from ground.comparing.result import ROLES, Comparison, Ranking, RunComparison, prepare
+from ground.comparing.result import Comparison, ROLES, Ranking, RunComparison, prepare
 from ground.errors import GroundError
 from ground.models import Model, ModelLike
 from ground.progress import Progress, Work

@@ -13,7 +13,9 @@ from ground.models import Model
 from ground.recordings import findings
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
-from ground.reports import result_folder, words
+from ground.comparing import words
+from ground.reports import appearance, result_folder
+from ground.reports.words import number
 from ground.results import Shown, distinct_labels
 
 if TYPE_CHECKING:
@@ -203,12 +205,12 @@ class Comparison(_Frame):
             files.write_json(os.path.join(new, "compare.json"), result)
         if not page:
             return numbers
-        from ground.reports import report
+        from ground.comparing import page as report
 
         inputs = [run.recording.path for run in self.runs]
         inputs += [model.path for model in self.models.values()]
         with result_folder.page(report_file, numbers):
-            report.comparison(
+            report.write(
                 report_file,
                 result,
                 [run.studies for run in self.runs],
@@ -235,10 +237,10 @@ def _table(rows: Sequence[Sequence[Any]]) -> Iterator[str]:
         cells = (
             role.replace("_", " "),
             "%.3f" % n["error"],
-            words.number(n["prediction_error"]),
-            words.number(n["thesis_objective"]),
+            number(n["prediction_error"]),
+            number(n["thesis_objective"]),
             ", ".join("%.0f" % n["fit_percent"][c] for c in comparison.CHANNELS),
-            words.off_after_a_second(n),
+            appearance.off_after_a_second(n),
         )
         yield "  %-*s " % (width, label) + COLUMNS % cells
 

@@ -3,7 +3,8 @@
 import argparse
 from typing import Iterator, List, Optional, Sequence, Tuple
 
-from ground import bag_arguments, command_line, files
+from ground import command_line, files
+from ground.data import bag_arguments
 from ground.annotations import Document
 from ground.control.words import effort_lines, metres
 from ground.models import Room

@@ -9,17 +9,19 @@ from typing import Callable, Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
-from ground import bag_arguments, command_line
+from ground import command_line
+from ground.data import bag_arguments
 from ground.analysis import candidates, diagnosis, diagnosis_report, search, window_error
-from ground.analysis.verdict import MISREAD, Conclusion, conclude
+from ground.analysis.verdict import Conclusion, MISREAD, conclude
 from ground.annotations import Array, Document, Path
-from ground.api.recordings import Recordings, held_out, measured
+from ground.data.measured import Recordings, held_out, measured
 from ground.command_line import count, option
 from ground.diagnosing.result import Diagnosis, Problem, prepare
 from ground.errors import GroundError
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
 from ground.progress import Progress, Work
-from ground.reports import result_folder, words
+from ground.diagnosing import words
+from ground.reports import result_folder
 
 ON_REQUEST = ", ".join(candidates.on_request())
 WRITING = "writing the page"  # stage

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 
 from ground import _core, files
 from ground.analysis import candidates, diagnosis, diagnosis_report
-from ground.analysis.verdict import MISREAD, Conclusion
+from ground.analysis.verdict import Conclusion, MISREAD
 from ground.annotations import Array, Document, Path
-from ground.api.recordings import Measured
+from ground.data.measured import Measured
 from ground.models import Model, Parameter, Room
 from ground.recordings import findings
 from ground.recordings.recording import Recording
-from ground.reports import result_folder, words
+from ground.diagnosing import words
+from ground.reports import result_folder
 from ground.results import Shown
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ class Diagnosis(Shown):
         """Writes diagnosis.json, improved.yaml, the page report.html and, where there are any,
         proposal.yaml and next_experiment.csv. Returns their paths. Files of an older diagnosis in the
         folder go. GroundError when a file cannot be written, or exists and `force` is not set."""
-        from ground.reports import report
+        from ground.diagnosing import page
 
         place = os.fspath(folder)
         paths = prepare(place, force)
@@ -132,7 +133,7 @@ class Diagnosis(Shown):
             self._write(new)
             written = {*os.listdir(new), os.path.basename(paths[1])}
         with result_folder.page(paths[1], paths[0]):
-            report.diagnosis(
+            page.write(
                 paths[1],
                 self.report,
                 self.found,

@@ -6,10 +6,11 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core, bag_arguments, command_line
+from ground import _core, command_line
+from ground.data import bag_arguments
 from ground.analysis import comparison, folds, identifiability, unit_slips, window_error
 from ground.annotations import Array, Document
-from ground.api.recordings import Measured, Recordings, held_out, measured
+from ground.data.measured import Measured, Recordings, held_out, measured
 from ground.command_line import count, option, positive
 from ground.errors import GroundError, OptionError, warn
 from ground.fitting.result import BlockErrors, Change, Errors, Fit, RunFit, ThesisObjective

@@ -19,7 +19,7 @@ from ground.discovery.story import Story
 from ground.errors import GroundError, sentence
 from ground.nodes import discovery_markers, discovery_messages
 from ground.nodes.flying_laboratory import Ended, FlyingLaboratory
-from ground.reports import discovery_page, discovery_words
+from ground.discovery import page, words
 
 STOPPED = "stopped by hand"
 PREPARES = "prepares: simulates what flights could show"
@@ -62,7 +62,7 @@ class DiscoveryNode:
             self._stopped,
         )
         self._discovery: Optional[Discovery] = None
-        self._teller = discovery_words.Teller(_log, self._model)
+        self._teller = words.Teller(_log, self._model)
         self._story = Story(self._model.name, room.name, self._settings.budget, activity=PREPARES)
         self._waits = ""  # what the laboratory waits for
         self._failure = ""
@@ -128,7 +128,7 @@ class DiscoveryNode:
         """Shows a change of the story, which is in the journal."""
         self._story, self._keeps = story, story.planned is not None
         try:
-            discovery_page.write(story, self._folder, self._laboratory.room)
+            page.write(story, self._folder, self._laboratory.room)
         except (GroundError, OSError) as error:
             rospy.logwarn("discovery: the page is not up to date: %s", sentence(error))
         self._teller(story)

@@ -39,7 +39,7 @@ from ground.errors import GroundError, sentence
 from ground.nodes import reception
 from ground.progress import Report
 from ground.recordings import messages, readers
-from ground.reports import words
+from ground.diagnosing import words
 
 Status = IdentificationStatus
 FIRST_CHECK = 3.0  # time until live topics are looked at for the first time [s]

@@ -1,18 +1,15 @@
 """What the live plot shows: the last seconds of some topics, and the last statuses of nodes."""
 
-import contextlib
 import math
 import threading
 import time
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
-import rosgraph
 import rospy
 from ground_msgs.msg import (
     ControllerStatus,
     Controls,
-    DiscoveryStatus,
     ModelError,
     Reference,
     SenderStatus,
@@ -21,7 +18,6 @@ from ground_msgs.msg import (
 
 from ground.annotations import Array, Message
 
-WATCH = 1.0  # period at which the master is checked [s]
 JUMP = 0.5  # jump back in time that clears the samples, more than disorder of messages [s]
 GAP = 0.3  # longest gap between samples across which a line is drawn [s]
 _PREDICTED = ["nu[0]", "nu[1]", "nu[2]", "error", "wrench[0]", "wrench[1]", "wrench[2]"]
@@ -76,8 +72,7 @@ class Feed:
     """The newest data of the topics: samples, and the last statuses.
 
     Subscribes: state, model_error, model_error2, controls, controls/wanted, reference,
-    discovery/status, controller/status, sender/status. It subscribes again when the master is
-    replaced, as by a restarted launch file.
+    controller/status, sender/status.
     """
 
     def __init__(self, duration: float) -> None:
@@ -85,20 +80,17 @@ class Feed:
         self.duration = duration
         self.models: Dict[str, ModelError] = {}  # topic to newest message
         self.statuses: Dict[str, Tuple[Message, float]] = {}  # newest message, received [s]
-        self.discovery: Optional[Message] = None  # the newest DiscoveryStatus
         self.invalid = ""  # why the newest state is invalid
         self.heard = -math.inf  # when the newest sample came, time.monotonic() [s]
-        self.master_answers = True
         self._lock = threading.Lock()
-        self._subscribers: List[rospy.Subscriber] = []
         self._clear()
 
     def connect(self) -> None:
         """Subscribes; the node has to be initialised."""
-        master = rosgraph.Master(rospy.get_name())
-        known = _pid(master)  # first, so that the end of a master right afterwards is noticed
-        self._subscribe()
-        threading.Thread(target=self._watch_master, args=(master, known), daemon=True).start()
+        for topic, (kind, _) in TOPICS.items():
+            rospy.Subscriber(topic, kind, self.take, topic)
+        for topic, kind in STATUSES.items():
+            rospy.Subscriber(topic, kind, self.take_status, topic)
 
     def take(self, message: Message, topic: str) -> None:
         """Takes a message of one of TOPICS. Time that jumps back clears all curves: a bag or a
@@ -121,10 +113,6 @@ class Feed:
         """Takes a message of one of STATUSES."""
         self.statuses[topic] = (message, time.monotonic())
 
-    def take_discovery(self, message: Message) -> None:
-        """Takes a DiscoveryStatus."""
-        self.discovery = message
-
     def samples(self) -> Tuple[float, Dict[str, Array]]:
         """The newest stamp [s] (infinite before the first), and the samples by topic, as History.since
         has them. They are not copies."""
@@ -134,32 +122,6 @@ class Feed:
 
     def _clear(self) -> None:
         self._histories = {t: History(len(f), self.duration) for t, (_, f) in TOPICS.items()}
-
-    def _subscribe(self) -> None:
-        listened = [rospy.Subscriber("discovery/status", DiscoveryStatus, self.take_discovery)]
-        for topic, (kind, _) in TOPICS.items():
-            listened.append(rospy.Subscriber(topic, kind, self.take, topic))
-        for topic, kind in STATUSES.items():
-            listened.append(rospy.Subscriber(topic, kind, self.take_status, topic))
-        self._subscribers = listened
-
-    def _watch_master(self, master: rosgraph.Master, known: Optional[int]) -> None:
-        while not rospy.is_shutdown():
-            pid = _pid(master)
-            self.master_answers = pid is not None
-            if pid and known and pid != known:
-                for subscriber in self._subscribers:
-                    subscriber.unregister()
-                self._subscribe()
-            known = pid or known
-            time.sleep(WATCH)
-
-
-def _pid(master: rosgraph.Master) -> Optional[int]:
-    """Number of the master's process; None when it does not answer."""
-    with contextlib.suppress(OSError, rosgraph.MasterException):
-        return int(master.getPid())
-    return None
 
 
 def _number(message: Message, field: str) -> float:

@@ -1,5 +1,4 @@
-"""A window that shows a running experiment: model beside measurement, inputs, errors, missing wrench;
-and a discovery, while there is one."""
+"""A window that shows a running experiment: model beside measurement, inputs, errors, missing wrench."""
 
 import html
 import math
@@ -9,7 +8,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 import PyQt5  # noqa: F401  before pyqtgraph, which uses the binding that it finds imported
@@ -20,7 +19,6 @@ from PyQt5 import QtCore, QtWidgets
 from ground import files
 from ground.annotations import Array
 from ground.errors import GroundError
-from ground.nodes.discovery_panel import HEIGHT, DiscoveryPanel
 from ground.nodes.live_feed import EXPECTED, MODELS, STATUSES, TOPICS, Feed, tracking_error
 from ground.reports import appearance
 
@@ -201,7 +199,6 @@ class LivePlot(QtWidgets.QWidget):
         for i in range(len(COLUMNS)):
             view.ci.layout.setColumnPreferredWidth(i, SIZE[0] / len(COLUMNS))
         column.addWidget(view, 1)
-        self.panel: Optional[DiscoveryPanel] = None  # once there is a discovery
         self._drawn = math.nan  # newest stamp of the curves [s]
 
     def redraw(self) -> None:
@@ -217,12 +214,6 @@ class LivePlot(QtWidgets.QWidget):
             names = {topic: html.escape(short(m.model)) for topic, m in list(feed.models.items())}
             for diagram in self.diagrams:
                 diagram.draw(now, samples, names)
-        if feed.discovery is not None:
-            if self.panel is None:
-                self.panel = DiscoveryPanel()
-                self.layout().addWidget(self.panel)
-                self.resize(self.width(), self.height() + HEIGHT)
-            self.panel.draw(feed.discovery)
 
     def save(self, path: str, force: bool = False) -> None:
         """Writes a PNG of the window; GroundError when that is not possible."""
@@ -258,11 +249,9 @@ def status_line(topic: str, feed: Feed) -> str:
 
 
 def data_line(now: float, samples: Dict[str, Array], feed: Feed) -> str:
-    """What is missing, as rich text: the master, topics or new messages; otherwise the time."""
+    """What is missing, as rich text: topics or new messages; otherwise the time."""
     missing = [topic for topic in EXPECTED if not samples[topic].shape[1]]
     silent = time.monotonic() - feed.heard
-    if not feed.master_answers:
-        return colored("The ROS master does not answer; waiting for a new one.", BAD)
     if math.isfinite(now) and silent > SILENCE:
         text = "No new message for %.0f s; the newest has stamp %.0f s." % (silent, now)
         return colored(text, appearance.BUSY)

@@ -8,7 +8,7 @@ from plotly import colors
 from ground import _core
 from ground.analysis import comparison, missing_wrench
 from ground.annotations import Document
-from ground.reports import words
+from ground.reports.words import number
 
 MEASURED = _core.palette["measured"]
 MODELS = _core.palette["models"]
@@ -19,13 +19,23 @@ MISSING = _core.palette["missing"]
 WARNING, GOOD, BUSY = "#a00000", "#00694d", "#8a5f00"
 TEXT, LESS, LINES, FAINT = "#222222", "#555555", "#dddddd", "#f2f2f0"
 CHOSEN = "#fff3d6"  # background of what was chosen
+VERDICTS = {  # of a diagnosis or a discovery
+    "complete": REFERENCE,
+    "missing": MODELS[1],
+    "varies": MODELS[2],
+    "memory": MODELS[0],
+    "unexplained": MODELS[0],
+    "undecided": MODELS[0],
+    "misread": WARNING,
+}
 # Not by colour alone: each model has its own dashes and marks.
 DASHES = ["solid", "dash", "dot", "dashdot"]
 MARKS = ["circle", "square", "diamond", "triangle-up"]
 VIRIDIS, ORANGES = (
     colors.make_colorscale(scale) for scale in (_core.palette["scale"], colors.sequential.Oranges)
 )
-CHANNELS = [(c, words.ERRORS[c], comparison.UNITS[c]) for c in comparison.CHANNELS]
+CHANNEL_NAMES = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
+CHANNELS = [(c, name, comparison.UNITS[c]) for c, name in CHANNEL_NAMES.items()]
 WRENCH = list(missing_wrench.CHANNEL_NAMES.items())
 NUMBERS = ["model", "runs", "error [-]", "prediction error [-]", "(3.4), 4 s [-]"]  # columns of numbers_row
 NUMBERS += ["fit %s [%%]" % c for c in comparison.CHANNELS] + ["off after 1 s"]
@@ -72,7 +82,15 @@ def wrapped(text: str, width: int) -> str:
 
 def numbers_row(label: str, role: str, numbers: Document) -> List[str]:
     """Cells under NUMBERS, of comparison.numbers of a model on runs of a role."""
-    cells = [label, role.replace("_", " "), words.number(numbers["error"])]
-    cells += [words.number(numbers[n]) for n in ("prediction_error", "thesis_objective")]
+    cells = [label, role.replace("_", " "), number(numbers["error"])]
+    cells += [number(numbers[n]) for n in ("prediction_error", "thesis_objective")]
     cells += ["%.0f" % numbers["fit_percent"][c] for c in comparison.CHANNELS]
-    return cells + [words.off_after_a_second(numbers)]
+    return cells + [off_after_a_second(numbers)]
+
+
+def off_after_a_second(numbers: Document) -> str:
+    """Median error of a prediction after a second; "-" where no run is that long."""
+    after = next(h for h in numbers["horizons"] if h["seconds"] == 1.0)
+    if not after["starts"]:
+        return "-"
+    return "%.0f mm %.0f deg" % (after["position_mm"]["median"], after["heading_deg"]["median"])

@@ -104,8 +104,7 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
     figure.update_xaxes(title=Y_AXIS, row=1, col=2)
     figure.update_yaxes(title=X_AXIS, scaleanchor="x2", row=1, col=2)
     figure.layout["hovermode"] = "x"
-    margin = {"t": 50 if bands is None else 130}
-    return figure.finish(663 + margin["t"], _motion_caption(run, every.step, bands), margin)
+    return figure.finish(713, _motion_caption(run, every.step, bands))
 
 
 def _pieces(study: Document) -> List[Document]:
@@ -128,32 +127,13 @@ def _add_motion(
 
 
 def _add_bands(figure: Panels, bands: bands_of.Bands, step: int, shade: str) -> None:
-    """Adds bands to the rows of u, v, r, first with the horizon of a window; buttons choose another.
-    The bands have to be the figure's first traces."""
-    traces = []  # horizon of each
-    for horizon in bands_of.HORIZONS:
-        tiles = [fewer(tile, step) for tile in bands.tiled(horizon)]
-        for row, (channel, _, _) in enumerate(CHANNELS if tiles else ()):
-            at = bands_of.CHANNELS.index(channel)
-            outlines = [outline(times, low[:, at], high[:, at]) for times, low, high in tiles]
-            x, y = (np.concatenate(parts) for parts in zip(*outlines))
-            name = "%.0f%% band" % (100 * bands_of.PART)
-            trace = area(x, y, name, shade, 0.2, row == 0)
-            figure.add(dict(trace, visible=horizon == windows.WINDOW), row + 1, 1)
-            traces.append(horizon)
-    buttons = [
-        {
-            "label": "band %g s" % horizon,
-            "method": "restyle",
-            "args": [{"visible": [h == horizon for h in traces]}, list(range(len(traces)))],
-        }
-        for horizon in sorted(set(traces))
-    ]
-    menu: Document = {"type": "buttons", "direction": "right", "buttons": buttons}
-    menu.update(font={"size": 13}, active=bands_of.HORIZONS.index(windows.WINDOW))
-    menu.update(x=0, xanchor="left", y=1.12, yanchor="bottom", pad={"t": 0, "b": 0})
-    if buttons:
-        figure.layout["updatemenus"] = [menu]
+    """Adds bands with the horizon of a window to the rows of u, v, r."""
+    tiles = [fewer(tile, step) for tile in bands.tiled(windows.WINDOW)]
+    for row, (channel, _, _) in enumerate(CHANNELS if tiles else ()):
+        at = bands_of.CHANNELS.index(channel)
+        outlines = [outline(times, low[:, at], high[:, at]) for times, low, high in tiles]
+        x, y = (np.concatenate(parts) for parts in zip(*outlines))
+        figure.add(area(x, y, "%.0f%% band" % (100 * bands_of.PART), shade, 0.2, row == 0), row + 1, 1)
 
 
 def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str:
@@ -166,7 +146,7 @@ def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str
     if bands is not None:
         caption += (
             " Shaded: %.0f%% prediction band of a fit without this run. It restarts every %g s "
-            "(or as the buttons say) from the poses so far; it includes random wrench and noise."
+            "from the poses so far; it includes random wrench and noise."
             % (100 * bands_of.PART, windows.WINDOW)
         )
     return caption

@@ -21,11 +21,8 @@ def write(path: str, figures: Sequence[Document], force: bool = False) -> None:
 
     force: overwrite. GroundError when the file cannot be written, or no browser can draw the PNG.
     """
-    sheet = page.Page(os.path.basename(path))
-    for figure in figures:
-        sheet.figure(figure)
     if path.endswith(".html"):
-        sheet.write(path, appearance.LESS, force)
+        _write_page(path, figures, force)
         return
     browser = next((path for path in map(shutil.which, BROWSERS) if path), None)
     if browser is None:
@@ -36,7 +33,7 @@ def write(path: str, figures: Sequence[Document], force: bool = False) -> None:
     height = sum(figure["layout"]["height"] + AROUND for figure in figures)
     with tempfile.TemporaryDirectory() as folder, files.new_file(path, force) as temporary:
         source, drawn = os.path.join(folder, "page.html"), os.path.join(folder, "page.png")
-        sheet.write(source, appearance.LESS)
+        _write_page(source, figures)
         command = [browser, "--headless", "--disable-gpu", "--hide-scrollbars"]
         command += ["--user-data-dir=" + folder, "--window-size=%d,%d" % (WIDTH, height)]
         command += ["--virtual-time-budget=%d" % DRAWING, "--screenshot=" + drawn]
@@ -51,3 +48,8 @@ def write(path: str, figures: Sequence[Document], force: bool = False) -> None:
         if not os.path.exists(drawn):
             raise GroundError("%s: %s could not draw it: %s" % (path, browser, done.stdout[-500:]))
         shutil.move(drawn, temporary)
+
+
+def _write_page(path: str, figures: Sequence[Document], force: bool = False) -> None:
+    name = os.path.basename(path)
+    page.write(path, "reports/figures.html", name, appearance.LESS, force, drawn=figures)

@@ -4,9 +4,10 @@ import argparse
 import os
 from typing import List
 
-from ground import bag_arguments, command_line, files
+from ground import command_line, files
+from ground.data import bag_arguments
 from ground.annotations import Document
-from ground.api import recordings as api
+from ground.data import measured as api
 from ground.models import Model
 from ground.errors import GroundError
 from ground.recordings import drafts, findings, layouts, mapping, readers

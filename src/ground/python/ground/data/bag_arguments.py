@@ -6,7 +6,7 @@ from typing import Any, Callable, Iterator, List, Optional, Sequence, Type
 
 from ground import command_line, files
 from ground.annotations import Document
-from ground.api import recordings as api
+from ground.data import measured as api
 from ground.command_line import number, option, seconds
 from ground.errors import GroundError
 from ground.recordings import mapping, readers, run_settings

@@ -7,7 +7,8 @@ from typing import Any, Dict, Iterator, Tuple
 import numpy as np
 import yaml
 
-from ground import _core, bag_arguments, command_line, files
+from ground import _core, command_line, files
+from ground.data import bag_arguments
 from ground.analysis import candidates, thrust_bench
 from ground.annotations import Document
 from ground.fitting.fit import fit

@@ -1,17 +1,19 @@
 """discover: a simulated craft finds its own physics."""
 
+import argparse
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
 
 import numpy as np
 
-from ground import _core
+from ground import _core, command_line
 from ground.annotations import Document, Path
+from ground.command_line import option, seed
 from ground.discovery import campaign, flights
 from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import Story
-from ground.errors import OptionError
+from ground.errors import GroundError, OptionError
 from ground.models import Model, ModelLike, Room, RoomLike
 from ground.progress import Progress, Work
 from ground.results import Shown
@@ -22,10 +24,41 @@ if TYPE_CHECKING:
     import pandas
 
 FLYING = "discovering"  # stage; unit: a second of flight
-BUDGET = flights.Settings.budget  # longest time of flight [s]
 REST = 2.0  # length of a simulation that checks the conditions [s]
+DETAILS = """
+The craft flies bursts of inputs in a room, without ROS and faster than real time. All flights so far
+are diagnosed, the controllers take the improved model, and the next flight is the one that is
+expected to tell most about the effects that are still open. When no question is left, a flight that
+neither fit nor choice has seen confirms the result.
+
+DIR keeps recordings, inputs, models, journal.json and, after each step, the page report.html. When
+DIR has a discovery of the same model, it is continued. A disturbance in the file of the true model
+acts only with --disturbance.
+"""
 
 Told = Callable[[Story], None]
+
+
+@dataclass(frozen=True)
+class DiscoverOptions(simulating.Acting):
+    """Where a discovery flies, and for how long."""
+
+    room: Optional[RoomLike] = option(None, "room in which it flies (4 x 4 m)", metavar="ROOM.yaml")
+    budget: float = option(
+        flights.Settings.budget,
+        "longest time of flight [s] (%(default)g)",
+        range=(1.0, 1e5),
+        metavar="S",
+    )
+    seed: int = option(
+        1, "for the mocap's noise and losses, the disturbance, and the inputs (%(default)s)", type=seed
+    )
+    track: bool = option(
+        True,
+        "do not compare how the given and the final model track a reference",
+        name="--no-track",
+        action="store_false",
+    )
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,9 +78,9 @@ class Discovery(Shown):
     @property
     def sentences(self) -> List[str]:
         """What `identify discover` prints at its end."""
-        from ground.reports import discovery_words
+        from ground.discovery import words
 
-        return discovery_words.summary(self.story, self.model.core)
+        return words.summary(self.story, self.model.core)
 
     def to_dict(self) -> Document:
         """Plain values, as journal.json has them."""
@@ -68,32 +101,26 @@ class Discovery(Shown):
         yield from self.sentences
 
 
+@command_line.takes(DiscoverOptions)
 def discover(
     model: ModelLike,
     truth: ModelLike,
     folder: Path = "",
     *,
-    room: Optional[RoomLike] = None,
-    budget: float = BUDGET,
-    seed: int = 1,
-    track: bool = True,
     mocap: Optional[Mapping[str, float]] = None,
-    disturbance: simulating.Disturbance = False,
-    trim: Optional[float] = None,
     told: Optional[Told] = None,
     progress: Progress = None,
+    options: DiscoverOptions,
 ) -> Discovery:
     """A simulated craft finds its own physics: it flies, is diagnosed, chooses the flight that tells
     most about what is still open, and flies again, until no question is left.
 
     model: what is known of the craft; truth: the model by which it moves. folder: keeps recordings,
     models, journal.json and the page report.html after each step; the discovery of a folder is
-    continued. room: where it flies (4 x 4 m). budget: longest time of flight [s]. seed: for noise,
-    disturbance and inputs. track: also compares how the given and the final model track a reference.
-    mocap, disturbance, trim: as for `simulate`; trim differs from flight to flight. told: called with
+    continued. mocap: as for `simulate`; trim differs from flight to flight. told: called with
     the Story at each change; progress: called with a ground.progress.Report at each step. OptionError
     when an option is wrong, GroundError when the craft cannot fly, or the folder is not that of a
-    discovery of this model.
+    discovery of this model. Options, as keyword arguments or as DiscoverOptions:
 
     >>> craft = ground.Model.load(model_file).with_effect("yaw_bias", n0=1e-4)
     >>> found = ground.discover(model_file, craft, budget=60, track=False)
@@ -102,30 +129,28 @@ def discover(
     >>> found.seconds <= 60 and abs(found.model["yaw_bias.n0"] - 1e-4) < 2e-5
     True
     """
-    if not budget > 0:
-        raise OptionError("{0}: {value:g} is not positive", "budget", value=budget)
-    from ground.reports import discovery_page  # slow to load
+    command_line.check(options)
+    from ground.discovery import page  # slow to load
 
     given, mover, kept = Model.of(model), Model.of(truth), os.fspath(folder)
-    plan = _usual_room() if room is None else Room.of(room).core
+    plan = _core.RoomPlan() if options.room is None else Room.of(options.room).core
+    plan.name = plan.name or "4 x 4 m"
     params = simulating.mocap_params(mocap or {})
-    acting = simulating.disturbance_on(mover, disturbance, trim)
+    acting = simulating.disturbance_on(mover, options.disturbance, options.trim)
     _check(mover.core, params, acting)
-    laboratory = SimulatedLaboratory(mover.core, given.core, plan, params, acting, seed, folder=kept)
-    work = Work.of(progress)
-    settings = flights.Settings(budget, track, seed)
-    page = os.path.join(kept, discovery_page.NAME) if kept else ""
+    laboratory = SimulatedLaboratory(mover.core, given.core, plan, params, acting, options.seed, folder=kept)
+    work, settings = Work.of(progress), flights.Settings(options.budget, options.track, options.seed)
 
     def listen(story: Story) -> None:
         if kept:
-            discovery_page.write(story, kept, plan)
+            page.write(story, kept, plan)
         work.reach(int(min(story.flown, story.budget)))
         if story.activity:
             work.note(story.activity)
         if told is not None:
             told(story)
 
-    with work.stage(FLYING, round(budget)):
+    with work.stage(FLYING, round(options.budget)):
         flying = campaign.Discovery(given.core, laboratory, settings, kept, listen)
         listen(flying.story)
         story = flying.run()
@@ -140,14 +165,8 @@ def discover(
         confirmed=story.confirmation is not None and story.confirmation.holds,
         seconds=story.flown,
         story=story,
-        page=page,
+        page=os.path.join(kept, page.NAME) if kept else "",
     )
-
-
-def _usual_room() -> _core.RoomPlan:
-    room = _core.RoomPlan()
-    room.name = "4 x 4 m"
-    return room
 
 
 def _check(truth: _core.Model, mocap: _core.MocapParams, acting: Optional[_core.Disturbance]) -> None:
@@ -157,3 +176,42 @@ def _check(truth: _core.Model, mocap: _core.MocapParams, acting: Optional[_core.
         experiments.simulate(truth, rest, mocap=mocap, disturbance=acting)
     except ValueError as error:
         raise OptionError("{why}", why=error) from error
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of identify discover."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = DETAILS
+    command_line.add_model(parser, "the model to begin with")
+    parser.add_argument("--truth", metavar="T.yaml", required=True, help="true model of the craft")
+    parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder of the discovery")
+    command_line.add_options(parser, DiscoverOptions)
+    command_line.add_options(parser, simulating.Mocap)
+
+
+def run(arguments: argparse.Namespace) -> Document:
+    """Runs identify discover; returns what --json prints."""
+    from ground.discovery import words
+
+    def say(text: str) -> None:
+        command_line.say(arguments, text)
+
+    model = Model.load(arguments.model)
+    try:
+        found = discover(
+            model,
+            arguments.truth,
+            arguments.output,
+            mocap=command_line.given(arguments, simulating.MOCAP),
+            told=words.Teller(say, model.core),
+            options=command_line.options(arguments, DiscoverOptions),
+            progress=arguments.work,
+        )
+    except KeyboardInterrupt:
+        raise GroundError("interrupted; the same command continues %s" % arguments.output)
+    for text in ["", *found.sentences]:
+        say(text)
+    if found.story.needed:
+        say("Needed: %s" % found.story.needed)
+    say("written to %s" % found.page)
+    return found.to_dict()

@@ -1,0 +1,195 @@
+"""Figures of a discovery (plotly figures, as in ground.reports.figures)."""
+
+import math
+from typing import Dict, List, Mapping, Optional, Sequence
+
+import numpy as np
+
+from ground import _core
+from ground.annotations import Array, Document
+from ground.discovery import story as tale
+from ground.discovery.story import Flight, Flown, Point, Story
+from ground.reports import appearance
+from ground.reports.appearance import FLOOR, LESS, MARKS, MEASURED, MODELS, WARNING, model_line, thruster_line
+from ground.reports.figure_parts import X_AXIS, Y_AXIS, curve, every_so_many, fewer, points, short, walls
+from ground.reports.panels import Panels
+
+ROOM_ABOVE = 1.6  # largest error that the axis has room for, over the largest that is drawn
+MIN_ERROR = 1e-6  # smallest error that is drawn [-]
+SMALL = 0.005  # probability up to which an effect that was always absent is not drawn
+MOST = 8  # latest diagnoses, for which there is room beside each other
+ROW = 26  # height of an effect [pixels]
+STATES = [tale.PRESENT, tale.OPEN, tale.HIDDEN, tale.SLIGHT, tale.ABSENT]  # from top
+CELLS = {tale.PRESENT: "<b>%.0f</b>", tale.OPEN: "%.0f ?", tale.HIDDEN: "×", tale.SLIGHT: "○"}
+
+
+def errors(story: Story) -> Optional[Document]:
+    """The error of each model on each flight, and the floor of noise and disturbance; None before a
+    flight has any."""
+    flights = [flown for flown in story.flights if flown.errors]
+    if not flights:
+        return None
+    known = [e for flown in flights for e in flown.errors.values() if e is not None]
+    known += [flown.floor for flown in flights if flown.floor]
+    low, top = max(MIN_ERROR, 0.75 * min(known, default=1.0)), ROOM_ABOVE * max(known, default=1.0)
+    figure = Panels()
+    for count, version in enumerate(shown(story)):
+        _add_model(figure, flights, count, version, top)
+    floors = [(flown.flight.number, flown.floor) for flown in flights if flown.floor]
+    if floors:
+        at = [n + step for n, _ in floors for step in (-0.4, 0.4, math.nan)]
+        levels = [level for _, level in floors for _ in range(3)]
+        line = {"color": FLOOR, "width": 2, "dash": "dot"}
+        figure.add(curve(at, levels, "floor of noise and disturbance", line, True))
+    numbers = [flown.flight.number for flown in flights]
+    figure.update_xaxes(title="flight", range=[min(numbers) - 0.6, max(numbers) + 0.6], tickformat="d")
+    span = [math.log10(low), math.log10(top)]
+    figure.update_yaxes(
+        title="error of the prediction [-]", type="log", range=span, tickformat="~g", dtick="D2"
+    )
+    caption = (
+        "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s; logarithmic. "
+        "Each model predicts the flights after those that it was fitted to, which have open marks. Floor: "
+        "what noise of the poses and the disturbance leave to a true model."
+    )
+    if any(None in flown.errors.values() for flown in flights):
+        caption += " Cross at the top: the predicted motion is not finite."
+    if len(shown(story)) < len(story.versions):
+        caption += " Of models with the same effects the first is drawn, and the newest of all."
+    return figure.finish(400, caption, {"t": 70})
+
+
+def shown(story: Story) -> List[tale.Version]:
+    """The models that begin another set of effects, and the newest."""
+    before = [None, *(version.effects for version in story.versions)]
+    pairs = list(zip(before, story.versions))
+    return [v for effects, v in pairs if v.effects != effects or v is story.versions[-1]]
+
+
+def _add_model(
+    figure: Panels, flights: Sequence[Flown], count: int, version: tale.Version, top: float
+) -> None:
+    """The errors of a model: filled marks where it predicted, open ones where it was fitted."""
+    kind, predicted = MARKS[count % len(MARKS)], [f for f in flights if version.label in f.errors]
+    values = [f.errors[version.label] for f in predicted]
+    if not predicted:
+        return
+    fitted = [f.flight.number <= version.after for f in predicted]
+    marks = ["x-open" if v is None else kind + "-open" * own for v, own in zip(values, fitted)]
+    drawn = [top / 1.15 if v is None else max(v, MIN_ERROR) for v in values]
+    trace = curve([f.flight.number for f in predicted], drawn, version.label, model_line(count, 2), True)
+    marker = {"size": 9, "symbol": marks, "color": appearance.model_color(count)}
+    figure.add(dict(trace, mode="lines+markers", marker=marker, cliponaxis=False, hovertemplate="%{y:.3f}"))
+
+
+def beliefs(story: Story) -> Optional[Document]:
+    """Probability of each effect after each diagnosis, with its state; None without any."""
+    findings = [finding for finding in story.findings if finding.beliefs][-MOST:]
+    if not findings:
+        return None
+    table = [{belief.effect: belief for belief in finding.beliefs} for finding in findings]
+    kept = {n for t in table for n, b in t.items() if b.state != tale.ABSENT or b.probability > SMALL}
+    names = [b.effect for b in ranked(story)]
+    names = [name for name in names if name in kept] or names
+    rows = [[column.get(name) for column in table] for name in names]
+    figure = Panels()
+    figure.add(
+        {
+            "type": "heatmap",
+            "z": [[_percent(belief) for belief in row] for row in rows],
+            "x": ["%d" % finding.after for finding in findings],
+            "y": names,
+            "zmin": 0,
+            "zmax": 100,
+            "colorscale": appearance.ORANGES,
+            "showscale": False,
+            "customdata": [[belief.state if belief else "" for belief in row] for row in rows],
+            "hovertemplate": "%{y} after flight %{x}: %{z:.0f}%, %{customdata}<extra></extra>",
+        }
+    )
+    for name, row in zip(names, rows):
+        for place, belief in enumerate(row):
+            percent = _percent(belief)
+            if belief is not None and percent is not None:
+                text = CELLS.get(belief.state, "%.0f")
+                text = text % percent if "%" in text else text
+                font = {"size": 11, "color": "#ffffff" if percent > 60 else appearance.TEXT}
+                figure.note(text, place, name, inside=False, font=font)
+    figure.update_xaxes(title="after flight", type="category")
+    figure.update_yaxes(autorange="reversed", automargin=True, type="category", tickvals=names)
+    caption = (
+        "Probability [%%] that each effect acts on the craft and matters, after each diagnosis. Bold: "
+        "present; ?: still open; ×: not identifiable, no flight in this room shows it or distinguishes "
+        "it from others; ○: it acts, and is too small to matter; plain: absent. Effects that were never "
+        "above %g%% are not shown, nor more than %d diagnoses." % (100 * SMALL, MOST)
+    )
+    return figure.finish(ROW * len(names) + 90, caption, {"t": 40, "b": 50, "l": 20})
+
+
+def _percent(belief: Optional[tale.Belief]) -> Optional[float]:
+    """Probability that is drawn [%]; 0 for what is too small to matter, None for what is not known."""
+    if belief is None:
+        return None
+    return 0.0 if belief.state == tale.SLIGHT else round(100 * belief.probability, 1)
+
+
+def ranked(story: Story) -> List[tale.Belief]:
+    """The last belief in each effect: by its state, then by probability."""
+    last: Dict[str, tale.Belief] = {b.effect: b for finding in story.findings for b in finding.beliefs}
+    return sorted(last.values(), key=lambda b: (STATES.index(b.state), -b.probability))
+
+
+def flight(
+    plan: Flight,
+    flown: Optional[Flown],
+    inputs: Optional[Array],
+    thrusters: Sequence[str] = (),
+    room: Optional[_core.RoomPlan] = None,
+) -> Optional[Document]:
+    """A flight seen from above, planned and flown, and its inputs; None when there is nothing to draw.
+
+    flown: None before it was flown; inputs: (n, 2 + thrusters) time [s], inputs of the thrusters (of
+    full scale), lift; thrusters: their names; room: whose walls are drawn.
+    """
+    paths = [
+        ("planned", plan.path, {"color": MODELS[1], "width": 2, "dash": "dash"}),
+        ("flown", flown.path if flown else [], {"color": MEASURED, "width": 2}),
+    ]
+    paths = [path for path in paths if path[1]]
+    if not paths and inputs is None:
+        return None
+    figure = Panels() if inputs is None else Panels(1, 2, [0.45, 0.55], gaps=(0.1, 0))
+    if room is not None:
+        figure.add(walls(room))
+    for name, path, line in paths:
+        figure.add(_path(path, name, line))
+    if paths:
+        _, first, _ = paths[-1]
+        figure.add(points([first[0][2]], [first[0][1]], {"size": 8, "color": MEASURED}, name="start"))
+    if flown and flown.stopped and flown.path:
+        _, x, y = flown.path[-1]
+        figure.add(points([y], [x], {"size": 10, "color": WARNING, "symbol": "x"}, name="stopped"))
+    figure.update_xaxes(title=Y_AXIS, row=1, col=1)
+    figure.update_yaxes(title=X_AXIS, scaleanchor="x", row=1, col=1)
+    if inputs is not None:
+        _add_inputs(figure, inputs, thrusters)
+    caption = "Seen from above" + ("." if inputs is None else "; and the inputs, played in bursts.")
+    return figure.finish(400, caption, {"t": 40})
+
+
+def _path(path: Sequence[Point], name: str, line: Mapping[str, object]) -> Document:
+    rows = np.array(path, float)
+    times, x, y = fewer(list(rows.T), every_so_many(rows).step)
+    hover = "%{customdata:.2f} s: x %{y:.3f} m, y %{x:.3f} m"
+    return dict(curve(y, x, name, dict(line), True), customdata=short(times), hovertemplate=hover)
+
+
+def _add_inputs(figure: Panels, inputs: Array, thrusters: Sequence[str]) -> None:
+    """Inputs over time, each constant until the next."""
+    lift = {"color": LESS, "width": 1.5, "dash": "dot", "shape": "hv"}
+    lines = [*(thruster_line(i, 1.5) for i in range(len(thrusters))), lift]
+    for column, (name, line) in enumerate(zip([*thrusters, "lift"], lines), 1):
+        figure.add(curve(inputs[:, 0], inputs[:, column], "input, " + name, line, True), 1, 2)
+    low, high = min(0.0, inputs[:, 1:].min()), max(1.0, inputs[:, 1:].max())
+    figure.update_yaxes(title="input [-]", range=[low - 0.05, high + 0.05], row=1, col=2)
+    figure.update_xaxes(title="time of the excitation [s]", row=1, col=2)

@@ -1,0 +1,182 @@
+"""report.html of a discovery: its result first, then the story flight by flight.
+
+It is made from the Story and the files of its folder, at any time of a discovery.
+"""
+
+import os
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.annotations import Array, Document
+from ground.discovery import figures, words
+from ground.discovery.story import CONFIRM, PRESENT, SLIGHT, TRACK, Finding, Flight, Flown, Story
+from ground.reports import appearance, page
+from ground.reports.words import number, sentence
+
+NAME = "report.html"  # in the folder of a discovery
+MAX_OPEN = 8  # flights that are all shown at once
+
+
+def write(story: Story, folder: str, room: Optional[_core.RoomPlan] = None) -> str:
+    """Writes the page into the folder of a discovery, in place of an earlier one; returns its path.
+
+    room: whose walls are drawn. Files of the folder that are missing or damaged are left out.
+    GroundError when the page cannot be written.
+    """
+    path = os.path.join(folder, NAME)
+    named = [v.file for v in story.versions] + [f.recording for f in story.flights]
+    kept = [place for place in (_place(folder, name) for name in named) if place]
+    final = next((_place(folder, v.file) for v in story.versions if v.label == story.in_use), "")
+    models = [_model(_place(folder, v.file)) for v in story.versions]
+    given, newest = (models[0], models[-1]) if models else (None, None)
+    old = _values(given)
+    page.write(
+        path,
+        "discovery/discovery.html",
+        "Discovery of %s" % story.craft,
+        appearance.VERDICTS.get(story.verdict, appearance.LESS),
+        force=True,
+        story=story,
+        words=words,
+        given=given,
+        errors=figures.errors(story),
+        **_errors(story),
+        beliefs=figures.beliefs(story),
+        **_beliefs(story, given),
+        flights=_flights(story, folder, given, room),
+        versions=_versions(story),
+        in_use=[i for i, v in enumerate(story.versions) if v.label == story.in_use],
+        final=os.path.abspath(final) if final else "",
+        parameters=[
+            [p["name"], old.get(p["name"], ""), value, p["unit"]]
+            for p, value in zip(newest.parameters(), _values(newest).values())
+        ]
+        if newest and old and newest is not given
+        else [],
+        new=[i for i, name in enumerate(_values(newest)) if name not in old],
+        inputs=kept,
+    )
+    return path
+
+
+def _place(folder: str, file: str) -> str:
+    """Path of a file of the folder; empty if there is none."""
+    path = os.path.join(folder, file)
+    return path if file and os.path.exists(path) else ""
+
+
+def _model(path: str) -> Optional[_core.Model]:
+    """The model in a file; None if it cannot be read."""
+    try:
+        return _core.load_model(path) if path else None
+    except RuntimeError:
+        return None
+
+
+def _values(model: Optional[_core.Model]) -> Dict[str, str]:
+    """The parameters of a model as text, by name."""
+    return {p["name"]: "%.4g" % model.value(p["name"]) for p in model.parameters()} if model else {}
+
+
+def _errors(story: Story) -> Document:
+    """The table of the error of each model on each flight."""
+    shown, rows = figures.shown(story), []
+    for flown in (flown for flown in story.flights if flown.errors):
+        cells: List[object] = [flown.flight.number]
+        for version in shown:
+            known = words.error(flown.errors[version.label]) if version.label in flown.errors else ""
+            cells.append(known + " *" * (known != "" and flown.flight.number <= version.after))
+        rows.append([*cells, number(flown.floor)])
+    heads = ["#%s%s" % (v.label, " (in the controller)" * (v.label == story.in_use)) for v in shown]
+    return {"error_heads": heads, "error_rows": rows}
+
+
+def _beliefs(story: Story, given: Optional[_core.Model]) -> Document:
+    """The table of the belief in each effect."""
+    ranked = figures.ranked(story)
+    own = {name: means for finding in story.findings for name, means in finding.words.items()}
+    rows = [
+        [
+            words.in_words(b.effect, own, given),
+            b.state,
+            "" if b.state == SLIGHT else "%.1f%%" % (100 * b.probability),
+            "" if b.share is None or b.state not in (PRESENT, SLIGHT) else "%.2g%%" % (100 * b.share),
+            "%.3g" % b.visibility,
+        ]
+        for b in ranked
+    ]
+    counts = ["%d %s" % (sum(b.state == s for b in ranked), s) for s in figures.STATES]
+    found = story.findings[-1].effects if story.findings else []
+    chosen = [i for i, b in enumerate(ranked) if b.effect in found]
+    return {"belief_rows": rows, "counts": ", ".join(counts), "found": chosen}
+
+
+def _flights(
+    story: Story, folder: str, given: Optional[_core.Model], room: Optional[_core.RoomPlan]
+) -> List[Document]:
+    """What is shown of each flight, and of the one that is planned."""
+    findings = {finding.after: finding for finding in story.findings}
+    shown: List[Tuple[Flight, Optional[Flown]]] = [(flown.flight, flown) for flown in story.flights]
+    found = [_flight(story, flown, findings.get(flown.flight.number)) for flown in story.flights]
+    if story.planned and not story.ended:
+        plan = story.planned
+        beside = "%s; planned, %.0f s" % (plan.purpose, plan.duration)
+        shown.append((plan, None))
+        found.append({"name": "Next: flight %d" % plan.number, "beside": beside, "lines": []})
+    thrusters = [str(t["name"]).replace("_", " ") for t in given.thrusters] if given else []
+    for (plan, flown), one in zip(shown, found):
+        one["why"] = sentence(plan.why or "it %s" % words.PURPOSES.get(plan.purpose, plan.purpose))
+        if plan.reference:
+            one["why"] += " Reference: %s of %.2g m." % (plan.reference, plan.size)
+        inputs = _inputs(_place(folder, plan.inputs), len(thrusters))
+        one["drawn"] = figures.flight(plan, flown, inputs, thrusters, room)
+    return found
+
+
+def _flight(story: Story, flown: Flown, finding: Optional[Finding]) -> Document:
+    """What is told of a flight that was flown."""
+    plan, lines = flown.flight, []
+    beside = "%s; %.1f s" % (plan.purpose, flown.seconds)
+    if flown.tracking_error is not None:
+        beside += "; tracking error %s" % words.millimetres(flown.tracking_error)
+    if flown.controlled_by:
+        lines.append("Controlled by the model %s." % flown.controlled_by)
+    if flown.stopped:
+        lines.append(sentence("stopped early: %s" % flown.stopped))
+    before = [v.label for v in story.versions if v.label in flown.errors and v.after < plan.number]
+    if before:
+        floor = "" if flown.floor is None else "; noise and disturbance leave %s" % number(flown.floor)
+        error = words.error(flown.errors[before[-1]])
+        lines.append("The newest model (%s) predicted it with an error of %s%s." % (before[-1], error, floor))
+    if not flown.recording:
+        lines.append("It was not recorded.")
+    known = [other.effects for other in story.findings if other.after < plan.number]
+    # Of many flights those are open that changed what is known, or tested it.
+    is_news = finding is not None and finding.effects != (known[-1] if known else [])
+    shut = len(story.flights) > MAX_OPEN and plan.purpose not in (CONFIRM, TRACK) and not is_news
+    name = "Flight %d" % plan.number
+    return {"name": name, "beside": beside, "lines": lines, "finding": finding, "shut": shut}
+
+
+def _inputs(path: str, thrusters: int) -> Optional[Array]:
+    """Rows of time, inputs, lift of a flight; None where there are none."""
+    try:
+        rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2) if path else np.empty((0, 0))
+    except (OSError, ValueError):
+        return None
+    return rows if len(rows) and rows.shape[1] == 2 + thrusters else None
+
+
+def _versions(story: Story) -> Sequence[Sequence[Any]]:
+    """The table of the models."""
+    return [
+        [
+            v.label + " (in the controller)" * (v.label == story.in_use),
+            ", ".join(v.effects) or "-",
+            "flights 1 to %d" % v.after if v.after > 1 else "flight 1" if v.after else "-",
+            v.file,
+        ]
+        for v in story.versions
+    ]
