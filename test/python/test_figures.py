@@ -49,9 +49,7 @@ def driven():
 
 
 def tuned():
-    tried = [tuning.Candidate({}) for _ in range(3)]
-    for count, one in enumerate(tried):
-        one.errors, one.saturated, one.effort = {"circle, nominal": [0.1 + count]}, 0.1 * count, 0.2
+    tried = [tuning.Candidate({}, {"circle, nominal": [0.1 + count]}, 0.1 * count, 0.2) for count in range(3)]
     rows = [
         {
             "reference": name,

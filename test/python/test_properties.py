@@ -58,9 +58,6 @@ def test_saturation_depends_on_the_bounds_of_the_craft():
     assert tracks.saturated(backwards).tolist() == [False, False, True]
     three = np.array([[0.0, 0.5, 0.5], [0.5, 0.5, -1.0], [0.5, 1.0, 0.5]])
     assert tracks.saturated(three).tolist() == [False, True, True]
-    assert tracks.wanted_summary(np.array([[-0.5, 0.2]]))["wanted_outside"] == 1
-    assert tracks.wanted_summary(np.array([[-0.5, 0.2, 0.3]]))["wanted_outside"] == 0
-    assert tracks.wanted_summary(np.zeros((0, 2)))["wanted_largest"] is None
 
 
 # --- windows and thinning

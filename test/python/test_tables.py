@@ -108,12 +108,11 @@ def test_help_contains_the_tables(verb):
 def test_all_parameters_of_a_controller_are_written_and_read_back(kind, tmp_path):
     from ground.simulation import gains
 
-    choice = gains.choice(kind)
     values = {}
     for number, parameter in enumerate(controller(kind), 2):
         inside = parameter.low + (parameter.high - parameter.low) / number
         values[parameter.name] = round(inside) if parameter.type == "int" else float("%.4g" % inside)
-    gains.put(choice, values)
-    assert gains.get(choice) == values != gains.get(gains.choice(kind))
+    choice = gains.choice(kind, values)
+    assert choice.values == values != gains.choice(kind).values
     path = gains.write(str(tmp_path / "gains.yaml"), choice, [])
-    assert gains.get(gains.choice(kind, path)) == values
+    assert gains.choice(kind, path).values == values

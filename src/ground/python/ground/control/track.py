@@ -1,34 +1,29 @@
 """track: a controller in closed loop with a simulated craft."""
 
 import argparse
-import os
 from dataclasses import dataclass, make_dataclass
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from ground import _core, command_line, files
-from ground.annotations import Document, Path
+from ground import command_line
+from ground.annotations import Document
 from ground.command_line import count, option, positive, seconds, seed
 from ground.simulation import listing
-from ground.control.words import effort_lines, metres
+from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
 from ground.errors import GroundError
 from ground.models import Model, ModelLike
 from ground.progress import Progress, Work
 from ground.results import Shown
 from ground.simulation import gains as gain_files
 from ground.simulation import tracking
-from ground.simulation.tracking import PLACES, Tracked
+from ground.recordings.tracks import Track
 
 if TYPE_CHECKING:
     import pandas
 
 DRIVING = "simulating drives"  # stage; unit: a drive
 MAX_STOPS = 5  # stops that are printed
-# options that set a parameter of the reference
-NUMBERS = {"size": positive, "rate_of_turn": float, "petals": float, "speed": positive}
-Gains = Union[Path, Mapping[str, float]]
-
 DETAILS = (
     "\n"
     + listing.references()
@@ -51,7 +46,7 @@ class Tracking(Shown):
 
     controller: str
     reference: str
-    runs: List[Tracked]  #: a run from each start
+    runs: List[Track]  #: a run from each start
     numbers: Dict[str, Any]  #: medians over the runs: rms, max, final [m], saturated_fraction, effort, ...
     window: Tuple[float, float]  #: start and end of what errors count, since the reference began [s]
     max_error: float  #: error at which a controller stops itself [m]
@@ -150,7 +145,9 @@ class _Options:
 
     controller: str = option("TrajectoryTracking", "(%(default)s)", choices=list(tracking.CONTROLLERS))
     truth: Optional[ModelLike] = option(None, "true model of the craft (--model)", metavar="T.yaml")
-    gains: Optional[Gains] = option(None, "gains of the controller, as tune writes them", metavar="G.yaml")
+    gains: Optional[gain_files.Gains] = option(
+        None, "gains of the controller, as tune writes them", metavar="G.yaml"
+    )
     perturb: Union[Mapping[str, float], Sequence[Tuple[str, float]]] = option(
         (),
         "parameters of the craft to multiply: k=0.85 I_z=1.15",
@@ -183,22 +180,10 @@ class _Options:
     )
 
 
-def _fields() -> Iterator[Tuple[str, Any, Any]]:
-    """Fields for the parameters of references."""
-    for parameter in _core.reference_parameters():
-        if parameter.name in NUMBERS:
-            more = listing.option(parameter, None)
-            kind = NUMBERS[parameter.name]
-            yield parameter.name, Optional[float], option(None, more.pop("help"), type=kind, **more)
-    for place in PLACES:
-        help = "of a line or of waypoints [m]"
-        yield place, Any, option(None, help, type=float, nargs=2, metavar=("X", "Y"))
-
-
 #: What is tracked: _Options, and parameters of references.
 TrackOptions = make_dataclass(
     "TrackOptions",
-    list(_fields()),
+    list(listing.reference_fields()),
     bases=(_Options,),
     namespace={"__module__": __name__},
     frozen=True,
@@ -232,18 +217,17 @@ def track(
         truth = tracking.perturbed(moves.core, dict(options.perturb))
     except ValueError as error:
         raise GroundError("--perturb: %s" % error)
-    choice = _choice(options.controller, options.gains)
+    choice = gain_files.choice(options.controller, options.gains)
     use = tracking.effect_use(options.controller, believed.core)
     work, first = Work.of(progress), 1 if options.seed is None else options.seed
     places = _starts(options, first)
     conditions = tracking.Conditions(options.noise, options.delay, options.loss)
     try:
-        task = tracking.task(
-            reference, options.settled, options.end_time, **{**_settings(options), **settings}
-        )
-        loop = (truth, believed.core, choice, task, places, conditions, first)
+        given = {**command_line.given(options, ["smooth"]), **listing.reference_settings(options), **settings}
+        task = tracking.task(reference, options.settled, options.end_time, **given)
+        loop = (truth, believed.core, choice, task, places, conditions, first, work)
         with work.stage(DRIVING, len(places)):
-            runs = tracking.many(*loop, options.rate, options.max_error, work=work)
+            runs = tracking.many(*loop, rate=options.rate, max_error=options.max_error)
     except (ValueError, RuntimeError) as error:
         raise GroundError(str(error))
     return Tracking(
@@ -256,25 +240,9 @@ def track(
         caution=str(task.reference.infeasibility(believed.core)),
         remark=str(use["remark"]),
         effects={"used": use["used"], "unused": use["unused"]},
-        gains=gain_files.get(choice),
+        gains=dict(choice.values),
         seed=options.seed,
     )
-
-
-def _settings(options: _Options) -> Document:
-    """Parameters of the reference that were given."""
-    settings = command_line.given(options, [*NUMBERS, "smooth"])
-    for name, places in PLACES.items():
-        settings.update(zip(places, getattr(options, name) or ()))
-    return settings
-
-
-def _choice(controller: str, gains: Optional[Gains]) -> _core.ControllerChoice:
-    if isinstance(gains, Mapping):
-        choice = gain_files.choice(controller)
-        gain_files.put(choice, dict(gains))
-        return choice
-    return gain_files.choice(controller, None if gains is None else os.fspath(gains))
 
 
 def _starts(options: _Options, first: int) -> List[tracking.Start]:
@@ -293,18 +261,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_model(parser, "the controller's model")
     parser.add_argument("--reference", default="circle", metavar="KIND", help="see below (%(default)s)")
     command_line.add_options(parser, TrackOptions)
-    parser.add_argument(
-        "--picture",
-        metavar="FILE.png",
-        help="path, error and inputs of the run; FILE.html: a page, which needs no Chromium",
-    )
+    add_picture(parser, "path, error and inputs of the run")
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs track; returns what --json prints. GroundError when the controller stopped."""
-    if arguments.picture:
-        files.refuse_existing(arguments.picture, arguments.force)
+    refuse_picture(arguments)
     options: _Options = command_line.options(arguments, TrackOptions)
     found = track(arguments.model, arguments.reference, options=options, progress=arguments.work)
     result = {
@@ -314,15 +277,15 @@ def run(arguments: argparse.Namespace) -> Document:
         "reference": arguments.reference,
         **found.to_dict(),
     }
-    if arguments.picture:
-        from ground.reports import picture, tracking_figures
+
+    def figure() -> Document:
+        from ground.reports import tracking_figures
 
         name = "%s, %s" % (found.controller, found.reference)
         caption = tracking_figures.caption(name, found.runs[0].numbers)
-        shown = tracking_figures.driven(found.runs[0], caption, found.window)
-        with arguments.work.stage("drawing the picture"):
-            picture.write(arguments.picture, [shown], arguments.force)
-        result["picture"] = arguments.picture
+        return tracking_figures.driven(found.runs[0], caption, found.window)
+
+    draw(arguments, figure, result)
     command_line.say(arguments, str(found))
     if found.stopped:
         raise GroundError("the controller stopped: at %(time).2f s: %(reason)s" % found.stops[0])

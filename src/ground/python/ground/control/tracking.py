@@ -1,12 +1,12 @@
 """identify tracking: how a recorded craft followed its reference (thesis figures 4.6, 4.7)."""
 
 import argparse
-from typing import Iterator, List, Optional, Sequence, Tuple
+from typing import Iterator, List, Tuple
 
-from ground import command_line, files
-from ground.data import bag_arguments
+from ground import command_line
 from ground.annotations import Document
-from ground.control.words import effort_lines, metres
+from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
+from ground.data import bag_arguments
 from ground.models import Room
 from ground.recordings import tracks
 from ground.recordings.recording import Recording
@@ -25,64 +25,48 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="time after the start of the reference from which errors count [s] (%(default)g)",
     )
     parser.add_argument("--room", metavar="ROOM.yaml", help="room whose walls are drawn (that of the run)")
-    parser.add_argument(
-        "--picture",
-        metavar="FILE.png",
-        help="path, error, inputs and computing time of the longest drive; FILE.html: a page, which "
-        "needs no Chromium",
-    )
+    add_picture(parser, "path, error, inputs and computing time of the longest drive")
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
-    if arguments.picture:
-        files.refuse_existing(arguments.picture, arguments.force)
+    refuse_picture(arguments)
     room = Room.load(arguments.room) if arguments.room else None
     runs: List[Document] = []
-    longest: Optional[Tuple[tracks.Track, Document, Recording]] = None
-    recordings = bag_arguments.read(arguments)
-    for recording in recordings:
-        drives = []
+    drawn: List[Tuple[tracks.Track, Document, Recording]] = []
+    for recording in bag_arguments.read(arguments):
         with arguments.work.stage(FOLLOWING):
-            read = list(tracks.read(recording.path, recording))
-        for track in read:
-            numbers = tracks.numbers(track, arguments.settled)
-            numbers["kind"] = recording.flown_by.get("controller")
-            drives.append(numbers)
-            if longest is None or numbers["duration"] > longest[1]["duration"]:
-                longest = track, numbers, recording
-        changes = len(recording.changes)
-        runs.append({"run": recording.name, "drives": drives, "changes": changes})
-        for line in _lines(recording.name, drives, changes):
+            read = tracks.read(recording.path, recording)
+        kind = recording.flown_by.get("controller")
+        drives = [dict(tracks.numbers(track, arguments.settled), kind=kind) for track in read]
+        drawn += [(track, drive, recording) for track, drive in zip(read, drives)]
+        runs.append({"run": recording.name, "drives": drives, "changes": len(recording.changes)})
+        for line in _lines(runs[-1]):
             command_line.say(arguments, line)
     result: Document = {"settled": arguments.settled, "runs": runs}
-    if arguments.picture and longest:
-        from ground.reports import picture, tracking_figures
 
-        track, numbers, recording = longest
+    def figure() -> Document:
+        from ground.reports import tracking_figures
+
+        track, numbers, recording = max(drawn, key=lambda one: float(one[1]["duration"]))
         name = ", ".join(filter(None, (recording.name, numbers["kind"] or track.controller)))
-        caption = tracking_figures.caption(name, numbers)
-        counts = arguments.settled, track.times[-1]
-        room = room or Room.of_recording(recording)
-        shown = tracking_figures.driven(track, caption, counts, room.core if room else None)
-        with arguments.work.stage("drawing the picture"):
-            picture.write(arguments.picture, [shown], arguments.force)
-        result["picture"] = arguments.picture
+        counts, walls = (arguments.settled, track.times[-1]), room or Room.of_recording(recording)
+        text = tracking_figures.caption(name, numbers)
+        return tracking_figures.driven(track, text, counts, walls.core if walls else None)
+
+    draw(arguments, figure, result)
+    if arguments.picture:
         command_line.say(arguments, "written to %s" % arguments.picture)
     return result
 
 
-def _lines(name: str, drives: Sequence[Document], changes: int) -> Iterator[str]:
-    for drive in drives:
-        yield "%s: %s, %.1f s" % (
-            name,
-            drive["kind"] or drive["controller"] or "controller unknown",
-            drive["duration"],
-        )
-        yield "error      %s rms, %s at most, %s at the end" % tuple(
-            metres(drive[n]) for n in ("rms", "max", "final")
-        )
+def _lines(run: Document) -> Iterator[str]:
+    for drive in run["drives"]:
+        driver = drive["kind"] or drive["controller"] or "controller unknown"
+        yield "%s: %s, %.1f s" % (run["run"], driver, drive["duration"])
+        errors = tuple(metres(drive[name]) for name in ("rms", "max", "final"))
+        yield "error      %s rms, %s at most, %s at the end" % errors
         yield from effort_lines(drive)
-    if changes:
-        yield "parameters changed %d times while it ran: identify info lists them" % changes
+    if run["changes"]:
+        yield "parameters changed %d times while it ran: identify info lists them" % run["changes"]

@@ -4,14 +4,17 @@ import argparse
 from dataclasses import dataclass
 from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from ground import _core, command_line, files, workers
+import numpy as np
+
+from ground import _core, command_line, files
 from ground.annotations import Document
 from ground.command_line import count, option, positive, seed
 from ground.simulation import listing
-from ground.control.words import metres
+from ground.control.words import add_picture, draw, metres, refuse_picture
 from ground.errors import GroundError
 from ground.models import Model
 from ground.progress import Work
+from ground.workers import Workers
 from ground.simulation import gains, tracking, tuning
 
 DETAILS = (
@@ -80,18 +83,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_model(parser, "model of the craft")
     command_line.add_output(parser, "GAINS.yaml")
     command_line.add_options(parser, TuneOptions)
-    parser.add_argument(
-        "--picture",
-        metavar="FILE.png",
-        help="candidates, and errors before and after; FILE.html: a page, which needs no Chromium",
-    )
+    add_picture(parser, "candidates, and errors before and after")
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs tune; returns what --json prints."""
-    for path in (arguments.output, arguments.picture):
-        if path:
-            files.refuse_existing(path, arguments.force)
+    files.refuse_existing(arguments.output, arguments.force)
+    refuse_picture(arguments)
     options = command_line.options(arguments, TuneOptions)
     model = Model.load(arguments.model).core
     use = tracking.effect_use(options.controller, model)
@@ -100,20 +98,20 @@ def run(arguments: argparse.Namespace) -> Document:
     try:
         seen = tuning.cells({k: _task(k) for k in options.references}, model)
         unseen = tuning.cells({k: _task(k) for k in options.holdout}, model)
-        with workers.Workers() as team:
-            tuned, tried, compared = _search(options, arguments.work, team, model, seen, unseen)
+        tried, compared = _search(options, arguments.work, model, seen, unseen)
     except (ValueError, RuntimeError) as error:
         raise GroundError(str(error))
+    tuned = compared["tuned"]
     result = {
         "controller": options.controller,
         "model": arguments.model,
-        "gains": compared["tuned"].gains,
+        "gains": tuned.gains,
         "output": arguments.output,
         **_result(options, compared, seen + unseen, tried),
         "effects": {"used": use["used"], "unused": use["unused"]},
     }
     medians = [
-        "%s %s" % (c.reference, metres(compared["tuned"].quantile(c.name, 0.5)))
+        "%s %s" % (c.reference, metres(float(np.median(tuned.errors[c.name]))))
         for c in seen + unseen
         if c.condition == "nominal"
     ]
@@ -121,45 +119,39 @@ def run(arguments: argparse.Namespace) -> Document:
         "Found by tune: %d candidates on %s of %s." % (len(tried), ", ".join(options.references), model.name),
         "Median error of %d fresh starts, nominal: %s." % (options.test_starts, "; ".join(medians)),
     ]
-    gains.write(arguments.output, tuned, comments, arguments.force)
-    if arguments.picture:
-        from ground.reports import picture, tracking_figures
+    choice = gains.choice(options.controller, tuned.gains)
+    gains.write(arguments.output, choice, comments, arguments.force)
 
-        with arguments.work.stage("drawing the picture"):
-            shown = tracking_figures.tuned(compared, tried, result)
-            picture.write(arguments.picture, [shown], arguments.force)
+    def figure() -> Document:
+        from ground.reports import tracking_figures
+
+        return tracking_figures.tuned(compared, tried, result)
+
+    draw(arguments, figure, {})
     command_line.say(arguments, "\n".join(_lines(result)))
     return result
 
 
 def _search(
-    options: TuneOptions,
-    work: Work,
-    team: workers.Workers,
-    model: _core.Model,
-    seen: List[tuning.Cell],
-    unseen: List[tuning.Cell],
-) -> Tuple[_core.ControllerChoice, List[tuning.Candidate], Dict[str, tuning.Candidate]]:
-    """The ControllerChoice found, the Candidates tried, and the Candidates to compare, by name."""
-    weights = tuning.Weights(options.saturation_weight, options.effort_weight)
+    options: TuneOptions, work: Work, model: _core.Model, seen: List[tuning.Cell], unseen: List[tuning.Cell]
+) -> Tuple[List[tuning.Candidate], Dict[str, tuning.Candidate]]:
+    """The Candidates tried, and the Candidates to compare, by name."""
     before = _starting(options)
-    first, rate = list(before.values()), options.rate
+    first, kind = list(before.values()), options.controller
     seeds = [1000 * options.seed + offset for offset in (0, 300, 600)]
     counts = (options.starts, 5 * options.starts, options.test_starts)
     places = [tracking.starts(count, seed) for count, seed in zip(counts, seeds)]
-    with work.stage("drives of the search"):
-        tried = tuning.search(
-            team, first, model, seen, places[0], weights, options.evaluations, seeds[0], rate, work
-        )
-    with work.stage("drives of the finalists", len(seen) * counts[1] * tuning.FINALISTS):
-        chosen = tuning.choose(team, tried, first, model, seen, places[1], weights, seeds[1], rate, work)
-    tuned = gains.choice(options.controller)
-    gains.put(tuned, chosen[0].gains)
-    with work.stage("drives of the test", len(seen + unseen) * counts[2] * (len(first) + 1)):
-        compared = tuning.evaluate(
-            team, first + [tuned], model, seen + unseen, places[2], weights, seeds[2], rate, work
-        )
-    return tuned, tried, dict(zip([*before, "tuned"], compared))
+    with Workers() as team:
+        weights = options.saturation_weight, options.effort_weight
+        loops = tuning.Search(team, model, *weights, options.rate, work)
+        with work.stage("drives of the search"):
+            tried = loops.search(first, seen, places[0], options.evaluations, seeds[0])
+        with work.stage("drives of the finalists", len(seen) * counts[1] * tuning.FINALISTS):
+            chosen = loops.choose(tried, kind, seen, places[1], seeds[1])
+        choices = [*first, gains.choice(kind, chosen.gains)]
+        with work.stage("drives of the test", len(seen + unseen) * counts[2] * len(choices)):
+            compared = loops.evaluate(choices, seen + unseen, places[2], seeds[2])
+    return tried, dict(zip([*before, "tuned"], compared))
 
 
 def _task(text: str) -> tracking.Task:
@@ -180,12 +172,9 @@ def _task(text: str) -> tracking.Task:
 
 def _starting(options: TuneOptions) -> Dict[str, _core.ControllerChoice]:
     """Name to the _core.ControllerChoice to start from and to compare with."""
-    found = {}
-    if options.gains:
-        found["given"] = gains.choice(options.controller, options.gains)
-    for name, values in THESIS.get(options.controller, {}).items():
-        found[name] = gains.choice(options.controller)
-        gains.put(found[name], values)
+    values = dict(THESIS.get(options.controller, {}))
+    found = {"given": gains.choice(options.controller, options.gains)} if options.gains else {}
+    found.update((name, gains.choice(options.controller, own)) for name, own in values.items())
     return found or {"default": gains.choice(options.controller)}
 
 
@@ -195,38 +184,27 @@ def _result(
     cells: Sequence[tuning.Cell],
     tried: Sequence[tuning.Candidate],
 ) -> Document:
-    rows = []
-    for cell in cells:
-        rows.append(
-            {
-                "reference": cell.reference,
-                "condition": cell.condition,
-                "held_out": cell.reference not in options.references,
-                "rms": {
-                    name: {q: c.quantile(cell.name, share) for q, share in _SHARES.items()}
-                    for name, c in compared.items()
-                },
-            }
-        )
+    table = [
+        {
+            "reference": cell.reference,
+            "condition": cell.condition,
+            "held_out": cell.reference not in options.references,
+            "rms": {name: tracking.quantiles(c.errors[cell.name]) for name, c in compared.items()},
+        }
+        for cell in cells
+    ]
+    best = [
+        {"gains": c.gains, "error": c.error, "saturated": c.saturated, "effort": c.effort}
+        for c in tuning.trade_off(tried)
+    ]
     return {
         "candidates": len(tried),
         "test_starts": options.test_starts,
-        "table": rows,
+        "table": table,
         "saturated": {name: c.saturated for name, c in compared.items()},
         "effort": {name: c.effort for name, c in compared.items()},
-        "trade_off": [
-            {
-                "gains": c.gains,
-                "error": 10 ** tuning.score(c, tuning.Weights(0, 0)),
-                "saturated": c.saturated,
-                "effort": c.effort,
-            }
-            for c in tuning.trade_off(tried)
-        ],
+        "trade_off": best,
     }
-
-
-_SHARES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 
 
 def _lines(result: Document) -> Iterator[str]:

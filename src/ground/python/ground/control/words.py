@@ -1,7 +1,9 @@
-"""Numbers of drives in words."""
+"""Numbers of drives in words, and their pictures."""
 
-from typing import Iterator
+import argparse
+from typing import Callable, Iterator
 
+from ground import files
 from ground.annotations import Document
 
 
@@ -12,10 +14,8 @@ def effort_lines(numbers: Document) -> Iterator[str]:
         yield "saturated  %.1f%% of the time" % (100 * numbers["saturated_fraction"])
         yield "effort     %.3f (mean square of the inputs)" % numbers["effort"]
     if numbers["wanted_outside"] is not None:
-        yield "wanted     outside 0..1 for %.1f%% of the time, %.2f at most" % (
-            100 * numbers["wanted_outside"],
-            numbers["wanted_largest"],
-        )
+        wanted = 100 * numbers["wanted_outside"], numbers["wanted_largest"]
+        yield "wanted     outside 0..1 for %.1f%% of the time, %.2f at most" % wanted
     if numbers["compute_ms"] is not None:
         yield (
             "computing  %(median).3f ms median, %(p999).3f ms 99.9%%, %(max).3f ms at most, "
@@ -26,3 +26,26 @@ def effort_lines(numbers: Document) -> Iterator[str]:
 def metres(value: float) -> str:
     """A length in mm below 0.1 m, else in m."""
     return "%.2f mm" % (1e3 * value) if value < 0.1 else "%.3f m" % value
+
+
+def add_picture(parser: argparse.ArgumentParser, shows: str) -> None:
+    """Adds --picture to a verb."""
+    help = "%s; FILE.html: a page, which needs no Chromium" % shows
+    parser.add_argument("--picture", metavar="FILE.png", help=help)
+
+
+def refuse_picture(arguments: argparse.Namespace) -> None:
+    """GroundError when the picture that was asked for cannot be written."""
+    if arguments.picture:
+        files.refuse_existing(arguments.picture, arguments.force)
+
+
+def draw(arguments: argparse.Namespace, figure: Callable[[], Document], result: Document) -> None:
+    """Writes the picture that was asked for, and its name into the result."""
+    if not arguments.picture:
+        return
+    from ground.reports import picture
+
+    with arguments.work.stage("drawing the picture"):
+        picture.write(arguments.picture, [figure()], arguments.force)
+    result["picture"] = arguments.picture

@@ -1,7 +1,7 @@
 """How a recorded craft followed its reference."""
 
-from dataclasses import dataclass
-from typing import Dict, List, Optional, Sequence, Tuple
+from dataclasses import dataclass, field
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -13,21 +13,23 @@ from ground.recordings.recording import Recording
 PAUSE = 0.5  # time without a reference after which another drive begins [s]
 LONGEST = 0.1  # longest time for which a reference is extrapolated [s]
 AT_BOUND = 1e-6  # an input this near to 0 or 1 is saturated
+ROUNDING = 1e-9  # [s]
 SHORTEST = 1.0  # shortest drive that counts [s]
 
 
 @dataclass(frozen=True)
 class Track:
-    """One drive along a reference. Times since it began [s]."""
+    """One drive along a reference, recorded or simulated. Times since it began [s]."""
 
     times: Array  # (n,) of the poses
-    eta: Array  # (n, 3) measured x, y [m], psi [rad], world_ned
+    eta: Array  # (n, 3) x, y [m], psi [rad], world_ned; measured, or true
     reference: Array  # (n, 2) x, y [m]
     inputs: Array  # (k, 1 + n) time, inputs of the thrusters
     wanted: Array  # (j, 1 + n) the same before the inputs were limited; may be empty
     computing: Array  # (i, 2) time, processor time of a decision [s]; may be empty
-    controller: str  # node that drove; empty when that was not recorded
-    began: float  # on the clock of the poses' stamps [s]
+    controller: str = ""  # node that drove; empty when that was not recorded
+    began: float = 0.0  # on the clock of the poses' stamps [s]
+    numbers: Document = field(default_factory=dict)  # of a simulated drive
 
     @property
     def errors(self) -> Array:
@@ -120,22 +122,38 @@ def _during(rows: Array, began: float, ended: float) -> Array:
 
 
 def numbers(track: Track, settled: float = 0.0) -> Document:
-    """Numbers of a Track from `settled` [s] on: rms, max and final error [m], share of the time in which
-    an input is at a bound, mean square of the inputs, and wanted_summary and compute_ms (the
-    latter of the whole drive), None for what was not recorded."""
-    counts = track.times >= settled
-    if not counts.any():
+    """`summary` of a recorded Track, with when it began, its duration and its controller."""
+    if not (track.times >= settled).any():
         raise GroundError("the drive ended before %g s" % settled)
-    inputs = track.inputs[track.inputs[:, 0] >= settled, 1:]
-    wanted = track.wanted[track.wanted[:, 0] >= settled, 1:]
-    return {
-        "began": track.began,
-        "duration": float(track.times[-1]),
-        "controller": track.controller or None,
-        **summary(track.errors[counts], inputs),
-        **wanted_summary(wanted),
-        "compute_ms": compute_ms(track.computing[:, 1]),
+    duration, controller = float(track.times[-1]), track.controller or None
+    return dict(summary(track, settled), began=track.began, duration=duration, controller=controller)
+
+
+def summary(track: Track, settled: float = 0.0) -> Document:
+    """Numbers of a Track from `settled` [s] on: rms, max and final error [m], share of the time in which an
+    input is at a bound, mean square of the inputs, share of the wanted inputs outside 0..1 (two thrusters) or
+    -1..1, and the largest of them; and compute_ms of the whole drive. None for what was not recorded."""
+    errors = track.errors[track.times >= settled - ROUNDING]
+    inputs, wanted = (rows[rows[:, 0] >= settled - ROUNDING, 1:] for rows in (track.inputs, track.wanted))
+    least = 0.0 if wanted.shape[1] == 2 else -1.0
+    outside = ((wanted < least - AT_BOUND) | (wanted > 1 + AT_BOUND)).any(axis=1)
+    found: Dict[str, Optional[float]] = {
+        "rms": _of(np.mean, errors**2),
+        "max": _of(np.max, errors),
+        "final": float(errors[-1]) if len(errors) else None,
+        "saturated_fraction": _of(np.mean, saturated(inputs)),
+        "effort": _of(np.mean, inputs**2),
+        "wanted_outside": _of(np.mean, outside),
+        "wanted_largest": _of(np.max, np.abs(wanted)),
     }
+    if found["rms"] is not None:
+        found["rms"] = float(np.sqrt(found["rms"]))
+    return {**found, "compute_ms": compute_ms(track.computing[:, 1])}
+
+
+def _of(number: Callable[[Any], float], values: Union[Array, Flags]) -> Optional[float]:
+    """A number of values; None where there are none."""
+    return float(number(values)) if len(values) else None
 
 
 def saturated(inputs: Array) -> Flags:
@@ -147,39 +165,9 @@ def saturated(inputs: Array) -> Flags:
     return np.asarray(high.any(axis=1))
 
 
-def summary(errors: Array, inputs: Array) -> Dict[str, Optional[float]]:
-    """Numbers of position errors (n,) [m] and inputs (k, n), 0..1: rms, max and final error [m], share of
-    the time in which an input is at a bound, mean square of the inputs. None where there are no
-    rows."""
-    numbers = dict.fromkeys(("rms", "max", "final", "saturated_fraction", "effort"))
-    if len(errors):
-        numbers["rms"] = float(np.sqrt(np.mean(errors**2)))
-        numbers["max"] = float(errors.max())
-        numbers["final"] = float(errors[-1])
-    if len(inputs):
-        numbers["saturated_fraction"] = float(saturated(inputs).mean())
-        numbers["effort"] = float(np.mean(inputs**2))
-    return numbers
-
-
-def wanted_summary(wanted: Array) -> Dict[str, Optional[float]]:
-    """Share of rows outside 0..1 (two thrusters) or -1..1 before the inputs were limited, and the
-    largest value; None without rows."""
-    least = 0.0 if wanted.shape[1] == 2 else -1.0
-    outside = ((wanted < least - AT_BOUND) | (wanted > 1 + AT_BOUND)).any(axis=1)
-    return {
-        "wanted_outside": float(outside.mean()) if len(wanted) else None,
-        "wanted_largest": float(np.abs(wanted).max()) if len(wanted) else None,
-    }
-
-
 def compute_ms(seconds: Array) -> Optional[Dict[str, float]]:
     """Median, 99.9% and maximum of the processor time of decisions [ms]; None without decisions."""
     if not len(seconds):
         return None
-    found = 1e3 * np.asarray(seconds)
-    return {
-        "median": float(np.median(found)),
-        "p999": float(np.quantile(found, 0.999)),
-        "max": float(found.max()),
-    }
+    median, p999, most = 1e3 * np.quantile(seconds, [0.5, 0.999, 1.0])
+    return {"median": float(median), "p999": float(p999), "max": float(most)}

@@ -26,6 +26,7 @@ from ground.reports.figure_parts import (
     walls,
 )
 from ground.reports.panels import Panels
+from ground.recordings.tracks import Track
 from ground.simulation import tuning
 
 MIN_ERROR = 1e-7  # smallest error that is drawn [m]
@@ -33,8 +34,8 @@ HEADINGS = 24  # number of arrows along a path
 COMPARED = [MEASURED, MODELS[3], MODELS[0], MODELS[1]]  # colours of gains; the last: the tuned ones
 
 
-def driven(run: Any, text: str, counts: Tuple[float, float], room: Optional[Any] = None) -> Document:
-    """Path, error, inputs and computing times of a tracking.Tracked or a recorded tracks.Track.
+def driven(run: Track, text: str, counts: Tuple[float, float], room: Optional[Any] = None) -> Document:
+    """Path, error, inputs and computing times of a drive.
 
     text: the caption; counts: the span of time in which errors count [s]; room: the _core.RoomPlan
     whose walls are drawn.
@@ -67,7 +68,7 @@ def caption(name: str, numbers: Mapping[str, Any]) -> str:
     return "%s: error %.3g mm rms, saturated %.0f%% of the time" % (name, error, saturated)
 
 
-def _add_path(figure: Panels, run: Any, room: Optional[Any]) -> None:
+def _add_path(figure: Panels, run: Track, room: Optional[Any]) -> None:
     if room is not None:
         figure.add(walls(room), 1, 1)
     for path, name, shade, width, opacity in (
@@ -85,7 +86,7 @@ def _add_path(figure: Panels, run: Any, room: Optional[Any]) -> None:
     figure.update_yaxes(title=X_AXIS, scaleanchor="x", row=1, col=1)
 
 
-def _add_inputs(figure: Panels, run: Any) -> None:
+def _add_inputs(figure: Panels, run: Track) -> None:
     """Adds the inputs, and behind them the wanted ones before they were limited."""
     for rows, prefix, opacity in ((run.wanted, "wanted, ", 0.35), (run.inputs, "", 1.0)):
         for column, name in enumerate(_thrusters(rows.shape[1] - 1), 1):
@@ -137,7 +138,7 @@ def _add_candidates(figure: Panels, tried: Sequence[tuning.Candidate], best: Seq
             "title": {"text": "effort, mean square of the inputs [-]", "side": "right"},
         },
     }
-    errors = [10 ** tuning.score(c, tuning.Weights(0, 0)) for c in tried]
+    errors = [c.error for c in tried]
     saturated = [100 * c.saturated for c in tried]
     figure.add(points(errors, saturated, marker, opacity=0.6, showlegend=False))
     figure.add(

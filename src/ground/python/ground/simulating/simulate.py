@@ -5,7 +5,7 @@ import functools
 import os
 import sys
 from dataclasses import dataclass, fields, make_dataclass, replace
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar, Union
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, TypeVar, Union
 
 import numpy as np
 
@@ -32,20 +32,7 @@ SIMULATING = "simulating"  # stage
 LIFT = ("lift", "lift_time")
 PATTERN = ("clock", "order", "levels", "hold", "rows_per_bit")
 BURSTS = ("room", "burst")
-# parameters of references and controllers that are options here
-REFERENCE = [p for p in _core.reference_parameters() if p.name in ("size", "rate_of_turn", "petals", "speed")]
-GAINS = gains.CONTROLLERS["TrajectoryTracking"].parameters
-TRACKING = (
-    "controller",
-    "reference",
-    "origin",
-    "end",
-    "sharp",
-    "controller_model",
-    "max_error",
-    "control_rate",
-    *(parameter.name for parameter in REFERENCE + GAINS),
-)
+GAINS = gains.CONTROLLERS["TrajectoryTracking"].parameters  # that are options here
 
 _P = TypeVar("_P", bound=_core.DriveParams)
 Disturbance = Union[bool, Sequence[float]]
@@ -53,7 +40,6 @@ Disturbance = Union[bool, Sequence[float]]
 
 _input = functools.partial(option, None, group="input")
 _tracking = functools.partial(option, None, group="tracking")
-_PLACE: Document = {"type": number, "nargs": 2, "metavar": ("X", "Y")}
 
 
 def _mocap(name: str, metavar: str, text: str) -> Any:
@@ -167,8 +153,6 @@ class _Options(Acting):
     )
     controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(loop.CONTROLLERS))
     reference: Optional[str] = _tracking("(circle)", choices=[kind for kind in loop.KINDS if kind != "file"])
-    origin: Optional[Sequence[float]] = _tracking("centre or start [m] (0 0)", **_PLACE)
-    end: Optional[Sequence[float]] = _tracking("end of a line [m] (2.5 2.5)", **_PLACE)
     sharp: bool = option(False, "line: start and stop suddenly", group="tracking")
     control_rate: Optional[float] = _tracking(
         "control rate (%g)" % _core.TrackingParams().life.rate, type=number, metavar="HZ"
@@ -182,20 +166,15 @@ class _Options(Acting):
     controller_model: Optional[ModelLike] = _tracking("the controller's model (--model)", metavar="C.yaml")
 
 
-def _tunable(parameter: _core.TunableInfo) -> Tuple[str, Any, Any]:
-    """A field for a parameter of a reference or a controller."""
-    more = listing.option(parameter, parameter.default)
-    return parameter.name, Optional[float], _tracking(more.pop("help"), type=number, **more)
-
-
 #: An experiment: _Options, and parameters of references and controllers.
 SimulateOptions = make_dataclass(
     "SimulateOptions",
-    [_tunable(p) for p in REFERENCE + GAINS],
+    [*listing.reference_fields(), *listing.fields(GAINS)],
     bases=(_Options,),
     namespace={"__module__": __name__},
     frozen=True,
 )
+TRACKING = tuple(f.name for f in fields(SimulateOptions) if f.metadata.get("group") == "tracking")
 
 
 @command_line.takes(SimulateOptions)
@@ -267,7 +246,7 @@ class _Drive:
         if kind not in KINDS and not kind.lower().endswith(".csv"):
             known = ", ".join(KINDS)
             raise OptionError("'{kind}' is neither one of {known} nor a .csv file", kind=kind, known=known)
-        self.kind, self._craft = kind, craft
+        self.kind, self._craft, self._all = kind, craft, options
         self.options = command_line.given(options, (*PATTERN, *BURSTS, *TRACKING, *LIFT))
         room = self.options.get("room")
         self.room = None if room is None else Room.of(room)
@@ -324,14 +303,11 @@ class _Drive:
     def _tracking(self, duration: float) -> _core.TrackingParams:
         params = self._with_life(_core.TrackingParams(), duration)
         params.max_error = self.options.get("max_error", np.inf)
-        params.controller.kind = self.options.get("controller", params.controller.kind)
-        settings = self._given([parameter.name for parameter in REFERENCE])
-        for place, names in loop.PLACES.items():
-            settings.update(zip(names, self.options.get(place, ())))
-        if "sharp" in self.options:
-            settings["smooth"] = False
+        kind = self.options.get("controller", params.controller.kind)
+        smooth = {"smooth": False} if "sharp" in self.options else {}
+        settings = {**listing.reference_settings(self._all), **smooth}
         try:
-            gains.put(params.controller, self._given([parameter.name for parameter in GAINS]))
+            params.controller = gains.choice(kind, self._given([parameter.name for parameter in GAINS]))
             params.reference = loop.reference(self.options.get("reference", "circle"), **settings)
         except GroundError as error:
             raise OptionError("{why}", why=error) from error

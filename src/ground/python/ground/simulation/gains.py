@@ -3,36 +3,27 @@ load and dynparam load can read them, too."""
 
 import math
 import os
-from typing import Dict, Iterable, Mapping, Optional
+from typing import Dict, Iterable, Mapping, Union
 
 import yaml
 
 from ground import _core, files
-from ground.annotations import Setting
+from ground.annotations import Path, Setting
 from ground.errors import GroundError
 
 CONTROLLERS = {info.name: info for info in _core.controller_table()}
+Gains = Union[Path, Mapping[str, Setting]]
 
 
-def get(choice: _core.ControllerChoice) -> Dict[str, Setting]:
-    """Name to value of the parameters of a _core.ControllerChoice."""
-    return choice.values
-
-
-def put(choice: _core.ControllerChoice, values: Mapping[str, Setting]) -> None:
-    """Sets parameters by their names; GroundError on unknown ones."""
-    try:
-        choice.values = dict(values)
-    except ValueError as error:
-        raise GroundError(str(error))
-
-
-def choice(kind: str, path: Optional[str] = None) -> _core.ControllerChoice:
-    """The _core.ControllerChoice of a kind with the gains in a file, or the default ones."""
+def choice(kind: str, gains: Union[None, Gains] = None) -> _core.ControllerChoice:
+    """The _core.ControllerChoice of a kind with gains by name or in a file; default ones for the rest.
+    GroundError on unknown names."""
     made = _core.ControllerChoice()
     made.kind = kind
-    if path:
-        put(made, read(path))
+    try:
+        made.values = dict(gains) if isinstance(gains, Mapping) else read(os.fspath(gains)) if gains else {}
+    except ValueError as error:
+        raise GroundError(str(error))
     return made
 
 
@@ -58,10 +49,9 @@ def write(path: str, choice: _core.ControllerChoice, comments: Iterable[str], fo
     """Writes the gains of a _core.ControllerChoice; comments: lines on their origin."""
     with files.new_file(path, force) as temporary:
         with open(temporary, "w") as file:
-            file.write("# Gains of %s.\n" % choice.kind)
-            for line in comments:
+            for line in ("Gains of %s." % choice.kind, *comments):
                 file.write("# %s\n" % line)
-            for name, value in get(choice).items():
+            for name, value in choice.values.items():
                 file.write("%s: %s\n" % (name, _plain(value)))
     return os.path.abspath(path)
 

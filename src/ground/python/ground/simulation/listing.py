@@ -1,10 +1,15 @@
-"""The core's tables of controllers and references as text for --help."""
+"""The core's tables of controllers and references: as options, and as text for --help."""
 
-from typing import Any, Dict, Iterable, Optional
+from typing import Any, Iterable, Iterator, Mapping, Optional, Tuple
 
-from ground import _core
-from ground.annotations import Setting
+from ground import _core, command_line
+from ground.annotations import Document, Setting
+from ground.command_line import number, option
 from ground.simulation import gains, tracking
+
+NAMES = ("size", "rate_of_turn", "petals", "speed")  # parameters of references that are options
+PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set parameters of references
+REFERENCE = (*NAMES, *PLACES)
 
 
 def controllers(names: Iterable[str]) -> str:
@@ -31,12 +36,30 @@ def references() -> str:
     return "\n".join(lines) + "\n"
 
 
-def option(parameter: _core.TunableInfo, default: Optional[Setting]) -> Dict[str, Any]:
-    """Metavar and help of an option that sets a parameter; a default of None is not shown."""
-    text = parameter.text[0].lower() + parameter.text[1:]
-    if default is not None:
-        text += " (%g)" % float(default)
-    return {"metavar": "N" if parameter.unit == "-" else parameter.unit.upper(), "help": text}
+def fields(parameters: Iterable[_core.TunableInfo], defaults: bool = True) -> Iterator[Tuple[str, Any, Any]]:
+    """Fields of a dataclass of options that set parameters; defaults: whether help shows them."""
+    for p in parameters:
+        help = p.text[0].lower() + p.text[1:] + (" (%g)" % float(p.default) if defaults else "")
+        metavar = "N" if p.unit == "-" else p.unit.upper()
+        made = option(None, help, type=number, metavar=metavar, group="tracking")
+        yield p.name, Optional[float], made
+
+
+def reference_fields() -> Iterator[Tuple[str, Any, Any]]:
+    """Fields of a dataclass of options that set parameters of references."""
+    yield from fields((p for p in _core.reference_parameters() if p.name in NAMES), False)
+    for place in PLACES:
+        help = "%s [m]" % {"origin": "centre or start", "end": "end of a line"}[place]
+        yield place, Any, option(None, help, type=number, nargs=2, metavar=("X", "Y"), group="tracking")
+
+
+def reference_settings(options: Any) -> Document:
+    """The parameters of references that options set."""
+    settings: Mapping[str, Any] = command_line.given(options, REFERENCE)
+    found = {name: settings[name] for name in NAMES if name in settings}
+    for place, names in PLACES.items():
+        found.update(zip(names, settings.get(place, ())))
+    return found
 
 
 def _line(parameter: _core.TunableInfo, default: Optional[str] = None) -> str:

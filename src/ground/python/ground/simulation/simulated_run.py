@@ -7,30 +7,19 @@ import os
 import tempfile
 from dataclasses import dataclass, field
 from itertools import repeat
-from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple, Union
+from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
 
 import numpy as np
 
 from ground import _core, files
-from ground.annotations import Array, Message, Time
+from ground.annotations import Array, Message, Path, Time
 from ground.progress import Progress, Work
 from ground.recordings import messages
 from ground.recordings.commands import CHANNELS
 from ground.recordings.messages import (
-    BURSTS,
-    CONTROLLER,
-    CONTROLS,
-    DECISION,
-    DRIVE,
-    POSE,
-    REFERENCE,
-    REFERENCE_PATH,
-    RUN_SETTINGS,
-    SETTINGS,
-    STATUS,
-    TRUTH,
-    WANTED,
-)
+    BURSTS, CONTROLLER, CONTROLS, DECISION, DRIVE, POSE, REFERENCE, REFERENCE_PATH, RUN_SETTINGS, SETTINGS,
+    STATUS, TRUTH, WANTED,
+)  # fmt: skip
 from ground.recordings.recording import Recording, digest_of_files
 from ground.recordings.run_settings import AXES
 
@@ -45,27 +34,23 @@ NS = 10**9
 WORLD = "world_ned"
 
 
-def _none() -> Array:
-    return np.empty(0)
-
-
-def _no_rows() -> Array:
-    return np.empty((0, 0))
+def _rows(*shape: int) -> Any:
+    return field(default_factory=lambda: np.empty(shape))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedRun(Recording):
     """A recording and the simulator's truth about it; all times on the recording's clock."""
 
-    delivered: Array = field(default_factory=_none)  # (n,) when the poses were delivered [s]
-    truth_times: Array = field(default_factory=_none)  # (k,) [s] of every frame, including lost ones
-    truth_eta: Array = field(default_factory=_no_rows)  # (k, 3) x, y [m], psi [rad], world_ned
-    truth_nu: Array = field(default_factory=_no_rows)  # (k, 3) u, v [m/s], r [rad/s], body
-    truth_nu_dot: Array = field(default_factory=_no_rows)  # (k, 3) their derivatives
-    truth_wrench: Array = field(default_factory=_no_rows)  # (k, 3) disturbance: X, Y [N], N [N m], body
-    references: Array = field(default_factory=_no_rows)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
+    delivered: Array = _rows(0)  # (n,) when the poses were delivered [s]
+    truth_times: Array = _rows(0)  # (k,) [s] of every frame, including lost ones
+    truth_eta: Array = _rows(0, 0)  # (k, 3) x, y [m], psi [rad], world_ned
+    truth_nu: Array = _rows(0, 0)  # (k, 3) u, v [m/s], r [rad/s], body
+    truth_nu_dot: Array = _rows(0, 0)  # (k, 3) their derivatives
+    truth_wrench: Array = _rows(0, 0)  # (k, 3) disturbance: X, Y [N], N [N m], body
+    references: Array = _rows(0, 0)  # (j, 9) time, p, p_dot, p_ddot, p_dddot
     # (i, 3 + n) time, stamp of the state, processor time [s], wanted inputs (of full scale)
-    decisions: Array = field(default_factory=lambda: np.empty((0, 5)))
+    decisions: Array = _rows(0, 5)
     # of excitations: time [s], number, burst or return, reason
     marks: List[Tuple[float, int, bool, str]] = field(default_factory=list)
     # states of the controller: time [s], state, reason
@@ -113,48 +98,32 @@ class SimulatedRun(Recording):
 
     def save(
         self,
-        path: "Union[str, os.PathLike[str]]",
+        path: Path,
         force: bool = False,
         progress: Progress = None,
     ) -> Dict[str, int]:
         """Writes a bag like those that launch/record.launch records. Returns the number of messages by
-        topic. progress: called with a ground.progress.Report at each step. GroundError when
-        it cannot be written, or exists and `force` is not set."""
-        told = self.axes, self.heading_offset, force, Work.of(progress)
-        return write(self, os.fspath(path), *told)
+        topic. GroundError when it cannot be written, or exists and `force` is not set.
 
-
-def write(
-    run: SimulatedRun,
-    path: str,
-    axes: str = AXES,
-    heading_offset: float = 0.0,
-    force: bool = False,
-    work: Optional[Work] = None,
-) -> Dict[str, int]:
-    """Writes a SimulatedRun to a bag. The same run gives the same bytes, except for the computing times
-    of a controller.
-
-    Poses are in the mocap's axes, of a rigid body that is turned by `heading_offset` [rad] against
-    the craft; the bag contains both settings. Header stamps are times of measurement, record times
-    those of delivery. Returns the number of messages by topic; raises GroundError when the file
-    exists. work: told of what is written.
-    """
-    counts: Dict[str, int] = {}
-    told = work or Work()
-    with files.new_file(path, force) as temporary:
-        with told.stage(WRITING), messages.bag_writer(temporary) as bag:
-            series = _series(run, axes, heading_offset)
-            told.more(sum(len(s[1]) for s in series) // TOLD + 1)  # the last one: the index
-            rows = [zip(times, repeat(topic), stamps, found) for topic, times, stamps, found in series]
-            in_order = heapq.merge(*rows, key=operator.itemgetter(0))
-            for number, (received, topic, stamp, message) in enumerate(in_order):
-                told.reach(number // TOLD)
-                message.header.seq = counts.get(topic, 0)
-                message.header.stamp = _time(stamp)
-                bag.write(topic, message, int(round(received * NS)))
-                counts[topic] = counts.get(topic, 0) + 1
-    return counts
+        The same run gives the same bytes, except for the computing times of a controller. Poses are in the
+        mocap's axes, of the rigid body. Header stamps are times of measurement, record times those of
+        delivery. progress: called with a ground.progress.Report at each step."""
+        counts: Dict[str, int] = {}
+        work = Work.of(progress)
+        with files.new_file(os.fspath(path), force) as temporary:
+            with work.stage(WRITING), messages.bag_writer(temporary) as bag:
+                series = _series(self)
+                work.more(sum(len(s[1]) for s in series) // TOLD + 1)  # the last one: the index
+                rows = [zip(times, repeat(topic), stamps, found) for topic, times, stamps, found in series]
+                in_order = heapq.merge(*rows, key=operator.itemgetter(0))
+                for number, (received, topic, stamp, message) in enumerate(in_order, 1):
+                    if number % TOLD == 0:
+                        work.step()
+                    message.header.seq = counts.get(topic, 0)
+                    message.header.stamp = _time(stamp)
+                    bag.write(topic, message, int(round(received * NS)))
+                    counts[topic] = counts.get(topic, 0) + 1
+        return counts
 
 
 def _time(seconds: float) -> Time:
@@ -168,9 +137,7 @@ def _new(kind: str, frame: str = "", **fields: Any) -> Message:
     return message
 
 
-def _series(
-    run: SimulatedRun, axes: str, heading_offset: float
-) -> List[Tuple[str, Array, Array, Iterable[Message]]]:
+def _series(run: SimulatedRun) -> List[Tuple[str, Array, Array, Iterable[Message]]]:
     """Topic, record times, stamps and messages of all series of a run."""
     start = run.truth_times[:1]
     made = start if run.made_with else start[:0]
@@ -178,26 +145,35 @@ def _series(
     decided, statuses = run.decisions[:, 0], _statuses(run)
     reported = np.array([status[0] for status in statuses], float)
     followed = _reference_times(run)
+    settings = [_new("ground_msgs/MocapSettings", axes=run.axes, heading_offset=run.heading_offset)]
     began = (_new("ground_msgs/Drive", began=_time(at)) for at in drives[:, 0])
-    settings = [_new("ground_msgs/MocapSettings", axes=axes, heading_offset=heading_offset)]
+    truths = (
+        _new("ground_msgs/State", WORLD, eta=eta, nu=nu, nu_dot=nu_dot, valid=True)
+        for eta, nu, nu_dot in zip(run.truth_eta, run.truth_nu, run.truth_nu_dot)
+    )
+    bursts = (_new("ground_msgs/Burst", number=n, burst=burst, reason=why) for _, n, burst, why in run.marks)
+    decisions = (
+        _new("ground_msgs/Decision", CONTROLLER, state=_time(row[1]), computing=row[2])
+        for row in run.decisions
+    )
     return [
         (SETTINGS, start, start, settings),
         (RUN_SETTINGS, made, made, [_new("ground_msgs/RunSettings", yaml=run.made_with)]),
-        (TRUTH, run.truth_times, run.truth_times, _truths(run)),
-        (POSE, run.delivered, run.pose_times, _poses(run, axes, heading_offset)),
+        (TRUTH, run.truth_times, run.truth_times, truths),
+        (POSE, run.delivered, run.pose_times, _poses(run)),
         (REFERENCE, followed, run.references[:, 0], _references(run)),
         (REFERENCE_PATH, followed[:1], run.references[:1, 0], _reference_path(run)),
         (DRIVE, drives[:, 1], drives[:, 1], began),
         (STATUS, reported, reported, _status_messages(statuses)),
-        (BURSTS, marks, marks, _bursts(run)),
+        (BURSTS, marks, marks, bursts),
         (WANTED, decided, decided, _wanted(run)),
-        (DECISION, decided, decided, _decisions(run)),
+        (DECISION, decided, decided, decisions),
         (CONTROLS, run.control_times, run.control_times, _controls(run)),
     ]
 
 
-def _poses(run: SimulatedRun, axes: str, heading_offset: float) -> Iterator[Message]:
-    mapping = _core.AxisMapping(axes, heading_offset)
+def _poses(run: SimulatedRun) -> Iterator[Message]:
+    mapping = _core.AxisMapping(run.axes, run.heading_offset)
     for eta in run.eta:
         message = _new("geometry_msgs/PoseStamped", "mocap")
         position, orientation = mapping.to_mocap(eta, MARKER_HEIGHT)
@@ -233,11 +209,6 @@ def _wanted(run: SimulatedRun) -> Iterator[Message]:
         yield message
 
 
-def _decisions(run: SimulatedRun) -> Iterator[Message]:
-    for row in run.decisions:
-        yield _new("ground_msgs/Decision", CONTROLLER, state=_time(row[1]), computing=row[2])
-
-
 def _statuses(run: SimulatedRun) -> List[Tuple[float, str, str, float]]:
     """(time, state, reason, elapsed) of the controller's life, as its node would publish them."""
     found, began, stages = [], None, run.stages
@@ -262,22 +233,12 @@ def _status_messages(statuses: Iterable[Tuple[float, str, str, float]]) -> Itera
         yield message
 
 
-def _bursts(run: SimulatedRun) -> Iterator[Message]:
-    for _, number, burst, reason in run.marks:
-        yield _new("ground_msgs/Burst", number=number, burst=burst, reason=reason)
-
-
 def _drives(run: SimulatedRun) -> Array:
     """Rows of when the newest drive began, and when the sender reports it [s]."""
     starts = _core.drive_starts(run.control_times, run.controls[:, -1])
     ends = starts[1:] + [run.control_times[-1]]
     rows = [(a, t) for a, b in zip(starts, ends) for t in np.arange(a, b, DRIVE_PERIOD)]
     return np.array(rows, float).reshape(-1, 2)
-
-
-def _truths(run: SimulatedRun) -> Iterator[Message]:
-    for eta, nu, nu_dot in zip(run.truth_eta, run.truth_nu, run.truth_nu_dot):
-        yield _new("ground_msgs/State", WORLD, eta=eta, nu=nu, nu_dot=nu_dot, valid=True)
 
 
 def _reference_times(run: SimulatedRun) -> Array:

@@ -1,6 +1,6 @@
 """A controller in closed loop with a simulated craft: its tracking error and effort."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from ground.annotations import Array, Document
 from ground.errors import GroundError
 from ground.progress import Work
 from ground.recordings import tracks
+from ground.recordings.tracks import Track
 from ground.simulation import gains
 from ground.workers import Workers
 
@@ -20,7 +21,9 @@ PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set p
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
 AFTER_STOP = 3.0  # time after the end of a reference until the craft has to be there [s]
 # Numbers of a run that ended before its errors counted
-NEVER_SETTLED = dict(rms=np.inf, max=np.inf, final=np.inf, saturated_fraction=1.0, effort=0.0)
+NEVER_SETTLED = dict(rms=np.inf, max=np.inf, saturated_fraction=1.0, effort=0.0)
+POOLED = ("rms", "max", "final", "saturated_fraction", "effort", "wanted_outside", "wanted_largest")
+SHARES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 # The thesis's references: parameters, and the window in which errors count [s].
 REFERENCES: Dict[str, Tuple[Dict[str, Any], Optional[Tuple[float, float]]]] = {
     "circle": (dict(size=2.0, rate_of_turn=0.6), (20.0, 60.0)),
@@ -54,43 +57,6 @@ class Conditions:
     noise: bool = False  # whether the state is estimated from a noisy mocap; else it is the true one
     delay: float = 0.0  # time from measurement to command [s]
     loss: float = 0.0  # share of mocap frames lost
-
-
-@dataclass
-class Tracked:
-    """One run. Arrays are over the frames; times since the reference began [s]."""
-
-    times: Array  # (n,)
-    eta: Array  # (n, 3) true x, y [m], psi [rad], world_ned
-    reference: Array  # (n, 2) x, y [m]
-    # (k, 2 + 2 n) time, processor time [s], inputs (of full scale), inputs before they were limited
-    decisions: Array
-    numbers: Document = field(default_factory=dict)
-
-    @property
-    def errors(self) -> Array:
-        """Distance from the reference (n,) [m]."""
-        return np.asarray(np.hypot(*(self.eta[:, :2] - self.reference).T))
-
-    @property
-    def inputs(self) -> Array:
-        """Rows of time and inputs (of full scale)."""
-        return self.decisions[:, [0, *range(2, self._middle)]]
-
-    @property
-    def wanted(self) -> Array:
-        """Rows of time and inputs before they were limited (full scale is 1)."""
-        return self.decisions[:, [0, *range(self._middle, self.decisions.shape[1])]]
-
-    @property
-    def computing(self) -> Array:
-        """Rows of time, processor time of a decision [s]."""
-        return self.decisions[:, :2]
-
-    @property
-    def _middle(self) -> int:
-        """Column of the first wanted input."""
-        return 1 + self.decisions.shape[1] // 2
 
 
 def reference(kind: str, **settings: Any) -> _core.ReferenceParams:
@@ -160,7 +126,7 @@ def run(
     seed: int = 1,
     rate: float = 50.0,
     max_error: float = 0.0,
-) -> Tracked:
+) -> Track:
     """Tracks a Task once with a _core.ControllerChoice that uses the model `believed`.
 
     start: pose x, y [m], psi [rad], world_ned, and velocity u, v [m/s], r [rad/s], body. max_error:
@@ -188,47 +154,36 @@ def run(
         raise GroundError(str(error))
     if not len(log["references"]):
         raise GroundError("the controller stopped before it drove: %s" % log["stopped"])
-    found = _tracked(log, task, believed.input_max)
-    if log["stopped"]:
-        at = log["stopped_at"] - log["references"][0, 0]
-        found.numbers.update(rms=np.inf, max=np.inf, stopped=log["stopped"], stopped_at=at)
-    return found
+    found = _track(log, task, believed.input_max)
+    return replace(found, numbers=_numbers(found, task, log))
 
 
-def _tracked(log: Document, task: Task, input_max: float) -> Tracked:
+def _track(log: Document, task: Task, input_max: float) -> Track:
     began = log["references"][0, 0]
     truth, decisions = log["truth"], log["decisions"]
     times = truth[:, 0] - began
-    kept = times >= -1e-9
-    times = times[kept]
-    found = Tracked(
-        times,
+    kept = times >= -tracks.ROUNDING
+    when, middle = decisions[:, 0] - began, (3 + decisions.shape[1]) // 2
+    return Track(
+        times[kept],
         truth[kept, 1:4],
-        task.reference.sample(times),
-        np.column_stack([decisions[:, 0] - began, decisions[:, 2], decisions[:, 3:] / input_max]),
+        task.reference.sample(times[kept]),
+        np.column_stack([when, decisions[:, 3:middle] / input_max]),
+        np.column_stack([when, decisions[:, middle:] / input_max]),
+        np.column_stack([when, decisions[:, 2]]),
     )
-    found.numbers = _numbers(found, task)
-    return found
 
 
-def _numbers(found: Tracked, task: Task) -> Document:
-    errors = found.errors
-    counts = found.times >= task.settled - 1e-9
-    at_work = found.decisions[:, 0] >= task.settled - 1e-9
-    inputs, wanted = found.inputs[:, 1:], found.wanted[:, 1:]
-    saturated = found.decisions[tracks.saturated(inputs), 0]
-    measured = tracks.summary(errors[counts], inputs[at_work])
-    numbers = {
-        **{name: NEVER_SETTLED[name] if x is None else x for name, x in measured.items()},
-        "final": float(errors[-1]),
-        "last_saturation": float(saturated[-1]) if len(saturated) else None,
-        "stopped": None,
-        **tracks.wanted_summary(wanted[at_work]),
-        "compute_ms": tracks.compute_ms(found.computing[:, 1]),
-    }
+def _numbers(found: Track, task: Task, log: Document) -> Document:
+    measured = tracks.summary(found, task.settled)
+    numbers = {n: NEVER_SETTLED.get(n) if value is None else value for n, value in measured.items()}
+    numbers.update(final=float(found.errors[-1]), stopped=None)
     if task.ends:
         late = found.times >= task.reference.extent() + AFTER_STOP
-        numbers["after_stop_max"] = float(errors[late].max()) if late.any() else None
+        numbers["after_stop_max"] = float(found.errors[late].max()) if late.any() else None
+    if log["stopped"]:
+        at = log["stopped_at"] - log["references"][0, 0]
+        numbers.update(rms=np.inf, max=np.inf, stopped=log["stopped"], stopped_at=at)
     return numbers
 
 
@@ -240,16 +195,14 @@ def many(
     starts: Sequence[Start],
     conditions: Optional[Conditions] = None,
     seed: int = 1,
-    rate: float = 50.0,
-    max_error: float = 0.0,
     work: Optional[Work] = None,
-) -> List[Tracked]:
-    """The Tracked of every start, each with its own seed; work: told of each."""
+    **options: float,
+) -> List[Track]:
+    """The Track of every start, each with its own seed; options: of `run`; work: told of each."""
     told = work or Work()
 
-    def one(i: int) -> Tracked:
-        loop = (truth, believed, controller, task, starts[i], conditions)
-        found = run(*loop, seed + i, rate, max_error)
+    def one(i: int) -> Track:
+        found = run(truth, believed, controller, task, starts[i], conditions, seed + i, **options)
         told.step()
         return found
 
@@ -265,37 +218,26 @@ def perturbed(model: _core.Model, factors: Dict[str, float]) -> _core.Model:
     return moved
 
 
-def pooled(runs: Sequence[Tracked]) -> Document:
+def pooled(runs: Sequence[Track]) -> Document:
     """Numbers of several runs in one dict: medians, and 5, 50, 95% of the error."""
     numbers = [r.numbers for r in runs]
-    result: Document = {
-        name: float(np.median([n[name] for n in numbers]))
-        for name in ("rms", "max", "final", "saturated_fraction", "effort")
-    }
-    for name in ("wanted_outside", "wanted_largest"):
-        values = [n[name] for n in numbers if n[name] is not None]
-        result[name] = float(np.median(values)) if values else None
-    last = [n["last_saturation"] for n in numbers if n["last_saturation"] is not None]
-    result["last_saturation"] = float(np.median(last)) if last else None
-    late = [n["after_stop_max"] for n in numbers if n.get("after_stop_max") is not None]
-    if len(late) == len(numbers):
-        result["after_stop_max"] = float(np.median(late))
+
+    def median(name: str) -> Optional[float]:
+        values = [n[name] for n in numbers if n.get(name) is not None]
+        return float(np.median(values)) if values else None
+
+    result: Document = {name: median(name) for name in POOLED}
+    if all(n.get("after_stop_max") is not None for n in numbers):
+        result["after_stop_max"] = median("after_stop_max")
     result["compute_ms"] = tracks.compute_ms(np.concatenate([r.computing[:, 1] for r in runs]))
-    errors = [n["rms"] for n in numbers]
-    result["rms_quantiles"] = {
-        "p05": quantile(errors, 0.05),
-        "median": quantile(errors, 0.5),
-        "p95": quantile(errors, 0.95),
-    }
-    result["stopped"] = sum(n["stopped"] is not None for n in numbers)
-    result["stops"] = [
-        {"run": i + 1, "time": n["stopped_at"], "reason": n["stopped"]}
-        for i, n in enumerate(numbers)
-        if n["stopped"] is not None
-    ]
+    result["rms_quantiles"] = quantiles([n["rms"] for n in numbers])
+    stops = [(i, n) for i, n in enumerate(numbers, 1) if n["stopped"] is not None]
+    result["stopped"] = len(stops)
+    result["stops"] = [{"run": i, "time": n["stopped_at"], "reason": n["stopped"]} for i, n in stops]
     return result
 
 
-def quantile(values: Sequence[float], share: float) -> float:
-    """A quantile that is one of the values, so that infinite ones do not matter."""
-    return float(np.sort(values)[int(share * (len(values) - 1) + 0.5)])
+def quantiles(values: Sequence[float]) -> Dict[str, float]:
+    """5, 50 and 95% of values, each of them one of the values, so that infinite ones do not matter."""
+    ordered, most = np.sort(values), len(values) - 1
+    return {name: float(ordered[int(share * most + 0.5)]) for name, share in SHARES.items()}
