@@ -19,14 +19,13 @@ from ground.analysis import (
 )
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
-from ground.analysis.diagnosis import Diagnosis
+from ground.analysis.diagnosis import EXPLAINED, Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.search import EXCLUSION
 from ground.annotations import Document
 from ground.errors import GroundError
 from ground.recordings import windows
 
-EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave something without a name
 SAID = ("unexplained", "memory")  # ... of which runs show that it is there
@@ -37,7 +36,6 @@ SMALL = 0.35
 # multiples of the one from which it is excluded.
 CLOSE = 5.0
 LENGTHENED = 3  # formulas, each longer than the one before
-FLOORS = 5  # simulations over which the noise floor is averaged
 LIKELIHOOD, SIMULATION = "likelihood", "simulation"  # what a refit maximises or minimises
 
 
@@ -144,8 +142,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
     if not agrees.holds and not left.said:
         left = left.unbounded()
-    floors = found.pool.map(lambda seed: _floor(found, found.runs, seed), range(FLOORS))
-    floor, varies, refitted = float(np.mean(list(floors))), _varies(found), refits(found)
+    floor, varies, refitted = found.noise_floor(found.names), _varies(found), refits(found)
     explained = float(found.best.error.sum()) < EXPLAINED * floor
     after, before = float(found.best.heldout.sum()), min(refit.heldout for refit in refitted)
     trusted = agrees.holds or not found.chosen or after < before
@@ -169,7 +166,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         refitted if by_user is None else _on_others(found, refitted, by_user),
         _steps(found, by_user),
         _judgements(found, by_user),
-        _floor(found, heldout, 1) if heldout else floor,
+        float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor,
         varies,
         left,
         agrees,
@@ -177,11 +174,6 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         found,
         heldout,
     )
-
-
-def _floor(found: Diagnosis, runs: Sequence[_core.RunData], seed: int) -> float:
-    """Error that the noise of the poses alone would leave on runs."""
-    return float(window_error.noise_floor(runs, found.best.model, seed).sum())
 
 
 def refits(found: Diagnosis) -> Tuple[Refit, ...]:
