@@ -18,7 +18,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import dictionary, horizon, samples
-from ground.analysis.dictionary import ARGUMENTS, PAST
+from ground.analysis.scalars import ARGUMENTS, PAST
 from ground.analysis.folds import excerpt
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term

@@ -164,9 +164,7 @@ class Diagnosis:
             fit, before = self.search.fits[fullest], self.search.fits[frozenset()].model
             share = self.noise_floor(names) / float(self.judge(names).error.sum())
             bound = max(0.0, 1 - share**2) if EXPLAINED * share > 1 else None
-            self.ceilings[fullest] = ceiling.ceiling(
-                self.likelihood, fit, self.runs, self.cut, before, bound
-            )
+            self.ceilings[fullest] = ceiling.ceiling(self.likelihood, fit, self.runs, self.cut, before, bound)
         return self.ceilings[fullest]
 
     def noise_floor(self, names: FrozenSet[str]) -> float:
