@@ -184,14 +184,6 @@ def ceiling(
     )
 
 
-def found_beside(
-    likelihood: Likelihood, fit: Fit, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
-) -> Optional[Found]:
-    """What the innovations of a Fit depend on, without its shares."""
-    likelihood, fit, _, _ = excerpt(likelihood, fit, runs, cut)
-    return _rounds(*_first(likelihood, fit))
-
-
 def _first(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, List[Samples]]:
     """The Regression on the dictionary, and the Samples of each run."""
     sampled = [samples.of_run(likelihood, fit, i) for i in range(len(likelihood.runs))]
@@ -330,11 +322,15 @@ def _bound(
     cut: Sequence[_core.Window],
     now: Array,
 ) -> float:
-    """Largest share of the error that a family of features, or one of the most significant features,
-    explains beside terms, at the largest size that the likelihood does not exclude."""
+    """Largest share of the error that a family of features explains beside terms, at the largest size that
+    the likelihood does not exclude. Beside no terms the most significant features count, too, at their
+    likeliest size: they may be significant by chance."""
     moved, shares = _moved(regression, runs, cut), [0.0]
-    suspects = np.argsort(-regression.significance())[:SUSPECTS]
-    for family in [*regression.terms, *(Term("suspect", np.array([j])) for j in suspects)]:
+    for j in np.argsort(-regression.significance())[: 0 if terms else SUSPECTS]:
+        weight = regression.b[j] / max(float(regression.information[j]), 1e-300)
+        power = ((weight * regression.scale[j] * moved[:, j]) ** 2).sum()
+        shares.append(float(power / now.sum()))
+    for family in regression.terms:
         size = regression.largest(family.columns, BEHIND, terms)
         if size > 0:
             at, covariance, mean = regression.posterior([*terms, replace(family, variance=size)])

@@ -163,9 +163,13 @@ class Diagnosis:
         if fullest not in self.ceilings:
             fit, before = self.search.fits[fullest], self.search.fits[frozenset()].model
             share = self.noise_floor(names) / float(self.judge(names).error.sum())
-            bound = max(0.0, 1 - share**2) if EXPLAINED * share > 1 else None
+            bound = max(0.0, 1 - share**2) if self.explains(names) else None
             self.ceilings[fullest] = ceiling.ceiling(self.likelihood, fit, self.runs, self.cut, before, bound)
         return self.ceilings[fullest]
+
+    def explains(self, names: FrozenSet[str]) -> bool:
+        """Whether the noise of the poses explains nearly all of the error of a set that was fitted."""
+        return float(self.judge(names).error.sum()) < EXPLAINED * self.noise_floor(names)
 
     def noise_floor(self, names: FrozenSet[str]) -> float:
         """Error that the noise of the poses alone would leave if a fitted set of effects were true."""

@@ -196,7 +196,7 @@ def find_break(times: Array, speeds: Array, begin: float, end: float) -> Break:
         before, soon = t < at, (t >= at) & (t < at + 0.3)
         slope, s0 = np.polyfit(t[before], s[before], 1) if before.sum() > 2 else (0.0, s[0])
         braking = -np.polyfit(t[soon], s[soon], 1)[0] if soon.sum() > 2 else 1.0
-        fits.append(least_squares(lambda p: _shape(*p, t) - s, [s0, slope, at, braking]))
+        fits.append(least_squares(lambda p: _shape(p[0], p[1], p[2], p[3], t) - s, [s0, slope, at, braking]))
     fit = min(fits, key=lambda found: float(found.cost))
     s0, slope, time, braking = fit.x
     at_break, last = _shape(s0, slope, time, braking, np.array([time, end]))
