@@ -89,14 +89,12 @@ def screening(table):
     """Score tests of all effects of the library on four runs of 8 s."""
     import time
 
-    import hidden_white as cases
-
-    from ground import _core
+    import hidden_cases
     from ground.analysis import candidates, diagnosis
     from ground.analysis.score_tests import ScoreTests
 
-    truth = cases.truth(["quadratic_drag"], 1.0, 1)
-    runs, model = cases.runs(truth, "varied", 1.0, 1), _core.load_model(cases.MODEL)
+    case = hidden_cases.make("disturbed_single", 1)
+    runs, model = hidden_cases.record(case)[0], hidden_cases.given_model(case)
     every, times = candidates.library(model), []
     whole = diagnosis.Diagnosis(runs, model, every, threads=1)
     for _ in range(5):

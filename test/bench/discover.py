@@ -24,7 +24,7 @@ from ground import _core, workers
 from ground.discovery import campaign, choice, flights, pieces, story, tracking
 from ground.errors import GroundError
 from ground.simulation import experiments
-from hidden_white import MODEL
+from hidden_effects import MODEL
 
 ROOM = os.path.join(os.path.dirname(MODEL), os.pardir, "room", "room_4x4.yaml")
 CHECKS = (9001, 9002, 9003)  # numbers of the flights that compare the tracking

@@ -5,16 +5,16 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 import hidden_cases
-import hidden_white
+import hidden_effects
 from ground import _core
 from hidden_cases import random_of
-from hidden_white import in_turn
+from hidden_effects import in_turn
 
 SPREAD = 0.3  # largest relative difference of the true body's parameters from the given model's
 LEVEL = 0.005  # sigma of the disturbance, relative to full thrust
-FACTORS = (1.5, 2.5)  # range of an effect's size, relative to hidden_white.STRENGTHS
+FACTORS = (1.5, 2.5)  # range of an effect's size, relative to hidden_effects.STRENGTHS
 # Effects outside the library: the arguments that they depend on, as a diagnosis names them.
-OUTSIDE = {**{name: depends for name, (_, _, depends) in hidden_white.OUTSIDE.items()}}
+OUTSIDE = {**{name: depends for name, (_, _, depends) in hidden_effects.OUTSIDE.items()}}
 OUTSIDE["floor_field"] = {"place"}
 MEMORY = {
     "spin_up": {"past", "command"},
@@ -60,18 +60,18 @@ def plain(kind, seed):
 
 def given_model():
     """The nominal _core.Model, which a discovery begins with."""
-    return _core.load_model(hidden_white.MODEL)
+    return _core.load_model(hidden_effects.MODEL)
 
 
 def one(kind, seed):
-    return hidden_cases.hide(plain(kind, seed), in_turn(seed, hidden_white.strengths())[:1], *FACTORS)
+    return hidden_cases.hide(plain(kind, seed), in_turn(seed, hidden_effects.strengths())[:1], *FACTORS)
 
 
 def several(count):
     """A maker of crafts with `count` random effects, which may look alike."""
 
     def make(kind, seed):
-        known = list(hidden_white.strengths())
+        known = list(hidden_effects.strengths())
         names = random_of(kind, seed, "names").choice(known, count, replace=False).tolist()
         return hidden_cases.hide(plain(kind, seed), names, *FACTORS)
 
@@ -89,7 +89,7 @@ def outside(kind, seed):
             "phase": random.uniform(0, 2 * np.pi),
         }
     else:
-        sizes = hidden_white.OUTSIDE[name][1]
+        sizes = hidden_effects.OUTSIDE[name][1]
         case.effects[name] = {p: size * random.uniform(*FACTORS) for p, size in sizes.items()}
     case.depends = sorted(OUTSIDE[name])
     return case

@@ -16,13 +16,13 @@ import hidden_grammar
 import hidden_noise
 import hidden_pilot
 import hidden_share
-import hidden_white
+import hidden_effects
 from ground import _core
 from ground.errors import GroundError
 from ground.recordings import quality
 from ground.recordings.recording import Recording
 from ground.simulation import experiments
-from hidden_white import in_turn
+from hidden_effects import in_turn
 
 FITTED, HELD_OUT = 4, 2  # runs of a case
 DRIVEN = 7.0  # a run of 8 s has lift alone in its first second [s]
@@ -78,7 +78,7 @@ def random_of(*parts):
 def plain(kind, seed, excitation="varied", mocap=None):
     """A case without hidden effects and disturbance: only the poses are noisy."""
     random = random_of(kind, seed, "body")
-    given = _core.load_model(hidden_white.MODEL)
+    given = _core.load_model(hidden_effects.MODEL)
     case = Case(kind, seed, body={name: given.value(name) for name in NOMINAL})
     for name in FREE:
         case.body[name] *= random.uniform(1 - SPREAD, 1 + SPREAD)
@@ -194,9 +194,9 @@ def hide(case, names, low, high):
     random = random_of(case.kind, case.seed, "effects", *names)
     for name in names:
         factor, case.effects[name] = random.uniform(low, high), {}
-        for parameter, size in hidden_white.strengths()[name].items():
-            sign = 1 if name in hidden_white.ONE_SIDED else random.choice([-1, 1])
-            value = hidden_white.scaled(name, parameter, size, float(sign * factor))
+        for parameter, size in hidden_effects.strengths()[name].items():
+            sign = 1 if name in hidden_effects.ONE_SIDED else random.choice([-1, 1])
+            value = hidden_effects.scaled(name, parameter, size, float(sign * factor))
             case.effects[name][parameter] = value
     case.hidden = sorted(case.hidden + list(names))
     return case
@@ -328,7 +328,7 @@ def single(low, high):
     """A maker of cases with one effect in a disturbance: each effect in turn, at each level."""
 
     def make(kind, seed):
-        name, level, _ = in_turn(seed, hidden_white.strengths(), LEVELS)
+        name, level, _ = in_turn(seed, hidden_effects.strengths(), LEVELS)
         return hide(push(plain(kind, seed), level, level), [name], low, high)
 
     return make
@@ -345,7 +345,7 @@ def trim_single(kind, seed):
     """A trim and one effect, but not the effect that equals the mean of the trim."""
     what, turn = in_turn(seed, TRIMS)
     case = trim(push(plain(kind, seed), 0.001, 0.01), what)
-    names = [name for name in hidden_white.strengths() if name not in case.allowed]
+    names = [name for name in hidden_effects.strengths() if name not in case.allowed]
     return hide(case, in_turn(turn, names)[:1], 1.5, 2.5)
 
 
@@ -357,7 +357,7 @@ def _calm_or_not(kind, seed):
 
 def twins(kind, seed):
     """Two effects that look nearly alike; delay and lag are 20 ms each."""
-    pair, _ = in_turn(in_turn(seed, range(3))[-1], hidden_white.LOOK_ALIKES)
+    pair, _ = in_turn(in_turn(seed, range(3))[-1], hidden_effects.LOOK_ALIKES)
     case = hide(_calm_or_not(kind, seed), sorted(pair), 1.5, 2.5)
     if "motor_lag" in pair:
         case.effects = {"input_delay": {"delay": 0.02}, "motor_lag": {"tau": 0.02}}
@@ -368,7 +368,7 @@ def several(count):
     """A maker of cases with `count` random effects, which may be twins."""
 
     def make(kind, seed):
-        known = list(hidden_white.strengths())
+        known = list(hidden_effects.strengths())
         names = random_of(kind, seed, "names").choice(known, count, replace=False).tolist()
         return hide(_calm_or_not(kind, seed), names, 1.5, 2.5)
 
@@ -435,8 +435,8 @@ KINDS = {
     "odd_noise": (odd_noise, 100),
     "wrong_givens": (wrong_givens, 100),
     "jittered_link": (jittered_link, 60),
-    "disturbed_single": (single(1.5, 2.5), 12 * len(hidden_white.strengths())),
-    "weak_single": (single(1.1, 1.1), 3 * len(hidden_white.strengths())),
+    "disturbed_single": (single(1.5, 2.5), 12 * len(hidden_effects.strengths())),
+    "weak_single": (single(1.1, 1.1), 3 * len(hidden_effects.strengths())),
     "trim": (trim_null, 90),
     "trim_single": (trim_single, 120),
     "twins": (twins, 90),
@@ -538,7 +538,7 @@ def truth_about(case, fitted, heldout):
 
 def given_model(case):
     """The nominal _core.Model, which is diagnosed."""
-    model = _core.load_model(hidden_white.MODEL)
+    model = _core.load_model(hidden_effects.MODEL)
     for name, factor in case.given.items():
         model.set_value(name, model.value(name) * factor)
     return model
@@ -552,4 +552,4 @@ def true_value(case, name):
         return None if case.given else case.body[name]
     if effect in case.effects:
         return case.effects[effect][parameter]
-    return hidden_white.neutral(name)
+    return hidden_effects.neutral(name)

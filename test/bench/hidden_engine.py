@@ -2,12 +2,12 @@
 
 import time
 
-from ground.analysis import candidates, diagnosis, diagnosis_report
+from ground.analysis import candidates, diagnosis
 from ground.analysis.verdict import HeldOut, conclude
 from ground.errors import GroundError
 
 
-def diagnose(runs, heldout, model, thorough=False):
+def diagnose(runs, heldout, model):
     """Diagnosis of runs, lists of _core.RunData, as plain values for a line of JSON.
 
     heldout: runs to test on; if empty, each run is tested with a fit to the others.
@@ -27,8 +27,7 @@ def diagnose(runs, heldout, model, thorough=False):
                        {name: share}; formula, the proposal in words; kept, the error on held-out runs
                        with it; agrees, whether what is left is the random wrench that the model claims
       unseen           effects that it reports as not identifiable from these runs
-    thorough adds alike {candidate: its group} and next_experiment. If the tool refuses the runs, the result
-    is {"failed": reason}.
+    If the tool refuses the runs, the result is {"failed": reason}.
     """
     start = time.perf_counter()
     try:
@@ -37,13 +36,7 @@ def diagnose(runs, heldout, model, thorough=False):
         conclusion = conclude(found, heldout)
     except GroundError as error:
         return {"failed": str(error)}
-    answer = {"seconds": time.perf_counter() - start, **_answer(found, conclusion)}
-    if thorough:
-        report = diagnosis_report.begun(found, conclusion, model.name, heldout)
-        report = diagnosis_report.completed(report, found, conclusion)
-        answer["alike"] = {c["effect"]: c["group"] for c in report["candidates"]}
-        answer["next_experiment"] = report["next_experiment"]
-    return answer
+    return {"seconds": time.perf_counter() - start, **_answer(found, conclusion)}
 
 
 def _answer(found, conclusion):

@@ -13,7 +13,6 @@ UNDECIDED = "undecided"  # verdict that these runs cannot decide
 QUIET = ("complete", "varies", UNDECIDED)  # verdicts that do not say that something is missing
 LEARNABLE = 0.1  # share of the error from which something learnable is left
 SEEN = 0.9  # largest ratio of the errors with and without a missing effect at which it shows
-MAX_ERROR_RATIO = 1.05  # up to this ratio to the true model's error a model is as good as the truth
 
 
 def chosen(result):
@@ -191,20 +190,3 @@ def free_effects():
         for name, effect in _core.effects().items()
         if not any(p["neutral"] in (p["lower"], p["upper"]) for p in effect["parameters"])
     }
-
-
-def as_good_as_the_truth(result):
-    """Whether the held-out error is at most MAX_ERROR_RATIO times the refitted truth's."""
-    return result["found"]["errors"]["steps"][-1] <= MAX_ERROR_RATIO * result["true_error"]
-
-
-def is_first(result):
-    """Whether the hidden effect was ranked first."""
-    return result["found"]["first"][:1] == result["hidden"]
-
-
-def is_distinguished(result, when):
-    """Whether the answer on ambiguous runs, "before" or "after" the proposed experiment, is right and not
-    a group."""
-    answer = result.get(when)
-    return bool(answer) and answer["chosen"] == result["hidden"] and len(answer["group"]) == 1

@@ -2,7 +2,7 @@
 and share of the effect that the library explains."""
 
 import hidden_craft
-import hidden_white
+import hidden_effects
 import numpy as np
 from ground.analysis import window_error
 from ground.recordings import windows
@@ -52,7 +52,7 @@ def _library(body, motion, few):
     columns += [[body["X_u"] * c, -body["Y_v"] * s, o], [body["X_u"] * s, body["Y_v"] * c, o]]  # wind
     columns = [np.column_stack(column) for column in columns]
     points = [_point(body, motion, i) for i in few]
-    for name, sizes in hidden_white.STRENGTHS.items():
+    for name, sizes in hidden_effects.STRENGTHS.items():
         if name in hidden_craft.WRENCH:
             for one in sizes:
                 p = {other: 0.1 * (other == one) for other in sizes}

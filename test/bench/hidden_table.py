@@ -7,11 +7,10 @@ from scipy import stats
 
 import hidden_craft
 import hidden_score as score
-import hidden_white
 
 NAMELESS = ("nameless", "local")
 ALL_NULLS = ("null", "disturbed_null", "noise_null", "odd_noise", "trim")
-NULLS = ("disturbed_null", "noise_null", "odd_noise", "wrong_givens", "white_null")
+NULLS = ("disturbed_null", "noise_null", "odd_noise", "wrong_givens")
 SINGLES = ("disturbed_single", "weak_single")
 UNIFORM = 0.01  # p-value of the Kolmogorov-Smirnov test below which p-values are not uniform
 
@@ -86,26 +85,10 @@ def _rows():
     yield Row("intervals of hidden effects hold", (), score.intervals, ("in", 0.92))
     yield Row("intervals of the body hold, right sets", (), _body, ("in", 0.92), _is_whole)
     yield Row("error held out rises by adding", (), score.made_worse, ("<=", 0.05))
-    white, near = ("white_single",), _is_moderate
-    yield Row("white: ranked first", white, score.is_first, None, near)
-    yield Row("white: right set or group", white, score.is_right, None, near)
-    yield Row("white: error within 1.05 of the truth's", white, score.as_good_as_the_truth)
-    yield Row("white null: an effect chosen", ("white_null",), score.has_any_effect)
-    yield Row("white null: `complete`", ("white_null",), _says("complete"))
-    yield Row("white pairs: right set or group", ("white_pairs",), score.is_right)
-    yield Row("white, outside the library: `unexplained`", ("white_outside",), _says("unexplained"))
-    yield Row("- its argument among the first two", ("white_outside",), _names_argument)
-    ambiguous = ("white_ambiguous",)
-    yield Row("ambiguous runs: right at once, if not a group", ambiguous, _right_at_once)
-    yield Row("ambiguous runs: right after the experiment", ambiguous, _right_after)
 
 
 def _has(name):
     return lambda result: name in result["effects"]
-
-
-def _says(verdict):
-    return lambda result: result["found"]["verdict"] == verdict
 
 
 def _is_whole(result):
@@ -115,28 +98,6 @@ def _is_whole(result):
 
 def _body(result):
     return score.intervals(result, effects=False)
-
-
-def _is_moderate(result):
-    """Whether the nominal model's error is at least 1.3 times the truth's."""
-    return result["found"]["errors"]["steps"][0] >= 1.3 * result["true_error"]
-
-
-def _names_argument(result):
-    depends = hidden_white.OUTSIDE[result["hidden"][0]][2]
-    return bool(depends & set(result["found"]["where"][:2]))
-
-
-def _is_group(result):
-    return len(result["before"]["group"]) > 1
-
-
-def _right_at_once(result):
-    return None if _is_group(result) else score.is_distinguished(result, "before")
-
-
-def _right_after(result):
-    return score.is_distinguished(result, "after") if _is_group(result) else None
 
 
 def rate(answers):
@@ -227,7 +188,7 @@ def wrong(results):
     for r in results:
         missed = sorted(set(r["hidden"]) - score.chosen(r)) if not score.is_found(r) else []
         false = sorted(score.false_effects(r))
-        if r["kind"] not in ("white_ambiguous", "white_outside") and (missed or false):
+        if missed or false:
             hidden = ",".join(sorted(r.get("effects") or r["hidden"])) or "nothing"
             hidden = r.get("formula", hidden)
             found = ",".join(r["found"]["chosen"]) or "nothing"

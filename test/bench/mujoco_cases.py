@@ -18,7 +18,7 @@ from ground.errors import GroundError
 from ground.recordings import quality
 from ground.recordings.recording import Recording
 from ground.simulation import experiments
-from hidden_white import in_turn
+from hidden_effects import in_turn
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 STEP = hidden_craft.GRID  # of the engine [s]

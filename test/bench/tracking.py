@@ -13,7 +13,7 @@ import numpy as np
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-import hidden_white  # noqa: E402
+import hidden_effects  # noqa: E402
 
 from ground import _core, files  # noqa: E402
 from ground.simulation import gains, tracking, tuning  # noqa: E402
@@ -157,8 +157,8 @@ def print_effects(model, effects, strength):
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for effect in effects:
-            sizes = hidden_white.STRENGTHS[effect].items()
-            values = {n: hidden_white.scaled(effect, n, s, strength) for n, s in sizes}
+            sizes = hidden_effects.STRENGTHS[effect].items()
+            values = {n: hidden_effects.scaled(effect, n, s, strength) for n, s in sizes}
             row = hidden(model, effect, values, folder)
             rows.append(row)
             print(
@@ -190,7 +190,7 @@ def main():
     found = {"tables": [], "hidden": []}
     if not arguments.only_effects:
         found.update(print_tables(model, arguments.starts, arguments.seed))
-    effects = hidden_white.strengths() if arguments.effects is None else arguments.effects
+    effects = hidden_effects.strengths() if arguments.effects is None else arguments.effects
     found["hidden"] = print_effects(arguments.model, effects, arguments.strength)
     if arguments.json:
         files.write_json(arguments.json, found)

@@ -138,7 +138,7 @@ def test_shares_sum_to_one(turning, pushed):
 def test_a_moment_by_heading_gets_its_name_and_size(turning):
     _, _, (likelihood, fit, _, left) = turning
     formula = naming.formula(likelihood, fit, left.found.regression)
-    assert "moment" in formula.means and "heading" in formula.means and "once a turn" in formula.means
+    assert formula.means.startswith("a moment that depends on the heading (= ")
     assert set(formula.entry["expression"]) == {"N"}
     (size,) = (p["value"] for p in formula.entry["parameters"].values() if p["unit"] == "N m")
     assert abs(size) == pytest.approx(SIZE, rel=0.1)
@@ -281,7 +281,9 @@ def test_a_feature_is_in_the_model_what_it_is_in_the_dictionary(path):
     sizes = np.abs(usual / full[:, None]).max(axis=(0, 1))
     for feature, largest in zip(kinds.values(), sizes):
         weight = float(0.1 / max(largest, 1e-9))
-        entry = {"name": "one", "states": dict(feature.states)} if feature.states else {"name": "one"}
+        entry = (
+            {"name": "one", "states": feature.memory.filled()} if feature.memory.rates else {"name": "one"}
+        )
         entry["expression"] = {c: "w*(%s)" % f for c, f in feature.parts.items()}
         unit = feature.weight_unit
         entry["parameters"] = {"w": {"value": weight, "unit": unit, "neutral": 0.0}}
@@ -309,11 +311,11 @@ def test_a_function_of_the_screen_is_a_formula_of_a_model_file():
     ):
         kinds.setdefault(re.sub(r"[\d.]+", "", scalar.text), scalar)
     for scalar in kinds.values():
-        text = dictionary.filled(scalar.text, scalar.constants)
+        text = scalars.filled(scalar.text, scalar.constants)
         assert np.isfinite(samples.evaluated(text, spaces)).all(), text
-        entry = {"name": "one", "states": dict(scalar.states)} if scalar.states else {"name": "one"}
+        entry = {"name": "one", "states": scalar.memory.filled()} if scalar.memory.rates else {"name": "one"}
         entry["expression"] = {"X": "w*(%s)" % text}
-        unit = dictionary.product_of_units(["N", "1/(%s)" % scalar.unit if scalar.unit != "-" else "-"])
+        unit = scalars.product_of_units(["N", "1/(%s)" % scalar.unit if scalar.unit != "-" else "-"])
         entry["parameters"] = {"w": {"value": 1.0, "unit": unit, "neutral": 0.0}}
         extended = candidates.from_entry(entry, "one.yaml", model).add(model)
         assert "one" in extended.effects, text
@@ -349,7 +351,8 @@ def test_formulas_have_their_units(path, length, time):
         s.turn / time, s.duration * time,
     )  # fmt: skip
     known, others = (
-        [feature for feature in dictionary.dictionary(model, of) if not feature.states] for of in (s, scales)
+        [feature for feature in dictionary.dictionary(model, of) if not feature.memory.rates]
+        for of in (s, scales)
     )
     here = dictionary.wrenches(known, model, sampled).transpose(2, 0, 1)
     other = samples.samples_of(model, values, sampled.times)

@@ -1,4 +1,4 @@
-"""Memory, experiments, verdicts, and curves of thrust, each with plain numbers."""
+"""Experiments, comparisons, and curves of thrust, each with plain numbers."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,6 @@ from ground.analysis import (
     next_experiment,
     thrust_bench,
     thrust_curve,
-    unit_slips,
 )
 from ground.errors import GroundError
 from ground.recordings import repair
@@ -43,24 +42,6 @@ def run_data(truth=None, duration=12.0, seed=1, noise=1.0, lost=()):
 # --- experiments
 
 
-def test_experiments_are_what_their_command_lines_say():
-    choice = list(next_experiment.choices())
-    assert len({e.arguments() for e in choice}) == len(choice) == len({e.input for e in choice})
-    first = choice[0]
-    assert first.arguments() == "--input prbs --clock 2 --levels 0 1"
-    assert first.launch() == (
-        "roslaunch ground room_prbs.launch design:=prbs clock:='2' levels:='0 1' lift:=1 duration:=16"
-    )
-    slow = [e for e in choice if e.lift == 0.6]
-    assert len(slow) == len(choice) // 2
-    assert all("--lift 0.6" in e.arguments() and "lift at 0.6" in e.input for e in slow)
-    assert all("lift:=0.6" in e.launch() for e in slow)
-    assert not any("lift" in e.arguments() for e in choice if e.lift == 1.0)
-    assert not any("lift" in e.input for e in choice if e.lift == 1.0)
-    steps = next(e for e in choice if e.design == "steps")
-    assert steps.arguments() == "--input steps --hold 1 --levels 0 0.25 0.5 0.75 1"
-
-
 def test_a_schedule_has_the_levels_and_the_lift_of_its_experiment():
     spans = []
     for experiment in next_experiment.choices():
@@ -77,38 +58,6 @@ def test_a_schedule_has_the_levels_and_the_lift_of_its_experiment():
 
 
 # --- comparisons
-
-
-def test_pooled_numbers_are_those_of_all_samples():
-    craft = model()
-    wrong = craft.copy()
-    wrong.set_value("k", 1.2 * craft.value("k"))
-    many = [comparison.evaluate(run_data(seed=s, duration=d), wrong) for s, d in ((1, 5.0), (2, 8.0))]
-    found = comparison.numbers(many)
-    rest = np.vstack([e.residual for e in many])
-    scaled = np.abs(np.vstack([e.residual / e.sigma for e in many])).mean(axis=0)
-    assert found["error"] == pytest.approx(scaled.sum())
-    for i, name in enumerate("uvr"):
-        assert found["error_by_channel"][name] == pytest.approx(scaled[i])
-        assert found["rms"][name] == pytest.approx(np.sqrt((rest[:, i] ** 2).mean()))
-        about = sum(
-            ((m[:, i] - m[:, i].mean()) ** 2).sum()
-            for m in (np.vstack([p["measured"] for p in e.pieces]) for e in many)
-        )
-        left = (rest[:, i] ** 2).sum()
-        assert found["fit_percent"][name] == pytest.approx(100 * (1 - np.sqrt(left / about)))
-    predicted = np.vstack([e.predicted for e in many])
-    assert found["prediction_error"] == pytest.approx(np.abs(predicted).sum(axis=1).mean())
-    theses = [e.thesis for e in many]
-    assert found["thesis_objective"] == pytest.approx(np.mean(theses))
-    for i, row in enumerate(found["horizons"]):
-        errors = np.vstack([e.horizons[i]["errors"] for e in many])
-        assert row["starts"] == len(errors)
-        assert row["position_mm"]["median"] == pytest.approx(np.median(errors[:, 3]))
-        assert row["r_sigma"]["rms"] == pytest.approx(np.sqrt((errors[:, 2] ** 2).mean()))
-    medians = [row["position_mm"]["median"] for row in found["horizons"]]
-    assert medians == sorted(medians)  # errors grow with the horizon
-    assert [row["seconds"] for row in found["horizons"]] == pytest.approx([0.01, 0.1, 0.25, 0.5, 1, 2, 4])
 
 
 def test_no_prediction_spans_a_gap():
@@ -207,26 +156,3 @@ def test_a_table_is_read_in_newtons_and_shares_of_the_input(tmp_path):
     for wrong in (["3"], ["0"], ["front"]):
         with pytest.raises(GroundError, match="no thruster is called %s" % wrong[0]):
             thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, wrong)
-
-
-# --- units of typed values
-
-
-def test_a_value_in_another_unit_moves_what_follows_it():
-    craft = model()
-    units = [unit for unit in _core.mistaken_units() if unit[0] == "m"]
-    for key, unit, factor in units:
-        fitted = {n: craft.value(n) / factor for n in ("k", "X_u", "Y_v", "I_z", "N_r")}
-        assert unit_slips.found(craft, fitted)[:2] == (key, unit)
-        (sentence,) = unit_slips.sentences(craft, fitted)
-        assert "its m is in %s: write m: %.4g" % (unit, factor * craft.value("m")) in sentence
-        more = {"yaw_bias.n0": 1e3, "quadratic_drag.d_u": -2.0}  # parameters of effects have no such units
-        assert unit_slips.found(craft, {**fitted, **more})[:2] == (key, unit)
-        assert unit_slips.found(craft, dict(fitted, k=-fitted["k"])) is None  # no factor changes a sign
-        assert unit_slips.found(craft, dict(fitted, k=0.0)) is None
-        part = dict(list(fitted.items())[:3])  # what would move has to be free
-        assert unit_slips.found(craft, part) is None
-        off = dict(fitted, k=fitted["k"] * 10**0.4)
-        assert unit_slips.found(craft, off) is None
-        near = dict(fitted, k=fitted["k"] * 10**0.3)
-        assert unit_slips.found(craft, near) is not None

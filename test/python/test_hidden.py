@@ -20,10 +20,10 @@ import hidden_grammar  # noqa: E402
 import hidden_score  # noqa: E402
 import hidden_share  # noqa: E402
 import hidden_table  # noqa: E402
-import hidden_white  # noqa: E402
+import hidden_effects  # noqa: E402
 import resumed  # noqa: E402
 
-BODY = {name: _core.load_model(hidden_white.MODEL).value(name) for name in hidden_cases.NOMINAL}
+BODY = {name: _core.load_model(hidden_effects.MODEL).value(name) for name in hidden_cases.NOMINAL}
 BEGAN, END = 0.5, 3.5  # begin and end of the test drives [s]
 
 
@@ -38,8 +38,8 @@ def large(effects):
     """Parameters of effects at four times their strength, {effect: {parameter: value}}."""
     return {
         effect: {
-            name: hidden_white.scaled(effect, name, size, 4.0)
-            for name, size in hidden_white.STRENGTHS[effect].items()
+            name: hidden_effects.scaled(effect, name, size, 4.0)
+            for name, size in hidden_effects.STRENGTHS[effect].items()
         }
         for effect in effects
     }
@@ -54,7 +54,7 @@ def moved(effects, wrench=None, max_step=hidden_craft.COARSE):
 
 def by_core(effects, times):
     """Measured poses of the same drive at given times, by the project's core."""
-    model = _core.load_model(hidden_white.MODEL)
+    model = _core.load_model(hidden_effects.MODEL)
     for effect, parameters in effects.items():
         model.add_effect(effect)
         for name, value in parameters.items():
@@ -69,7 +69,7 @@ def pose_difference(effects):
     return np.abs(hidden_craft.seen(effects, motion.eta) - by_core(effects, motion.times)).max()
 
 
-@pytest.mark.parametrize("effect", sorted(hidden_white.strengths()))
+@pytest.mark.parametrize("effect", sorted(hidden_effects.strengths()))
 def test_the_craft_and_the_core_agree_on_each_effect(effect):
     effects = large([effect])
     assert pose_difference(effects) < 1e-4
@@ -78,11 +78,11 @@ def test_the_craft_and_the_core_agree_on_each_effect(effect):
 
 
 def test_the_craft_and_the_core_agree_on_all_effects_together():
-    assert pose_difference(large(hidden_white.strengths())) < 1e-4
+    assert pose_difference(large(hidden_effects.strengths())) < 1e-4
 
 
 def test_the_bench_has_every_effect_that_is_tried_by_default():
-    assert set(_core.effects()) - set(hidden_white.STRENGTHS) <= {"floor_friction_map"}
+    assert set(_core.effects()) - set(hidden_effects.STRENGTHS) <= {"floor_friction_map"}
 
 
 @pytest.mark.parametrize(

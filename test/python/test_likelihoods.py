@@ -13,7 +13,6 @@ from ground.analysis import (
     candidates,
     folds,
     likelihood,
-    next_experiment,
     window_error,
     run_differences,
 )
@@ -172,7 +171,6 @@ def test_a_model_whose_motion_is_not_finite_is_refused_and_never_wins():
         lambda: like.constants(odd, 0),
         lambda: like.intervals(odd),
         lambda: like.scores(odd, odd.model, FREE),
-        lambda: next_experiment._cost(next_experiment.Rival("odd", odd), runs, False),
         lambda: window_error.calibrated_errors(runs, windows.cut(runs), like, odd),
     ):
         with pytest.raises(GroundError, match="not finite"):
@@ -182,9 +180,6 @@ def test_a_model_whose_motion_is_not_finite_is_refused_and_never_wins():
     assert np.isinf(judged.by_window).all() and np.concatenate(judged.likelihood).sum() == -np.inf
     better = folds.compared(folds.tested(runs, split.cut, like, fit), judged)
     assert better.verdict == "better" and folds.compared(judged, judged).verdict == "worse"
-    rivals = [next_experiment.Rival("odd", odd), next_experiment.Rival("fit", fit)]
-    spin = next(next_experiment.choices()).schedule()
-    assert next_experiment._disagreement(rivals, spin, NOISE) is None
 
 
 MEMORY = """{name: wake, states: {s: "(v - s)/tau"}, expression: {Y: "c*s"}, parameters: {
@@ -237,40 +232,6 @@ def test_runs_with_other_forces_differ_and_others_do_not():
 # --- held-out parts
 
 
-def test_folds_are_runs_or_quarters():
-    runs = [run_data(seed) for seed in (1, 2, 3, 4, 5)]
-    cut = windows.cut(runs)
-    like = likelihood.Likelihood(runs, model(), ())
-    split = folds.Folds(runs, like, cut)
-    assert split.count == 4 and split.fold_of.tolist() == [w.run % 4 for w in cut]
-    tested = [[run.name for run in part.runs] for part in split.tested]
-    assert tested == [["run1", "run5"], ["run2"], ["run3"], ["run4"]]
-    assert [len(f.runs) for f in split.fitted] == [3, 4, 4, 4]
-    two = folds.Folds(runs[:2], likelihood.Likelihood(runs[:2], model(), ()), cut)
-    assert two.count == 2 and [[r.name for r in part.runs] for part in two.tested] == [["run1"], ["run2"]]
-    one = likelihood.Likelihood(runs[:1], model(), ())
-    alone = folds.Folds(runs[:1], one, windows.cut(runs[:1]))
-    assert alone.count == 4 and (np.diff(alone.fold_of) >= 0).all() and set(alone.fold_of) == {0, 1, 2, 3}
-    for part, tested in enumerate(alone.tested):
-        assert np.array(tested.runs[0].times).mean() == pytest.approx(1 + 2 * part, abs=0.1)
-
-
-def test_a_judged_fit_has_errors_of_fits_to_the_other_parts():
-    runs, like, fit = fitted(sigma=0.004)
-    cut = windows.cut(runs)
-    split = folds.Folds(runs, like, cut)
-    judged = split.judge(fit)
-    assert np.allclose(judged.error, window_error.channel_errors(runs, cut, fit.model))
-    models = split.models(fit)
-    rows = np.vstack(
-        [window_error.window_errors(runs, [w], models[w.run].model)[0] for w in cut]  # nothing varies
-    )
-    samples = [w.last - w.first + 1 for w in cut]
-    assert np.allclose(judged.heldout, np.average(rows, axis=0, weights=samples))
-    assert np.allclose(judged.tested.by_window, rows.sum(axis=1)) and len(judged.tested.likelihood) == 3
-    assert set(judged.parameters) == set(FREE)
-
-
 def test_an_effect_that_acts_gains_on_held_out_runs():
     value = 0.06
     runs, like, fit = fitted(effect="motor_lag.tau", value=value)
@@ -287,21 +248,6 @@ def test_an_effect_that_acts_gains_on_held_out_runs():
 # --- bands
 
 
-def test_bands_hold_what_is_measured():
-    runs, like, fit = fitted(sigma=0.004)
-    others = [run_data(seed, sigma=0.004) for seed in (11, 12)]
-    found = bands.of_others(others, fit, 12)
-    assert [b.run.name for b in found] == ["run11", "run12"]
-    for one in found:
-        for p in one.predictions:
-            assert (p.low <= p.high).all() and (p.deviation >= 0).all()
-            assert np.allclose(p.mean[0], p.measured[0], atol=5 * p.deviation[0].max() + 0.2)
-            assert p.deviation[-1, 0] > p.deviation[0, 0] and abs(p.mean[0, 2] - p.measured[0, 2]) < np.pi
-    rows = {(r["horizon"], r["channel"]): r for r in bands.coverage(found)}
-    assert np.mean([r["coverage"] for r in rows.values()]) == pytest.approx(0.9, abs=0.1)
-    assert rows[0.5, "x"]["sd"] < rows[1.5, "x"]["sd"]
-
-
 @pytest.mark.parametrize("turns", [1, -2])
 def test_bands_do_not_depend_on_whole_turns(turns):
     runs, _, fit = fitted()
@@ -314,19 +260,3 @@ def test_bands_do_not_depend_on_whole_turns(turns):
         assert np.abs(a.measured - a.mean)[:, 2].max() < 1
         assert np.allclose(b.measured - b.mean, a.measured - a.mean, atol=1e-6)
         assert np.allclose(b.high - b.mean, a.high - a.mean, atol=1e-6)
-
-
-# --- experiments
-
-
-def test_the_cost_of_a_run_is_its_negative_log_likelihood():
-    runs, like, fit = fitted((1,))
-    rival = next_experiment.Rival("r", fit)
-    new = next_experiment._run(model(), next(next_experiment.choices()).schedule(), NOISE)
-    own = next_experiment._cost(rival, [new], False)
-    on = likelihood.Likelihood([new], fit.model)
-    assert own == pytest.approx(-sum(b.sum() for b in on.blocks(dataclasses.replace(fit, loudness=()))))
-    wrong = fit.model.copy()
-    wrong.set_value("k", 1.2 * wrong.value("k"))
-    other = next_experiment.Rival("w", dataclasses.replace(fit, model=wrong))
-    assert next_experiment._cost(other, [new], False) > own + 10

@@ -1,7 +1,5 @@
 """The missing wrench along a run, and residuals."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from conftest import MODEL, simulate_run
@@ -38,11 +36,6 @@ def pushed(force):
     for name, value in zip(("x0", "y0"), force):
         truth.set_value("body_force_bias." + name, value)
     return truth
-
-
-def smooth_series(random, count, width):
-    series = np.convolve(random.normal(size=count + width), np.ones(width), "valid")
-    return series[:count] / series.std()
 
 
 # --- the missing wrench
@@ -95,37 +88,6 @@ def test_a_push_is_left_out_with_some_time_around_it():
 # --- residuals
 
 
-def test_correlations_are_those_of_plain_sums():
-    random = np.random.default_rng(8)
-    values = smooth_series(random, 600, 3)
-    values[100] = np.nan
-    stretch = np.repeat([0, 1], [250, 350])
-    found = residuals._autocorrelation(values, stretch)
-    assert found["lag_samples"] == list(range(1, 41))
-    power = np.nanmean(values**2)
-    for lag in (1, 2, 7, 40):
-        pairs = [
-            values[i] * values[i + lag]
-            for i in range(600 - lag)
-            if stretch[i] == stretch[i + lag] and np.isfinite(values[i] * values[i + lag])
-        ]
-        assert found["value"][lag - 1] == pytest.approx(np.mean(pairs) / power)
-        assert found["band99"][lag - 1] == pytest.approx(2.5758 / np.sqrt(len(pairs)), rel=1e-4)
-    assert not found["accepted"]
-    series = random.normal(size=50)
-    expected = [np.mean(series[lag:] * series[:-lag]) for lag in range(1, 6)]
-    assert np.allclose(residuals._products(series, 6), expected)
-
-
-def test_white_residuals_are_accepted_99_times_of_100():
-    random = np.random.default_rng(9)
-    stretch = np.zeros(500, int)
-    accepted = [residuals._autocorrelation(random.normal(size=500), stretch)["accepted"] for _ in range(200)]
-    assert 0.96 <= np.mean(accepted) < 1
-    outside = [residuals._autocorrelation(random.normal(size=500), stretch) for _ in range(100)]
-    assert 0.003 < np.mean([one["outside"] / one["lags"] for one in outside]) < 0.02
-
-
 def test_innovations_of_a_true_model_are_white_and_independent_of_the_inputs():
     run = run_data()
     found = residuals.analyse(_core.WrenchFilter(model(), run, repair.MAX_GAP), run, model())
@@ -136,22 +98,3 @@ def test_innovations_of_a_true_model_are_white_and_independent_of_the_inputs():
         assert lags["lag_seconds"] == pytest.approx([0.01 * k for k in lags["lag_samples"]])
     assert found["noise"]["position"]["value"] == pytest.approx(3e-4, rel=0.3)
     assert found["samples"] <= len(run.times)
-
-
-def test_residuals_that_follow_an_input_are_not_accepted():
-    """The residual repeats the thrust difference 0.2 s later."""
-    run, craft = run_data(), model()
-    times = np.array(run.times)
-    inputs = residuals.held(run, times - 0.2)
-    random = np.random.default_rng(1)
-    for command, signs in (("sum", [1, 1]), ("difference", [1, -1])):
-        values = 0.3 * (inputs[:, :2] @ signs) / craft.input_max + random.normal(size=len(times))
-        values[:50] = np.nan
-        found = residuals._with_input(
-            values - np.nanmean(values), np.zeros(len(times), int), run, times, craft, command
-        )
-        best = int(np.argmax(np.abs(found["value"])))
-        assert found["lag_seconds"][best] == pytest.approx(0.2)
-        assert not found["accepted"] and found["value"][best] > 0.1
-    still = dataclasses.make_dataclass("Still", ["inputs"])(np.array([[0.0, 1, 1, 1]]))
-    assert residuals._with_input(values, np.zeros(len(times), int), still, times, craft, "sum") is None

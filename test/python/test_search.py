@@ -79,17 +79,6 @@ def test_gains_begin_at_what_a_fit_without_the_effect_reaches():
     assert conclusion.before.heldout <= 1.001 * window_error.channel_errors(held, cut, alone.model).sum()
 
 
-def test_p_values_allow_for_bounds():
-    from ground.analysis.evidence import p_value
-    from scipy import stats
-
-    assert p_value(0.0, 1, 1) == 1.0
-    assert p_value(4.0, 1, 0) == pytest.approx(stats.chi2.sf(4, 1))
-    assert p_value(4.0, 1, 1) == pytest.approx(stats.chi2.sf(4, 1) / 2)
-    mixed = p_value(4.0, 2, 1)
-    assert mixed == pytest.approx((stats.chi2.sf(4, 1) + stats.chi2.sf(4, 2)) / 2)
-
-
 @pytest.mark.parametrize("seed", [5017, 5014])
 def test_a_trim_of_the_runs_held_out_does_not_refuse_an_effect(seed):
     # Unknown trims of the held-out runs would refuse the first effect, those of folds the second.

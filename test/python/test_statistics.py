@@ -7,8 +7,6 @@ from scipy import stats
 
 from ground import _core
 from ground.analysis import (
-    bands,
-    distributions,
     folds,
     window_error,
     evidence,
@@ -26,32 +24,6 @@ def run_data(duration=6.0, seed=1, noise=1.0):
     level = np.array([3e-4, 3e-4, 5e-3])
     nu = repair.smooth(times, eta, (level[0], level[2]))["nu"]
     return _core.RunData("run%d" % seed, times, eta, nu, inputs, eta, level)
-
-
-# --- distributions
-
-
-@pytest.mark.parametrize("freedom", [1, 2, 7])
-def test_tails_are_those_of_scipy(freedom):
-    for value in (0.1, 1.0, 6.6, 30.0):
-        assert distributions.chi_squared_above(value, freedom) == pytest.approx(stats.chi2.sf(value, freedom))
-    assert distributions.chi_squared_above(0.0, freedom) == 1.0
-    assert distributions.chi_squared_above(-3.0, freedom) == 1.0
-    for chance in (1e-5, 0.01, 0.3):
-        limit = distributions.chi_squared_limit(chance, freedom)
-        assert distributions.chi_squared_above(limit, freedom) == pytest.approx(chance)
-        assert distributions.student_limit(chance, freedom) == pytest.approx(stats.t.isf(chance, freedom))
-
-
-def test_the_mean_is_tested_as_by_scipy():
-    random = np.random.default_rng(1)
-    for shift in (-0.5, 0.0, 0.7):
-        values = random.normal(shift, 1, 12)
-        expected = stats.ttest_1samp(values, 0, alternative="greater").pvalue
-        assert distributions.mean_not_above_zero(values) == pytest.approx(expected)
-    assert distributions.mean_not_above_zero(np.array([3.0])) == 1.0
-    assert distributions.mean_not_above_zero(np.full(4, 3.0)) == 1.0
-    assert 0 < distributions.mean_not_above_zero(np.array([3.0, 2.0])) < 0.5
 
 
 # --- effects on trial
@@ -132,35 +104,3 @@ def test_an_artificial_recording_has_the_noise_and_the_motion_of_the_model():
     assert (floor > 0).all() and (floor < 0.2).all()
     assert np.array_equal(floor, window_error.noise_floor([run], craft, 1))
     assert not np.array_equal(floor, window_error.noise_floor([run], craft, 2))
-
-
-# --- bands
-
-
-def prediction(begin, end, inside=True, step=0.01):
-    times = np.arange(begin, end + 1e-9, step)
-    wide = np.ones((len(times), 6)) * (1 + times - begin)[:, None]
-    measured = 0 * wide if inside else 2 * wide
-    return bands.Prediction(times, 0 * wide, wide, -wide, wide, measured)
-
-
-def test_coverage_is_the_share_of_measurements_inside():
-    run = run_data(6.0)
-    parts = [[True] * 8 + [False] * 2, [True] * 5 + [False] * 5, [True] * 10]
-    many = [bands.Bands(run, tuple(prediction(0.0, 1.6, inside) for inside in p)) for p in parts]
-    deviation, held = many[0].at(0.5)
-    assert deviation.shape == held.shape == (10, 6)
-    assert held.all(axis=1).sum() == 8 and np.allclose(deviation, 1.5)
-    rows = bands.coverage(many)
-    assert {row["horizon"] for row in rows} == {0.5, 1.5} and len(rows) == 12
-    for row in rows:
-        assert row["coverage"] == pytest.approx(23 / 30) and row["predictions"] == 30
-        assert row["sd"] == pytest.approx(1 + row["horizon"])
-        # ratio estimator: by hand
-        off = np.array([8, 5, 10]) - 10 * 23 / 30
-        half = stats.t.isf(0.025, 2) * np.sqrt(3 / 2 * (off**2).sum()) / 30
-        assert row["ci95"] == pytest.approx([max(0, 23 / 30 - half), min(1, 23 / 30 + half)])
-    assert [row["unit"] for row in rows[:6]] == ["m", "m", "rad", "m/s", "m/s", "rad/s"]
-    alone = bands.coverage(many[:1])
-    assert all(row["ci95"] is None and row["coverage"] == 0.8 for row in alone)
-    assert bands.coverage([bands.Bands(run, ())]) == []

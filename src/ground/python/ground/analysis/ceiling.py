@@ -11,7 +11,6 @@ deviation in the run: *named* by the effects that were found, *learnable*, and *
 nothing recorded predicts.
 """
 
-import contextlib
 from dataclasses import dataclass, replace
 from typing import Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -19,7 +18,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import dictionary, horizon, samples
-from ground.analysis.dictionary import ARGUMENTS, PAST
+from ground.analysis.scalars import ARGUMENTS, PAST
 from ground.analysis.folds import excerpt
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
@@ -146,28 +145,30 @@ def ceiling(
     runs: Sequence[_core.RunData],
     cut: Sequence[_core.Window],
     before: _core.Model,
+    bound: Optional[float] = None,
 ) -> Ceiling:
     """The Ceiling of a Fit to runs. cut: windows of the runs; before: the model without the
-    effects found. Of long runs it takes stretches that are spread evenly."""
+    effects found; bound: largest share of what is left that is not the noise of the poses, where that
+    explains nearly all: then nothing is searched. Of long runs it takes stretches that are spread evenly."""
     likelihood, fit, runs, cut = excerpt(likelihood, fit, runs, cut)
-    first, sampled = _first(likelihood, fit)
-    found = _rounds(first, sampled)
+    found = None
+    if bound is None:
+        first, sampled = _first(likelihood, fit)
+        found = _rounds(first, sampled)
     now = squared_errors(runs, cut, fit.model)
     start = _errors_or(now, lambda: squared_errors(runs, cut, before))
-    known = None if found is None else known_wrenches(found, runs, likelihood)
+    wrenches = None if found is None else known_wrenches(found, runs, likelihood)
     after = now
     if found is not None:
         model = found.fit.model
-        after = _errors_or(now, lambda: squared_errors(runs, cut, model, known))
+        after = _errors_or(now, lambda: squared_errors(runs, cut, model, wrenches))
     left = _share(now, after, now)
-    if found is None:
-        suspected = _suspected(first, likelihood, runs, cut, fit, now)
-        bound = max(left.high, suspected, _bound(first, [], runs, cut, now))
-    elif left.low > 0:
-        more = _bound(found.regression, found.terms, runs, cut, now)
-        bound = max(left.high, left.value + more)
-    else:
-        bound = 1.0  # something acts, and other runs do not tell how much of the error it causes
+    if bound is None:
+        bound = 1.0  # if something acts, and other runs do not tell how much of the error it causes
+        if found is None:
+            bound = max(left.high, _bound(first, [], runs, cut, now))
+        elif left.low > 0:
+            bound = max(left.high, left.value + _bound(found.regression, found.terms, runs, cut, now))
     whole = start.sum()
     learnable = _share(now, after, start)
     return Ceiling(
@@ -179,16 +180,8 @@ def ceiling(
         found,
         bound,
         (start, now, after),
-        _poses(runs, before, fit.model, found, known),
+        _poses(runs, before, fit.model, found, wrenches),
     )
-
-
-def found_beside(
-    likelihood: Likelihood, fit: Fit, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
-) -> Optional[Found]:
-    """What the innovations of a Fit depend on, without its shares."""
-    likelihood, fit, _, _ = excerpt(likelihood, fit, runs, cut)
-    return _rounds(*_first(likelihood, fit))
 
 
 def _first(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, List[Samples]]:
@@ -330,9 +323,13 @@ def _bound(
     now: Array,
 ) -> float:
     """Largest share of the error that a family of features explains beside terms, at the largest size that
-    the likelihood does not exclude."""
-    moved = _moved(regression, runs, cut)
-    shares = [0.0]
+    the likelihood does not exclude. Beside no terms the most significant features count, too, at their
+    likeliest size: they may be significant by chance."""
+    moved, shares = _moved(regression, runs, cut), [0.0]
+    for j in np.argsort(-regression.significance())[: 0 if terms else SUSPECTS]:
+        weight = regression.b[j] / max(float(regression.information[j]), 1e-300)
+        power = ((weight * regression.scale[j] * moved[:, j]) ** 2).sum()
+        shares.append(float(power / now.sum()))
     for family in regression.terms:
         size = regression.largest(family.columns, BEHIND, terms)
         if size > 0:
@@ -345,34 +342,9 @@ def _bound(
     return min(1.0, max(shares))
 
 
-def _suspected(
-    regression: Regression,
-    likelihood: Likelihood,
-    runs: Sequence[_core.RunData],
-    cut: Sequence[_core.Window],
-    fit: Fit,
-    now: Array,
-) -> float:
-    """Largest share of the error that one of the most significant features explains at its likeliest size,
-    although it may be significant by chance."""
-    shares = [0.0]
-    for j in np.argsort(-regression.significance())[:SUSPECTS].tolist():
-        if regression.information[j] > 0:
-            at, weight = np.array([j]), regression.b[[j]] / regression.information[j]
-            known = [
-                _at_all(regression.wrench(i, at, weight), run, thin)
-                for i, (run, thin) in enumerate(zip(runs, likelihood.runs))
-            ]
-            with contextlib.suppress(GroundError):  # its motion is not finite
-                shares.append(_share(now, squared_errors(runs, cut, fit.model, known), now).value)
-    return max(shares)
-
-
 def _moved(regression: Regression, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> Array:
     """Change of the velocities over windows, relative to their standard deviations, by each
     feature of size one. The motion is that of a damped mass in each direction."""
-    from scipy.signal import lfilter  # slow to load
-
     model, rows = regression.fit.model, []
     inertia = np.array([model.value("m"), model.value("m"), model.value("I_z")])
     rates = np.array([model.value(name) for name in ("X_u", "Y_v", "N_r")]) / inertia
@@ -380,13 +352,12 @@ def _moved(regression: Regression, runs: Sequence[_core.RunData], cut: Sequence[
         i, run = window.run, regression.likelihood.runs[window.run]  # thinned
         times = np.array(run.times)
         first, last = np.searchsorted(times, [runs[i].times[k] for k in (window.first, window.last)])
+        since = times[first:last, None] - times[None, first:last]
         step = float(np.median(np.diff(times)))
-        wrench = regression.wrenches[i][first:last] * regression.full[:, None]
         sigma = np.array(run.nu).std(axis=0)
-        change = np.empty_like(wrench)
         for c in range(3):
-            keep = np.exp(-rates[c] * step)
-            change[:, c] = lfilter([step / inertia[c] / sigma[c]], [1.0, -keep], wrench[:, c], axis=0)
-        change -= change.mean(axis=0)  # the initial velocity takes up a constant
-        rows.append(change.reshape(-1, change.shape[2]) / np.sqrt(max(1, len(change))))
+            response = np.where(since >= 0, np.exp(-rates[c] * np.maximum(since, 0)), 0.0)
+            response -= response.mean(axis=0)  # the initial velocity takes up a constant
+            response *= step * regression.full[c] / inertia[c] / sigma[c] / np.sqrt(max(1, last - first))
+            rows.append(response @ regression.wrenches[i][first:last, c])
     return np.vstack(rows)

@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Dict, FrozenSet, List, Optional, Sequence, Tuple
 
+import numpy as np
+
 from ground import _core
 from ground.analysis import (
     ceiling,
@@ -40,6 +42,8 @@ MIN_CHANGE = 5.0
 # Multiple of the significant log-likelihood ratio from which an effect is certain even if a quarter of the
 # poses only were independent.
 CERTAIN = 4.0
+EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
+FLOORS = 5  # simulations over which the noise floor is averaged
 MAX_REPEATS = 3  # repetitions of the search because other differences between runs were found
 
 
@@ -93,6 +97,7 @@ class Diagnosis:
         self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # the sets with and without it
         self.tried: List[evidence.Trial] = []  # each effect added to the nominal model, best first
         self.ceilings: Dict[FrozenSet[str], ceiling.Ceiling] = {}  # by set of effects, slight ones too
+        self.floors: Dict[FrozenSet[str], float] = {}  # noise floor by set of effects
         self.formulas: Dict[FrozenSet[str], Optional[naming.Formula]] = {}  # by set of effects
         with self.work.stage(stages.FITTING):
             # everything that may differ between runs does
@@ -157,8 +162,22 @@ class Diagnosis:
             fullest = self.slight_sets[0]
         if fullest not in self.ceilings:
             fit, before = self.search.fits[fullest], self.search.fits[frozenset()].model
-            self.ceilings[fullest] = ceiling.ceiling(self.likelihood, fit, self.runs, self.cut, before)
+            share = self.noise_floor(names) / float(self.judge(names).error.sum())
+            bound = max(0.0, 1 - share**2) if self.explains(names) else None
+            self.ceilings[fullest] = ceiling.ceiling(self.likelihood, fit, self.runs, self.cut, before, bound)
         return self.ceilings[fullest]
+
+    def explains(self, names: FrozenSet[str]) -> bool:
+        """Whether the noise of the poses explains nearly all of the error of a set that was fitted."""
+        return float(self.judge(names).error.sum()) < EXPLAINED * self.noise_floor(names)
+
+    def noise_floor(self, names: FrozenSet[str]) -> float:
+        """Error that the noise of the poses alone would leave if a fitted set of effects were true."""
+        if names not in self.floors:
+            model = self.search.fits[names].model
+            floors = [window_error.noise_floor(self.runs, model, seed).sum() for seed in range(FLOORS)]
+            self.floors[names] = float(np.mean(floors))
+        return self.floors[names]
 
     def formula_of(self, names: FrozenSet[str]) -> Optional[naming.Formula]:
         """naming.Formula of what a set of effects that was fitted leaves; None if nothing has one."""

@@ -5,7 +5,6 @@ regression of the ceiling. Their constants (phases, wavelengths, points) become 
 likelihood fits all of them in the model. A formula is an effect as model files list it.
 """
 
-import re
 from dataclasses import dataclass, replace
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -25,10 +24,7 @@ NAME = "proposed"
 MOST = 5  # features that are chosen from one regression
 MIN_RATIO = 12.0  # least log-likelihood ratio 2 ln(with / without) of a feature
 EXPLAINED = 0.98  # part of the terms' gain from which a formula needs no further feature
-LONGEST = 6  # pieces of a formula
-FADES = re.compile(r"^\((.*)\)/([\d.]+)$")
-SWINGS = re.compile(r"^([\d.]+)\*\((.*)\)-[\d.]+\*(\w+)$")
-STATE = re.compile(r"[a-z]+\d+")  # a kind of memory and its number, in the names of its states
+WIDE = 5.0  # factor by which a fit may change a constant of time
 
 
 @dataclass(frozen=True)
@@ -52,14 +48,10 @@ class Formula:
         return formula_words.of_pieces(self.pieces, values)
 
 
-def formula(
-    likelihood: Likelihood, fit: Fit, regression: Regression, begun: Optional[Formula] = None
-) -> Optional[Formula]:
-    """The Formula of what a regression finds beside a Fit; None if nothing is significant. begun: a formula
-    beside which it was found, to be made longer."""
-    kept = begun.pieces if begun else ()
-    pieces = new_pieces(regression, chosen_features(regression)[: LONGEST - len(kept)], begun)
-    return of_pieces(likelihood, fit, [*kept, *pieces], begun) if pieces else None
+def formula(likelihood: Likelihood, fit: Fit, regression: Regression) -> Optional[Formula]:
+    """The Formula of what a regression finds beside a Fit; None if nothing is significant."""
+    pieces = new_pieces(regression, chosen_features(regression))
+    return of_pieces(likelihood, fit, pieces) if pieces else None
 
 
 def chosen_features(
@@ -138,44 +130,19 @@ def _piece(feature: Feature, size: float, number: int) -> Piece:
     name = "c%d" % number
     own = {n: "%s_%d" % (n, number) for n in feature.constants}
     parts = {c: "%s*(%s)" % (name, text.format(**own)) for c, text in feature.template.items()}
-    states, times, past = _timed(feature.states)
-    parameters: _Parameters = {name: (size, feature.weight_unit, -np.inf, np.inf), **times}
+    parameters = {name: (size, feature.weight_unit, -np.inf, np.inf)}
     for n, c in feature.constants.items():
         parameters[own[n]] = (c.value, c.unit, c.value - c.reach, c.value + c.reach)
-    means = formula_words.of_feature(feature, name, own) + past
+    # Pieces with the same states share their constants of time.
+    times = {
+        n: c for n, c in feature.memory.times.items() if any(n in r for r in feature.memory.rates.values())
+    }
+    parameters.update({n: (c.value, c.unit, c.value / WIDE, c.value * WIDE) for n, c in times.items()})
+    states = {s: rate.format(**{n: n for n in times}) for s, rate in feature.memory.rates.items()}
+    means = formula_words.of_feature(feature, name, own)
     arguments = tuple(sorted(feature.family.arguments))
     simpler = tuple(_piece(one, size, number) for one in feature.simpler)
-    return Piece(number, parts, parameters, means, arguments, dependence(feature), dict(states), simpler)
-
-
-_Parameters = Dict[str, Tuple[float, str, float, float]]
-
-
-def _timed(states: Mapping[str, str]) -> Tuple[Mapping[str, str], _Parameters, str]:
-    """Rates of states with their constant of time as a parameter, which pieces with the same states share,
-    and what it means in words."""
-    memory = STATE.match(min(states, default=""))
-    faded = {s: FADES.match(rate) for s, rate in states.items()}
-    times = {float(found.group(2)) for found in faded.values() if found}
-    if memory and all(faded.values()) and len(times) == 1:
-        ((time,), name) = (times, "tau_%s" % memory.group())
-        rates = {s: "(%s)/%s" % (found.group(1), name) for s, found in faded.items() if found}
-        return rates, {name: (time, "s", time / 5, 5 * time)}, " of the last {%s}" % name
-    swung = {s: SWINGS.match(rate) for s, rate in states.items()}
-    squares = {float(found.group(1)) for found in swung.values() if found}
-    if memory and len(squares) == 1:
-        name, rate = "w_%s" % memory.group(), float(np.sqrt(squares.pop()))
-        fading = "g_%s" % memory.group()
-        rates = {
-            s: "{0}^2*({2})-{1}*{3}".format(name, fading, *found.groups()[1:]) if found else states[s]
-            for s, found in swung.items()
-        }
-        parameters = {
-            name: (rate, "rad/s", rate / 2, 2 * rate),
-            fading: (0.2 * rate, "1/s", 1e-3 * rate, 4 * rate),
-        }
-        return rates, parameters, ", as of a load that swings at {%s}" % name
-    return states, {}, ""
+    return Piece(number, parts, parameters, means, arguments, dependence(feature), states, simpler)
 
 
 # The formula in the model

@@ -1,5 +1,6 @@
 """The experiment that would distinguish effects that recorded runs do not distinguish."""
 
+import contextlib
 import dataclasses
 import itertools
 import math
@@ -23,7 +24,7 @@ CLOCKS = (2, 5, 10, 20, 40)  # clocks of the PRBS [Hz]
 LEVELS = ((0.0, 1.0), (0.0, 0.5), (0.4, 1.0))
 LIFTS = (1.0, 0.6)
 RATE = 120.0  # rate of the mocap [Hz]
-MAX_REFITTED, BATCH = 12, 2  # experiments that are refitted in all, and in parallel
+MAX_REFITTED = 4  # experiments that are refitted
 MIN_DISAGREEMENT = 1.0  # standard deviations between rivals that an experiment needs to be proposed
 CLEAR_DISAGREEMENT = 6.0  # standard deviations that distinguish rivals in nearly all cases
 
@@ -96,82 +97,46 @@ def propose(
     """The experiment in which Rivals that explain the same runs would diverge most.
 
     runs: _core.RunData that the rivals were fitted to. Each rival simulates each experiment that a
-    lab can do, and the others have to explain its motion. Promising experiments are then repeated in
-    the room (a _core.RoomPlan, by default 4 x 4 m), in bursts between returns home, with the rivals
-    refitted to the old runs and the new one together. Rivals are sqrt(2 (L1 - L0)) standard
-    deviations apart, with L the log-likelihood of the poses under a rival's own disturbance
-    (ground.analysis.likelihood); the pair that is hardest to distinguish counts. each: maps over
-    experiments, in parallel if it can; work: told of each.
+    lab can do, and the others have to explain its motion. The best are then repeated in the room (a
+    _core.RoomPlan, by default 4 x 4 m), in bursts between returns home, with the rivals refitted to
+    the old runs and the new one together. Rivals are sqrt(2 (L1 - L0)) standard deviations apart, with L
+    the log-likelihood of the poses under a rival's own disturbance (ground.analysis.likelihood); the pair
+    that is hardest to distinguish counts. each: maps over experiments; work: told of each.
 
     Returns `separates` (names), `input` (a sentence), `arguments` (of identify simulate, open loop),
     `launch` (the line that flies it), `room` (its name), `rows` (time [s], left, right of the design),
-    `repeat` (number of such runs for a clear decision), `expected_disagreement` of one of them [standard
-    deviations], and `all`: every experiment with its disagreement open loop, best first. None when no
-    experiment distinguishes the rivals.
+    `repeat` (number of such runs for a clear decision), and `expected_disagreement` of one of them [standard
+    deviations]. None when no experiment distinguishes the rivals.
     """
     if not rivals[0].fit.model.is_pair:
         return None  # the experiments to choose from are those of a left and a right thruster
     place, told = room or _core.RoomPlan(), work or Work()
     noise, runs = runs[0].noise, [thinned(run) for run in runs]  # once for all experiments
-    known = {rival.name: _cost(rival, runs, True) for rival in rivals}
     choice = list(choices())
-
-    def played(experiment: Experiment) -> Optional[float]:
-        found = _disagreement(rivals, experiment.schedule(), noise)
-        told.step()
-        return found
-
     with told.stage(CHOOSING, len(choice)):
-        before = list(each(played, choice))
-    apart = [(disagreement, e) for disagreement, e in zip(before, choice) if disagreement]
-    found = sorted(apart, key=lambda pair: -pair[0])
-
-    def flown(experiment: Experiment) -> Optional[float]:
-        try:
-            schedule = experiment.schedule_in(place, rivals[0].fit.model)
-            return _disagreement(rivals, schedule, noise, runs, known)
-        except (ValueError, GroundError):
-            return None
-        finally:
-            told.step()
-
-    best, proposed = 0.0, choice[0]
-    with told.stage(REFITTING, min(MAX_REFITTED, len(found))):
-        for at in range(0, min(MAX_REFITTED, len(found)), BATCH):
-            some = [experiment for _, experiment in found[at : at + BATCH]]
+        apart = list(each(lambda e: _disagreement(rivals, e.schedule(), noise), choice))
+    order = np.argsort([-a for a in apart], kind="stable")[:MAX_REFITTED]
+    best, proposed, known = 0.0, choice[0], {rival.name: _cost(rival, runs, True) for rival in rivals}
+    with told.stage(REFITTING, len(order)):
+        for i in told.each(order.tolist()):
             # A refit brings rivals closer to each other, and clearer than clear is not needed.
-            if best >= min(found[at][0], CLEAR_DISAGREEMENT):
-                break
-            for disagreement, experiment in zip(each(flown, some), some):
-                if disagreement and disagreement > best:
-                    best, proposed = disagreement, experiment
+            if best < min(apart[i], CLEAR_DISAGREEMENT):
+                with contextlib.suppress(ValueError, GroundError):  # it cannot be flown by this model
+                    schedule = choice[i].schedule_in(place, rivals[0].fit.model)
+                    found = _disagreement(rivals, schedule, noise, runs, known)
+                    best, proposed = max((best, proposed), (found, choice[i]), key=lambda pair: pair[0])
     if best < MIN_DISAGREEMENT:
         return None
     return {
         "separates": [rival.name for rival in rivals],
-        **_described(proposed, place),
+        "input": proposed.input,
+        "arguments": proposed.arguments(),
+        "launch": proposed.launch(),
+        "room": place.name,
+        "rows": experiments.rows(proposed.design, IN_ROOM, **dict(proposed.options)).tolist(),
         "repeat": math.ceil((CLEAR_DISAGREEMENT / best) ** 2),
         "expected_disagreement": best,
-        "all": [{"input": e.input, "expected_disagreement": d} for d, e in found],
     }
-
-
-def _described(experiment: Experiment, room: _core.RoomPlan) -> Document:
-    """An experiment, and how to play it."""
-    return {
-        "input": experiment.input,
-        "arguments": experiment.arguments(),
-        "launch": experiment.launch(),
-        "room": room.name,
-        "rows": experiments.rows(experiment.design, IN_ROOM, **dict(experiment.options)).tolist(),
-    }
-
-
-def schedule_of(arguments: str, model: _core.Model) -> experiments.Schedule:
-    """The Schedule of commands to a craft that moves by `model`, in a room of 4 x 4 m, of the
-    experiment whose arguments `propose` returned."""
-    found = next(e for e in choices() if e.arguments() == arguments)
-    return found.schedule_in(_core.RoomPlan(), model)
 
 
 def choices() -> Iterator[Experiment]:
@@ -200,10 +165,10 @@ def _disagreement(
     noise: Array,
     runs: Sequence[_core.RunData] = (),
     known: Optional[Mapping[str, float]] = None,
-) -> Optional[float]:
+) -> float:
     """Standard deviations that a new run puts between the two rivals that it distinguishes least.
     noise: of its poses; known: the rivals' costs of the runs, to refit them to these and the new run.
-    None when a rival's motion is not finite."""
+    0 when a rival's motion is not finite."""
     worst = np.inf
     try:
         for true, other in itertools.permutations(rivals, 2):
@@ -215,7 +180,7 @@ def _disagreement(
                 apart -= _cost(true, [*runs, *new], True) - known[true.name]
             worst = min(worst, float(np.sqrt(2 * max(0.0, apart))))
     except GroundError:
-        return None
+        return 0.0
     return worst
 
 

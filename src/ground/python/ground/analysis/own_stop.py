@@ -11,7 +11,7 @@ silence nor the zeros brake only shows that braking cannot be seen here.
 """
 
 from dataclasses import dataclass, field
-from typing import List, Optional
+from typing import Optional
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -191,37 +191,23 @@ def find_break(times: Array, speeds: Array, begin: float, end: float) -> Break:
     within = (times >= begin) & (times <= end)
     t, s = times[within], speeds[within]
     step = (end - begin) / 60
-    starts = [
-        least_squares(lambda p, at=at: _shape(p[0], p[1], at, p[2], t) - s, _guess(t, s, at))
-        for at in np.arange(begin + 2 * step, end - step, 3 * step)
-    ]
-    times_of = np.arange(begin + 2 * step, end - step, 3 * step)
-    best = min(range(len(starts)), key=lambda i: float(starts[i].cost))
-    s0, slope, braking = starts[best].x
-    fit = least_squares(lambda p: _shape(p[0], p[1], p[2], p[3], t) - s, [s0, slope, times_of[best], braking])
+    fits = []
+    for at in np.arange(begin + 2 * step, end - step, 3 * step):
+        before, soon = t < at, (t >= at) & (t < at + 0.3)
+        slope, s0 = np.polyfit(t[before], s[before], 1) if before.sum() > 2 else (0.0, s[0])
+        braking = -np.polyfit(t[soon], s[soon], 1)[0] if soon.sum() > 2 else 1.0
+        fits.append(least_squares(lambda p: _shape(p[0], p[1], p[2], p[3], t) - s, [s0, slope, at, braking]))
+    fit = min(fits, key=lambda found: float(found.cost))
     s0, slope, time, braking = fit.x
     at_break, last = _shape(s0, slope, time, braking, np.array([time, end]))
-    return Break(
-        time=float(time),
-        deviation=_deviation(fit, 2),
-        slope=float(slope),
-        braking=float(braking),
-        loss=float(at_break - last),
-    )
+    deviation = _deviation(fit, 2)
+    return Break(float(time), deviation, float(slope), float(braking), float(at_break - last))
 
 
 def _shape(s0: float, slope: float, time: float, braking: float, t: Array) -> Array:
     before = s0 + slope * t
     after = np.maximum(0.0, s0 + slope * time - braking * (t - time))
     return np.where(t < time, before, after)
-
-
-def _guess(t: Array, s: Array, time: float) -> List[float]:
-    """Start of a fit: the line through the speeds before a time, and the braking just after it."""
-    before, soon = t < time, (t >= time) & (t < time + 0.3)
-    slope, s0 = np.polyfit(t[before], s[before], 1) if before.sum() > 2 else (0.0, s[0])
-    braking = -np.polyfit(t[soon], s[soon], 1)[0] if soon.sum() > 2 else 1.0
-    return [s0, slope, braking]
 
 
 def _deviation(fit: OptimizeResult, index: int) -> float:

@@ -31,6 +31,11 @@ class Fitting:
         """Whether an effect has minima far from its neutral parameters."""
         return len(list(self.candidates[name].starts(self.given))) > 1
 
+    def is_far_off(self, base: Fit) -> bool:
+        """Whether a fit leaves more to the disturbance than fits start with."""
+        start = self.likelihood.box.start(self.likelihood.craft).levels
+        return any(base.levels[name] > start[name] for name in ("sigma_X", "sigma_Y"))
+
     def from_start(self, start: _core.Model, near: Optional[Fit]) -> List[Fit]:
         """The fit from a start, as a list; an empty one where it cannot be simulated."""
         try:
@@ -80,16 +85,10 @@ class Extension:
                 for part in SIZES:
                     yield stepped(extended, self.tests.in_place(name, part)), self.base
         far = [name for name in added if self.fitting.has_starts(name)]
-        if far and ((not self.current and len(added) == 1) or self._is_far_off()):
+        if far and self.fitting.is_far_off(self.base):
             for name in far:
                 for other in self._far_starts(name, added):
                     yield other, None
-
-    def _is_far_off(self) -> bool:
-        """Whether the set leaves more to the disturbance than fits start with."""
-        likelihood = self.fitting.likelihood
-        start = likelihood.box.start(likelihood.craft).levels
-        return any(self.base.levels[name] > start[name] for name in ("sigma_X", "sigma_Y"))
 
     def _far_starts(self, name: str, added: Sequence[str]) -> List[_core.Model]:
         """Models with an effect far from neutral from which a fit should start. The other

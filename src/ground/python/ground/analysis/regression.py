@@ -11,7 +11,7 @@ without an effect follows from the eigenvalues of the term's information.
 
 import copy
 from dataclasses import dataclass
-from typing import AbstractSet, Dict, List, Optional, Sequence, Set, Tuple
+from typing import AbstractSet, Any, Dict, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -114,9 +114,6 @@ class Regression:
         self.D = np.hstack([self.D, D])
         self.information = (self.D**2).sum(axis=0)
         self.b = self.D.T @ self.y
-        self._grams: Dict[bytes, Array] = {}
-        self._known: Dict[int, int] = {}
-        self._products = np.empty((0, len(self.features)))
 
     def _left_of(self, acting: Sequence[Array]) -> Tuple[List[Array], Flags]:
         return _without(*([w / self.full[:, None] for w in every] for every in (acting, self._own)))
@@ -149,13 +146,9 @@ class Regression:
 
     # Tests
 
-    def _cross(self, columns: Sequence[int]) -> Array:
-        """Products of columns of D with all columns, computed once."""
-        new = [j for j in columns if j not in self._known]
-        if new:
-            self._known.update(zip(new, range(len(self._known), len(self._known) + len(new))))
-            self._products = np.vstack([self._products, self.D[:, new].T @ self.D])
-        return np.asarray(self._products[[self._known[j] for j in columns]])
+    def _cross(self, first: Indices, second: Any = slice(None)) -> Array:
+        """Products of some columns of D with others."""
+        return np.asarray(self.D[:, first].T @ self.D[:, second])
 
     def _columns(self, terms: Sequence[Term]) -> Tuple[Indices, Array]:
         """Columns of terms, and the variances of their weights."""
@@ -169,7 +162,7 @@ class Regression:
     def posterior(self, terms: Sequence[Term]) -> Tuple[Indices, Array, Array]:
         """Columns of terms, covariance and mean of their weights."""
         at, variances = self._columns(terms)
-        inverse = np.linalg.inv(self._cross(at.tolist())[:, at] + np.diag(1 / variances))
+        inverse = np.linalg.inv(self._cross(at, at) + np.diag(1 / variances))
         return at, inverse, inverse @ self.b[at]
 
     def single(self, beside: Sequence[Term] = ()) -> Tuple[Array, Array]:
@@ -177,7 +170,7 @@ class Regression:
         if not beside:
             return self.information, self.b
         at, inverse, mean = self.posterior(beside)
-        cross = self._cross(at.tolist())
+        cross = self._cross(at)
         return self.information - ((inverse @ cross) * cross).sum(axis=0), self.b - cross.T @ mean
 
     def significance(self, beside: Sequence[Term] = ()) -> Array:
@@ -189,39 +182,31 @@ class Regression:
 
     def test(self, columns: Indices, beside: Sequence[Term] = (), name: str = "") -> Term:
         """The Term of some columns, beside chosen terms."""
-        values, z = self._spectrum(columns, beside)
-        if not len(values):
-            return Term(name, columns)
-        shares = [size / len(columns) * values for size in SIZES]
-        ratios = _ratios(values, z, len(columns))
+        shares, ratios = self._ratios(columns, beside)
         best = int(np.argmax(ratios))
-        ratio = max(0.0, ratios[best])
+        ratio = max(0.0, float(ratios[best]))
         return Term(name, columns, float(SIZES[best]), ratio, _chance(ratio, shares))
 
     def largest(self, columns: Indices, behind: float, beside: Sequence[Term] = ()) -> float:
         """Largest variance of columns' wrench beside terms whose log-likelihood ratio is not `behind` the
         best one; 0 if all are."""
-        values, z = self._spectrum(columns, beside)
-        if not len(values):
-            return 0.0
-        ratios = np.array(_ratios(values, z, len(columns)))
+        _, ratios = self._ratios(columns, beside)
         allowed = np.flatnonzero(ratios > max(0.0, float(ratios.max())) - behind)
         return float(SIZES[allowed[-1]]) if len(allowed) else 0.0
 
-    def _spectrum(self, columns: Indices, beside: Sequence[Term]) -> Tuple[Array, Array]:
-        """Eigenvalues of the information of columns beside terms, and the squares of their
-        scores over them."""
-        key = columns.tobytes()
-        if key not in self._grams:
-            self._grams[key] = self.D[:, columns].T @ self.D[:, columns]
-        G, b = self._grams[key], self.b[columns]
+    def _ratios(self, columns: Indices, beside: Sequence[Term]) -> Tuple[Array, Array]:
+        """Eigenvalues of the information of columns beside terms times each of SIZES, and the ratios of
+        the marginal likelihoods with and without them, 2 ln."""
+        G, b = self._cross(columns, columns), self.b[columns]
         if beside:
             at, inverse, mean = self.posterior(beside)
-            cross = self._cross(at.tolist())[:, columns]
+            cross = self._cross(at, columns)
             G, b = G - cross.T @ inverse @ cross, b - cross.T @ mean
         values, vectors = np.linalg.eigh(G)
         kept = values > max(1e-9 * values.max(), 1e-12)
-        return values[kept], (vectors[:, kept].T @ b) ** 2 / values[kept]
+        values, z = values[kept], (vectors[:, kept].T @ b) ** 2 / values[kept]
+        shares = SIZES[:, None] / len(columns) * values
+        return shares, (shares / (1 + shares)) @ z - np.log1p(shares).sum(axis=1)
 
     def choose(self, parts: Sequence["Part"]) -> List[Term]:
         """Terms that are significant, each beside the others, and that raise the likelihood of
@@ -291,7 +276,7 @@ class Regression:
         at, variances = self._columns(terms)
         D, y = self.D[np.ix_(part.rows, at)], self.y[part.rows]
         own, b = D.T @ D, D.T @ y
-        rest = self._cross(at.tolist())[:, at] - own + np.diag(1 / variances)
+        rest = self._cross(at, at) - own + np.diag(1 / variances)
         return at, np.linalg.solve(rest, self.b[at] - b), own, b
 
     def gain(self, terms: Sequence[Term], parts: Sequence["Part"]) -> float:
@@ -366,20 +351,13 @@ def _without(acting: Sequence[Array], followed: Sequence[Array]) -> Tuple[List[A
     return [A[i:j].reshape(-1, 3, A.shape[1]) for i, j in zip(edges[:-1], edges[1:])], kept
 
 
-def _ratios(values: Array, z: Array, count: int) -> List[float]:
-    """Ratio of marginal likelihoods, 2 ln, for each of SIZES."""
-    shares = [size / count * values for size in SIZES]
-    return [float(-np.log1p(s).sum() + z @ (s / (1 + s))) for s in shares]
-
-
-def _chance(ratio: float, shares: Sequence[Array]) -> float:
+def _chance(ratio: float, shares: Array) -> float:
     """Probability of so large a ratio without an effect."""
     if ratio <= LEAST:
         return 1.0
-    random = np.random.default_rng(len(shares[0]))
-    drawn = random.chisquare(1, size=(DRAWS, len(shares[0])))
-    null = np.max([drawn @ (s / (1 + s)) - np.log1p(s).sum() for s in shares], axis=0)
-    null = np.maximum(null, 0.0)
+    drawn = np.random.default_rng(shares.shape[1]).chisquare(1, size=(DRAWS, shares.shape[1]))
+    null = drawn @ (shares / (1 + shares)).T - np.log1p(shares).sum(axis=1)
+    null = np.maximum(null.max(axis=1), 0.0)
     above = int((null >= ratio).sum())
     if above > 20:
         return above / DRAWS

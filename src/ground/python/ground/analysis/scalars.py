@@ -1,23 +1,25 @@
-"""Functions of what was recorded that are multiplied in the screen (ground.analysis.screening): of heading,
-place, velocity, commands, the past and time.
+"""Functions of what was recorded, of which the features of a regression are made: of heading, place,
+velocity, commands, the past and time.
 
 Their constants follow from where and how fast the craft moved.
 """
 
 import itertools
-from dataclasses import dataclass, field
-from typing import Dict, FrozenSet, List, Mapping, Optional, Sequence, Tuple
+from dataclasses import dataclass, field, replace
+from typing import Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.analysis import dictionary
-from ground.analysis.dictionary import (
-    COMMAND, CROSSED, FAR, HEADING, PAST, PHASES, PLACE, TIME, VELOCITY, Channel, Constant,
-)  # fmt: skip
 from ground.analysis.samples import MEMORIES, Samples, Scales, inputs
 from ground.annotations import Array
 
+HEADING, PLACE, VELOCITY = "heading", "place", "velocity"
+COMMAND, PAST, TIME = "command", "past", "time"
+ARGUMENTS = (HEADING, PLACE, VELOCITY, COMMAND, PAST, TIME)
+TURNS = (1, 2, 3, 4)  # harmonics of the heading
+CROSSED = 0.25  # time in which the craft crosses the shortest wavelength [s]
+FAR = 100.0  # of the extent: distance of a point of the room that a force may depend on
 WAVES = 6000  # wave vectors
 HALF_WAVES = 8  # most half waves of the time in the longest run
 FEW_WAVES = 3  # most half waves of a velocity or a command
@@ -25,12 +27,45 @@ MOST_OF = 3.5  # standard deviations that hold most of the values
 BELLS = 150  # centres of bells of one size
 STEPS = (0.1, 0.25, 0.5, 0.75, 0.9)  # quantiles of a variable at which a step may be
 SHARP = 0.15  # width of a step, in standard deviations of its variable
-ROOM = 3  # directions of the room, half a turn together
-POINTS = 20  # where a force may point to, on the way of the craft
-APART = 3.0  # extent over the distance between these points
-FELT = 16.0  # extent over the distance from a point within which a force towards it fades
-PULL_DISTANCE = "sqrt((x-{mx})^2+(y-{my})^2+%.3g)"
 REACH = 2.0  # longest part of the extent, or of the time, that a bell covers: 1 / REACH
+
+
+class Constant(NamedTuple):
+    """A constant of a formula."""
+
+    value: float
+    unit: str
+    reach: float  # how far from the value it may be
+
+
+# Phases of sines that are tested; {name: value}
+PHASES = {"p0": Constant(0.0, "rad", np.pi), "p1": Constant(np.pi / 2, "rad", np.pi)}
+
+
+@dataclass(frozen=True)
+class Memory:
+    """States of formulas: formulas of their rates, with names in braces for their constants of time."""
+
+    rates: Mapping[str, str] = field(default_factory=dict)
+    times: Mapping[str, Constant] = field(default_factory=dict)
+
+    def filled(self) -> Dict[str, str]:
+        """The rates with the values of the constants."""
+        return {name: filled(rate, self.times) for name, rate in self.rates.items()}
+
+    def __add__(self, other: "Memory") -> "Memory":
+        return Memory({**self.rates, **other.rates}, {**self.times, **other.times})
+
+    @staticmethod
+    def mean(kind: str, i: int, of: Mapping[str, str]) -> "Memory":
+        """States that are means of formulas over the past, for the i-th of MEMORIES. of: formula by the end
+        of the state's name."""
+        time = "tau_%s%d" % (kind, i)
+        rates = {
+            "%s%d%s" % (kind, i, end): "((%s)-%s%d%s)/{%s}" % (text, kind, i, end, time)
+            for end, text in of.items()
+        }
+        return Memory(rates, {time: Constant(MEMORIES[i], "s", 0.0)})
 
 
 @dataclass(frozen=True)
@@ -41,14 +76,36 @@ class Scalar:
     unit: str
     arguments: FrozenSet[str]
     constants: Mapping[str, Constant] = field(default_factory=dict)
-    states: Mapping[str, str] = field(default_factory=dict)
+    memory: Memory = Memory()
 
 
-def _of(
+def filled(template: str, constants: Mapping[str, Constant]) -> str:
+    """A formula with the values of its constants."""
+    values = {name: "%.6g" % c.value for name, c in constants.items()}
+    return template.format(**{n: "(%s)" % v if v[0] == "-" else v for n, v in values.items()})
+
+
+def product_of_units(units: Sequence[str]) -> str:
+    """Unit of a product."""
+    return "*".join(unit for unit in units if unit != "-") or "-"
+
+
+def spread(points: Array, apart: float, most: int) -> Array:
+    """Some of the points (n, k), the farthest from the others first, until all are near one."""
+    chosen = [points[len(points) // 2]]
+    nearest = ((points - chosen[0]) ** 2).sum(axis=1)
+    while len(chosen) < most and nearest.max() > apart**2:
+        chosen.append(points[int(np.argmax(nearest))])
+        nearest = np.minimum(nearest, ((points - chosen[-1]) ** 2).sum(axis=1))
+    return np.array(chosen)
+
+
+def of(
     arguments: Sequence[str],
     scalars: Sequence[Tuple[str, str]],
     constants: Optional[Mapping[str, Constant]] = None,
 ) -> List[Scalar]:
+    """Scalars of formulas and units, with those of the constants that each has."""
     made = []
     for text, unit in scalars:
         own = {n: c for n, c in (constants or {}).items() if "{%s}" % n in text}
@@ -61,63 +118,114 @@ ONE = Scalar("1", "-", frozenset())
 
 def turns() -> List[Scalar]:
     """Functions of the heading that repeat with a turn or a part of it."""
-    return _of([HEADING], [(text, "-") for text in dictionary.turns_of_heading()], PHASES)
+    texts = ["sin(%spsi+{%s})" % ("" if k == 1 else "%d*" % k, p) for k in TURNS for p in PHASES]
+    return of([HEADING], [(text, "-") for text in texts], PHASES)
+
+
+def velocities() -> List[Scalar]:
+    """Functions of the velocities."""
+    square, mixed, turn = "m^2/s^2", "m/s^2", "rad^2/s^2"
+    speed = "sqrt(u^2+v^2)"
+    return of([VELOCITY], [
+        ("u", "m/s"), ("v", "m/s"), ("r", "rad/s"),
+        ("u^2", square), ("v^2", square), ("r^2", turn), ("u*v", square), ("u*r", mixed), ("v*r", mixed),
+        ("abs(u)*u", square), ("abs(v)*v", square), ("abs(r)*r", turn), ("abs(r)", "rad/s"),
+        (speed + "*u", square), (speed + "*v", square), (speed + "*r", mixed), (speed, "m/s"),
+        ("abs(r)*u", mixed), ("abs(r)*v", mixed), ("abs(u)*v", square), ("abs(v)*u", square),
+        ("u^3", "m^3/s^3"), ("v^3", "m^3/s^3"), ("r^3", "rad^3/s^3"),
+        ("u^2*v", "m^3/s^3"), ("v^2*u", "m^3/s^3"),
+    ])  # fmt: skip
+
+
+def signs(scales: Scales) -> List[Scalar]:
+    """Directions of the motion: what dry friction depends on."""
+    slow, slow_turn = 0.15 * scales.speed, 0.15 * scales.turn
+    speed = "sqrt(u^2+v^2+%.3g)" % slow**2
+    signs = [("u/" + speed, "-"), ("v/" + speed, "-")]
+    for name, least in (("u", slow), ("v", slow), ("r", slow_turn)):
+        signs.append(("%s/sqrt(%s^2+%.3g)" % (name, name, least**2), "-"))
+    return of([VELOCITY], signs)
+
+
+def commands(model: _core.Model) -> List[Scalar]:
+    """Functions of the inputs of thrusters and of the lift."""
+    names = inputs(model)
+    pairs = ["%s*%s" % pair for pair in itertools.combinations_with_replacement(names, 2)]
+    cubes = [name + "^3" for name in names]
+    lifted = ["lift"] + ["lift*" + name for name in names]
+    return of([COMMAND], [(f, "-") for f in names + pairs[: 3 * len(names)] + cubes + lifted])
 
 
 def few(model: _core.Model, scales: Scales) -> List[Scalar]:
     """Scalars that all others are multiplied with."""
     names = inputs(model)
     speeds = [("u", "m/s"), ("v", "m/s"), ("r", "rad/s"), ("abs(r)", "rad/s"), ("sqrt(u^2+v^2)", "m/s")]
-    commands = [(name, "-") for name in names] + [("lift", "-"), ("(%s)" % "+".join(names), "-")]
-    commands += [("abs%s" % difference, "-") for difference in _from_mean(model)]
+    told = [(name, "-") for name in names] + [("lift", "-"), ("(%s)" % "+".join(names), "-")]
+    told += [("abs%s" % difference, "-") for difference in _from_mean(model)]
     (cx, cy), far = scales.centre, FAR * scales.extent
     middle = {"x1": Constant(cx, "m", far), "y1": Constant(cy, "m", far)}
     return [
         ONE,
         *turns(),
-        *_of([VELOCITY], speeds + dictionary.signs(scales)),
+        *of([VELOCITY], speeds),
+        *signs(scales),
         *_course(scales),
-        *_of([COMMAND], commands),
+        *of([COMMAND], told),
         *_of_time(scales),
-        *_of([PLACE], [("(x-{x1})", "m"), ("(y-{y1})", "m")], middle),
-        *_past_commands(model),
+        *of([PLACE], [("(x-{x1})", "m"), ("(y-{y1})", "m")], middle),
+        *means("q", {"": total(model)}),
     ]
 
 
 def _of_time(scales: Scales) -> List[Scalar]:
     shifted = {"t2": Constant(scales.duration / 2, "s", scales.duration)}
-    return _of([TIME], [("t", "s"), ("t^2", "s^2"), ("(t-{t2})", "s")], shifted)
+    return of([TIME], [("t", "s"), ("t^2", "s^2"), ("(t-{t2})", "s")], shifted)
 
 
-def _past_commands(model: _core.Model) -> List[Scalar]:
-    total = "+".join(inputs(model))
+def total(model: _core.Model) -> str:
+    """Formula of the sum of the inputs of thrusters."""
+    return "(%s)" % "+".join(inputs(model))
+
+
+def means(kind: str, of: Mapping[str, str], unit: str = "-") -> List[Scalar]:
+    """Means of formulas over the past, with each of MEMORIES. of: formula by the end of the mean's name."""
     return [
-        Scalar("q%d" % i, "-", frozenset([PAST]), {}, {"q%d" % i: "((%s)-q%d)/%g" % (total, i, memory)})
-        for i, memory in enumerate(MEMORIES)
+        Scalar(name, unit, frozenset([PAST]), {}, memory)
+        for i in range(len(MEMORIES))
+        for end, text in of.items()
+        for memory in [Memory.mean(kind, i, {end: text})]
+        for name in memory.rates
     ]
+
+
+def less(scalar: Scalar, text: str) -> Scalar:
+    """A scalar less a formula of the same unit."""
+    return replace(scalar, text="(%s-%s)" % (scalar.text, text))
 
 
 def of_motion(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) -> List[Scalar]:
     """Scalars that are multiplied with a few, other than those of the place."""
     names = ["u", "v", "r", *inputs(model)]
     every = {name: np.concatenate([s.values[name] for s in sampled]) for name in names}
-    commands = [(f, "-") for f in dictionary.command_formulas(model) + _differences(model)]
     least = (0.15 * scales.speed) ** 2
     return [
         ONE,
         *turns(),
-        *_of([VELOCITY], dictionary.of_velocity() + dictionary.signs(scales)),
-        *_of([VELOCITY], [("%s/(u^2+v^2+%.3g)" % (f, least), "-") for f in ("u*v", "(u^2-v^2)")]),
-        *_of_velocity_in_room(scales),
+        *velocities(),
+        *signs(scales),
+        *of([VELOCITY], [("%s/(u^2+v^2+%.3g)" % (f, least), "-") for f in ("u*v", "(u^2-v^2)")]),
+        *in_room(scales),
         *_steps(_variables(every), VELOCITY),
         *_steps(_amounts(model, every), COMMAND),
         *_waves_of(_variables(every), VELOCITY),
         *_waves_of(_amounts(model, every), COMMAND),
-        *_of([COMMAND], commands),
+        *commands(model),
+        *of([COMMAND], [(f, "-") for f in _differences(model)]),
         *_of_time(scales),
         *_waves_of_time(scales),
-        *_past_commands(model),
-        *_past_velocity(),
+        *means("q", {"": total(model)}),
+        *means("w", {"_u": "u", "_v": "v"}, "m/s"),
+        *means("w", {"_r": "r"}, "rad/s"),
         *_bells_of_time(scales),
     ]
 
@@ -152,7 +260,7 @@ def _course(scales: Scales, directions: Sequence[float] = (0.0, np.pi / 2)) -> L
     ]
 
 
-def _of_velocity_in_room(scales: Scales) -> List[Scalar]:
+def in_room(scales: Scales) -> List[Scalar]:
     """Functions of the velocity along directions of the room, and of the course."""
     least = (0.15 * scales.speed) ** 2
     w = IN_ROOM
@@ -164,7 +272,7 @@ def _of_velocity_in_room(scales: Scales) -> List[Scalar]:
     found = _course(scales, directions)
     for direction in directions:
         constants = {"d0": Constant(direction, "rad", np.pi)}
-        found += _of([VELOCITY, HEADING], forms, constants)
+        found += of([VELOCITY, HEADING], forms, constants)
     return found
 
 
@@ -180,19 +288,10 @@ def _angles_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
         ("%s*(3*%s^2-%s^2)/%s^1.5" % (b, a, b, apart), "-"),
         ("sqrt%s" % apart, "m"),
     ]  # fmt: skip
-    for cx, cy in dictionary.spread(np.column_stack([x, y]), width, BELLS // 3):
+    for cx, cy in spread(np.column_stack([x, y]), width, BELLS // 3):
         constants = {"x0": Constant(float(cx), "m", width), "y0": Constant(float(cy), "m", width)}
-        found += _of([PLACE], forms, constants)
+        found += of([PLACE], forms, constants)
     return found
-
-
-def _past_velocity() -> List[Scalar]:
-    return [
-        Scalar(name, unit, frozenset([PAST]), {}, {name: "(%s-%s)/%g" % (n, name, memory)})
-        for i, memory in enumerate(MEMORIES)
-        for n, unit in (("u", "m/s"), ("v", "m/s"), ("r", "rad/s"))
-        for name in ["w%d_%s" % (i, n)]
-    ]
 
 
 _Variables = Dict[str, Tuple[Array, str]]  # values and unit by formula
@@ -275,7 +374,7 @@ def _bells_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
     found, places = [], np.column_stack([x, y])
     width = max(CROSSED * scales.speed, scales.extent / BELLS)
     while width < scales.extent / REACH:
-        for cx, cy in dictionary.spread(places, width, BELLS):
+        for cx, cy in spread(places, width, BELLS):
             constants = {
                 "x0": Constant(float(cx), "m", width),
                 "y0": Constant(float(cy), "m", width),
@@ -301,44 +400,3 @@ def waves(scales: Scales, x: Array, y: Array) -> List[Scalar]:
         for kx, ky in grid
         for phase in PHASES.values()
     ]  # fmt: skip
-
-
-def channels(model: _core.Model, scales: Scales) -> List[Channel]:
-    """Channels of the body, directions of the room, along and across the velocity, and thrust."""
-    none: FrozenSet[str] = frozenset()
-    moving = frozenset([VELOCITY])
-    direction = "/sqrt(u^2+v^2+%.3g)" % (0.15 * scales.speed) ** 2
-    thrusts = {"thrust_" + name[2:]: name + "*%s" for name in inputs(model)}
-    channels = [Channel({c: "%s"}, "-", none) for c in dictionary.CHANNELS]
-    channels += [
-        *(
-            Channel({"X": "%s*cos(psi-{dr})", "Y": "-%s*sin(psi-{dr})"}, "-", none, {"dr": direction})
-            for direction in (Constant(i * np.pi / ROOM, "rad", np.pi / 2) for i in range(ROOM))
-        ),
-        Channel({"X": "%s*u", "Y": "%s*v"}, "m/s", moving),
-        Channel({"X": "%s*v", "Y": "-%s*u"}, "m/s", moving),
-        Channel({"X": "%s*u" + direction, "Y": "%s*v" + direction}, "-", moving),
-        Channel({"X": "%s*v" + direction, "Y": "-%s*u" + direction}, "-", moving),
-        Channel(thrusts, "-", frozenset([COMMAND])),
-    ]
-    (first, of_first), *others = thrusts.items()
-    channels += [Channel({first: of_first, c: "-(%s)" % f}, "-", frozenset([COMMAND])) for c, f in others]
-    return channels + [Channel({c: f}, "-", frozenset([COMMAND])) for c, f in thrusts.items()]
-
-
-def pulls(scales: Scales, x: Array, y: Array) -> List[Channel]:
-    """Forces of unit size away from points on the way and around them, everywhere and near them alone."""
-    away, found = PULL_DISTANCE % (scales.extent / FELT) ** 2, []
-    near = "exp(-((x-{mx})^2+(y-{my})^2)/{mw}^2)"
-    axes = {"X": "((x-{mx})*cos(psi)+(y-{my})*sin(psi))", "Y": "((y-{my})*cos(psi)-(x-{mx})*sin(psi))"}
-    around = {"X": "((x-{mx})*sin(psi)-(y-{my})*cos(psi))", "Y": axes["X"]}
-    apart, wide = scales.extent / APART, scales.extent / 2
-    for a, b in dictionary.spread(np.column_stack([x, y]), apart, POINTS):
-        point = {"mx": Constant(float(a), "m", apart), "my": Constant(float(b), "m", apart)}
-        width = {"mw": Constant(wide, "m", 0.7 * wide)}
-        for form in (axes, around):
-            unit = {c: "%%s*%s/%s" % (text, away) for c, text in form.items()}
-            found.append(Channel(unit, "-", frozenset([PLACE]), point))
-            bell = {c: "%%s*%s*%s/%s" % (near, text, away) for c, text in form.items()}
-            found.append(Channel(bell, "-", frozenset([PLACE]), {**point, **width}))
-    return found

@@ -14,12 +14,13 @@ from typing import Any, List, NamedTuple, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import dictionary, scalars
-from ground.analysis.dictionary import HEADING, PAST, Channel, Family, Feature, filled, product_of_units
+from ground.analysis import channels, dictionary, scalars
+from ground.analysis.channels import Channel
+from ground.analysis.dictionary import Feature, product
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.regression import LEVEL, Regression
 from ground.analysis.samples import Samples, Scales, evaluated, namespace
-from ground.analysis.scalars import ONE, Scalar
+from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
 from ground.annotations import Array, Indices
 
 BIN = 0.05  # samples that are taken together [s]
@@ -49,21 +50,21 @@ def screened(regression: Regression, model: _core.Model, sampled: Sequence[Sampl
     scales = Scales.of(sampled)
     few, screen = scalars.few(model, scales), _Screen(regression, model, sampled)
     x, y = (np.concatenate([s.values[name] for s in sampled]) for name in "xy")
-    channels, motion = scalars.channels(model, scales), scalars.of_motion(model, scales, sampled)
-    found = screen.best(channels, [*motion, *scalars.of_place(scales, x, y)], few)
-    found += screen.best(channels, scalars.waves(scales, x, y), [ONE, *scalars.turns()])
-    found += screen.best(scalars.pulls(scales, x, y), motion, few)
+    acting, motion = channels.channels(model, scales), scalars.of_motion(model, scales, sampled)
+    found = screen.best(acting, [*motion, *scalars.of_place(scales, x, y)], few)
+    found += screen.best(acting, scalars.waves(scales, x, y), [ONE, *scalars.turns()])
+    found += screen.best(channels.pulls(scales, x, y), motion, few)
     found = sorted(found, key=lambda product: -product.value)
     pairs = {(p.first.text, p.second.text): p for p in found if p.second is not ONE}
     begun = list(pairs.values())[:LENGTHENED]
     if begun:
         thirds = [_renamed(scalar) for scalar in few[1:]]
         longer = [_product(p.first, p.second) for p in begun]
-        found += screen.best(channels, longer, [ONE, *thirds], max(p.tried for p in begun) // len(longer))
+        found += screen.best(acting, longer, [ONE, *thirds], max(p.tried for p in begun) // len(longer))
     found = sorted(found, key=lambda product: -product.value)[:KEPT]
-    features = [_feature(p.channel, p.first, p.second) for p in found]
-    acting = [dictionary.wrenches(features, model, s) for s in sampled]
-    return regression.extended(features, acting, [p.tried for p in found])
+    features = [product(p.channel, [p.first, p.second]) for p in found]
+    wrenches = [dictionary.wrenches(features, model, s) for s in sampled]
+    return regression.extended(features, wrenches, [p.tried for p in found])
 
 
 class _Screen:
@@ -75,16 +76,16 @@ class _Screen:
         self.middles = self.edges + np.diff(np.append(self.edges, len(self.draws))) // 2
 
     def best(
-        self, channels: Sequence[Channel], wide: Sequence[Scalar], narrow: Sequence[Scalar], of: int = 1
+        self, acting: Sequence[Channel], wide: Sequence[Scalar], narrow: Sequence[Scalar], of: int = 1
     ) -> List[Product]:
         """The KEPT_OF_ONE best products on each channel of wide and narrow scalars, of which the first is
         ONE. of: number of others that each wide scalar was chosen from."""
-        units = [_feature(channel, ONE, ONE) for channel in channels]
+        units = [product(channel, []) for channel in acting]
         directions = np.concatenate([dictionary.wrenches(units, self.model, s) for s in self.sampled])
         P, Q = _values(wide, self.sampled, self.middles), _values(narrow, self.sampled, slice(None))
-        singles = len(channels) * len(wide) * of
+        singles = len(acting) * len(wide) * of
         pairs, found = singles * (len(narrow) - 1), []
-        for channel, e in zip(channels, directions.transpose(2, 0, 1)):
+        for channel, e in zip(acting, directions.transpose(2, 0, 1)):
             z = _scores(P.astype(np.float32), Q, np.einsum("ij,ijk->ik", e, self.draws), self.edges)
             z[:, 0] -= 2 * np.log(singles)
             z[:, 1:] -= 2 * np.log(pairs)
@@ -101,7 +102,7 @@ def _product(first: Scalar, second: Scalar) -> Scalar:
         product_of_units([first.unit, second.unit]),
         first.arguments | second.arguments,
         {**first.constants, **second.constants},
-        {**first.states, **second.states},
+        first.memory + second.memory,
     )
 
 
@@ -144,25 +145,6 @@ def _values(of: Sequence[Scalar], sampled: Sequence[Samples], at: Any) -> Array:
     for k, scalar in enumerate(of):
         values[:, k] = evaluated(filled(scalar.text, scalar.constants), known)
     return np.asarray(values / np.maximum(np.sqrt((values**2).mean(axis=0)), 1e-300))
-
-
-def _feature(channel: Channel, first: Scalar, second: Scalar) -> Feature:
-    """The product of two scalars on a channel."""
-    texts = ["(%s)" % s.text for s in (first, second) if s is not ONE] or ["1"]
-    arguments = first.arguments | second.arguments | channel.arguments
-    if PAST in arguments:
-        arguments = frozenset([PAST])
-    made = Feature.of(
-        {name: part % "*".join(texts) for name, part in channel.parts.items()},
-        product_of_units([first.unit, second.unit, channel.unit]),
-        Family("products", arguments or frozenset([HEADING]), True, False),
-        {**first.states, **second.states},
-        {**channel.constants, **first.constants, **second.constants},
-    )
-    if first is ONE:
-        return made
-    fewer = [first, second] if second is not ONE else [ONE]
-    return replace(made, simpler=tuple(_feature(channel, scalar, ONE) for scalar in fewer))
 
 
 def refined(regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> Regression:

@@ -163,10 +163,12 @@ class Search:
         singles = sorted(gains, key=gains.__getitem__, reverse=True)
         promising = [s for s in singles if gains[s] + self._size(s[0]) > MIN_GAIN * self._size(s[0])]
         chosen = promising[: self.refitted]
-        turned: List[Tuple[str, ...]] = [
+        is_far = self.fitting.is_far_off(self.fits[current])
+        unseen: List[Tuple[str, ...]] = [  # by score tests
             (n,)
             for n in rest
-            if (n,) not in chosen and (self.fitting.has_starts(n) or (current and tests.hidden(n)))
+            if (n,) not in chosen
+            and ((is_far and self.fitting.has_starts(n)) or (current and tests.hidden(n)))
         ]
         pairs: Dict[Tuple[str, ...], float] = {}
         for pair in itertools.combinations(rest, 2):
@@ -177,7 +179,7 @@ class Search:
                 pairs[pair] = gain
         best = sorted(pairs, key=pairs.__getitem__, reverse=True)
         least = max((gains[s] for s in chosen), default=0)
-        return chosen + turned + [p for p in best if pairs[p] > least][:PAIRS]
+        return chosen + unseen + [p for p in best if pairs[p] > least][:PAIRS]
 
     def _fit_all(self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]) -> None:
         """Fits a set extended by each proposal."""

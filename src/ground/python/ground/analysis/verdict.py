@@ -9,7 +9,6 @@ import numpy as np
 from ground import _core
 from ground.analysis import (
     bands,
-    ceiling,
     folds,
     naming,
     rivals,
@@ -26,18 +25,14 @@ from ground.annotations import Document
 from ground.errors import GroundError
 from ground.recordings import windows
 
-EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave something without a name
 SAID = ("unexplained", "memory")  # ... of which runs show that it is there
-BETTER = 0.9  # largest ratio of errors at which a longer formula is worth it
 # Largest share of the error that a smooth function of one kind may have beside `complete`
 SMALL = 0.35
 # Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in
 # multiples of the one from which it is excluded.
 CLOSE = 5.0
-LENGTHENED = 3  # formulas, each longer than the one before
-FLOORS = 5  # simulations over which the noise floor is averaged
 LIKELIHOOD, SIMULATION = "likelihood", "simulation"  # what a refit maximises or minimises
 
 
@@ -144,15 +139,14 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
     if not agrees.holds and not left.said:
         left = left.unbounded()
-    floors = found.pool.map(lambda seed: _floor(found, found.runs, seed), range(FLOORS))
-    floor, varies, refitted = float(np.mean(list(floors))), _varies(found), refits(found)
-    explained = float(found.best.error.sum()) < EXPLAINED * floor
+    floor, varies, refitted = found.noise_floor(found.names), _varies(found), refits(found)
+    explained = found.explains(found.names)
     after, before = float(found.best.heldout.sum()), min(refit.heldout for refit in refitted)
     trusted = agrees.holds or not found.chosen or after < before
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, trusted)
     formula = None
     if verdict in NAMELESS or (verdict == "missing" and left.is_open):
-        formula = _name(found, left, EXPLAINED * floor)
+        formula = _name(found)
     if formula is not None:
         reached = left.reached_by(formula.fit.model, found.runs, found.cut)
         if verdict in SAID or (reached.said and _is_confirmed(found, formula.fit)):
@@ -169,7 +163,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         refitted if by_user is None else _on_others(found, refitted, by_user),
         _steps(found, by_user),
         _judgements(found, by_user),
-        _floor(found, heldout, 1) if heldout else floor,
+        float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor,
         varies,
         left,
         agrees,
@@ -177,11 +171,6 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         found,
         heldout,
     )
-
-
-def _floor(found: Diagnosis, runs: Sequence[_core.RunData], seed: int) -> float:
-    """Error that the noise of the poses alone would leave on runs."""
-    return float(window_error.noise_floor(runs, found.best.model, seed).sum())
 
 
 def refits(found: Diagnosis) -> Tuple[Refit, ...]:
@@ -246,44 +235,22 @@ def _varies(found: Diagnosis) -> List[Document]:
     ]
 
 
-def _name(found: Diagnosis, left: Ceiling, enough: float) -> Optional[naming.Formula]:
-    """A formula for what is learnable, made longer while the cross-validated error falls and is
-    above `enough`. The first may raise the error: a function of the commands does without the constant
-    that it needs."""
-    if left.found is None:
-        return None
-    best, least = None, float(found.best.heldout.sum())
+def _name(found: Diagnosis) -> Optional[naming.Formula]:
+    """A formula for what is learnable, if it lowers the cross-validated error."""
     made = found.formula_of(found.names)
-    for number in range(LENGTHENED):
-        if made is None:
-            break
-        after = _crossed(found, made.fit)
-        if after >= least and number > 0:
-            break
-        is_done = after < enough or BETTER * least < after < least
-        if after < least:
-            best, least = made, after
-        if is_done:
-            break
-        beside = ceiling.found_beside(found.likelihood, made.fit, found.runs, found.cut)
-        if beside is None:
-            break
-        made = naming.formula(found.likelihood, found.fit, beside.regression, made)
-    return best
+    if made is None:
+        return None
+    try:
+        after = float(found.folds.judge(made.fit).heldout.sum())
+    except GroundError:  # its motion is not finite
+        return None
+    return made if after < found.best.heldout.sum() else None
 
 
 def _is_confirmed(found: Diagnosis, fit: Fit) -> bool:
     """Whether a Fit makes parts of the runs likelier that it was not fitted to."""
     judged = found.folds.judge(fit)
     return folds.compared(judged.tested, found.best.tested).verdict == folds.BETTER
-
-
-def _crossed(found: Diagnosis, fit: Fit) -> float:
-    """Cross-validated error of a Fit; infinite where its motion is not finite."""
-    try:
-        return float(found.folds.judge(fit).heldout.sum())
-    except GroundError:
-        return float("inf")
 
 
 def _verdict(
