@@ -184,6 +184,14 @@ def ceiling(
     )
 
 
+def found_beside(
+    likelihood: Likelihood, fit: Fit, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
+) -> Optional[Found]:
+    """What the innovations of a Fit depend on, without its shares."""
+    likelihood, fit, _, _ = excerpt(likelihood, fit, runs, cut)
+    return _rounds(*_first(likelihood, fit))
+
+
 def _first(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, List[Samples]]:
     """The Regression on the dictionary, and the Samples of each run."""
     sampled = [samples.of_run(likelihood, fit, i) for i in range(len(likelihood.runs))]
