@@ -11,6 +11,7 @@ from ground.analysis import (
     bands,
     ceiling,
     folds,
+    horizon,
     naming,
     rivals,
     run_differences,
@@ -76,6 +77,7 @@ class Conclusion:
     ceiling: Ceiling
     agreement: Agreement
     formula: Optional[naming.Formula]  # for what is learnable and has no name
+    poses: Optional[horizon.Poses]  # errors of predicted poses; None where runs are too short
     diagnosis: Diagnosis  # its basis
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
@@ -157,6 +159,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
             verdict = _verdict(found, explained, varies, left, agrees, trusted)
         elif verdict == "missing":
             formula = None
+    models = [found.search.nominal().model, found.model, formula.fit.model if formula else found.model]
     by_user = HeldOut(found, heldout) if heldout else None
     return Conclusion(
         verdict,
@@ -171,6 +174,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         left,
         agrees,
         formula,
+        horizon.poses(found.runs, models),
         found,
         heldout,
     )

@@ -443,7 +443,7 @@ def ceiling(report: Document) -> str:
         poses = found["poses"]
         steps = [("before", "without effects")] * bool(report["improved"]["effects"])
         steps += [("now", "with the model")]
-        steps += [("after", "with what is learnable")] * bool(found["said"])
+        steps += [("after", "with the formula for what is left")] * bool(found["named_as"])
         off = ["%.3g mm and %.0f deg %s" % (*poses[key], what) for key, what in steps]
         sentence += " Poses predicted %.2g s ahead are off by %s (noise of a pose: %.2g mm, %.2g deg)." % (
             poses["seconds"],
