@@ -18,7 +18,7 @@ export SLOW
 options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking \
-  bench-soak bench-table bench-faults bench-own-stop bench-plans \
+  bench-soak bench-table bench-faults bench-plans \
   bench-commands bench-diagnose docs install clean
 
 build: $(configured)
@@ -96,10 +96,6 @@ bench-mujoco: build
 bench-discover: build
 	@$(in_workspace) test/bench/discover.py --results build/discover.jsonl \
 	  --markdown build/discover.md $(OPTIONS)
-
-# Tests prove_stop on simulated crafts with and without watchdogs.
-bench-own-stop: build
-	@$(in_workspace) test/bench/own_stop.py $(OPTIONS)
 
 # The wait for a diagnosis. OPTIONS="--recordings DIR"
 bench-diagnose: build

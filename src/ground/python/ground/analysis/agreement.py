@@ -6,7 +6,7 @@ push that is stronger in some places or at some times gives a wrench with heavie
 """
 
 from dataclasses import dataclass
-from typing import Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from ground.errors import GroundError
 
 DRAWS = 15
 FAR = 3.3  # standard deviations of the artificial recordings
-
-
-_Made = Tuple[float, List[float]]  # error, and tails of the wrench
 
 
 @dataclass(frozen=True)
@@ -49,14 +46,17 @@ def agreement(
 ) -> Agreement:
     """The Agreement of a Fit on runs over windows of them; each: maps over artificial recordings."""
 
-    def made(seed: int) -> _Made:
+    def made(seed: int) -> Optional[Tuple[float, List[float]]]:
+        """Error, and tails of the wrench; None where the motion is not finite."""
         random = np.random.default_rng(seed)
-        artificial = [_recorded(run, fit, i, random, True) for i, run in enumerate(runs)]
-        error = float(squared_errors(artificial, cut, fit.model, scale=runs).mean())
-        others = Likelihood(artificial, likelihood.craft, likelihood.varying)
-        return error, _tails(others, fit)
+        try:
+            artificial = [_recorded(run, fit, i, random, True) for i, run in enumerate(runs)]
+            error = float(squared_errors(artificial, cut, fit.model, scale=runs).mean())
+            return error, _tails(Likelihood(artificial, likelihood.craft, likelihood.varying), fit)
+        except GroundError:
+            return None
 
-    drawn = [d for d in each(_or_none(made), range(1, DRAWS + 1)) if d is not None]
+    drawn = [d for d in each(made, range(1, DRAWS + 1)) if d is not None]
     quiet = [_recorded(run, fit, i, np.random.default_rng(0), False) for i, run in enumerate(runs)]
     noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
     error = float(squared_errors(runs, cut, fit.model).mean())
@@ -67,16 +67,6 @@ def agreement(
         deviations["tails of " + channel] = max(0.0, _deviation(value, others))
     average = expected.mean() if len(drawn) else error
     return Agreement(float(np.sqrt(error)), float(np.sqrt(average)), float(np.sqrt(noise)), deviations)
-
-
-def _or_none(made: Callable[[int], _Made]) -> Callable[[int], Optional[_Made]]:
-    def tried(seed: int) -> Optional[_Made]:
-        try:
-            return made(seed)
-        except GroundError:
-            return None
-
-    return tried
 
 
 def _deviation(value: float, others: Array) -> float:

@@ -21,7 +21,7 @@ class Candidate:
     """An effect that can be added to a model."""
 
     name: str
-    add: Callable[[_core.Model], _core.Model]  # returns a copy with the effect; can be pickled
+    add: Callable[[_core.Model], _core.Model]  # returns a copy with the effect
 
     def neutral(self, model: _core.Model) -> _core.Model:
         """The model with the effect, at the parameters at which it does nothing."""

@@ -17,18 +17,17 @@ from typing import Callable, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import dictionary, horizon, samples
+from ground.analysis import dictionary, samples
 from ground.analysis.scalars import ARGUMENTS, PAST
 from ground.analysis.folds import excerpt
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Samples, Scales
-from ground.analysis.screening import refined, screened
+from ground.analysis.screening import screened
 from ground.analysis.window_error import squared_errors
 from ground.annotations import Array
 from ground.errors import GroundError
 
-STARTS = 40  # predictions
 ROUNDS = 4
 PROMISING = 200  # single features of the second and later rounds
 # A round of the search is kept if the log-likelihood rises by RISE, and another follows above ENOUGH.
@@ -61,17 +60,6 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Poses:
-    """Root mean square errors of predicted position [mm] and heading [deg] at a horizon."""
-
-    seconds: float  # the horizon
-    before: Tuple[float, ...]  # of the model without the effects found
-    now: Tuple[float, ...]  # with them
-    after: Tuple[float, ...]  # with the learnable wrench, too
-    noise: Tuple[float, ...]  # of a pose alone
-
-
-@dataclass(frozen=True)
 class Ceiling:
     """What could still be explained."""
 
@@ -85,7 +73,6 @@ class Ceiling:
     bound: float
     squares: Tuple[Array, Array, Array]  # mean square of e/s of each window: before, with the effects, with
     # the wrench too
-    poses: Optional[Poses]
 
     @property
     def errors(self) -> Dict[str, float]:
@@ -180,8 +167,15 @@ def ceiling(
         found,
         bound,
         (start, now, after),
-        _poses(runs, before, fit.model, found, wrenches),
     )
+
+
+def found_beside(
+    likelihood: Likelihood, fit: Fit, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
+) -> Optional[Found]:
+    """What the innovations of a Fit depend on, without its shares."""
+    likelihood, fit, _, _ = excerpt(likelihood, fit, runs, cut)
+    return _rounds(*_first(likelihood, fit))
 
 
 def _first(likelihood: Likelihood, fit: Fit) -> Tuple[Regression, List[Samples]]:
@@ -201,34 +195,6 @@ def _errors_or(others: Array, errors: Callable[[], Array]) -> Array:
         return others
 
 
-def _poses(
-    runs: Sequence[_core.RunData],
-    before: _core.Model,
-    grown: _core.Model,
-    found: Optional[Found],
-    known: Optional[Sequence[Array]],
-) -> Optional[Poses]:
-    """The Poses of models on runs; None where runs are too short."""
-    seconds = horizon.horizon(runs, before)
-    try:
-        starts = horizon.starts(runs, seconds, STARTS)
-
-        def error(model: _core.Model, wrench: Optional[Sequence[Array]] = None) -> Tuple[float, ...]:
-            errors = horizon.pose_errors(runs, model, starts, seconds, wrench)
-            return tuple(np.sqrt((errors**2).mean(axis=0)).tolist())
-
-        with_effects = error(grown)
-        return Poses(
-            seconds,
-            error(before),
-            with_effects,
-            with_effects if found is None else error(found.fit.model, known),
-            tuple(horizon.pose_noise(runs).tolist()),
-        )
-    except GroundError:
-        return None
-
-
 def _share(worse: Array, better: Array, whole: Array) -> Share:
     """Fall of the mean error of windows over the whole, with a jackknife over windows."""
     fall, total, count = worse - better, whole.sum(), len(whole)
@@ -244,7 +210,7 @@ def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
     best: Optional[Found] = None
     regression = first
     for _ in range(ROUNDS):
-        wider = refined(screened(regression, near.model, sampled), near.model, sampled)
+        wider = screened(regression, near.model, sampled)
         parts = wider.parts()
         terms = wider.choose(parts)
         if not terms:

@@ -32,7 +32,6 @@ from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import EXCLUSION, REFITTED, Search
-from ground.annotations import Each
 from ground.progress import Work
 
 # An effect matters if it moves the predicted pose at the horizon by this multiple of the noise of a
@@ -61,8 +60,7 @@ class Diagnosis:
 
     runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are
     refitted in a step, best by score test first (None: search.REFITTED); threads: 0 for all
-    cores; work: told of what is done; most: largest number of windows over which the error is taken;
-    each: maps pieces of work, which can be pickled, over items (None: in the threads).
+    cores; work: told of what is done; most: largest number of windows over which the error is taken.
     """
 
     def __init__(
@@ -74,7 +72,6 @@ class Diagnosis:
         threads: int = 0,
         work: Optional[Work] = None,
         most: float = window_error.MAX_WINDOWS,
-        each: Optional[Each] = None,
     ) -> None:
         self.runs = runs
         self.given = model
@@ -85,7 +82,6 @@ class Diagnosis:
         self.threads = 1 if threads else 0
         count = threads or len(os.sched_getaffinity(0))
         self.pool = ThreadPoolExecutor(count)
-        self.each: Each = each or self.pool.map
         self.fitter = window_error.WindowFitter(runs, threads=1, most=most)
         self.cut = self.fitter.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
@@ -110,12 +106,12 @@ class Diagnosis:
         self.differences = differences
         levels = [d.kind.level for d in differences]
         self.likelihood = Likelihood(self.runs, self.given, levels, self.threads)
-        self.folds = folds.Folds(self.runs, self.likelihood, self.cut, self.each)
+        self.folds = folds.Folds(self.runs, self.likelihood, self.cut, self.pool.map)
         by_name = {candidate.name: candidate for candidate in self.candidates}
         self.search = Search(
             Fitting(self.likelihood, self.given, by_name),
             REFITTED if self.budget is None else self.budget,
-            self.each,
+            self.pool.map,
             self.work,
             lambda better, current: self._refuted(better, current) is None,
         )

@@ -144,7 +144,7 @@ def _left(conclusion: Conclusion) -> Document:
             "terms": [] if left.found is None else [term.name for term in left.found.terms],
             "error": left.errors,
             "named_as": conclusion.formula and conclusion.formula.means,
-            "poses": left.poses and dataclasses.asdict(left.poses),
+            "poses": conclusion.poses and dataclasses.asdict(conclusion.poses),
         },
         "agreement": {
             "error": {"measured": agrees.error, "expected": agrees.expected, "noise": agrees.noise},

@@ -1,7 +1,6 @@
 """Data that are held out of a fit: which parts, and how well models predict what they were not fitted to."""
 
 import dataclasses
-import functools
 from dataclasses import dataclass
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -90,13 +89,14 @@ class Folds:
 
     def models(self, fit: Fit) -> List[Fit]:
         """Models refitted without each fold, starting from a Fit to all runs; its levels are kept."""
-        return list(self.each(functools.partial(_refitted, self.fitted, fit), range(self.count)))
+        near = dataclasses.replace(fit, loudness=())
+        return list(self.each(lambda on: on.fit(fit.model, fit.free, near=near, levels=False), self.fitted))
 
     def judge(self, fit: Fit) -> Judged:
         """The Judged of a Fit to all runs."""
         refitted = self.models(fit)
         heldout = self._errors(refitted)
-        blocks = self.each(functools.partial(_blocks, self.tested, refitted), range(self.count))
+        blocks = self.each(lambda pair: np.concatenate(_blocks_of(*pair)), zip(self.tested, refitted))
         return Judged(
             fit.model,
             {p["name"]: p for p in fit.parameters},
@@ -115,12 +115,6 @@ class Folds:
         return heldout
 
 
-def _refitted(fitted: Sequence[Likelihood], fit: Fit, fold: int) -> Fit:
-    """A Fit to all runs, its parameters refitted without a fold."""
-    near = dataclasses.replace(fit, loudness=())
-    return fitted[fold].fit(fit.model, fit.free, near=near, levels=False)
-
-
 def _errors(
     runs: Sequence[_core.RunData], cut: Sequence[_core.Window], likelihood: Likelihood, fit: Fit
 ) -> Array:
@@ -129,11 +123,6 @@ def _errors(
         return window_error.calibrated_errors(runs, cut, likelihood, fit)
     except GroundError:
         return np.full((len(cut), 3), np.inf)
-
-
-def _blocks(tested: Sequence[Likelihood], fits: Sequence[Fit], fold: int) -> Array:
-    """Log-likelihood of a fold's blocks by a Fit to the others."""
-    return np.concatenate(_blocks_of(tested[fold], fits[fold]))
 
 
 def _blocks_of(likelihood: Likelihood, fit: Fit) -> List[Array]:

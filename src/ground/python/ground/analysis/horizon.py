@@ -16,10 +16,10 @@ LENGTHS = 20.0  # travelled at full thrust within the horizon [radii of gyration
 TURN = 2 * np.pi  # turned at full moment within the horizon [rad]
 STEPS = (1.0, 2.0, 5.0)  # horizons are these times a power of ten [s]
 MIN_POSES = 10  # intervals between poses in the shortest horizon
-WARM_UP = 0.5  # time before a start that its initial state is fitted to [horizons]
+WARM_UP = 0.5  # time before a start that its initial velocities are fitted to [horizons]
 MIN_STARTS = 4  # in all runs
 MAX_STARTS = 160
-ITERATIONS = 2  # Gauss-Newton steps to the initial state, which begins at the smoothed one
+SHOWN = 40  # predictions for a report
 
 
 def horizon(runs: Sequence[_core.RunData], model: _core.Model) -> float:
@@ -86,30 +86,56 @@ def _starts_in(run: _core.RunData, index: int, seconds: float) -> List[_core.Win
 
 
 def predicted_poses(
-    runs: Sequence[_core.RunData],
-    model: _core.Model,
-    chosen: Sequence[_core.Window],
-    seconds: float,
-    wrench: Optional[Sequence[Array]] = None,
+    runs: Sequence[_core.RunData], model: _core.Model, chosen: Sequence[_core.Window], seconds: float
 ) -> Array:
     """Poses x, y [m], psi [rad] that a model predicts at the ends of starts(), (n, 3). The initial
-    states are the best for the poses before each start. wrench: for each run a known wrench
-    (samples, 3) in the body's frame, held from sample to sample [N], [N m]. GroundError when a motion
-    is not finite."""
-    known = [_Run(run, None if wrench is None else wrench[i]) for i, run in enumerate(runs)]
-    return np.array([known[w.run].predicted(model, w, seconds) for w in chosen])
+    velocities are the best for what was measured before each start. GroundError when a motion is not
+    finite."""
+    ends = np.empty((len(chosen), 3))
+    for i, run in enumerate(runs):
+        at = [k for k, window in enumerate(chosen) if window.run == i]
+        if not at:
+            continue
+        own = [_core.Window(0, chosen[k].first, chosen[k].last) for k in at]
+        begins = np.array(run.times)[[window.first for window in own]] + WARM_UP * seconds
+        splits = np.searchsorted(np.array(run.times), begins)
+        warm = [_core.Window(0, window.first, int(split)) for window, split in zip(own, splits)]
+        begun = call(windows.problem([run], warm).simulate, model)["nu"]
+        ended = call(_core.predict, model, run, own, np.array([nu[0] for nu in begun]))["eta"]
+        ends[at] = [eta[-1] for eta in ended]
+    return ends
 
 
 def pose_errors(
-    runs: Sequence[_core.RunData],
-    model: _core.Model,
-    chosen: Sequence[_core.Window],
-    seconds: float,
-    wrench: Optional[Sequence[Array]] = None,
+    runs: Sequence[_core.RunData], model: _core.Model, chosen: Sequence[_core.Window], seconds: float
 ) -> Array:
     """Errors of position [mm] and heading [deg] of predicted_poses, (n, 2)."""
-    measured = np.array([_measured(runs[w.run])[w.last] for w in chosen])
-    return _apart(predicted_poses(runs, model, chosen, seconds, wrench), measured)
+    measured = [np.array(run.poses if len(run.poses) else run.eta) for run in runs]
+    ends = np.array([measured[window.run][window.last] for window in chosen])
+    return _apart(predicted_poses(runs, model, chosen, seconds), ends)
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Root mean square errors of predicted position [mm] and heading [deg] at a horizon."""
+
+    seconds: float  # the horizon
+    before: Tuple[float, ...]  # of the model without the effects found
+    now: Tuple[float, ...]  # with them
+    after: Tuple[float, ...]  # with the formula for what is left, too
+    noise: Tuple[float, ...]  # of a pose alone
+
+
+def poses(runs: Sequence[_core.RunData], models: Sequence[_core.Model]) -> Optional[Poses]:
+    """The Poses of models before, now and after; None where runs are too short or a motion is not finite."""
+    seconds = horizon(runs, models[0])
+    try:
+        chosen = starts(runs, seconds, SHOWN)
+        errors = [np.sqrt((pose_errors(runs, m, chosen, seconds) ** 2).mean(axis=0)) for m in models]
+    except GroundError:
+        return None
+    before, now, after, noise = (tuple(e.tolist()) for e in [*errors, pose_noise(runs)])
+    return Poses(seconds, before, now, after, noise)
 
 
 @dataclass(frozen=True)
@@ -147,51 +173,3 @@ def _apart(a: Array, b: Array) -> Array:
     off = a - b
     position = 1e3 * np.hypot(off[:, 0], off[:, 1])
     return np.column_stack([position, np.degrees(np.abs(repair.wrap(off[:, 2])))])
-
-
-def _measured(run: _core.RunData) -> Array:
-    """Poses as measured, (n, 3); smoothed ones where a run has no others."""
-    return np.array(run.poses if len(run.poses) else run.eta)
-
-
-class _Run:
-    """A run, and a known wrench along it."""
-
-    def __init__(self, run: _core.RunData, wrench: Optional[Array]) -> None:
-        self.run, self.wrench = run, wrench
-        self.times, self.inputs = np.array(run.times), np.array(run.inputs)
-        self.states = np.hstack([np.array(run.eta), np.array(run.nu)])  # smoothed
-        self.measured = _measured(run)
-        noise = np.array(run.noise)
-        self.scale = np.concatenate([noise, noise / np.median(np.diff(self.times))])
-
-    def predicted(self, model: _core.Model, window: _core.Window, seconds: float) -> Array:
-        """The pose at the end of a window that a model predicts, from its start."""
-        start = self.times[window.first] + WARM_UP * seconds
-        warm = slice(window.first, int(np.searchsorted(self.times, start)) + 1)
-        state = self.states[window.first]
-        for _ in range(ITERATIONS):
-            state = state + self._correction(model, warm, state)
-        whole = slice(window.first, window.last + 1)
-        return np.asarray(self._simulated(model, whole, state)[-1])
-
-    def _correction(self, model: _core.Model, part: slice, state: Array) -> Array:
-        """Gauss-Newton step of the state at the begin of a part, towards its poses as measured."""
-        simulated = self._simulated(model, part, state)
-        off = np.asarray(self.measured[part] - simulated)
-        off[:, 2] = repair.wrap(off[:, 2])
-        noise = self.scale[:3]
-        jacobian = [
-            (self._simulated(model, part, state + step) - simulated) / noise for step in np.diag(self.scale)
-        ]
-        design = np.reshape(jacobian, (6, -1)).T
-        solved = np.linalg.lstsq(design, (off / noise).ravel(), rcond=None)[0]
-        return np.asarray(self.scale * solved, float)
-
-    def _simulated(self, model: _core.Model, part: slice, state: Array) -> Array:
-        wrench = None if self.wrench is None else self.wrench[part]
-        motion = call(
-            _core.simulate, model, self.inputs, self.times[part], state[:3], state[3:],
-            self.run.drives, wrench,
-        )  # fmt: skip
-        return np.asarray(motion["eta"])

@@ -85,10 +85,6 @@ class Likelihood:
         usual = self.box.start(craft).levels
         self.absent = {level: ABSENT * usual[level] for level in VARYING - self.varying}
 
-    def __reduce__(self) -> Tuple[Any, ...]:
-        """Pickled for a worker, which has one thread."""
-        return Likelihood, (self.runs, self.craft, self.varying)
-
     def fit(
         self,
         model: _core.Model,

@@ -24,6 +24,7 @@ NAME = "proposed"
 MOST = 5  # features that are chosen from one regression
 MIN_RATIO = 12.0  # least log-likelihood ratio 2 ln(with / without) of a feature
 EXPLAINED = 0.98  # part of the terms' gain from which a formula needs no further feature
+LONGEST = 6  # pieces of a formula
 WIDE = 5.0  # factor by which a fit may change a constant of time
 
 
@@ -48,10 +49,14 @@ class Formula:
         return formula_words.of_pieces(self.pieces, values)
 
 
-def formula(likelihood: Likelihood, fit: Fit, regression: Regression) -> Optional[Formula]:
-    """The Formula of what a regression finds beside a Fit; None if nothing is significant."""
-    pieces = new_pieces(regression, chosen_features(regression))
-    return of_pieces(likelihood, fit, pieces) if pieces else None
+def formula(
+    likelihood: Likelihood, fit: Fit, regression: Regression, begun: Optional[Formula] = None
+) -> Optional[Formula]:
+    """The Formula of what a regression finds beside a Fit; None if nothing is significant. begun: a formula
+    beside which it was found, to be made longer."""
+    kept = begun.pieces if begun else ()
+    pieces = new_pieces(regression, chosen_features(regression)[: LONGEST - len(kept)], begun)
+    return of_pieces(likelihood, fit, [*kept, *pieces], begun) if pieces else None
 
 
 def chosen_features(

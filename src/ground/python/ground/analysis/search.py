@@ -21,7 +21,7 @@ from typing import (
 from ground.analysis import candidates as effects
 from ground.analysis.distributions import chi_squared_limit
 from ground.analysis.likelihood import Fit
-from ground.analysis.refits import Extension, Fitting, Reduction
+from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import ScoreTests
 from ground.analysis.window_error import free_parameters
 from ground.annotations import Each
@@ -163,12 +163,11 @@ class Search:
         singles = sorted(gains, key=gains.__getitem__, reverse=True)
         promising = [s for s in singles if gains[s] + self._size(s[0]) > MIN_GAIN * self._size(s[0])]
         chosen = promising[: self.refitted]
-        is_far = self.fitting.is_far_off(self.fits[current])
+        base = self.fits[current]
         unseen: List[Tuple[str, ...]] = [  # by score tests
             (n,)
             for n in rest
-            if (n,) not in chosen
-            and ((is_far and self.fitting.has_starts(n)) or (current and tests.hidden(n)))
+            if (n,) not in chosen and (self.fitting.has_far_starts(n, base) or (current and tests.hidden(n)))
         ]
         pairs: Dict[Tuple[str, ...], float] = {}
         for pair in itertools.combinations(rest, 2):
@@ -184,8 +183,9 @@ class Search:
     def _fit_all(self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]) -> None:
         """Fits a set extended by each proposal."""
         wanted = [p for p in proposals if current | set(p) not in self.fits]
-        extend = Extension(self.fitting, current, self.fits[current], self.test_beside(current))
-        for added, fit in zip(wanted, self.each(extend, wanted)):
+        base, tests = self.fits[current], self.test_beside(current)
+        fitted = self.each(lambda added: self.fitting.extended(base, tests, added), wanted)
+        for added, fit in zip(wanted, fitted):
             self.work.step()
             if fit is not None:
                 self.fits[current | set(added)] = fit
@@ -196,9 +196,9 @@ class Search:
 
     def without_each(self, current: FrozenSet[str], names: Sequence[str]) -> List[FrozenSet[str]]:
         """Fitted sets, each without one of the effects."""
-        reduce = Reduction(self.fitting, current, self.fits[current], self.fits[frozenset()])
+        base, nominal = self.fits[current], self.fits[frozenset()]
         wanted = [name for name in names if current - {name} not in self.fits]
-        for name, fit in zip(wanted, self.each(reduce, wanted)):
+        for name, fit in zip(wanted, self.each(lambda n: self.fitting.reduced(base, nominal, n), wanted)):
             self.fits[current - {name}] = fit
         return [current - {name} for name in names]
 

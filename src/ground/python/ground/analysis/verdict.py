@@ -9,7 +9,9 @@ import numpy as np
 from ground import _core
 from ground.analysis import (
     bands,
+    ceiling,
     folds,
+    horizon,
     naming,
     rivals,
     run_differences,
@@ -18,13 +20,15 @@ from ground.analysis import (
 )
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
-from ground.analysis.diagnosis import Diagnosis
+from ground.analysis.diagnosis import EXPLAINED, Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.search import EXCLUSION
 from ground.annotations import Document
 from ground.errors import GroundError
 from ground.recordings import windows
 
+BETTER = 0.9  # largest ratio of errors at which a longer formula is worth it
+LENGTHENED = 3  # formulas, each longer than the one before
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave something without a name
 SAID = ("unexplained", "memory")  # ... of which runs show that it is there
@@ -73,6 +77,7 @@ class Conclusion:
     ceiling: Ceiling
     agreement: Agreement
     formula: Optional[naming.Formula]  # for what is learnable and has no name
+    poses: Optional[horizon.Poses]  # errors of predicted poses; None where runs are too short
     diagnosis: Diagnosis  # its basis
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
@@ -154,6 +159,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
             verdict = _verdict(found, explained, varies, left, agrees, trusted)
         elif verdict == "missing":
             formula = None
+    models = [found.search.nominal().model, found.model, formula.fit.model if formula else found.model]
     by_user = HeldOut(found, heldout) if heldout else None
     return Conclusion(
         verdict,
@@ -168,6 +174,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         left,
         agrees,
         formula,
+        horizon.poses(found.runs, models),
         found,
         heldout,
     )
@@ -236,21 +243,39 @@ def _varies(found: Diagnosis) -> List[Document]:
 
 
 def _name(found: Diagnosis) -> Optional[naming.Formula]:
-    """A formula for what is learnable, if it lowers the cross-validated error."""
+    """A formula for what is learnable, made longer while the cross-validated error falls and is more than
+    the noise explains. The first may raise the error: a function of the commands does without the
+    constant that it needs."""
+    best, least = None, float(found.best.heldout.sum())
     made = found.formula_of(found.names)
-    if made is None:
-        return None
-    try:
-        after = float(found.folds.judge(made.fit).heldout.sum())
-    except GroundError:  # its motion is not finite
-        return None
-    return made if after < found.best.heldout.sum() else None
+    for number in range(LENGTHENED):
+        after = np.inf if made is None else _crossed(found, made.fit)
+        if made is None or (after >= least and number > 0):
+            break
+        is_done = after < EXPLAINED * found.noise_floor(found.names) or BETTER * least < after < least
+        if after < least:
+            best, least = made, after
+        if is_done:
+            break
+        beside = ceiling.found_beside(found.likelihood, made.fit, found.runs, found.cut)
+        if beside is None:
+            break
+        made = naming.formula(found.likelihood, found.fit, beside.regression, made)
+    return best
 
 
 def _is_confirmed(found: Diagnosis, fit: Fit) -> bool:
     """Whether a Fit makes parts of the runs likelier that it was not fitted to."""
     judged = found.folds.judge(fit)
     return folds.compared(judged.tested, found.best.tested).verdict == folds.BETTER
+
+
+def _crossed(found: Diagnosis, fit: Fit) -> float:
+    """Cross-validated error of a Fit; infinite where its motion is not finite."""
+    try:
+        return float(found.folds.judge(fit).heldout.sum())
+    except GroundError:
+        return float("inf")
 
 
 def _verdict(

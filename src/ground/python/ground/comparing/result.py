@@ -1,5 +1,6 @@
 """A comparison: its numbers, its lines of text, and the folder in which it is kept."""
 
+import fnmatch
 import os
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence
@@ -193,7 +194,7 @@ class Comparison(_Frame):
             for run in runs
         ]
         older = result_folder.older(numbers, SCHEMA)
-        stale = [os.path.basename(path) for path in _files(older.get("runs"))]
+        stale = [name for name in os.listdir(place) if older and fnmatch.fnmatch(name, "*.wrench.*.csv")]
         result = self.to_dict(named)
         with result_folder.replaced(place, [*stale, *(["report.html"] if older else [])], force) as new:
             for run_of, own in zip(self.runs, named):
@@ -248,14 +249,3 @@ def _table(rows: Sequence[Sequence[Any]]) -> Iterator[str]:
 def _stem(label: str) -> str:
     """A run's or model's name as a part of names of files."""
     return label.replace(os.sep, "_").lstrip(".") or "unnamed"
-
-
-def _files(value: Any) -> Iterator[str]:
-    """All names of tables and pictures in a document."""
-    if isinstance(value, Mapping):
-        value = list(value.values())
-    if isinstance(value, list):
-        for item in value:
-            yield from _files(item)
-    elif isinstance(value, str) and value.endswith((".png", ".svg", ".csv")):
-        yield value

@@ -236,7 +236,7 @@ def ceiling(report: Document) -> str:
     poses = found["poses"]
     if poses:
         known = [("before", "without effects")] * named + [("now", "with the model")]
-        known += [("after", "with what is learnable")] * bool(found["said"])
+        known += [("after", "with the formula for what is left")] * bool(found["named_as"])
         text += " Poses predicted %.2g s ahead are off by %s (noise of a pose: %.2g mm, %.2g deg)." % (
             poses["seconds"],
             listed(["%.3g mm and %.0f deg %s" % (*poses[key], what) for key, what in known]),
