@@ -48,16 +48,12 @@ class Thrust:
 
     curve: thrust_curve.Curve  # force of a thruster with gain 1
     gains: Array  # (m,) mean 1; all 1 unless they differ significantly
-    values: Dict[str, float]  # k [N]: force at input 1, or at the largest one of a table; p; gains
+    values: Dict[str, float]  # k [N]: force at input 1, or at the largest one of a polynomial; p; gains
     intervals: Dict[str, Tuple[float, float]]  # 95%
     p_value: Optional[float]  # that equal gains differ so much; None where it cannot be tested
     rejected: List[Tuple[str, float]]  # simpler curves, with the p-value of their lack of fit
     residual: float  # standard deviation of the forces about the fit [N]
     scatter: float  # standard deviation of repeated measurements [N]; nan without any
-
-    def force(self, bench: Bench) -> Array:
-        """Forces (n,) [N] that the fit expects on a Bench."""
-        return (bench.together @ self.gains) * self.curve.force(bench.inputs)
 
 
 def read(
@@ -225,7 +221,7 @@ def _values(curve: thrust_curve.Curve, gains: Array, names: Sequence[str]) -> Di
 
 def _curves(bench: Bench, gains: Array) -> List[thrust_curve.Curve]:
     working = bench.together @ gains
-    found = [kind(bench.inputs, working, bench.forces) for _, kind in thrust_curve.KINDS]
+    found = [kind(bench.inputs, working, bench.forces) for kind in thrust_curve.KINDS]
     return [curve for curve in found if curve is not None and curve.full > 0]
 
 
