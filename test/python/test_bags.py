@@ -131,8 +131,7 @@ def test_a_definition_is_never_code(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "definition",
-    ["own_msgs/Pose again\n", "other_msgs/Thing x\n", "=" * 80 + "\nMSG: a/B\n", "\0"],
+    "definition", ["own_msgs/Pose again\n", "other_msgs/Thing x\n", "=" * 80 + "\nMSG: a/B\n", "\0"]
 )
 def test_a_definition_that_is_none_is_refused(definition):
     try:

@@ -9,16 +9,7 @@ import math
 import numpy as np
 import pytest
 from conftest import MODEL, identify
-from containers import (
-    OPTITRACK,
-    Z_UP,
-    Ros2,
-    experiment,
-    in_mocap,
-    set_pose,
-    write_bag,
-    write_csv,
-)
+from containers import OPTITRACK, Z_UP, Ros2, experiment, in_mocap, set_pose, write_bag, write_csv
 
 import ground
 from ground import _core
@@ -217,14 +208,9 @@ def parquet(folder):
     return path, mapping.replace(".csv", ".parquet")
 
 
-KINDS = [
-    transform_stamped,
-    tf,
-    odometry,
-    ros2_sqlite3,
-    mcap,
-    csv_pair,
-] + [parquet] * bool(importlib.util.find_spec("pyarrow"))
+KINDS = [transform_stamped, tf, odometry, ros2_sqlite3, mcap, csv_pair] + [parquet] * bool(
+    importlib.util.find_spec("pyarrow")
+)
 
 
 def written(make, folder):

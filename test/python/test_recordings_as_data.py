@@ -185,9 +185,7 @@ def test_a_column_without_values_renames_none(place, tmp_path):
     wanted = read_table(csv_run(tmp_path / "run.csv"))
     columns = COLUMNS[:place] + ["battery"] + COLUMNS[place:]
     table = csv_run(
-        tmp_path / "other.csv",
-        lambda rows: [row[:place] + [""] + row[place:] for row in rows],
-        columns,
+        tmp_path / "other.csv", lambda rows: [row[:place] + [""] + row[place:] for row in rows], columns
     )
     assert same_run(read_table(table), wanted)
 

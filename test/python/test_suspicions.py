@@ -34,10 +34,7 @@ def test_an_honest_run_is_not_suspected(case, tmp_path):
 
 
 REMEDIES = {
-    "swapped": (
-        "left: {field: left}, right: {field: right}",
-        "left: {field: right}, right: {field: left}",
-    ),
+    "swapped": ("left: {field: left}, right: {field: right}", "left: {field: right}, right: {field: left}"),
     "inverted": (
         "{field: left}, right: {field: right}",
         "{field: left, off: 1, full: 0}, right: {field: right, off: 1, full: 0}",

@@ -12,14 +12,7 @@ from ground.analysis import candidates, distributions, window_error
 from ground.analysis.window_error import WindowFit
 from ground.annotations import Array, Document, Path
 from ground.api.recordings import Measured, Recordings, held_out, measured
-from ground.models import (
-    Model,
-    ModelLike,
-    Parameter,
-    fitted_model,
-    parameter_frame,
-    parameters_by_name,
-)
+from ground.models import Model, ModelLike, Parameter, fitted_model, parameter_frame, parameters_by_name
 from ground.progress import Progress, Work
 from ground.recordings import windows
 from ground.results import Shown
@@ -184,10 +177,7 @@ def add(
         held.refuse_misread()
     with work.stage(FITTING, 2 * (1 + len(window_error.LENGTHS))):
         before, after = _fits(given.core, extended, seen.data, work)
-    errors = {
-        "fit": _pair(before.error, after.error),
-        "heldout": _pair(before.heldout, after.heldout),
-    }
+    errors = {"fit": _pair(before.error, after.error), "heldout": _pair(before.heldout, after.heldout)}
     if held.data:
         errors["holdout"] = _tested(held.data, before, after)
     return _result(candidate.name, seen, before, after, errors)

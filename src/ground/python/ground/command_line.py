@@ -44,10 +44,15 @@ def options(arguments: argparse.Namespace, kind: Type[_O]) -> _O:
 
 
 def check(options: Any) -> None:
-    """OptionError when a number is not in the range of its option."""
+    """OptionError when a number is not in the range of its option, or a value is none of the choices."""
     for one in fields(options):
         value = getattr(options, one.name)
-        if value is not None and "range" in one.metadata:
+        if value is None:
+            continue
+        choices = one.metadata.get("choices", (value,))
+        if value not in choices:
+            raise OptionError("{0} must be one of {known}", one.name, known=", ".join(choices))
+        if "range" in one.metadata:
             low, high = one.metadata["range"]
             for number in value if isinstance(value, (list, tuple)) else [value]:
                 if not low <= number <= high:

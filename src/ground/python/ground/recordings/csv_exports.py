@@ -46,11 +46,7 @@ def read_csv(path: str) -> Tuple[Indices, Indices, Array]:
 
 
 def write_bag(
-    controls_path: str,
-    pose_path: str,
-    bag_path: str,
-    force: bool = False,
-    work: Optional[Work] = None,
+    controls_path: str, pose_path: str, bag_path: str, force: bool = False, work: Optional[Work] = None
 ) -> Dict[str, int]:
     """Writes a pair of CSV exports to a bag; returns the number of messages by topic. work: told of
     what is read and written."""

@@ -212,25 +212,22 @@ def _stamps(columns: Columns, clock: Clock, where: str) -> Indices:
             missing = "no header" if clock.source == HEADER else "no time of receipt"
             raise GroundError("%s: %s; name the field that is the time in a mapping" % (where, missing))
         return np.asarray(columns[name])
-    paths = [path for path in (clock.field, clock.nanoseconds) if path]
+    paths = list(filter(None, (clock.field, clock.nanoseconds)))
     as_numbers = containers.values(columns, paths, where)
     bad = ~np.isfinite(as_numbers).all(axis=1)
     if bad.any():
         raise GroundError("%s: time number %d is not a number" % (where, np.argmax(bad) + 1))
     total = np.zeros(len(as_numbers), np.int64)
     for path, unit, as_number in zip(paths, (TIMES[clock.unit], 1), as_numbers.T):
-        given = containers.column(columns, path)
         far = (as_number < 0) | (as_number * unit >= LATEST)
         if far.any():
             raise GroundError(
                 "%s: a time is %g %s, which is not between 1970 and 2106; the key unit of the "
                 "mapping's time may be wrong" % (where, as_number[far][0], clock.unit)
             )
-        # Integers stay exact: those of nanoseconds have more digits than a float.
-        if given is not None and given.dtype.kind in "iu":
-            total += given.astype(np.int64) * unit
-        else:
-            total += np.rint(as_number * unit).astype(np.int64)
+        given = containers.column(columns, path)
+        exact = given is not None and given.dtype.kind in "iu"  # nanoseconds have more digits than a float
+        total += np.asarray(given, np.int64) * unit if exact else np.rint(as_number * unit).astype(np.int64)
     return total
 
 
@@ -255,20 +252,14 @@ def _lost(path: str, valid: Flags, raw: Array, settings: run_settings.Settings) 
     """How many poses are lost, with the axes that would keep them where these are why. GroundError when
     none is left."""
     lost = int((~valid).sum())
-    step = 1 + len(raw) // MOST_RAW
-    fit = units.fitting_axes(raw[::step]) if len(raw) else None
-    if fit is None or lost < MANY_LOST * len(valid) or "axes" not in settings.taken:
+    axes, share = units.likely_axes(raw[:: 1 + len(raw) // MOST_RAW]) if len(raw) else ("", 0.0)
+    if share < 0.5 or lost < MANY_LOST * len(valid) or "axes" not in settings.taken:
         return "%d poses are invalid and were left out" % lost
-    axes, share = fit
-    text = "%.0f%% of the poses do not fit the axes '%s' and were left out: --axes \"%s\" fits %.0f%%" % (
-        100 * lost / len(valid),
-        settings.changes[0].axes,
-        axes,
-        100 * share,
-    )
+    numbers = 100 * lost / len(valid), settings.changes[0].axes, axes, 100 * share
+    text = "%.0f%% of the poses do not fit the axes '%s' and were left out: --axes \"%s\" fits %.0f%%"
     if valid.sum() < 2:
-        raise GroundError("%s: %s" % (path, text))
-    return text
+        raise GroundError("%s: %s" % (path, text % numbers))
+    return text % numbers
 
 
 def _topics(source: Container, mapping: FieldMapping) -> Tuple[str, str]:
