@@ -89,27 +89,6 @@ def test_without_ros_a_cut_bag_names_the_command_that_mends_it(tmp_path, whole, 
     assert "rosbag reindex %s" % cut in result.stderr
 
 
-def test_damaged_bags_are_read_or_refused_in_a_sentence(tmp_path, whole):
-    random = np.random.default_rng(5)
-    for kind in KINDS:
-        data = (whole / (kind + ".bag")).read_bytes()
-        for _ in range(6):
-            at = int(random.integers(len(data) - 20))
-            path = tmp_path / "damaged.bag"
-            path.write_bytes(data[:at] + bytes(20) + data[at + 20 :])
-            result = identify("info", path)
-            assert result.returncode in (0, 1) and "unexpected" not in result.stderr
-
-
-def new_type(definition, kind="own_msgs/Pose"):
-    """A bag's connection with a definition, and messages that are zeros."""
-
-    class Connection:
-        topic, msgtype, msgdef = "/pose", kind.replace("/", "/msg/"), definition
-
-    return Connection
-
-
 EVIL = 'string A=x"""; import os; os.system("touch %s"); #\nfloat64 x\n# end \\'
 
 
@@ -128,18 +107,6 @@ def test_a_definition_is_never_code(tmp_path):
     result = identify("info", path)
     assert result.returncode == 1 and "Traceback" not in result.stderr
     assert not planted.exists()
-
-
-@pytest.mark.parametrize(
-    "definition", ["own_msgs/Pose again\n", "other_msgs/Thing x\n", "=" * 80 + "\nMSG: a/B\n", "\0"]
-)
-def test_a_definition_that_is_none_is_refused(definition):
-    try:
-        types = containers._types(new_type(definition), True)
-    except GroundError:
-        return
-    layouts = containers._Layouts(types, "own_msgs/msg/Pose", True)
-    assert layouts.columns([bytes(8)] * 3, "") == ([], 3)
 
 
 def test_a_type_of_its_own_is_read_by_its_definition(tmp_path):

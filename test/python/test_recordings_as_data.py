@@ -117,14 +117,6 @@ def sum_of(run):
     return run.name, float(run.motion.eta.sum()), run.settings.describe(0.0)
 
 
-def test_recordings_are_pickled(runs):
-    for run in runs:
-        for _ in range(2):  # without and with its repaired motion
-            back = pickle.loads(pickle.dumps(run))
-            assert np.array_equal(back.eta, run.eta) and back.settings == run.settings
-            assert sum_of(back) == sum_of(run)
-
-
 def test_a_pool_works_on_recordings(runs):
     with futures.ProcessPoolExecutor(2) as pool:
         assert list(pool.map(sum_of, runs)) == list(map(sum_of, runs))
