@@ -8,7 +8,6 @@ from conftest import MODEL, ROOT, SHARED, identify
 
 from ground import _core
 from ground.analysis import thrust_bench
-from ground.errors import GroundError
 
 LEVELS = np.linspace(0, 1, 11)
 PAIR = ["left", "right"]
@@ -93,20 +92,6 @@ def test_a_draft_has_a_cell_for_every_held_level(tmp_path):
     path = tmp_path / "bench.csv"
     path.write_text(twice.replace("0.2,,", "0.2,0.02,0.02").replace("0.7,,", "0.7,0.07,0.07"))
     assert thrust_bench.fit(thrust_bench.read(path, PAIR), PAIR).values["k"] == pytest.approx(0.1)
-
-
-@pytest.mark.parametrize(
-    "levels, message",
-    [
-        ([(0.2, 0), (0.7, 0), (0, 0.2)], "not held at the same levels"),  # cut short
-        ([(0.2, 0), (0.7, 0), (0.2, 0)], "equally often"),
-        ([(0.2, 0.7)], "left 0.2 and right 0.7 at once"),
-        ([(0, 0)], "not held"),
-    ],
-)
-def test_levels_that_fit_no_table_are_refused(levels, message):
-    with pytest.raises(GroundError, match=message):
-        thrust_bench.draft(levels)
 
 
 def test_a_level_is_announced_once_it_is_held():

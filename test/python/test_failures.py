@@ -11,7 +11,7 @@ from conftest import MODEL, ROOT, free_port, simulate_run, write_bag
 from test_identify import write_csv
 
 import rosbag
-from ground import cli, errors, verbs
+from ground import cli, verbs
 from ground.recordings import messages as topics
 from ground.verbs import info
 
@@ -146,22 +146,6 @@ def test_an_unusable_path_is_one_line(here, capsys, monkeypatch):
     assert sorted(left(here)) == ["bytes.yaml", "date.yaml"]
 
 
-def test_an_interrupted_import_leaves_nothing(here, capsys, monkeypatch):
-    from rosbags.rosbag1 import Writer
-
-    written, write = [], Writer.write
-
-    def interrupted(*arguments, **options):
-        written.append(1)
-        if len(written) > 50:
-            raise KeyboardInterrupt
-        return write(*arguments, **options)
-
-    monkeypatch.setattr(Writer, "write", interrupted)
-    assert fails(capsys, WRITING["import"]) == "identify import: interrupted\n"
-    assert left(here) == []
-
-
 @pytest.mark.parametrize(
     "error, words",
     [
@@ -220,13 +204,3 @@ def test_programs_fail_in_one_line(monkeypatch, capsys, tmp_path):
         assert script(monkeypatch, *arguments) == 1, arguments
         stderr = capsys.readouterr().err
         assert stderr.startswith(arguments[0]) and stderr.count("\n") == 1, stderr
-
-
-def test_ctrl_c_while_a_program_loads_is_no_traceback(monkeypatch, capsys):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(cli, "main", interrupted)
-    assert script(monkeypatch, "identify", "info", "a") == 1
-    assert capsys.readouterr().err == "identify: interrupted\n"
-    assert errors.guarded("any", lambda: 0) == 0

@@ -105,21 +105,6 @@ def test_runs_with_and_without_the_mistake_are_told_from_each_other():
     assert "back_left and back_right seem to be swapped" in finding.sentence
 
 
-@pytest.mark.parametrize(
-    "effect",
-    [
-        "{name: thruster_gain_back_left, a: -0.3}",
-        "{name: thruster_tilt_front_right, angle: 0.3}",
-        "{name: motor_lag, tau: 0.15}",
-        "{name: yaw_bias, n0: 0.002}",
-        "{name: floor_tilt, sx: 0.01, sy: 0.01}",
-    ],
-)
-def test_a_craft_with_a_strong_effect_is_not_suspected(effect):
-    model = _core.with_effect(FOUR_MODEL, effect, "test")
-    assert suspicions.of_thrusters([flown(seed, model) for seed in (1, 2)], FOUR_MODEL) == []
-
-
 def test_what_the_commands_cannot_show_is_said():
     verdict = layouts.judge([flown(3, together=True)], FOUR)
     assert verdict.is_as_recorded and verdict.undecided

@@ -281,27 +281,6 @@ def test_bad_usage(tmp_path, options, words):
     assert not out.exists()
 
 
-@pytest.mark.parametrize(
-    "text, words",
-    [
-        (None, ["input.csv", "No such file"]),
-        ("", ["input.csv", "empty"]),
-        ("a,b\n1,2\n", ["input.csv, line 1", "time,left,right"]),
-        ("1,-1\n1,3\n", ["input.csv, line 2", "'1,3'"]),
-        ("time,left,right\n0,0,0\n0.5,1\n", ["line 3", "2 values for 3 columns"]),
-        ("time,left,right\n0,0,0\n0.5,1,nan\n", ["line 3", "not finite"]),
-        ("time,left,right\n1,0,0\n0.5,1,1\n", ["line 3", "ascend"]),
-        ("time,left,right\n1,0,0\n1555406701,1,1\n", ["line 3", "3600 s"]),
-    ],
-)
-def test_bad_csv(tmp_path, text, words):
-    csv, out = tmp_path / "input.csv", tmp_path / "run.bag"
-    if text is not None:
-        csv.write_text(text)
-    fails(identify("simulate", "--model", MODEL, "--input", csv, "-o", out), *words)
-    assert not out.exists()
-
-
 def test_bad_models_and_runs(tmp_path):
     out = tmp_path / "run.bag"
 

@@ -213,12 +213,9 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
     elif not known:
         (heading,) = chosen.rotation
         degrees = bool(DEGREES.search(heading)) or units.in_degrees(chosen.times, rotation[:, 0])
-        yield "heading: {field: %s, unit: %s, sign: 1}  # %.4g to %.4g" % (
-            _quoted(heading),
-            "deg" if degrees else "rad",
-            rotation.min(),
-            rotation.max(),
-        )
+        unit = "deg" if degrees else "rad"
+        ends = rotation.min(), rotation.max()
+        yield "heading: {field: %s, unit: %s, sign: 1}  # %.4g to %.4g" % (_quoted(heading), unit, *ends)
         yield '# axes: "x, -y, -z"  # where z points up and headings are counter-clockwise'
     if chosen.clock:
         yield "time: %s" % chosen.clock

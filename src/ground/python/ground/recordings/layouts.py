@@ -404,10 +404,8 @@ def remedies(one: Hypothesis, names: Sequence[str], measured: Settings) -> str:
 def evidence(verdict: Verdict) -> str:
     """What speaks for a verdict's best hypothesis."""
     best, as_is = verdict.best, verdict.recorded
-    text = "the commands explain %.0f%% of the forces and %.0f%% of the turns" % (
-        100 * best.force,
-        100 * best.turn,
-    )
+    shares = 100 * best.force, 100 * best.turn
+    text = "the commands explain %.0f%% of the forces and %.0f%% of the turns" % shares
     if verdict.is_as_recorded:
         return text
     return (
