@@ -89,27 +89,6 @@ def test_without_ros_a_cut_bag_names_the_command_that_mends_it(tmp_path, whole, 
     assert "rosbag reindex %s" % cut in result.stderr
 
 
-def test_damaged_bags_are_read_or_refused_in_a_sentence(tmp_path, whole):
-    random = np.random.default_rng(5)
-    for kind in KINDS:
-        data = (whole / (kind + ".bag")).read_bytes()
-        for _ in range(6):
-            at = int(random.integers(len(data) - 20))
-            path = tmp_path / "damaged.bag"
-            path.write_bytes(data[:at] + bytes(20) + data[at + 20 :])
-            result = identify("info", path)
-            assert result.returncode in (0, 1) and "unexpected" not in result.stderr
-
-
-def new_type(definition, kind="own_msgs/Pose"):
-    """A bag's connection with a definition, and messages that are zeros."""
-
-    class Connection:
-        topic, msgtype, msgdef = "/pose", kind.replace("/", "/msg/"), definition
-
-    return Connection
-
-
 EVIL = 'string A=x"""; import os; os.system("touch %s"); #\nfloat64 x\n# end \\'
 
 
@@ -128,19 +107,6 @@ def test_a_definition_is_never_code(tmp_path):
     result = identify("info", path)
     assert result.returncode == 1 and "Traceback" not in result.stderr
     assert not planted.exists()
-
-
-@pytest.mark.parametrize(
-    "definition",
-    ["own_msgs/Pose again\n", "other_msgs/Thing x\n", "=" * 80 + "\nMSG: a/B\n", "\0"],
-)
-def test_a_definition_that_is_none_is_refused(definition):
-    try:
-        types = containers._types(new_type(definition), True)
-    except GroundError:
-        return
-    layouts = containers._Layouts(types, "own_msgs/msg/Pose", True)
-    assert layouts.columns([bytes(8)] * 3, "") == ([], 3)
 
 
 def test_a_type_of_its_own_is_read_by_its_definition(tmp_path):
@@ -167,29 +133,6 @@ def test_a_type_of_its_own_is_read_by_its_definition(tmp_path):
     assert found["wait[1]"].tolist() == [2 * 10**9] * 3
 
 
-@pytest.mark.parametrize("little", [True, False])
-def test_messages_of_ros2_are_laid_out_as_rosbags_decodes_them(little):
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    joints = store.types["sensor_msgs/msg/JointState"]
-    header, time = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
-    every = [
-        joints(header(time(5, n), "a" * n), ["left", "r" * n], np.arange(n + 1.0), np.ones(2), np.zeros(0))
-        for n in range(4)
-    ]
-    name = "sensor_msgs/msg/JointState"
-    data = [bytes(store.serialize_cdr(m, name, little_endian=little)) for m in every]
-    found, lost = containers._Layouts(store.fielddefs, name, False).columns(data, "")
-    assert lost == 0 and sorted(int(i) for at, _ in found for i in at) == [0, 1, 2, 3]
-    for at, columns in found:
-        for row, i in enumerate(at):
-            assert columns["header.stamp"][row] == 5 * 10**9 + i
-            assert columns["name[1]"][row] == "r" * i
-            assert [columns["position[%d]" % j][row] for j in range(i + 1)] == list(range(i + 1))
-            assert columns["velocity[1]"][row] == 1
-
-
 def test_a_pose_that_is_no_number_is_left_out_and_counted(tmp_path):
     def spoil(times, eta, inputs):
         eta[50, 0] = np.nan
@@ -197,20 +140,6 @@ def test_a_pose_that_is_no_number_is_left_out_and_counted(tmp_path):
 
     found = readers.read(str(write_bag(tmp_path / "nan.bag", change=spoil)))
     assert len(found.eta) == 799 and "1 poses are invalid and were left out" in found.warnings
-
-
-def test_two_types_on_one_topic_are_named(tmp_path, whole):
-    from std_msgs.msg import Float64
-
-    path = tmp_path / "two.bag"
-    with rosbag.Bag(str(whole / "plain.bag")) as source, rosbag.Bag(str(path), "w") as bag:
-        for topic, message, time in source.read_messages():
-            bag.write(topic, message, time)
-        bag.write("contro1s", Float64(1.0), time)
-    path.write_bytes(path.read_bytes().replace(b"contro1s", b"controls"))
-    result = identify("info", path)
-    assert result.returncode == 1 and result.stderr.count("\n") == 1
-    assert "geometry_msgs/PointStamped and std_msgs/Float64" in result.stderr
 
 
 def test_messages_that_are_written_are_those_of_ros(tmp_path):

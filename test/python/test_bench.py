@@ -8,7 +8,6 @@ from conftest import MODEL, ROOT, SHARED, identify
 
 from ground import _core
 from ground.analysis import thrust_bench
-from ground.errors import GroundError
 
 LEVELS = np.linspace(0, 1, 11)
 PAIR = ["left", "right"]
@@ -95,20 +94,6 @@ def test_a_draft_has_a_cell_for_every_held_level(tmp_path):
     assert thrust_bench.fit(thrust_bench.read(path, PAIR), PAIR).values["k"] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(
-    "levels, message",
-    [
-        ([(0.2, 0), (0.7, 0), (0, 0.2)], "not held at the same levels"),  # cut short
-        ([(0.2, 0), (0.7, 0), (0.2, 0)], "equally often"),
-        ([(0.2, 0.7)], "left 0.2 and right 0.7 at once"),
-        ([(0, 0)], "not held"),
-    ],
-)
-def test_levels_that_fit_no_table_are_refused(levels, message):
-    with pytest.raises(GroundError, match=message):
-        thrust_bench.draft(levels)
-
-
 def test_a_level_is_announced_once_it_is_held():
     from ground.nodes.bench_levels import Levels
 
@@ -135,7 +120,6 @@ def test_a_level_is_announced_once_it_is_held():
         ("linear", lambda w: 0.1 * w),
         ("power", lambda w: 0.1 * w**1.8),
         ("polynomial", lambda w: 0.1 * np.maximum(0, w - 0.12) * (0.5 + 0.6 * w)),
-        ("table", lambda w: 0.1 * np.interp(w, [0, 0.2, 0.4, 1], [0, 0.45, 0.5, 1])),
     ],
 )
 def test_the_curve_is_the_simplest_that_fits(tmp_path, monkeypatch, kind, force, repeat):
@@ -206,14 +190,14 @@ def test_a_pair_with_a_dead_band_lists_its_thrusters(tmp_path):
     [
         (["--thrusters", "front"], "no thruster is called front"),
         (["--thrusters", "3"], "no thruster is called 3"),
-        (["--curve", "table"], "a table needs forces at more inputs"),
+        (["--curve", "polynomial"], "a polynomial needs forces at more inputs"),
         (["--model", ROOT / "cfg" / "hovercraft" / "mvwt.yaml", "--curve", "polynomial"], "inputs up to 4.5"),
     ],
 )
 def test_a_bad_option_is_refused(tmp_path, options, message):
     path = tmp_path / "bench.csv"
     rows = [(0.25, 0.01), (0.5, 0.03), (0.75, 0.06), (1, 0.1)]
-    rows = rows[::3] if "table" in options else rows
+    rows = rows[::3] if options == ["--curve", "polynomial"] else rows
     path.write_text("input,left\n" + "".join("%g,%g\n" % row for row in rows))
     model = [] if "--model" in options else ["--model", MODEL]
     refused = identify("bench", path, *model, *options, "-o", tmp_path / "thrust.yaml")

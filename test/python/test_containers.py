@@ -9,16 +9,7 @@ import math
 import numpy as np
 import pytest
 from conftest import MODEL, identify
-from containers import (
-    OPTITRACK,
-    Z_UP,
-    Ros2,
-    experiment,
-    in_mocap,
-    set_pose,
-    write_bag,
-    write_csv,
-)
+from containers import OPTITRACK, Z_UP, Ros2, experiment, in_mocap, set_pose, write_bag, write_csv
 
 import ground
 from ground import _core
@@ -217,14 +208,9 @@ def parquet(folder):
     return path, mapping.replace(".csv", ".parquet")
 
 
-KINDS = [
-    transform_stamped,
-    tf,
-    odometry,
-    ros2_sqlite3,
-    mcap,
-    csv_pair,
-] + [parquet] * bool(importlib.util.find_spec("pyarrow"))
+KINDS = [transform_stamped, tf, odometry, ros2_sqlite3, mcap, csv_pair] + [parquet] * bool(
+    importlib.util.find_spec("pyarrow")
+)
 
 
 def written(make, folder):
@@ -236,17 +222,6 @@ def written(make, folder):
     file = folder.parent / (folder.name + ".yaml")
     file.write_text(HEAD + mapping)
     return path, (["--mapping", file] if mapping else [])
-
-
-@pytest.mark.skipif(bool(importlib.util.find_spec("pyarrow")), reason="Parquet is read then")
-def test_parquet_without_its_module_is_refused_with_what_to_install(tmp_path):
-    path, mapping = csv_pair(tmp_path)
-    for name in ("poses", "commands"):
-        (path / (name + ".csv")).rename(path / (name + ".parquet"))
-    (tmp_path / "mapping.yaml").write_text(HEAD + mapping.replace(".csv", ".parquet"))
-    result = identify("info", path, "--mapping", tmp_path / "mapping.yaml")
-    assert result.returncode == 1 and "Traceback" not in result.stderr
-    assert "pip install pyarrow" in result.stderr
 
 
 def fitted(path, options, folder):
@@ -303,18 +278,6 @@ def test_commands_of_an_unknown_type_are_not_guessed(tmp_path):
         ground.read(path)
     with pytest.raises(ground.GroundError, match="/pwm: .*geometry_msgs/Pose .*name the channels in a"):
         ground.read(path, command_topic="/pwm")
-
-
-def test_without_rosbags_a_sentence_says_what_to_install(tmp_path, monkeypatch):
-    file = tmp_path / "run.mcap"
-    file.write_bytes(b"\x89MCAP0\r\n")
-    find_spec = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name: None if name == "rosbags" else find_spec(name)
-    )
-    result = identify("info", file)
-    assert result.returncode == 1
-    assert result.stderr.endswith("take the Python module rosbags: pip install rosbags\n")
 
 
 @pytest.mark.parametrize("make", [ros2_sqlite3, mcap], ids=lambda make: make.__name__)

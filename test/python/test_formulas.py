@@ -85,7 +85,6 @@ WORKING = np.tile([1.0, 2.0], 20)
         (thrust_curve.polynomial(1), lambda w: 0.4 * np.maximum(0, w - 0.21)),
         (thrust_curve.polynomial(2), lambda w: 0.1 * w + 0.3 * w**2),
         (thrust_curve.polynomial(3), lambda w: 0.3 * w - 0.2 * w**2 + 0.2 * w**3),
-        (thrust_curve.table(2), lambda w: np.interp(w, [0.05, 0.525, 1.0], [0.1, 0.2, 0.9])),
     ],
 )
 def test_a_curve_that_is_measured_exactly_is_found(fit, force):
@@ -104,10 +103,6 @@ def test_curves_that_fall_or_have_too_few_inputs_are_none():
         assert thrust_curve.polynomial(degree)(few, np.ones(degree + 1), few) is None
         more = np.linspace(0.2, 1, degree + 2)
         assert thrust_curve.polynomial(degree)(more, np.ones(degree + 2), more) is not None
-    assert thrust_curve.table(2)(*[np.linspace(0.2, 1, 3)] * 3) is None
-    assert thrust_curve.table(2)(*[np.linspace(0.2, 1, 4)] * 3) is not None
-    rising = thrust_curve.table(4)(INPUTS, WORKING, falls)
-    assert (np.diff(rising.force(np.linspace(0, 1, 50))) >= -1e-12).all()  # its lines never fall
 
 
 def bench(gains, force, noise=0.0, levels=11, repeat=2, seed=1):
@@ -132,9 +127,6 @@ def test_gains_of_thrusters_have_the_mean_1():
     assert (same.gains == 1).all() and same.p_value > 0.01 and set(same.values) == {"k"}
     one = thrust_bench.fit(bench([1.0], lambda w: 0.2 * w, 0.02), names[:1])
     assert one.p_value is None
-    given = bench([1.1, 1.0, 0.9], lambda w: 0.2 * w, 0.002)
-    expected = found.force(given)
-    assert np.sqrt(((given.forces - expected) ** 2).mean()) < 0.002
     for name, (low, high) in found.intervals.items():
         assert low < found.values[name] < high and high - low < 0.02
 

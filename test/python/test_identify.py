@@ -318,15 +318,6 @@ def test_a_folder_stands_for_the_bags_in_it(tmp_path, guess):
     fails(fit, "a run is given both to fit to and to hold out")
 
 
-def test_an_empty_model_and_a_bad_effect_file_are_named(tmp_path, bag):
-    empty, own, out = (tmp_path / name for name in ("empty.yaml", "own.yaml", "new.yaml"))
-    empty.write_text("")
-    fails(identify("fit", bag, "--model", empty, "-o", out), "empty.yaml: it is empty")
-    own.write_text('name: own\nexpression:\n  X: "a*u"\nparameters: {a: {value: 1, units: N}}\n')
-    failed = identify("add", own, bag, "--model", MODEL, "-o", out)
-    fails(failed, "own.yaml, line 4: unknown key 'units'")
-
-
 def test_a_model_in_grams_is_warned_about(tmp_path):
     grams, out = tmp_path / "grams.yaml", tmp_path / "run.bag"
     grams.write_text(MODEL.read_text().replace("m: 0.0583", "m: 58.3"))

@@ -7,7 +7,6 @@ import pytest
 from conftest import MODEL, identify, simulate_run, write_bag
 
 from ground import _core
-from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
 
 
@@ -158,44 +157,6 @@ def test_frozen_poses_are_a_gap():
     assert np.diff(motion.times).max() == pytest.approx(30 / 120, abs=1e-3)
     still = recorded(times[:200], np.zeros((200, 3)), inputs).motion
     assert still.repairs["frozen poses dropped"] == 0, "a craft may rest"
-
-
-def test_a_clock_offset_is_estimated_from_the_motion():
-    times, eta, nu, inputs = frames()
-    assert -0.02 <= repaired(recorded(times, eta, inputs)).reply["lag"] <= 0.03
-    assert repaired(recorded(times - 0.12, eta, inputs)).reply["lag"] == pytest.approx(-0.12, abs=0.03)
-    assert repaired(recorded(times + 0.12, eta, inputs)).reply["lag"] == pytest.approx(0.12, abs=0.03)
-
-
-def test_contact_with_a_wall_is_left_out():
-    times, eta, nu, inputs = frames()
-    model = _core.load_model(str(MODEL))
-    at = 480
-    state = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))
-    bounced = state["nu"][at] * [-0.6, -0.6, -0.5]
-    after = _core.simulate(model, inputs, times[at:], state["eta"][at], bounced)
-    assert np.linalg.norm(state["nu"][at, :2]) > 0.5
-    eta[at:] = after["eta"] + np.random.default_rng(1).normal(0, [3e-4, 3e-4, 5e-3], (len(times) - at, 3))
-    run = repaired(recorded(times, eta, inputs))
-    assert len(run.contacts) == 1
-    start, end = run.contacts[0]
-    assert start - 0.03 < 1000 + times[at] - run.zero < end + 0.03
-    assert end - start < 0.2
-    assert [len(run.spans), run.usable() > 7] == [2, True]
-
-
-def test_rest_and_the_time_without_lift_are_not_used():
-    times, eta, nu, inputs = frames()
-    rest = np.arange(0, 2.0, 1 / 120)
-    eta = np.vstack([np.tile(eta[0], (len(rest), 1)), eta])
-    times = np.concatenate([rest, 2.0 + times])
-    moving = inputs + [2.0, 0, 0, 0]
-    inputs = np.vstack([[0, 0, 0, 0], [1.0, 0, 0, 1], moving, [moving[-1, 0] - 0.5, 0, 0, 0]])
-    inputs = inputs[np.argsort(inputs[:, 0])]
-    inputs[inputs[:, 0] >= moving[-1, 0] - 0.5, 1:] = 0
-    run = repaired(recorded(times, eta, inputs))
-    assert run.spans[0][0] == pytest.approx(1.9, abs=0.1)
-    assert run.spans[-1][1] == pytest.approx(moving[-1, 0] - 0.5, abs=0.05)
 
 
 def test_live_changes_are_listed(tmp_path):

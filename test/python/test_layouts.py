@@ -18,8 +18,6 @@ sys.path.insert(0, str(ROOT / "test" / "bench"))
 import mistakes
 
 RAW = SHARED.parent / "epfl_2019_12"
-LEVER = _core.load_model(str(MODEL)).value("l")
-PAIR = [layouts.Thruster("left", 0, -LEVER, 0), layouts.Thruster("right", 0, LEVER, 0)]
 FOUR_YAML = """
 schema: ground/model/1
 name: "Four"
@@ -34,14 +32,6 @@ effects: []
 FOUR_MODEL = _core.parse_model(FOUR_YAML, "four.yaml")
 FOUR = layouts.thrusters_of(FOUR_MODEL)
 NAMES = [thruster.name for thruster in FOUR]
-
-
-def judged(folder, change=None, seed=5, **options):
-    run = mistakes.Recorded(seed, **options)
-    if change:
-        change(run)
-    path, mapping = run.write(folder / "run")
-    return layouts.judge(ground.read(path, mapping=mapping), PAIR)
 
 
 def flown(seed, model=FOUR_MODEL, duration=30.0, change=None, together=False):
@@ -74,43 +64,6 @@ def exchanged(*pairs):
         return eta, found
 
     return change
-
-
-def test_a_left_thruster_turns_the_craft_to_the_right():
-    assert PAIR[0].effect == (1, 0, LEVER)
-    assert FOUR[2].effect == pytest.approx((-1, 0, -0.0425))
-
-
-def test_exact_symmetries_of_four_thrusters_are_known():
-    """Back for front with the craft turned by half a turn, and left for right in a mirror."""
-    groups = layouts.classes(tuple(FOUR))
-    assert groups[0][0] == layouts.Hypothesis(tuple(NAMES), (1, 1, 1, 1))
-    same = {layouts.suppositions(member, NAMES) for member in groups[0]}
-    assert {
-        "back_left and front_right are swapped, back_right and front_left are swapped and the heading is "
-        "off by half a turn",
-        "back_left and back_right are swapped, front_left and front_right are swapped and the mocap's "
-        "vertical axis is upside down",
-    } <= same
-
-
-@pytest.mark.parametrize(
-    "change, channels, signs, offset",
-    [
-        (mistakes.swapped, ("right", "left"), (1, 1), 0),
-        (mistakes.inverted(1), ("left", "right"), (-1, 1), 0),
-        (mistakes.turned(math.pi), ("left", "right"), (1, 1), math.pi),
-        (mistakes.turned(-math.pi / 2), ("left", "right"), (1, 1), -math.pi / 2),
-    ],
-    ids=["swapped", "inverted", "half a turn", "quarter turn"],
-)
-def test_a_mistake_is_found(change, channels, signs, offset, tmp_path):
-    verdict = judged(tmp_path, change)
-    assert not verdict.is_as_recorded
-    found = verdict.best.hypothesis
-    assert (found.channels, found.signs, found.heading_offset) == (channels, signs, offset)
-    low, high = verdict.recorded.ratio95
-    assert 1.1 < low < verdict.recorded.ratio < high
 
 
 @pytest.mark.parametrize(
@@ -150,21 +103,6 @@ def test_runs_with_and_without_the_mistake_are_told_from_each_other():
     (finding,) = suspicions.of_thrusters(runs, FOUR_MODEL)
     assert finding.runs == ("run2",) and finding.kind == "swap"
     assert "back_left and back_right seem to be swapped" in finding.sentence
-
-
-@pytest.mark.parametrize(
-    "effect",
-    [
-        "{name: thruster_gain_back_left, a: -0.3}",
-        "{name: thruster_tilt_front_right, angle: 0.3}",
-        "{name: motor_lag, tau: 0.15}",
-        "{name: yaw_bias, n0: 0.002}",
-        "{name: floor_tilt, sx: 0.01, sy: 0.01}",
-    ],
-)
-def test_a_craft_with_a_strong_effect_is_not_suspected(effect):
-    model = _core.with_effect(FOUR_MODEL, effect, "test")
-    assert suspicions.of_thrusters([flown(seed, model) for seed in (1, 2)], FOUR_MODEL) == []
 
 
 def test_what_the_commands_cannot_show_is_said():

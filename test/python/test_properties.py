@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from conftest import identify, simulate_run
+from conftest import simulate_run
 
-import ground
 from ground import _core
 from ground.analysis import identifiability, thinning
-from ground.recordings import repair, tracks, units, windows
+from ground.recordings import repair, tracks, windows
 
 
 def run_data(duration=6.0, keep=None):
@@ -16,16 +15,6 @@ def run_data(duration=6.0, keep=None):
     nu = np.gradient(eta, times, axis=0)
     kept = np.ones(len(times), bool) if keep is None else keep(times)
     return _core.RunData("run", times[kept], eta[kept], nu[kept], inputs)
-
-
-# --- units
-
-
-def test_upside_down_axes_stay_right_handed_and_are_their_own_opposite():
-    for axes in ("x, y, z", "x, z, -y", "z, -x, -y"):
-        other = units.upside_down(axes)
-        _core.AxisMapping(other, 0.0)  # refuses left-handed axes
-        assert other != axes and units.upside_down(other) == axes
 
 
 # --- tracking
@@ -176,26 +165,3 @@ def test_the_weakest_pair_comes_first_and_bounds_are_named():
     assert "±30%" in others[0] and "c/d" in others[0]
     fit["parameters"][2]["identified"] = False
     assert len(list(identifiability.sentences(fit))) == 2
-
-
-# --- drafts of mappings
-
-
-@pytest.mark.parametrize("since", [0.0, 1.7e9], ids=["since_start", "since_1970"])
-@pytest.mark.parametrize("unit,per_second", [("s", 1), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
-def test_a_draft_finds_the_unit_of_the_time_and_the_lift(tmp_path, unit, per_second, since):
-    times, eta, inputs = simulate_run(duration=8.0)
-    at = np.searchsorted(inputs[:, 0], times, side="right") - 1
-    path, draft = tmp_path / "log.csv", tmp_path / "draft.yaml"
-    with open(str(path), "w") as file:
-        file.write("stamp,x,y,heading,in_1,in_2,in_3\n")
-        for t, pose, (_, left, right, lift) in zip(times + since, eta, inputs[at]):
-            stamp = "%.4f" % t if unit == "s" else "%d" % round(t * per_second)
-            file.write("%s,%g,%g,%g,%g,%g,%g\n" % (stamp, *pose, lift, left, right))
-    result = identify("info", path, "--write-mapping", draft)
-    assert result.returncode == 0, result.stderr
-    assert "time: {field: stamp, unit: %s}" % unit in draft.read_text()
-    (run,) = ground.read(str(path), mapping=str(draft))
-    assert np.ptp(run.pose_times) == pytest.approx(7.99, abs=0.02)
-    for line in ("lift: {field: in_1,", "left: {field: in_2,", "right: {field: in_3,"):
-        assert line in draft.read_text()

@@ -1,7 +1,6 @@
 """Usable parts, contacts and numbers of made-up recordings."""
 
 import dataclasses
-import types
 
 import numpy as np
 import pytest
@@ -186,56 +185,7 @@ def test_spikes_are_replaced_by_the_smoothed_pose():
     assert np.allclose(np.array(data.poses)[at + 5], run.motion.measured[155])
 
 
-# --- numbers of info
-
-
-def test_oddities_of_stamps_are_counted():
-    times, eta, rows = flown([(4.0, True)])
-    order = np.arange(len(times))
-    order[[50, 51]] = 51, 50
-    stamps = np.append(times[order], times[200])
-    poses = np.vstack([eta[order], eta[200:201]])
-    stamps[300] = stamps[299] + 4e-4
-    poses[350] += [0.2, 0.2, 0]
-    found = findings.described(run_of(stamps, poses, rows))["poses"]
-    assert found["stamps_out_of_order"] == 2  # the second is that of the last pose
-    assert found["duplicate_stamps"] == 1 and found["bursts"] == 2
-    assert found["spikes"][-1] == pytest.approx(3.5) and found["spikes"][0] > 2.98
-    assert found["mirrored_headings"] == found["frozen"] == 0 and "frame_clock" not in found
-
-
 # --- runs with the same commands
-
-
-def commanded(levels, held=0.1, begin=0.0, name="run"):
-    """What has a recording of commands (n, thrusters), each held for a while."""
-    recording = recording_of(
-        np.arange(9) / 10,
-        np.zeros((9, 3)),
-        np.column_stack([begin + held * np.arange(len(levels)), levels]),
-        channels=("a", "b")[: levels.shape[1]],
-    )
-    return types.SimpleNamespace(recording=dataclasses.replace(recording, name=name))
-
-
-def same(*sequences, **held):
-    runs = [commanded(levels, name="r%d" % i, **held) for i, levels in enumerate(sequences)]
-    return quality.same_inputs(runs)
-
-
-def test_the_same_commands_are_recognised():
-    random = np.random.default_rng(1)
-    one, other = random.random((2, 40, 2))
-    assert same(one, one.copy(), other) == [("r0", "r1")]
-    assert same(one, other, one, one) == [("r0", "r2"), ("r0", "r3"), ("r2", "r3")]
-    assert same(one, one[:, ::-1]) == [] and same(one, one[:, :1]) == []
-    assert same(one) == [] and same() == []
-
-
-@pytest.mark.parametrize("skipped,alike", [(1, True), (4, True), (5, False)])
-def test_some_commands_at_the_start_may_be_missing(skipped, alike):
-    one = np.random.default_rng(2).random((40, 2))
-    assert bool(same(one, one[skipped:])) == bool(same(one[skipped:], one)) == alike
 
 
 def test_runs_name_those_of_the_same_commands():

@@ -1,4 +1,4 @@
-"""The registry of readers, with the user's reader of docs/howto/file_format.md."""
+"""The mapping and the recording of docs/howto/file_format.md, and files that are no recordings."""
 
 import csv
 import re
@@ -6,15 +6,9 @@ import re
 import ground
 import numpy as np
 import pytest
-from conftest import ROOT, identify, simulate_run
-from ground.recordings import readers
+from conftest import MODEL, ROOT, identify, simulate_run
 
 PAGE = ROOT / "docs" / "howto" / "file_format.md"
-
-
-@pytest.fixture
-def registry(monkeypatch):
-    monkeypatch.setattr(readers, "READERS", list(readers.READERS))
 
 
 @pytest.fixture
@@ -40,13 +34,11 @@ def fenced(language, start=""):
     return text
 
 
-def test_a_registered_reader_is_used(registry, log, tmp_path):
-    scope = {}
+def test_the_recording_of_the_page_is_taken_as_a_bag_is(log):
+    scope = {"model": MODEL}
     exec(fenced("python"), scope)
     assert scope["run"].eta == pytest.approx(log)
-    (in_folder,) = ground.read(tmp_path)
-    assert in_folder.eta == pytest.approx(log)
-    assert "400 at 100.0 Hz" in identify("info", "run.log").stdout
+    assert scope["found"].parameters["k"].identified
 
 
 def test_the_mapping_of_the_page_reads_its_log(log):
@@ -57,7 +49,7 @@ def test_the_mapping_of_the_page_reads_its_log(log):
     assert identify("info", "log.csv", "--mapping", "mapping.yaml").stdout == fenced("text")
 
 
-def test_files_that_no_reader_takes_are_refused(registry, log, tmp_path):
+def test_files_that_no_reader_takes_are_refused(log, tmp_path):
     with pytest.raises(ground.GroundError, match="run.log: not a bag or a bag of ROS 2 or a table$"):
         ground.read("run.log")
     with pytest.raises(ground.GroundError, match="log.csv: which columns.*--write-mapping M.yaml"):

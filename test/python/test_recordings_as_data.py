@@ -117,14 +117,6 @@ def sum_of(run):
     return run.name, float(run.motion.eta.sum()), run.settings.describe(0.0)
 
 
-def test_recordings_are_pickled(runs):
-    for run in runs:
-        for _ in range(2):  # without and with its repaired motion
-            back = pickle.loads(pickle.dumps(run))
-            assert np.array_equal(back.eta, run.eta) and back.settings == run.settings
-            assert sum_of(back) == sum_of(run)
-
-
 def test_a_pool_works_on_recordings(runs):
     with futures.ProcessPoolExecutor(2) as pool:
         assert list(pool.map(sum_of, runs)) == list(map(sum_of, runs))
@@ -185,9 +177,7 @@ def test_a_column_without_values_renames_none(place, tmp_path):
     wanted = read_table(csv_run(tmp_path / "run.csv"))
     columns = COLUMNS[:place] + ["battery"] + COLUMNS[place:]
     table = csv_run(
-        tmp_path / "other.csv",
-        lambda rows: [row[:place] + [""] + row[place:] for row in rows],
-        columns,
+        tmp_path / "other.csv", lambda rows: [row[:place] + [""] + row[place:] for row in rows], columns
     )
     assert same_run(read_table(table), wanted)
 

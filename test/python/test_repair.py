@@ -5,7 +5,7 @@ import pytest
 from conftest import recording_of, simulate_run
 
 from ground.errors import GroundError
-from ground.recordings import frame_clock, repair
+from ground.recordings import repair
 
 COUNTED = (
     "stamps put in order",
@@ -70,14 +70,6 @@ def test_poses_on_another_clock_are_shifted_to_that_of_the_commands(offset, shif
     assert found.repairs.get("poses shifted to the clock of the commands [s]", 0) == shift
 
 
-def test_repeated_samples_of_a_craft_at_rest_are_kept():
-    times, eta, inputs = moving(3.0)
-    still = np.concatenate([np.repeat(eta[:1], 100, axis=0), eta, np.repeat(eta[-1:], 50, axis=0)])
-    stamps = np.arange(len(still)) / 100
-    found = repaired(stamps, still, inputs)
-    assert found.repairs["frozen poses dropped"] == 0 and len(found.times) == len(stamps)
-
-
 def test_a_turn_of_the_craft_is_no_mirrored_heading():
     times = np.arange(400) / 100
     eta = np.column_stack([0.3 * times, 0 * times, 2 * np.sin(2 * times)])
@@ -117,44 +109,6 @@ def test_too_few_poses_are_named():
 # --- the clock of the frames
 
 
-def frames(count=500, rate=100.0):
-    """Instants and poses of frames of a moving craft."""
-    times = np.arange(count) / rate
-    eta = np.column_stack([np.cos(times), np.sin(1.3 * times), 2 * times])
-    return times, eta + np.random.default_rng(2).normal(0, [3e-4, 3e-4, 5e-3], eta.shape)
-
-
 def polled(times, period):
     """Stamps of a client that polls with a period: each frame has the time of the next poll."""
     return np.ceil(times / period + 1e-9) * period
-
-
-@pytest.mark.parametrize("rate,period", [(100.0, 0.027), (200.0, 0.016), (100.0, 0.041)])
-def test_instants_of_polled_frames_are_found(rate, period):
-    times, eta = frames(600, rate)
-    found = frame_clock.rebuild(polled(times, period), eta)
-    assert found.rate == pytest.approx(rate, rel=2e-3) and found.lost == 0
-    apart = found.times - times
-    assert np.ptp(apart) < 1.5e-3 and -2e-3 < np.median(apart) < period
-    assert np.allclose(found.lateness, polled(times, period) - found.times)
-    assert found.lateness.min() > -3e-3 and found.lateness.max() < period + 3e-3
-    assert 0 < found.roughness < 0.7
-
-
-def test_lost_frames_of_a_polled_clock_are_counted():
-    times, eta = frames(600)
-    kept = np.delete(np.arange(600), [50, 51, 52, 200, 330, 331, 480])
-    found = frame_clock.rebuild(polled(times, 0.027)[kept], eta[kept])
-    assert found.lost == 7 and found.rate == pytest.approx(100, rel=2e-3)
-    assert np.ptp(found.times - times[kept]) < 2e-3
-
-
-def test_a_repaired_recording_has_the_clock_of_its_frames():
-    times, eta, inputs = moving(6.0)
-    found = repaired(polled(times, 0.027), eta, inputs)
-    assert found.repairs["stamps replaced by the frame clock"] == len(times)
-    assert np.array_equal(found.clock.times, found.times) and found.noise[0] < 1e-3
-    rest = np.zeros_like(eta) + np.random.default_rng(2).normal(0, [3e-4, 3e-4, 5e-3], eta.shape)
-    still = repaired(polled(times, 0.027), rest, inputs)
-    assert still.clock is None  # the instants are not known well, nor the poses at them
-    assert 2 * found.noise[0] < still.noise[0] < 0.02 and 0.01 < still.noise[1] < 0.1

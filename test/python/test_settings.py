@@ -248,18 +248,6 @@ def test_files_differ_by_their_contents(tmp_path, verb, lab):
     )
 
 
-def test_damaged_settings_in_a_bag_are_ignored(tmp_path):
-    import rosbag
-    from ground_msgs.msg import RunSettings
-
-    bag = mocap_bag(tmp_path / "run.bag")
-    with rosbag.Bag(bag, "a") as file:
-        for text in ("controller: [", "[1, 2]", "controller: {model: 3, room: x}\nrun_files: 7"):
-            file.write("/run/settings", RunSettings(yaml=text))
-    read = readers.read(bag)
-    assert (read.flown_by, read.files) == ({"room": "x"}, {})
-
-
 def test_a_model_with_heading_offset_gets_a_warning_about_a_corrected_heading(tmp_path, verb):
     model = _core.load_model(str(MODEL))
     model.add_effect("heading_offset")

@@ -211,33 +211,6 @@ def test_a_csv_of_times_takes_no_other_timing(tmp_path, text, option):
     assert "%s does not go with --input" % option[0] in done.stderr
 
 
-@pytest.fixture
-def guess(tmp_path):
-    path = tmp_path / "guess.yaml"
-    path.write_text(
-        "schema: ground/model/1\nname: guess\nbody: {m: 0.0583, l: 0.0325, I_z: 2.0e-4, X_u: 0.03,"
-        " Y_v: 0.01, N_r: 1.0e-4, k: 0.1, input_max: 1}\neffects: []\n"
-    )
-    return path
-
-
-def test_fit_finds_the_simulated_parameters(tmp_path, guess):
-    bags = [
-        simulate(tmp_path, "prbs", "--seed", s, "--gap-rate", 0.2, name="run%d.bag" % s)[0] for s in (1, 2)
-    ]
-    out = tmp_path / "fitted.yaml"
-    result = identify("fit", *bags, "--model", guess, "-o", out, "--json")
-    assert result.returncode == 0, result.stderr
-    parameters = json.loads(result.stdout)["parameters"]
-    truth = {"I_z": 8.8e-5, "X_u": 0.0055, "Y_v": 0.0271, "N_r": 4.62e-5, "k": 0.062}
-    for name, value in truth.items():
-        tolerance = 0.1 if name == "X_u" else 0.02
-        assert parameters[name]["value"] == pytest.approx(value, rel=tolerance), name
-    where = ["-o", tmp_path / "compare", "--numbers"]
-    result = identify("compare", bags[0], "--model", MODEL, *where, "--json")
-    assert result.returncode == 0, result.stderr
-
-
 def test_the_controller_in_the_loop(tmp_path):
     options = ["--duration", 30, "--size", 1, "--rate-of-turn", 0.8, "--origin", 0.5, 0]
     path, result = simulate(tmp_path, "tracking", *options)
@@ -282,16 +255,6 @@ def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
     assert messages(out)["/controls"][-1][1].lift == 0
 
 
-def test_existing_bags_are_not_overwritten(tmp_path):
-    path, _ = simulate(tmp_path, "prbs", "--duration", 2)
-    before = digest(path)
-    again = ["simulate", "--model", MODEL, "--input", "prbs", "-o", path, "--duration", 3]
-    fails(identify(*again), "exists", "--force")
-    assert digest(path) == before
-    assert identify(*again, "--force").returncode == 0
-    assert digest(path) != before
-
-
 @pytest.mark.parametrize(
     "options, words",
     [
@@ -315,27 +278,6 @@ def test_existing_bags_are_not_overwritten(tmp_path):
 def test_bad_usage(tmp_path, options, words):
     out = tmp_path / "run.bag"
     fails(identify("simulate", "--model", MODEL, "-o", out, *options), "usage", *words, status=2)
-    assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    "text, words",
-    [
-        (None, ["input.csv", "No such file"]),
-        ("", ["input.csv", "empty"]),
-        ("a,b\n1,2\n", ["input.csv, line 1", "time,left,right"]),
-        ("1,-1\n1,3\n", ["input.csv, line 2", "'1,3'"]),
-        ("time,left,right\n0,0,0\n0.5,1\n", ["line 3", "2 values for 3 columns"]),
-        ("time,left,right\n0,0,0\n0.5,1,nan\n", ["line 3", "not finite"]),
-        ("time,left,right\n1,0,0\n0.5,1,1\n", ["line 3", "ascend"]),
-        ("time,left,right\n1,0,0\n1555406701,1,1\n", ["line 3", "3600 s"]),
-    ],
-)
-def test_bad_csv(tmp_path, text, words):
-    csv, out = tmp_path / "input.csv", tmp_path / "run.bag"
-    if text is not None:
-        csv.write_text(text)
-    fails(identify("simulate", "--model", MODEL, "--input", csv, "-o", out), *words)
     assert not out.exists()
 
 

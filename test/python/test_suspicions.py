@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 from conftest import MODEL, ROOT, identify
-from ground.recordings import suspicions, units
+from ground.recordings import suspicions
 from ground.simulation import experiments, gains
 
 import ground
@@ -34,10 +34,7 @@ def test_an_honest_run_is_not_suspected(case, tmp_path):
 
 
 REMEDIES = {
-    "swapped": (
-        "left: {field: left}, right: {field: right}",
-        "left: {field: right}, right: {field: left}",
-    ),
+    "swapped": ("left: {field: left}, right: {field: right}", "left: {field: right}, right: {field: left}"),
     "inverted": (
         "{field: left}, right: {field: right}",
         "{field: left, off: 1, full: 0}, right: {field: right, off: 1, full: 0}",
@@ -91,22 +88,6 @@ def test_fit_and_compare_say_it_and_change_nothing(tmp_path):
     assert result.stderr.count("left and right seem to be swapped") == 1
     (found,) = ground.read(folder, mapping=mapping)
     assert np.array_equal(found.controls, run.commands[:, 1:])
-
-
-def test_units_are_told_by_speed_and_noise():
-    times = np.arange(0, 10, 0.01)
-    path = 0.8 * np.column_stack([np.cos(times), np.sin(times)])
-    assert units.length_units(times, path, 3e-4)[0] == ()
-    assert units.length_units(times, 8 * path, 3e-4)[0] == ()  # a fast craft
-    assert units.length_units(times, 1e3 * path, 0.3)[0][0] == "mm"
-    assert units.length_units(times, 1e2 * path, 0.03)[0][0] == "cm"
-    assert units.length_units(times, 300 * path, 0.3)[0][0] == "mm"
-    assert "in" in units.length_units(times, path / 0.0254, 3e-4 / 0.0254)[0]
-    assert units.command_unit(np.array([1000.0, 1500])) == "microseconds"
-    assert units.command_unit(np.array([0.0, 80])) == "percent"
-    assert units.command_unit(np.array([-1.0, 0.5])) == "normalised"
-    assert units.command_unit(np.array([0.0, 255])) is None
-    assert units.upside_down("x, z, -y") == "x, -z, y"
 
 
 def tracked(controller, seed, body, tau, delay, duration):

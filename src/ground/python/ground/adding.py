@@ -45,7 +45,7 @@ class ChannelErrors:
     def of(cls, channels: Array) -> "ChannelErrors":
         """Errors from the mean |e|/s of u, v, r (3,)."""
         u, v, r = map(float, channels)
-        return cls(u, v, r, float(np.sum(channels)))
+        return cls(u, v, r, u + v + r)
 
     def line(self, name: str) -> str:
         """A line of a table."""
@@ -185,12 +185,11 @@ def add(
         held.refuse_misread()
     with work.stage(FITTING, 2 * (1 + len(window_error.LENGTHS))):
         before, after = _fits(given.core, extended, seen.data, work)
-    errors = {
-        "fit": _pair(before.error, after.error),
-        "heldout": _pair(before.heldout, after.heldout),
-    }
+    errors = {"fit": _pair(before.error, after.error), "heldout": _pair(before.heldout, after.heldout)}
     if held.data:
-        errors["holdout"] = _tested(held.data, before, after)
+        cut = windows.cut(held.data)
+        models = before.model, after.model
+        errors["holdout"] = _pair(*(window_error.channel_errors(held.data, cut, one) for one in models))
     return _result(candidate.name, seen, before, after, errors)
 
 
@@ -207,11 +206,6 @@ def _fits(
 
 def _pair(before: Array, after: Array) -> Pair:
     return Pair(ChannelErrors.of(before), ChannelErrors.of(after))
-
-
-def _tested(runs: List[_core.RunData], before: WindowFit, after: WindowFit) -> Pair:
-    cut = windows.cut(runs)
-    return _pair(*(window_error.channel_errors(runs, cut, fit.model) for fit in (before, after)))
 
 
 def _result(

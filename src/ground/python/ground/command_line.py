@@ -12,6 +12,7 @@ from ground.errors import OptionError
 
 _T = TypeVar("_T")
 _O = TypeVar("_O")
+_N = TypeVar("_N", int, float)
 
 
 def option(default: Any, help: str, **more: Any) -> Any:
@@ -30,12 +31,17 @@ def add_options(parser: argparse.ArgumentParser, kind: Type[Any]) -> None:
         title = more.pop("group", None)
         if "range" in more:
             low, high = more.pop("range")
-            more["type"] = between(low, high, more.get("type", float))
+            text = "is not between %g and %g" % (low, high)
+            more["type"] = _number(more.get("type", float), functools.partial(_is_between, low, high), text)
         if title not in groups:
             groups[title] = parser.add_argument_group(title)
         if one.default is False and "nargs" not in more:
             more["action"] = "store_true"
         groups[title].add_argument(name, dest=one.name, default=one.default, **more)
+
+
+def _is_between(low: float, high: float, value: float) -> bool:
+    return low <= value <= high
 
 
 def options(arguments: argparse.Namespace, kind: Type[_O]) -> _O:
@@ -44,10 +50,15 @@ def options(arguments: argparse.Namespace, kind: Type[_O]) -> _O:
 
 
 def check(options: Any) -> None:
-    """OptionError when a number is not in the range of its option."""
+    """OptionError when a number is not in the range of its option, or a value is none of the choices."""
     for one in fields(options):
         value = getattr(options, one.name)
-        if value is not None and "range" in one.metadata:
+        if value is None:
+            continue
+        choices = one.metadata.get("choices", (value,))
+        if value not in choices:
+            raise OptionError("{0} must be one of {known}", one.name, known=", ".join(choices))
+        if "range" in one.metadata:
             low, high = one.metadata["range"]
             for number in value if isinstance(value, (list, tuple)) else [value]:
                 if not low <= number <= high:
@@ -98,57 +109,24 @@ def _described(kind: Type[Any]) -> List[str]:
 # Types of options
 
 
-def positive(text: str) -> float:
-    """A finite number above zero."""
-    value = float(text)
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError("%s is not positive" % text)
-    return value
+def _number(kind: Callable[[str], _N], allows: Callable[[_N], bool], otherwise: str) -> Callable[[str], _N]:
+    """A type of options: numbers that are allowed; otherwise: what is wrong with another one."""
 
-
-def number(text: str) -> float:
-    """A finite number."""
-    value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError("%s is not finite" % text)
-    return value
-
-
-def count(text: str) -> int:
-    """An integer above zero."""
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("%s is not positive" % text)
-    return value
-
-
-def seed(text: str) -> int:
-    """An integer from 0 to 2^31 - 1."""
-    value = int(text)
-    if not 0 <= value < 2**31:
-        raise argparse.ArgumentTypeError("%s is not a seed: 0 or more" % text)
-    return value
-
-
-def seconds(text: str) -> float:
-    """A finite time [s], zero or more."""
-    value = float(text)
-    if not 0 <= value < math.inf:
-        raise argparse.ArgumentTypeError("%s is not a time since the start [s]" % text)
-    return value
-
-
-def between(low: float, high: float, kind: Callable[[str], float] = float) -> Callable[[str], float]:
-    """A number from low to high."""
-
-    def parse(text: str) -> float:
+    def parse(text: str) -> _N:
         value = kind(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError("%s is not between %g and %g" % (text, low, high))
+        if not allows(value):
+            raise argparse.ArgumentTypeError("%s %s" % (text, otherwise))
         return value
 
     parse.__name__ = "number"
     return parse
+
+
+positive = _number(float, lambda x: 0 < x < math.inf, "is not positive")
+number = _number(float, math.isfinite, "is not finite")
+count = _number(int, lambda n: n > 0, "is not positive")
+seed = _number(int, lambda n: 0 <= n < 2**31, "is not a seed: 0 or more")
+seconds = _number(float, lambda x: 0 <= x < math.inf, "is not a time since the start [s]")
 
 
 # Arguments that verbs share

@@ -99,30 +99,30 @@ class Work:
 Progress = Union[None, Listener, Work]  # what functions take that can be told of
 
 
-class _Lines:
+def _lines(name: str) -> Listener:
     """One line in several seconds."""
+    due = time.monotonic() + QUIET
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self._next = time.monotonic() + QUIET
+    def tell(report: Report) -> None:
+        nonlocal due
+        if time.monotonic() >= due and report.done < report.of:
+            due = time.monotonic() + INTERVAL
+            print("%s: %s" % (name, report), file=sys.stderr, flush=True)
 
-    def __call__(self, report: Report) -> None:
-        if time.monotonic() >= self._next and report.done < report.of:
-            self._next = time.monotonic() + INTERVAL
-            print("%s: %s" % (self.name, report), file=sys.stderr, flush=True)
+    return tell
 
 
-class _Json:
+def _json() -> Listener:
     """One JSON object a line for other programs: the fields of a Report."""
+    what, due = "", 0.0
 
-    def __init__(self) -> None:
-        self._what, self._next = "", 0.0
-
-    def __call__(self, report: Report) -> None:
-        now = time.monotonic()
-        if report.note or report.what != self._what or now >= self._next:
-            self._what, self._next = report.what, now + JSON_INTERVAL
+    def tell(report: Report) -> None:
+        nonlocal what, due
+        if report.note or report.what != what or time.monotonic() >= due:
+            what, due = report.what, time.monotonic() + JSON_INTERVAL
             print(json.dumps({"progress": asdict(report)}), file=sys.stderr, flush=True)
+
+    return tell
 
 
 class _Bar:
@@ -132,9 +132,8 @@ class _Bar:
         from tqdm import tqdm
 
         tqdm.monitor_interval = 0  # no thread
-        self.name, self._what = name, ""
+        self.name, self._new, self._what = name, tqdm, ""
         self._bar: Any = None
-        self._new = tqdm
 
     def __call__(self, report: Report) -> None:
         if report.note:
@@ -142,9 +141,8 @@ class _Bar:
         elif report.what != self._what or self._bar is None:
             self.close()
             self._what = report.what
-            self._bar = self._new(
-                total=report.of, desc=report.what, file=sys.stderr, leave=False, dynamic_ncols=True
-            )
+            options = {"file": sys.stderr, "leave": False, "dynamic_ncols": True}
+            self._bar = self._new(total=report.of, desc=report.what, **options)
         else:
             self._bar.total = report.of
             self._bar.update(report.done - self._bar.n)
@@ -171,7 +169,7 @@ def shown(name: str, how: Optional[str] = None) -> Iterator[Work]:
     """The Work of a program, shown on standard error. how: one of HOWS; None: a bar on a terminal, lines
     elsewhere."""
     how = how or ("bar" if sys.stderr.isatty() else "lines")
-    others: Dict[str, Optional[Listener]] = {"lines": _Lines(name), "json": _Json(), "off": None}
+    others: Dict[str, Optional[Listener]] = {"lines": _lines(name), "json": _json(), "off": None}
     if how in others:
         yield Work(others[how])
         return

@@ -1,10 +1,8 @@
 """Forces of thrusters that were measured on a bench: curve, gains, and what they are worth.
 
 Thruster j gives the force g_j f(w) at input w (0..1): one curve f for all (thrust_curve), and gains g_j
-whose mean is 1. Gains are fitted if they differ significantly. The curve is the simplest one whose
-misfit is no larger than repeated measurements scatter (test of lack of fit, Draper and Smith, Applied
-Regression Analysis, 1998, section 2.1); without repetitions, the simplest one that the Bayesian
-information criterion does not clearly reject.
+whose mean is 1. Gains are fitted if they differ significantly. The curve is the simplest one that the
+Bayesian information criterion does not clearly reject.
 """
 
 import csv
@@ -21,7 +19,7 @@ from ground.analysis import thrust_curve
 from ground.annotations import Array, Flags
 from ground.errors import GroundError
 
-LEVEL = 0.01  # probability of rejecting a curve, or equal gains, that are right
+LEVEL = 0.01  # probability of rejecting equal gains that are right
 STRONG = 6.0  # difference of the information criterion that is strong evidence (Kass and Raftery 1995)
 OFF = 1e-9  # input of a thruster that is off
 ROUNDS = 8  # fits of curve and gains, in turn
@@ -48,16 +46,12 @@ class Thrust:
 
     curve: thrust_curve.Curve  # force of a thruster with gain 1
     gains: Array  # (m,) mean 1; all 1 unless they differ significantly
-    values: Dict[str, float]  # k [N]: force at input 1, or at the largest one of a table; p; gains
+    values: Dict[str, float]  # k [N]: force at input 1, or at the largest one of a polynomial; p; gains
     intervals: Dict[str, Tuple[float, float]]  # 95%
     p_value: Optional[float]  # that equal gains differ so much; None where it cannot be tested
-    rejected: List[Tuple[str, float]]  # simpler curves, with the p-value of their lack of fit
+    rejected: List[Tuple[str, float]]  # simpler curves, with their probability relative to the best one
     residual: float  # standard deviation of the forces about the fit [N]
     scatter: float  # standard deviation of repeated measurements [N]; nan without any
-
-    def force(self, bench: Bench) -> Array:
-        """Forces (n,) [N] that the fit expects on a Bench."""
-        return (bench.together @ self.gains) * self.curve.force(bench.inputs)
 
 
 def read(
@@ -208,7 +202,7 @@ def fit(bench: Bench, names: Sequence[str], only: Optional[str] = None) -> Thrus
         p_value,
         rejected,
         float(np.sqrt(misfit @ misfit / max(1, len(misfit) - free))),
-        _pure_error(driven)[0],
+        _scatter(driven),
     )
 
 
@@ -225,7 +219,7 @@ def _values(curve: thrust_curve.Curve, gains: Array, names: Sequence[str]) -> Di
 
 def _curves(bench: Bench, gains: Array) -> List[thrust_curve.Curve]:
     working = bench.together @ gains
-    found = [kind(bench.inputs, working, bench.forces) for _, kind in thrust_curve.KINDS]
+    found = [kind(bench.inputs, working, bench.forces) for kind in thrust_curve.KINDS]
     return [curve for curve in found if curve is not None and curve.full > 0]
 
 
@@ -273,45 +267,27 @@ def _gains(bench: Bench) -> Tuple[Array, Optional[float]]:
     return (gains if p_value < LEVEL else ones), p_value
 
 
-def _pure_error(bench: Bench) -> Tuple[float, float, int]:
-    """Standard deviation of repetitions (nan without any), their sum of squares, and its degrees of
-    freedom."""
+def _scatter(bench: Bench) -> float:
+    """Standard deviation of repetitions; nan without any."""
     kinds = np.column_stack([bench.inputs, bench.together])
-    _, group = np.unique(kinds, axis=0, return_inverse=True)
-    group = group.ravel()
+    group = np.unique(kinds, axis=0, return_inverse=True)[1].ravel()
     count = np.bincount(group)
-    freedom = int(len(group) - len(count))
-    mean = np.bincount(group, bench.forces) / count
-    squares = float(((bench.forces - mean[group]) ** 2).sum())
-    return (float(np.sqrt(squares / freedom)) if freedom else float("nan")), squares, freedom
+    freedom = len(group) - len(count)
+    misfit = bench.forces - (np.bincount(group, bench.forces) / count)[group]
+    return float(np.sqrt(misfit @ misfit / freedom)) if freedom else float("nan")
 
 
 def _choose(
     bench: Bench, gains: Array, curves: Sequence[thrust_curve.Curve]
 ) -> Tuple[thrust_curve.Curve, List[Tuple[str, float]]]:
-    """The simplest curve that the forces do not reject, and the simpler ones with their p-values."""
-    working = bench.together @ gains
-    squares = [float(((bench.forces - working * c.force(bench.inputs)) ** 2).sum()) for c in curves]
-    n = len(bench.forces)
-    _, pure, freedom = _pure_error(bench)
-    if freedom < 2:
-        floor = 1e-12 * float(bench.forces @ bench.forces)
-        score = [n * np.log(max(s, floor) / n) + c.order * np.log(n) for s, c in zip(squares, curves)]
-        near = next(i for i, s in enumerate(score) if s - min(score) < STRONG)
-        rejected = [(c.words, float(np.exp((min(score) - s) / 2))) for s, c in zip(score, curves)]
-        return curves[near], rejected[:near]
-    rejected = []
-    pure = max(pure, 1e-12 * float(bench.forces @ bench.forces))
-    for square, curve in zip(squares, curves):
-        left = n - freedom - curve.order
-        if left < 1:
-            return curve, rejected
-        p_value = float(stats.f.sf((square - pure) / left / (pure / freedom), left, freedom))
-        if p_value >= LEVEL:
-            return curve, rejected
-        rejected.append((curve.words, p_value))
-    best = int(np.argmin(squares))
-    return curves[best], [one for one in rejected if one[0] != curves[best].words]
+    """The simplest curve that the forces do not reject, and the simpler ones with their probabilities."""
+    working, n = bench.together @ gains, len(bench.forces)
+    least = 1e-12 * float(bench.forces @ bench.forces)
+    squares = [((bench.forces - working * c.force(bench.inputs)) ** 2).sum() for c in curves]
+    score = [n * np.log(max(s, least) / n) + c.order * np.log(n) for s, c in zip(squares, curves)]
+    near = next(i for i, s in enumerate(score) if s - min(score) < STRONG)
+    rejected = [(c.words, float(np.exp((min(score) - s) / 2))) for s, c in zip(score, curves)]
+    return curves[near], rejected[:near]
 
 
 def _intervals(

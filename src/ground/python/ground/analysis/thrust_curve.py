@@ -13,7 +13,6 @@ from scipy import optimize
 from ground.annotations import Array
 
 POWERS = (0.2, 5.0)  # bounds for the exponent
-INTERVALS = (2, 4, 8, 16)  # numbers of lines that tables may have
 POINTS = 12  # rows of the table that a polynomial is written as
 GRID = 301  # inputs at which a polynomial must not fall
 MAX_FITS = 8  # each to the inputs above the dead band of the fit before
@@ -23,20 +22,18 @@ MAX_FITS = 8  # each to the inputs above the dead band of the fit before
 class Curve:
     """The force of one thruster against its input."""
 
-    kind: str  #: "linear", "power", "polynomial" or "table"
+    kind: str  #: "linear", "power" or "polynomial"
     order: int  #: number of coefficients
     largest: float  #: largest input that was measured
     force: Callable[[Array], Array]  #: force [N] at inputs (n,), up to the largest one
     power: Optional[float] = None  #: exponent, of a linear curve or a power
-    knots: Sequence[float] = ()  #: inputs of a table
+    knots: Sequence[float] = ()  #: inputs of the table as which a polynomial is written
 
     @property
     def words(self) -> str:
         """Such as "polynomial of degree 2"."""
         if self.kind == "polynomial":
             return "polynomial of degree %d" % (self.order - 1)
-        if self.kind == "table":
-            return "table of %d inputs" % len(self.knots)
         return {"linear": "proportional force"}.get(self.kind, self.kind)
 
     @property
@@ -118,45 +115,5 @@ def polynomial(degree: int) -> Kind:
     return fit
 
 
-def table(intervals: int) -> Kind:
-    """Straight lines between inputs, of which none falls. The first one continues below the smallest
-    measured input, down to no force, the last one above the largest."""
-
-    def fit(inputs: Array, working: Array, forces: Array) -> Optional[Curve]:
-        levels = np.unique(inputs)
-        if len(levels) < 2 * intervals:
-            return None
-        knots = np.quantile(levels, np.linspace(0, 1, intervals + 1))
-        width = np.diff(knots)
-        ramps = np.clip((inputs[:, None] - knots[:-1]) / width, 0, 1)
-        basis = working[:, None] * np.column_stack([np.ones(len(inputs)), ramps])
-        found = optimize.nnls(basis, forces)[0]
-        force = np.cumsum(found)
-        slope = found[1] / width[0]
-        zero = max(0.0, float(knots[0] - found[0] / slope)) if slope > 0 else 0.0
-        if zero < knots[0]:
-            knots, force = np.append(zero, knots), np.append(0.0, force)
-        last = found[-1] / width[-1]
-
-        def at(w: Array) -> Array:
-            return np.asarray(np.interp(w, knots, force) + last * np.maximum(w - knots[-1], 0.0))
-
-        return Curve(
-            "table",
-            intervals + 1,
-            float(knots[-1]),
-            at,
-            knots=[float(w) for w in knots],
-        )
-
-    return fit
-
-
 #: From the simplest to the most flexible.
-KINDS: Sequence[Tuple[str, Kind]] = (
-    ("linear", linear),
-    ("power", power),
-    ("polynomial", polynomial(1)),
-    ("polynomial", polynomial(2)),
-    ("polynomial", polynomial(3)),
-) + tuple(("table", table(n)) for n in INTERVALS)
+KINDS: Sequence[Kind] = (linear, power, polynomial(1), polynomial(2), polynomial(3))

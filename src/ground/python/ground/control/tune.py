@@ -62,10 +62,7 @@ class TuneOptions:
         metavar="KIND",
     )
     holdout: Sequence[str] = option(
-        HELD_OUT,
-        "further references to test on (%s)" % " ".join(HELD_OUT),
-        nargs="*",
-        metavar="KIND",
+        HELD_OUT, "further references to test on (%s)" % " ".join(HELD_OUT), nargs="*", metavar="KIND"
     )
     evaluations: int = option(1200, "(%(default)s)", type=count, metavar="N")
     starts: int = option(4, "starts of a candidate (%(default)s)", type=count, metavar="N")

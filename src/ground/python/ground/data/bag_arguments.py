@@ -62,8 +62,7 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
 def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds how recordings are read, and settings that replace the recorded ones."""
     parser.add_argument(
-        "--axes",
-        help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % run_settings.AXES,
+        "--axes", help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % run_settings.AXES
     )
     parser.add_argument(
         "--heading-offset",
@@ -86,12 +85,7 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
 def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
     """Adds --holdout."""
     parser.add_argument(
-        "--holdout",
-        metavar="BAG",
-        nargs="+",
-        action=Bags,
-        default=[],
-        help="runs to test on, not fitted to",
+        "--holdout", metavar="BAG", nargs="+", action=Bags, default=[], help="runs to test on, not fitted to"
     )
 
 

@@ -22,7 +22,6 @@ def run(arguments: argparse.Namespace) -> Document:
         arguments.controls, arguments.pose, arguments.output, arguments.force, arguments.work
     )
     command_line.say(
-        arguments,
-        "%s: %d poses, %d commands" % (arguments.output, counts["pose"], counts["controls"]),
+        arguments, "%s: %d poses, %d commands" % (arguments.output, counts["pose"], counts["controls"])
     )
     return {"bag": arguments.output, "messages": counts}

@@ -19,9 +19,8 @@ from ground.recordings.recording import digest_of_files
 
 NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
 EFFECTS = {"a": "thrust_asymmetry", "p": "thrust_curve"}  # of a left and a right thruster
-CURVES = ("linear", "power", "polynomial", "table")
+CURVES = ("linear", "power", "polynomial")
 REACH = 0.8  # least largest input measured; otherwise thrust at an input of 1 is an extrapolation
-AGREE = 0.05  # relative difference of thrust below which bench and model agree
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -83,20 +82,19 @@ def run(arguments: argparse.Namespace) -> Document:
         [os.path.basename(arguments.table)],
         {},
         {"bench": found.residual},
-        {
-            name: (factor * found.intervals[short][0], factor * found.intervals[short][1])
-            for short, (name, factor) in factors.items()
-        },
+        {name: _scaled(found.intervals[short], factor) for short, (name, factor) in factors.items()},
         [],
         [digest_of_files([arguments.table])],
     )
-    motion = _motion(arguments, fitted.core) if arguments.runs else None
+    motion = None
+    if arguments.runs:
+        runs = bag_arguments.reading(arguments, arguments.runs)
+        motion = fit(fitted, runs, progress=arguments.work)
     fitted.save(arguments.output, arguments.force)
-    for line in _lines(arguments, model, found):
+    for line in _lines(found):
         command_line.say(arguments, line)
-    if motion is not None:
-        for line in _agreement(fitted.core, found, motion):
-            command_line.say(arguments, line)
+    for line in _agreement(fitted.core, found, motion) if motion else ():
+        command_line.say(arguments, line)
     command_line.say(arguments, "written to %s" % arguments.output)
     return {
         "model": arguments.output,
@@ -126,10 +124,7 @@ def _put_into(model: _core.Model, found: thrust_bench.Thrust, path: str) -> Tupl
             "%s has inputs up to %g, which are no normalised ones: a %s cannot be written into it; "
             "--curve power can" % (path, model.input_max, found.curve.words)
         )
-    plain = model.copy()
-    for effect in EFFECTS.values():
-        if effect in plain.effects:
-            plain.remove_effect(effect)
+    plain = _without_effects(model)
     document = yaml.safe_load(plain.format())
     body = document["body"]
     body.pop("l", None)
@@ -154,6 +149,19 @@ def _put_into(model: _core.Model, found: thrust_bench.Thrust, path: str) -> Tupl
     return fitted, {"k": ("k", 1.0)}
 
 
+def _without_effects(model: _core.Model) -> _core.Model:
+    """The model without effects on the thrust of a pair."""
+    found = model.copy()
+    for effect in EFFECTS.values():
+        if effect in found.effects:
+            found.remove_effect(effect)
+    return found
+
+
+def _scaled(interval: Tuple[float, float], factor: float) -> Tuple[float, float]:
+    return factor * interval[0], factor * interval[1]
+
+
 def _listed(thruster: Document) -> Dict[str, Any]:
     """A thruster of the pair as model files list it."""
     return {
@@ -165,10 +173,7 @@ def _listed(thruster: Document) -> Dict[str, Any]:
 
 def _put_into_pair(model: _core.Model, found: thrust_bench.Thrust) -> Tuple[_core.Model, Places]:
     """The model of a left and a right thruster with the fitted thrust."""
-    fitted = model.copy()
-    for effect in EFFECTS.values():
-        if effect in fitted.effects:
-            fitted.remove_effect(effect)
+    fitted = _without_effects(model)
     fitted.set_value("k", found.values["k"] / model.input_max)
     places: Places = {"k": ("k", 1 / model.input_max)}
     if "p" in found.values:
@@ -179,15 +184,6 @@ def _put_into_pair(model: _core.Model, found: thrust_bench.Thrust) -> Tuple[_cor
         fitted = candidates.of_library(EFFECTS["a"]).neutral(fitted)
         fitted.set_value("thrust_asymmetry.a", float(found.gains[0] - 1))
     return fitted, places
-
-
-def _motion(arguments: argparse.Namespace, model: _core.Model) -> Fit:
-    """A fit of the model with the bench's curve to recorded runs, thrust free."""
-    return fit(
-        Model(model),
-        bag_arguments.reading(arguments, arguments.runs),
-        progress=arguments.work,
-    )
 
 
 def _agreement(model: _core.Model, found: thrust_bench.Thrust, motion: Fit) -> Iterator[str]:
@@ -214,8 +210,8 @@ def _agreement(model: _core.Model, found: thrust_bench.Thrust, motion: Fit) -> I
         yield "the intervals of bench and motion meet"
 
 
-def _lines(arguments: argparse.Namespace, model: _core.Model, found: thrust_bench.Thrust) -> Iterator[str]:
-    """Lines to print: curve, parameters, misfit, reach, and the model before."""
+def _lines(found: thrust_bench.Thrust) -> Iterator[str]:
+    """Lines to print: curve, parameters, misfit and reach."""
     curve = found.curve
     yield "curve: %s" % curve.words
     for words, p_value in found.rejected:
@@ -240,13 +236,4 @@ def _lines(arguments: argparse.Namespace, model: _core.Model, found: thrust_benc
         yield (
             "no input above %.2g was measured: k at full input is an extrapolation, and may be far off"
             % curve.largest
-        )
-    before = model.value("k") * model.input_max
-    ratio = found.values["k"] / before
-    if model.is_pair and curve.power is not None and abs(ratio - 1) > AGREE:
-        yield (
-            "%s has %.3g N at full input: the bench gives %.2f times that. Thrust that is fitted to "
-            "motion is relative to the mass: losses at speed, a low battery, a wrong mass or a wrong "
-            "lever make the two differ. Fit runs with k free before a controller uses this model."
-            % (arguments.model, before, ratio)
         )

@@ -12,7 +12,7 @@ from ground.analysis import comparison, folds, identifiability, unit_slips, wind
 from ground.annotations import Array, Document
 from ground.data.measured import Measured, Recordings, held_out, measured
 from ground.command_line import count, option, positive
-from ground.errors import GroundError, OptionError, warn
+from ground.errors import GroundError, warn
 from ground.fitting.result import BlockErrors, Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model, parameters_by_name
 from ground.progress import Progress, Work
@@ -123,7 +123,7 @@ def fit(
     """
     work = Work.of(progress)
     given = Model.of(model)
-    _check(options)
+    command_line.check(options)
     seen = measured(recordings, given, options.part, work)
     held = held_out(holdout, given, options.part, work, seen)
     problem = _Problem(seen.data, options)
@@ -144,23 +144,13 @@ def fit(
     return _result(given, seen, options.starts, result, errors, runs)
 
 
-def _check(options: FitOptions) -> None:
-    for name, known in (("objective", OBJECTIVES), ("target", TARGETS)):
-        if getattr(options, name) not in known:
-            raise OptionError("{0} must be one of {known}", name, known=", ".join(known))
-
-
 def _change(runs: List[_core.RunData], start: _core.Model, fitted: _core.Model) -> Change:
     """Errors over runs (_core.RunData) of the start values and of the fit."""
     return Change(windows.error(runs, start), windows.error(runs, fitted))
 
 
 def _blocks(
-    problem: _Problem,
-    start: _core.Model,
-    result: Document,
-    refit: folds.Refit,
-    work: Work,
+    problem: _Problem, start: _core.Model, result: Document, refit: folds.Refit, work: Work
 ) -> Optional[BlockErrors]:
     models, options = (start, result["model"]), problem.options
     found = folds.leave_blocks_out(problem.runs, models, refit, options.block, options.window, work=work)
@@ -170,12 +160,7 @@ def _blocks(
     return BlockErrors(before, after, found["heldout"], found["blocks"], found["folds"], options.block)
 
 
-def _each(
-    problem: _Problem,
-    result: Document,
-    refit: folds.Refit,
-    work: Work,
-) -> List[RunFit]:
+def _each(problem: _Problem, result: Document, refit: folds.Refit, work: Work) -> List[RunFit]:
     """Every run by itself, and held out."""
     rows = []
     held = folds.leave_runs_out(problem.runs, refit, result, problem.options.window, work=work)
@@ -205,12 +190,7 @@ def _pooled(problem: _Problem, runs: List[RunFit]) -> Optional[float]:
 
 
 def _result(
-    given: Model,
-    seen: Measured,
-    starts: int,
-    result: Document,
-    errors: Errors,
-    runs: List[RunFit],
+    given: Model, seen: Measured, starts: int, result: Document, errors: Errors, runs: List[RunFit]
 ) -> Fit:
     core, parameters = result["model"], parameters_by_name(result["parameters"])
     return Fit(

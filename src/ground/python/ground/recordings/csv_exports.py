@@ -46,11 +46,7 @@ def read_csv(path: str) -> Tuple[Indices, Indices, Array]:
 
 
 def write_bag(
-    controls_path: str,
-    pose_path: str,
-    bag_path: str,
-    force: bool = False,
-    work: Optional[Work] = None,
+    controls_path: str, pose_path: str, bag_path: str, force: bool = False, work: Optional[Work] = None
 ) -> Dict[str, int]:
     """Writes a pair of CSV exports to a bag; returns the number of messages by topic. work: told of
     what is read and written."""
@@ -58,18 +54,12 @@ def write_bag(
     with told.stage("reading tables", 2):
         for topic, path in told.each((("pose", pose_path), ("controls", controls_path))):
             series[topic] = read_csv(path)
-    rows = {
-        topic: np.column_stack([containers.seconds(stamps), points])
-        for topic, (stamps, _, points) in series.items()
-    }
-    other = np.array([[0.0, 0, 0, 0], [1.0, 0, 0, 0]])
-    checked(pose_path, rows["pose"], other, "", [])
-    checked(controls_path, other, rows["controls"], "", [])
+    both = "%s and %s" % (controls_path, pose_path)
+    rows = {t: np.column_stack([containers.seconds(s), points]) for t, (s, _, points) in series.items()}
+    checked(both, rows["pose"], rows["controls"], "", [])
     begins, ends = zip(*((min(r), max(r)) for _, r, _ in series.values()))
     if max(begins) > min(ends):
-        raise GroundError(
-            "%s and %s do not overlap in time: they are from different runs" % (controls_path, pose_path)
-        )
+        raise GroundError("%s do not overlap in time: they are from different runs" % both)
     with files.new_file(bag_path, force) as temporary:
         with messages.bag_writer(temporary) as bag, told.stage("writing topics", len(series)):
             for topic, (stamps, received, points) in told.each(series.items()):

@@ -157,18 +157,13 @@ def _pose_fields(seen: Seen) -> Iterator[Tuple[Tuple[str, ...], Tuple[str, ...]]
         yield planar, (headings[0],)
 
 
-def axes_guess(position: Array, quaternion: Array) -> Tuple[str, str]:
+def _axes(position: Array, quaternion: Array) -> str:
     """The axes that fit poses (n, 3) and (n, 4) best, and why."""
-    rows = np.column_stack([position, quaternion])
-    shares = [units.upright(rows, pair[0]) for pair in units.VERTICAL]
-    best = int(np.lexsort([np.ptp(position, axis=0), -np.array(shares)])[0])
-    up = float(np.median(position[:, best])) >= 0
-    why = "%s moves least, %.0f%% of the poses are upright by it, and it is mostly %s" % (
-        "xyz"[best],
-        100 * shares[best],
-        "positive: up" if up else "negative: down",
-    )
-    return units.VERTICAL[best][0 if up else 1], why
+    axes, share = units.likely_axes(np.column_stack([position, quaternion]))
+    vertical = "xyz".index(axes[-1])
+    sign = "positive: up" if np.median(position[:, vertical]) >= 0 else "negative: down"
+    why = "%s moves least, %.0f%% of the poses are upright by it, and it is mostly %s"
+    return 'axes: "%s"  # ' % axes + why % (axes[-1], 100 * share, sign)
 
 
 def _pose_order(seen: Seen) -> Tuple[int, float]:
@@ -214,16 +209,13 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
     if rotation.shape[1] == 4:
         if not known:
             yield "orientation: [%s]" % ", ".join(map(_quoted, chosen.rotation))
-        yield 'axes: "%s"  # %s' % axes_guess(LENGTHS[unit] * position, rotation)
+        yield _axes(LENGTHS[unit] * position, rotation)
     elif not known:
         (heading,) = chosen.rotation
         degrees = bool(DEGREES.search(heading)) or units.in_degrees(chosen.times, rotation[:, 0])
-        yield "heading: {field: %s, unit: %s, sign: 1}  # %.4g to %.4g" % (
-            _quoted(heading),
-            "deg" if degrees else "rad",
-            rotation.min(),
-            rotation.max(),
-        )
+        unit = "deg" if degrees else "rad"
+        ends = rotation.min(), rotation.max()
+        yield "heading: {field: %s, unit: %s, sign: 1}  # %.4g to %.4g" % (_quoted(heading), unit, *ends)
         yield '# axes: "x, -y, -z"  # where z points up and headings are counter-clockwise'
     if chosen.clock:
         yield "time: %s" % chosen.clock

@@ -2,8 +2,7 @@
 
 import datetime
 import json
-from dataclasses import asdict
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
@@ -12,8 +11,6 @@ from ground.recordings import repair, reply, suspicions
 from ground.recordings.quality import RepairedRun, lifted, same_inputs
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import NAMES
-
-_T = TypeVar("_T")
 
 THIS_CENTURY = 946684800.0  # [s] since 1970
 DRIVES_BY = {  # assumptions if no record says when the drive began
@@ -26,6 +23,11 @@ MAX_NAMED = 4  # gaps and other events that are listed; the rest is counted
 GAP = 0.05  # a longer pause is a gap [s]
 LATE = 0.05  # a stamp with a larger delay after its frame is late [s]
 TOGETHER = 1e-3  # stamps of one burst are nearer [s]
+EFFECTS = (  # what a thruster does: key, words, unit
+    ("forward", ("pushes forward", "pushes backward"), "m/s2"),
+    ("right", ("pushes to the right", "pushes to the left"), "m/s2"),
+    ("turn", ("turns right", "turns left"), "rad/s2"),
+)
 PAIR = ["left", "right"]  # the thrusters of a usual craft
 MAX_ENTRIES = 3  # entries in which two files differ that are listed
 MAX_CHANGES = 30  # live changes that are listed; the rest is counted
@@ -71,7 +73,7 @@ def described(run: RepairedRun) -> Document:
         "drives": {"begin": [float(t) for t in run.drives], "by": run.drives_by},
         "poses": _poses_of(run),
         "controls": _controls_of(run),
-        "authority": _authority(run.recording),
+        "authority": {} if list(recording.thrusters) == PAIR else reply.authorities(recording),
         "clock_offset": float(recording.clock_offset),
         "reply": run.reply,
         "contacts": [{"start": float(a), "end": float(b)} for a, b in run.contacts],
@@ -109,16 +111,11 @@ def _poses_of(run: RepairedRun) -> Document:
     }
     clock = motion.clock
     if clock is not None:
-        poses["frame_clock"] = {
-            "rate": clock.rate,
-            "lost": clock.lost,
-            "lateness": {
-                "median": float(np.median(clock.lateness)),
-                "largest": float(clock.lateness.max()),
-                "above_50_ms": int((clock.lateness > LATE).sum()),
-            },
-            "roughness": float(clock.roughness),
-        }
+        late = clock.lateness
+        lateness = {"median": float(np.median(late)), "largest": float(late.max())}
+        lateness["above_50_ms"] = int((late > LATE).sum())
+        poses["frame_clock"] = {"rate": clock.rate, "lost": clock.lost, "lateness": lateness}
+        poses["frame_clock"]["roughness"] = float(clock.roughness)
     return poses
 
 
@@ -140,13 +137,6 @@ def _controls_of(run: RepairedRun) -> Document:
     }
 
 
-def _authority(recording: Recording) -> Document:
-    """What each thruster does, of crafts that are not of the usual pair."""
-    if list(recording.thrusters) == PAIR:
-        return {}
-    return dict(zip(recording.thrusters, map(asdict, reply.authorities(recording))))
-
-
 def when(d: Document) -> str:
     """When a recording begins, by its stamps."""
     if d["begins"] < THIS_CENTURY:
@@ -163,54 +153,24 @@ def _flown_by(kind: str, name: str, d: Document) -> str:
 
 def facts(d: Document) -> Iterator[Tuple[str, str]]:
     """Name and text of what a recording holds; d: of `described`."""
-    poses, controls = d["poses"], d["controls"]
-    noise = poses["noise"]
+    poses, controls, usable = d["poses"], d["controls"], d["usable"]
     yield "recorded", when(d)
     yield "source", d["source"]
     yield "measured", _measured(d["settings"])
     if d["flown_by"]:
         yield "flown by", ", ".join(_flown_by(kind, name, d) for kind, name in d["flown_by"].items())
-    spans = ", ".join("%.2f to %.2f" % tuple(s) for s in d["usable"]["spans"])
-    yield (
-        "usable",
-        "%.2f of %.2f s: %s"
-        % (
-            d["usable"]["duration"],
-            d["duration"],
-            spans or "nothing",
-        ),
-    )
-    yield (
-        "poses",
-        "%d at %.1f Hz, noise %.2f mm, %.1f mrad"
-        % (
-            poses["count"],
-            poses["rate"],
-            1e3 * noise["position"],
-            1e3 * noise["heading"],
-        ),
-    )
+    spans = ", ".join("%.2f to %.2f" % tuple(span) for span in usable["spans"]) or "nothing"
+    yield "usable", "%.2f of %.2f s: %s" % (usable["duration"], d["duration"], spans)
+    noise = 1e3 * poses["noise"]["position"], 1e3 * poses["noise"]["heading"]
+    yield "poses", "%d at %.1f Hz, noise %.2f mm, %.1f mrad" % (poses["count"], poses["rate"], *noise)
     thrusters = controls["thrusters"]
-    yield (
-        "commands",
-        "%d at %.1f Hz, %d changes, %s %g to %g, lift %g to %g"
-        % (
-            controls["count"],
-            controls["rate"],
-            controls["changes"],
-            "thrusters" if thrusters == PAIR else ", ".join(thrusters),
-            *controls["levels"],
-            *controls["lift"],
-        ),
+    names = "thrusters" if thrusters == PAIR else ", ".join(thrusters)
+    text = "%(count)d at %(rate).1f Hz, %(changes)d changes, " % controls
+    yield "commands", text + "%s %g to %g, lift %g to %g" % (names, *controls["levels"], *controls["lift"])
+    starts = (
+        "from %.2f s on" % t if t >= 0 else "began %.2f s before the run" % -t for t in d["drives"]["begin"]
     )
-    yield (
-        "drive",
-        ", ".join(
-            "from %.2f s on" % t if t >= 0 else "began %.2f s before the run" % -t
-            for t in d["drives"]["begin"]
-        )
-        + DRIVES_BY.get(d["drives"]["by"], ""),
-    )
+    yield "drive", ", ".join(starts) + DRIVES_BY.get(d["drives"]["by"], "")
     if d["reply"]:
         yield "reply", "the craft's motion follows the commands by %.0f ms" % (1e3 * d["reply"]["lag"])
     if d["authority"]:
@@ -219,55 +179,38 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
 
 def _does(name: str, authority: Document) -> str:
     """What a thruster does at full input, as far as the recording tells."""
-    forward, right, turn = (authority[key] for key in ("forward", "right", "turn"))
-    errors = authority["errors"]
     parts = []
-    for value, error, words, unit in (
-        (forward, errors[0], ("forward", "backward"), "m/s2"),
-        (right, errors[1], ("to the right", "to the left"), "m/s2"),
-    ):
-        if abs(value) > CERTAIN * error and abs(value) > 0.3 * max(abs(forward), abs(right)):
-            parts.append("pushes %s (%.2g +- %.1g %s)" % (words[value < 0], abs(value), error, unit))
-    if abs(turn) > CERTAIN * errors[2]:
-        side = "right" if turn > 0 else "left"
-        parts.append("turns %s (%.2g +- %.1g rad/s2)" % (side, abs(turn), errors[2]))
+    least = 0.3 * max(abs(authority["forward"]), abs(authority["right"]))
+    for (key, words, unit), error in zip(EFFECTS, authority["errors"]):
+        value = authority[key]
+        if abs(value) > CERTAIN * error and (key == "turn" or abs(value) > least):
+            parts.append("%s (%.2g +- %.1g %s)" % (words[value < 0], abs(value), error, unit))
     return "%s %s" % (name, ", ".join(parts) or "does nothing that is certain")
 
 
 def _measured(settings: Document) -> str:
     """Settings by which poses became world_ned, and their sources."""
-    sources = settings["sources"]
-    words = {
-        "axes": "axes '%s' (%s)" % (settings["axes"], sources["axes"]),
-        "heading_offset": "heading_offset %g rad (%s)"
-        % (settings["heading_offset"], sources["heading_offset"]),
-    }
-    text = ", ".join(words[name] for name in settings["taken"]) or "as states, corrected already"
+    forms = {"axes": "axes '%s' (%s)", "heading_offset": "heading_offset %g rad (%s)"}
+    words = [forms[name] % (settings[name], settings["sources"][name]) for name in settings["taken"]]
+    text = ", ".join(words) or "as states, corrected already"
     for change in settings["changes"] if settings["taken"] else ():
-        text += "; from %.2f s on axes '%s', heading_offset %g rad" % (
-            change["time"],
-            change["axes"],
-            change["heading_offset"],
-        )
+        text += "; from %(time).2f s on axes '%(axes)s', heading_offset %(heading_offset)g rad" % change
     return text
 
 
 def grave(d: Document) -> Iterator[str]:
     """Sentences on oddities whose repair may be wrong; all verbs print them, not only info."""
-    poses, controls = d["poses"], d["controls"]
+    poses = d["poses"]
     if poses["stamps_out_of_order"]:
         yield "stamps out of order, sorted: %d" % poses["stamps_out_of_order"]
     if poses["frozen"]:
         yield "frozen poses (repeated samples of a moving craft), dropped: %d" % poses["frozen"]
-    if abs(d["clock_offset"]) > 0.05:
-        yield "the stamps of the poses are %.3f s off the clock of the commands, shifted" % (
-            -d["clock_offset"]
-        )
-    suspected = {s["kind"] for s in d["suspicions"]}
+    if abs(d["clock_offset"]) > repair.CLOCK_OFFSET:
+        text = "the stamps of the poses are %.3f s off the clock of the commands, shifted"
+        yield text % -d["clock_offset"]
     yield from map(suspicions.sentence, d["suspicions"])
-    if "clock" in suspected:
-        return
-    if controls["changes"] >= FEWEST_CHANGES and not d["reply"]:
+    clock = any(one["kind"] == "clock" for one in d["suspicions"])
+    if d["controls"]["changes"] >= FEWEST_CHANGES and not d["reply"] and not clock:
         yield "the motion does not follow the commands: are poses and commands of the same run?"
 
 
@@ -280,16 +223,14 @@ def findings(d: Document) -> Iterator[str]:
     if d["rest"] > 0.2:
         yield "the craft rests for %.2f s at the start, left out (--all takes it in)" % d["rest"]
     if d["rest_at_end"] > 0.2:
-        yield (
-            "no lift, or the craft rests, for %.2f s at the end, left out (--all takes it in)"
-            % (d["rest_at_end"])
-        )
-    if d["without_lift"]:
-        yield "no lift, left out: %s" % _named(d["without_lift"], _span)
-    if d["contacts"]:
-        yield "wall or hand, likely (motion that no input explains), left out: %s" % _named(
-            d["contacts"], _span
-        )
+        text = "no lift, or the craft rests, for %.2f s at the end, left out (--all takes it in)"
+        yield text % d["rest_at_end"]
+    for spans, what in (
+        (d["without_lift"], "no lift, left out"),
+        (d["contacts"], "wall or hand, likely (motion that no input explains), left out"),
+    ):
+        if spans:
+            yield "%s: %s" % (what, _named(["%(start).2f to %(end).2f s" % span for span in spans]))
     yield from _changes(d["changes"])
     if d["same_inputs_as"]:
         yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
@@ -302,16 +243,10 @@ def _frames(poses: Document) -> Iterator[str]:
         late = clock["lateness"]
         yield (
             "stamps are late, in bursts or by a poll: %d of %d poses came within 1 ms of the one before; "
-            "the clock of the frames is rebuilt: %.2f Hz, %d frames lost, stamps late by %.1f ms in "
-            "the middle and %.0f ms at most"
-            % (
-                poses["bursts"],
-                poses["count"],
-                clock["rate"],
-                clock["lost"],
-                1e3 * late["median"],
-                1e3 * late["largest"],
-            )
+            % (poses["bursts"], poses["count"])
+            + "the clock of the frames is rebuilt: %(rate).2f Hz, %(lost)d frames lost, " % clock
+            + "stamps late by %.1f ms in the middle and %.0f ms at most"
+            % (1e3 * late["median"], 1e3 * late["largest"])
         )
         if late["above_50_ms"]:
             yield "late bursts, stamps late by more than 50 ms: %d" % late["above_50_ms"]
@@ -322,13 +257,9 @@ def _frames(poses: Document) -> Iterator[str]:
 def _poses(poses: Document) -> Iterator[str]:
     """Poses that are missing, and those that were repaired."""
     if poses["gaps"]:
-        yield "mocap lost %d times for more than 50 ms: %s" % (
-            len(poses["gaps"]),
-            _named(
-                sorted(poses["gaps"], key=lambda g: float(-g["length"])),
-                lambda g: "%.2f s at %.2f s" % (g["length"], g["start"]),
-            ),
-        )
+        gaps = sorted(poses["gaps"], key=lambda gap: -float(gap["length"]))
+        named = _named(["%(length).2f s at %(start).2f s" % gap for gap in gaps])
+        yield "mocap lost %d times for more than 50 ms: %s" % (len(gaps), named)
     for count, what in (
         (poses["duplicate_stamps"], "repeated stamps"),
         (poses["overtaken"], "poses that overtook each other in a burst, put in order"),
@@ -338,43 +269,34 @@ def _poses(poses: Document) -> Iterator[str]:
         if count:
             yield "%s: %d" % (what, count)
     if poses["spikes"]:
-        yield "spikes, smoothed over: %s" % (_named(poses["spikes"], lambda t: "%.2f s" % t),)
+        yield "spikes, smoothed over: %s" % _named(["%.2f s" % time for time in poses["spikes"]])
 
 
 def _overlap(controls: Document) -> Iterator[str]:
     """Where poses and commands do not begin or end together."""
-    if controls["start_after_poses"] < -0.01:
-        yield "commands start %.2f s before the poses" % -controls["start_after_poses"]
-    if controls["start_after_poses"] > 0.2:
-        yield "poses start %.2f s before the commands, left out" % controls["start_after_poses"]
-    if controls["end_after_poses"] > 0.01:
-        yield "poses end %.2f s before the commands" % controls["end_after_poses"]
-    if controls["end_after_poses"] < -0.2:
-        yield "commands end %.2f s before the poses, left out" % -controls["end_after_poses"]
+    begin, end = controls["start_after_poses"], controls["end_after_poses"]
+    if begin < -0.01:
+        yield "commands start %.2f s before the poses" % -begin
+    if begin > 0.2:
+        yield "poses start %.2f s before the commands, left out" % begin
+    if end > 0.01:
+        yield "poses end %.2f s before the commands" % end
+    if end < -0.2:
+        yield "commands end %.2f s before the poses, left out" % -end
 
 
 def _changes(changes: List[Document]) -> Iterator[str]:
     """What was changed while the run was recorded."""
     for change in changes[:MAX_CHANGES]:
-        yield "changed at %.2f s: %s: %s %s -> %s" % (
-            change["time"],
-            change["node"],
-            change["name"],
-            change["before"] or "''",
-            change["after"] or "''",
-        )
+        ends = change["before"] or "''", change["after"] or "''"
+        yield "changed at %(time).2f s: %(node)s: %(name)s " % change + "%s -> %s" % ends
     if len(changes) > MAX_CHANGES:
         yield "%d more live changes (info --json lists them)" % (len(changes) - MAX_CHANGES)
 
 
-def _span(d: Document) -> str:
-    return "%.2f to %.2f s" % (d["start"], d["end"])
-
-
-def _named(items: Sequence[_T], name: Callable[[_T], str]) -> str:
-    text = ", ".join(name(item) for item in items[:MAX_NAMED])
+def _named(items: Sequence[str]) -> str:
     more = len(items) - MAX_NAMED
-    return text + (" and %d more" % more if more > 0 else "")
+    return ", ".join(items[:MAX_NAMED]) + (" and %d more" % more if more > 0 else "")
 
 
 def differences(recordings: Sequence[Recording]) -> str:
@@ -398,23 +320,23 @@ def differences(recordings: Sequence[Recording]) -> str:
 def _different_files(recordings: Sequence[Recording], kind: str) -> Iterator[str]:
     """Phrases that group recordings by the model or room of their controllers where these differ: by
     content if that was recorded, else by name."""
-    groups: Dict[str, Tuple[str, Optional[Document], List[str]]] = {}
+    groups: Dict[str, Tuple[str, Dict[str, Any], List[str]]] = {}
     for recording in sorted(recordings, key=lambda r: kind not in r.files):
         name = recording.flown_by.get(kind)
         if name is None:
             continue
         file = recording.files.get(kind)
-        entries = file.entries() if file else None
+        entries = file.entries() if file else {}
         key = next((k for k, group in groups.items() if group[0] == name), name)
-        if entries is not None:
+        if file:
             key = json.dumps(entries, sort_keys=True, default=str)
         groups.setdefault(key, (name, entries, []))[2].append(recording.name)
     if len(groups) < 2:
         return
-    yield from ("%s %s for %s" % (kind, name, ", ".join(r)) for name, _, r in groups.values())
+    yield from ("%s %s for %s" % (kind, name, ", ".join(runs)) for name, _, runs in groups.values())
     (first, one, _), *others = groups.values()
     for name, another, _ in others:
-        if one is not None and another is not None:
+        if one and another:
             pair = "%s and %s differ" % (first, name) if name != first else "two files named %s differ" % name
             yield "%s: %s" % (pair, _entries(one, another))
 

@@ -260,15 +260,12 @@ class _Evidence:
         near the quarter turn, or no more likely."""
         first = self.classes[index][0]
         moments, E = self.moments[first.twisted], first.effects(self.thrusters)
-        along = np.einsum("nc,bnc->b", E[:, :2], moments.products[..., :2])
-        across = np.einsum("n,bn->b", E[:, 1], moments.products[..., 0])
-        across = across - np.einsum("n,bn->b", E[:, 0], moments.products[..., 1])
-        across = -across if first.mirrored else across
-        total = complex(along.sum(), across.sum())
-        angle = float(np.angle(total))
-        error = float(_error_of_sum(((along + 1j * across) / total).imag[None])[0])
-        offset = math.remainder(first.heading_offset + angle, 2 * math.pi)
-        other = replace(first, heading_offset=offset)
+        forces = moments.products[..., 0] - 1j * moments.products[..., 1]
+        blocks = forces @ (E[:, 0] + 1j * E[:, 1])  # real part: along; imaginary part: across
+        blocks = blocks.conj() if first.mirrored else blocks
+        angle = float(np.angle(blocks.sum()))
+        error = float(_error_of_sum((blocks / blocks.sum()).imag[None])[0])
+        other = replace(first, heading_offset=math.remainder(first.heading_offset + angle, 2 * math.pi))
         if first.heading_offset:
             return [other] if abs(angle) > max(ROUNDED, 3 * error) else []
         logs, errors = self.log_ratios(self.left([other]), index)
@@ -407,10 +404,8 @@ def remedies(one: Hypothesis, names: Sequence[str], measured: Settings) -> str:
 def evidence(verdict: Verdict) -> str:
     """What speaks for a verdict's best hypothesis."""
     best, as_is = verdict.best, verdict.recorded
-    text = "the commands explain %.0f%% of the forces and %.0f%% of the turns" % (
-        100 * best.force,
-        100 * best.turn,
-    )
+    shares = 100 * best.force, 100 * best.turn
+    text = "the commands explain %.0f%% of the forces and %.0f%% of the turns" % shares
     if verdict.is_as_recorded:
         return text
     return (

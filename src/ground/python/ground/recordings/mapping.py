@@ -145,12 +145,10 @@ def load(path: str) -> FieldMapping:
         raise GroundError("%s: not YAML: %s" % (path, " ".join(str(error).split())))
     root = _Node(path, "", content)
     schema = root.take("schema", _text, "")
+    if not schema:
+        raise GroundError("%s: not a mapping: write schema: %s" % (path, SCHEMA))
     if schema != SCHEMA:
-        raise GroundError(
-            "%s: schema is '%s', but must be %s" % (path, schema, SCHEMA)
-            if schema
-            else "%s: not a mapping: write schema: %s" % (path, SCHEMA)
-        )
+        raise GroundError("%s: schema is '%s', but must be %s" % (path, schema, SCHEMA))
     poses, commands = _poses(root.child("poses")), _commands(root.child("commands"))
     offset = root.take("clock_offset", _number, 0.0)
     drift = root.take("clock_drift", _drift, 0.0)
@@ -225,7 +223,7 @@ def _range(value: Any) -> Tuple[float, float]:
 
 
 class _Node:
-    """A table of a YAML file whose keys are taken one by one."""
+    """A table of a YAML file whose keys are taken one by one; name: its path in the file."""
 
     def __init__(self, file: str, name: str, content: Any) -> None:
         self.file, self.name = file, name
@@ -236,13 +234,14 @@ class _Node:
 
     def wrong(self, key: str, what: object) -> GroundError:
         """The error for a key."""
-        path = "%s.%s" % (self.name, key) if self.name else key
-        return GroundError("%s: %s %s" % (self.file, path, what))
+        return GroundError("%s: %s %s" % (self.file, self._path(key), what))
+
+    def _path(self, key: str) -> str:
+        return "%s.%s" % (self.name, key) if self.name else key
 
     def child(self, key: str) -> "_Node":
         """The table of a key, empty where it is missing."""
-        path = "%s.%s" % (self.name, key) if self.name else key
-        return _Node(self.file, path, self.content.pop(key, None))
+        return _Node(self.file, self._path(key), self.content.pop(key, None))
 
     def take(self, key: str, check: Callable[[Any], _T], default: _D) -> Union[_T, _D]:
         """The value of a key, or a default where it is missing."""

@@ -1,7 +1,7 @@
 """Oddities of a recording, its usable parts, and the run that fits use."""
 
 import itertools
-from typing import Dict, List, Optional, Sequence, Set, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -171,16 +171,9 @@ def repaired(recording: Recording) -> RepairedRun:
 
 def same_inputs(runs: Sequence[RepairedRun]) -> List[Tuple[str, str]]:
     """Pairs of runs (names) that were driven by the same sequence of commands."""
-    held = [_held(run.recording) for run in runs]
-    alike: Dict[bytes, Set[int]] = {}  # runs by some of their first commands: a thousand have many pairs
-    for number, rows in enumerate(held):
-        codes = np.round(rows[:, :-1], 5) + 0.0
-        for start in range(min(len(codes) - GRAM + 1, len(SHIFTS))):
-            alike.setdefault(codes[start : start + GRAM].tobytes(), set()).add(number)
-    pairs = {pair for some in alike.values() for pair in itertools.combinations(sorted(some), 2)}
-    return [
-        (runs[i].recording.name, runs[j].recording.name) for i, j in sorted(pairs) if _agree(held[i], held[j])
-    ]
+    held = [(run.recording.name, _held(run.recording)) for run in runs]
+    pairs = itertools.combinations(held, 2)
+    return [(name, other) for (name, rows), (other, others) in pairs if _agree(rows, others)]
 
 
 def _held(recording: Recording) -> Array:
@@ -195,7 +188,6 @@ def _held(recording: Recording) -> Array:
 SAME_COMMAND, SAME_TIME = 1e-6, 0.03  # largest differences of a command, and of how long it is held [s]
 SAME_SHARE = 0.9  # least share of commands that are the same
 FEWEST_SAME = 10  # least number of commands to compare
-GRAM = 8  # commands in a row that runs have to share
 SHIFTS = [(s, 0) for s in range(5)] + [(0, s) for s in range(1, 5)]  # commands that only one run has
 
 

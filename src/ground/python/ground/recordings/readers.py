@@ -1,13 +1,10 @@
-"""Reads recordings from files: bags of ROS 1 and 2, MCAP files, tables, and kinds of a user's own.
-
-To support another kind of file, add a Reader to READERS.
-"""
+"""Reads recordings from files: bags of ROS 1 and 2, MCAP files, and tables."""
 
 import glob
 import os
 import re
 from dataclasses import replace
-from typing import Dict, Iterable, List, Mapping, Protocol, Tuple
+from typing import Dict, Iterable, List, Mapping, Tuple
 
 import numpy as np
 
@@ -19,59 +16,33 @@ from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, TIMES, Clock, Fi
 from ground.recordings.recording import Recording, checked, digest_of_files
 
 METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder
-BAG, ROS2, TABLE = "bag", "bag of ROS 2", "table"  # kinds of files that are read without more
+NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
 LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
 FARTHEST = 1e4  # largest plausible coordinate of a pose [m]
 MANY_LOST = 0.1  # share of lost poses from which their axes are checked
 MOST_RAW = 2000  # poses as measured that axes are judged by
 
 
-class Reader(Protocol):
-    """Reads Recordings from one kind of file."""
-
-    name: str  #: name of the kind, "log"
-    suffix: str  #: suffix of the files that are read if a folder is given, ".log"
-
-    def can_read(self, path: str) -> bool:
-        """Whether the file or folder at `path` is of this kind, by its first bytes or its name."""
-
-    def read(self, path: str, mapping: FieldMapping) -> Recording:
-        """The Recording in a file, by what the mapping says. Raises GroundError."""
-
-
-READERS: List[Reader] = []  #: a user's own, beside those of bags and tables
-
-
-def _names() -> List[str]:
-    return [BAG, ROS2, TABLE, *(reader.name for reader in READERS)]
-
-
-def _kind(path: str) -> str:
-    """The name of the kind of a file or folder. GroundError when there is no reader for it."""
+def _is_table(path: str) -> bool:
+    """Whether a file or folder is read as a table; GroundError where it is neither that nor a bag."""
     if not os.path.exists(path):
         raise GroundError("%s: no such file" % path)
-    is_folder = os.path.isdir(path)
     if os.path.isfile(os.path.join(path, METADATA)) or path.endswith((".mcap", ".db3")):
-        return ROS2
+        return False
+    is_folder = os.path.isdir(path)
     if path.lower().endswith(SUFFIXES) or (is_folder and _tables(path)):
-        return TABLE
-    if not is_folder:
-        with open(path, "rb") as file:
-            if file.read(len(containers.MAGIC)) == containers.MAGIC:
-                return BAG
-    for reader in READERS:
-        if reader.can_read(path):
-            return reader.name
-    kinds = " or a ".join(_names())
+        return True
     if is_folder:
-        raise GroundError("%s: a folder, not a %s; name the files in it" % (path, kinds))
-    raise GroundError("%s: not a %s" % (path, kinds))
+        raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
+    with open(path, "rb") as file:
+        if file.read(len(containers.MAGIC)) != containers.MAGIC:
+            raise GroundError("%s: %s" % (path, NO_RECORDING))
+    return False
 
 
 def _read_from(path: str, mapping: FieldMapping) -> List[str]:
     """The files that a recording is read from."""
-    kind = _kind(path)
-    if kind == TABLE:
+    if _is_table(path):
         return list(dict.fromkeys(_pair(path, mapping)))
     if os.path.isdir(path):
         return sorted(entry.path for entry in os.scandir(path) if entry.is_file())
@@ -81,47 +52,27 @@ def _read_from(path: str, mapping: FieldMapping) -> List[str]:
 
 def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     """The Recording in a file of any kind, by what the mapping says. Raises GroundError."""
-    kind = _kind(path)
-    own = next((reader for reader in READERS if reader.name == kind), None)
-    if own is not None:
-        files = [path] if os.path.isfile(path) else []
-        found = own.read(path, mapping)
-    elif kind != TABLE:
-        files = _read_from(path, mapping)
-        with Bag(path) as bag:
-            found = of_container(bag, mapping)
-    elif not mapping.of_tables:
+    is_table = _is_table(path)
+    if is_table and not mapping.of_tables:
         raise GroundError(
             "%s: which columns are times, poses and commands is not known; identify info %s "
             "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, path)
         )
-    else:
-        files = _read_from(path, mapping)
-        names = [os.path.basename(name) for name in files]
-        with Tables(files) as tables:
-            tables.path = path
-            found = of_container(tables, mapping.with_options(names[0], names[-1]))
+    files = _read_from(path, mapping)
+    if is_table:
+        mapping = mapping.with_options(os.path.basename(files[0]), os.path.basename(files[-1]))
+    with Tables(files) if is_table else Bag(path) as container:
+        container.path = path
+        found = of_container(container, mapping)
     # The description of a folder is not part of a run: the same run may be given without it.
-    measured = [name for name in files if os.path.basename(name) != METADATA]
-    return replace(found, digest=digest_of_files(measured) if measured else "")
+    return replace(found, digest=digest_of_files(f for f in files if os.path.basename(f) != METADATA))
 
 
 def opened(path: str) -> Container:
     """All that is in a file or folder, of which a mapping may choose. Raises GroundError."""
-    kind = _kind(path)
-    if kind == TABLE:
+    if _is_table(path):
         return Tables(_tables(path) if os.path.isdir(path) else [path])
-    if kind not in (BAG, ROS2):
-        raise GroundError("%s: a %s takes no mapping" % (path, kind))
     return Bag(path)
-
-
-def files(path: str, mapping: FieldMapping = DEFAULT) -> List[str]:
-    """The files that a recording is read from, with those beside it; empty where that is not known. Raises
-    GroundError."""
-    if _kind(path) not in (BAG, ROS2, TABLE):
-        return []
-    return [*_read_from(path, mapping), *run_settings.paths_beside(path)]
 
 
 def size(path: str) -> int:
@@ -212,25 +163,22 @@ def _stamps(columns: Columns, clock: Clock, where: str) -> Indices:
             missing = "no header" if clock.source == HEADER else "no time of receipt"
             raise GroundError("%s: %s; name the field that is the time in a mapping" % (where, missing))
         return np.asarray(columns[name])
-    paths = [path for path in (clock.field, clock.nanoseconds) if path]
+    paths = list(filter(None, (clock.field, clock.nanoseconds)))
     as_numbers = containers.values(columns, paths, where)
     bad = ~np.isfinite(as_numbers).all(axis=1)
     if bad.any():
         raise GroundError("%s: time number %d is not a number" % (where, np.argmax(bad) + 1))
     total = np.zeros(len(as_numbers), np.int64)
     for path, unit, as_number in zip(paths, (TIMES[clock.unit], 1), as_numbers.T):
-        given = containers.column(columns, path)
         far = (as_number < 0) | (as_number * unit >= LATEST)
         if far.any():
             raise GroundError(
                 "%s: a time is %g %s, which is not between 1970 and 2106; the key unit of the "
                 "mapping's time may be wrong" % (where, as_number[far][0], clock.unit)
             )
-        # Integers stay exact: those of nanoseconds have more digits than a float.
-        if given is not None and given.dtype.kind in "iu":
-            total += given.astype(np.int64) * unit
-        else:
-            total += np.rint(as_number * unit).astype(np.int64)
+        given = containers.column(columns, path)
+        exact = given is not None and given.dtype.kind in "iu"  # nanoseconds have more digits than a float
+        total += np.asarray(given, np.int64) * unit if exact else np.rint(as_number * unit).astype(np.int64)
     return total
 
 
@@ -255,20 +203,14 @@ def _lost(path: str, valid: Flags, raw: Array, settings: run_settings.Settings) 
     """How many poses are lost, with the axes that would keep them where these are why. GroundError when
     none is left."""
     lost = int((~valid).sum())
-    step = 1 + len(raw) // MOST_RAW
-    fit = units.fitting_axes(raw[::step]) if len(raw) else None
-    if fit is None or lost < MANY_LOST * len(valid) or "axes" not in settings.taken:
+    axes, share = units.likely_axes(raw[:: 1 + len(raw) // MOST_RAW]) if len(raw) else ("", 0.0)
+    if share < 0.5 or lost < MANY_LOST * len(valid) or "axes" not in settings.taken:
         return "%d poses are invalid and were left out" % lost
-    axes, share = fit
-    text = "%.0f%% of the poses do not fit the axes '%s' and were left out: --axes \"%s\" fits %.0f%%" % (
-        100 * lost / len(valid),
-        settings.changes[0].axes,
-        axes,
-        100 * share,
-    )
+    numbers = 100 * lost / len(valid), settings.changes[0].axes, axes, 100 * share
+    text = "%.0f%% of the poses do not fit the axes '%s' and were left out: --axes \"%s\" fits %.0f%%"
     if valid.sum() < 2:
-        raise GroundError("%s: %s" % (path, text))
-    return text
+        raise GroundError("%s: %s" % (path, text % numbers))
+    return text % numbers
 
 
 def _topics(source: Container, mapping: FieldMapping) -> Tuple[str, str]:
@@ -323,7 +265,7 @@ def _inside(folder: str, mapping: FieldMapping) -> List[str]:
     if os.path.isfile(os.path.join(folder, METADATA)):
         return [folder]
     found: List[str] = []
-    for suffix in (".bag", ".mcap", *(reader.suffix for reader in READERS)):
+    for suffix in (".bag", ".mcap"):
         found += glob.glob(os.path.join(glob.escape(folder), "*" + suffix))
     below = sorted(entry.path for entry in os.scandir(folder) if entry.is_dir())
     found += [path for path in below if os.path.isfile(os.path.join(path, METADATA))]
@@ -336,7 +278,7 @@ def _inside(folder: str, mapping: FieldMapping) -> List[str]:
     elif not found:
         found = _tables(folder)
     if not found:
-        raise GroundError("%s: there is no %s in this folder" % (folder, " or ".join(_names())))
+        raise GroundError("%s: there is no bag or bag of ROS 2 or table in this folder" % folder)
     return sorted(found)
 
 

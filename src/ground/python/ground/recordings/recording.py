@@ -142,21 +142,16 @@ class Recording:
             times, names = self.motion.times, ["x", "y", "psi", "u", "v", "r"]
             eta = np.where(self.motion.spikes[:, None], self.motion.eta, self.motion.measured)
             motion = np.column_stack([eta[:, :2], repair.wrap(eta[:, 2]), self.motion.nu])
-        at = np.searchsorted(self.control_times, times, side="right") - 1
-        commands = np.where((at < 0)[:, None], np.nan, self.controls[np.maximum(at, 0)])
+        commands = self.held(self.controls, times)
+        commands[times < self.control_times[0]] = np.nan
         taken = ["t", *names]
         channels = ["command." + name if name in taken else name for name in self.channels]
         rows = np.column_stack([times - times[0], motion, commands])
         return pandas.DataFrame(rows, columns=taken + channels)
 
     def __repr__(self) -> str:
-        return "<%s %s: %.2f s, %d poses, %d commands>" % (
-            type(self).__name__,
-            self.name,
-            self.duration,
-            len(self.pose_times),
-            len(self.control_times),
-        )
+        counts = self.duration, len(self.pose_times), len(self.control_times)
+        return "<%s %s: %.2f s, %d poses, %d commands>" % (type(self).__name__, self.name, *counts)
 
 
 def once(function: Callable[[Recording], _T]) -> Callable[[Recording], _T]:
@@ -254,25 +249,18 @@ def checked(
 
 def _check_range(path: str, every: Array, values: Array, limits: Tuple[float, float]) -> None:
     """GroundError when a command is outside the range of its channel. every: commands of all channels."""
-    least, most = limits
     low = values.min()
-    if low >= least - 1e-9 and values.max() <= most + 1e-9:
+    if low >= limits[0] - 1e-9 and values.max() <= limits[1] + 1e-9:
         return
     unit = units.command_unit(every[every != 0]) if (every != 0).any() else None
-    raise GroundError(
-        "%s: controls reach from %g to %g, but they are normalised to %g..%g;%s give their "
-        "channels a unit, or off and full, in a mapping (identify info --write-mapping drafts "
-        "one)%s"
-        % (
-            path,
-            every.min(),
-            every.max(),
-            least,
-            most,
-            " they seem to be in %s:" % unit if unit in ("percent", "microseconds") else "",
-            "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at "
-            "-1 has off: -1, full: 1"
-            if -1 <= low < 0
-            else "",
-        )
+    text = "%s: controls reach from %g to %g, but they are normalised to %g..%g;"
+    if unit in ("percent", "microseconds"):
+        text += " they seem to be in %s:" % unit
+    text += (
+        " give their channels a unit, or off and full, in a mapping (identify info --write-mapping drafts "
     )
+    text += "one)"
+    if -1 <= low < 0:
+        text += "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at -1 has "
+        text += "off: -1, full: 1"
+    raise GroundError(text % (path, every.min(), every.max(), *limits))

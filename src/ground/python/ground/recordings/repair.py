@@ -77,16 +77,7 @@ def repair(name: str, stamps: Array, measured: Array, clock_offset: float = 0.0)
     spikes = ~np.asarray(smoothed["used"])
     jumps = np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= MAX_GAP)
     return Motion(
-        times,
-        eta,
-        smoothed["eta"],
-        smoothed["nu"],
-        smoothed["nu_dot"],
-        noise,
-        spikes,
-        jumps,
-        clock,
-        repairs,
+        times, eta, smoothed["eta"], smoothed["nu"], smoothed["nu_dot"], noise, spikes, jumps, clock, repairs
     )
 
 

@@ -11,7 +11,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, 
 
 import numpy as np
 
-from ground.annotations import Array, Flags, Indices
+from ground.annotations import Array, Document, Flags, Indices
 from ground.recordings.recording import Recording, once
 from ground.recordings.repair import MAX_GAP, Motion
 
@@ -244,41 +244,30 @@ def _turned(rows: Array, angle: Array) -> Array:
     return np.column_stack([turned.real, turned.imag, rows[:, 2]])
 
 
-@dataclass(frozen=True)
-class Authority:
-    """What a thruster does to a craft at full input, with standard errors."""
-
-    forward: float  #: [m/s^2], along the measured body's x axis
-    right: float  #: [m/s^2], along its y axis
-    turn: float  #: [rad/s^2], clockwise from above
-    errors: Tuple[float, float, float]
-
-
-def authorities(recording: Recording) -> List[Authority]:
-    """The Authority of each thruster, by the accelerations that follow its commands; empty if the commands
-    do not distinguish the thrusters. Errors are those of a jackknife over blocks of time."""
+def authorities(recording: Recording) -> Document:
+    """What each thruster does to the craft at full input, by its name: forward and right, along the measured
+    body's axes [m/s^2], turn, clockwise from above [rad/s^2], and their standard errors, those of a jackknife
+    over blocks of time. Empty if the commands do not distinguish the thrusters."""
     motion, sent = recording.motion, recording.control_times
     inside = middle(motion.times) & (motion.times > sent[0]) & (motion.times < sent[-1])
-    times, wanted = motion.times[inside], accelerations(motion)[inside]
-    others = smooth_terms(motion.nu[inside])
-    if len(times) < 20 * others.shape[1]:
-        return []
-    wanted = _clipped(wanted)
-    commands = recording.held(recording.thrust, times - lag_of(recording))
+    others, wanted = smooth_terms(motion.nu[inside]), _clipped(accelerations(motion)[inside])
+    if len(wanted) < MIN_SAMPLES:
+        return {}
+    commands = recording.held(recording.thrust, motion.times[inside] - lag_of(recording))
     base = np.linalg.qr(others)[0]
     sizes = np.linalg.svd(commands - base @ (base.T @ commands), compute_uv=False)
     if not sizes[-1] > ALIKE * sizes[0]:
-        return []
+        return {}
     count, X = commands.shape[1], np.column_stack([commands, others])
-    block = np.arange(len(times)) * BLOCKS // len(times)
+    block = np.arange(len(X)) * BLOCKS // len(X)
 
     def fit(without: int) -> Array:
         some = block != without
         return np.asarray(np.linalg.lstsq(X[some], wanted[some], rcond=None)[0][:count])
 
     parts = np.array([fit(b) for b in range(BLOCKS)])
-    errors = np.sqrt((BLOCKS - 1) / BLOCKS * ((parts - parts.mean(axis=0)) ** 2).sum(axis=0))
-    return [
-        Authority(float(f), float(r), float(t), (float(e[0]), float(e[1]), float(e[2])))
-        for (f, r, t), e in zip(fit(-1), errors)
-    ]
+    errors = np.sqrt((BLOCKS - 1) / BLOCKS * ((parts - parts.mean(axis=0)) ** 2).sum(axis=0)).tolist()
+    return {
+        name: {"forward": forward, "right": right, "turn": turn, "errors": error}
+        for name, (forward, right, turn), error in zip(recording.thrusters, fit(-1).tolist(), errors)
+    }

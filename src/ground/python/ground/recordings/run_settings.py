@@ -7,6 +7,7 @@ message (ground_msgs/RunSettings). The contents of the files that they name are 
 
 import contextlib
 import hashlib
+import itertools
 import math
 import os
 import re
@@ -105,10 +106,7 @@ def settings_of(
     parameter file beside it, else the defaults. Adds to `warnings` what could not be read
     and what the poses do not need; raises GroundError for axes that are not a frame.
     """
-    given: Dict[str, Any] = {
-        "axes": mapping.poses.axes,
-        "heading_offset": mapping.poses.heading_offset,
-    }
+    given: Dict[str, Any] = {"axes": mapping.poses.axes, "heading_offset": mapping.poses.heading_offset}
     source = "recorded in the bag"
     changes = _in_bag(bag, warnings)
     if not changes:
@@ -184,36 +182,22 @@ def nodes(parameters: Any, name: str) -> Iterator[Document]:
             yield from nodes(value, name)
 
 
-class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
-    """Writes strings of several lines as blocks."""
-
-
-def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
-    style = "|" if "\n" in text else None
-    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
-
-
-_Dumper.add_representer(str, _text)
-
-
 def contents(parameters: Mapping[str, Any]) -> str:
     """YAML text with the contents of the model and room files that `parameters` (a dict by node) name;
     files that cannot be read are left out."""
     texts = ((path, _content(path)) for path in sorted(set(_paths(parameters))))
-    found = {path: text for path, text in texts if text is not None and len(text) <= LARGEST}
-    return str(yaml.dump({FILES: found}, Dumper=_Dumper) if found else "")
+    found = {path: text for path, text in texts if text and len(text) <= LARGEST}
+    return str(yaml.safe_dump({FILES: found}) if found else "")
 
 
 def document(parameters: Dict[str, Any]) -> str:
     """YAML text of parameters by node, with the contents of their files."""
-    return str(yaml.dump(parameters, Dumper=_Dumper) + contents(parameters))
+    return str(yaml.safe_dump(parameters) + contents(parameters))
 
 
 def _paths(parameters: Mapping[str, Any]) -> Iterator[str]:
-    for key, value in parameters.items():
-        if isinstance(value, dict):
-            yield from _paths(value)
-        elif key in NAMES and isinstance(value, str):
+    for path, value in _flat(parameters, ""):
+        if path.rsplit(".", 1)[-1] in NAMES and isinstance(value, str):
             yield value
 
 
@@ -293,23 +277,21 @@ def _flat(value: Any, path: str) -> Iterator[Tuple[str, Any]]:
 def flown_by(bag: Container) -> Tuple[Dict[str, str], Dict[str, RunFile]]:
     """How the craft was flown: `controller`, `design` or `reference` and the names of the files `model` and
     `room`, each if known; and the RunFile of `model` and `room` if their contents were recorded."""
-    found, kept = {}, {}
-    known = []
+    found, kept, known = {}, {}, []
     for message in bag.rows("ground_msgs/RunSettings"):
         with contextlib.suppress(ValueError, yaml.YAMLError, RecursionError):
             known.append(yaml.load(message["yaml"], LOADER))
     known += [parameters for _, parameters in beside(bag.path, [])]
-    for parameters in known:
-        for node in nodes(parameters, "controller"):
-            for name, key in FLOWN_BY.items():
-                value = node.get(key)
-                if name in found or not isinstance(value, str) or not value:
-                    continue
-                found[name] = os.path.basename(value) if name in NAMES else value
-                recorded = parameters.get(FILES)
-                text = recorded.get(value) if isinstance(recorded, dict) else None
-                if name in NAMES and isinstance(text, str):
-                    kept[name] = RunFile(value, text)
+    every = [(parameters, node) for parameters in known for node in nodes(parameters, "controller")]
+    for (parameters, node), (name, key) in itertools.product(every, FLOWN_BY.items()):
+        value = node.get(key)
+        if name in found or not isinstance(value, str) or not value:
+            continue
+        found[name] = os.path.basename(value) if name in NAMES else value
+        recorded = parameters.get(FILES)
+        text = recorded.get(value) if isinstance(recorded, dict) else None
+        if name in NAMES and isinstance(text, str):
+            kept[name] = RunFile(value, text)
     return found, kept
 
 

@@ -17,11 +17,7 @@ TYPICAL_NOISE = 3e-4  # standard deviation of a mocap [m]
 SPEED_STEP = 0.1  # over which speeds are taken [s]
 TURN = 60.0  # faster turns are those of degrees [rad/s]
 # Axes by the vertical one of the mocap's, up and down.
-VERTICAL = (
-    ("y, -z, -x", "y, z, x"),
-    ("x, z, -y", "x, -z, y"),
-    ("x, -y, -z", "x, y, z"),
-)
+VERTICAL = (("y, -z, -x", "y, z, x"), ("x, z, -y", "x, -z, y"), ("x, -y, -z", "x, y, z"))
 
 
 def speed(times: Array, positions: Array) -> float:
@@ -83,29 +79,22 @@ def in_degrees(times: Array, headings: Array) -> bool:
     return speed(times, headings[:, None]) > TURN
 
 
-def fitting_axes(rows: Array) -> Optional[Tuple[str, float]]:
-    """The axes that most poses fit, rows of position and quaternion, and the share of those; None where
-    less than half fit any."""
-    shares = {axes: upright(rows, axes) for pair in VERTICAL for axes in pair[:1]}
-    best = max(shares, key=lambda axes: shares[axes])
-    if shares[best] < 0.5:
-        return None
-    vertical = "xyz".index(best[-1])
-    up = float(np.median(rows[:, vertical])) >= 0
-    return (best if up else upside_down(best)), shares[best]
+def likely_axes(rows: Array) -> Tuple[str, float]:
+    """The axes that most poses fit, rows of position and quaternion (n, 7), and the share of those; of equal
+    ones those whose vertical moves least."""
+    shares = np.array([_upright(rows, pair[0]) for pair in VERTICAL])
+    best = int(np.lexsort([np.ptp(rows[:, :3], axis=0), -shares])[0])
+    is_up = np.median(rows[:, best]) >= 0
+    return VERTICAL[best][0 if is_up else 1], float(shares[best])
 
 
-def upright(rows: Array, axes: str) -> float:
-    """Share of poses, rows of position and quaternion (n, 7), that fit axes."""
+def _upright(rows: Array, axes: str) -> float:
+    """Share of poses that fit axes."""
     mapping = _core.AxisMapping(axes, 0.0)
-    return float(np.mean([mapping.to_planar(r[:3], r[3:]) is not None for r in rows]))
+    return float(np.isfinite(mapping.to_planar_rows(rows[:, :3].copy(), rows[:, 3:].copy())[:, 0]).mean())
 
 
 def upside_down(axes: str) -> str:
     """Axes with the vertical one, and one that makes the frame right-handed again, the other way."""
-    x, y, z = (word.strip() for word in axes.split(","))
-    return ", ".join([x, _opposite(y), _opposite(z)])
-
-
-def _opposite(word: str) -> str:
-    return word[1:] if word.startswith("-") else "-" + word.lstrip("+")
+    x, *others = (word.strip() for word in axes.split(","))
+    return ", ".join([x, *(word[1:] if word.startswith("-") else "-" + word.lstrip("+") for word in others)])

@@ -61,9 +61,7 @@ def problem(
 
 
 def error(
-    runs: Sequence[_core.RunData],
-    model: _core.Model,
-    windows: Optional[Sequence[_core.Window]] = None,
+    runs: Sequence[_core.RunData], model: _core.Model, windows: Optional[Sequence[_core.Window]] = None
 ) -> float:
     """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, over windows of 1.5 s of all runs if none are given.
 

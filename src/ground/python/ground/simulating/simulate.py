@@ -374,9 +374,7 @@ def disturbance_on(model: Model, given: Disturbance, trim: Optional[float]) -> O
         found = model.core.copy().disturbance
         if found.empty():
             raise OptionError(
-                "{0}: {model} has none; give SHARE and TIME",
-                "disturbance",
-                model=model.path or model.name,
+                "{0}: {model} has none; give SHARE and TIME", "disturbance", model=model.path or model.name
             )
         if trim is None:
             return found
@@ -423,11 +421,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = DETAILS
     command_line.add_model(parser, "true model of the craft")
     parser.add_argument(
-        "--input",
-        type=_kind,
-        required=True,
-        metavar="KIND",
-        help=", ".join(KINDS) + " or FILE.csv (below)",
+        "--input", type=_kind, required=True, metavar="KIND", help=", ".join(KINDS) + " or FILE.csv (below)"
     )
     command_line.add_output(parser, "RUN.bag")
     command_line.add_options(parser, SimulateOptions)

@@ -96,12 +96,7 @@ class SimulatedRun(Recording):
         off = self.truth_eta[at, :2] - self.references[:, 1:3]
         return float(np.sqrt((off**2).sum(axis=1).mean()))
 
-    def save(
-        self,
-        path: Path,
-        force: bool = False,
-        progress: Progress = None,
-    ) -> Dict[str, int]:
+    def save(self, path: Path, force: bool = False, progress: Progress = None) -> Dict[str, int]:
         """Writes a bag like those that launch/record.launch records. Returns the number of messages by
         topic. GroundError when it cannot be written, or exists and `force` is not set.
 

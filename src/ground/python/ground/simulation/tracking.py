@@ -88,9 +88,7 @@ def task(kind: str, settled: Optional[float] = None, until: Optional[float] = No
     if window is None:
         window = (0.0, reference_params.extent() + 2 * AFTER_STOP)
     return Task(
-        reference_params,
-        window[0] if settled is None else settled,
-        window[1] if until is None else until,
+        reference_params, window[0] if settled is None else settled, window[1] if until is None else until
     )
 
 
