@@ -11,7 +11,7 @@ from conftest import MODEL, ROOT, free_port, simulate_run, write_bag
 from test_identify import write_csv
 
 import rosbag
-from ground import cli, errors
+from ground import cli
 from ground.recordings import messages as topics
 from ground.data import info
 
