@@ -1,6 +1,5 @@
 """A comparison: its numbers, its lines of text, and the folder in which it is kept."""
 
-import fnmatch
 import os
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence
@@ -193,10 +192,9 @@ class Comparison(_Frame):
             }
             for run in runs
         ]
-        older = result_folder.older(numbers, SCHEMA)
-        stale = [name for name in os.listdir(place) if older and fnmatch.fnmatch(name, "*.wrench.*.csv")]
+        stale = ("report.html", "*.wrench.*.csv") if result_folder.is_of(numbers, SCHEMA) else ()
         result = self.to_dict(named)
-        with result_folder.replaced(place, [*stale, *(["report.html"] if older else [])], force) as new:
+        with result_folder.replaced(place, stale, force) as new:
             for run_of, own in zip(self.runs, named):
                 for study in run_of.studies:
                     path = os.path.join(new, os.path.basename(own[study["label"]]))

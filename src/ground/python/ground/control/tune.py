@@ -80,7 +80,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_model(parser, "model of the craft")
     command_line.add_output(parser, "GAINS.yaml")
     command_line.add_options(parser, TuneOptions)
-    add_picture(parser, "candidates, and errors before and after")
+    add_picture(parser, "errors before and after")
 
 
 def run(arguments: argparse.Namespace) -> Document:
@@ -122,7 +122,7 @@ def run(arguments: argparse.Namespace) -> Document:
     def figure() -> Document:
         from ground.reports import tracking_figures
 
-        return tracking_figures.tuned(compared, tried, result)
+        return tracking_figures.tuned(list(compared), result["table"])
 
     draw(arguments, figure, {})
     command_line.say(arguments, "\n".join(_lines(result)))
