@@ -143,7 +143,7 @@ class SenderLink(SenderTest):
             ("port", "fast", "port has the wrong type"),
             ("peer", "127.0.0.1:x", "is not HOST or HOST:PORT"),
             ("peer", "0.0.0.0", "is not the address of a craft"),
-            ("command_timeout", 9.0, "command_timeout = 9 is outside [0.02, 1]"),
+            ("command_timeout", 9.0, "command_timeout must be between 0.02 and 1 s, not 9"),
         ):
             self.assertIn(complaint, refusal("Sender", {"port": 0, name: value}))
 

@@ -25,7 +25,7 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
   input_max_ = model.body.input_max;
   thrusters_ = model.thrusters;
   obedience_.reset();
-  if (expects_obedience_ && controller_->follows()) obedience_.emplace(model);
+  if (expects_obedience_) obedience_.emplace(model);
 }
 
 void ReferencePilot::swapReference(ReferencePtr& reference) {
@@ -52,7 +52,6 @@ std::string ReferencePilot::objection(const MeasuredState& measured) {
     reference_start_ = stamp;
     watch_.restart();
   }
-  if (!controller_->follows()) return "";
   if (obedience_) {
     obedience_->measure(stamp, measured.state, measured.nu_variance);
     const std::string instead = obedience_->disobedience(kDisobedient);

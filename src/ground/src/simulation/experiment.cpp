@@ -59,7 +59,7 @@ class Player : public Driver {
 class LivePilot : public Driver {
  public:
   LivePilot(const DriveParams& params, ExperimentLog& log)
-      : params_(params), estimator_(makeKalmanEstimator(params.estimator)), log_(log) {}
+      : params_(params), estimator_(params.estimator), log_(log) {}
 
   /// Sets the pilot, which must outlive it.
   void take(Pilot& pilot) {
@@ -81,7 +81,7 @@ class LivePilot : public Driver {
     measured.stamp = frame.captured;
     measured.valid = true;
     if (params_.estimate) {
-      const StateEstimate& estimate = estimator_->update(frame.captured, frame.eta);
+      const StateEstimate& estimate = estimator_.update(frame.captured, frame.eta);
       if (!estimate.used && (estimate.ignored || estimate.valid)) return;
       measured.state = {estimate.eta, estimate.nu};
       measured.nu_variance = estimate.nu_covariance.diagonal();
@@ -129,7 +129,7 @@ class LivePilot : public Driver {
   }
 
   DriveParams params_;
-  std::unique_ptr<VelocityEstimator> estimator_;
+  VelocityEstimator estimator_;
   ExperimentLog& log_;
   Pilot* pilot_ = nullptr;
   std::unique_ptr<ControllerLifecycle> life_;
@@ -163,14 +163,6 @@ void note(const SimulatedLab& room, ExperimentLog& log) {
   log.truth.push_back({room.time(), state, room.derivative().nu, {seen.eta, seen.nu}, room.wrench()});
 }
 
-Command spoiled(Command command, CraftFault fault) {
-  if (fault == CraftFault::kSwapped) std::swap(command.thrusters(0), command.thrusters(1));
-  if (fault == CraftFault::kLeftOff) command.thrusters(0) = 0;
-  if (fault == CraftFault::kRightOff) command.thrusters(1) = 0;
-  if (fault == CraftFault::kNoLift) command.lift = 0;
-  return command;
-}
-
 void run(const Model& model, Driver& driver, const ExperimentParams& params, ExperimentLog& log) {
   SimulatedLab::Params place;
   place.initial = params.initial;
@@ -192,11 +184,7 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
     }
     if (now >= driver.end()) return;
     for (const Command& command : driver.act(now)) {
-      const bool faulty = now >= params.fault_from && now < params.fault_until;
-      if (!faulty || params.fault != CraftFault::kDeaf) {
-        Command heard = faulty ? spoiled(command, params.fault) : command;
-        room.command(heard.thrusters *= input_max, heard.lift);
-      }
+      room.command(input_max * asVector(command.thrusters), command.lift);
       log.commands.push_back(command);
     }
   }

@@ -52,8 +52,7 @@ class ReferencePilot : public Pilot {
 
   const ThrusterLayout& layout() const override { return *thrusters_; }
   void commanded(double time, const Inputs& inputs) override;
-  /// See DriveClock::record.
-  void driveBegan(double began, double as_of) { drive_.record(began, as_of); }
+  void driveBegan(double began, double as_of) override { drive_.record(began, as_of); }
 
   void activate(double stamp) override;
   std::string objection(const MeasuredState& measured) override;

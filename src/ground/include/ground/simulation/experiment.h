@@ -1,6 +1,5 @@
 #pragma once
 
-#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -14,19 +13,11 @@
 
 namespace ground {
 
-/// Simulated faults of the craft: it receives no commands, left and right thrusters are swapped, or
-/// one thruster or the lift fan is off.
-enum class CraftFault { kDeaf, kSwapped, kLeftOff, kRightOff, kNoLift };
-
 /// Craft and mocap of an experiment; its clock starts at 0 s.
 struct ExperimentParams {
   RigidState<double> initial;  ///< initial state of the craft
   MocapParams mocap;
   unsigned long seed = 1;  ///< for noise and losses of the mocap, and for the disturbance
-  /// The fault, and its start and end [s].
-  CraftFault fault = CraftFault::kDeaf;
-  double fault_from = std::numeric_limits<double>::infinity();
-  double fault_until = std::numeric_limits<double>::infinity();
   /// Disturbance of the craft; Model::disturbance is not used.
   Disturbance disturbance = {};
   /// The craft, which must outlive the experiment; null for one that moves by the model. With a
@@ -37,10 +28,11 @@ struct ExperimentParams {
 
 /// A controller as in the nodelets, with states estimated from the delivered frames.
 struct DriveParams {
+  DriveParams() { life.require_armed = false; }
+
   EstimatorParams estimator;
-  bool estimate = true;  ///< otherwise states are exact measurements at the frames' captures
-  /// Defaults of the tracking nodelets, except that no sender has to be armed.
-  LifecycleParams life = {1.0, 1.0, 0.2, 0.5, 50.0, false};
+  bool estimate = true;      ///< otherwise states are exact measurements at the frames' captures
+  LifecycleParams life;      ///< no sender has to be armed
   double start = 0.5;        ///< start of the controller; the lift waits for a valid state [s]
   double duration = 20.0;    ///< duration of driving [s]
   double tail = 0.5;         ///< recording time after the end [s]

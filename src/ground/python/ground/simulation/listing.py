@@ -4,7 +4,7 @@ from typing import Any, Dict, Iterable, Optional
 
 from ground import _core
 from ground.annotations import Setting
-from ground.simulation import gains, tracking
+from ground.simulation import gains, tracking, tuning
 
 
 def controllers(names: Iterable[str]) -> str:
@@ -12,7 +12,9 @@ def controllers(names: Iterable[str]) -> str:
     lines = ["controllers and their parameters [unit], range (default); * searched by tune:"]
     for info in (gains.CONTROLLERS[name] for name in names):
         lines.append("  %-18s %s" % (info.name, info.text))
-        lines += ["    " + _line(p) + (" *" if p.search else "") for p in info.parameters]
+        lines += [
+            "    " + _line(p) + (" *" if p.name in tuning.SPACE[info.name] else "") for p in info.parameters
+        ]
     return "\n".join(lines) + "\n"
 
 

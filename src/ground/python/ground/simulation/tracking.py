@@ -13,8 +13,7 @@ from ground.recordings import tracks
 from ground.simulation import gains
 from ground.workers import Workers
 
-# Controllers that follow a reference; the open-loop PRBS does not.
-CONTROLLERS = [info.name for info in gains.CONTROLLERS.values() if info.follows]
+CONTROLLERS = list(gains.CONTROLLERS)
 KINDS = {info.name: info for info in _core.reference_table()}
 PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set parameters of references
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
@@ -169,8 +168,6 @@ def run(
     that stopped itself has infinite errors.
     """
     conditions = conditions or Conditions()
-    if not gains.CONTROLLERS[controller.kind].follows:  # it plays for the whole task
-        controller.values = {"duration": task.until}
     params = _core.TrackingParams()
     params.reference, params.controller = task.reference, controller
     params.life.rate, params.duration, params.max_error = rate, task.until, max_error
