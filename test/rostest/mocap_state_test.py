@@ -164,10 +164,10 @@ class MocapStateTest(unittest.TestCase):
         settings = harness.Latest("mocap_state/settings", MocapSettings)
         harness.wait_for(lambda: settings.message, 5, "the latched settings")
         self.assertEqual((settings.message.axes, settings.message.heading_offset), ("x, z, -y", 0.5))
-        last = self.state.message.header.stamp
         client.update_configuration({"heading_offset": 0.0})
         harness.wait_for(lambda: settings.message.heading_offset == 0, 5, "the new settings")
-        self.assertEqual(settings.message.header.stamp, last)
+        last = lambda: self.state.message.header.stamp  # noqa: E731
+        harness.wait_for(lambda: settings.message.header.stamp == last(), 5, "the stamp of the last state")
         client.close()
 
 

@@ -96,10 +96,10 @@ void expectTurns(const ExperimentLog& log) {
   EXPECT_LT(log.marks.back().time, drivenUntil(log) + kTolerance);
   for (const auto& decision : log.decisions) {
     const auto next = std::find_if(log.marks.begin(), log.marks.end(),
-                                   [&](const Mark& mark) { return mark.time > decision.time; });
+                                   [&](const Mark& mark) { return mark.time > decision.now; });
     const Mark& last = *(next - 1);
-    const bool ends_now = last.burst && last.time == decision.time;
-    EXPECT_TRUE(!last.burst || ends_now) << "a decision within a burst, " << decision.time;
+    const bool ends_now = last.burst && last.time == decision.now;
+    EXPECT_TRUE(!last.burst || ends_now) << "a decision within a burst, " << decision.now;
   }
 }
 

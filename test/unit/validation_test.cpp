@@ -59,9 +59,6 @@ TEST(Ranges, OfExperimentsAndDesigns) {
   EXPECT_NE(refusal(ReturnParams(), &ReturnParams::burst, 1e9), "");
   for (double DriveParams::*field : {&DriveParams::start, &DriveParams::tail, &DriveParams::duration})
     EXPECT_NE(refusal(DriveParams(), field, -1), "");
-  for (const double good : {0.0, 0.3, kInfinity})
-    EXPECT_EQ(refusal(TrackingParams(), &TrackingParams::max_error, good), "") << good;
-  EXPECT_NE(refusal(TrackingParams(), &TrackingParams::max_error, -0.1), "");
   EXPECT_EQ(refusal(MonitorParams(), &MonitorParams::window, MonitorParams().horizon), "");
   EXPECT_NE(refusal(MonitorParams(), &MonitorParams::window, 0.99 * MonitorParams().horizon), "");
 }

@@ -12,7 +12,6 @@ ControllerInfo following(const std::string& name, const std::string& text, Param
   return {name,
           text,
           lifted(params, Params::table()),
-          [params](const C& choice) { return (choice.*params).validate(); },
           &Control::effectUse,
           [params](const Model& model, const C& choice) {
             return std::make_unique<Control>(model, choice.*params);
@@ -43,21 +42,11 @@ const ControllerInfo& controllerInfo(const std::string& kind) {
   return *info;
 }
 
-std::string ControllerChoice::validate() const {
-  try {
-    return controllerInfo(kind).validate(*this);
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-}
-
 EffectUse effectUse(const std::string& kind, const Model& model) {
   return controllerInfo(kind).effectUse(model);
 }
 
 std::unique_ptr<TrackingController> makeController(const Model& model, const ControllerChoice& params) {
-  const std::string wrong = params.validate();
-  if (!wrong.empty()) throw std::invalid_argument(wrong);
   return controllerInfo(params.kind).make(model, params);
 }
 

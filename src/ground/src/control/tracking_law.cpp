@@ -88,8 +88,8 @@ EffectUse BacksteppingControl::effectUse(const Model& model) {
 
 BacksteppingControl::BacksteppingControl(const Model& model, const TrackingGains& gains)
     : law_(model), gains_(gains) {
-  const std::string refusal = effectUse(model).refusal;
-  if (!refusal.empty()) throw std::invalid_argument(refusal);
+  for (const std::string& wrong : {gains.validate(), effectUse(model).refusal})
+    if (!wrong.empty()) throw std::invalid_argument(wrong);
 }
 
 }  // namespace ground

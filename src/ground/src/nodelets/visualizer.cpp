@@ -60,31 +60,29 @@ class Visualizer : public Shell {
       if (c.cell != floor_.cell()) floor_ = FloorMap(c.cell);
       config_ = c;
     });
-    const auto listen = [&](const std::string& topic, ground_msgs::ModelError::ConstPtr& newest) {
-      return topics.subscribe<ground_msgs::ModelError>(
-          topic, 50, [this, &newest](const auto& m) { onError(m, newest); });
-    };
-    error_subscribers_ = {listen("model_error", errors_[0]), listen("model_error2", errors_[1])};
-    comparison_subscriber_ = topics.subscribe("model_comparison", 5, &Visualizer::onComparison, this);
-    controls_subscriber_ = topics.subscribe("controls", 50, &Visualizer::onControls, this);
+    error_subscribers_ = {
+        topics.subscribe<ground_msgs::ModelError>("model_error", 50, [this](const auto& m) { onError(m); }),
+        keep(topics, "model_error2", errors_[1])};
+    comparison_subscriber_ = keep(topics, "model_comparison", comparison_);
+    controls_subscriber_ = keep(topics, "controls", controls_);
     state_subscriber_ = topics.subscribe("state", 50, &Visualizer::onState, this);
   }
 
-  void onControls(const ground_msgs::Controls::ConstPtr& controls) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    controls_ = controls;
+  /// Stores the newest message of a topic.
+  template <class Message>
+  ros::Subscriber keep(ros::NodeHandle& topics, const std::string& topic,
+                       boost::shared_ptr<const Message>& newest) {
+    return topics.subscribe<Message>(topic, 50, [this, &newest](const auto& message) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      newest = message;
+    });
   }
 
-  void onError(const ground_msgs::ModelError::ConstPtr& error, ground_msgs::ModelError::ConstPtr& newest) {
+  void onError(const ground_msgs::ModelError::ConstPtr& error) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    newest = error;
-    if (&newest != &errors_[0] || error->window < kMinWindow) return;
+    errors_[0] = error;
+    if (error->window < kMinWindow) return;
     floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1], error->error_now);
-  }
-
-  void onComparison(const ground_msgs::ModelComparison::ConstPtr& comparison) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    comparison_ = comparison;
   }
 
   void onState(const ground_msgs::State::ConstPtr& state) {

@@ -8,7 +8,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include "ground/control/reference_pilot.h"
 #include "ground/estimation/velocity_estimator.h"
 
 namespace ground {
@@ -138,17 +137,6 @@ class LivePilot : public Driver {
   double end_ = std::numeric_limits<double>::infinity();
 };
 
-void noteDecision(const ReferencePilot::Decision& made, double input_max, ExperimentLog& log) {
-  log.decisions.push_back({made.now, made.stamp, input_max * asVector(made.inputs),
-                           input_max * asVector(made.wanted), made.computing});
-}
-
-void note(const ReferencePilot::Decision& decision, double input_max, ExperimentLog& log) {
-  noteDecision(decision, input_max, log);
-  if (log.references.empty() || decision.stamp > log.references.back().time)
-    log.references.push_back({decision.stamp, decision.reference});
-}
-
 void note(const SimulatedLab& room, ExperimentLog& log) {
   const RigidState<double>& state = room.state();
   if (!state.eta.allFinite() || !state.nu.allFinite()) {
@@ -215,19 +203,6 @@ std::string DriveParams::validate() const {
   return "";
 }
 
-std::string TrackingParams::validate() const {
-  if (!(max_error >= 0)) return "max_error must not be negative";
-  for (const std::string& wrong : {DriveParams::validate(), controller.validate()})
-    if (!wrong.empty()) return wrong;
-  return "";
-}
-
-std::string ExcitationParams::validate() const {
-  for (const std::string& wrong : {DriveParams::validate(), design.validate()})
-    if (!wrong.empty()) return wrong;
-  return "";
-}
-
 ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, double duration,
                            const ExperimentParams& params) {
   if (!(duration > 0) || !std::isfinite(duration)) throw std::invalid_argument("duration must be positive");
@@ -249,12 +224,16 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
 ExperimentLog trackReference(const Model& model, const Model& believed, const TrackingParams& tracking,
                              const ExperimentParams& params) {
   require(tracking.validate());
+  require(tracking.max_error >= 0 ? "" : "max_error must not be negative");
   requireSameThrusters(model, believed);
   ExperimentLog log;
   LivePilot live(tracking, log);
-  const double input_max = believed.body.input_max;
   ReferencePilot pilot([&live] { return live.now(); },
-                       [&log, input_max](const ReferencePilot::Decision& d) { note(d, input_max, log); });
+                       [&log](const ReferencePilot::Decision& made) {
+                         log.decisions.push_back(made);
+                         if (log.references.empty() || made.stamp > log.references.back().time)
+                           log.references.push_back({made.stamp, made.reference});
+                       });
   std::unique_ptr<TrackingController> controller = makeController(believed, tracking.controller);
   ReferencePtr reference = makeReference(tracking.reference);
   if (tracking.room) controller->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
@@ -274,11 +253,9 @@ ExperimentLog excite(const Model& model, const Model& believed, const Excitation
   requireSameThrusters(model, believed);
   ExperimentLog log;
   LivePilot live(excitation, log);
-  const double input_max = believed.body.input_max;
-  ExcitationPilot pilot(
-      [&live] { return live.now(); },
-      [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); },
-      [&log, input_max](const ReferencePilot::Decision& d) { noteDecision(d, input_max, log); });
+  ExcitationPilot pilot([&live] { return live.now(); },
+                        [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); },
+                        [&log](const ReferencePilot::Decision& made) { log.decisions.push_back(made); });
   DesignParams design = excitation.design;
   design.thrusters = believed.thrusters;
   InputSignal signal = makeDesign(design, excitation.duration);

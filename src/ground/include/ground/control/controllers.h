@@ -16,16 +16,12 @@ struct ControllerChoice {
   std::string kind = "TrajectoryTracking";  ///< a name in controllerTable()
   TrackingGains gains;                      ///< TrajectoryTracking
   PredictiveParams predictive;              ///< ModelPredictive
-
-  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
 /// Description of a kind of controller.
 struct ControllerInfo {
   std::string name, text;
   Tunables<ControllerChoice> parameters;
-  /// Error message for its parameters in a choice; empty if they are valid.
-  std::function<std::string(const ControllerChoice&)> validate;
   EffectUse (*effectUse)(const Model&);
   /// Makes a controller. Throws std::invalid_argument if parameters are bad or it must not drive by
   /// this model.

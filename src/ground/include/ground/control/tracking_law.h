@@ -48,7 +48,7 @@ class BacksteppingControl : public TrackingController {
  public:
   static EffectUse effectUse(const Model& model);
 
-  /// Throws std::invalid_argument if it must not drive by this model (effectUse).
+  /// Throws std::invalid_argument if gains are bad or it must not drive by this model (effectUse).
   BacksteppingControl(const Model& model, const TrackingGains& gains);
   void setParams(const TrackingGains& gains) { gains_ = gains; }
   Thrusters<double> decide(const Observation& seen) override {

@@ -7,6 +7,7 @@
 #include "ground/control/controller_lifecycle.h"
 #include "ground/control/controllers.h"
 #include "ground/control/excitation_pilot.h"
+#include "ground/control/reference_pilot.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/estimation/motion_filter.h"
 #include "ground/simulation/simulated_lab.h"
@@ -47,16 +48,12 @@ struct TrackingParams : DriveParams {
   ControllerChoice controller;
   /// Error at which TrackingWatch stops it [m]; 0: defaultMaxError; infinity: never.
   double max_error = 0;
-
-  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
 /// An input design; with a room, in bursts between returns to its home.
 struct ExcitationParams : DriveParams {
   DesignParams design;
   ReturnParams returns;  ///< its room is not used; see DriveParams::room
-
-  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
 /// The recording of an experiment, and its true motion.
@@ -73,13 +70,6 @@ struct ExperimentLog {
     RigidState<double> measured;  ///< exact measurement of the state
     Vector3<double> wrench;       ///< wrench of the disturbance: X, Y [N], N [N m], body
   };
-  struct Decision {
-    double time;                  ///< [s]
-    double stamp;                 ///< stamp of the state that it is based on [s]
-    Thrusters<double> thrusters;  ///< inputs, in the model's units
-    Thrusters<double> wanted;     ///< inputs before they were limited
-    double computing;             ///< CPU time [s]
-  };
   struct Stage {
     double time;  ///< start [s]
     ControllerLifecycle::State state;
@@ -92,9 +82,9 @@ struct ExperimentLog {
 
   std::vector<MocapFrame> frames;  ///< in the order of delivery; psi in (-pi, pi]
   std::vector<Command> commands;
-  std::vector<Truth> truth;                  ///< at every frame's capture, including lost frames
-  std::vector<Reference> references;         ///< only when tracking
-  std::vector<Decision> decisions;           ///< only when tracking or returning home
+  std::vector<Truth> truth;                         ///< at every frame's capture, including lost frames
+  std::vector<Reference> references;                ///< only when tracking
+  std::vector<ReferencePilot::Decision> decisions;  ///< only when tracking or returning home
   std::vector<Stage> stages;                 ///< states of the controller's life cycle, if there is one
   std::vector<ExcitationPilot::Mark> marks;  ///< bursts and returns of an excitation
   std::string stopped;    ///< why the controller stopped before its end; empty if it did not

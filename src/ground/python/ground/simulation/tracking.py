@@ -185,14 +185,14 @@ def run(
         raise GroundError(str(error))
     if not len(log["references"]):
         raise GroundError("the controller stopped before it drove: %s" % log["stopped"])
-    found = _tracked(log, task, believed.input_max)
+    found = _tracked(log, task)
     if log["stopped"]:
         at = log["stopped_at"] - log["references"][0, 0]
         found.numbers.update(rms=np.inf, max=np.inf, stopped=log["stopped"], stopped_at=at)
     return found
 
 
-def _tracked(log: Document, task: Task, input_max: float) -> Tracked:
+def _tracked(log: Document, task: Task) -> Tracked:
     began = log["references"][0, 0]
     truth, decisions = log["truth"], log["decisions"]
     times = truth[:, 0] - began
@@ -202,7 +202,7 @@ def _tracked(log: Document, task: Task, input_max: float) -> Tracked:
         times,
         truth[kept, 1:4],
         task.reference.sample(times),
-        np.column_stack([decisions[:, 0] - began, decisions[:, 2], decisions[:, 3:] / input_max]),
+        np.column_stack([decisions[:, 0] - began, decisions[:, 2], decisions[:, 3:]]),
     )
     found.numbers = _numbers(found, task)
     return found
