@@ -33,7 +33,7 @@ TrackingParams mvwtCircle() {
   TrackingParams tracking;
   tracking.reference.size = 1.5;
   tracking.reference.rate_of_turn = 0.3;
-  tracking.controller.gains = {4, 0.6, 1.5, 1.5, -0.01, 0};  // (4.10)
+  static_cast<TrackingGains&>(tracking.controller) = {4, 0.6, 1.5, 1.5, -0.01, 0};  // (4.10)
   tracking.duration = 60;
   return tracking;
 }
@@ -111,7 +111,7 @@ TEST(Experiment, TruthIsTheModelSimulatedWithTheCommandsOfTheLog) {
 TEST(Experiment, TracksACircleWithANoisyMocap) {
   // With delta_1 of (4.10), -0.01 m/s, noise of the velocity makes the craft turn wildly.
   TrackingParams tracking = mvwtCircle();
-  tracking.controller.gains.delta_1 = -0.1;
+  tracking.controller.delta_1 = -0.1;
   EXPECT_LT(worst(trackReference(mvwt(), mvwt(), tracking, {}), 40), 0.1);
 
   // The Tiny Whoover's gains (4.11) always saturate: its error is up to the size of the circle.

@@ -5,19 +5,19 @@
 namespace ground {
 namespace {
 
-/// Description of a Control that follows a reference, with its Params in ControllerChoice.
+/// Description of a Control with its Params.
 template <class Control, class Params>
-ControllerInfo following(const std::string& name, const std::string& text, Params ControllerChoice::*params) {
+ControllerInfo following(const std::string& name, const std::string& text) {
   using C = ControllerChoice;
   return {name,
           text,
-          lifted(params, Params::table()),
+          joined<C>(Params::table()),
           &Control::effectUse,
-          [params](const Model& model, const C& choice) {
-            return std::make_unique<Control>(model, choice.*params);
+          [](const Model& model, const C& choice) -> std::unique_ptr<TrackingController> {
+            return std::make_unique<Control>(model, choice);
           },
-          [params](TrackingController& controller, const C& choice) {
-            static_cast<Control&>(controller).setParams(choice.*params);
+          [](TrackingController& controller, const C& choice) {
+            static_cast<Control&>(controller).setParams(choice);
           }};
 }
 
@@ -25,11 +25,10 @@ ControllerInfo following(const std::string& name, const std::string& text, Param
 
 const std::vector<ControllerInfo>& controllerTable() {
   static const std::vector<ControllerInfo> table = {
-      following<BacksteppingControl>("TrajectoryTracking", "Backstepping on the rigid body (thesis 4.2)",
-                                     &ControllerChoice::gains),
-      following<PredictiveControl>("ModelPredictive",
-                                   "Model predictive control on the whole model, effects included",
-                                   &ControllerChoice::predictive),
+      following<BacksteppingControl, TrackingGains>("TrajectoryTracking",
+                                                    "Backstepping on the rigid body (thesis 4.2)"),
+      following<PredictiveControl, PredictiveParams>(
+          "ModelPredictive", "Model predictive control on the whole model, effects included"),
   };
   return table;
 }

@@ -9,18 +9,20 @@ namespace ground {
 
 std::string ReturnParams::validate() const {
   if (!(burst >= 0.1 && burst <= 3600)) return "burst must be between 0.1 and 3600 s";
-  for (const std::string& wrong : {room.validate(), predictive.validate()})
-    if (!wrong.empty()) return wrong;
-  return "";
+  return room.validate();
 }
 
-ExcitationPilot::ExcitationPilot(ReferencePilot::Clock clock, Marked marked, ReferencePilot::Decided decided)
+ExcitationPilot::ExcitationPilot(ReferencePilot::Clock clock, Marked marked, ReferencePilot::Decided decided,
+                                 ReferencePilot::Clock steady)
     : clock_(clock),
       marked_(std::move(marked)),
       // Decisions during a burst only plan the way home and are not reported.
-      home_(clock, [this, decided](const ReferencePilot::Decision& decision) {
-        if (!bursting_) decided(decision);
-      }) {}
+      home_(
+          clock,
+          [this, decided](const ReferencePilot::Decision& decision) {
+            if (!bursting_) decided(decision);
+          },
+          std::move(steady)) {}
 
 void ExcitationPilot::play(InputSignal signal, double duration) {
   setNext({std::move(signal), duration, std::nullopt, Model()});
@@ -47,7 +49,7 @@ void ExcitationPilot::takeNext() {
   returns_ = next_->returns;
   if (returns_) {
     const Room& room = returns_->room;
-    auto control = std::make_unique<PredictiveControl>(next_->model, returns_->predictive);
+    auto control = std::make_unique<PredictiveControl>(next_->model, PredictiveParams());
     control->avoid({Fence(room, room.margin), Fence::kLoss});
     control_ = control.get();
     std::unique_ptr<TrackingController> controller = std::move(control);

@@ -16,8 +16,8 @@ double processorTime() {
 
 }  // namespace
 
-ReferencePilot::ReferencePilot(Clock clock, Decided decided)
-    : clock_(std::move(clock)), decided_(std::move(decided)) {}
+ReferencePilot::ReferencePilot(Clock clock, Decided decided, Clock steady)
+    : clock_(std::move(clock)), steady_(std::move(steady)), decided_(std::move(decided)) {}
 
 void ReferencePilot::swapController(std::unique_ptr<TrackingController>& controller, const Model& model) {
   controller_.swap(controller);

@@ -25,7 +25,7 @@ namespace ground {
 /// (takes effect at the next start). A file with a column lift sets the lift, too.
 class Excitation : public Controller {
  public:
-  Excitation() : Controller(pilot_) { pilot_.setSteadyClock(steadyNow); }
+  Excitation() : Controller(pilot_) {}
   ~Excitation() override {
     model_service_ = ModelService();
     reconfigure_.reset();
@@ -136,7 +136,7 @@ class Excitation : public Controller {
   Config config_;
   ExcitationPilot pilot_{[this] { return seconds(ros::Time::now()); },
                          [this](const ExcitationPilot::Mark& mark) { marked(mark); },
-                         [this](const ReferencePilot::Decision& decision) { note(decision); }};
+                         [this](const ReferencePilot::Decision& decision) { note(decision); }, steadyNow};
   ros::Publisher burst_publisher_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
   ModelService model_service_;

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -12,10 +11,8 @@
 namespace ground {
 
 /// A controller by its name, and the parameters of each kind.
-struct ControllerChoice {
+struct ControllerChoice : TrackingGains, PredictiveParams {
   std::string kind = "TrajectoryTracking";  ///< a name in controllerTable()
-  TrackingGains gains;                      ///< TrajectoryTracking
-  PredictiveParams predictive;              ///< ModelPredictive
 };
 
 /// Description of a kind of controller.
@@ -25,9 +22,9 @@ struct ControllerInfo {
   EffectUse (*effectUse)(const Model&);
   /// Makes a controller. Throws std::invalid_argument if parameters are bad or it must not drive by
   /// this model.
-  std::function<std::unique_ptr<TrackingController>(const Model&, const ControllerChoice&)> make;
+  std::unique_ptr<TrackingController> (*make)(const Model&, const ControllerChoice&);
   /// Sets valid parameters of a controller that make() made.
-  std::function<void(TrackingController&, const ControllerChoice&)> tune;
+  void (*tune)(TrackingController&, const ControllerChoice&);
 };
 
 /// All kinds: TrajectoryTracking, ModelPredictive.

@@ -18,7 +18,6 @@ namespace ground {
 struct ReturnParams {
   Room room;
   double burst = 4.0;  ///< longest burst [s]
-  PredictiveParams predictive;
 
   std::string validate() const;  ///< error message; empty if all values are valid
 };
@@ -46,12 +45,12 @@ class ExcitationPilot : public Pilot {
   };
   using Marked = std::function<void(const Mark&)>;
 
-  ExcitationPilot(ReferencePilot::Clock clock, Marked marked, ReferencePilot::Decided decided);
+  /// See ReferencePilot.
+  ExcitationPilot(ReferencePilot::Clock clock, Marked marked, ReferencePilot::Decided decided,
+                  ReferencePilot::Clock steady = nullptr);
   ExcitationPilot(const ExcitationPilot&) = delete;
   ExcitationPilot& operator=(const ExcitationPilot&) = delete;
 
-  /// See ReferencePilot::setSteadyClock.
-  void setSteadyClock(ReferencePilot::Clock clock) { home_.setSteadyClock(std::move(clock)); }
   /// Sets the signal to play in open loop, for `duration` [s] or until it ends. Takes effect with the
   /// next activation.
   void play(InputSignal signal, double duration);

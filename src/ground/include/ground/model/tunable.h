@@ -81,17 +81,6 @@ struct Tunable : TunableInfo {
 template <class Params>
 using Tunables = std::vector<Tunable<Params>>;
 
-/// The parameters of `Part` as parameters of a struct that has `Part` as a member.
-template <class Params, class Part>
-Tunables<Params> lifted(Part Params::*part, const Tunables<Part>& table) {
-  Tunables<Params> found;
-  for (const Tunable<Part>& one : table)
-    found.emplace_back(
-        one, [part, get = one.get](const Params& params) { return get(params.*part); },
-        [part, set = one.set](Params& params, const Setting& s) { set(params.*part, s); });
-  return found;
-}
-
 /// The parameters of the bases `Parts` of a struct.
 template <class Params, class... Parts>
 Tunables<Params> joined(const Tunables<Parts>&... tables) {

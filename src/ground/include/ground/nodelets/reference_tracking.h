@@ -44,9 +44,7 @@ template <class Config>
 class ReferenceTracking : public Controller {
  protected:
   /// kind: a name in controllerTable().
-  explicit ReferenceTracking(const std::string& kind) : Controller(pilot_), kind_(controllerInfo(kind)) {
-    pilot_.setSteadyClock(steadyNow);
-  }
+  explicit ReferenceTracking(const std::string& kind) : Controller(pilot_), kind_(controllerInfo(kind)) {}
   /// See Controller::shutdown. Every child's destructor must call it first.
   void shutdown() {
     model_service_ = ModelService();
@@ -201,7 +199,7 @@ class ReferenceTracking : public Controller {
   Config config_;
   ReferenceParams reference_;
   ReferencePilot pilot_{[this] { return seconds(ros::Time::now()); },
-                        [this](const ReferencePilot::Decision& d) { decided(d); }};
+                        [this](const ReferencePilot::Decision& d) { decided(d); }, steadyNow};
   std::optional<ReferencePoint> point_;  ///< that of a decision that is not published yet
   ros::Time published_;                  ///< stamp of the newest message of the reference; guarded by mutex()
   ros::Publisher reference_publisher_, path_publisher_;
