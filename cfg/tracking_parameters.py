@@ -31,6 +31,11 @@ def add_reference(gen):
 def add_common(gen):
     add = gen.add_group("Common").add
     add("rate", double_t, 0, "Control rate [Hz]", 50.0, 10.0, 500.0)
+    add("lift", double_t, 0, "Lift fan [0..1]", 1.0, 0.0, 1.0)
+    add("lift_time", double_t, 0, "Lift alone before the thrusters start [s]", 1.0, 0.0, 30.0)
+    add("state_timeout", double_t, 0, "Oldest state with which to drive [s]", 0.2, 0.02, 2.0)
+    add("recovery_time", double_t, 0, "No thrust without a state until a stop [s]", 0.5, 0.0, 5.0)
+    add = gen.add_group("End").add
     add("duration", double_t, 0, "Stop after this long, 0 for never [s]", 0.0, 0.0, 36000.0)
     add(
         "max_error",
@@ -41,7 +46,3 @@ def add_common(gen):
         0.0,
         1000.0,
     )
-    add("lift", double_t, 0, "Lift fan [0..1]", 1.0, 0.0, 1.0)
-    add("lift_time", double_t, 0, "Lift alone before the thrusters start [s]", 1.0, 0.0, 30.0)
-    add("state_timeout", double_t, 0, "Oldest state with which to drive [s]", 0.2, 0.02, 2.0)
-    add("recovery_time", double_t, 0, "No thrust without a state until a stop [s]", 0.5, 0.0, 5.0)

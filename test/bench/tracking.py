@@ -25,7 +25,6 @@ REFERENCES = {
     "line": {},
 }
 CONTROLLERS = [
-    ("open-loop PRBS", "OpenLoopPRBS", None),
     ("backstepping (4.11)", "TrajectoryTracking", "thesis_4_11.yaml"),
     ("backstepping (4.12)", "TrajectoryTracking", "thesis_4_12.yaml"),
     ("backstepping tuned", "TrajectoryTracking", "tiny_whoover.yaml"),

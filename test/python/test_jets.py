@@ -120,10 +120,6 @@ def test_designs_for_other_thrusters_say_what_they_need(table, tmp_path):
     file.write_text("1,0\n0,1\n")
     with pytest.raises(GroundError, match="not time,front_right_back,.*,air"):
         ground.simulate(TABLE, str(file), duration=5)
-    with pytest.raises(ValueError, match="OpenLoopPRBS has levels for a left and a right thruster"):
-        params = _core.TrackingParams()
-        params.controller.kind = "OpenLoopPRBS"
-        _core.track_reference(table, table, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1)
 
 
 def test_a_fit_finds_the_parameters_of_the_table(table):

@@ -120,12 +120,10 @@ def test_options_that_do_not_go_together_are_refused(tmp_path):
 
 
 def test_a_reference_too_large_for_the_room_is_refused_with_one_line(tmp_path):
-    for size, words in ((1.9, "it comes to 0.10 m of a wall"), (2.5, "it leaves the room by 0.50")):
-        options = ["--input", "tracking", "--room", ROOM, "--size", size]
-        result = refused(tmp_path, *options)
-        fails(result, "the reference does not fit into", "room_4x4.yaml", words, status=2)
-        last = result.stderr.strip().splitlines()[-1]
-        assert words in last and "does not fit" in last
+    for size in (1.9, 2.5):
+        result = refused(tmp_path, "--input", "tracking", "--room", ROOM, "--size", size)
+        fails(result, "the reference does not fit into", "room_4x4.yaml", "m outside", status=2)
+        assert "does not fit" in result.stderr.strip().splitlines()[-1]
     shifted = ["--input", "tracking", "--room", ROOM, "--size", 1.5, "--origin", 0.6, 0]
     fails(refused(tmp_path, *shifted), "the reference does not fit into", status=2)
 

@@ -77,7 +77,7 @@ class RoomTest(unittest.TestCase):
         self.check_states(status)
         self.check_edges(marks, controls)
 
-        walls = next(m for m in room.message.markers if m.id == 1)
+        walls = next(m for m in room.message.markers if m.id == 0)
         self.assertEqual(len(walls.points), 8)
         self.assertEqual(max(p.x for p in walls.points), HALF_WIDTH)
 

@@ -1,7 +1,6 @@
 #!/usr/bin/python3
 """Zeros are sent in time after faults of controller and state."""
 
-import math
 import sys
 import time
 
@@ -9,7 +8,7 @@ import rospy
 import rostest
 from rosgraph_msgs.msg import Clock
 
-from sender_rig import DRIVE, ZERO, SenderTest, kill, spawn_controller, wait_for
+from sender_rig import DRIVE, SenderTest, kill, spawn_controller, wait_for
 
 
 class SenderWatchdog(SenderTest):
@@ -32,32 +31,6 @@ class SenderWatchdog(SenderTest):
             self.feed.set(valid=valid)
             self.assert_zero_within_limit(self.hovercraft, self.feed.last_state, what)
             self.assert_fault("the state is " + what.split()[0])
-
-    def test_not_finite_command_is_refused(self):
-        self.arm_and_drive(self.hovercraft)
-        refused = self.status.refused
-        start = time.time()
-        self.feed.set(command=(math.nan, 0.25, 1.0))
-        self.assert_zero_within_limit(self.hovercraft, start, "commands of NaN only")
-        self.wait_status(lambda s: s.refused >= refused + 10, "refused")
-        # Until then only the last finite command was repeated.
-        sent = {p[1:] for p in self.hovercraft.since(start)}
-        self.assertEqual(sent, {DRIVE, ZERO})
-        self.assert_fault("not finite")
-
-    def test_messages_old_by_their_stamp(self):
-        if rospy.get_param("/use_sim_time", False):
-            self.skipTest("time stands still")
-        self.arm_and_drive(self.hovercraft)
-        self.feed.set(command_age=0.5)
-        start = self.feed.last_command
-        self.assert_zero_within_limit(self.hovercraft, start, "commands old by their stamp")
-        self.assert_fault("older by its stamp")
-        self.arm_and_drive(self.hovercraft)
-        self.feed.set(state_age=0.5)
-        start = self.feed.last_state
-        self.assert_zero_within_limit(self.hovercraft, start, "states old by their stamp")
-        self.assert_fault("the state is stale")
 
     def test_killed_controller(self):
         self.feed.leave_controls()

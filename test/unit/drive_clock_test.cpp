@@ -197,7 +197,8 @@ TEST(OneOriginOfTime, APlanUsesTheThrustOfItsTime) {
   ReferenceParams line;
   line.kind = "line";
   line.speed = 0.4;
-  line.end = {50, 0};
+  line.end_x = 50;
+  line.end_y = 0;
   line.smooth = false;
   const ReferencePtr reference = makeReference(line);
   PredictiveParams params;

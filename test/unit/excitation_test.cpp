@@ -96,10 +96,10 @@ void expectTurns(const ExperimentLog& log) {
   EXPECT_LT(log.marks.back().time, drivenUntil(log) + kTolerance);
   for (const auto& decision : log.decisions) {
     const auto next = std::find_if(log.marks.begin(), log.marks.end(),
-                                   [&](const Mark& mark) { return mark.time > decision.time; });
+                                   [&](const Mark& mark) { return mark.time > decision.now; });
     const Mark& last = *(next - 1);
-    const bool ends_now = last.burst && last.time == decision.time;
-    EXPECT_TRUE(!last.burst || ends_now) << "a decision within a burst, " << decision.time;
+    const bool ends_now = last.burst && last.time == decision.now;
+    EXPECT_TRUE(!last.burst || ends_now) << "a decision within a burst, " << decision.now;
   }
 }
 
@@ -176,21 +176,16 @@ TEST(Excitation, AWrongCraftWithLossesOfTheMocapStaysInside) {
 
 TEST(Excitation, ReturnsComeHome) {
   const Room room = square();
-  for (const double arrival : {0.4, 0.0}) {  // 0: half way to the nearest wall
-    ExcitationParams params = inRoom(room, 1, 15);
-    params.returns.arrival = arrival;
-    const double least = arrival > 0 ? arrival : 0.5 * room.clearance(room.home);
-    const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), params, place(1));
-    int returns = 0;
-    for (std::size_t i = 2; i < log.marks.size(); i += 2) {
-      const auto truth = std::find_if(log.truth.begin(), log.truth.end(),
-                                      [&](const auto& t) { return t.time >= log.marks[i].time; });
-      ASSERT_NE(truth, log.truth.end());
-      EXPECT_LT((truth->state.eta.head<2>() - room.home).norm(), least + 0.05);
-      ++returns;
-    }
-    EXPECT_GE(returns, 3);
+  const ExperimentLog log = excite(tinyWhoover(), tinyWhoover(), inRoom(room, 1, 15), place(1));
+  int returns = 0;
+  for (std::size_t i = 2; i < log.marks.size(); i += 2) {
+    const auto truth = std::find_if(log.truth.begin(), log.truth.end(),
+                                    [&](const auto& t) { return t.time >= log.marks[i].time; });
+    ASSERT_NE(truth, log.truth.end());
+    EXPECT_LT((truth->state.eta.head<2>() - room.home).norm(), 0.5 * room.clearance(room.home) + 0.05);
+    ++returns;
   }
+  EXPECT_GE(returns, 3);
 }
 
 TEST(Excitation, WithoutARoomItIsTheOpenLoopSignal) {
@@ -265,22 +260,6 @@ TEST(Excitation, AStrongDisturbanceStopsTheCraftBeforeAWall) {
   }
   EXPECT_GT(stopped, 1);
   EXPECT_EQ(late, 0) << "it must be stopped inside";
-}
-
-TEST(Excitation, RefusesBadParameters) {
-  const auto run = [](auto change) {
-    ExcitationParams params = inRoom(square(), 1, 1);
-    change(params);
-    excite(tinyWhoover(), tinyWhoover(), params, {});
-  };
-  using Bad = std::invalid_argument;
-  EXPECT_NO_THROW(run([](auto&) {}));
-  EXPECT_THROW(run([](auto& p) { p.returns.burst = 0; }), Bad);
-  EXPECT_THROW(run([](auto& p) { p.returns.arrival = -1; }), Bad);
-  EXPECT_THROW(run([](auto& p) { p.returns.predictive.steps = 0; }), Bad);
-  EXPECT_THROW(run([](auto& p) { p.room->home = {3, 0}; }), Bad);
-  EXPECT_THROW(run([](auto& p) { p.design.kind = "noise"; }), Bad);
-  EXPECT_THROW(run([](auto& p) { p.duration = -1; }), Bad);
 }
 
 }  // namespace

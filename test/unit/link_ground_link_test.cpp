@@ -144,51 +144,24 @@ TEST_F(GroundLinkTest, OnABenchEverythingExceptTheStateIsWatched) {
   params.require_state = params.require_lift = false;
   make({}, params);
   const MotorCommand push{0.5, 0, 0};
-  const auto drive = [&](double duration, bool heard) {
-    for (const double until = now_ + duration; now_ < until - 1e-9; wait(0.01)) {
-      if (heard) telemetry(kCraft);
-      command(push);
-    }
-  };
-  const auto rearmed = [&] {
-    link().disarm(now_, "by hand");
-    telemetry(kCraft);
-    command(kZero);
-    return arm();
-  };
   command(kZero);
   EXPECT_EQ(arm(), "no craft is connected");
-  ASSERT_EQ(rearmed(), "");
-  drive(1, true);
+  telemetry(kCraft);
+  ASSERT_EQ(arm(), "");
+  for (int i = 0; i < 210; ++i, wait(0.01)) command(push);
+  EXPECT_EQ(link().reason(), "the craft has fallen silent (craft_timeout)");
+  EXPECT_TRUE(lastIs(kZero));
+
+  link().disarm(now_, "by hand");
+  telemetry(kCraft);
+  EXPECT_EQ(arm(), "the command is not zero");
+  command(kZero);
+  ASSERT_EQ(arm(), "");
+  command(push);
   EXPECT_TRUE(lastIs(push));
-  const double since = now_;
   wait(0.3);
   EXPECT_EQ(link().reason(), "commands are stale");
   EXPECT_TRUE(lastIs(kZero));
-  EXPECT_NEAR(packets_.back().time - since, 0.3, 0.021);
-
-  ASSERT_EQ(rearmed(), "");
-  drive(2.1, false);
-  EXPECT_EQ(link().reason(), "the craft has fallen silent (craft_timeout)");
-
-  ASSERT_EQ(rearmed(), "");
-  drive(0.1, true);
-  link().disarm(now_, "by hand");
-  EXPECT_TRUE(lastIs(kZero));
-  EXPECT_EQ(arm(), "the command is not zero");
-
-  ASSERT_EQ(rearmed(), "");
-  drive(0.1, true);
-  link().timeJumped(now_, "time jumped");
-  EXPECT_EQ(link().current(), State::kFault);
-  EXPECT_TRUE(lastIs(kZero));
-
-  ASSERT_EQ(rearmed(), "");
-  for (int i = 0; i < 120; ++i, wait(0.01)) {  // commands no longer reach the craft
-    counted(7);
-    command(push);
-  }
-  EXPECT_NE(link().reason().find("does not follow its commands"), std::string::npos);
 }
 
 TEST_F(GroundLinkTest, ArmedSendsEachCommandAtOnceAndRepeatsIt) {

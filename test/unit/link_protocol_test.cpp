@@ -105,8 +105,8 @@ TEST(Motors, RefusesGarbageWithAReason) {
     std::string low = zero, high = encodeMotors({1, 1, 1});
     low[3 * field + 1] = '\xe7';   // 999
     high[3 * field + 1] = '\xd1';  // 2001
-    EXPECT_EQ(refusal(low), "a motor is outside 1000..2000");
-    EXPECT_EQ(refusal(high), "a motor is outside 1000..2000");
+    EXPECT_EQ(refusal(low), "a motor is outside of the range of its thruster");
+    EXPECT_EQ(refusal(high), "a motor is outside of the range of its thruster");
   }
 }
 

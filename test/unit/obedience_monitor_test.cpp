@@ -12,7 +12,8 @@
 #include <string>
 #include <vector>
 
-#include "ground/control/prbs.h"
+#include "faulty_craft.h"
+#include "ground/control/input_design.h"
 #include "ground/estimation/velocity_estimator.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/measurement.h"
@@ -29,19 +30,26 @@ constexpr double kDeafFrom = 5.0;  // [s]
 
 Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 
-ExperimentLog drive(const Model& truth, const std::string& controller, double deaf_from, double deaf_until,
-                    double duration, unsigned long seed = 1, CraftFault fault = CraftFault::kDeaf) {
-  TrackingParams tracking;
-  tracking.controller.kind = controller;
-  tracking.controller.prbs.duration = tracking.duration = duration;
-  tracking.controller.prbs_seed = seed;
-  tracking.reference.size = 1.5;
-  tracking.reference.rate_of_turn = 0.4;
+/// A drive by a controller or of the design prbs, with a craft that is faulty from some time on.
+ExperimentLog drive(const Model& truth, const std::string& kind, double faulty_from, double duration,
+                    unsigned long seed = 1, CraftFault fault = CraftFault::kDeaf) {
+  ModelCraft::Params start;
+  start.seed = seed;
+  FaultyCraft plant(truth, start, fault, faulty_from);
   ExperimentParams params;
   params.seed = seed;
-  params.fault = fault;
-  params.fault_from = deaf_from;
-  params.fault_until = deaf_until;
+  params.plant = &plant;
+  if (kind == "prbs") {
+    ExcitationParams excitation;
+    excitation.design.seed = seed;
+    excitation.duration = duration;
+    return excite(truth, craft(), excitation, params);
+  }
+  TrackingParams tracking;
+  tracking.controller.kind = kind;
+  tracking.duration = duration;
+  tracking.reference.size = 1.5;
+  tracking.reference.rate_of_turn = 0.4;
   return trackReference(truth, craft(), tracking, params);
 }
 
@@ -50,14 +58,14 @@ ExperimentLog drive(const Model& truth, const std::string& controller, double de
 double reportedAt(const ExperimentLog& log, std::string* reason = nullptr) {
   const Model model = craft();
   ObedienceMonitor monitor(model);
-  const auto estimator = makeKalmanEstimator({});
+  VelocityEstimator estimator({});
   std::size_t next = 0;
   for (const MocapFrame& frame : log.frames) {
     for (; next < log.commands.size() && log.commands[next].time <= frame.delivered; ++next)
       monitor.command(log.commands[next].time,
                       {log.commands[next].thrusters(0), log.commands[next].thrusters(1)},
                       log.commands[next].lift);
-    const StateEstimate& e = estimator->update(frame.captured, frame.eta);
+    const StateEstimate& e = estimator.update(frame.captured, frame.eta);
     if (!e.valid || !e.used) continue;
     monitor.measure(frame.captured, {e.eta, e.nu}, e.nu_covariance.diagonal());
     const std::string found = monitor.disobedience(kTimeout);
@@ -69,8 +77,8 @@ double reportedAt(const ExperimentLog& log, std::string* reason = nullptr) {
 }
 
 double reportedAfter(const Model& truth, const std::string& controller, unsigned long seed = 1) {
-  const ExperimentLog log = drive(truth, controller, kDeafFrom, kNever, kDeafFrom + 3, seed);
-  if (controller == "OpenLoopPRBS") {
+  const ExperimentLog log = drive(truth, controller, kDeafFrom, kDeafFrom + 3, seed);
+  if (controller == "prbs") {
     const double at = reportedAt(log);
     return at == 0 ? kNever : at - kDeafFrom;
   }
@@ -90,20 +98,20 @@ TEST_P(Obedience, ADeafCraftIsReportedWithinOneAndAHalfSeconds) {
 }
 
 TEST_P(Obedience, AnObedientCraftIsNotReported) {
-  EXPECT_EQ(reportedAt(drive(craft(), GetParam(), kNever, kNever, 20)), 0);
+  EXPECT_EQ(reportedAt(drive(craft(), GetParam(), kNever, 20)), 0);
 }
 
 TEST_P(Obedience, AModelWrongByAFactorOfTwoGivesNoFalseReport) {
   for (double factor : {0.5, 2.0}) {
     Model truth = craft();
     truth.body.k *= factor;
-    EXPECT_EQ(reportedAt(drive(truth, GetParam(), kNever, kNever, 10)), 0) << "thrust " << factor;
+    EXPECT_EQ(reportedAt(drive(truth, GetParam(), kNever, 10)), 0) << "thrust " << factor;
     EXPECT_LT(reportedAfter(truth, GetParam()), 2.5) << "thrust " << factor;
     truth = craft();
     truth.body.X_u *= factor;
     truth.body.Y_v *= factor;
     truth.body.N_r *= factor;
-    EXPECT_EQ(reportedAt(drive(truth, GetParam(), kNever, kNever, 10)), 0) << "damping " << factor;
+    EXPECT_EQ(reportedAt(drive(truth, GetParam(), kNever, 10)), 0) << "damping " << factor;
   }
 }
 
@@ -117,7 +125,7 @@ TEST_P(Obedience, EffectsMissingInTheModelGiveNoFalseReport) {
     Model truth = craft();
     truth.addEffect(makeEffect(name));
     for (const auto& [parameter, value] : values) truth.setValue(name + "." + parameter, value);
-    EXPECT_EQ(reportedAt(drive(truth, GetParam(), kNever, kNever, 8)), 0) << name;
+    EXPECT_EQ(reportedAt(drive(truth, GetParam(), kNever, 8)), 0) << name;
   }
 }
 
@@ -133,7 +141,7 @@ class FaultNamed : public testing::TestWithParam<Named> {};
 TEST_P(FaultNamed, WithinAboutASecondAndTheControllerStops) {
   for (unsigned long seed : {1ul, 2ul, 3ul}) {
     const ExperimentLog log =
-        drive(craft(), "ModelPredictive", kDeafFrom, kNever, kDeafFrom + 4, seed, GetParam().fault);
+        drive(craft(), "ModelPredictive", kDeafFrom, kDeafFrom + 4, seed, GetParam().fault);
     EXPECT_NE(log.stopped.find(GetParam().words), std::string::npos) << log.stopped;
     EXPECT_LT(log.stopped_at - kDeafFrom, 1.5);
   }
@@ -146,7 +154,7 @@ INSTANTIATE_TEST_SUITE_P(, FaultNamed,
                                          Named{"NoLift", CraftFault::kNoLift, "without lift"}),
                          nameOf);
 
-INSTANTIATE_TEST_SUITE_P(, Obedience, testing::Values("OpenLoopPRBS", "ModelPredictive"));
+INSTANTIATE_TEST_SUITE_P(, Obedience, testing::Values("prbs", "ModelPredictive"));
 
 /// The monitor's reason for a craft that plays a PRBS and collides at `at` [s]; `change` is the
 /// change of its velocities by the collision.
@@ -155,7 +163,7 @@ std::string reasonAfterCollision(double at, const Vector3<double>& change) {
   const Dynamics<double> dynamics(model);
   ObedienceMonitor monitor(model);
   InputSequence inputs;
-  const InputSignal signal = playBits({makePrbs(9, 1), 1}, {});
+  const InputSignal signal = makeDesign({}, 20);
   Simulation<double> simulation(dynamics, inputs, {}, 0);
   for (int i = 0; i < 2000; ++i) {
     const double now = 0.01 * i;

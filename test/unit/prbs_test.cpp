@@ -43,33 +43,6 @@ TEST(Prbs, SeedChoosesTheSequence) {
   EXPECT_THROW(makePrbs(21, 0), std::invalid_argument);
 }
 
-TEST(Prbs, HoldsEachBitForExactlyItsTimeAndEndsInsideABit) {
-  const PrbsBits bits = makePrbs(7, 1);
-  PrbsParams params;
-  params.left_low = 0.1;
-  params.left_high = 0.8;
-  params.right_low = 0.2;
-  params.right_high = 0.9;
-  params.duration = 20.03;  // several periods
-  const InputSignal signal = playBits({bits, 1}, params);
-  const InputSignal rows = playBits({bits, 3}, params);  // three rows per bit at the same clock
-  for (std::size_t i = 0; i < 300; ++i) {
-    const auto& bit = bits[i % bits.size()];
-    const double t = static_cast<double>(i) / 15;
-    for (double after : {0.0, 0.9999 / 15}) {
-      EXPECT_EQ(signal.at(t + after).thrusters(0), bit[0] ? 0.8 : 0.1) << i;
-      EXPECT_EQ(signal.at(t + after).thrusters(1), bit[1] ? 0.9 : 0.2) << i;
-    }
-    EXPECT_NEAR(signal.nextChange(t), std::min(20.03, t + 1.0 / 15), 1e-9);
-    EXPECT_NEAR(rows.nextChange(t), std::min(20.03, t + 1.0 / 45), 1e-9);
-  }
-  EXPECT_EQ(signal.at(20.04).thrust(), 0);
-  EXPECT_EQ(signal.at(-0.1).thrust(), 0);
-  EXPECT_EQ(signal.nextChange(20.04), std::numeric_limits<double>::infinity());
-  params.left_low = 2;
-  EXPECT_THROW(playBits({bits, 1}, params), std::invalid_argument);
-}
-
 std::string fileWith(const std::string& text) {
   const std::string path = testing::TempDir() + "prbs_test.csv";
   std::ofstream(path) << text;

@@ -1,4 +1,4 @@
-// The planner, the disturbance observer, and the predictive controller that uses both.
+// The planner and the predictive controller.
 #include "ground/control/predictive_control.h"
 
 #include <gtest/gtest.h>
@@ -216,62 +216,6 @@ TEST(TrajectoryOptimizer, CarriesOnWhenTheHeadingWasWrapped) {
   };
   EXPECT_NEAR(costFrom(1), costFrom(0), 1e-9 * costFrom(0));
   EXPECT_NEAR(costFrom(-2), costFrom(0), 1e-9 * costFrom(0));
-}
-
-TEST(TrajectoryOptimizer, RefusesBadHorizons) {
-  EXPECT_THROW(TrajectoryOptimizer(craft(), 0, 0.05), std::invalid_argument);
-  EXPECT_THROW(TrajectoryOptimizer(craft(), 10, 0), std::invalid_argument);
-  EXPECT_THROW(TrajectoryOptimizer(craft(), 1000, 0.05), std::invalid_argument);
-}
-
-/// Drives `truth` with a fixed pattern and gives its poses to an observer with the model
-/// `believed`.
-template <typename Look>
-void observe(const Model& truth, const Model& believed, double duration, Look look) {
-  const Dynamics<double> dynamics(truth);
-  InputSequence inputs;
-  RigidState<double> initial;
-  initial.eta << 0.3, -0.2, 2.0;
-  Simulation<double> simulation(dynamics, inputs, initial, 0);
-  DisturbanceObserver observer(believed, {});
-  for (int i = 0; i <= duration * 100; ++i) {
-    const double t = i / 100.0;
-    simulation.advance(t);
-    const Measurement<double> seen = simulation.measure();
-    observer.measure(t, {seen.eta, seen.nu});
-    if (i % 2 == 0) {
-      const Vector2<double> command(0.5 + 0.4 * std::sin(3 * t), 0.5 + 0.4 * std::sin(4 * t + 1));
-      inputs.add(t, command.x(), command.y(), 1);
-      observer.command(t, command, 1);
-    }
-    look(t, observer, simulation, inputs);
-  }
-}
-
-TEST(DisturbanceObserver, FindsTheMissingForceAndMoment) {
-  const Model truth = craft({{"body_force_bias", {0.005, -0.008}}, {"yaw_bias", {4e-5}}});
-  observe(truth, craft(), 6, [&](double t, const DisturbanceObserver& observer, auto&, auto&) {
-    if (t < 4) return;
-    const Vector3<double> missing = observer.at(t).missing;
-    EXPECT_NEAR(missing.x(), 0.005 / truth.body.m, 0.05 * 0.005 / truth.body.m);
-    EXPECT_NEAR(missing.y(), -0.008 / truth.body.m, 0.05 * 0.008 / truth.body.m);
-    EXPECT_NEAR(missing.z(), 4e-5 / truth.body.I_z, 0.05 * 4e-5 / truth.body.I_z);
-  });
-}
-
-TEST(DisturbanceObserver, PredictsTheStateWhenACommandTakesEffect) {
-  const Model truth =
-      craft({{"input_delay", {0.07}}, {"motor_lag", {0.05}}, {"marker_offset", {0.02, -0.01}}});
-  std::vector<std::pair<double, RigidState<double>>> predicted;
-  observe(truth, truth, 4, [&](double t, const DisturbanceObserver& observer, const auto& simulation, auto&) {
-    if (t > 2 && t < 3) predicted.emplace_back(t + observer.delay(), observer.at(t + observer.delay()).state);
-    for (const auto& [time, state] : predicted) {
-      if (std::abs(time - t) > 1e-9) continue;
-      EXPECT_LT((state.eta - simulation.state().eta).norm(), 1e-3) << t;
-      EXPECT_LT((state.nu - simulation.state().nu).norm(), 2e-2) << t;
-    }
-  });
-  EXPECT_GT(predicted.size(), 50u);
 }
 
 /// Closed loop at 50 Hz on the true state; look(t, error, controller) after every decision.

@@ -141,19 +141,6 @@ TEST(SimulatedLab, TheModelCanBeReplacedDuringARun) {
   EXPECT_TRUE(room.state().eta.allFinite());
 }
 
-TEST(SimulatedLab, RefusesBadArguments) {
-  MocapParams bad;
-  bad.latency = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_THROW(SimulatedLab(tinyWhoover(), bad, {}), std::invalid_argument);
-  SimulatedLab room(tinyWhoover(), perfect(), {});
-  room.advance(1.0);
-  EXPECT_THROW(room.advance(0.5), std::invalid_argument);
-  EXPECT_THROW(room.command(NAN, 0, 0), std::invalid_argument);
-  room.command(9, -1, 3);  // clipped
-  room.advance(1.1);
-  EXPECT_NEAR(room.derivative().nu.x(), 0.062 / 0.0583, 0.05);
-}
-
 Disturbance pushes() {
   Disturbance disturbance;
   disturbance.sigma << 0.01, 0.02, 1e-4;
@@ -221,14 +208,6 @@ TEST(SimulatedLab, ADisturbanceActsAsAForce) {
   for (SimulatedLab* one : {&room, &other}) one->advance(0.2);
   EXPECT_LT((room.state().eta - other.state().eta).norm(), 1e-5);
   EXPECT_LT((room.state().nu - other.state().nu).norm(), 2e-4);
-  // A model set later has the thrust and the disturbance of this run, too.
-  room.setModel(tinyWhoover());
-  Model plain = tinyWhoover();
-  plain.body.k = same.body.k;
-  const Vector3<double> expected =
-      Dynamics<double>(plain).derivative(0.2, room.state(), {1, 0.6}, 1).nu +
-      Vector3<double>(wrench.x() / plain.body.m, wrench.y() / plain.body.m, wrench.z() / plain.body.I_z);
-  EXPECT_LT((room.derivative().nu - expected).norm(), 1e-9);
 }
 
 }  // namespace

@@ -10,6 +10,23 @@ if(GROUND_NATIVE)
     -DEIGEN_MAX_STATIC_ALIGN_BYTES=16 -Wno-maybe-uninitialized)
 endif()
 
+# The structs of parameters, from the .cfg files
+set(ground_cfg ${ground_source_dir}/../../cfg)
+set(ground_parameters ${ground_source_dir}/cmake/parameter_structs.py)
+set(ground_headers ${CMAKE_BINARY_DIR}/include)
+if(CATKIN_DEVEL_PREFIX)
+  set(ground_headers ${CATKIN_DEVEL_PREFIX}/include)
+endif()
+file(GLOB configs CONFIGURE_DEPENDS ${ground_cfg}/*.cfg ${ground_cfg}/*.py)
+set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${configs} ${ground_parameters})
+find_package(Python3 REQUIRED COMPONENTS Interpreter)
+execute_process(COMMAND ${Python3_EXECUTABLE} ${ground_parameters} ${ground_cfg} ${ground_headers}/ground/parameters
+  ${CMAKE_BINARY_DIR}/parameters RESULT_VARIABLE failed)
+if(failed)
+  message(FATAL_ERROR "the structs of parameters cannot be written")
+endif()
+file(GLOB ground_written ${CMAKE_BINARY_DIR}/parameters/*.cpp)
+
 # One library for each folder. A new file in a folder (such as a physical effect) needs no edit here.
 function(ground_library folder)
   file(GLOB sources CONFIGURE_DEPENDS ${ground_source_dir}/src/${folder}/*.cpp
@@ -21,7 +38,7 @@ function(ground_library folder)
   add_library(ground::${folder} ALIAS ground_${folder})
   target_compile_features(ground_${folder} PUBLIC cxx_std_17)
   target_include_directories(ground_${folder} PUBLIC
-    $<BUILD_INTERFACE:${ground_source_dir}/include> $<INSTALL_INTERFACE:include>)
+    $<BUILD_INTERFACE:${ground_source_dir}/include> $<BUILD_INTERFACE:${ground_headers}> $<INSTALL_INTERFACE:include>)
   target_include_directories(ground_${folder} SYSTEM PUBLIC ${EIGEN3_INCLUDE_DIRS})
   target_compile_options(ground_${folder} PRIVATE ${ground_warnings} ${ground_native})
   set_target_properties(ground_${folder} PROPERTIES EXPORT_NAME ${folder}
@@ -31,7 +48,7 @@ endfunction()
 
 set(ground_core_options -fno-math-errno)  # no code reads errno after a square root
 
-ground_library(model)
+ground_library(model ${ground_written})
 # The effects are many small files: their headers take most of the time to compile.
 file(GLOB sources CONFIGURE_DEPENDS ${ground_source_dir}/src/model/*.cpp)
 set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)

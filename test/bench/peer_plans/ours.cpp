@@ -35,7 +35,7 @@ TrajectoryOptimizer& optimizerOf(const PlanProblem& problem) {
     references[static_cast<std::size_t>(k)].p = {row[0], row[1]};
     references[static_cast<std::size_t>(k)].p_dot = {row[2], row[3]};
   }
-  optimizer->setWeights(params.weights);
+  optimizer->setWeights(params);
   optimizer->setProblem(0, start, 1, Eigen::Map<const Vector3<double>>(problem.missing), references);
   return *optimizer;
 }
@@ -74,7 +74,7 @@ struct DecidedFlight {
 
 PlanCost plan_cost_weights() {
   const PredictiveParams params;
-  const PlanWeights& w = params.weights;
+  const PlanWeights& w = params;
   return {params.horizon / params.steps, w.velocity, w.input, w.turning, w.end_position, w.end_velocity};
 }
 

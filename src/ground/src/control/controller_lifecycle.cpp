@@ -23,16 +23,6 @@ RigidState<double> noState() {
 
 }  // namespace
 
-std::string LifecycleParams::validate() const {
-  const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
-  if (!within(lift, 0, 1)) return "lift must be between 0 and 1";
-  if (!within(lift_time, 0, 30)) return "lift_time must be between 0 and 30 s";
-  if (!within(state_timeout, 0.01, 5)) return "state_timeout must be between 0.01 and 5 s";
-  if (!within(recovery_time, 0, 5)) return "recovery_time must be between 0 and 5 s";
-  if (!within(rate, 10, 500)) return "the control rate must be between 10 and 500 Hz";
-  return "";
-}
-
 const char* nameOf(ControllerLifecycle::State state) {
   static const char* names[] = {"IDLE", "WAITING", "LIFTING", "RUNNING", "DONE", "STOPPED", "RECOVERING"};
   return names[static_cast<int>(state)];

@@ -8,26 +8,24 @@
 namespace ground {
 
 std::string ReturnParams::validate() const {
-  const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
-  if (!within(burst, 0.1, 3600)) return "burst must be between 0.1 and 3600 s";
-  if (!within(arrival, 0, 100)) return "arrival must be between 0 and 100 m";
-  for (const std::string& wrong : {room.validate(), predictive.validate()})
-    if (!wrong.empty()) return wrong;
-  return "";
+  if (!(burst >= 0.1 && burst <= 3600)) return "burst must be between 0.1 and 3600 s";
+  return room.validate();
 }
 
-ExcitationPilot::ExcitationPilot(ReferencePilot::Clock clock, Marked marked, ReferencePilot::Decided decided)
+ExcitationPilot::ExcitationPilot(ReferencePilot::Clock clock, Marked marked, ReferencePilot::Decided decided,
+                                 ReferencePilot::Clock steady)
     : clock_(clock),
       marked_(std::move(marked)),
       // Decisions during a burst only plan the way home and are not reported.
-      home_(clock, [this, decided](const ReferencePilot::Decision& decision) {
-        if (!bursting_) decided(decision);
-      }) {}
+      home_(
+          clock,
+          [this, decided](const ReferencePilot::Decision& decision) {
+            if (!bursting_) decided(decision);
+          },
+          std::move(steady)) {}
 
 void ExcitationPilot::play(InputSignal signal, double duration) {
-  signal_ = std::move(signal);
-  duration_ = duration;
-  returns_.reset();
+  setNext({std::move(signal), duration, std::nullopt, Model()});
 }
 
 void ExcitationPilot::playInside(InputSignal signal, double duration, const Model& model,
@@ -37,20 +35,35 @@ void ExcitationPilot::playInside(InputSignal signal, double duration, const Mode
                                 ", and the model has " + model.thrusters->names());
   const std::string wrong = params.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
-  auto control = std::make_unique<PredictiveControl>(model, params.predictive);
-  control->avoid({Fence(params.room, params.room.margin), Fence::kLoss});
-  control_ = control.get();
-  std::unique_ptr<TrackingController> controller = std::move(control);
-  ReferencePtr reference = makePoint(params.room.home);
-  home_.swapController(controller, model);
-  home_.swapReference(reference);
-  home_.setMaxError(std::numeric_limits<double>::infinity());
-  play(std::move(signal), duration);
-  returns_ = params;
-  if (params.arrival == 0) returns_->arrival = 0.5 * params.room.clearance(params.room.home);
+  setNext({std::move(signal), duration, params, model});
+}
+
+void ExcitationPilot::setNext(Program program) {
+  next_ = std::move(program);
+  if (!active_) takeNext();
+}
+
+void ExcitationPilot::takeNext() {
+  signal_ = std::move(next_->signal);
+  duration_ = next_->duration;
+  returns_ = next_->returns;
+  if (returns_) {
+    const Room& room = returns_->room;
+    auto control = std::make_unique<PredictiveControl>(next_->model, PredictiveParams());
+    control->avoid({Fence(room, room.margin), Fence::kLoss});
+    control_ = control.get();
+    std::unique_ptr<TrackingController> controller = std::move(control);
+    ReferencePtr reference = makePoint(room.home);
+    home_.swapController(controller, next_->model);
+    home_.swapReference(reference);
+    home_.setMaxError(std::numeric_limits<double>::infinity());
+  }
+  next_.reset();
 }
 
 void ExcitationPilot::activate(double stamp) {
+  if (next_) takeNext();
+  active_ = true;
   activated_ = stamp;
   number_ = 0;
   played_ = 0;
@@ -115,7 +128,8 @@ double ExcitationPilot::spare() const {
 }
 
 bool ExcitationPilot::home(const RigidState<double>& state) const {
-  return (state.eta.head<2>() - returns_->room.home).norm() <= returns_->arrival;
+  const Room& room = returns_->room;
+  return (state.eta.head<2>() - room.home).norm() <= 0.5 * room.clearance(room.home);
 }
 
 void ExcitationPilot::begin(bool burst, const std::string& reason) {

@@ -50,18 +50,13 @@ class Limits {
 };
 
 /// The instant at which a craft misses a reference most.
-class Worst {
- public:
-  void report(double excess, const std::string& text) {
-    if (excess <= excess_) return;
-    excess_ = excess;
-    message_ = text;
-  }
-  const std::string& message() const { return message_; }
+struct Worst {
+  double excess = kTolerance;
+  std::string message;
 
- private:
-  double excess_ = kTolerance;
-  std::string message_;
+  void report(double by, const std::string& text) {
+    if (by > excess) *this = {by, text};
+  }
 };
 
 struct Demand {
@@ -90,19 +85,10 @@ std::string format(const char* text, Args... args) {
 
 /// Judges the thrust at time t [s].
 void judgeThrust(const Limits& limits, double surge, double t, Worst& worst) {
-  const double most = limits.thrust();
-  if (surge > most)
-    worst.report(surge / most - 1,
-                 format("at %.2f s it takes a thrust of %.3g N, but full thrust is %.3g N", t, surge, most));
-  if (surge >= limits.least()) return;
-  worst.report((limits.least() - surge) / most,
-               limits.reverses()
-                   ? format("at %.2f s it takes a backward thrust of %.3g N, but the largest is "
-                            "%.3g N",
-                            t, -surge, -limits.least())
-                   : format("at %.2f s it takes a backward thrust of %.3g N, but the thrusters "
-                            "only push forward",
-                            t, -surge));
+  const double excess = std::max(surge - limits.thrust(), limits.least() - surge);
+  worst.report(excess / limits.thrust(),
+               format("at %.2f s it takes a thrust of %.3g N, and the thrusters give %.3g to %.3g N", t,
+                      surge, limits.least(), limits.thrust()));
 }
 
 /// Judges the yaw moment at time t [s] with a thrust.
@@ -151,8 +137,7 @@ std::string infeasibility(const ReferenceTrajectory& reference, const Model& mod
     last = now;
     last_time = t;
   }
-  const std::string& message = worst.message();
-  return message.empty() ? "" : "the craft cannot follow it exactly: " + message;
+  return worst.message.empty() ? "" : "the craft cannot follow it exactly: " + worst.message;
 }
 
 }  // namespace ground

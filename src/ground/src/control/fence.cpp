@@ -6,18 +6,10 @@
 #include <limits>
 #include <stdexcept>
 
-#include "ground/model/simulation.h"
-
 namespace ground {
 namespace {
 
 constexpr double kExtents = 10;  // checked multiple of the extent, because a sinusoid is unlimited
-
-bool takesSize(const std::string& kind) {
-  for (const ReferenceInfo& info : referenceTable())
-    if (info.name == kind) return std::count(info.takes.begin(), info.takes.end(), "size") > 0;
-  return false;
-}
 
 }  // namespace
 
@@ -66,74 +58,28 @@ std::string Fence::objection(const RigidState<double>& state, double age) const 
 }
 
 std::string leavesRoom(const ReferenceTrajectory& reference, const Room& room) {
-  struct Least {
-    double clearance = std::numeric_limits<double>::infinity(), when = 0;
-    void take(double other, double t) {
-      if (other < clearance) *this = {other, t};
-    }
-  };
   const std::string wrong = room.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   const Fence fence(room, room.margin);
-  Least there, stopped;
+  double least = std::numeric_limits<double>::infinity(), when = 0;
   for (const double t : checkTimes(reference, kExtents)) {
     const ReferencePoint point = reference.at(t);
     RigidState<double> state{Vector3<double>::Zero(), Vector3<double>::Zero()};
     state.eta.head<2>() = point.p;
     state.nu.head<2>() = point.p_dot;  // at heading 0, body and world axes agree
-    there.take(room.clearance(point.p), t);
-    stopped.take(room.clearance(fence.stoppingPoint(state, Fence::kLoss)), t);
+    const Vector2<double> stop = fence.stoppingPoint(state, Fence::kLoss);
+    const double clearance = std::min(room.clearance(point.p), room.clearance(stop));
+    if (clearance >= least) continue;
+    least = clearance;
+    when = t;
   }
-  char text[200] = "";
-  if (there.clearance < 0) {
-    std::snprintf(text, sizeof text, "it leaves the room by %.2f m after %.1f s", -there.clearance,
-                  there.when);
-  } else if (there.clearance < room.margin) {
-    std::snprintf(text, sizeof text, "it comes to %.2f m of a wall after %.1f s; margin is %.2f m",
-                  there.clearance, there.when, room.margin);
-  } else if (stopped.clearance < room.margin) {
-    std::snprintf(text, sizeof text,
-                  "after %.1f s it is too fast near a wall: a craft that is stopped there comes to "
-                  "rest %.2f m %s",
-                  stopped.when, std::abs(stopped.clearance),
-                  stopped.clearance < 0 ? "outside" : "from the wall");
-  }
+  if (least >= room.margin) return "";
+  char text[200];
+  std::snprintf(text, sizeof text,
+                "after %.1f s it is too close to a wall, or too fast near one: a craft that is stopped there "
+                "comes to rest %.2f m %s",
+                when, std::abs(least), least < 0 ? "outside" : "from the wall");
   return text;
-}
-
-std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference,
-                       const Room& room) {
-  std::string reason = leavesRoom(reference, room);
-  if (reason.empty() || !takesSize(params.kind)) return reason;
-  const auto fits = [&](int hundredths) {
-    ReferenceParams smaller = params;
-    smaller.size = 0.01 * hundredths;
-    return leavesRoom(*makeReference(smaller), room).empty();
-  };
-  int good = 0, bad = static_cast<int>(std::ceil(100 * params.size));
-  while (bad - good > 1) {
-    const int middle = (good + bad) / 2;
-    (fits(middle) ? good : bad) = middle;
-  }
-  char text[40] = "; no size fits";
-  if (good > 0) std::snprintf(text, sizeof text, "; size=%.2f fits", 0.01 * good);
-  return reason + text;
-}
-
-std::string leavesRoom(const Model& model, const InputSequence& inputs, double end, const Room& room) {
-  constexpr double kInterval = 0.05;  // [s]
-  const Dynamics<double> dynamics(model);
-  RigidState<double> start{Vector3<double>::Zero(), Vector3<double>::Zero()};
-  start.eta.head<2>() = room.home;
-  Simulation<double> simulation(dynamics, inputs, start, 0);
-  for (double time = 0; time < end; time += kInterval) {
-    simulation.advance(time);
-    if (room.clearance(simulation.state().eta.head<2>()) >= room.margin) continue;
-    char text[120];
-    std::snprintf(text, sizeof text, "by the model it comes too close to a wall after %.1f s", time);
-    return text;
-  }
-  return "";
 }
 
 }  // namespace ground

@@ -9,6 +9,7 @@
 
 #include "ground/control/allocation.h"
 #include "ground/model/shortened.h"
+#include "ground/model/tunable.h"
 
 namespace ground {
 namespace {
@@ -160,8 +161,9 @@ bool playsBothWays(const DesignParams& p) {
   return canReverse(*p.thrusters) && p.kind != "coast-down" && p.kind != "spin";
 }
 
-bool staircase(const std::string& kind) { return kind == "steps" || kind == "single-thruster"; }
-bool takesManyLevels(const std::string& kind) { return staircase(kind) || kind == "multilevel-prbs"; }
+bool takesManyLevels(const std::string& kind) {
+  return kind == "steps" || kind == "single-thruster" || kind == "multilevel-prbs";
+}
 
 std::string wrongLevels(const DesignParams& p) {
   const std::string& kind = p.kind;
@@ -174,12 +176,6 @@ std::string wrongLevels(const DesignParams& p) {
   if (!levels.empty() && !takesManyLevels(kind) && (levels.size() != 2 || levels[0] > levels[1]))
     return kind + " takes two levels, LOW and HIGH";
   return "";
-}
-
-const DesignInfo* infoOf(const std::string& kind) {
-  for (const DesignInfo& info : designTable())
-    if (info.name == kind) return &info;
-  return nullptr;
 }
 
 /// Rows of time, inputs of the thrusters and optionally lift.
@@ -247,11 +243,8 @@ const std::vector<DesignInfo>& designTable() {
 
 std::string DesignParams::validate() const {
   const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
-  if (!infoOf(kind)) {
-    std::string names;
-    for (const DesignInfo& info : designTable()) names += (names.empty() ? "" : ", ") + info.name;
-    return "no design is named '" + shortened(kind) + "'; there are " + names;
-  }
+  if (!findNamed(designTable(), kind))
+    return "no design is named '" + shortened(kind) + "'; there are " + namesOf(designTable());
   if (!within(clock, 0.1, 500)) return "clock must be between 0.1 and 500 Hz";
   if (!within(hold, 0.02, 100)) return "hold must be between 0.02 and 100 s";
   if (!within(order, 2, 20)) return "order must be between 2 and 20";

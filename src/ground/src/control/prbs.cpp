@@ -1,6 +1,8 @@
 #include "ground/control/prbs.h"
 
 #include <algorithm>
+#include <array>
+#include <bitset>
 #include <cstdint>
 #include <numeric>
 #include <sstream>
@@ -11,31 +13,10 @@ namespace {
 
 constexpr std::size_t kMaxBits = 2000000;  // rows of a file
 
-/// Taps of maximum-length registers by order (Alfke, Xilinx XAPP 052, 1996).
-const std::vector<std::vector<int>>& taps() {
-  static const std::vector<std::vector<int>> table = {{},
-                                                      {},
-                                                      {2, 1},
-                                                      {3, 2},
-                                                      {4, 3},
-                                                      {5, 3},
-                                                      {6, 5},
-                                                      {7, 6},
-                                                      {8, 6, 5, 4},
-                                                      {9, 5},
-                                                      {10, 7},
-                                                      {11, 9},
-                                                      {12, 6, 4, 1},
-                                                      {13, 4, 3, 1},
-                                                      {14, 5, 3, 1},
-                                                      {15, 14},
-                                                      {16, 15, 13, 4},
-                                                      {17, 14},
-                                                      {18, 11},
-                                                      {19, 6, 2, 1},
-                                                      {20, 17}};
-  return table;
-}
+/// Taps of maximum-length registers by order, bit t - 1 for tap t (Alfke, Xilinx XAPP 052, 1996).
+constexpr std::array<std::uint32_t, 21> kTaps = {0,      0,      0x3,    0x6,     0xc,     0x14,    0x30,
+                                                 0x60,   0xb8,   0x110,  0x240,   0x500,   0x829,   0x100d,
+                                                 0x2015, 0x6000, 0xd008, 0x12000, 0x20400, 0x40023, 0x90000};
 
 }  // namespace
 
@@ -46,9 +27,8 @@ std::vector<bool> makeSequence(int order) {
   std::uint32_t reg = 1;
   for (std::size_t i = 0; i < period; ++i) {
     sequence[i] = (reg >> (order - 1)) & 1u;
-    std::uint32_t feedback = 0;
-    for (int tap : taps()[order]) feedback ^= reg >> (tap - 1);
-    reg = ((reg << 1) | (feedback & 1u)) & static_cast<std::uint32_t>(period);
+    const std::size_t set = std::bitset<32>(reg & kTaps[static_cast<std::size_t>(order)]).count();
+    reg = ((reg << 1) | (set & 1u)) & static_cast<std::uint32_t>(period);
   }
   return sequence;
 }
@@ -108,26 +88,6 @@ PrbsFile readPrbs(const std::string& path, int rows_per_bit) {
   if (!table.header.empty())
     throw std::runtime_error(path + ", line 1: it needs LEFT,RIGHT with -1, 0 or 1 each");
   return bitsOf(table, rows_per_bit);
-}
-
-const Tunables<PrbsParams>& PrbsParams::table() {
-  using P = PrbsParams;
-  static const Tunables<P> table = {
-      {{"clock", "Hz", "Bits per second, for any number of rows per bit", 0.1, 500}, &P::clock},
-      {{"duration", "s", "Duration of the sequence", 0.1, 3600}, &P::duration},
-      {{"left_low", "0..1", "Left thruster, low bit", 0, 1}, &P::left_low},
-      {{"left_high", "0..1", "Left thruster, high bit", 0, 1}, &P::left_high},
-      {{"right_low", "0..1", "Right thruster, low bit", 0, 1}, &P::right_low},
-      {{"right_high", "0..1", "Right thruster, high bit", 0, 1}, &P::right_high},
-  };
-  return table;
-}
-
-std::string PrbsParams::validate() const {
-  const std::string wrong = rangeError(table(), *this);
-  if (!wrong.empty()) return wrong;
-  if (left_low > left_high || right_low > right_high) return "a low level is above its high level";
-  return "";
 }
 
 }  // namespace ground

@@ -20,29 +20,13 @@ constexpr double kMinImprovement = 1e-3;  // relative decrease of the cost to co
 }  // namespace
 
 const Tunables<PredictiveParams>& PredictiveParams::table() {
-  using P = PredictiveParams;
-  static const Tunables<P> table = [] {
-    Tunables<P> all = {
-        {{"horizon", "s", "How far to look ahead", 0.1, 10}, &P::horizon},
-        {{"steps", "-", "Steps of the horizon", 2, TrajectoryOptimizer::kMaxSteps}, &P::steps},
-        {{"iterations", "-", "Most improvements of the plan a decision", 1, 50}, &P::iterations},
-        {{"search_iterations", "-", "Most improvements of other plans a decision", 0, 100},
-         &P::search_iterations},
-        {{"lost", "m", "Rms error of a plan beyond which others are tried", 1e-4, 10}, &P::lost},
-        {{"deadline", "s", "Nodelets: a decision ends in this time with its best plan", 1e-4, 1},
-         &P::deadline},
-    };
-    for (const auto& weight : lifted(&P::weights, PlanWeights::table())) all.push_back(weight);
-    for (const auto& noise : lifted(&P::observer, ObserverParams::table())) all.push_back(noise);
-    return all;
-  }();
+  static const auto table =
+      joined<PredictiveParams>(PlanParams::table(), PlanWeights::table(), ObserverParams::table());
   return table;
 }
 
-std::string PredictiveParams::validate() const { return rangeError(table(), *this); }
-
 PredictiveControl::PredictiveControl(const Model& model, const PredictiveParams& params)
-    : model_(model), turns_{turnTo(false), turnTo(true)}, seen_(model), observer_(model, params.observer) {
+    : model_(model), turns_{turnTo(false), turnTo(true)}, seen_(model), observer_(model, params) {
   const Allocation::Output full = Allocation(*model.thrusters, model.body).most({1, 0, 0});
   forward_ = full.inputs;
   full_thrust_ = full.wrench.x();
@@ -60,35 +44,27 @@ PredictiveControl::Turn PredictiveControl::turnTo(bool starboard) const {
 void PredictiveControl::setParams(const PredictiveParams& params) {
   const std::string wrong = params.validate();
   if (!wrong.empty()) throw std::invalid_argument(wrong);
-  if (!plan_ || params.steps != params_.steps || params.horizon != params_.horizon) {
-    const double step = params.horizon / params.steps;
-    plan_ = std::make_unique<TrajectoryOptimizer>(model_, params.steps, step);
-    for (Contender& other : others_) {
-      other.plan = std::make_unique<TrajectoryOptimizer>(model_, params.steps, step);
-      other.time.reset();
+  if (!best_.plan || params.steps != params_.steps || params.horizon != params_.horizon) {
+    for (Contender* one : {&best_, &others_[0], &others_[1]}) {
+      one->plan = std::make_unique<TrajectoryOptimizer>(model_, params.steps, params.horizon / params.steps);
+      one->plan->setWalls(walls_);
+      one->time.reset();
     }
     references_.resize(static_cast<std::size_t>(params.steps));
-    plan_time_.reset();
   }
-  plan_->setWeights(params.weights);
-  plan_->setWalls(walls_);
-  for (Contender& other : others_) {
-    other.plan->setWeights(params.weights);
-    other.plan->setWalls(walls_);
-  }
-  observer_.setParams(params.observer);
+  for (Contender* one : {&best_, &others_[0], &others_[1]}) one->plan->setWeights(params);
+  observer_.setParams(params);
   params_ = params;
 }
 
 void PredictiveControl::avoid(const PlanWalls& walls) {
   walls_ = walls;
-  plan_->setWalls(walls);
-  for (Contender& other : others_) other.plan->setWalls(walls);
+  for (Contender* one : {&best_, &others_[0], &others_[1]}) one->plan->setWalls(walls);
 }
 
 void PredictiveControl::reset() {
   observer_.reset();
-  plan_time_.reset();
+  best_.time.reset();
   endSearch();
 }
 
@@ -97,14 +73,14 @@ void PredictiveControl::commanded(double time, const Thrusters<double>& thruster
 }
 
 void PredictiveControl::warmStart(double time) {
-  if (plan_time_) {
-    plan_->warmStart(std::max(0.0, time - *plan_time_));
+  if (best_.time) {
+    best_.plan->warmStart(std::max(0.0, time - *best_.time));
   } else {
-    std::vector<Thrusters<double>>& inputs = plan_->newInputs();
+    std::vector<Thrusters<double>>& inputs = best_.plan->newInputs();
     std::fill(inputs.begin(), inputs.end(), Thrusters<double>(0.5 * asVector(forward_)));
-    plan_->rollOut();
+    best_.plan->rollOut();
   }
-  plan_time_ = time;
+  best_.time = time;
 }
 
 /// A seed's inputs in the step that begins `from` seconds after the plan.
@@ -216,8 +192,8 @@ void PredictiveControl::search(double time) {
     }
     other.time = time;
     if (!improve(*other.plan, iterations)) other.time.reset();
-    if (!(other.plan->cost() < kMaxOtherCost * plan_->cost())) continue;
-    std::swap(plan_, other.plan);
+    if (!(other.plan->cost() < kMaxOtherCost * best_.plan->cost())) continue;
+    std::swap(best_.plan, other.plan);
     other.time.reset();
   }
 }
@@ -253,25 +229,26 @@ Thrusters<double> PredictiveControl::decide(const Observation& seen) {
   for (int i = 0; i < kMaxStates; ++i) state(6 + i) = start_.effects[static_cast<std::size_t>(i)];
   const double since = acts - seen.reference_start;
   for (std::size_t k = 0; k < references_.size(); ++k)
-    references_[k] = seen.reference->at(std::max(0.0, since + static_cast<double>(k + 1) * plan_->step()));
-  for (TrajectoryOptimizer* plan : {plan_.get(), others_[0].plan.get(), others_[1].plan.get()})
-    plan->setProblem(acts - seen.drive_start, state, seen.lift, start_.missing, references_);
+    references_[k] =
+        seen.reference->at(std::max(0.0, since + static_cast<double>(k + 1) * best_.plan->step()));
+  for (Contender* one : {&best_, &others_[0], &others_[1]})
+    one->plan->setProblem(acts - seen.drive_start, state, seen.lift, start_.missing, references_);
 
   has_seeds_ = false;
   warmStart(acts);
   improvements_ = 0;
-  improve(*plan_, params_.iterations);
-  if (plan_->error() < params_.lost) {
+  improve(*best_.plan, params_.iterations);
+  if (best_.plan->error() < params_.lost) {
     endSearch();
   } else {
     search(acts);
   }
-  if (!std::isfinite(plan_->cost())) {
-    plan_time_.reset();
+  if (!std::isfinite(best_.plan->cost())) {
+    best_.time.reset();
     return wanted_;
   }
-  wanted_ = plan_->wanted();
-  return plan_->inputs().front();
+  wanted_ = best_.plan->wanted();
+  return best_.plan->inputs().front();
 }
 
 }  // namespace ground

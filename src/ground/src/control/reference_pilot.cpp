@@ -16,8 +16,8 @@ double processorTime() {
 
 }  // namespace
 
-ReferencePilot::ReferencePilot(Clock clock, Decided decided)
-    : clock_(std::move(clock)), decided_(std::move(decided)) {}
+ReferencePilot::ReferencePilot(Clock clock, Decided decided, Clock steady)
+    : clock_(std::move(clock)), steady_(std::move(steady)), decided_(std::move(decided)) {}
 
 void ReferencePilot::swapController(std::unique_ptr<TrackingController>& controller, const Model& model) {
   controller_.swap(controller);
@@ -25,7 +25,7 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
   input_max_ = model.body.input_max;
   thrusters_ = model.thrusters;
   obedience_.reset();
-  if (expects_obedience_ && controller_->follows()) obedience_.emplace(model);
+  if (expects_obedience_) obedience_.emplace(model);
 }
 
 void ReferencePilot::swapReference(ReferencePtr& reference) {
@@ -52,7 +52,6 @@ std::string ReferencePilot::objection(const MeasuredState& measured) {
     reference_start_ = stamp;
     watch_.restart();
   }
-  if (!controller_->follows()) return "";
   if (obedience_) {
     obedience_->measure(stamp, measured.state, measured.nu_variance);
     const std::string instead = obedience_->disobedience(kDisobedient);

@@ -7,6 +7,7 @@
 #include <complex>
 #include <stdexcept>
 #include <unsupported/Eigen/Splines>
+#include <utility>
 
 #include "ground/control/table_file.h"
 #include "ground/model/shortened.h"
@@ -15,46 +16,21 @@ namespace ground {
 namespace {
 
 using Complex = std::complex<double>;
+using Position = Vector2<double>;
 
 /// Adds a exp(i w t), a rotating vector in the plane, and its derivatives.
 void addPointer(Complex a, double w, double t, ReferencePoint& point) {
   Complex z = a * std::polar(1.0, w * t);
-  for (Vector2<double>* derivative : {&point.p, &point.p_dot, &point.p_ddot, &point.p_dddot}) {
-    *derivative += Vector2<double>(z.real(), z.imag());
+  for (Position* derivative : {&point.p, &point.p_dot, &point.p_ddot, &point.p_dddot}) {
+    *derivative += Position(z.real(), z.imag());
     z *= Complex(0, w);
   }
 }
 
-ReferencePoint at(const Vector2<double>& p) {
-  const Vector2<double> zero = Vector2<double>::Zero();
+ReferencePoint standing(const Position& p) {
+  const Position zero = Position::Zero();
   return {p, zero, zero, zero};
 }
-
-class StandingStill : public ReferenceTrajectory {
- public:
-  explicit StandingStill(const Vector2<double>& point) : point_(point) {}
-  ReferencePoint at(double) const override { return ground::at(point_); }
-  double extent() const override { return 1; }
-
- private:
-  Vector2<double> point_;
-};
-
-class Circle : public ReferenceTrajectory {
- public:
-  Circle(const Vector2<double>& centre, double radius, double rate)
-      : centre_(centre), radius_(radius), rate_(rate) {}
-  ReferencePoint at(double t) const override {
-    ReferencePoint point = ground::at(centre_);
-    addPointer(radius_, rate_, t, point);
-    return point;
-  }
-  double extent() const override { return 2 * M_PI / std::abs(rate_); }
-
- private:
-  Vector2<double> centre_;
-  double radius_, rate_;
-};
 
 /// Progress along a path, from 0 to 1, and its time derivatives.
 struct Progress {
@@ -70,17 +46,6 @@ class Pace {
     duration_ = length / speed * (smooth ? 35.0 / 16.0 : 1.0);
   }
   double duration() const { return duration_; }
-  /// When the progress is s [s].
-  double timeAt(double s) const {
-    if (s >= 1) return duration_;
-    if (!smooth_) return s * duration_;
-    double early = 0, late = duration_;
-    while (late - early > 1e-9 * duration_) {
-      const double middle = 0.5 * (early + late);
-      (at(middle).s < s ? early : late) = middle;
-    }
-    return late;
-  }
   Progress at(double t) const {
     if (t >= duration_) return {1, 0, 0, 0};
     const double x = t / duration_, d = 1 / duration_;
@@ -97,62 +62,10 @@ class Pace {
   bool smooth_;
 };
 
-class Line : public ReferenceTrajectory {
- public:
-  Line(const Vector2<double>& start, const Vector2<double>& end, double speed, bool smooth)
-      : start_(start), way_(end - start), pace_(way_.norm(), speed, smooth) {}
-  ReferencePoint at(double t) const override {
-    const Progress on = pace_.at(t);
-    return {start_ + on.s * way_, on.s1 * way_, on.s2 * way_, on.s3 * way_};
-  }
-  double extent() const override { return pace_.duration(); }
-
- private:
-  Vector2<double> start_, way_;
-  Pace pace_;
-};
-
-class Rhodonea : public ReferenceTrajectory {
- public:
-  Rhodonea(const Vector2<double>& centre, double amplitude, double petals, double rate)
-      : centre_(centre), amplitude_(amplitude), petals_(petals), rate_(rate) {}
-  ReferencePoint at(double t) const override {
-    ReferencePoint point = ground::at(centre_);
-    addPointer(amplitude_ / 2, (1 + petals_) * rate_, t, point);
-    addPointer(amplitude_ / 2, (1 - petals_) * rate_, t, point);
-    return point;
-  }
-  double extent() const override { return 4 * M_PI / std::abs(rate_); }
-
- private:
-  Vector2<double> centre_;
-  double amplitude_, petals_, rate_;
-};
-
-class Sinusoid : public ReferenceTrajectory {
- public:
-  Sinusoid(const Vector2<double>& start, double speed, double amplitude, double rate)
-      : start_(start), speed_(speed), amplitude_(amplitude), rate_(rate) {}
-  ReferencePoint at(double t) const override {
-    const double s = amplitude_ * std::sin(rate_ * t), c = amplitude_ * std::cos(rate_ * t);
-    ReferencePoint point = ground::at(start_ + Vector2<double>(speed_ * t, s));
-    point.p_dot = {speed_, rate_ * c};
-    point.p_ddot = {0, -rate_ * rate_ * s};
-    point.p_dddot = {0, -rate_ * rate_ * rate_ * c};
-    return point;
-  }
-  double extent() const override { return 4 * M_PI / std::abs(rate_); }
-
- private:
-  Vector2<double> start_;
-  double speed_, amplitude_, rate_;
-};
-
 /// Quintic spline through points at ascending parameters (times or distances) from 0.
 class Curve {
  public:
-  Curve(const std::vector<double>& places, const std::vector<Vector2<double>>& points)
-      : length_(places.back()) {
+  Curve(const std::vector<double>& places, const std::vector<Position>& points) : length_(places.back()) {
     const Eigen::Index count = static_cast<Eigen::Index>(points.size());
     const Eigen::Index degree = std::min<Eigen::Index>(kDegree, count - 1);
     const Spline::ParameterVectorType u =
@@ -182,7 +95,7 @@ class Curve {
     const auto d = spline_.derivatives<3>(std::clamp(place / length_, 0.0, 1.0));
     const double by = 1 / length_;
     const auto derivative = [&](Eigen::Index i) {
-      return i < d.cols() ? Vector2<double>(d.col(i)) : Vector2<double>::Zero().eval();
+      return i < d.cols() ? Position(d.col(i)) : Position::Zero().eval();
     };
     return {derivative(0), by * derivative(1), by * by * derivative(2), by * by * by * derivative(3)};
   }
@@ -194,51 +107,14 @@ class Curve {
   Spline spline_;
 };
 
-class TimedSpline : public ReferenceTrajectory {
- public:
-  TimedSpline(const std::vector<double>& times, const std::vector<Vector2<double>>& points)
-      : curve_(times, points), times_(times) {}
-  ReferencePoint at(double t) const override {
-    const ReferencePoint point = curve_.at(t);
-    return t < curve_.length() ? point : ground::at(point.p);
-  }
-  double extent() const override { return curve_.length(); }
-  std::vector<double> points() const override { return times_; }
-
- private:
-  Curve curve_;
-  std::vector<double> times_;
-};
-
-class Waypoints : public ReferenceTrajectory {
- public:
-  Waypoints(const std::vector<double>& distances, const std::vector<Vector2<double>>& points, double speed,
-            bool smooth)
-      : curve_(distances, points), distances_(distances), pace_(curve_.length(), speed, smooth) {}
-  ReferencePoint at(double t) const override {
-    const Progress on = pace_.at(t);
-    const double length = curve_.length();
-    const double s1 = length * on.s1, s2 = length * on.s2, s3 = length * on.s3;
-    const ReferencePoint by = curve_.at(length * on.s);
-    return {by.p, s1 * by.p_dot, s2 * by.p_dot + s1 * s1 * by.p_ddot,
-            s3 * by.p_dot + 3 * s1 * s2 * by.p_ddot + s1 * s1 * s1 * by.p_dddot};
-  }
-  double extent() const override { return pace_.duration(); }
-  std::vector<double> points() const override {
-    std::vector<double> times;
-    for (const double distance : distances_) times.push_back(pace_.timeAt(distance / curve_.length()));
-    return times;
-  }
-
- private:
-  Curve curve_;
-  std::vector<double> distances_;
-  Pace pace_;
-};
-
 // Limits of files.
 constexpr std::size_t kMaxPoints = 1000000;
 constexpr double kMaxCoordinate = 1e4, kMaxTime = 1e7;  // [m], [s]
+
+template <class At>
+ReferencePtr path(double extent, At at) {
+  return std::make_shared<const ReferenceTrajectory>(extent, std::move(at));
+}
 
 void require(bool good, const char* message) {
   if (!good) throw std::invalid_argument(message);
@@ -264,51 +140,68 @@ void checkRow(const TableFile& table, std::size_t i, bool timed) {
 
 std::vector<double> checkTimes(const ReferenceTrajectory& reference, double extents) {
   constexpr double kLongestStep = 0.05, kFewest = 5000, kMost = 400000;
-  std::vector<double> marks = reference.points();
-  if (marks.empty()) marks = {0, extents * reference.extent()};
-  const double end = marks.back(), step = end / std::clamp(end / kLongestStep, kFewest, kMost);
-  std::vector<double> times = {marks.front()};
-  for (std::size_t i = 1; i < marks.size(); ++i) {
-    const double begin = marks[i - 1], length = marks[i] - begin;
-    const double pieces = std::max(1.0, std::ceil(length / step - 1e-9));
-    for (double k = 1; k <= pieces; ++k) times.push_back(begin + length * k / pieces);
-  }
+  const double end = extents * reference.extent();
+  const double count = std::ceil(std::clamp(end / kLongestStep, kFewest, kMost));
+  std::vector<double> times;
+  for (double k = 0; k <= count; ++k) times.push_back(end * k / count);
   return times;
 }
 
-ReferencePtr makePoint(const Vector2<double>& point) { return std::make_shared<StandingStill>(point); }
+ReferencePtr makePoint(const Position& point) {
+  return path(1, [point](double) { return standing(point); });
+}
 
-ReferencePtr makeCircle(const Vector2<double>& centre, double radius, double rate) {
+ReferencePtr makeCircle(const Position& centre, double radius, double rate) {
   require(radius > 0 && turns(rate), "a circle needs a positive radius and a rate other than 0");
-  return std::make_shared<Circle>(centre, radius, rate);
+  return path(2 * M_PI / std::abs(rate), [=](double t) {
+    ReferencePoint point = standing(centre);
+    addPointer(radius, rate, t, point);
+    return point;
+  });
 }
 
-ReferencePtr makeLine(const Vector2<double>& start, const Vector2<double>& end, double speed, bool smooth) {
-  require(speed > 0 && (end - start).norm() > 0, "a line needs a positive speed and two different ends");
-  return std::make_shared<Line>(start, end, speed, smooth);
+ReferencePtr makeLine(const Position& start, const Position& end, double speed, bool smooth) {
+  const Position way = end - start;
+  require(speed > 0 && way.norm() > 0, "a line needs a positive speed and two different ends");
+  const Pace pace(way.norm(), speed, smooth);
+  return path(pace.duration(), [=](double t) -> ReferencePoint {
+    const Progress on = pace.at(t);
+    return {start + on.s * way, on.s1 * way, on.s2 * way, on.s3 * way};
+  });
 }
 
-ReferencePtr makeRhodonea(const Vector2<double>& centre, double amplitude, double petals, double rate) {
+ReferencePtr makeRhodonea(const Position& centre, double amplitude, double petals, double rate) {
   require(amplitude > 0 && std::isfinite(petals) && turns(rate),
           "a rhodonea needs a positive size and a rate other than 0");
-  return std::make_shared<Rhodonea>(centre, amplitude, petals, rate);
+  return path(4 * M_PI / std::abs(rate), [=](double t) {
+    ReferencePoint point = standing(centre);
+    addPointer(amplitude / 2, (1 + petals) * rate, t, point);
+    addPointer(amplitude / 2, (1 - petals) * rate, t, point);
+    return point;
+  });
 }
 
-ReferencePtr makeSinusoid(const Vector2<double>& start, double speed, double amplitude, double rate) {
+ReferencePtr makeSinusoid(const Position& start, double speed, double amplitude, double rate) {
   require(std::isfinite(speed) && std::isfinite(amplitude) && turns(rate),
           "a sinusoid needs a rate other than 0");
-  return std::make_shared<Sinusoid>(start, speed, amplitude, rate);
+  return path(4 * M_PI / std::abs(rate), [=](double t) -> ReferencePoint {
+    const double w = rate, s = amplitude * std::sin(w * t), c = amplitude * std::cos(w * t);
+    return {start + Position(speed * t, s), {speed, w * c}, {0, -w * w * s}, {0, -w * w * w * c}};
+  });
 }
 
-ReferencePtr makeSpline(const std::vector<double>& times, const std::vector<Vector2<double>>& points) {
+ReferencePtr makeSpline(const std::vector<double>& times, const std::vector<Position>& points) {
   require(points.size() >= 2 && points.size() == times.size(), "a spline needs at least two points");
   require(times.front() == 0, "the first point of a spline must be at time 0");
   for (std::size_t i = 1; i < times.size(); ++i)
     require(times[i] > times[i - 1] && std::isfinite(times[i]), "times must ascend");
-  return std::make_shared<TimedSpline>(times, points);
+  return path(times.back(), [curve = Curve(times, points)](double t) {
+    const ReferencePoint point = curve.at(t);
+    return t < curve.length() ? point : standing(point.p);
+  });
 }
 
-ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double speed, bool smooth) {
+ReferencePtr makeWaypoints(const std::vector<Position>& points, double speed, bool smooth) {
   require(points.size() >= 2, "a way needs at least two points");
   require(speed > 0, "a way needs a positive speed");
   std::vector<double> distances = {0};
@@ -316,11 +209,18 @@ ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double sp
     distances.push_back(distances.back() + (points[i] - points[i - 1]).norm());
     require(distances[i] > distances[i - 1], "a way needs neighbouring points to be different");
   }
-  return std::make_shared<Waypoints>(distances, points, speed, smooth);
+  const double length = distances.back();
+  const Pace pace(length, speed, smooth);
+  return path(pace.duration(), [=, curve = Curve(distances, points)](double t) -> ReferencePoint {
+    const Progress on = pace.at(t);
+    const double s1 = length * on.s1, s2 = length * on.s2, s3 = length * on.s3;
+    const ReferencePoint by = curve.at(length * on.s);
+    return {by.p, s1 * by.p_dot, s2 * by.p_dot + s1 * s1 * by.p_ddot,
+            s3 * by.p_dot + 3 * s1 * s2 * by.p_ddot + s1 * s1 * s1 * by.p_dddot};
+  });
 }
 
-ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed,
-                           bool smooth) {
+ReferencePtr readReference(const std::string& path, const Position& origin, double speed, bool smooth) {
   if (path.empty()) throw std::runtime_error("parameter file is empty: set it to a CSV file");
   const TableFile table = readTable(path, kMaxPoints);
   const bool timed = table.header == "time,x,y";
@@ -329,44 +229,18 @@ ReferencePtr readReference(const std::string& path, const Vector2<double>& origi
                              shortened(table.header) + "'");
   if (table.size() < 2) throw std::runtime_error(path + ", line 1: at least two points must follow");
   std::vector<double> times;
-  std::vector<Vector2<double>> points;
+  std::vector<Position> points;
   for (std::size_t i = 0; i < table.size(); ++i) {
     checkRow(table, i, timed);
     const double* const row = table.row(i);
     if (timed) times.push_back(row[0] - table.row(0)[0]);
-    points.push_back(origin + Vector2<double>(row[table.width - 2], row[table.width - 1]));
+    points.push_back(origin + Position(row[table.width - 2], row[table.width - 1]));
   }
   return timed ? makeSpline(times, points) : makeWaypoints(points, speed, smooth);
 }
 
-const Tunables<ReferenceParams>& ReferenceParams::table() {
-  using P = ReferenceParams;
-  static const Tunables<P> table = {
-      {{"x", "m", "Centre, start or origin, world_ned", -100, 100}, [](auto& p) -> auto& {return p.origin.x();
-}
-}  // namespace ground
-, {{"y", "m", "Centre, start or origin, world_ned", -100, 100}, [](auto& p) -> auto& {return p.origin.y();
-}
-}
-, {{"size", "m", "Radius or amplitude", 0.01, 100}, &P::size},
-    {{"rate_of_turn", "rad/s", "Angular rate of the reference", -10, 10}, &P::rate_of_turn},
-    {{"petals", "-", "Rhodonea: rate of the radius per rate of turn", 0, 20}, &P::petals},
-    {{"speed", "m/s", "Line, sinusoid, waypoints: speed", 0.001, 20}, &P::speed},
-    {{"end_x", "m", "Line: end, world_ned", -100, 100}, [](auto& p) -> auto& {return p.end.x();
-}
-}
-, {{"end_y", "m", "Line: end, world_ned", -100, 100}, [](auto& p) -> auto& {return p.end.y();
-}
-}
-, {{"smooth", "", "Line, waypoints: start and stop smoothly"}, &P::smooth},
-    {{"file", "s, m", "CSV with columns time,x,y or x,y"}, &P::file},
-}
-;
-return table;
-}
-
 bool ReferenceParams::operator==(const ReferenceParams& other) const {
-  const Tunables<ReferenceParams>& all = table();
+  const Tunables<ReferenceFields>& all = table();
   return kind == other.kind && std::all_of(all.begin(), all.end(),
                                            [&](const auto& one) { return one.get(*this) == one.get(other); });
 }
@@ -378,27 +252,27 @@ const std::vector<ReferenceInfo>& referenceTable() {
        "Centre x, y; size is the radius",
        {"x", "y", "size", "rate_of_turn"},
        false,
-       [](P p) { return makeCircle(p.origin, p.size, p.rate_of_turn); }},
+       [](P p) { return makeCircle(Position(p.x, p.y), p.size, p.rate_of_turn); }},
       {"line",
        "From x, y to end_x, end_y at speed, then stop",
        {"x", "y", "end_x", "end_y", "speed", "smooth"},
        true,
-       [](P p) { return makeLine(p.origin, p.end, p.speed, p.smooth); }},
+       [](P p) { return makeLine(Position(p.x, p.y), Position(p.end_x, p.end_y), p.speed, p.smooth); }},
       {"rhodonea",
        "Rose curve about x, y",
        {"x", "y", "size", "petals", "rate_of_turn"},
        false,
-       [](P p) { return makeRhodonea(p.origin, p.size, p.petals, p.rate_of_turn); }},
+       [](P p) { return makeRhodonea(Position(p.x, p.y), p.size, p.petals, p.rate_of_turn); }},
       {"sinusoid",
        "From x, y along x; size is the amplitude",
        {"x", "y", "speed", "size", "rate_of_turn"},
        false,
-       [](P p) { return makeSinusoid(p.origin, p.speed, p.size, p.rate_of_turn); }},
+       [](P p) { return makeSinusoid(Position(p.x, p.y), p.speed, p.size, p.rate_of_turn); }},
       {"file",
        "CSV with columns time,x,y or x,y",
        {"file", "x", "y", "speed", "smooth"},
        true,
-       [](P p) { return readReference(p.file, p.origin, p.speed, p.smooth); }},
+       [](P p) { return readReference(p.file, Position(p.x, p.y), p.speed, p.smooth); }},
   };
   return table;
 }
@@ -409,7 +283,7 @@ ReferencePtr makeReference(const ReferenceParams& params) {
     throw std::invalid_argument("reference must be one of " + namesOf(referenceTable()) + ", not '" +
                                 params.kind + "'");
   const auto& takes = info->takes;
-  for (const Tunable<ReferenceParams>& one : ReferenceParams::table()) {
+  for (const Tunable<ReferenceFields>& one : ReferenceParams::table()) {
     if (std::find(takes.begin(), takes.end(), one.name) == takes.end()) continue;
     const std::string wrong = one.rangeError(one.get(params));
     if (!wrong.empty()) throw std::invalid_argument(wrong);

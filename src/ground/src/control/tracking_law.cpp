@@ -13,24 +13,6 @@ constexpr double kMinShare = 0.01;
 
 }  // namespace
 
-const Tunables<TrackingGains>& TrackingGains::table() {
-  using G = TrackingGains;
-  static const Tunables<G> table = {
-      {{"k_e", "kg/s", "Position error", 1e-6, 100, {1, -3, 2}}, &G::k_e},
-      {{"k_z", "N m s", "Yaw rate error", 1e-7, 10, {1, -6, 1}}, &G::k_z},
-      {{"k_phi_1", "kg^2/s", "Surge velocity error, K_phi(1,1)", 1e-5, 100, {1, -4, 2}}, &G::k_phi_1},
-      {{"k_phi_2", "kg^2/s", "Sway velocity error, K_phi(2,2)", 1e-5, 100, {1, -4, 2}}, &G::k_phi_2},
-      {{"delta_1", "m/s", "Velocity offset along surge, not 0", -1, 1, {-1, -4, 0}}, &G::delta_1},
-      {{"delta_2", "m/s", "Velocity offset along sway", -1, 1}, &G::delta_2},
-  };
-  return table;
-}
-
-std::string TrackingGains::validate() const {
-  const std::string wrong = rangeError(table(), *this);
-  return wrong.empty() && delta_1 == 0 ? "delta_1 must not be 0" : wrong;
-}
-
 TrackingLaw::TrackingLaw(const Model& model)
     : body_(model.body),
       allocation_(*model.thrusters, model.body),
@@ -106,8 +88,8 @@ EffectUse BacksteppingControl::effectUse(const Model& model) {
 
 BacksteppingControl::BacksteppingControl(const Model& model, const TrackingGains& gains)
     : law_(model), gains_(gains) {
-  const std::string refusal = effectUse(model).refusal;
-  if (!refusal.empty()) throw std::invalid_argument(refusal);
+  for (const std::string& wrong : {gains.validate(), effectUse(model).refusal})
+    if (!wrong.empty()) throw std::invalid_argument(wrong);
 }
 
 }  // namespace ground

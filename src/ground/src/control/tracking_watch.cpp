@@ -32,7 +32,6 @@ void TrackingWatch::restart() {
 std::string TrackingWatch::look(double time, double error) {
   if (!begun_) {
     begun_ = true;
-    first_error_ = error;
     last_time_ = time;
   }
   const double seen = std::clamp(time - last_time_, 0.0, kLongestInterval);
@@ -42,22 +41,16 @@ std::string TrackingWatch::look(double time, double error) {
   inside_ = error <= max_error_ ? inside_ + seen : 0;
   arrived_ = arrived_ || inside_ >= kPatience;
   if (!arrived_) approaching_ += seen;
-  const double allowed = arrived_ ? max_error_ : max_error_ + first_error_ + kDetour;
-  outside_ = error <= allowed || time < caught_up_ ? 0 : outside_ + seen;
+  outside_ = error <= max_error_ || !arrived_ || time < caught_up_ ? 0 : outside_ + seen;
 
   char text[160] = "";
-  if (outside_ >= kPatience && arrived_) {
+  if (outside_ >= kPatience)
     std::snprintf(text, sizeof text, "%.2f m from the reference for %g s, more than max_error %.3g m", error,
                   kPatience, max_error_);
-  } else if (outside_ >= kPatience) {
-    std::snprintf(text, sizeof text,
-                  "%.2f m from the reference, and %.2f m at the start: it drives away from it", error,
-                  first_error_);
-  } else if (!arrived_ && approaching_ >= kApproach) {
+  if (!arrived_ && approaching_ >= kApproach)
     std::snprintf(text, sizeof text,
                   "%.2f m from the reference, and never within max_error %.3g m for %g s in %g s", error,
                   max_error_, kPatience, kApproach);
-  }
   return text;
 }
 

@@ -35,30 +35,12 @@ Columns times(const Eigen::Matrix<double, kSize, kSize>& A, const Columns& B) {
 
 }  // namespace
 
-const Tunables<PlanWeights>& PlanWeights::table() {
-  using W = PlanWeights;
-  static const Tunables<W> table = {
-      {{"velocity", "s^2", "Weight of the velocity error", 0, 100, {1, -4, 1}}, &W::velocity},
-      {{"input", "m^2", "Weight of the inputs, of full scale", 0, 100, {1, -7, -1}}, &W::input},
-      {{"turning", "m^2", "Weight of the moment of the inputs, of full scale", 0, 100, {1, -7, -1}},
-       &W::turning},
-      {{"end_position", "-", "Weight of the position error at the end", 0, 1e4, {1, -2, 3}},
-       &W::end_position},
-      {{"end_velocity", "s^2", "Weight of the velocity error at the end", 0, 1e4, {1, -2, 3}},
-       &W::end_velocity},
-  };
-  return table;
-}
-
 TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double step)
     : dynamics_(model),
       derivatives_(model),
       count_(6 + model.stateCount()),
       input_max_(model.body.input_max),
       step_(step) {
-  if (count_ > kStates)
-    throw std::invalid_argument("a model whose effects have more than " + std::to_string(kMaxStates) +
-                                " states cannot be planned with");
   if (steps < 1 || steps > kMaxSteps || !(step > 0))
     throw std::invalid_argument("the horizon needs between 1 and 200 steps of positive length");
   const ThrusterLayout& layout = dynamics_.layout();

@@ -14,21 +14,9 @@ namespace ground {
 namespace {
 
 constexpr double kLongestStep = 0.01;  // [s]
+constexpr double kObserverGap = 1.0;   // a longer gap between measurements restarts it [s]
 
 }  // namespace
-
-const Tunables<ObserverParams>& ObserverParams::table() {
-  using P = ObserverParams;
-  static const Tunables<P> table = {
-      {{"position_noise", "m", "Noise of x and y, 1 sigma", 1e-6, 0.1}, &P::position_noise},
-      {{"heading_noise", "rad", "Noise of the heading, 1 sigma", 1e-6, 0.5}, &P::heading_noise},
-      {{"push", "m/s^1.5", "White acceleration, root density", 0, 100}, &P::push},
-      {{"twist", "rad/s^1.5", "White yaw acceleration, root density", 0, 1e3}, &P::twist},
-      {{"push_drift", "m/s^2.5", "Drift of missing acceleration", 0, 100}, &P::push_drift},
-      {{"twist_drift", "rad/s^2.5", "Drift of missing yaw acceleration", 0, 1e3}, &P::twist_drift},
-  };
-  return table;
-}
 
 DisturbanceObserver::DisturbanceObserver(const Model& model, const ObserverParams& params)
     : dynamics_(model), derivatives_(model), params_(params) {
@@ -101,7 +89,7 @@ void DisturbanceObserver::begin(double time, const RigidState<double>& measured)
 
 void DisturbanceObserver::measure(double time, const RigidState<double>& measured) {
   if (started_ && time <= time_) return;
-  if (!started_ || time - time_ > params_.max_gap) {
+  if (!started_ || time - time_ > kObserverGap) {
     begin(time, measured);
     return;
   }

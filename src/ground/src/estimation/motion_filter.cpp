@@ -5,16 +5,6 @@
 
 namespace ground {
 
-std::string EstimatorParams::validate() const {
-  for (double x : {position_noise, heading_noise, max_gap, linear_jerk, angular_jerk})
-    if (!(x > 0) || !std::isfinite(x)) return "noise levels, jerks and max_gap must be positive";
-  if (!(stamp_noise >= 0) || !std::isfinite(stamp_noise)) return "stamp_noise must not be negative";
-  if (!(gate >= 1)) return "gate must be at least 1";
-  if (median < 1 || median > kMaxMedian || median % 2 == 0)
-    return "median must be odd, 1 to " + std::to_string(kMaxMedian);
-  return "";
-}
-
 bool sameMotion(const Vector3<double>& from, const Vector3<double>& to, double dt, double times,
                 const EstimatorParams& params) {
   for (int i = 0; i < 3; ++i) {

@@ -9,7 +9,9 @@
 namespace ground {
 namespace {
 
-constexpr double kMaxAhead = 1.0;  // a stamp farther in the future is from another clock [s]
+constexpr double kMaxAhead = 1.0;     // a stamp farther in the future is from another clock [s]
+constexpr double kPeerTimeout = 2;    // silence after which a craft may return on another port [s]
+constexpr double kSendTimeout = 0.2;  // longest failure to send while armed [s]
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 
 /// Whether a thruster pushes without lift. An input of the wrong sign for the thruster is clipped.
@@ -28,20 +30,6 @@ void check(const GroundLinkParams& params) {
 }
 
 }  // namespace
-
-std::string GroundLinkParams::validate() const {
-  const auto positive = [](double x) { return std::isfinite(x) && x > 0; };
-  if (!positive(command_timeout)) return "command_timeout must be positive";
-  if (!positive(state_timeout)) return "state_timeout must be positive";
-  if (!std::isfinite(recovery_time) || recovery_time < 0) return "recovery_time must not be negative";
-  if (!positive(keepalive_rate)) return "keepalive_rate must be positive";
-  if (!positive(peer_timeout)) return "peer_timeout must be positive";
-  if (!std::isfinite(craft_timeout) || craft_timeout < 0) return "craft_timeout must not be negative";
-  if (obedience_timeout != 0 && !(obedience_timeout >= 0.5 && obedience_timeout <= 10))
-    return "obedience_timeout must be 0 or between 0.5 and 10 s";
-  if (!positive(send_timeout)) return "send_timeout must be positive";
-  return "";
-}
 
 GroundLink::GroundLink(const GroundLinkParams& params, const UdpAddress& peer, Send send,
                        ThrusterLayoutPtr layout)
@@ -81,8 +69,7 @@ bool GroundLink::isCraft(double now, const UdpAddress& from, bool telemetry) {
   const bool better = !peer_locked_ && telemetry;
   // A restarted craft sends from another port of its address. Silence is only known of a craft that
   // has sent telemetry.
-  const bool back =
-      peer_speaks_ && telemetry && from.host == peer_.host && now - peer_heard_ > params_.peer_timeout;
+  const bool back = peer_speaks_ && telemetry && from.host == peer_.host && now - peer_heard_ > kPeerTimeout;
   if (!unknown && !better && !back) return false;
   peer_ = from;
   ++revision_;
@@ -109,21 +96,8 @@ std::optional<CraftTelemetry> GroundLink::datagram(double now, const std::string
 
 void GroundLink::command(double now, double age, const std::string& source, const MotorCommand& command) {
   watch(now);  // a command after the timeout must not prevent the fault
-  const bool armed = state_ == State::kArmed;
-  if (armed && source != armed_source_)
-    return refuse(
-        "a command of " + source + " is not of " + armed_source_ + ", with which the craft is armed", false);
-  if (!command.finite()) return refuse("a command of " + source + " is not finite", true);
-  if (command.thrusters.size() != layout_->size())
-    return refuse("a command of " + source + " is for " + std::to_string(command.thrusters.size()) +
-                      " thrusters, and the craft has " + std::to_string(layout_->size()),
-                  true);
-  if (armed && params_.require_lift && thrustAlone(command, *layout_))
-    return refuse("a command of " + source + " is thrust without lift", true);
-  if (!(age < params_.command_timeout))
-    return refuse("a command of " + source + " is older by its stamp than command_timeout", true);
-  if (age < -kMaxAhead)
-    return refuse("a command of " + source + " has a stamp from the future: the clocks differ", true);
+  const std::string why = objection(age, source, command);
+  if (!why.empty()) return refuseCommand(now, source, why);
   if (source != command_source_ && command_until_ > now) {
     clash_until_ = now + params_.command_timeout;
     clash_ = "both " + command_source_ + " and " + source + " send commands: stop one of them";
@@ -132,20 +106,29 @@ void GroundLink::command(double now, double age, const std::string& source, cons
   command_source_ = source;
   command_problem_.clear();
   command_until_ = now - std::max(0.0, age) + params_.command_timeout;
-  if (armed) transmit(now);
+  if (state_ == State::kArmed) transmit(now);
+}
+
+/// Why a command is not accepted; empty if it is.
+std::string GroundLink::objection(double age, const std::string& source, const MotorCommand& command) const {
+  const bool armed = state_ == State::kArmed;
+  if (armed && source != armed_source_)
+    return "is not of " + armed_source_ + ", with which the craft is armed";
+  if (!command.finite()) return "is not finite";
+  if (command.thrusters.size() != layout_->size())
+    return "is for " + std::to_string(command.thrusters.size()) + " thrusters, and the craft has " +
+           std::to_string(layout_->size());
+  if (armed && params_.require_lift && thrustAlone(command, *layout_)) return "is thrust without lift";
+  if (!(age < params_.command_timeout)) return "is older by its stamp than command_timeout";
+  return age < -kMaxAhead ? "has a stamp from the future: the clocks differ" : "";
 }
 
 void GroundLink::refuseCommand(double now, const std::string& source, const std::string& why) {
   watch(now);
-  const bool driver = state_ != State::kArmed || source == armed_source_;
-  refuse("a command of " + source + " " + why, driver);
-}
-
-void GroundLink::refuse(const std::string& why, bool of_controller) {
   ++counters_.refused;
-  refusal_ = why;
-  if (!of_controller) return;
-  command_problem_ = why;
+  refusal_ = "a command of " + source + " " + why;
+  if (state_ == State::kArmed && source != armed_source_) return;
+  command_problem_ = refusal_;
   // A refused command is not a zero command, so it prevents arming. While armed, the last accepted
   // command becomes stale instead.
   if (state_ != State::kArmed) command_until_ = kNever;
@@ -214,7 +197,6 @@ std::string GroundLink::stateMissing(double now) const {
 
 /// Why the commands do not allow arming; empty if they do.
 std::string GroundLink::commandMissing(double now) const {
-  if (publishers_ > 1) return std::to_string(publishers_) + " nodes publish commands: stop all but one";
   if (clash_until_ > now) return clash_;
   if (command_until_ <= now) return because("there is no fresh command", command_problem_);
   if (!command_.zero()) return "the command is not zero";
@@ -325,7 +307,7 @@ void GroundLink::sendPacket(double now, const MotorCommand& command) {
   if (problem.empty()) {
     ++counters_.sent;
   } else if (send_problem_.empty()) {
-    sent_until_ = now + params_.send_timeout;
+    sent_until_ = now + kSendTimeout;
   }
   send_problem_ = problem;
 }

@@ -75,10 +75,7 @@ bool decodeMotors(const std::string& datagram, MotorCommand& command, std::strin
   for (int i = 0; i < layout.size(); ++i)
     inside = inside &&
              fromMotor(all[static_cast<std::size_t>(i)], layout[i].least, layout[i].most, read.thrusters(i));
-  if (!inside)
-    return refuse(
-        layout.isPair() ? "a motor is outside 1000..2000" : "a motor is outside of the range of its thruster",
-        reason);
+  if (!inside) return refuse("a motor is outside of the range of its thruster", reason);
   command = read;
   return true;
 }

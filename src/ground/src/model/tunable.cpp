@@ -14,16 +14,6 @@ const Value& held(const Setting& setting, const std::string& name, const char* w
   return *value;
 }
 
-template <class Whole>
-Whole wholeNumber(const Setting& setting, const std::string& name) {
-  const double value = held<double>(setting, name, "a whole number");
-  const auto low = static_cast<double>(std::numeric_limits<Whole>::min());
-  const auto high = static_cast<double>(std::numeric_limits<int>::max());
-  if (!(value >= low && value <= high) || value != std::floor(value))
-    throw std::invalid_argument(name + " must be a whole number");
-  return static_cast<Whole>(value);
-}
-
 }  // namespace
 
 std::string TunableInfo::rangeError(const Setting& setting) const {
@@ -40,7 +30,6 @@ namespace detail {
 
 Setting settingOf(double value) { return value; }
 Setting settingOf(int value) { return static_cast<double>(value); }
-Setting settingOf(unsigned long value) { return static_cast<double>(value); }
 Setting settingOf(bool value) { return value; }
 Setting settingOf(const std::string& value) { return value; }
 
@@ -48,10 +37,10 @@ void assign(double& value, const Setting& setting, const std::string& name) {
   value = held<double>(setting, name, "a number");
 }
 void assign(int& value, const Setting& setting, const std::string& name) {
-  value = wholeNumber<int>(setting, name);
-}
-void assign(unsigned long& value, const Setting& setting, const std::string& name) {
-  value = wholeNumber<unsigned long>(setting, name);
+  const double given = held<double>(setting, name, "a whole number");
+  if (!(std::abs(given) <= std::numeric_limits<int>::max()) || given != std::floor(given))
+    throw std::invalid_argument(name + " must be a whole number");
+  value = static_cast<int>(given);
 }
 void assign(bool& value, const Setting& setting, const std::string& name) {
   value = held<bool>(setting, name, "true or false");

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "ground/nodelets/controls.h"
+#include "ground/nodelets/messages.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/real_time_threads.h"
 
@@ -19,8 +20,7 @@ constexpr double kMaxPace = 10, kSimulatedTick = 5e-4;
 MeasuredState measuredState(const ground_msgs::State& message, double stamp) {
   MeasuredState measured;
   measured.stamp = stamp;
-  std::copy(message.eta.begin(), message.eta.end(), measured.state.eta.data());
-  std::copy(message.nu.begin(), message.nu.end(), measured.state.nu.data());
+  measured.state = stateIn(message);
   for (int i = 0; i < 3; ++i)
     measured.nu_variance(i) = message.nu_covariance[static_cast<std::size_t>(4 * i)];
   measured.valid = message.valid;
@@ -39,52 +39,49 @@ void Controller::shutdown() {
   state_subscriber_.shutdown();
   sender_subscriber_.shutdown();
   controls_subscriber_.shutdown();
+  drive_subscriber_.shutdown();
   start_service_.shutdown();
   stop_service_.shutdown();
   const std::lock_guard lock(mutex_);
   if (controls_) life_.sendZero(now());
 }
 
-void Controller::onInit() {
+void Controller::start(ros::NodeHandle& nh, ros::NodeHandle& topics) {
   name_ = getName();
-  try {
-    ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
-    ros::NodeHandle services = service_callbacks_.handle(getPrivateNodeHandle());
-    ros::NodeHandle topics = this->topics();
-    epoch_ = ros::Time::now();
-    auto_start_ = optionalParameter<bool>(nh, "auto_start", false);
-    real_time_ = wantsRealTime(nh);
-    if (real_time_) callbacks_.prioritise(RealTimePriority::kControl);
-    LifecycleParams params;
-    params.require_armed = optionalParameter<bool>(nh, "require_armed", true);
-    params.require_state = require_state_ = optionalParameter<bool>(nh, "require_state", true);
-    life_.setParams(params);
-    auto room = optionalParameter<std::string>(nh, "room", "");
-    if (room.empty()) room = optionalParameter<std::string>(topics, "sender/room", "");
-    if (!room.empty() && !require_state_)
-      throw std::runtime_error("the room needs the state (require_state): leave out room");
-    if (!room.empty()) {
-      room_ = loadRoom(room);
-      life_.setFence(Fence(*room_, room_->margin));
-    }
-    controls_ = topics.advertise<ground_msgs::Controls>("controls", 4);
-    status_ = nh.advertise<Status>("status", 1, true);
-    load(nh);
-    start_service_ = services.advertiseService("start", &Controller::onStart, this);
-    stop_service_ = services.advertiseService("stop", &Controller::onStop, this);
-    const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
-    sender_subscriber_ = topics.subscribe("sender/status", 4, &Controller::onSender, this, hints);
-    controls_subscriber_ = topics.subscribe("controls", 4, &Controller::onControls, this, hints);
-    state_subscriber_ = topics.subscribe("state", 1, &Controller::onState, this, hints);
-    {
-      const std::lock_guard lock(mutex_);
-      publishStatus();  // whoever hears it finds the services
-    }
-    thread_ = std::thread([this] { run(); });
-  } catch (const std::exception& error) {
-    NODELET_FATAL("%s: %s", name_.c_str(), error.what());
-    throw;
+  ros::NodeHandle services = service_callbacks_.handle(getPrivateNodeHandle());
+  epoch_ = ros::Time::now();
+  auto_start_ = optionalParameter<bool>(nh, "auto_start", false);
+  real_time_ = wantsRealTime(nh);
+  if (real_time_) callbacks_.prioritise(RealTimePriority::kControl);
+  LifecycleParams params;
+  params.require_armed = optionalParameter<bool>(nh, "require_armed", true);
+  params.require_state = require_state_ = optionalParameter<bool>(nh, "require_state", true);
+  life_.setParams(params);
+  auto room = optionalParameter<std::string>(nh, "room", "");
+  if (room.empty()) room = optionalParameter<std::string>(topics, "sender/room", "");
+  if (!room.empty() && !require_state_)
+    throw std::runtime_error("the room needs the state (require_state): leave out room");
+  if (!room.empty()) {
+    room_ = loadRoom(room);
+    life_.setFence(Fence(*room_, room_->margin));
   }
+  controls_ = topics.advertise<ground_msgs::Controls>("controls", 4);
+  wanted_publisher_ = topics.advertise<ground_msgs::Controls>("controls/wanted", 4);
+  decision_publisher_ = topics.advertise<ground_msgs::Decision>("decision", 4);
+  status_ = nh.advertise<Status>("status", 1, true);
+  load(nh);
+  start_service_ = services.advertiseService("start", &Controller::onStart, this);
+  stop_service_ = services.advertiseService("stop", &Controller::onStop, this);
+  const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
+  drive_subscriber_ = topics.subscribe("drive", 4, &Controller::onDrive, this);
+  sender_subscriber_ = topics.subscribe("sender/status", 4, &Controller::onSender, this, hints);
+  controls_subscriber_ = topics.subscribe("controls", 4, &Controller::onControls, this, hints);
+  state_subscriber_ = topics.subscribe("state", 1, &Controller::onState, this, hints);
+  {
+    const std::lock_guard lock(mutex_);
+    publishStatus();  // whoever hears it finds the services
+  }
+  thread_ = std::thread([this] { run(); });
 }
 
 void Controller::setParams(LifecycleParams params) {
@@ -92,6 +89,11 @@ void Controller::setParams(LifecycleParams params) {
   params.require_armed = life_.params().require_armed;
   params.require_state = require_state_;
   life_.setParams(params);
+}
+
+void Controller::onDrive(const ground_msgs::Drive::ConstPtr& message) {
+  const std::lock_guard lock(mutex_);
+  pilot_.driveBegan(seconds(message->began), seconds(message->header.stamp));
 }
 
 void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {
@@ -170,6 +172,21 @@ void Controller::publish(const Inputs& inputs) {
   controls_.publish(message);
   pilot_.commanded(seconds(stamp), inputs);
   sent();
+  if (!decision_) return;
+  wanted_publisher_.publish(wanted_);
+  decision_publisher_.publish(decision_);
+  decision_.reset();
+}
+
+void Controller::note(const ReferencePilot::Decision& made) {
+  wanted_ = boost::make_shared<ground_msgs::Controls>();
+  wanted_->header.stamp = ros::Time::now();
+  wanted_->header.frame_id = name_;
+  writeInputs({made.wanted, life_.params().lift}, pilot_.layout(), *wanted_);
+  decision_ = boost::make_shared<ground_msgs::Decision>();
+  decision_->header = wanted_->header;
+  decision_->state = measured_at_;
+  decision_->computing = made.computing;
 }
 
 void Controller::changed() {

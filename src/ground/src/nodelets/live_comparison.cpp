@@ -5,7 +5,6 @@
 #include <ground_msgs/ModelError.h>
 #include <ground_msgs/State.h>
 #include <nav_msgs/Path.h>
-#include <nodelet/nodelet.h>
 
 #include <algorithm>
 #include <array>
@@ -18,11 +17,12 @@
 #include <string>
 
 #include "ground/estimation/model_monitor.h"
-#include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/controls.h"
+#include "ground/nodelets/messages.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
 
 namespace ground {
@@ -34,12 +34,7 @@ namespace ground {
 /// Publishes with every state: model_error, model_error2. Publishes at `rate`: path/predicted,
 /// path/predicted2 (prediction of each model over the last horizon), model_comparison. Services:
 /// ~load_model, ~load_model2 (load another model file).
-class LiveComparison : public nodelet::Nodelet {
- public:
-  ~LiveComparison() override {
-    for (Contestant& c : contestants_) c.service = ModelService();
-  }
-
+class LiveComparison : public Shell {
  private:
   using Config = LiveComparisonConfig;
 
@@ -48,36 +43,25 @@ class LiveComparison : public nodelet::Nodelet {
     std::string name;
     std::unique_ptr<ModelMonitor> monitor;
     ros::Publisher error, path;
-    ModelService service;
   };
 
-  void onInit() override {
-    try {
-      start();
-    } catch (const std::exception& error) {
-      NODELET_FATAL("%s: %s", getName().c_str(), error.what());
-      throw;
-    }
-  }
-
-  void start() {
-    ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
-    ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
+  void start(ros::NodeHandle& nh, ros::NodeHandle& topics) override {
     const std::array<std::string, kModels> files = {requiredParameter<std::string>(nh, "model"),
                                                     optionalParameter<std::string>(nh, "model2", "")};
-    reconfigure_ = std::make_unique<LiveParameters<Config>>(
-        nh, [](const Config& c) { return params(c).validate(); }, [this](const Config& c) { apply(c); });
+    reconfigure_ =
+        std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) { apply(c); });
     for (std::size_t i = 0; i < kModels; ++i) {
       const std::string suffix = i == 0 ? "" : "2";
       Contestant& c = contestants_[i];
       if (!files[i].empty()) take(c, loadModelAndWarn(files[i]), files[i]);
       c.error = topics.advertise<ground_msgs::ModelError>("model_error" + suffix, 10);
       c.path = topics.advertise<nav_msgs::Path>("path/predicted" + suffix, 1);
-      c.service = ModelService(nh, "load_model" + suffix, [this, &c](const Model& m, const std::string& f) {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        take(c, m, f);
-        return std::string();
-      });
+      services_[i] = ModelService(reconfigure_->thread(), nh, "load_model" + suffix,
+                                  [this, &c](const Model& model, const std::string& file) {
+                                    const std::lock_guard<std::mutex> lock(mutex_);
+                                    take(c, model, file);
+                                    return std::string();
+                                  });
     }
     comparison_publisher_ = topics.advertise<ground_msgs::ModelComparison>("model_comparison", 1);
     controls_subscriber_ = topics.subscribe("controls", 50, &LiveComparison::onControls, this,
@@ -91,11 +75,13 @@ class LiveComparison : public nodelet::Nodelet {
     MonitorParams p;
     p.horizon = c.horizon;
     p.window = c.window;
-    takeFields(p.observer, ObserverParams::table(), c);
+    p.observer = paramsIn<ObserverParams>(c);
     return p;
   }
 
   void apply(const Config& c) {
+    const std::string wrong = params(c).validate();
+    if (!wrong.empty()) throw std::invalid_argument(wrong);
     const std::lock_guard<std::mutex> lock(mutex_);
     config_ = c;
     contest_ = ModelContest(c.horizon, c.window);
@@ -166,10 +152,8 @@ class LiveComparison : public nodelet::Nodelet {
 
   void onState(const ground_msgs::State::ConstPtr& message) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    RigidState<double> state;
-    std::copy(message->eta.begin(), message->eta.end(), state.eta.data());
-    std::copy(message->nu.begin(), message->nu.end(), state.nu.data());
-    if (!message->valid || !state.eta.allFinite() || !state.nu.allFinite()) return;
+    const RigidState<double> state = stateIn(*message);
+    if (!message->valid || !isFinite(state)) return;
     const double time = seconds(message->header.stamp);
     std::array<std::optional<ModelMonitor::Error>, kModels> errors;
     for (std::size_t i = 0; i < kModels; ++i) {
@@ -207,19 +191,9 @@ class LiveComparison : public nodelet::Nodelet {
   }
 
   static void publishPath(Contestant& c, const ros::Time& stamp) {
-    auto path = boost::make_shared<nav_msgs::Path>();
-    path->header.stamp = stamp;
-    path->header.frame_id = "world_ned";
-    for (const Vector3<double>& eta : c.monitor->path(kPathStep)) {
-      geometry_msgs::PoseStamped pose;
-      pose.header = path->header;
-      pose.pose.position.x = eta.x();
-      pose.pose.position.y = eta.y();
-      pose.pose.position.z = -0.01;  // above the floor
-      pose.pose.orientation.z = std::sin(eta.z() / 2);
-      pose.pose.orientation.w = std::cos(eta.z() / 2);
-      path->poses.push_back(pose);
-    }
+    auto path = inWorld<nav_msgs::Path>(stamp);
+    for (const Vector3<double>& eta : c.monitor->path(kPathStep))
+      addPose(*path, stamp, poseOf(eta.x(), eta.y(), -0.01, eta.z()));  // above the floor
     if (!path->poses.empty()) c.path.publish(path);
   }
 
@@ -241,7 +215,6 @@ class LiveComparison : public nodelet::Nodelet {
   static constexpr double kPathStep = 0.02;  // [s]
   static constexpr double kJump = 0.5;       // smallest jump back, larger than any disorder [s]
 
-  CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards what follows
   Config config_;
   std::array<Contestant, kModels> contestants_;
@@ -254,6 +227,7 @@ class LiveComparison : public nodelet::Nodelet {
   ros::Publisher comparison_publisher_;
   ros::Subscriber state_subscriber_, controls_subscriber_, drive_subscriber_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
+  std::array<ModelService, kModels> services_;
 };
 
 }  // namespace ground

@@ -3,7 +3,6 @@
 #include <ground_msgs/MocapSettings.h>
 #include <ground_msgs/State.h>
 #include <nav_msgs/Odometry.h>
-#include <nodelet/nodelet.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 #include <tf2_ros/transform_broadcaster.h>
 #include <xmlrpcpp/XmlRpcException.h>
@@ -25,10 +24,11 @@
 #include "ground/estimation/axis_mapping.h"
 #include "ground/estimation/velocity_estimator.h"
 #include "ground/nodelets/background_log.h"
-#include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/inheriting_mutex.h"
+#include "ground/nodelets/messages.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/real_time_threads.h"
+#include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
 
 namespace ground {
@@ -46,7 +46,7 @@ namespace ground {
 /// Publishes no state for repeated and late poses, and for up to three consecutive impossible ones.
 /// Restarts the estimate if ROS time is set. Publishes invalid states at 10 Hz if there are no
 /// poses or the pose is frozen.
-class MocapState : public nodelet::Nodelet {
+class MocapState : public Shell {
  public:
   ~MocapState() override {
     subscriber_.shutdown();
@@ -60,20 +60,8 @@ class MocapState : public nodelet::Nodelet {
 
  private:
   using Config = MocapStateConfig;
-  using SteadyClock = WatchdogClock;
 
-  void onInit() override {
-    try {
-      start();
-    } catch (const std::exception& error) {
-      NODELET_FATAL("mocap_state: %s", error.what());
-      throw;
-    }
-  }
-
-  void start() {
-    ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
-    ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
+  void start(ros::NodeHandle& nh, ros::NodeHandle& topics) override {
     real_time_ = wantsRealTime(nh);
     if (real_time_) callbacks_.prioritise(RealTimePriority::kEstimate);
     axes_ = optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack);
@@ -90,8 +78,8 @@ class MocapState : public nodelet::Nodelet {
     down.child_frame_id = "world_ned";
     down.transform.rotation.x = 1;
     static_broadcaster_->sendTransform(down);
-    reconfigure_ = std::make_unique<LiveParameters<Config>>(
-        nh, [](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
+    reconfigure_ =
+        std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) { apply(c); });
     thread_ = std::thread([this] { watch(); });
     subscriber_ = topics.subscribe("vrpn_client_node/hovercraft/pose", 10, &MocapState::onPose, this,
                                    ros::TransportHints().tcpNoDelay());
@@ -120,40 +108,15 @@ class MocapState : public nodelet::Nodelet {
     nh.setParam("heading_offset", recorded_.front().heading_offset);
   }
 
-  static EstimatorParams params(const Config& c) {
-    EstimatorParams p;
-    p.position_noise = c.position_noise;
-    p.heading_noise = c.heading_noise;
-    p.stamp_noise = c.stamp_noise;
-    p.max_gap = c.max_gap;
-    p.linear_jerk = c.linear_jerk;
-    p.angular_jerk = c.angular_jerk;
-    p.gate = c.gate;
-    p.median = c.median;
-    return p;
-  }
-
-  static std::string wrong(const Config& c) {
-    if (c.estimator != "kalman" && c.estimator != "finite_differences")
-      return "estimator must be kalman or finite_differences, not '" + c.estimator + "'";
-    return params(c).validate();
-  }
-
-  static SteadyClock::duration duration(double seconds) {
-    return std::chrono::duration_cast<SteadyClock::duration>(std::chrono::duration<double>(seconds));
-  }
-
   void apply(const Config& c) {
     const std::lock_guard lock(mutex_);
-    for (const auto& estimator : estimators_) estimator->setParams(params(c));
+    estimator_.setParams(paramsIn<EstimatorParams>(c));
     if (c.heading_offset != wanted_offset_) measureBy(axes_, c.heading_offset);
     wanted_offset_ = c.heading_offset;
-    // Both always run, so that a change between them does not interrupt the state.
-    active_ = c.estimator == "kalman" ? 0 : 1;
-    timeout_ = duration(c.timeout);
+    timeout_ = c.timeout;
     max_age_ = c.max_age;
     freezes_ = c.freezes;
-    upright_time_ = duration(c.upright_time);
+    upright_time_ = c.upright_time;
     wake_.notify_all();
   }
 
@@ -161,7 +124,7 @@ class MocapState : public nodelet::Nodelet {
   void measureBy(const std::string& axes, double heading_offset) {
     mapping_ = AxisMapping(axes, heading_offset);
     axes_ = axes;
-    for (const auto& estimator : estimators_) estimator->reset();
+    estimator_.reset();
     auto settings = boost::make_shared<ground_msgs::MocapSettings>();
     settings->header.stamp = stamp_.isZero() ? ros::Time::now() : stamp_;
     settings->axes = axes;
@@ -183,7 +146,7 @@ class MocapState : public nodelet::Nodelet {
     const std::string jump = time_watch_.look();
     if (!jump.empty()) {
       log_.warn("mocap_state: " + jump + ": the estimate restarts");
-      for (const auto& estimator : estimators_) estimator->reset();
+      estimator_.reset();
     }
     if (!recorded_.empty()) follow(pose->header.stamp.toSec());
     if (repeats(pose->pose)) return;
@@ -193,8 +156,8 @@ class MocapState : public nodelet::Nodelet {
       return;
     }
     if (!pose->header.stamp.isZero()) stamp_ = pose->header.stamp;
-    const bool was_stale = SteadyClock::now() - last_pose_ > timeout_;
-    last_pose_ = SteadyClock::now();
+    const bool was_stale = steadyNow() - last_pose_ > timeout_;
+    last_pose_ = steadyNow();
     if (was_stale) wake_.notify_all();
     const std::string doubt = estimate.valid ? doubts() : estimate.status;
     publish(estimate, estimate.valid && doubt.empty(), doubt);
@@ -203,8 +166,8 @@ class MocapState : public nodelet::Nodelet {
 
   /// Logs once a second at most.
   void reportRejection(const char* why) {
-    const auto now = SteadyClock::now();
-    if (now - rejection_logged_ < std::chrono::seconds(1)) return;
+    const double now = steadyNow();
+    if (now - rejection_logged_ < 1) return;
     rejection_logged_ = now;
     log_.warn(std::string("mocap_state: a pose is rejected: ") + why);
   }
@@ -222,22 +185,16 @@ class MocapState : public nodelet::Nodelet {
     return frozen_;
   }
 
-  /// Passes a pose to the estimators.
+  /// Passes a pose to the estimator.
   const StateEstimate& take(const geometry_msgs::PoseStamped& pose) {
     const auto& p = pose.pose.position;
     const auto& q = pose.pose.orientation;
     const char* why = "the pose has no stamp";
     std::optional<Vector3<double>> eta;
     if (!pose.header.stamp.isZero()) eta = mapping_.toPlanar({p.x, p.y, p.z}, {q.w, q.x, q.y, q.z}, &why);
-    for (const auto& estimator : estimators_) {
-      if (eta) {
-        estimator->update(pose.header.stamp.toSec(), *eta);
-      } else {
-        estimator->reject(why);
-      }
-    }
-    const StateEstimate& estimate = estimators_[active_]->estimate();
-    if (why == AxisMapping::kLeans && !estimate.valid) leaned_ = SteadyClock::now();
+    const StateEstimate& estimate =
+        eta ? estimator_.update(pose.header.stamp.toSec(), *eta) : estimator_.reject(why);
+    if (why == AxisMapping::kLeans && !estimate.valid) leaned_ = steadyNow();
     return estimate;
   }
 
@@ -261,9 +218,7 @@ class MocapState : public nodelet::Nodelet {
   }
 
   void publish(const StateEstimate& estimate, bool valid, const std::string& status) {
-    auto state = boost::make_shared<ground_msgs::State>();
-    state->header.stamp = stamp_;
-    state->header.frame_id = "world_ned";
+    auto state = inWorld<ground_msgs::State>(stamp_);
     for (int i = 0; i < 3; ++i) {
       state->eta[i] = estimate.eta(i);
       state->nu[i] = estimate.nu(i);
@@ -274,25 +229,15 @@ class MocapState : public nodelet::Nodelet {
     state->valid = valid;
     state->status = status;
     state_publisher_.publish(state);
-    if (valid != was_valid_) {
-      if (valid) {
-        log_.info("mocap_state: the state is valid");
-      } else {
-        log_.warn("mocap_state: the state is invalid: " + status);
-      }
-    }
+    if (valid && !was_valid_) log_.info("mocap_state: the state is valid");
+    if (!valid && was_valid_) log_.warn("mocap_state: the state is invalid: " + status);
     was_valid_ = valid;
   }
 
   void publishOdometry(const StateEstimate& estimate) {
-    auto odometry = boost::make_shared<nav_msgs::Odometry>();
-    odometry->header.stamp = stamp_;
-    odometry->header.frame_id = "world_ned";
+    auto odometry = inWorld<nav_msgs::Odometry>(stamp_);
     odometry->child_frame_id = "hovercraft";
-    odometry->pose.pose.position.x = estimate.eta.x();
-    odometry->pose.pose.position.y = estimate.eta.y();
-    odometry->pose.pose.orientation.z = std::sin(estimate.eta.z() / 2);
-    odometry->pose.pose.orientation.w = std::cos(estimate.eta.z() / 2);
+    odometry->pose.pose = poseOf(estimate.eta.x(), estimate.eta.y(), 0, estimate.eta.z());
     odometry->twist.twist.linear.x = estimate.nu.x();
     odometry->twist.twist.linear.y = estimate.nu.y();
     odometry->twist.twist.angular.z = estimate.nu.z();
@@ -320,24 +265,24 @@ class MocapState : public nodelet::Nodelet {
     if (real_time_) prioritise(RealTimePriority::kEstimate);
     std::unique_lock lock(mutex_);
     while (alive_) {
-      const auto deadline = last_pose_ + timeout_;
-      if (SteadyClock::now() < deadline) {
-        wake_.wait_for(lock, std::min<SteadyClock::duration>(deadline - SteadyClock::now(), kLook));
+      const double left = last_pose_ + timeout_ - steadyNow();
+      if (left > 0) {
+        wake_.wait_for(lock, std::chrono::duration<double>(std::min(left, kLook)));
         continue;
       }
-      publish(estimators_[active_]->estimate(), false,
-              last_pose_ == SteadyClock::time_point() ? "no pose yet"
-              : frozen_                               ? "the pose is frozen"
-                                                      : "no pose for too long");
+      publish(estimator_.estimate(), false,
+              last_pose_ == kNever ? "no pose yet"
+              : frozen_            ? "the pose is frozen"
+                                   : "no pose for too long");
       wake_.wait_for(lock, std::chrono::milliseconds(100));
     }
   }
 
-  static constexpr std::chrono::milliseconds kLook{20};  // longest interval of reading the clock
+  static constexpr double kLook = 0.02;  // longest interval of reading the clock [s]
+  static constexpr double kNever = -std::numeric_limits<double>::infinity();
   static constexpr int kMinDistinct = 100;  // distinct poses after which a repeated one is frozen
 
   BackgroundLog log_;
-  CallbackThread callbacks_;
   InheritingMutex mutex_;  ///< guards all data below
   /// Settings of a recorded run.
   struct Recorded {
@@ -350,20 +295,17 @@ class MocapState : public nodelet::Nodelet {
   std::string axes_;
   double wanted_offset_ = std::numeric_limits<double>::quiet_NaN();  ///< parameter heading_offset
   AxisMapping mapping_;
-  const std::array<std::unique_ptr<VelocityEstimator>, 2> estimators_{makeKalmanEstimator({}),
-                                                                      makeFiniteDifferenceEstimator({})};
-  int active_ = 0;
+  VelocityEstimator estimator_{EstimatorParams()};
   RosTimeWatch time_watch_;
-  SteadyClock::duration timeout_{};
-  double max_age_ = 0;  ///< [s]; 0: any
+  // Times of the steady clock [s]
+  double timeout_ = 0, upright_time_ = 0, last_pose_ = kNever, rejection_logged_ = kNever;
+  double leaned_ = kNever;  ///< last time at which the craft leaned for several poses
+  double max_age_ = 0;      ///< [s]; 0: any
   bool freezes_ = true;
   std::array<double, 7> last_{};  ///< last pose
   int distinct_ = 0;              ///< number of poses that differed from the one before
   bool frozen_ = false;
-  SteadyClock::time_point last_pose_, rejection_logged_;
-  SteadyClock::duration upright_time_{};
-  SteadyClock::time_point leaned_;  ///< last time at which the craft leaned for several poses
-  ros::Time stamp_;                 ///< stamp of the newest pose
+  ros::Time stamp_;  ///< stamp of the newest pose
   bool alive_ = true;
   bool real_time_ = false;  ///< constant after start()
   bool was_valid_ = false;

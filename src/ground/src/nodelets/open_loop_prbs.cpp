@@ -3,7 +3,6 @@
 #include <memory>
 #include <pluginlib/class_list_macros.hpp>
 
-#include "ground/control/controllers.h"
 #include "ground/control/input_design.h"
 #include "ground/nodelets/controller.h"
 #include "ground/nodelets/model_loading.h"
@@ -25,37 +24,29 @@ class OpenLoopPRBS : private Pilot, public Controller {
 
  private:
   void load(ros::NodeHandle& nh) override {
-    const auto model = optionalParameter<std::string>(nh, "model", "");
-    const std::string refusal =
-        model.empty() ? "" : effectUse("OpenLoopPRBS", loadModelAndWarn(model)).refusal;
-    if (!refusal.empty()) throw std::runtime_error(refusal);
-    const auto csv = optionalParameter<std::string>(nh, "csv", "");
+    const auto file = optionalParameter<std::string>(nh, "model", "");
+    const Model model = file.empty() ? Model() : loadModelAndWarn(file);
+    if (!model.thrusters->isPair())
+      throw std::runtime_error("OpenLoopPRBS has levels for a left and a right thruster, and " + model.name +
+                               " lists others (" + model.thrusters->names() +
+                               "): use an excitation of design prbs");
+    csv_ = optionalParameter<std::string>(nh, "csv", "");
     const int order = optionalParameter<int>(nh, "order", 9);
     const int seed = optionalParameter<int>(nh, "seed", 1);
     if (seed < 0) throw std::runtime_error("parameter seed must not be negative");
-    if (csv.empty()) {
+    if (csv_.empty()) {
       sequence_.rows = makePrbs(order, static_cast<unsigned long>(seed));
     } else {
-      sequence_ = readPrbs(csv, optionalParameter<int>(nh, "rows_per_bit", 0));
-      csv_ = csv;
+      sequence_ = readPrbs(csv_, optionalParameter<int>(nh, "rows_per_bit", 0));
     }
-    reconfigure_ = std::make_unique<LiveParameters<OpenLoopPRBSConfig>>(
-        nh, [](const OpenLoopPRBSConfig& c) { return params(c).validate(); },
-        [this](const OpenLoopPRBSConfig& c) {
-          const std::lock_guard lock(mutex());
-          params_ = params(c);
-          LifecycleParams common;
-          common.lift = c.lift;
-          common.lift_time = c.lift_time;
-          common.state_timeout = c.state_timeout;
-          setParams(common);
-        });
-  }
-
-  static PrbsParams params(const OpenLoopPRBSConfig& c) {
-    PrbsParams params;
-    takeFields(params, PrbsParams::table(), c);
-    return params;
+    using Config = OpenLoopPRBSConfig;
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) {
+      const std::lock_guard lock(mutex());
+      params_ = paramsIn<PrbsParams>(c);
+      auto life = paramsIn<LifecycleParams>(c);
+      life.recovery_time = 0;
+      setParams(life);
+    });
   }
 
   void activate(double) override {

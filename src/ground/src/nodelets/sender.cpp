@@ -5,7 +5,6 @@
 #include <ground_msgs/Silence.h>
 #include <ground_msgs/State.h>
 #include <ground_msgs/Telemetry.h>
-#include <nodelet/nodelet.h>
 #include <std_srvs/SetBool.h>
 
 #include <algorithm>
@@ -13,10 +12,9 @@
 #include <cerrno>
 #include <chrono>
 #include <cmath>
-#include <condition_variable>
 #include <csignal>
 #include <cstring>
-#include <deque>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <pluginlib/class_list_macros.hpp>
@@ -27,12 +25,14 @@
 #include "ground/link/ground_link.h"
 #include "ground/link/own_stop.h"
 #include "ground/model/drive_clock.h"
-#include "ground/nodelets/callback_thread.h"
+#include "ground/nodelets/background_log.h"
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/inheriting_mutex.h"
+#include "ground/nodelets/messages.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/real_time_threads.h"
+#include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
 
 namespace ground {
@@ -46,8 +46,7 @@ namespace ground {
 /// - model: model file of the craft, for its thrusters and to detect that it does not follow its
 ///   commands; empty: a left and a right thruster, and no detection
 /// - own_stop: records of prove_stop, for a remark at arming if the craft of `model` is not proven
-/// to
-///   stop by itself; empty: no remark
+///   to stop by itself; empty: no remark
 /// - room: file of a room; a craft that is about to leave it is a fault; empty: no bounds
 /// - real_time (false): its threads ask for real-time priority (see wantsRealTime)
 /// - bench (false): the craft is fastened; arms without a state, and allows thrust without lift
@@ -57,46 +56,28 @@ namespace ground {
 /// the newest drive). Services: ~arm and ~silence, in their own thread. Sends zero packets when
 /// disarmed, in fault and at the end.
 ///
-/// The thread of run() only communicates with the craft. report() publishes and logs in another
-/// thread, so that a hanging master or terminal cannot block the zero packets.
-class Sender : public nodelet::Nodelet {
+/// The thread of run() only communicates with the craft. Another one publishes and logs, so that a
+/// hanging master or terminal cannot block the zero packets.
+class Sender : public Shell {
  public:
   ~Sender() override {
     // First sends zeros, because leaving ROS may wait for the master.
     running_ = false;
     if (link_thread_.joinable()) link_thread_.join();
-    {
-      const std::lock_guard lock(mutex_);
-      reporting_ = false;
-    }
-    wake_.notify_all();
-    if (report_thread_.joinable()) report_thread_.join();
   }
 
  private:
   using Status = ground_msgs::SenderStatus;
   using Telemetry = ground_msgs::Telemetry;
 
-  static constexpr int kFinalZeros = 10;              // zero packets at the end; UDP may lose some
-  static constexpr double kFinalPeriod = 0.005;       // [s]
-  static constexpr double kTick = 0.002;              // longest wait for the craft [s]
-  static constexpr double kStatusPeriod = 0.5;        // [s]
-  static constexpr double kCountPeriod = 0.1;         // interval of counting publishers [s]
-  static constexpr std::size_t kLargestOutbox = 100;  // older telemetry is dropped
+  static constexpr int kFinalZeros = 10;         // zero packets at the end; UDP may lose some
+  static constexpr double kFinalPeriod = 0.005;  // [s]
+  static constexpr double kTick = 0.002;         // longest wait for the craft [s]
+  static constexpr double kStatusPeriod = 0.5;   // [s]
   static constexpr const char* kBench =
       "on the bench: without mocap nobody sees where the craft goes; fasten it";
 
-  void onInit() override {
-    try {
-      start();
-    } catch (const std::exception& error) {
-      NODELET_FATAL("sender: %s", error.what());
-      throw;
-    }
-  }
-
-  void start() {
-    ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
+  void start(ros::NodeHandle& nh, ros::NodeHandle& topics) override {
     real_time_ = wantsRealTime(nh);
     if (real_time_) callbacks_.prioritise(RealTimePriority::kSend);
     auto_arm_ = optionalParameter<bool>(nh, "auto_arm", false);
@@ -120,24 +101,14 @@ class Sender : public nodelet::Nodelet {
 
     status_publisher_ = nh.advertise<Status>("status", 10, true);
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
-    drive_publisher_ = callbacks_.handle(getNodeHandle()).advertise<ground_msgs::Drive>("drive", 1, true);
+    drive_publisher_ = topics.advertise<ground_msgs::Drive>("drive", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
-        nh, [this](const SenderConfig& c) { return params(c).validate(); },
-        [this](const SenderConfig& c) {
-          const std::lock_guard lock(mutex_);
-          link_->setParams(params(c));
-          obedience_timeout_ = c.obedience_timeout;
-        });
+        nh, nullptr, [this](const SenderConfig& c) { apply(paramsIn<GroundLinkParams>(c)); });
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
-    ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
     state_subscriber_ = topics.subscribe("state", 1, &Sender::onState, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Sender::onControls, this, hints);
     endTidilyOnSignals();
-    {
-      const std::lock_guard lock(mutex_);
-      statuses_.push_back(status());
-    }
-    report_thread_ = std::thread([this] { report(); });
+    if (real_time_) background_.add([] { prioritise(RealTimePriority::kReport); });
     link_thread_ = std::thread([this] { run(); });
     arm_service_ = arm_callbacks_.handle(nh).advertiseService("arm", &Sender::onArm, this);
     silence_service_ = arm_callbacks_.handle(nh).advertiseService("silence", &Sender::onSilence, this);
@@ -182,17 +153,12 @@ class Sender : public nodelet::Nodelet {
         sigaction(signal, &interrupt, nullptr);
   }
 
-  GroundLinkParams params(const SenderConfig& c) const {
-    GroundLinkParams p;
-    p.command_timeout = c.command_timeout;
-    p.state_timeout = c.state_timeout;
-    p.recovery_time = c.recovery_time;
-    p.keepalive_rate = c.keepalive_rate;
-    p.require_state = !bench_;
-    p.require_lift = c.require_lift && !bench_;
-    p.craft_timeout = c.craft_timeout;
-    p.obedience_timeout = c.obedience_timeout;
-    return p;
+  void apply(GroundLinkParams params) {
+    params.require_state = !bench_;
+    params.require_lift = params.require_lift && !bench_;
+    const std::lock_guard lock(mutex_);
+    link_->setParams(params);
+    obedience_timeout_ = params.obedience_timeout;
   }
 
   /// Age of a message by its stamp [s]; negative for a stamp in the future.
@@ -212,10 +178,8 @@ class Sender : public nodelet::Nodelet {
 
   void onState(const ground_msgs::State::ConstPtr& state) {
     const std::lock_guard lock(mutex_);
-    RigidState<double> measured;
-    std::copy(state->eta.begin(), state->eta.end(), measured.eta.data());
-    std::copy(state->nu.begin(), state->nu.end(), measured.nu.data());
-    const bool finite = measured.eta.allFinite() && measured.nu.allFinite();
+    const RigidState<double> measured = stateIn(*state);
+    const bool finite = isFinite(measured);
     const bool valid = state->valid && finite;
     link_->state(steadyNow(), age(state->header), valid,
                  state->valid && !finite ? "the state is not finite" : state->status);
@@ -261,12 +225,10 @@ class Sender : public nodelet::Nodelet {
   }
 
   bool onArm(std_srvs::SetBool::Request& request, std_srvs::SetBool::Response& response) {
-    const std::size_t publishers = controls_subscriber_.getNumPublishers();
     const std::string remark = armingRemark();
     const std::lock_guard lock(mutex_);
     remark_ = remark;
     auto_arm_ = false;
-    link_->setPublishers(publishers);
     if (request.data) {
       const std::string problem = link_->arm(steadyNow(), remark_);
       response.success = problem.empty();
@@ -290,7 +252,7 @@ class Sender : public nodelet::Nodelet {
     return true;
   }
 
-  /// Receives datagrams, checks timeouts and repeats packets, by the steady clock.
+  /// Receives datagrams, checks timeouts, repeats packets and the status, by the steady clock.
   void run() {
     if (real_time_) prioritise(RealTimePriority::kSend);
     std::string data;
@@ -304,12 +266,13 @@ class Sender : public nodelet::Nodelet {
       const std::string jump = time_watch_.look();
       if (!jump.empty()) link_->timeJumped(now, jump);
       if (came) {
-        if (const auto telemetry = link_->datagram(now, data, from)) collect(*telemetry);
+        if (const auto telemetry = link_->datagram(now, data, from)) report(*telemetry);
       }
       link_->tick(now);
       if (auto_arm_ && link_->arm(now, remark_).empty()) auto_arm_ = false;
       wait = std::clamp(link_->nextPacket() - now, 0.0, kTick);
       collect();
+      if (now >= next_status_) reportStatus();
     }
     for (int i = 0; i < kFinalZeros; ++i) {
       {
@@ -327,10 +290,8 @@ class Sender : public nodelet::Nodelet {
   void collect() {
     noteSent();
     if (link_->revision() == collected_) return;
-    collected_ = link_->revision();
     noteLift();
-    statuses_.push_back(status());
-    wake_.notify_all();
+    reportStatus();
   }
 
   /// Passes the current lift to the drive clock. mutex_ is held.
@@ -338,23 +299,20 @@ class Sender : public nodelet::Nodelet {
     const ros::Time now = ros::Time::now();
     if (now.isZero()) return;  // a simulated clock has not started
     if (epoch_.isZero()) epoch_ = now;
-    if (drive_.command(secondsBetween(epoch_, now), link_->lift())) {
-      drive_due_ = true;
-      wake_.notify_all();
-    }
+    if (drive_.command(secondsBetween(epoch_, now), link_->lift())) reportDrive();
   }
 
-  /// Message with the start of the newest drive; null before the first. mutex_ is held.
-  ground_msgs::Drive::Ptr drive() const {
+  /// Publishes the start of the newest drive, if there is one. mutex_ is held.
+  void reportDrive() {
     auto message = boost::make_shared<ground_msgs::Drive>();
     message->header.stamp = ros::Time::now();
     const double origin = drive_.origin(secondsBetween(epoch_, message->header.stamp));
-    if (!std::isfinite(origin)) return nullptr;
+    if (!std::isfinite(origin)) return;
     message->began = epoch_ + ros::Duration(origin);
-    return message;
+    background_.add([this, message] { drive_publisher_.publish(message); });
   }
 
-  void collect(const CraftTelemetry& t) {
+  void report(const CraftTelemetry& t) {
     auto message = boost::make_shared<Telemetry>();
     message->header.stamp = ros::Time::now();
     message->roll = t.roll;
@@ -363,13 +321,14 @@ class Sender : public nodelet::Nodelet {
     std::copy(t.acc.begin(), t.acc.end(), message->acc.begin());
     std::copy(t.gyro.begin(), t.gyro.end(), message->gyro.begin());
     std::copy(t.mag.begin(), t.mag.end(), message->mag.begin());
-    if (telemetry_.size() >= kLargestOutbox) telemetry_.pop_front();
-    telemetry_.push_back(message);
-    wake_.notify_all();
+    background_.add([this, message] { telemetry_publisher_.publish(message); });
   }
 
-  /// mutex_ is held.
-  Status::Ptr status() const {
+  /// Publishes and logs the status. mutex_ is held.
+  void reportStatus() {
+    collected_ = link_->revision();
+    next_status_ = steadyNow() + kStatusPeriod;
+    reportDrive();
     auto message = boost::make_shared<Status>();
     message->header.stamp = ros::Time::now();
     message->state = static_cast<std::uint8_t>(link_->current());
@@ -381,50 +340,13 @@ class Sender : public nodelet::Nodelet {
     message->malformed = counters.malformed;
     message->foreign = counters.foreign;
     message->refused = counters.refused;
-    return message;
-  }
-
-  /// Publishes and logs queued messages, and the status at 2 Hz.
-  void report() {
-    double next_status = steadyNow() + kStatusPeriod, next_count = 0;
-    if (real_time_) prioritise(RealTimePriority::kReport);
-    std::unique_lock lock(mutex_);
-    while (true) {
-      wake_.wait_for(lock, std::chrono::duration<double>(kCountPeriod), [this] {
-        return !reporting_ || drive_due_ || !statuses_.empty() || !telemetry_.empty();
-      });
-      const bool last = !reporting_;
-      const double now = steadyNow();
-      if (now >= next_status) {
-        next_status = now + kStatusPeriod;
-        statuses_.push_back(status());
-        drive_due_ = true;
-      }
-      std::deque<Status::Ptr> statuses;
-      std::deque<Telemetry::Ptr> telemetry;
-      statuses.swap(statuses_);
-      telemetry.swap(telemetry_);
-      const ground_msgs::Drive::Ptr newest = drive_due_ ? drive() : nullptr;
-      drive_due_ = false;
-      const std::string refusal = link_->refusal(), send_problem = link_->sendProblem();
-      const std::string remark = remark_;
-      lock.unlock();
-
-      for (const auto& message : telemetry) telemetry_publisher_.publish(message);
-      if (newest) drive_publisher_.publish(newest);
-      for (const auto& message : statuses) {
-        log(*message, refusal, remark);
-        status_publisher_.publish(message);
-      }
-      if (!send_problem.empty())
-        NODELET_WARN_THROTTLE(2, "sender: packets cannot be sent: %s", send_problem.c_str());
-      if (last) return;
-      if (now >= next_count) {
-        next_count = now + kCountPeriod;
-        countPublishers();
-      }
-      lock.lock();
-    }
+    background_.add(
+        [this, message, refusal = link_->refusal(), problem = link_->sendProblem(), remark = remark_] {
+          log(*message, refusal, remark);
+          status_publisher_.publish(message);
+          if (!problem.empty())
+            NODELET_WARN_THROTTLE(2, "sender: packets cannot be sent: %s", problem.c_str());
+        });
   }
 
   void log(const Status& status, const std::string& refusal, const std::string& remark) {
@@ -441,18 +363,8 @@ class Sender : public nodelet::Nodelet {
     logged_ = status;
   }
 
-  void countPublishers() {
-    const std::size_t count = controls_subscriber_.getNumPublishers();
-    if (count > 1 && count != publishers_)
-      NODELET_WARN("sender: %zu nodes publish %s: stop all but one", count,
-                   controls_subscriber_.getTopic().c_str());
-    publishers_ = count;
-    const std::lock_guard lock(mutex_);
-    link_->setPublishers(count);
-  }
-
-  CallbackThread callbacks_, arm_callbacks_;
-  InheritingMutex mutex_;  ///< guards all members down to wake_
+  CallbackThread arm_callbacks_;
+  InheritingMutex mutex_;  ///< guards all members down to next_status_
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;
   std::optional<Fence> fence_;                   ///< no value without a room
@@ -465,24 +377,20 @@ class Sender : public nodelet::Nodelet {
   std::optional<MotorCommand> noted_;  ///< the last command passed to obedience_, while armed
   ros::Time armed_at_;
   bool auto_arm_ = false;
-  bool reporting_ = true;
   std::uint64_t collected_ = 0;  ///< revision of the link in the newest status
-  std::deque<Status::Ptr> statuses_;
-  std::deque<Telemetry::Ptr> telemetry_;
-  std::condition_variable_any wake_;
-  DriveClock drive_;            ///< on a clock that begins at epoch_; guarded by mutex_
-  ros::Time epoch_;             ///< time of the first command; guarded by mutex_
-  bool drive_due_ = false;      ///< the start of the drive has to be published; guarded by mutex_
-  RosTimeWatch time_watch_;     ///< used only by run()
-  Status logged_;               ///< used only by report()
-  std::size_t publishers_ = 0;  ///< used only by report()
+  double next_status_ = 0;       ///< steady clock [s]
+  DriveClock drive_;             ///< on a clock that begins at epoch_; guarded by mutex_
+  ros::Time epoch_;              ///< time of the first command; guarded by mutex_
+  RosTimeWatch time_watch_;      ///< used only by run()
+  Status logged_;                ///< used only in the thread of background_
   std::atomic<bool> running_{true};
   ros::Publisher status_publisher_, telemetry_publisher_, drive_publisher_;
+  BackgroundLog background_;  ///< outlives what reports, and is outlived by the publishers
   ros::Subscriber controls_subscriber_, state_subscriber_;
   ros::ServiceServer arm_service_, silence_service_;
   std::string own_stop_, craft_;  ///< file of records, name of the craft; constant after start()
   std::unique_ptr<LiveParameters<SenderConfig>> reconfigure_;
-  std::thread link_thread_, report_thread_;
+  std::thread link_thread_;
 };
 
 }  // namespace ground

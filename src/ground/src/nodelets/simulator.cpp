@@ -1,7 +1,6 @@
 #include <geometry_msgs/PoseStamped.h>
 #include <ground/SimulatorConfig.h>
 #include <ground_msgs/State.h>
-#include <nodelet/nodelet.h>
 #include <rosgraph_msgs/Clock.h>
 
 #include <algorithm>
@@ -20,11 +19,12 @@
 #include "ground/link/udp_socket.h"
 #include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
-#include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/controls.h"
+#include "ground/nodelets/messages.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/shell.h"
 #include "ground/simulation/simulated_lab.h"
 
 namespace ground {
@@ -34,12 +34,11 @@ namespace ground {
 /// real_time_factor.
 ///
 /// Parameters: model (model file, required), sender ("127.0.0.1:3333"), seed (1), mocap_rate (100
-/// Hz), axes ("x, z, -y"), x, y, psi (initial pose, world_ned), braking (by the floor without lift,
-/// 2 m/s^2), start_time (1000 s), publish_clock (true), and those of Simulator.cfg, which can be
+/// Hz), axes ("x, z, -y"), x, y, psi (initial pose, world_ned), and those of Simulator.cfg, which can be
 /// changed at run time. Publishes: vrpn_client_node/hovercraft/pose, ~truth (the true state),
 /// /clock. Service: ~load_model (replaces the model by another file). The factors of Simulator.cfg
 /// multiply the parameters of the loaded model.
-class Simulator : public nodelet::Nodelet {
+class Simulator : public Shell {
  public:
   ~Simulator() override {
     alive_ = false;
@@ -50,66 +49,38 @@ class Simulator : public nodelet::Nodelet {
   using Config = SimulatorConfig;
   using SteadyClock = std::chrono::steady_clock;
 
-  void onInit() override {
-    try {
-      start();
-    } catch (const std::exception& error) {
-      NODELET_FATAL("simulator: %s", error.what());
-      throw;
-    }
-  }
-
-  void start() {
-    ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
-    ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
+  void start(ros::NodeHandle& nh, ros::NodeHandle& topics) override {
     loaded_ = loadModelAndWarn(requiredParameter<std::string>(nh, "model"));
     input_max_ = loaded_.body.input_max;
     const int seed = optionalParameter<int>(nh, "seed", 1);
     if (seed < 0) throw std::runtime_error("parameter seed must not be negative");
     SimulatedLab::Params room;
     room.seed = static_cast<unsigned long>(seed);
-    room.start = optionalParameter<double>(nh, "start_time", 1000.0);
-    room.braking = optionalParameter<double>(nh, "braking", room.braking);
+    room.start = 1000;
     room.initial.eta << optionalParameter<double>(nh, "x", 0.0), optionalParameter<double>(nh, "y", 0.0),
         optionalParameter<double>(nh, "psi", 0.0);
-    constexpr double kLatest = 4e9;  // a ROS stamp can represent some years more [s]
-    if (!(room.start > 0) || !(room.start < kLatest) || !(room.braking >= 0 && room.braking < 1e3) ||
-        !room.initial.eta.allFinite())
-      throw std::runtime_error(
-          "start_time must be positive and below 4e9 s, braking not negative, x, y, psi finite");
+    if (!room.initial.eta.allFinite()) throw std::runtime_error("x, y and psi must be finite");
     mocap_.rate = optionalParameter<double>(nh, "mocap_rate", 100.0);
     mapping_ = AxisMapping(optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack));
-    publish_clock_ = optionalParameter<bool>(nh, "publish_clock", true);
     sender_ = UdpAddress::parse(optionalParameter<std::string>(nh, "sender", "127.0.0.1"), 3333);
     socket_ = std::make_unique<UdpSocket>(UdpAddress());
     room_ = std::make_unique<SimulatedLab>(loaded_, mocap_, room);
 
     pose_publisher_ = topics.advertise<geometry_msgs::PoseStamped>("vrpn_client_node/hovercraft/pose", 10);
     truth_publisher_ = nh.advertise<ground_msgs::State>("truth", 10);
-    if (publish_clock_) clock_publisher_ = topics.advertise<rosgraph_msgs::Clock>("/clock", 10);
-    reconfigure_ = std::make_unique<LiveParameters<Config>>(
-        nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
-    model_service_ = ModelService(nh, "load_model", [this](const Model& m, const std::string&) {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      const std::string other = otherThrusters(*loaded_.thrusters, *m.thrusters);
-      if (!other.empty()) throw std::runtime_error(other);
-      room_->setModel(scaled(m, factors_));
-      loaded_ = m;
-      input_max_ = m.body.input_max;
-      return std::string();
-    });
+    clock_publisher_ = topics.advertise<rosgraph_msgs::Clock>("/clock", 10);
+    reconfigure_ =
+        std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) { apply(c); });
+    model_service_ =
+        ModelService(reconfigure_->thread(), nh, "load_model", [this](const Model& m, const std::string&) {
+          const std::lock_guard<std::mutex> lock(mutex_);
+          requireSameThrusters(*loaded_.thrusters, *m.thrusters);
+          room_->setModel(scaled(m, factors_));
+          loaded_ = m;
+          input_max_ = m.body.input_max;
+          return std::string();
+        });
     thread_ = std::thread([this] { run(); });
-  }
-
-  std::string wrong(const Config& c) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (room_->time() + c.clock_offset <= 0) return "clock_offset must leave the time positive";
-    try {
-      scaled(loaded_, factors(c));
-    } catch (const std::exception& error) {
-      return error.what();
-    }
-    return params(c).validate();
   }
 
   /// Factors on parameters of the body, in the order of kScaled.
@@ -129,24 +100,16 @@ class Simulator : public nodelet::Nodelet {
     return model;
   }
 
-  MocapParams params(const Config& c) const {
-    MocapParams p = mocap_;
-    p.position_noise = c.position_noise;
-    p.heading_noise = c.heading_noise;
-    p.latency = c.latency;
-    p.loss = c.loss;
-    p.gap_rate = c.gap_rate;
-    p.gap_length = c.gap_length;
-    return p;
-  }
-
   void apply(const Config& c) {
     const std::lock_guard<std::mutex> lock(mutex_);
+    if (room_->time() + c.clock_offset <= 0)
+      throw std::invalid_argument("clock_offset must leave the time positive");
     if (factors(c) != factors_) {
       room_->setModel(scaled(loaded_, factors(c)));  // throws if the craft cannot go on by it
       factors_ = factors(c);
     }
-    room_->setMocap(params(c));
+    setFields(mocap_, MocapParams::table(), c);
+    room_->setMocap(mocap_);
     room_->setWatchdog(c.watchdog);
     wall_origin_ = last_turn_ = SteadyClock::now();
     time_origin_ = room_->time();
@@ -170,7 +133,7 @@ class Simulator : public nodelet::Nodelet {
 
   /// Whether ros::Time of this process, which another thread sets, is far from the published time.
   bool clockLags() const {
-    if (!publish_clock_ || !ros::Time::isSimTime()) return false;
+    if (!ros::Time::isSimTime()) return false;
     const std::chrono::duration<double> most = kLongestTurn;
     return std::abs(published_ - ros::Time::now().toSec()) > real_time_factor_ * most.count();
   }
@@ -216,7 +179,6 @@ class Simulator : public nodelet::Nodelet {
   }
 
   void publishClock(double now) {
-    if (!publish_clock_) return;
     auto clock = boost::make_shared<rosgraph_msgs::Clock>();
     clock->clock = ros::Time(now);
     clock_publisher_.publish(clock);
@@ -241,9 +203,7 @@ class Simulator : public nodelet::Nodelet {
   }
 
   void publishTruth(double now, const RigidState<double>& state, const RigidState<double>& rate) {
-    auto truth = boost::make_shared<ground_msgs::State>();
-    truth->header.stamp = ros::Time(now);
-    truth->header.frame_id = "world_ned";
+    auto truth = inWorld<ground_msgs::State>(ros::Time(now));
     for (int i = 0; i < 3; ++i) {
       truth->eta[i] = state.eta(i);
       truth->nu[i] = state.nu(i);
@@ -272,7 +232,6 @@ class Simulator : public nodelet::Nodelet {
   static constexpr double kTelemetryPeriod = 0.02;              // [s]
   static constexpr double kMarkerHeight = 0.04;                 // height of the markers above the floor [m]
 
-  CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards room_, loaded_, factors_, input_max_, origins, factor and offset
   Model loaded_;      ///< model as in its file, without factors
   Factors factors_ = {1, 1, 1, 1, 1, 1};
@@ -284,15 +243,14 @@ class Simulator : public nodelet::Nodelet {
   AxisMapping mapping_;
   double input_max_ = 1;
   std::uint32_t commands_ = 0;  ///< number of commands received; used only by run()
-  bool publish_clock_ = true;
-  double published_ = 0;  ///< last time on /clock [s]; used only by run()
+  double published_ = 0;        ///< last time on /clock [s]; used only by run()
   UdpAddress sender_;
   std::unique_ptr<UdpSocket> socket_;
   ros::Publisher pose_publisher_, truth_publisher_, clock_publisher_;
   std::atomic<bool> alive_{true};
   std::thread thread_;
-  ModelService model_service_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
+  ModelService model_service_;
 };
 
 }  // namespace ground

@@ -1,22 +1,24 @@
 #include "ground/nodelets/time.h"
 
 #include <algorithm>
+#include <chrono>
 #include <mutex>
 
 #include "ground/nodelets/inheriting_mutex.h"
 
 namespace ground {
 
-WatchdogClock::time_point WatchdogClock::now() {
+double steadyNow() {
+  using Seconds = std::chrono::duration<double>;
+  constexpr double kLongestPause = 0.05;  // [s]
   static InheritingMutex mutex;
   static auto last = std::chrono::steady_clock::now();
-  static time_point watched(last.time_since_epoch());
+  static double watched = Seconds(last.time_since_epoch()).count();
   const std::lock_guard lock(mutex);
   const auto now = std::chrono::steady_clock::now();
-  duration passed = now - last;
+  const double passed = Seconds(now - last).count();
   last = now;
-  if (ros::Time::isSimTime()) passed = std::min<duration>(passed, kLongestPause);
-  return watched += passed;
+  return watched += ros::Time::isSimTime() ? std::min(passed, kLongestPause) : passed;
 }
 
 }  // namespace ground

@@ -4,7 +4,6 @@
 #include <ground_msgs/ModelError.h>
 #include <ground_msgs/State.h>
 #include <nav_msgs/Path.h>
-#include <nodelet/nodelet.h>
 #include <tf2_ros/transform_broadcaster.h>
 #include <visualization_msgs/MarkerArray.h>
 
@@ -12,7 +11,6 @@
 #include <array>
 #include <cmath>
 #include <deque>
-#include <iomanip>
 #include <mutex>
 #include <pluginlib/class_list_macros.hpp>
 #include <sstream>
@@ -23,78 +21,68 @@
 #include "ground/control/room.h"
 #include "ground/estimation/floor_map.h"
 #include "ground/model/typical.h"
-#include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/controls.h"
-#include "ground/nodelets/legend.h"
 #include "ground/nodelets/markers.h"
+#include "ground/nodelets/messages.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/parameters.h"
+#include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
 
 namespace ground {
 
 /// Shows the craft in rviz: its path, the force of each thruster, the missing force, a map of a
-/// model's prediction errors on the floor, and a legend with units, scales and the errors of models.
+/// model's prediction errors on the floor, and a legend in the colours of what it explains, with units,
+/// scales and the errors of models.
 ///
-/// Parameters: model (model file, required), room (file of a room, whose walls and floor are shown;
-/// empty: a floor of 10 x 10 m) and those of Visualizer.cfg, which can be changed at run time.
+/// Parameters: model (model file, required), room (file of a room, whose walls are shown;
+/// empty: none) and those of Visualizer.cfg, which can be changed at run time.
 /// Subscribes: state, controls, model_error, model_error2, model_comparison. Publishes:
 /// path/measured, markers, legend, floor_map, room (latched). Broadcasts the frame "view": at the
 /// craft, or at the home of the room (follow), with the axes of world_ned; views and the legend are
 /// in it.
-class Visualizer : public nodelet::Nodelet {
+class Visualizer : public Shell {
  private:
   using Config = VisualizerConfig;
+  using LegendLines = std::vector<std::pair<std::string, std::string>>;  ///< text and colour
 
-  void onInit() override {
-    try {
-      ros::NodeHandle nh = callbacks_.handle(getPrivateNodeHandle());
-      ros::NodeHandle topics = callbacks_.handle(getNodeHandle());
-      model_ = loadModelAndWarn(requiredParameter<std::string>(nh, "model"));
-      measured_publisher_ = topics.advertise<nav_msgs::Path>("path/measured", 1);
-      markers_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("markers", 1);
-      legend_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("legend", 1, true);
-      floor_publisher_ = topics.advertise<visualization_msgs::Marker>("floor_map", 1, true);
-      room_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("room", 1, true);
-      const auto room = optionalParameter<std::string>(nh, "room", "");
-      const Room plan = room.empty() ? openFloor() : loadRoom(room);
-      home_ = plan.home;
-      grid_cell_ = gridCell(plan);
-      room_publisher_.publish(floorOf(plan, grid_cell_, !room.empty()));
-      reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        if (c.cell != floor_.cell()) floor_ = FloorMap(c.cell);
-        config_ = c;
-      });
-      const auto listen = [&](const std::string& topic, ground_msgs::ModelError::ConstPtr& newest) {
-        return topics.subscribe<ground_msgs::ModelError>(
-            topic, 50, [this, &newest](const auto& m) { onError(m, newest); });
-      };
-      error_subscribers_ = {listen("model_error", errors_[0]), listen("model_error2", errors_[1])};
-      comparison_subscriber_ = topics.subscribe("model_comparison", 5, &Visualizer::onComparison, this);
-      controls_subscriber_ = topics.subscribe("controls", 50, &Visualizer::onControls, this);
-      state_subscriber_ = topics.subscribe("state", 50, &Visualizer::onState, this);
-    } catch (const std::exception& error) {
-      NODELET_FATAL("visualizer: %s", error.what());
-      throw;
-    }
+  void start(ros::NodeHandle& nh, ros::NodeHandle& topics) override {
+    model_ = loadModelAndWarn(requiredParameter<std::string>(nh, "model"));
+    measured_publisher_ = topics.advertise<nav_msgs::Path>("path/measured", 1);
+    markers_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("markers", 1);
+    legend_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("legend", 1, true);
+    floor_publisher_ = topics.advertise<visualization_msgs::Marker>("floor_map", 1, true);
+    room_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("room", 1, true);
+    const auto room = optionalParameter<std::string>(nh, "room", "");
+    if (!room.empty()) showRoom(loadRoom(room));
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      if (c.cell != floor_.cell()) floor_ = FloorMap(c.cell);
+      config_ = c;
+    });
+    error_subscribers_ = {
+        topics.subscribe<ground_msgs::ModelError>("model_error", 50, [this](const auto& m) { onError(m); }),
+        keep(topics, "model_error2", errors_[1])};
+    comparison_subscriber_ = keep(topics, "model_comparison", comparison_);
+    controls_subscriber_ = keep(topics, "controls", controls_);
+    state_subscriber_ = topics.subscribe("state", 50, &Visualizer::onState, this);
   }
 
-  void onControls(const ground_msgs::Controls::ConstPtr& controls) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    controls_ = controls;
+  /// Stores the newest message of a topic.
+  template <class Message>
+  ros::Subscriber keep(ros::NodeHandle& topics, const std::string& topic,
+                       boost::shared_ptr<const Message>& newest) {
+    return topics.subscribe<Message>(topic, 50, [this, &newest](const auto& message) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      newest = message;
+    });
   }
 
-  void onError(const ground_msgs::ModelError::ConstPtr& error, ground_msgs::ModelError::ConstPtr& newest) {
+  void onError(const ground_msgs::ModelError::ConstPtr& error) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    newest = error;
-    if (&newest != &errors_[0] || error->window < kMinWindow) return;
+    errors_[0] = error;
+    if (error->window < kMinWindow) return;
     floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1], error->error_now);
-  }
-
-  void onComparison(const ground_msgs::ModelComparison::ConstPtr& comparison) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    comparison_ = comparison;
   }
 
   void onState(const ground_msgs::State::ConstPtr& state) {
@@ -141,18 +129,6 @@ class Visualizer : public nodelet::Nodelet {
     broadcaster_.sendTransform(view);
   }
 
-  static geometry_msgs::PoseStamped pose(const ros::Time& stamp, double x, double y, double psi) {
-    geometry_msgs::PoseStamped p;
-    p.header.stamp = stamp;
-    p.header.frame_id = "world_ned";
-    p.pose.position.x = x;
-    p.pose.position.y = y;
-    p.pose.position.z = -0.01;  // above the grid
-    p.pose.orientation.z = std::sin(psi / 2);
-    p.pose.orientation.w = std::cos(psi / 2);
-    return p;
-  }
-
   /// Stamp of the first message minus stamp of the second [s]. Computed as a difference, because
   /// ROS does not allow times before zero.
   template <class A, class B>
@@ -161,14 +137,12 @@ class Visualizer : public nodelet::Nodelet {
   }
 
   void publishMeasured() {
-    auto path = boost::make_shared<nav_msgs::Path>();
-    path->header.stamp = states_.back()->header.stamp;
-    path->header.frame_id = "world_ned";
+    auto path = inWorld<nav_msgs::Path>(states_.back()->header.stamp);
     ros::Time last;
     for (const auto& s : states_) {
       if (secondsBetween(last, s->header.stamp) < 0.02) continue;
       last = s->header.stamp;
-      path->poses.push_back(pose(last, s->eta[0], s->eta[1], s->eta[2]));
+      addPose(*path, last, poseOf(s->eta[0], s->eta[1], kAboveGrid, s->eta[2]));
     }
     measured_publisher_.publish(path);
   }
@@ -220,7 +194,7 @@ class Visualizer : public nodelet::Nodelet {
     auto array = boost::make_shared<visualization_msgs::MarkerArray>();
     const ros::Time& stamp = state.header.stamp;
     const double size = halfWidth(), l = size / 1.8, psi = state.eta[2];
-    const auto craft = pose(stamp, state.eta[0], state.eta[1], psi).pose;
+    const auto craft = poseOf(state.eta[0], state.eta[1], kAboveGrid, psi);
     const auto at = [&](double forward, double starboard, double down) {
       const Vector2<double> moved = bodyToWorld<double>(psi, Vector2<double>(forward, starboard));
       return markerPoint(state.eta[0] + moved.x(), state.eta[1] + moved.y(), down);
@@ -294,104 +268,81 @@ class Visualizer : public nodelet::Nodelet {
     arrow(kMissing + 1, 2.5 * l, 0, w[2] / l);
   }
 
-  /// Publishes the legend when it changes.
+  /// Publishes the legend when it changes: lines one below the other as seen from above with x upwards.
   void publishLegend() {
-    const std::vector<LegendEntry> entries = config_.legend ? legendEntries() : std::vector<LegendEntry>();
-    if (entries == legend_) return;
-    legend_ = entries;
-    legend_publisher_.publish(legendMarkers(entries, kView, config_.legend_ahead, config_.legend_aside));
+    using visualization_msgs::Marker;
+    const LegendLines lines = config_.legend ? legendLines() : LegendLines();
+    if (lines == legend_) return;
+    legend_ = lines;
+    auto array = boost::make_shared<visualization_msgs::MarkerArray>();
+    array->markers.push_back(makeMarker(kView, "legend", 0, Marker::CUBE, markerColor(palette::kBlack)));
+    array->markers.back().action = Marker::DELETEALL;
+    double x = config_.legend_ahead;
+    for (const auto& [text, color] : lines) {
+      const int id = static_cast<int>(array->markers.size());
+      array->markers.push_back(makeMarker(kView, "legend", id, Marker::TEXT_VIEW_FACING, markerColor(color)));
+      Marker& line = array->markers.back();
+      line.frame_locked = true;
+      line.text = text;
+      line.scale.z = kTextHeight;
+      line.pose.position = markerPoint(x, config_.legend_aside, kLegendZ);
+      x -= 1.6 * kTextHeight;
+    }
+    legend_publisher_.publish(array);
   }
 
   /// What each line, arrow and colour is, with its unit and scale; the error of each model.
-  std::vector<LegendEntry> legendEntries() const {
-    using Sample = LegendEntry::Sample;
-    std::vector<LegendEntry> entries = {{"measured path", Sample::kPath, palette::kMeasured},
-                                        {"reference", Sample::kPath, palette::kReference, 0.6, 0.05}};
+  LegendLines legendLines() const {
+    LegendLines lines = {{"measured path", palette::kMeasured}, {"reference", palette::kReference}};
     for (std::size_t i = 0; i < errors_.size(); ++i) {
       if (!isRecent(errors_[i])) continue;
       const ground_msgs::ModelError& error = *errors_[i];
       const bool better = isRecent(errors_[1]) && comparison_ && comparison_->better == error.model;
-      entries.push_back({error.model + ", " + rounded(error.horizon) + " s ahead: error " +
+      lines.emplace_back(error.model + ", " + rounded(error.horizon) + " s ahead: error " +
                              rounded(error.error) + (better ? " [-], better" : " [-]"),
-                         Sample::kPath, palette::kModels[i]});
+                         palette::kModels[i]);
     }
-    const double missing = kMissingSample * typical::force(model_.body) / config_.missing_length;
-    entries.push_back({"thrust of each thruster: " + rounded(1e3 * fullThrust()) + " mN", Sample::kArrow,
-                       palette::kThrusters[0], config_.thrust_length, kArrowWidth});
+    const double per_meter = 1e3 * typical::force(model_.body) / config_.missing_length;
+    lines.emplace_back("thrust of each thruster: " + rounded(config_.thrust_length) + " m is " +
+                           rounded(1e3 * fullThrust()) + " mN",
+                       palette::kThrusters[0]);
     if (isRecent(errors_[0]))
-      entries.push_back({"force missing in " + errors_[0]->model + ": " + rounded(1e3 * missing) + " mN",
-                         Sample::kArrow, palette::kMissing, kMissingSample, 1.5 * kArrowWidth});
+      lines.emplace_back("force missing in " + errors_[0]->model + ": 1 m is " + rounded(per_meter) + " mN",
+                         palette::kMissing);
     if (config_.floor_map && !floor_.cells().empty())
-      entries.push_back(
-          {"error by place: 0 to " + rounded(floor_.large()) + " [-]", Sample::kScale, palette::kBlack, 1.0});
-    entries.push_back(
-        {"1 m (grid: " + rounded(grid_cell_) + " m)", Sample::kBar, palette::kBlack, 1.0, 0.015});
-    return entries;
+      lines.emplace_back("error by place: from 0 (dark) to " + rounded(floor_.large()) + " [-]",
+                         palette::kBlack);
+    return lines;
   }
 
   /// Two digits, as in "0.45", "62".
   static std::string rounded(double value) {
     std::ostringstream text;
-    text << std::setprecision(2) << value;
+    text.precision(2);
+    text << value;
     return text.str();
   }
 
-  /// The floor that is shown without a room.
-  static Room openFloor() {
-    Room floor;
-    floor.corners = {{-5, -5}, {5, -5}, {5, 5}, {-5, 5}};
-    return floor;
-  }
-
-  /// Lower and upper ends of a room along x and y [m].
-  static std::pair<Vector2<double>, Vector2<double>> ends(const Room& room) {
-    Vector2<double> low = room.corners.front(), high = low;
-    for (const Vector2<double>& corner : room.corners) {
-      low = low.cwiseMin(corner);
-      high = high.cwiseMax(corner);
-    }
-    return {low, high};
-  }
-
-  /// Distance of the grid lines on a floor [m].
-  static double gridCell(const Room& room) {
-    constexpr double kMaxLines = 40;
-    const auto [low, high] = ends(room);
-    return std::max(0.5, std::ceil((high - low).maxCoeff() / kMaxLines));
-  }
-
-  /// Grid lines over the floor, and the walls and the home of a room.
-  static visualization_msgs::MarkerArrayPtr floorOf(const Room& room, double cell, bool walls) {
+  /// Publishes the walls and the home of a room.
+  void showRoom(const Room& room) {
     using visualization_msgs::Marker;
-    const auto lines = [](int id, double width, const std::string& color) {
-      Marker m = makeMarker("world_ned", "room", id, Marker::LINE_LIST, markerColor(color));
-      m.scale.x = width;
-      return m;
-    };
-    const auto add = [](Marker& m, double x0, double y0, double x1, double y1) {
-      constexpr double kBelow = 0.015;  // below paths and floor map
-      m.points.push_back(markerPoint(x0, y0, kBelow));
-      m.points.push_back(markerPoint(x1, y1, kBelow));
-    };
-    const auto [low, high] = ends(room);
-    Marker grid = lines(0, 0.004, "#b0b0b0"), wall = lines(1, 0.03, "#404040"),
-           home = lines(2, 0.015, "#606060");
-    for (double x = cell * std::ceil(low.x() / cell); x <= high.x(); x += cell)
-      add(grid, x, low.y(), x, high.y());
-    for (double y = cell * std::ceil(low.y() / cell); y <= high.y(); y += cell)
-      add(grid, low.x(), y, high.x(), y);
+    home_ = room.home;
     auto array = boost::make_shared<visualization_msgs::MarkerArray>();
-    array->markers.push_back(grid);
-    if (!walls) return array;
-    for (std::size_t i = 0; i < room.corners.size(); ++i) {
-      const Vector2<double>&a = room.corners[i], &b = room.corners[(i + 1) % room.corners.size()];
-      add(wall, a.x(), a.y(), b.x(), b.y());
-    }
-    add(home, room.home.x() - 0.1, room.home.y(), room.home.x() + 0.1, room.home.y());
-    add(home, room.home.x(), room.home.y() - 0.1, room.home.x(), room.home.y() + 0.1);
-    array->markers.push_back(wall);
-    array->markers.push_back(home);
-    return array;
+    const auto draw = [&array](double width, const std::string& color,
+                               const std::vector<Vector2<double>>& ends) {
+      const int id = static_cast<int>(array->markers.size());
+      array->markers.push_back(makeMarker("world_ned", "room", id, Marker::LINE_LIST, markerColor(color)));
+      array->markers.back().scale.x = width;
+      for (const Vector2<double>& end : ends)  // below paths and floor map
+        array->markers.back().points.push_back(markerPoint(end.x(), end.y(), 0.015));
+    };
+    std::vector<Vector2<double>> walls;
+    for (std::size_t i = 0; i < room.corners.size(); ++i)
+      walls.insert(walls.end(), {room.corners[i], room.corners[(i + 1) % room.corners.size()]});
+    draw(0.03, "#404040", walls);
+    const Vector2<double> ahead(0.1, 0), aside(0, 0.1);
+    draw(0.015, "#606060", {home_ - ahead, home_ + ahead, home_ - aside, home_ + aside});
+    room_publisher_.publish(array);
   }
 
   /// Publishes the mean error of the first model in each cell of the floor.
@@ -412,19 +363,19 @@ class Visualizer : public nodelet::Nodelet {
     floor_publisher_.publish(m);
   }
 
-  static constexpr double kRecent = 1.0;         // largest age of an error that is shown [s]
-  static constexpr double kMinWindow = 2.0;      // shortest window with well normalised errors [s]
-  static constexpr double kFloorPeriod = 1.0;    // interval of floor maps [s]
-  static constexpr double kMinPart = 0.01;       // smallest force shown, relative to full thrust
-  static constexpr double kLegendPeriod = 1.0;   // interval of legends [s]
-  static constexpr double kArrowWidth = 0.03;    // shaft of an arrow of thrust [m]
-  static constexpr double kMissingSample = 0.5;  // arrow of a missing force in the legend [m]
-  static constexpr const char* kView = "view";   // frame that views and the legend follow
+  static constexpr double kRecent = 1.0;        // largest age of an error that is shown [s]
+  static constexpr double kMinWindow = 2.0;     // shortest window with well normalised errors [s]
+  static constexpr double kFloorPeriod = 1.0;   // interval of floor maps [s]
+  static constexpr double kMinPart = 0.01;      // smallest force shown, relative to full thrust
+  static constexpr double kLegendPeriod = 1.0;  // interval of legends [s]
+  static constexpr double kArrowWidth = 0.03;   // shaft of an arrow of thrust [m]
+  static constexpr double kAboveGrid = -0.01, kLegendZ = -0.4;  // z points down [m]
+  static constexpr double kTextHeight = 0.13;                   // of the legend [m]
+  static constexpr const char* kView = "view";                  // frame that views and the legend follow
   static constexpr const char *kHullColor = "#c8c8c8", *kBowColor = "#404040";
   /// First numbers of the markers of the craft.
   enum { kHull = 0, kBow = 1, kMissing = 2, kThrusters = 10, kThrust = kThrusters + kMaxThrusters };
 
-  CallbackThread callbacks_;
   std::mutex mutex_;  ///< guards config_ and the data of the callbacks
   Config config_;
   Model model_;
@@ -436,8 +387,7 @@ class Visualizer : public nodelet::Nodelet {
   ros::Time last_update_, last_floor_, last_legend_;
   bool shown_ = false;
   Vector2<double> home_{0, 0};  ///< of the room, world_ned [m]
-  double grid_cell_ = 0;        ///< distance of the grid lines on the floor [m]
-  std::vector<LegendEntry> legend_;
+  LegendLines legend_;
   tf2_ros::TransformBroadcaster broadcaster_;
   ros::Publisher measured_publisher_, markers_publisher_, legend_publisher_, floor_publisher_,
       room_publisher_;

@@ -66,11 +66,14 @@ auto withoutGil(const Compute& compute) {
   return compute();
 }
 
-/// Defines a property for each parameter in a table.
-template <class Params>
-void defFields(pybind11::class_<Params>& type, const Tunables<Params>& table) {
+/// Defines a property for each parameter in the table of a class or its base.
+template <class Class, class Params>
+void defFields(Class& type, const Tunables<Params>& table) {
+  using Type = typename Class::type;
   for (const Tunable<Params>& one : table)
-    type.def_property(one.name.c_str(), pybind11::cpp_function(one.get), pybind11::cpp_function(one.set));
+    type.def_property(
+        one.name.c_str(), [get = one.get](const Type& params) { return get(params); },
+        [set = one.set](Type& params, const Setting& value) { set(params, value); });
 }
 
 }  // namespace ground

@@ -41,15 +41,8 @@ void defReferences(py::module_& module) {
       .def_readonly("type", &TunableInfo::type, "double, int, bool or str.")
       .def_readonly("low", &TunableInfo::low)
       .def_readonly("high", &TunableInfo::high)
-      .def_property_readonly("default", [](const TunableInfo& info) { return toPython(info, info.standard); })
-      .def_property_readonly(
-          "search",
-          [](const TunableInfo& info) -> py::object {
-            const SearchRange& range = info.search;
-            if (range.sign == 0) return py::none();
-            return py::make_tuple(range.sign, range.low, range.high);
-          },
-          "Sign and powers of ten between which tune searches it; None if it does not.");
+      .def_property_readonly("default",
+                             [](const TunableInfo& info) { return toPython(info, info.standard); });
   py::class_<ReferenceInfo>(module, "ReferenceInfo", "Description of a kind of reference.")
       .def_readonly("name", &ReferenceInfo::name)
       .def_readonly("text", &ReferenceInfo::text)
@@ -90,7 +83,6 @@ void defControllers(py::module_& module) {
   py::class_<ControllerInfo>(module, "ControllerInfo", "Description of a kind of controller.")
       .def_readonly("name", &ControllerInfo::name)
       .def_readonly("text", &ControllerInfo::text)
-      .def_readonly("follows", &ControllerInfo::follows, "Whether it follows a reference.")
       .def_property_readonly("parameters",
                              [](const ControllerInfo& info) { return infosOf(info.parameters); });
   module.def("controller_table", &controllerTable);
@@ -143,10 +135,9 @@ void defRoom(py::module_& module) {
   module.def(
       "leaves_room",
       [](const ReferenceParams& params, const Room& room) {
-        return leavesRoom(params, *makeReference(params), room);
+        return leavesRoom(*makeReference(params), room);
       },
-      py::arg("reference"), py::arg("room"),
-      "Why a reference does not fit into a room, and which size does; empty if it fits.");
+      py::arg("reference"), py::arg("room"), "Why a reference does not fit into a room; empty if it fits.");
 }
 
 void defDesigns(py::module_& module) {
@@ -189,8 +180,7 @@ void defDesigns(py::module_& module) {
   module.def("make_design", &makeDesign, py::arg("params"), py::arg("duration"));
   py::class_<ReturnParams>(module, "ReturnParams", "Bursts and returns of an excitation in a room.")
       .def(py::init<>())
-      .def_readwrite("burst", &ReturnParams::burst)
-      .def_readwrite("arrival", &ReturnParams::arrival);
+      .def_readwrite("burst", &ReturnParams::burst);
 }
 
 void defEffectUse(py::module_& module) {

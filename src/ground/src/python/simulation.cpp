@@ -30,9 +30,9 @@ py::dict toDict(const ExperimentLog& log) {
             r.point.p_ddot.transpose(), r.point.p_dddot.transpose())
         .finished();
   });
-  d["decisions"] = toRows(log.decisions, 3 + 2 * thrusters, [](const ExperimentLog::Decision& c) {
-    return (Eigen::RowVectorXd(3 + 2 * c.thrusters.size()) << c.time, c.stamp, c.computing,
-            asVector(c.thrusters).transpose(), asVector(c.wanted).transpose())
+  d["decisions"] = toRows(log.decisions, 3 + 2 * thrusters, [](const ReferencePilot::Decision& made) {
+    return (Eigen::RowVectorXd(3 + 2 * made.inputs.size()) << made.now, made.stamp, made.computing,
+            asVector(made.inputs).transpose(), asVector(made.wanted).transpose())
         .finished();
   });
   py::list marks;
@@ -207,8 +207,8 @@ void defExperiments(py::module_& module) {
       "used, and the model gives the thrusters. By default the model moves the craft.");
   defExperiment(module, "track_reference", "tracking", &trackReference,
                 "Like play_schedule with a controller in the loop. Also returns references (time, "
-                "p, p_dot, p_ddot, p_dddot), decisions (time, left, right, CPU time, left and "
-                "right before saturation, stamp of the state), stages (time, state, reason), "
+                "p, p_dot, p_ddot, p_dddot), decisions (time, stamp of the state, CPU time, fractions of "
+                "the largest input, the same before saturation), stages (time, state, reason), "
                 "stopped (why it stopped early; empty if it did not) and stopped_at.");
   defExperiment(module, "excite", "excitation", &excite,
                 "Like track_reference with an input design. Also returns marks (time, number, true "

@@ -8,7 +8,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include "ground/control/reference_pilot.h"
 #include "ground/estimation/velocity_estimator.h"
 
 namespace ground {
@@ -59,7 +58,7 @@ class Player : public Driver {
 class LivePilot : public Driver {
  public:
   LivePilot(const DriveParams& params, ExperimentLog& log)
-      : params_(params), estimator_(makeKalmanEstimator(params.estimator)), log_(log) {}
+      : params_(params), estimator_(params.estimator), log_(log) {}
 
   /// Sets the pilot, which must outlive it.
   void take(Pilot& pilot) {
@@ -81,7 +80,7 @@ class LivePilot : public Driver {
     measured.stamp = frame.captured;
     measured.valid = true;
     if (params_.estimate) {
-      const StateEstimate& estimate = estimator_->update(frame.captured, frame.eta);
+      const StateEstimate& estimate = estimator_.update(frame.captured, frame.eta);
       if (!estimate.used && (estimate.ignored || estimate.valid)) return;
       measured.state = {estimate.eta, estimate.nu};
       measured.nu_variance = estimate.nu_covariance.diagonal();
@@ -129,7 +128,7 @@ class LivePilot : public Driver {
   }
 
   DriveParams params_;
-  std::unique_ptr<VelocityEstimator> estimator_;
+  VelocityEstimator estimator_;
   ExperimentLog& log_;
   Pilot* pilot_ = nullptr;
   std::unique_ptr<ControllerLifecycle> life_;
@@ -137,17 +136,6 @@ class LivePilot : public Driver {
   std::vector<Command> commands_;  ///< commands that act() has not yet returned
   double end_ = std::numeric_limits<double>::infinity();
 };
-
-void noteDecision(const ReferencePilot::Decision& made, double input_max, ExperimentLog& log) {
-  log.decisions.push_back({made.now, made.stamp, input_max * asVector(made.inputs),
-                           input_max * asVector(made.wanted), made.computing});
-}
-
-void note(const ReferencePilot::Decision& decision, double input_max, ExperimentLog& log) {
-  noteDecision(decision, input_max, log);
-  if (log.references.empty() || decision.stamp > log.references.back().time)
-    log.references.push_back({decision.stamp, decision.reference});
-}
 
 void note(const SimulatedLab& room, ExperimentLog& log) {
   const RigidState<double>& state = room.state();
@@ -161,14 +149,6 @@ void note(const SimulatedLab& room, ExperimentLog& log) {
   }
   const Measurement<double> seen = room.measurement();
   log.truth.push_back({room.time(), state, room.derivative().nu, {seen.eta, seen.nu}, room.wrench()});
-}
-
-Command spoiled(Command command, CraftFault fault) {
-  if (fault == CraftFault::kSwapped) std::swap(command.thrusters(0), command.thrusters(1));
-  if (fault == CraftFault::kLeftOff) command.thrusters(0) = 0;
-  if (fault == CraftFault::kRightOff) command.thrusters(1) = 0;
-  if (fault == CraftFault::kNoLift) command.lift = 0;
-  return command;
 }
 
 void run(const Model& model, Driver& driver, const ExperimentParams& params, ExperimentLog& log) {
@@ -192,11 +172,7 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
     }
     if (now >= driver.end()) return;
     for (const Command& command : driver.act(now)) {
-      const bool faulty = now >= params.fault_from && now < params.fault_until;
-      if (!faulty || params.fault != CraftFault::kDeaf) {
-        Command heard = faulty ? spoiled(command, params.fault) : command;
-        room.command(heard.thrusters *= input_max, heard.lift);
-      }
+      room.command(input_max * asVector(command.thrusters), command.lift);
       log.commands.push_back(command);
     }
   }
@@ -227,19 +203,6 @@ std::string DriveParams::validate() const {
   return "";
 }
 
-std::string TrackingParams::validate() const {
-  if (!(max_error >= 0)) return "max_error must not be negative";
-  for (const std::string& wrong : {DriveParams::validate(), controller.validate()})
-    if (!wrong.empty()) return wrong;
-  return "";
-}
-
-std::string ExcitationParams::validate() const {
-  for (const std::string& wrong : {DriveParams::validate(), design.validate()})
-    if (!wrong.empty()) return wrong;
-  return "";
-}
-
 ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, double duration,
                            const ExperimentParams& params) {
   if (!(duration > 0) || !std::isfinite(duration)) throw std::invalid_argument("duration must be positive");
@@ -261,12 +224,16 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
 ExperimentLog trackReference(const Model& model, const Model& believed, const TrackingParams& tracking,
                              const ExperimentParams& params) {
   require(tracking.validate());
+  require(tracking.max_error >= 0 ? "" : "max_error must not be negative");
   requireSameThrusters(model, believed);
   ExperimentLog log;
   LivePilot live(tracking, log);
-  const double input_max = believed.body.input_max;
   ReferencePilot pilot([&live] { return live.now(); },
-                       [&log, input_max](const ReferencePilot::Decision& d) { note(d, input_max, log); });
+                       [&log](const ReferencePilot::Decision& made) {
+                         log.decisions.push_back(made);
+                         if (log.references.empty() || made.stamp > log.references.back().time)
+                           log.references.push_back({made.stamp, made.reference});
+                       });
   std::unique_ptr<TrackingController> controller = makeController(believed, tracking.controller);
   ReferencePtr reference = makeReference(tracking.reference);
   if (tracking.room) controller->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
@@ -286,11 +253,9 @@ ExperimentLog excite(const Model& model, const Model& believed, const Excitation
   requireSameThrusters(model, believed);
   ExperimentLog log;
   LivePilot live(excitation, log);
-  const double input_max = believed.body.input_max;
-  ExcitationPilot pilot(
-      [&live] { return live.now(); },
-      [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); },
-      [&log, input_max](const ReferencePilot::Decision& d) { noteDecision(d, input_max, log); });
+  ExcitationPilot pilot([&live] { return live.now(); },
+                        [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); },
+                        [&log](const ReferencePilot::Decision& made) { log.decisions.push_back(made); });
   DesignParams design = excitation.design;
   design.thrusters = believed.thrusters;
   InputSignal signal = makeDesign(design, excitation.duration);

@@ -9,15 +9,7 @@
 namespace ground {
 
 std::string MocapParams::validate() const {
-  const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
-  if (!within(rate, 1, 2000)) return "rate must be between 1 and 2000 Hz";
-  if (!within(position_noise, 0, 1)) return "position_noise must be between 0 and 1 m";
-  if (!within(heading_noise, 0, 3)) return "heading_noise must be between 0 and 3 rad";
-  if (!within(latency, 0, 1)) return "latency must be between 0 and 1 s";
-  if (!within(loss, 0, 1)) return "loss must be between 0 and 1";
-  if (!within(gap_rate, 0, 100)) return "gap_rate must be between 0 and 100 per second";
-  if (!within(gap_length, 0, 100)) return "gap_length must be between 0 and 100 s";
-  return "";
+  return rate >= 1 && rate <= 2000 ? MocapFields::validate() : "rate must be between 1 and 2000 Hz";
 }
 
 SimulatedLab::SimulatedLab(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& mocap,

@@ -9,22 +9,16 @@
 #include "ground/control/fence.h"
 #include "ground/model/dynamics.h"
 #include "ground/model/inputs.h"
+#include "ground/parameters/LifecycleFields.h"
 
 namespace ground {
 
-/// Parameters that all controllers share.
-struct LifecycleParams {
-  double lift = 1.0;           ///< input of the lift fan while the craft is driven, 0..1
-  double lift_time = 1.0;      ///< time of lift alone before the thrusters start [s]
-  double state_timeout = 0.2;  ///< largest age of a state for control [s]
-  double recovery_time = 0.0;  ///< longest loss of the state, with zero thrust, before it stops [s]
-  double rate = 50.0;          ///< rate of closed-loop control [Hz]
-  bool require_armed = true;   ///< whether it waits for an armed sender, and stops with it
+/// Parameters that all controllers share, and what they need in order to drive.
+struct LifecycleParams : LifecycleFields {
+  bool require_armed = true;  ///< whether it waits for an armed sender, and stops with it
   /// Whether it waits for a valid state, and stops without one. Otherwise it ignores states and the
   /// fence: for a bench where the craft is fastened.
   bool require_state = true;
-
-  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
 /// One instant on two clocks: the steady clock of the watchdogs, and the clock of stamps, which may
@@ -53,6 +47,8 @@ class Pilot {
   /// Called with every command that is sent, by any controller, in order of time (clock of stamps)
   /// [s].
   virtual void commanded(double /*time*/, const Inputs& /*inputs*/) {}
+  /// Sets the start of the drive, at which the model's t is 0; see DriveClock::record.
+  virtual void driveBegan(double /*began*/, double /*as_of*/) {}
   /// Called when driving begins, at the time `stamp`. An exception refuses the start.
   virtual void activate(double /*stamp*/) {}
   /// Called when driving ends, for any reason.

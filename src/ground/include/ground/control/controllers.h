@@ -1,11 +1,9 @@
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
-#include "ground/control/prbs.h"
 #include "ground/control/predictive_control.h"
 #include "ground/control/tracking_law.h"
 #include "ground/model/tunable.h"
@@ -13,37 +11,27 @@
 namespace ground {
 
 /// A controller by its name, and the parameters of each kind.
-struct ControllerChoice {
+struct ControllerChoice : TrackingGains, PredictiveParams {
   std::string kind = "TrajectoryTracking";  ///< a name in controllerTable()
-  TrackingGains gains;                      ///< TrajectoryTracking
-  PredictiveParams predictive;              ///< ModelPredictive
-  PrbsParams prbs;                          ///< OpenLoopPRBS
-  int prbs_order = 9;                       ///< 2..20
-  unsigned long prbs_seed = 1;
-
-  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
 /// Description of a kind of controller.
 struct ControllerInfo {
   std::string name, text;
-  bool follows;  ///< whether it follows a reference
   Tunables<ControllerChoice> parameters;
-  /// Error message for its parameters in a choice; empty if they are valid.
-  std::function<std::string(const ControllerChoice&)> validate;
   EffectUse (*effectUse)(const Model&);
   /// Makes a controller. Throws std::invalid_argument if parameters are bad or it must not drive by
   /// this model.
-  std::function<std::unique_ptr<TrackingController>(const Model&, const ControllerChoice&)> make;
+  std::unique_ptr<TrackingController> (*make)(const Model&, const ControllerChoice&);
   /// Sets valid parameters of a controller that make() made.
-  std::function<void(TrackingController&, const ControllerChoice&)> tune;
+  void (*tune)(TrackingController&, const ControllerChoice&);
 };
 
-/// All kinds: OpenLoopPRBS, TrajectoryTracking, ModelPredictive.
+/// All kinds: TrajectoryTracking, ModelPredictive.
 const std::vector<ControllerInfo>& controllerTable();
 /// Throws std::invalid_argument on an unknown kind.
 const ControllerInfo& controllerInfo(const std::string& kind);
-/// How a kind of controller uses the effects of a model; an open-loop one uses none.
+/// How a kind of controller uses the effects of a model.
 EffectUse effectUse(const std::string& kind, const Model& model);
 /// Makes a controller with `model` as its internal model. Throws std::invalid_argument if
 /// parameters are bad or it must not drive by this model (effectUse).

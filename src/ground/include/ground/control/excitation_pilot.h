@@ -18,8 +18,6 @@ namespace ground {
 struct ReturnParams {
   Room room;
   double burst = 4.0;  ///< longest burst [s]
-  double arrival = 0;  ///< distance from home at which a return ends [m]; 0: half way to a wall
-  PredictiveParams predictive;
 
   std::string validate() const;  ///< error message; empty if all values are valid
 };
@@ -28,8 +26,8 @@ struct ReturnParams {
 ///
 /// During a burst, the way home is planned repeatedly (kCheck). The burst ends before the craft
 /// could no longer be stopped inside the room (Fence) at some point of that way, if the mocap were
-/// lost for Fence::kLoss and all distances were longer by kModelError. A return ends near home as
-/// soon as there is room for a burst; the craft may still move. The next burst continues with the
+/// lost for Fence::kLoss and all distances were longer by kModelError. A return ends half way from home to
+/// a wall as soon as there is room for a burst; the craft may still move. The next burst continues with the
 /// next row of the signal. All inputs are known, including those of the returns, so feedback does
 /// not bias an identification by prediction errors (Ljung, System Identification, 2nd ed., 13.4).
 class ExcitationPilot : public Pilot {
@@ -47,14 +45,14 @@ class ExcitationPilot : public Pilot {
   };
   using Marked = std::function<void(const Mark&)>;
 
-  ExcitationPilot(ReferencePilot::Clock clock, Marked marked, ReferencePilot::Decided decided);
+  /// See ReferencePilot.
+  ExcitationPilot(ReferencePilot::Clock clock, Marked marked, ReferencePilot::Decided decided,
+                  ReferencePilot::Clock steady = nullptr);
   ExcitationPilot(const ExcitationPilot&) = delete;
   ExcitationPilot& operator=(const ExcitationPilot&) = delete;
 
-  /// See ReferencePilot::setSteadyClock.
-  void setSteadyClock(ReferencePilot::Clock clock) { home_.setSteadyClock(std::move(clock)); }
-  /// Sets the signal to play in open loop from the next activation, for `duration` [s] or until it
-  /// ends.
+  /// Sets the signal to play in open loop, for `duration` [s] or until it ends. Takes effect with the
+  /// next activation.
   void play(InputSignal signal, double duration);
   /// Like play(), in bursts; in between, a controller with the internal model `model` returns home.
   /// Throws std::invalid_argument if parameters are bad or the model has other thrusters than the
@@ -63,20 +61,31 @@ class ExcitationPilot : public Pilot {
 
   const ThrusterLayout& layout() const override { return *signal_.thrusters; }
   void commanded(double time, const Inputs& inputs) override { home_.commanded(time, inputs); }
-  /// See DriveClock::record.
-  void driveBegan(double began, double as_of) { home_.driveBegan(began, as_of); }
+  void driveBegan(double began, double as_of) override { home_.driveBegan(began, as_of); }
 
   void activate(double stamp) override;
+  void deactivate() override { active_ = false; }
   std::string objection(const MeasuredState& measured) override;
   Inputs update(double elapsed, double stamp, const RigidState<double>& state, double lift) override;
   double end() const override { return std::min(duration_, ended_); }
   double nextChange(double elapsed) const override;
 
  private:
+  /// What to play.
+  struct Program {
+    InputSignal signal;
+    double duration = 0;
+    std::optional<ReturnParams> returns;
+    Model model;
+  };
+  void setNext(Program program);
+  void takeNext();
   double spare() const;
   bool home(const RigidState<double>& state) const;
   void begin(bool burst, const std::string& reason);
 
+  std::optional<Program> next_;  ///< from the next activation on
+  bool active_ = false;
   InputSignal signal_;
   double duration_ = 0;
   ReferencePilot::Clock clock_;

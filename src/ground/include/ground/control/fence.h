@@ -5,7 +5,6 @@
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/room.h"
 #include "ground/model/dynamics.h"
-#include "ground/model/stepping.h"
 
 namespace ground {
 
@@ -50,10 +49,4 @@ struct PlanWalls {
 /// Why a craft on a reference could not be stopped inside a room, with its margin, if the mocap
 /// were lost for Fence::kLoss; empty if it could. Throws std::invalid_argument on an invalid room.
 std::string leavesRoom(const ReferenceTrajectory& reference, const Room& room);
-/// The same for a reference made from `params`, and the largest size that fits, if one does.
-std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference, const Room& room);
-/// Why a simulated craft leaves a room under open-loop inputs (in the model's units, until `end`
-/// [s]) from rest at home; empty if it stays inside.
-std::string leavesRoom(const Model& model, const InputSequence& inputs, double end, const Room& room);
-
 }  // namespace ground

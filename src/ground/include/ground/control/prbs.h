@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "ground/control/table_file.h"
-#include "ground/model/tunable.h"
+#include "ground/parameters/PrbsParams.h"
 
 namespace ground {
 
@@ -42,18 +42,5 @@ int rowsPerBit(const PrbsBits& rows);
 PrbsFile bitsOf(const TableFile& table, int rows_per_bit = 0);
 /// Reads bitsOf() a file.
 PrbsFile readPrbs(const std::string& path, int rows_per_bit = 0);
-
-/// Timing and levels of a binary sequence.
-struct PrbsParams {
-  double clock = 15.0;    ///< bits per second [Hz], for any number of rows per bit
-  double left_low = 0.0;  ///< input of the left thruster for a low bit
-  double left_high = 1.0;
-  double right_low = 0.0;
-  double right_high = 1.0;
-  double duration = 20.0;  ///< [s]; the sequence repeats as needed
-
-  static const Tunables<PrbsParams>& table();
-  std::string validate() const;  ///< error message; empty if all values are valid
-};
 
 }  // namespace ground

@@ -11,23 +11,14 @@
 #include "ground/control/tracking_controller.h"
 #include "ground/control/trajectory_optimizer.h"
 #include "ground/estimation/disturbance_observer.h"
-#include "ground/model/tunable.h"
+#include "ground/parameters/PlanParams.h"
 
 namespace ground {
 
 /// Parameters of PredictiveControl.
-struct PredictiveParams {
-  double horizon = 2.0;        ///< [s]
-  int steps = 40;              ///< number of steps of the horizon
-  int iterations = 4;          ///< largest number of improvements of the plan per decision
-  double lost = 0.02;          ///< error of the plan beyond which others are tried, too, rms [m]
-  int search_iterations = 12;  ///< largest number of improvements of other plans per decision
-  double deadline = 0.01;      ///< longest time of a decision, by the clock of setClock() [s]
-  PlanWeights weights;
-  ObserverParams observer;
-
-  static const Tunables<PredictiveParams>& table();  ///< including weights and observer
-  std::string validate() const;                      ///< error message; empty if all are valid
+struct PredictiveParams : PlanParams, PlanWeights, ObserverParams {
+  static const Tunables<PredictiveParams>& table();
+  std::string validate() const { return rangeError(table(), *this); }  ///< error message, or empty
 };
 
 /// Nonlinear model predictive control with the whole model, effects included.
@@ -61,7 +52,7 @@ class PredictiveControl : public TrackingController {
   /// Number of improvements of plans in the last decision.
   int improvements() const { return improvements_; }
   /// The plan of the last decision.
-  const TrajectoryOptimizer& plan() const { return *plan_; }
+  const TrajectoryOptimizer& plan() const { return *best_.plan; }
 
  private:
   static constexpr std::size_t kSeeds = 14;
@@ -71,7 +62,7 @@ class PredictiveControl : public TrackingController {
     double thrust = 0;  ///< relative to full thrust
   };
 
-  /// A plan that may replace the one in use; it is continued and improved like that one.
+  /// The plan in use, or one that may replace it; both are continued and improved.
   struct Contender {
     std::unique_ptr<TrajectoryOptimizer> plan;
     std::optional<double> time;  ///< start of the plan [s]; no value before it has one
@@ -103,11 +94,10 @@ class PredictiveControl : public TrackingController {
   PredictiveParams params_;
   DisturbanceObserver observer_;
   TimeBudget budget_;
-  std::unique_ptr<TrajectoryOptimizer> plan_;
+  Contender best_;
   std::array<Contender, 2> others_;
   std::vector<ReferencePoint> references_;
   DisturbanceObserver::Estimate start_;
-  std::optional<double> plan_time_;  ///< start of the plan [s]; no value before there is one
   std::array<Seed, kSeeds> seeds_;
   std::array<double, kSeeds> seed_costs_{};  ///< [m^2 s]
   bool has_seeds_ = false;                   ///< whether seeds and costs are this decision's

@@ -32,10 +32,9 @@ class ReferencePilot : public Pilot {
   using Clock = std::function<double()>;
   using Decided = std::function<void(const Decision&)>;
 
-  ReferencePilot(Clock clock, Decided decided);
+  /// `steady`: the steady clock [s] of the controllers; see TrackingController::setClock.
+  ReferencePilot(Clock clock, Decided decided, Clock steady = nullptr);
 
-  /// Sets the steady clock [s] of controllers that are swapped in from now on.
-  void setSteadyClock(Clock clock) { steady_ = std::move(clock); }
   /// Swaps the controller; `model` is its internal model.
   void swapController(std::unique_ptr<TrackingController>& controller, const Model& model);
   /// Swaps the reference, which then begins from its start.
@@ -52,8 +51,7 @@ class ReferencePilot : public Pilot {
 
   const ThrusterLayout& layout() const override { return *thrusters_; }
   void commanded(double time, const Inputs& inputs) override;
-  /// See DriveClock::record.
-  void driveBegan(double began, double as_of) { drive_.record(began, as_of); }
+  void driveBegan(double began, double as_of) override { drive_.record(began, as_of); }
 
   void activate(double stamp) override;
   std::string objection(const MeasuredState& measured) override;

@@ -1,11 +1,13 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
-#include "ground/model/tunable.h"
 #include "ground/model/types.h"
+#include "ground/parameters/ReferenceFields.h"
 
 namespace ground {
 
@@ -17,18 +19,21 @@ struct ReferencePoint {
 /// A path over time.
 class ReferenceTrajectory {
  public:
-  virtual ~ReferenceTrajectory() = default;
+  using At = std::function<ReferencePoint(double t)>;
+
+  ReferenceTrajectory(double extent, At at) : extent_(extent), at_(std::move(at)) {}
   /// The point at time t >= 0 [s].
-  virtual ReferencePoint at(double t) const = 0;
+  ReferencePoint at(double t) const { return at_(t); }
   /// Time after which the path repeats or ends [s]; for drawing.
-  virtual double extent() const = 0;
-  /// Times of the points of a file [s], from 0 to the extent; empty for other paths.
-  virtual std::vector<double> points() const { return {}; }
+  double extent() const { return extent_; }
+
+ private:
+  double extent_;
+  At at_;
 };
 
-/// Times at which to check a path [s], ascending from 0: of a file until its end, of other paths for
-/// `extents` times their extent. They include those of all points of a file. Up to 20,000 s they are
-/// at most 0.05 s apart. They are at least 5000, and at most 400,000 besides the points.
+/// Times at which to check a path [s], from 0 to `extents` times its extent. They are at most 0.05 s apart
+/// up to 20,000 s.
 std::vector<double> checkTimes(const ReferenceTrajectory& reference, double extents);
 
 using ReferencePtr = std::shared_ptr<const ReferenceTrajectory>;
@@ -57,20 +62,10 @@ ReferencePtr makeWaypoints(const std::vector<Vector2<double>>& points, double sp
 /// second. Throws std::runtime_error that names file and line.
 ReferencePtr readReference(const std::string& path, const Vector2<double>& origin, double speed, bool smooth);
 
-/// A reference by its kind, and the parameters of all kinds (see referenceTable).
-struct ReferenceParams {
-  std::string kind = "circle";
-  Vector2<double> origin = Vector2<double>::Zero();  ///< centre or start, world_ned [m]
-  double size = 2.0;                                 ///< radius or amplitude [m]
-  double rate_of_turn = 0.6;                         ///< [rad/s]
-  double petals = 1.5;                               ///< rhodonea: rate of the radius per turn
-  double speed = 0.5;                                ///< line, sinusoid, waypoints [m/s]
-  Vector2<double> end{2.5, 2.5};                     ///< line: world_ned [m]
-  bool smooth = true;                                ///< line, waypoints of a file: start and stop smoothly
-  std::string file;                                  ///< CSV, see readReference
+/// A reference by its kind, and the parameters of all kinds.
+struct ReferenceParams : ReferenceFields {
+  std::string kind = "circle";  ///< a name in referenceTable()
 
-  /// All parameters except kind; origin is x, y and end is end_x, end_y.
-  static const Tunables<ReferenceParams>& table();
   bool operator==(const ReferenceParams& other) const;
 };
 

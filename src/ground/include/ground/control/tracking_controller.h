@@ -33,8 +33,6 @@ class TrackingController {
   /// Sets a steady clock [s], by which decisions keep their deadlines. Without one, and without
   /// deadlines, they take the time that they need.
   virtual void setClock(TimeBudget::Clock /*clock*/) {}
-  /// Whether it follows the reference; false for open-loop control.
-  virtual bool follows() const { return true; }
   /// Position of the point that follows the reference, world_ned [m], given the measured pose and
   /// velocity.
   virtual Vector2<double> position(const RigidState<double>& measured) const {

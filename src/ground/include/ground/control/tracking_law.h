@@ -7,22 +7,9 @@
 #include "ground/control/effect_use.h"
 #include "ground/control/tracking_controller.h"
 #include "ground/model/dynamics.h"
-#include "ground/model/tunable.h"
+#include "ground/parameters/TrackingGains.h"
 
 namespace ground {
-
-/// Gains of the tracking law (4.7).
-struct TrackingGains {
-  double k_e = 4.0;        ///< position error [kg/s]
-  double k_z = 3e-4;       ///< yaw rate error [N m s]
-  double k_phi_1 = 0.005;  ///< surge velocity error, first diagonal element of K_phi
-  double k_phi_2 = 0.005;  ///< sway velocity error, second diagonal element of K_phi
-  double delta_1 = -0.01;  ///< offset of the velocity error along surge [m/s], not 0
-  double delta_2 = 0.0;    ///< offset of the velocity error along sway [m/s]
-
-  static const Tunables<TrackingGains>& table();
-  std::string validate() const;  ///< error message; empty if all values are valid
-};
 
 /// Position tracking of an underactuated hovercraft by backstepping (Aguiar, Cremean, Hespanha
 /// 2003; thesis 4.2 with the derivatives of alpha corrected).
@@ -44,7 +31,6 @@ class TrackingLaw {
     double torque = 0.0;        ///< u_2 [N m]
     Thrusters<double> wanted;   ///< inputs before they are limited, (4.8): see Allocation
     Thrusters<double> inputs;   ///< inputs within the ranges of the thrusters
-    bool saturated() const { return wanted != inputs; }
   };
 
   Output run(const RigidState<double>& state, const ReferencePoint& reference,
@@ -62,7 +48,7 @@ class BacksteppingControl : public TrackingController {
  public:
   static EffectUse effectUse(const Model& model);
 
-  /// Throws std::invalid_argument if it must not drive by this model (effectUse).
+  /// Throws std::invalid_argument if gains are bad or it must not drive by this model (effectUse).
   BacksteppingControl(const Model& model, const TrackingGains& gains);
   void setParams(const TrackingGains& gains) { gains_ = gains; }
   Thrusters<double> decide(const Observation& seen) override {

@@ -15,26 +15,20 @@ double defaultMaxError(const ReferenceTrajectory& reference);
 /// - A craft may start anywhere, and a reference may start suddenly. The craft has arrived when its
 ///   error has been within max_error for kPatience.
 /// - After arrival, it stops if the error exceeds max_error for kPatience.
-/// - Before arrival, it stops after kApproach, or if the error exceeds the initial one by max_error
-///   plus kDetour for kPatience.
+/// - Before arrival, it stops after kApproach.
 /// - Only time in which the craft was observed counts: an interval between two looks counts as at
 ///   most kLongestInterval, so that a loss of the mocap does not count as a lasting error.
 /// - After a loss, errors do not count for kCatchUp, because the craft stood while the reference
 ///   moved on, and may have to turn.
-///
-/// In simulation with noise and parameters wrong by a quarter, ModelPredictive arrives within 4 s
-/// from rest 3 m away at any heading, after a detour of at most 1.1 m.
 class TrackingWatch {
  public:
   static constexpr double kPatience = 1.0;         ///< [s]
   static constexpr double kApproach = 20.0;        ///< [s]
-  static constexpr double kDetour = 2.0;           ///< [m]
   static constexpr double kLongestInterval = 0.1;  ///< a longer interval of looks is a loss [s]
   static constexpr double kCatchUp = 2.0;          ///< [s]
 
   /// Sets the largest error [m], positive; takes effect with the next look.
   void setMaxError(double max_error) { max_error_ = max_error; }
-  double maxError() const { return max_error_; }
   /// Call when a reference begins.
   void restart();
   /// Adds the distance `error` [m] from the reference at `time` [s] since it began. Returns why to
@@ -45,7 +39,6 @@ class TrackingWatch {
  private:
   double max_error_ = 0.5;
   bool begun_ = false, arrived_ = false;
-  double first_error_ = 0;  ///< error at the first look [m]
   double last_time_ = 0;    ///< time of the last look [s]
   double approaching_ = 0;  ///< observed time before arrival [s]
   double inside_ = 0;       ///< how long the error has been within max_error [s]

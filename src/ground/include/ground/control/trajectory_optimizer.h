@@ -8,23 +8,9 @@
 #include "ground/control/reference_trajectory.h"
 #include "ground/model/inputs.h"
 #include "ground/model/pushed_step.h"
-#include "ground/model/tunable.h"
+#include "ground/parameters/PlanWeights.h"
 
 namespace ground {
-
-/// Cost of a plan: weights of squares of the state error at the end of each step, and of the
-/// inputs. They are relative to the weight of the position error, which is 1 per m^2.
-struct PlanWeights {
-  double velocity = 0.1;  ///< weight of the velocity error [s^2]
-  double input = 1e-5;    ///< weight of the inputs, relative to full scale [m^2]
-  /// Weight of turning [m^2]: of the sum of all inputs, relative to full scale, each times its
-  /// lever over l. For the pair this is the inputs' difference.
-  double turning = 1e-3;
-  double end_position = 50;  ///< additional weight of the position error at the end [-]
-  double end_velocity = 1;   ///< additional weight of the velocity error at the end [s^2]
-
-  static const Tunables<PlanWeights>& table();
-};
 
 /// Plans the inputs of a craft's thrusters over a horizon by box-DDP: an iterative linear-quadratic
 /// regulator with bounds on the inputs (Tassa, Mansard, Todorov, Control-limited differential
@@ -37,8 +23,8 @@ class TrajectoryOptimizer {
   static constexpr int kMaxSteps = 200;
   using State = Eigen::Matrix<double, kStates, 1>;  ///< eta, nu, states of effects
 
-  /// Steps are `step` [s] long. Throws std::invalid_argument if the model's effects have more than
-  /// kMaxStates states or the horizon is bad.
+  /// Steps are `step` [s] long. The model's effects have at most kMaxStates states. Throws
+  /// std::invalid_argument if the horizon is bad.
   TrajectoryOptimizer(const Model& model, int steps, double step);
   void setWeights(const PlanWeights& weights) { weights_ = weights; }
   /// Sets walls to avoid; without value, no walls.

@@ -5,23 +5,11 @@
 #include <limits>
 
 #include "ground/model/pushed_step.h"
-#include "ground/model/tunable.h"
+#include "ground/parameters/ObserverParams.h"
 
 namespace ground {
 
 /// Noise levels of the observer; spectral densities are square roots of one-sided ones.
-struct ObserverParams {
-  double position_noise = 3e-4;  ///< standard deviation of measured x, y [m]
-  double heading_noise = 5e-3;   ///< standard deviation of measured psi [rad]
-  double push = 0.02;            ///< white acceleration, surge and sway [m/s^2/sqrt(Hz)]
-  double twist = 0.5;            ///< white acceleration, yaw [rad/s^2/sqrt(Hz)]
-  double push_drift = 0.1;       ///< drift of missing acceleration, surge, sway [m/s^2/sqrt(s)]
-  double twist_drift = 1.0;      ///< drift of missing acceleration, yaw [rad/s^2/sqrt(s)]
-  double max_gap = 1.0;          ///< restarts after a longer gap between measurements [s]
-
-  static const Tunables<ObserverParams>& table();  ///< all but max_gap
-};
-
 /// Estimates pose, velocity and missing acceleration from measured poses and given commands: an
 /// extended Kalman filter with the craft's model and the missing acceleration as a random walk in
 /// the body frame.

@@ -5,28 +5,16 @@
 #include <string>
 
 #include "ground/model/types.h"
+#include "ground/parameters/EstimatorFields.h"
 
 namespace ground {
 
 /// Parameters of all velocity estimators.
-struct EstimatorParams {
-  double position_noise = 5e-4;  ///< standard deviation of x and y [m]
-  double heading_noise = 5e-3;   ///< standard deviation of psi [rad]
-  double stamp_noise = 0.0;      ///< standard deviation of the stamps [s]
-  double max_gap = 0.5;          ///< a longer gap restarts the filter [s]
-  double gate = 6.0;             ///< largest accepted innovation [standard deviations]
-  double linear_jerk = 5.0;      ///< Kalman: root spectral density of linear jerk [m/s^2.5]
-  double angular_jerk = 120.0;   ///< Kalman: root spectral density of angular jerk [rad/s^2.5]
-  int median = 5;                ///< finite differences: length of the velocity median, odd
-
-  std::string validate() const;  ///< error message; empty if all values are valid
-
+struct EstimatorParams : EstimatorFields {
   /// Standard deviation of x and y (axes 0, 1) [m] or psi (axis 2) [rad].
   double noise(int axis) const { return axis < 2 ? position_noise : heading_noise; }
   double jerk(int axis) const { return axis < 2 ? linear_jerk : angular_jerk; }
 };
-
-constexpr int kMaxMedian = 101;
 
 /// Typical speeds of a craft, the initial uncertainty of filters [m/s], [rad/s].
 constexpr double typicalSpeed(int axis) { return axis < 2 ? 3.0 : 20.0; }

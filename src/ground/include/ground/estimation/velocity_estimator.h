@@ -1,7 +1,5 @@
 #pragma once
 
-#include <memory>
-
 #include "ground/estimation/motion_filter.h"
 #include "ground/model/types.h"
 
@@ -20,7 +18,7 @@ struct StateEstimate {
   const char* status = "no pose yet";  ///< why not used, or why not valid; empty if valid
 };
 
-/// Estimates velocities from poses and their stamps.
+/// Estimates velocities from poses and their stamps by a Kalman filter of MotionFilter's model.
 ///
 /// Ignores repeated and slightly late stamps; restarts after a long gap or a jump back in time.
 /// Rejects impossible poses (spikes, flipped headings, NaN). The estimate stays valid over up to
@@ -30,7 +28,7 @@ struct StateEstimate {
 /// construction.
 class VelocityEstimator {
  public:
-  virtual ~VelocityEstimator() = default;
+  explicit VelocityEstimator(const EstimatorParams& params) : params_(params), given_(params) {}
 
   /// Adds a pose measured at `stamp` [s], x, y [m], psi [rad] in world_ned; psi may be wrapped.
   const StateEstimate& update(double stamp, const Vector3<double>& eta);
@@ -42,18 +40,11 @@ class VelocityEstimator {
   void setParams(const EstimatorParams& params) { given_ = params; }
   const StateEstimate& estimate() const { return estimate_; }
 
- protected:
-  explicit VelocityEstimator(const EstimatorParams& params) : params_(params), given_(params) {}
-
-  /// Starts at a pose, with its heading unwrapped relative to the estimate.
-  virtual void start(const Vector3<double>& eta) = 0;
-  /// Adds the next pose, dt [s] > 0 after the last one; returns false to reject it.
-  virtual bool advance(double dt, const Vector3<double>& eta) = 0;
+ private:
+  void publish();
 
   EstimatorParams params_;  ///< with the current stamp noise
   StateEstimate estimate_;
-
- private:
   EstimatorParams given_;
   IntervalScatter scatter_;
   double stamp_ = 0;       ///< stamp of the last pose, used or not [s]
@@ -61,12 +52,8 @@ class VelocityEstimator {
   int accepted_ = 0;       ///< number of used poses since the start
   int rejected_ = 0;       ///< number of rejected poses minus those used since; at least 0
   JumpDetector jump_;
+  MotionFilter filter_;
 };
-
-/// Finite differences and a running median (thesis 3.3.3).
-std::unique_ptr<VelocityEstimator> makeFiniteDifferenceEstimator(const EstimatorParams& params);
-/// Kalman filter of MotionFilter's model.
-std::unique_ptr<VelocityEstimator> makeKalmanEstimator(const EstimatorParams& params);
 
 /// Body velocities and their time derivatives from the motion in the world frame.
 void bodyMotion(const Vector3<double>& velocity, const Vector3<double>& acceleration, double psi,

@@ -8,27 +8,14 @@
 
 #include "ground/link/protocol.h"
 #include "ground/link/udp_socket.h"
+#include "ground/parameters/GroundLinkFields.h"
 
 namespace ground {
 
-/// Timeouts and rates of the link.
-struct GroundLinkParams {
-  double command_timeout = 0.2;  ///< largest age of a command [s]
-  double state_timeout = 0.2;    ///< largest age of a state while armed [s]
-  double recovery_time = 0.0;    ///< longest loss of the state before a fault; sends zeros [s]
-  double keepalive_rate = 50.0;  ///< rate of repeated packets [Hz]
-  /// Silence after which a craft that has sent telemetry may return on another port [s].
-  double peer_timeout = 2.0;
-  double craft_timeout = 2.0;  ///< silence of such a craft before a fault; 0: no fault [s]
-  /// Time that the craft may not follow its commands before a fault; 0: no fault [s].
-  double obedience_timeout = 1.0;
-  double send_timeout = 0.2;  ///< longest failure to send while armed [s]
-  /// Whether driving needs a valid state inside the room; false only for a bench where the craft is
-  /// fastened.
+/// Timeouts and rates of the link, and whether driving needs a valid state inside the room; false only
+/// for a bench where the craft is fastened.
+struct GroundLinkParams : GroundLinkFields {
   bool require_state = true;
-  bool require_lift = true;  ///< whether thrust is refused while the lift is off
-
-  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
 /// The ground's end of the link to the craft. Identifies the craft, and decides whether it may
@@ -65,9 +52,6 @@ class GroundLink {
 
   /// Throws std::invalid_argument, and keeps the old parameters, if the new ones are bad.
   void setParams(const GroundLinkParams& params);
-  /// Number of nodes that advertise commands, even if they send none; more than one prevents
-  /// arming.
-  void setPublishers(std::size_t count) { publishers_ = count; }
 
   /// Call with every received datagram. Returns the craft's telemetry if it contains it.
   std::optional<CraftTelemetry> datagram(double now, const std::string& data, const UdpAddress& from);
@@ -127,7 +111,7 @@ class GroundLink {
 
  private:
   bool isCraft(double now, const UdpAddress& from, bool telemetry);
-  void refuse(const std::string& why, bool of_controller);
+  std::string objection(double age, const std::string& source, const MotorCommand& command) const;
   void watch(double now);
   std::string stateProblem(double now) const;
   std::string craftMissing(double now) const;
@@ -151,7 +135,6 @@ class GroundLink {
   double peer_heard_;         ///< time of the craft's last datagram
   std::optional<std::uint32_t> peer_count_;  ///< commands counted by the craft, if it does
   double peer_counted_;                      ///< time of the last change of the count, or of arming
-  std::size_t publishers_ = 0;
   State state_ = State::kDisarmed;
   bool stopped_ = false;
   std::string reason_ = "not armed yet";

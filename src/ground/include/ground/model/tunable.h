@@ -13,20 +13,12 @@ namespace ground {
 /// The value of a parameter that users set; integers are stored as doubles.
 using Setting = std::variant<double, bool, std::string>;
 
-/// Range in which `tune` searches a parameter: sign * 10^low .. sign * 10^high. If sign is 0, it
-/// does not search.
-struct SearchRange {
-  int sign = 0;
-  double low = 0, high = 0;
-};
-
-/// Description of a parameter, for documentation, dynamic_reconfigure and the command line.
+/// Description of a parameter, for documentation and the command line.
 struct TunableInfo {
   std::string name, unit, text;
   double low = 0, high = 0;  ///< range of a number, both ends allowed
-  SearchRange search = {};
-  std::string type = {};  ///< as in dynamic_reconfigure: double, int, bool or str
-  Setting standard = {};  ///< the default
+  std::string type = {};     ///< as in dynamic_reconfigure: double, int, bool or str
+  Setting standard = {};     ///< the default
 
   /// Error such as "k_e must be between 1e-06 and 100 kg/s, not -1"; empty if `value` is in the
   /// range or is not a number.
@@ -37,14 +29,12 @@ namespace detail {
 
 Setting settingOf(double value);
 Setting settingOf(int value);
-Setting settingOf(unsigned long value);
 Setting settingOf(bool value);
 Setting settingOf(const std::string& value);
 /// These throw std::invalid_argument that names the parameter if `setting` has another type or is
 /// not an integer that fits.
 void assign(double& value, const Setting& setting, const std::string& name);
 void assign(int& value, const Setting& setting, const std::string& name);
-void assign(unsigned long& value, const Setting& setting, const std::string& name);
 void assign(bool& value, const Setting& setting, const std::string& name);
 void assign(std::string& value, const Setting& setting, const std::string& name);
 
@@ -69,13 +59,11 @@ struct Tunable : TunableInfo {
   /// Throws std::invalid_argument on a value of another type; does not check the range.
   using Set = std::function<void(Params&, const Setting&)>;
 
-  /// access: a member of Params, or a function that returns a reference to a part of it.
-  template <class Access>
-  Tunable(TunableInfo info, Access access) : TunableInfo(std::move(info)) {
-    using Value = std::decay_t<std::invoke_result_t<Access, Params&>>;
-    get = [access](const Params& params) { return detail::settingOf(std::invoke(access, params)); };
-    set = [access, name = name](Params& params, const Setting& setting) {
-      detail::assign(std::invoke(access, params), setting, name);
+  template <class Value>
+  Tunable(TunableInfo info, Value Params::*member) : TunableInfo(std::move(info)) {
+    get = [member](const Params& params) { return detail::settingOf(params.*member); };
+    set = [member, name = name](Params& params, const Setting& setting) {
+      detail::assign(params.*member, setting, name);
     };
     type = detail::typeName<Value>();
     standard = get(Params());
@@ -93,14 +81,14 @@ struct Tunable : TunableInfo {
 template <class Params>
 using Tunables = std::vector<Tunable<Params>>;
 
-/// The parameters of `Part` as parameters of a struct that has `Part` as a member.
-template <class Params, class Part>
-Tunables<Params> lifted(Part Params::*part, const Tunables<Part>& table) {
+/// The parameters of the bases `Parts` of a struct.
+template <class Params, class... Parts>
+Tunables<Params> joined(const Tunables<Parts>&... tables) {
   Tunables<Params> found;
-  for (const Tunable<Part>& one : table)
-    found.emplace_back(
-        one, [part, get = one.get](const Params& params) { return get(params.*part); },
-        [part, set = one.set](Params& params, const Setting& s) { set(params.*part, s); });
+  const auto add = [&found](const auto& table) {
+    for (const auto& one : table) found.emplace_back(one, one.get, one.set);
+  };
+  (add(tables), ...);
   return found;
 }
 

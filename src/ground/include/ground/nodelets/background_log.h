@@ -4,6 +4,7 @@
 
 #include <condition_variable>
 #include <deque>
+#include <functional>
 #include <mutex>
 #include <string>
 #include <thread>
@@ -13,12 +14,14 @@
 
 namespace ground {
 
-/// Writes lines to the log of ROS in its own thread, so that a terminal or a disk that blocks does
-/// not hold its callers. Call from any thread.
+/// Runs what may block, such as lines for the log of ROS, in its own thread and in order, so that a
+/// terminal, a disk or a master that hangs does not hold the callers. Call from any thread.
 class BackgroundLog {
  public:
+  using Task = std::function<void()>;
+
   BackgroundLog() : thread_([this] { run(); }) {}
-  /// Writes what is left, and waits for it.
+  /// Does what is left, and waits for it.
   ~BackgroundLog() {
     {
       const std::lock_guard lock(mutex_);
@@ -30,46 +33,43 @@ class BackgroundLog {
   BackgroundLog(const BackgroundLog&) = delete;
   BackgroundLog& operator=(const BackgroundLog&) = delete;
 
-  void info(std::string text) { add({false, std::move(text)}); }
-  void warn(std::string text) { add({true, std::move(text)}); }
-
- private:
-  struct Line {
-    bool warns;
-    std::string text;
-  };
-  static constexpr std::size_t kMostLines = 1000;  // lines kept while the log blocks
-
-  void add(Line line) {
+  void info(std::string text) {
+    add([text = std::move(text)] { ROS_INFO("%s", text.c_str()); });
+  }
+  void warn(std::string text) {
+    add([text = std::move(text)] { ROS_WARN("%s", text.c_str()); });
+  }
+  void add(Task task) {
     {
       const std::lock_guard lock(mutex_);
-      if (lines_.size() >= kMostLines) {
+      if (tasks_.size() >= kMostTasks) {
         ++lost_;
         return;
       }
-      lines_.push_back(std::move(line));
+      tasks_.push_back(std::move(task));
     }
     wake_.notify_all();
   }
 
+ private:
+  static constexpr std::size_t kMostTasks = 1000;  // kept while one blocks
+
   void run() {
     std::unique_lock lock(mutex_);
     while (true) {
-      wake_.wait(lock, [this] { return !alive_ || !lines_.empty(); });
-      if (lines_.empty()) return;
-      const std::deque<Line> lines = std::exchange(lines_, {});
+      wake_.wait(lock, [this] { return !alive_ || !tasks_.empty(); });
+      if (tasks_.empty()) return;
+      const std::deque<Task> tasks = std::exchange(tasks_, {});
       const std::size_t lost = std::exchange(lost_, 0);
       lock.unlock();
-      for (const Line& line : lines)
-        ROS_LOG(line.warns ? ros::console::levels::Warn : ros::console::levels::Info, ROSCONSOLE_DEFAULT_NAME,
-                "%s", line.text.c_str());
+      for (const Task& task : tasks) task();
       if (lost > 0) ROS_WARN("the log was blocked: %zu lines are lost", lost);
       lock.lock();
     }
   }
 
   InheritingMutex mutex_;  ///< guards all members down to wake_
-  std::deque<Line> lines_;
+  std::deque<Task> tasks_;
   std::size_t lost_ = 0;
   bool alive_ = true;
   std::condition_variable_any wake_;

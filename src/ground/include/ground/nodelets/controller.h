@@ -2,10 +2,10 @@
 
 #include <ground_msgs/ControllerStatus.h>
 #include <ground_msgs/Controls.h>
+#include <ground_msgs/Decision.h>
+#include <ground_msgs/Drive.h>
 #include <ground_msgs/SenderStatus.h>
 #include <ground_msgs/State.h>
-#include <nodelet/nodelet.h>
-#include <ros/ros.h>
 #include <std_srvs/Trigger.h>
 
 #include <atomic>
@@ -15,10 +15,10 @@
 #include <string>
 #include <thread>
 
-#include "ground/control/controller_lifecycle.h"
+#include "ground/control/reference_pilot.h"
 #include "ground/nodelets/background_log.h"
-#include "ground/nodelets/callback_thread.h"
 #include "ground/nodelets/inheriting_mutex.h"
+#include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
 
 namespace ground {
@@ -33,9 +33,11 @@ namespace ground {
 /// Parameters: real_time (false: ordinary priority; see wantsRealTime), auto_start (false),
 /// require_armed (true: wait for the sender), require_state (true; false only on a bench, where the
 /// craft is fastened), room (file of the room in which the craft is kept; empty: that of the sender,
-/// if it has one). They cannot be changed at run time. Subscribes: state, sender/status, controls.
-/// Publishes: controls, ~status (latched). Services: ~start, ~stop, in their own thread.
-class Controller : public nodelet::Nodelet {
+/// if it has one). They cannot be changed at run time. Subscribes: state, sender/status, controls, drive
+/// (start of the drive, for a model loaded in the middle of it). Publishes: controls, ~status (latched),
+/// and, after the command of a closed-loop decision, controls/wanted (the inputs before saturation) and
+/// decision (its processor time). Services: ~start, ~stop, in their own thread.
+class Controller : public Shell {
  public:
   ~Controller() override;
 
@@ -62,6 +64,8 @@ class Controller : public nodelet::Nodelet {
   BackgroundLog& log() { return log_; }
   /// Called after each command with mutex() held, for what need not come before it.
   virtual void sent() {}
+  /// Publishes a decision after its command.
+  void note(const ReferencePilot::Decision& decision);
   /// ROS time on the clock of the pilot's stamps: since the nodelet was loaded [s].
   double seconds(const ros::Time& time) const { return secondsBetween(epoch_, time); }
   /// Stamp of the newest state.
@@ -70,7 +74,8 @@ class Controller : public nodelet::Nodelet {
  private:
   using Status = ground_msgs::ControllerStatus;
 
-  void onInit() override;
+  void start(ros::NodeHandle& nh, ros::NodeHandle& topics) final;
+  void onDrive(const ground_msgs::Drive::ConstPtr& message);
   void onState(const ground_msgs::State::ConstPtr& message);
   void onControls(const ground_msgs::Controls::ConstPtr& message);
   void onSender(const ground_msgs::SenderStatus::ConstPtr& message);
@@ -85,19 +90,21 @@ class Controller : public nodelet::Nodelet {
 
   Pilot& pilot_;  ///< guarded by mutex_
   BackgroundLog log_;
-  CallbackThread callbacks_, service_callbacks_;
+  CallbackThread service_callbacks_;
   InheritingMutex mutex_;  ///< guards everything below
   std::string name_;
   ros::Time epoch_, measured_at_;
   ControllerLifecycle life_{pilot_, [this](const Inputs& inputs) { publish(inputs); }, [this] { changed(); }};
   std::optional<Room> room_;
   bool auto_start_ = false;
-  bool real_time_ = false;  ///< constant after onInit()
+  bool real_time_ = false;  ///< constant after loading
   bool require_state_ = true;
   RosTimeWatch time_watch_;
   double next_status_ = 0;  ///< steady clock [s]
-  ros::Publisher controls_, status_;
-  ros::Subscriber state_subscriber_, sender_subscriber_, controls_subscriber_;
+  ground_msgs::Controls::Ptr wanted_;
+  ground_msgs::Decision::Ptr decision_;  ///< null if it is published
+  ros::Publisher controls_, status_, wanted_publisher_, decision_publisher_;
+  ros::Subscriber state_subscriber_, sender_subscriber_, controls_subscriber_, drive_subscriber_;
   ros::ServiceServer start_service_, stop_service_;
   std::condition_variable_any wake_;
   std::atomic<bool> alive_{true};

@@ -3,6 +3,7 @@
 #include <ground_msgs/Controls.h>
 
 #include <algorithm>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -44,11 +45,11 @@ inline Inputs readInputs(const ground_msgs::Controls& message) {
   return inputs;
 }
 
-/// Why a node that runs for a craft cannot take another model; empty if it can.
-inline std::string otherThrusters(const ThrusterLayout& now, const ThrusterLayout& next) {
-  if (now.isPair() == next.isPair() && now.channels() == next.channels()) return "";
-  return "the model has other thrusters (" + next.names() + ") than the craft (" + now.names() +
-         "): start again with that model";
+/// Throws std::runtime_error if a node that runs for a craft cannot take another model.
+inline void requireSameThrusters(const ThrusterLayout& now, const ThrusterLayout& next) {
+  if (now.isPair() != next.isPair() || now.channels() != next.channels())
+    throw std::runtime_error("the model has other thrusters (" + next.names() + ") than the craft (" +
+                             now.names() + "): start again with that model");
 }
 
 }  // namespace ground

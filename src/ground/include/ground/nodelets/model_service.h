@@ -15,8 +15,7 @@
 
 namespace ground {
 
-/// Service by which a nodelet loads another model file while it runs. A separate thread reads the
-/// file, so that a slow disk does not block the nodelet. The change is logged and published
+/// Service by which a nodelet loads another model file while it runs. The change is logged and published
 /// (LiveChanges).
 class ModelService {
  public:
@@ -25,8 +24,8 @@ class ModelService {
   using Take = std::function<std::string(const Model&, const std::string& file)>;
 
   ModelService() = default;
-  ModelService(const ros::NodeHandle& nh, const std::string& name, Take take)
-      : callbacks_(std::make_unique<CallbackThread>()) {
+  /// The thread reads files, so that a slow disk does not block the nodelet, and outlives the service.
+  ModelService(CallbackThread& thread, const ros::NodeHandle& nh, const std::string& name, Take take) {
     using Load = ground_msgs::LoadModel;
     const std::string full = nh.resolveName(name);
     // load_model replaces the value of parameter model, load_model2 that of model2.
@@ -48,11 +47,10 @@ class ModelService {
       }
       return true;
     };
-    server_ = callbacks_->handle(nh).advertiseService<Load::Request, Load::Response>(name, serve);
+    server_ = thread.handle(nh).advertiseService<Load::Request, Load::Response>(name, serve);
   }
 
  private:
-  std::unique_ptr<CallbackThread> callbacks_;
   ros::ServiceServer server_;
 };
 

@@ -3,16 +3,14 @@
 #include <dynamic_reconfigure/server.h>
 #include <ros/ros.h>
 
-#include <algorithm>
 #include <boost/any.hpp>
 #include <boost/thread/recursive_mutex.hpp>
-#include <cmath>
 #include <functional>
-#include <iomanip>
 #include <memory>
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "ground/model/tunable.h"
@@ -37,29 +35,51 @@ T optionalParameter(const ros::NodeHandle& nh, const std::string& name, const T&
   return nh.hasParam(name) ? requiredParameter<T>(nh, name) : fallback;
 }
 
-/// The field with this name in a dynamic_reconfigure class, or null.
+/// The fields of a dynamic_reconfigure class, with meanings, units and ranges of its .cfg file.
 template <class Config>
-auto findField(const std::string& name) {
-  const auto& fields = Config::__getParamDescriptions__();
-  const auto found =
-      std::find_if(fields.begin(), fields.end(), [&](const auto& field) { return field->name == name; });
-  return found == fields.end() ? typename std::decay_t<decltype(*found)>() : *found;
+const Tunables<Config>& fieldsOf() {
+  static const Tunables<Config> fields = [] {
+    Tunables<Config> found;
+    for (const auto& field : Config::__getParamDescriptions__()) {
+      const auto get = [field](const Config& config) -> Setting {
+        boost::any value;
+        field->getValue(config, value);
+        if (const auto* number = boost::any_cast<double>(&value)) return *number;
+        if (const auto* number = boost::any_cast<int>(&value)) return static_cast<double>(*number);
+        if (const auto* flag = boost::any_cast<bool>(&value)) return *flag;
+        return boost::any_cast<std::string>(value);
+      };
+      TunableInfo info;
+      info.name = field->name;
+      info.type = field->type;
+      const std::string& text = field->description;
+      const std::size_t unit = text.rfind('[');
+      if (unit != std::string::npos) info.unit = text.substr(unit + 1, text.size() - unit - 2);
+      const Setting low = get(Config::__getMin__()), high = get(Config::__getMax__());
+      if (std::holds_alternative<double>(low)) {
+        info.low = std::get<double>(low);
+        info.high = std::get<double>(high);
+      }
+      found.emplace_back(info, get, nullptr);
+    }
+    return found;
+  }();
+  return fields;
 }
 
-/// Sets `params` from the fields with the same names in a dynamic_reconfigure class; throws
-/// std::logic_error if one is missing.
+/// Sets the parameters in `table` from the fields with the same names in a dynamic_reconfigure class.
+template <class Params, class Table, class Config>
+void setFields(Params& params, const Table& table, const Config& config) {
+  for (const auto& one : table)
+    if (const auto* field = findNamed(fieldsOf<Config>(), one.name)) one.set(params, field->get(config));
+}
+
+/// The parameters that a dynamic_reconfigure class has fields for; defaults for all others.
 template <class Params, class Config>
-void takeFields(Params& params, const Tunables<Params>& table, const Config& config) {
-  for (const Tunable<Params>& one : table) {
-    const auto field = findField<Config>(one.name);
-    if (!field) throw std::logic_error("the .cfg file has no parameter " + one.name);
-    boost::any value;
-    field->getValue(config, value);
-    if (field->type == "double") one.set(params, boost::any_cast<double>(value));
-    if (field->type == "int") one.set(params, static_cast<double>(boost::any_cast<int>(value)));
-    if (field->type == "bool") one.set(params, boost::any_cast<bool>(value));
-    if (field->type == "str") one.set(params, boost::any_cast<std::string>(value));
-  }
+Params paramsIn(const Config& config) {
+  Params params;
+  setFields(params, Params::table(), config);
+  return params;
 }
 
 /// Parameters that a user tunes while the nodelet runs: a dynamic_reconfigure server that refuses
@@ -89,6 +109,9 @@ class LiveParameters {
   }
   ~LiveParameters() { callbacks_.stop(); }
 
+  /// The thread that applies changes; no change is applied while another callback of it runs.
+  CallbackThread& thread() { return callbacks_; }
+
  private:
   /// Config whose values reach the callback without clamping.
   struct Unclamped : Config {
@@ -99,72 +122,43 @@ class LiveParameters {
 
   static void checkTypes(const ros::NodeHandle& nh) {
     using XmlRpc::XmlRpcValue;
-    for (const auto& parameter : Config::__getParamDescriptions__()) {
+    for (const TunableInfo& field : fieldsOf<Config>()) {
       XmlRpcValue value;
-      if (!nh.getParam(parameter->name, value)) continue;
+      if (!nh.getParam(field.name, value)) continue;
       const auto type = value.getType();
-      const bool fits = parameter->type == "str"    ? type == XmlRpcValue::TypeString
-                        : parameter->type == "bool" ? type == XmlRpcValue::TypeBoolean
-                        : parameter->type == "int"
-                            ? type == XmlRpcValue::TypeInt
-                            : type == XmlRpcValue::TypeDouble || type == XmlRpcValue::TypeInt;
+      const bool whole = type == XmlRpcValue::TypeInt, number = whole || type == XmlRpcValue::TypeDouble;
+      const bool fits = field.type == "str"    ? type == XmlRpcValue::TypeString
+                        : field.type == "bool" ? type == XmlRpcValue::TypeBoolean
+                        : field.type == "int"  ? whole
+                                               : number;
       if (!fits)
-        throw std::runtime_error("parameter " + nh.resolveName(parameter->name) + " must be of type " +
-                                 parameter->type);
+        throw std::runtime_error("parameter " + nh.resolveName(field.name) + " must be of type " +
+                                 field.type);
     }
   }
 
-  std::string wrong(const Config& config) const {
-    dynamic_reconfigure::Config value, lower, upper;
-    config.__toMessage__(value);
-    Config::__getMin__().__toMessage__(lower);
-    Config::__getMax__().__toMessage__(upper);
-    const auto outside = [](const auto& values, const auto& lows, const auto& highs) {
-      for (std::size_t i = 0; i < values.size(); ++i) {
-        const double x = values[i].value;
-        if (!std::isfinite(x) || x < lows[i].value || x > highs[i].value) {
-          std::ostringstream text;
-          text << values[i].name << " = " << x << " is outside [" << lows[i].value << ", " << highs[i].value
-               << "]";
-          return text.str();
-        }
-      }
-      return std::string();
-    };
-    std::string reason = outside(value.doubles, lower.doubles, upper.doubles);
-    if (reason.empty()) reason = outside(value.ints, lower.ints, upper.ints);
-    return reason.empty() && validate_ ? validate_(config) : reason;
+  static std::string textOf(const Setting& value) {
+    if (const auto* flag = std::get_if<bool>(&value)) return *flag ? "true" : "false";
+    if (const auto* text = std::get_if<std::string>(&value)) return *text;
+    std::ostringstream text;
+    text.precision(10);
+    text << std::get<double>(value);
+    return text.str();
   }
 
   /// The differences between two configurations, values as text.
-  static std::vector<LiveChanges::Change> differences(const Config& from, const Config& to) {
-    dynamic_reconfigure::Config before, after;
-    from.__toMessage__(before);
-    to.__toMessage__(after);
+  static std::vector<LiveChanges::Change> differences(const Config& before, const Config& after) {
     std::vector<LiveChanges::Change> found;
-    const auto compare = [&found](const auto& olds, const auto& news) {
-      const auto text = [](const auto& value) {
-        std::ostringstream stream;
-        stream << std::setprecision(10) << value;
-        return stream.str();
-      };
-      for (std::size_t i = 0; i < news.size(); ++i)
-        if (olds[i].value != news[i].value)
-          found.push_back({news[i].name, text(olds[i].value), text(news[i].value)});
-    };
-    compare(before.doubles, after.doubles);
-    compare(before.ints, after.ints);
-    compare(before.strs, after.strs);
-    const auto word = [](bool value) { return value ? "true" : "false"; };
-    for (std::size_t i = 0; i < after.bools.size(); ++i)
-      if (before.bools[i].value != after.bools[i].value)
-        found.push_back({after.bools[i].name, word(before.bools[i].value), word(after.bools[i].value)});
+    for (const Tunable<Config>& field : fieldsOf<Config>())
+      if (field.get(before) != field.get(after))
+        found.push_back({field.name, textOf(field.get(before)), textOf(field.get(after))});
     return found;
   }
 
   void change(Config& config) {
-    refusal_ = wrong(config);
+    refusal_ = rangeError(fieldsOf<Config>(), config);
     try {
+      if (refusal_.empty() && validate_) refusal_ = validate_(config);
       if (refusal_.empty()) apply_(config);
     } catch (const std::exception& error) {
       refusal_ = error.what();

@@ -1,12 +1,10 @@
 #pragma once
 
-#include <ground_msgs/Drive.h>
 #include <ground_msgs/Reference.h>
 #include <nav_msgs/Path.h>
 
 #include <limits>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -17,7 +15,7 @@
 #include "ground/control/reference_pilot.h"
 #include "ground/model/model_file.h"
 #include "ground/nodelets/controller.h"
-#include "ground/nodelets/decision_publisher.h"
+#include "ground/nodelets/messages.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
@@ -35,9 +33,8 @@ namespace ground {
 /// build from a large file, are built first and then swapped in; until then the controller uses the
 /// old ones. It stops if the craft does not follow the reference (TrackingWatch, max_error).
 ///
-/// Service: ~load_model (loads another model file, also while it drives). Also subscribes: drive
-/// (start of the drive, for a model loaded in the middle of it). Also publishes: reference,
-/// path/reference (latched), and each decision (DecisionPublisher).
+/// Service: ~load_model (loads another model file, also while it drives). Also publishes: reference and
+/// path/reference (latched).
 ///
 /// The log, ~status and the answers of ~start and ~load_model say which effects of the model the
 /// controller uses, and whether the craft cannot follow the reference. Refuses a reference that
@@ -47,14 +44,11 @@ template <class Config>
 class ReferenceTracking : public Controller {
  protected:
   /// kind: a name in controllerTable().
-  explicit ReferenceTracking(const std::string& kind) : Controller(pilot_), kind_(controllerInfo(kind)) {
-    pilot_.setSteadyClock(steadyNow);
-  }
+  explicit ReferenceTracking(const std::string& kind) : Controller(pilot_), kind_(controllerInfo(kind)) {}
   /// See Controller::shutdown. Every child's destructor must call it first.
   void shutdown() {
-    reconfigure_.reset();
     model_service_ = ModelService();
-    drive_subscriber_.shutdown();
+    reconfigure_.reset();
     Controller::shutdown();
   }
 
@@ -66,27 +60,19 @@ class ReferenceTracking : public Controller {
     model_ = loadModelAndWarn(file);
     const std::string refusal = kind_.effectUse(model_).refusal;
     if (!refusal.empty()) throw std::runtime_error(file + ": " + refusal);
-    ros::NodeHandle topics = this->topics();
-    reference_publisher_ = topics.advertise<ground_msgs::Reference>("reference", 4);
-    decision_publisher_.advertise(topics);
-    path_publisher_ = topics.advertise<nav_msgs::Path>("path/reference", 1, true);
-    reconfigure_ = std::make_unique<LiveParameters<Config>>(
-        nh, [this](const Config& c) { return wrong(c); }, [this](const Config& c) { apply(c); });
-    model_service_ =
-        ModelService(nh, "load_model", [this](const Model& m, const std::string&) { return take(m); });
-    drive_subscriber_ = topics.subscribe("drive", 4, &ReferenceTracking::onDrive, this);
-  }
-
-  void onDrive(const ground_msgs::Drive::ConstPtr& message) {
-    const std::lock_guard lock(mutex());
-    pilot_.driveBegan(seconds(message->began), seconds(message->header.stamp));
+    reference_publisher_ = topics().advertise<ground_msgs::Reference>("reference", 4);
+    path_publisher_ = topics().advertise<nav_msgs::Path>("path/reference", 1, true);
+    reconfigure_ =
+        std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) { apply(c); });
+    model_service_ = ModelService(reconfigure_->thread(), nh, "load_model",
+                                  [this](const Model& m, const std::string&) { return replaceModel(m); });
   }
 
   /// Refuses parameters of another kind of controller, which would have no effect.
   void refuseForeign(const ros::NodeHandle& nh) const {
     for (const ControllerInfo& other : controllerTable())
       for (const TunableInfo& parameter : other.parameters)
-        if (other.follows && !findField<Config>(parameter.name) && nh.hasParam(parameter.name))
+        if (!findNamed(fieldsOf<Config>(), parameter.name) && nh.hasParam(parameter.name))
           throw std::runtime_error(
               "parameter " + nh.resolveName(parameter.name) + " is not one of " + kind_.name +
               ": it comes from the file of gains of another controller, or from an earlier run "
@@ -98,23 +84,16 @@ class ReferenceTracking : public Controller {
   void adopt(ros::NodeHandle& nh) {
     const ros::NodeHandle station(getNodeHandle(), "controller");
     if (station.getNamespace() == nh.getNamespace() || !station.hasParam("reference")) return;
-    for (const auto& field : Config::__getParamDescriptions__()) {
+    for (const TunableInfo& field : fieldsOf<Config>()) {
       XmlRpc::XmlRpcValue value;
-      if (!nh.hasParam(field->name) && station.getParam(field->name, value)) nh.setParam(field->name, value);
+      if (!nh.hasParam(field.name) && station.getParam(field.name, value)) nh.setParam(field.name, value);
     }
-  }
-
-  static ReferenceParams reference(const Config& c) {
-    ReferenceParams params;
-    params.kind = c.reference;
-    takeFields(params, ReferenceParams::table(), c);
-    return params;
   }
 
   ControllerChoice choice(const Config& c) const {
     ControllerChoice made;
     made.kind = kind_.name;
-    takeFields(made, kind_.parameters, c);
+    setFields(made, kind_.parameters, c);
     return made;
   }
 
@@ -124,61 +103,39 @@ class ReferenceTracking : public Controller {
     return controller;
   }
 
-  /// Validates a change and builds what apply() needs. LiveParameters then calls apply() if the
-  /// message is empty, one change at a time.
-  std::string wrong(const Config& c) {
-    const std::lock_guard<std::mutex> one(changing_);
-    built_.reset();
-    std::string reason = choice(c).validate();
-    if (!reason.empty() || (pilot_.reference() && reference(c) == reference(config_))) return reason;
-    try {
-      if (!pilot_.controller()) first_ = made(model_, c);
-      built_ = makeReference(reference(c));
-      const std::string leaves = room() ? leavesRoom(reference(c), *built_, *room()) : "";
-      if (!leaves.empty()) reason = "reference " + c.reference + ": " + leaves;
-    } catch (const std::exception& error) {
-      reason = error.what();
-    }
-    return reason;
-  }
-
+  /// Builds what a change needs, and then swaps it in. Throws if it cannot be built.
   void apply(const Config& c) {
-    const std::lock_guard<std::mutex> one(changing_);
-    const bool changed = built_ != nullptr;
-    ReferencePtr reference = changed ? built_ : pilot_.reference();
-    built_.reset();
-    std::string caution = pilot_.caution();
-    if (changed) caution = judge(model_, *reference, c.reference);
+    auto params = paramsIn<ReferenceParams>(c);
+    params.kind = c.reference;
+    const bool changed = !pilot_.reference() || !(params == reference_);
+    ReferencePtr reference = changed ? makeReference(params) : pilot_.reference();
+    const std::string leaves = changed && room() ? leavesRoom(*reference, *room()) : "";
+    if (!leaves.empty()) throw std::invalid_argument("reference " + c.reference + ": " + leaves);
+    std::unique_ptr<TrackingController> first = pilot_.controller() ? nullptr : made(model_, c);
+    const std::string caution = changed ? judge(model_, *reference, c.reference) : pilot_.caution();
     const nav_msgs::PathConstPtr path = drawn(*reference);
     const double max_error = c.max_error > 0 ? c.max_error : defaultMaxError(*reference);
     {
       const std::lock_guard lock(mutex());
       config_ = c;
-      LifecycleParams params;
-      params.lift = c.lift;
-      params.lift_time = c.lift_time;
-      params.state_timeout = c.state_timeout;
-      params.recovery_time = c.recovery_time;
-      params.rate = c.rate;
-      setParams(params);
-      if (first_) {
-        pilot_.swapController(first_, model_);
+      reference_ = params;
+      setParams(paramsIn<LifecycleParams>(c));
+      if (first) {
+        pilot_.swapController(first, model_);
       } else {
         kind_.tune(*pilot_.controller(), choice(c));
       }
       pilot_.setMaxError(max_error);
       pilot_.setDuration(c.duration > 0 ? c.duration : std::numeric_limits<double>::infinity());
-      pilot_.setCaution(std::move(caution));
+      pilot_.setCaution(caution);
       if (changed) pilot_.swapReference(reference);
     }
     if (changed) path_publisher_.publish(path);
   }
 
   /// Replaces the model, also while it drives; returns a warning for the user.
-  std::string take(const Model& model) {
-    const std::lock_guard<std::mutex> one(changing_);
-    const std::string other = otherThrusters(*model_.thrusters, *model.thrusters);
-    if (!other.empty()) throw std::runtime_error(other);
+  std::string replaceModel(const Model& model) {
+    requireSameThrusters(*model_.thrusters, *model.thrusters);
     std::unique_ptr<TrackingController> controller = made(model, config_);
     const std::string caution = judge(model, *pilot_.reference(), config_.reference);
     const std::lock_guard lock(mutex());
@@ -206,20 +163,17 @@ class ReferenceTracking : public Controller {
 
   void decided(const ReferencePilot::Decision& decision) {
     point_ = decision.reference;
-    decision_publisher_.note(decision, pilot_.layout(), measuredAt(), getName(), config_.lift);
+    note(decision);
   }
 
   void sent() override {
     if (point_ && measuredAt() != published_) publishReference(*point_);
     point_.reset();
-    decision_publisher_.publish();
   }
 
   void publishReference(const ReferencePoint& point) {
     published_ = measuredAt();
-    auto message = boost::make_shared<ground_msgs::Reference>();
-    message->header.stamp = published_;
-    message->header.frame_id = "world_ned";
+    auto message = inWorld<ground_msgs::Reference>(published_);
     for (int i = 0; i < 2; ++i) {
       message->p[i] = point.p(i);
       message->p_dot[i] = point.p_dot(i);
@@ -231,38 +185,26 @@ class ReferenceTracking : public Controller {
 
   static nav_msgs::PathConstPtr drawn(const ReferenceTrajectory& reference) {
     constexpr int kPoints = 400;
-    auto path = boost::make_shared<nav_msgs::Path>();
-    path->header.stamp = ros::Time::now();
-    path->header.frame_id = "world_ned";
+    auto path = inWorld<nav_msgs::Path>(ros::Time::now());
     for (int i = 0; i <= kPoints; ++i) {
-      geometry_msgs::PoseStamped pose;
-      pose.header = path->header;
       const Vector2<double> p = reference.at(reference.extent() * i / kPoints).p;
-      pose.pose.position.x = p.x();
-      pose.pose.position.y = p.y();
-      pose.pose.orientation.w = 1;
-      path->poses.push_back(pose);
+      addPose(*path, path->header.stamp, poseOf(p.x(), p.y(), 0, 0));
     }
     return path;
   }
 
   const ControllerInfo& kind_;
-  ReferencePtr built_;                         ///< built by wrong() for apply(), like first_
-  std::unique_ptr<TrackingController> first_;  ///< the first controller
-  /// Held while something is built and swapped in. Its holder may read model_, config_ and the
-  /// settings of pilot_ without mutex(). Changes need both.
-  std::mutex changing_;
+  // Changes need mutex(), and are made in the thread of reconfigure_, which may read without it.
   Model model_;
   Config config_;
+  ReferenceParams reference_;
   ReferencePilot pilot_{[this] { return seconds(ros::Time::now()); },
-                        [this](const ReferencePilot::Decision& d) { decided(d); }};
+                        [this](const ReferencePilot::Decision& d) { decided(d); }, steadyNow};
   std::optional<ReferencePoint> point_;  ///< that of a decision that is not published yet
   ros::Time published_;                  ///< stamp of the newest message of the reference; guarded by mutex()
   ros::Publisher reference_publisher_, path_publisher_;
-  DecisionPublisher decision_publisher_;
-  ModelService model_service_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
-  ros::Subscriber drive_subscriber_;
+  ModelService model_service_;
 };
 
 }  // namespace ground

@@ -17,27 +17,14 @@ inline double secondsBetween(const ros::Time& from, const ros::Time& to) {
          1e-9 * (static_cast<double>(to.nsec) - static_cast<double>(from.nsec));
 }
 
-/// The steady clock of watchdogs, independent of ROS time. In simulated time it skips pauses of the
-/// process, because the simulation pauses with it: if nobody reads the clock for longer than 50 ms,
-/// it advances by only 50 ms. A thread that waits by it must read it more often than that.
-struct WatchdogClock {
-  using duration = std::chrono::steady_clock::duration;
-  using rep = duration::rep;
-  using period = duration::period;
-  using time_point = std::chrono::time_point<WatchdogClock>;
-  static constexpr bool is_steady = true;
-  static constexpr std::chrono::milliseconds kLongestPause{50};
-  /// Call from any thread.
-  static time_point now();
-};
-
-/// Time of WatchdogClock [s].
-inline double steadyNow() {
-  return std::chrono::duration<double>(WatchdogClock::now().time_since_epoch()).count();
-}
+/// Time of the steady clock of watchdogs, independent of ROS time [s]. In simulated time it skips pauses of
+/// the process, because the simulation pauses with it: if nobody reads the clock for longer than 50 ms, it
+/// advances by only 50 ms. A thread that waits by it must read it more often than that. Call from any
+/// thread.
+double steadyNow();
 
 /// Detects that ROS time was set, on a wall clock or a simulated one, by comparison with the
-/// computer's steady clock. WatchdogClock would not do: after a pause, which it skips, ROS time
+/// computer's steady clock. steadyNow() would not do: after a pause, which it skips, ROS time
 /// would seem to have jumped. One thread at a time.
 class RosTimeWatch {
  public:

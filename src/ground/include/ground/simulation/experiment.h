@@ -1,6 +1,5 @@
 #pragma once
 
-#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -8,25 +7,18 @@
 #include "ground/control/controller_lifecycle.h"
 #include "ground/control/controllers.h"
 #include "ground/control/excitation_pilot.h"
+#include "ground/control/reference_pilot.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/estimation/motion_filter.h"
 #include "ground/simulation/simulated_lab.h"
 
 namespace ground {
 
-/// Simulated faults of the craft: it receives no commands, left and right thrusters are swapped, or
-/// one thruster or the lift fan is off.
-enum class CraftFault { kDeaf, kSwapped, kLeftOff, kRightOff, kNoLift };
-
 /// Craft and mocap of an experiment; its clock starts at 0 s.
 struct ExperimentParams {
   RigidState<double> initial;  ///< initial state of the craft
   MocapParams mocap;
   unsigned long seed = 1;  ///< for noise and losses of the mocap, and for the disturbance
-  /// The fault, and its start and end [s].
-  CraftFault fault = CraftFault::kDeaf;
-  double fault_from = std::numeric_limits<double>::infinity();
-  double fault_until = std::numeric_limits<double>::infinity();
   /// Disturbance of the craft; Model::disturbance is not used.
   Disturbance disturbance = {};
   /// The craft, which must outlive the experiment; null for one that moves by the model. With a
@@ -37,10 +29,11 @@ struct ExperimentParams {
 
 /// A controller as in the nodelets, with states estimated from the delivered frames.
 struct DriveParams {
+  DriveParams() { life.require_armed = false; }
+
   EstimatorParams estimator;
-  bool estimate = true;  ///< otherwise states are exact measurements at the frames' captures
-  /// Defaults of the tracking nodelets, except that no sender has to be armed.
-  LifecycleParams life = {1.0, 1.0, 0.2, 0.5, 50.0, false};
+  bool estimate = true;      ///< otherwise states are exact measurements at the frames' captures
+  LifecycleParams life;      ///< no sender has to be armed
   double start = 0.5;        ///< start of the controller; the lift waits for a valid state [s]
   double duration = 20.0;    ///< duration of driving [s]
   double tail = 0.5;         ///< recording time after the end [s]
@@ -55,16 +48,12 @@ struct TrackingParams : DriveParams {
   ControllerChoice controller;
   /// Error at which TrackingWatch stops it [m]; 0: defaultMaxError; infinity: never.
   double max_error = 0;
-
-  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
 /// An input design; with a room, in bursts between returns to its home.
 struct ExcitationParams : DriveParams {
   DesignParams design;
   ReturnParams returns;  ///< its room is not used; see DriveParams::room
-
-  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
 /// The recording of an experiment, and its true motion.
@@ -81,13 +70,6 @@ struct ExperimentLog {
     RigidState<double> measured;  ///< exact measurement of the state
     Vector3<double> wrench;       ///< wrench of the disturbance: X, Y [N], N [N m], body
   };
-  struct Decision {
-    double time;                  ///< [s]
-    double stamp;                 ///< stamp of the state that it is based on [s]
-    Thrusters<double> thrusters;  ///< inputs, in the model's units
-    Thrusters<double> wanted;     ///< inputs before they were limited
-    double computing;             ///< CPU time [s]
-  };
   struct Stage {
     double time;  ///< start [s]
     ControllerLifecycle::State state;
@@ -100,9 +82,9 @@ struct ExperimentLog {
 
   std::vector<MocapFrame> frames;  ///< in the order of delivery; psi in (-pi, pi]
   std::vector<Command> commands;
-  std::vector<Truth> truth;                  ///< at every frame's capture, including lost frames
-  std::vector<Reference> references;         ///< only when tracking
-  std::vector<Decision> decisions;           ///< only when tracking or returning home
+  std::vector<Truth> truth;                         ///< at every frame's capture, including lost frames
+  std::vector<Reference> references;                ///< only when tracking
+  std::vector<ReferencePilot::Decision> decisions;  ///< only when tracking or returning home
   std::vector<Stage> stages;                 ///< states of the controller's life cycle, if there is one
   std::vector<ExcitationPilot::Mark> marks;  ///< bursts and returns of an excitation
   std::string stopped;    ///< why the controller stopped before its end; empty if it did not

@@ -6,24 +6,18 @@
 #include <string>
 #include <vector>
 
+#include "ground/parameters/MocapFields.h"
 #include "ground/simulation/model_craft.h"
 #include "ground/simulation/plant.h"
 
 namespace ground {
 
-/// Quality of the simulated motion capture.
-struct MocapParams {
-  double rate = 100.0;           ///< frames per second [Hz]
-  double position_noise = 3e-4;  ///< standard deviation of x and y [m]
-  double heading_noise = 5e-3;   ///< standard deviation of psi [rad]
-  double latency = 4e-3;         ///< time from capture to delivery [s]
-  double loss = 0.0;             ///< probability of a single lost frame, 0..1
-  double gap_rate = 0.0;         ///< rate of losses of tracking [1/s]
-  double gap_length = 0.2;       ///< mean duration of a loss of tracking [s]
-  bool gaps_vary = true;         ///< durations are exponentially distributed; otherwise constant
+/// Quality and rate of the simulated motion capture.
+struct MocapParams : MocapFields {
+  double rate = 100.0;    ///< frames per second [Hz]
+  bool gaps_vary = true;  ///< durations of gaps are exponentially distributed; otherwise constant
 
-  /// Error message, or an empty string if all values are valid.
-  std::string validate() const;
+  std::string validate() const;  ///< error message; empty if all values are valid
 };
 
 /// One frame of the mocap.

@@ -141,7 +141,7 @@ def simulate(
             "%s: only %d of %d mocap frames were delivered; there is nothing to record"
             % (name, delivered, frames)
         )
-    found = _recorded(log, name, "simulated with %s" % model.name, (believed or model).input_max)
+    found = _recorded(log, name, "simulated with %s" % model.name)
     return replace(found, channels=tuple(model.channels), lift_channel=model.channels[-1])
 
 
@@ -154,13 +154,13 @@ def _log(model: _core.Model, drive: Drive, believed: _core.Model, *where: Any) -
     return _core.track_reference(model, believed, drive, *where)
 
 
-def _recorded(log: Document, name: str, source: str, full_scale: float) -> SimulatedRun:
-    """The run on the clock of a recording; full_scale: the largest input of the thrusters."""
+def _recorded(log: Document, name: str, source: str) -> SimulatedRun:
+    """The run on the clock of a recording."""
     frames, commands, truth = log["frames"], log["commands"], log["truth"]
     references = log["references"]
     references[:, 0] += START
     decided = log["decisions"]
-    wanted = decided[:, (3 + decided.shape[1]) // 2 :] / full_scale
+    wanted = decided[:, (3 + decided.shape[1]) // 2 :]
     decisions = np.column_stack([START + decided[:, :2], decided[:, 2], wanted])
     return SimulatedRun(
         name=name,

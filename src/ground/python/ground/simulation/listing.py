@@ -5,7 +5,7 @@ from typing import Any, Iterable, Iterator, Mapping, Optional, Tuple
 from ground import _core, command_line
 from ground.annotations import Document, Setting
 from ground.command_line import number, option
-from ground.simulation import gains, tracking
+from ground.simulation import gains, tracking, tuning
 
 NAMES = ("size", "rate_of_turn", "petals", "speed")  # parameters of references that are options
 PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set parameters of references
@@ -17,7 +17,9 @@ def controllers(names: Iterable[str]) -> str:
     lines = ["controllers and their parameters [unit], range (default); * searched by tune:"]
     for info in (gains.CONTROLLERS[name] for name in names):
         lines.append("  %-18s %s" % (info.name, info.text))
-        lines += ["    " + _line(p) + (" *" if p.search else "") for p in info.parameters]
+        lines += [
+            "    " + _line(p) + (" *" if p.name in tuning.SPACE[info.name] else "") for p in info.parameters
+        ]
     return "\n".join(lines) + "\n"
 
 

@@ -14,8 +14,7 @@ from ground.recordings.tracks import Track
 from ground.simulation import gains
 from ground.workers import Workers
 
-# Controllers that follow a reference; the open-loop PRBS does not.
-CONTROLLERS = [info.name for info in gains.CONTROLLERS.values() if info.follows]
+CONTROLLERS = list(gains.CONTROLLERS)
 KINDS = {info.name: info for info in _core.reference_table()}
 PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set parameters of references
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
@@ -133,8 +132,6 @@ def run(
     that stopped itself has infinite errors.
     """
     conditions = conditions or Conditions()
-    if not gains.CONTROLLERS[controller.kind].follows:  # it plays for the whole task
-        controller.values = {"duration": task.until}
     params = _core.TrackingParams()
     params.reference, params.controller = task.reference, controller
     params.life.rate, params.duration, params.max_error = rate, task.until, max_error
@@ -152,11 +149,11 @@ def run(
         raise GroundError(str(error))
     if not len(log["references"]):
         raise GroundError("the controller stopped before it drove: %s" % log["stopped"])
-    found = _track(log, task, believed.input_max)
+    found = _track(log, task)
     return replace(found, numbers=_numbers(found, task, log))
 
 
-def _track(log: Document, task: Task, input_max: float) -> Track:
+def _track(log: Document, task: Task) -> Track:
     began = log["references"][0, 0]
     truth, decisions = log["truth"], log["decisions"]
     times = truth[:, 0] - began
@@ -166,8 +163,8 @@ def _track(log: Document, task: Task, input_max: float) -> Track:
         times[kept],
         truth[kept, 1:4],
         task.reference.sample(times[kept]),
-        np.column_stack([when, decisions[:, 3:middle] / input_max]),
-        np.column_stack([when, decisions[:, middle:] / input_max]),
+        np.column_stack([when, decisions[:, 3:middle]]),
+        np.column_stack([when, decisions[:, middle:]]),
         np.column_stack([when, decisions[:, 2]]),
     )
 

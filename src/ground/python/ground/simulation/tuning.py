@@ -27,9 +27,20 @@ from ground.workers import Workers
 
 # kind of controller -> gain -> sign, and range in powers of ten; other gains are not searched
 SPACE = {
-    name: {p.name: p.search for p in info.parameters if p.search}
-    for name, info in gains.CONTROLLERS.items()
-    if any(p.search for p in info.parameters)
+    "TrajectoryTracking": {
+        "k_e": (1, -3, 2),
+        "k_z": (1, -6, 1),
+        "k_phi_1": (1, -4, 2),
+        "k_phi_2": (1, -4, 2),
+        "delta_1": (-1, -4, 0),
+    },
+    "ModelPredictive": {
+        "velocity": (1, -4, 1),
+        "input": (1, -7, -1),
+        "turning": (1, -7, -1),
+        "end_position": (1, -2, 3),
+        "end_velocity": (1, -2, 3),
+    },
 }
 # Factors on parameters for the condition "model error"
 MODEL_ERROR = {"k": 0.85, "X_u": 1.3, "Y_v": 1.3, "N_r": 1.3, "I_z": 1.15}
