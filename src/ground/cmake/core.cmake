@@ -29,23 +29,6 @@ function(ground_library folder)
   set_property(GLOBAL APPEND PROPERTY ground_libraries ground_${folder})
 endfunction()
 
-# The library of a folder once more in lib/plain, for tests: containers and Eigen's arrays end the
-# program at an index or a size that is wrong. Quick to compile, because only tests use it.
-function(ground_checked_library folder)
-  get_target_property(sources ground_${folder} SOURCES)
-  get_target_property(libraries ground_${folder} LINK_LIBRARIES)
-  get_target_property(unity ground_${folder} UNITY_BUILD)
-  set(again ground_${folder}_plain)
-  add_library(${again} SHARED EXCLUDE_FROM_ALL ${sources})
-  target_include_directories(${again} PRIVATE ${ground_source_dir}/include)
-  target_include_directories(${again} SYSTEM PRIVATE ${EIGEN3_INCLUDE_DIRS} ${MUPARSER_INCLUDE_DIR})
-  target_compile_options(${again} PRIVATE ${ground_warnings} ${ground_core_options} -UNDEBUG
-    -D_GLIBCXX_ASSERTIONS ${ground_shell_options} -Wno-maybe-uninitialized)
-  target_link_libraries(${again} PRIVATE ${libraries})
-  set_target_properties(${again} PROPERTIES OUTPUT_NAME ground_${folder} UNITY_BUILD ${unity}
-    LIBRARY_OUTPUT_DIRECTORY ${ground_lib_output}/plain)
-  set_property(GLOBAL APPEND PROPERTY ground_plain_libraries ${again})
-endfunction()
 set(ground_core_options -fno-math-errno)  # no code reads errno after a square root
 
 ground_library(model)
@@ -76,10 +59,3 @@ target_link_libraries(ground_simulation PUBLIC ground_model ground_control groun
 ground_library(identification)
 target_link_libraries(ground_identification PUBLIC ground_model Threads::Threads
   PRIVATE ${CERES_LIBRARIES})
-
-option(GROUND_CHECKED "unit tests run once more with libraries that check bounds" OFF)
-if(GROUND_CHECKED)
-  foreach(folder model estimation control simulation identification)
-    ground_checked_library(${folder})
-  endforeach()
-endif()
