@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cmath>
 #include <functional>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
@@ -35,18 +37,35 @@ struct TunableInfo {
 
 namespace detail {
 
-Setting settingOf(double value);
-Setting settingOf(int value);
-Setting settingOf(unsigned long value);
-Setting settingOf(bool value);
-Setting settingOf(const std::string& value);
-/// These throw std::invalid_argument that names the parameter if `setting` has another type or is
-/// not an integer that fits.
-void assign(double& value, const Setting& setting, const std::string& name);
-void assign(int& value, const Setting& setting, const std::string& name);
-void assign(unsigned long& value, const Setting& setting, const std::string& name);
-void assign(bool& value, const Setting& setting, const std::string& name);
-void assign(std::string& value, const Setting& setting, const std::string& name);
+/// Whether values of a type are stored as a double.
+template <class Value>
+constexpr bool isNumber = std::is_arithmetic<Value>::value && !std::is_same<Value, bool>::value;
+
+template <class Value>
+Setting settingOf(const Value& value) {
+  if constexpr (isNumber<Value>) return static_cast<double>(value);
+  if constexpr (!isNumber<Value>) return value;
+}
+
+/// Throws std::invalid_argument that names the parameter if `setting` has another type or is not an
+/// integer that fits.
+template <class Value>
+void assign(Value& value, const Setting& setting, const std::string& name) {
+  using Stored = std::conditional_t<isNumber<Value>, double, Value>;
+  constexpr bool whole = std::is_integral<Value>::value && isNumber<Value>;
+  const Stored* const stored = std::get_if<Stored>(&setting);
+  bool fits = stored;
+  if constexpr (whole)
+    fits = fits && *stored >= static_cast<double>(std::numeric_limits<Value>::min()) &&
+           *stored <= std::numeric_limits<int>::max() && *stored == std::floor(*stored);
+  if (!fits)
+    throw std::invalid_argument(name + " must be " +
+                                (whole                              ? "a whole number"
+                                 : isNumber<Value>                  ? "a number"
+                                 : std::is_same<Value, bool>::value ? "true or false"
+                                                                    : "a string"));
+  value = static_cast<Value>(*stored);
+}
 
 template <class Value>
 const char* typeName() {
