@@ -89,7 +89,8 @@ def hidden(model_path, effect, values, folder):
     for name, value in values.items():
         truth.set_value("%s.%s" % (effect, name), value)
     sealed = os.path.join(folder, effect + ".yaml")
-    _core.save_model(truth, sealed, True)
+    with open(sealed, "w") as file:
+        file.write(truth.format())
     bags = []
     for seed in (1, 2, 3):
         bags.append(os.path.join(folder, "%s_%d.bag" % (effect, seed)))

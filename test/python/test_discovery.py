@@ -77,7 +77,7 @@ def plain(story):
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory):
     path = tmp_path_factory.mktemp("truth") / "truth.yaml"
-    _core.save_model(craft(motor_lag={"tau": 0.05}), str(path), False)
+    path.write_text(craft(motor_lag={"tau": 0.05}).format())
     return path
 
 

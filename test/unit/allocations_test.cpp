@@ -112,8 +112,3 @@ TEST(Allocations, NoneByCommandsAfterHours) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

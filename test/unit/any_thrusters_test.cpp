@@ -203,8 +203,3 @@ TEST(ExcitationOfAnyThrusters, StaysInsideARoom) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

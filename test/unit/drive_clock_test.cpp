@@ -217,8 +217,3 @@ TEST(OneOriginOfTime, APlanUsesTheThrustOfItsTime) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

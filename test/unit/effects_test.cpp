@@ -190,37 +190,6 @@ TEST_P(EveryEffect, ScalesChangeWithTheUnitsOfMassAndTime) {
 INSTANTIATE_TEST_SUITE_P(Library, EveryEffect, testing::ValuesIn(effectNames()),
                          [](const auto& test) { return test.param; });
 
-TEST(EffectLibrary, HasTheSpecifiedNames) {
-  const std::vector<std::string> specified = {"added_mass",
-                                              "battery_sag",
-                                              "body_force_bias",
-                                              "com_offset",
-                                              "coulomb_friction",
-                                              "differential_side_force",
-                                              "directional_yaw_damping",
-                                              "floor_friction_map",
-                                              "floor_tilt",
-                                              "heading_offset",
-                                              "input_delay",
-                                              "marker_offset",
-                                              "momentum_drag",
-                                              "motor_lag",
-                                              "quadratic_drag",
-                                              "skirt_friction",
-                                              "sway_yaw_damping",
-                                              "thrust_asymmetry",
-                                              "thrust_curve",
-                                              "thrust_misalignment",
-                                              "thrust_speed_loss",
-                                              "thrust_sway_moment",
-                                              "wind",
-                                              "yaw_bias"};
-  const auto names = effectNames();
-  for (const auto& name : specified)
-    EXPECT_NE(std::find(names.begin(), names.end(), name), names.end()) << name;
-  EXPECT_THROW(makeEffect("friction"), std::invalid_argument);
-}
-
 RigidState<double> acceleration(const Model& model, const RigidState<double>& state,
                                 const Vector2<double>& input = {0, 0}, double t = 0) {
   return Dynamics<double>(model).derivative(t, state, input, 1.0);
@@ -516,7 +485,7 @@ TEST(StatesOfEffects, DerivativesAgreeWithFiniteDifferences) {
   ExpressionDefinition definition = skirtPressure();
   definition.X = "c*p + c*q*u";
   definition.N = "0.01*c*q";
-  definition.thrust_L = "-c*p*u_L";
+  definition.thrusts["left"] = "-c*p*u_L";
   definition.states = {{"p", "(lift*u_L + 0.2*u + 0.1*sin(psi) - p)/tau", 0.3},
                        {"q", "(p*r + 0.1*x - q)/(2*tau)", 0}};
   Model model = withSkirt(definition, 0.02, 0.15);
@@ -552,8 +521,8 @@ TEST(StatesOfEffects, DerivativesAgreeWithFiniteDifferences) {
 TEST(StatesOfEffects, MayActOnEachThruster) {
   ExpressionDefinition droop = skirtPressure();
   droop.X = "";
-  droop.thrust_L = "-c*p*u_L";
-  droop.thrust_R = "2*c*p*u_R";
+  droop.thrusts["left"] = "-c*p*u_L";
+  droop.thrusts["right"] = "2*c*p*u_R";
   const Model model = withSkirt(droop, 0.01, 0.2);
   const Dynamics<double> dynamics(model), nominal(tinyWhoover());
   const double full = 1;
@@ -576,8 +545,3 @@ TEST(ExpressionEffect, RefusesBadFormulas) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

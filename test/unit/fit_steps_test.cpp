@@ -219,14 +219,15 @@ Eigen::MatrixXd jackknife(const SimulationError& problem, const Model& model, co
   for (Eigen::Index w = 0; w < windows; ++w) {
     const WindowResiduals rows = residualsOf(problem, model, model.coordinates(), free.index,
                                              static_cast<int>(w), initial[static_cast<std::size_t>(w)], true);
+    const Eigen::MatrixXd derivatives = rows.derivatives();
     const Eigen::Index count = rows.residuals.size(), before = r.size();
     J.conservativeResize(before + count, Eigen::NoChange);
     J.bottomRows(count).setZero();
     r.conservativeResize(before + count);
     r.tail(count) = rows.residuals;
     for (Eigen::Index j = 0; j < n; ++j)
-      J.col(j).tail(count) = free.scale[static_cast<std::size_t>(j)] * rows.derivatives.col(j);
-    J.block(before, n + k * w, count, k) = rows.derivatives.middleCols(n, k);
+      J.col(j).tail(count) = free.scale[static_cast<std::size_t>(j)] * derivatives.col(j);
+    J.block(before, n + k * w, count, k) = derivatives.middleCols(n, k);
     const Window& span = problem.windows()[static_cast<std::size_t>(w)];
     const auto& times = problem.runs()[0].times;
     const int parts =

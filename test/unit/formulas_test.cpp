@@ -175,8 +175,3 @@ TEST(DryFriction, IsOddAndPassesThroughZero) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -136,8 +136,3 @@ TEST(MotorLag, IsSettledToEarlierCommandsAtTheStart) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -187,8 +187,3 @@ TEST(LearnedWrench, IsReadAndWrittenWithoutLoss) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

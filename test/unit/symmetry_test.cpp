@@ -202,8 +202,3 @@ TEST(Symmetry, TheLikelihoodOfAMirroredRunIsThatOfTheMirroredCraft) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

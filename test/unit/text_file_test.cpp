@@ -11,11 +11,6 @@
 #include <functional>
 #include <stdexcept>
 #include <string>
-#include <vector>
-
-#include "ground/control/prbs.h"
-#include "ground/control/reference_trajectory.h"
-#include "ground/model/model_file.h"
 
 namespace ground {
 namespace {
@@ -91,23 +86,5 @@ TEST_F(TextFile, IsRefusedIfTooLarge) {
               big + ": it is larger than " + std::to_string(megabytes) + " MB");
 }
 
-TEST_F(TextFile, HasTheSameLimitsInEveryReader) {
-  const std::string pipe = fifo(), big = huge();
-  for (const auto& read : std::vector<std::function<void(const std::string&)>>{
-           [](const std::string& path) { loadModel(path); }, [](const std::string& path) { readPrbs(path); },
-           [](const std::string& path) {
-             readReference(path, {0, 0}, 0.5, false);
-           }}) {
-    EXPECT_EQ(complaint([&] { read(pipe); }), pipe + ": it is not a regular file");
-    const std::string message = complaint([&] { read(big); });
-    EXPECT_EQ(message.find(big + ": it is larger than "), 0u) << message;
-  }
-}
-
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -389,8 +389,3 @@ TEST(ThrusterEffects, FormulasKnowThrustersByNameAndNumber) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -14,7 +14,7 @@ namespace ground::detail {
 
 /// Relative change of the cost at which a descent ends: for an approximate solution, and for a
 /// descent that is followed by a finer one.
-constexpr double kApproachTolerance = 5e-2, kCoarseTolerance = 1e-5;
+constexpr double kApproachTolerance = 0.1, kCoarseTolerance = 1e-5;
 
 /// Widths of the losses to descend by, one after the other. Least squares come first because they
 /// have the widest basin of attraction; smaller widths approach absolute values.

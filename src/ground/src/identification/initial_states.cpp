@@ -35,11 +35,12 @@ class InitialCost {
       std::fill_n(residuals, rows, kInfinity);
       return false;
     }
+    const Eigen::MatrixXd derivatives = found.derivatives();
     Eigen::Map<Eigen::MatrixXd> columns(jacobian, jacobian ? rows : 0, NumParameters());
     for (Eigen::Index i = 0; i < rows; ++i) {
       const double r = found.residuals(i);
       residuals[i] = robust_(r);
-      if (jacobian) columns.row(i) = robust_.derivative(r) * found.derivatives.row(i);
+      if (jacobian) columns.row(i) = robust_.derivative(r) * derivatives.row(i);
     }
     return true;
   }

@@ -3,7 +3,9 @@
 
 #include <Eigen/Core>
 #include <utility>
+#include <vector>
 
+#include "ground/model/types.h"
 #include "robust_loss.h"
 
 namespace ground::detail {
@@ -29,11 +31,15 @@ struct NormalEquations {
 /// Residuals of a window at some parameters and initial state.
 struct WindowResiduals {
   Eigen::VectorXd residuals;  ///< u, v, r (or x, y, psi) of each sample in turn
-  /// Derivatives of these, a row each: by the free parameters, then by the initial state. Empty
-  /// unless requested.
-  Eigen::MatrixXd derivatives;
+  /// For each pass of a simulation with kDerivatives derivatives, those of each residual. Empty unless
+  /// requested.
+  std::vector<std::vector<Derivatives>> passes;
+  int columns = 0;  ///< number of derivatives: by the free parameters, then by the initial state
 
-  bool finite() const { return residuals.allFinite() && derivatives.allFinite(); }
+  WindowResiduals(int rows, int columns);
+  /// The derivatives, a row for each residual.
+  Eigen::MatrixXd derivatives() const;
+  bool finite() const;
 };
 
 /// Normal equations of the rows [first, last).

@@ -43,19 +43,18 @@ struct Variables {
   explicit Variables(const std::vector<double>& values) : coordinates(values.begin(), values.end()) {
     initial.fill(T(0.0));
   }
-  /// Makes the columns [begin, end) variables; columns are the free parameters, then the initial
-  /// state.
-  void seed(const std::vector<int>& free, int begin, int end) {
-    const int count = static_cast<int>(free.size());
-    for (int column = begin; column < end; ++column)
+  /// Makes the columns of a pass variables; `columns` are the free parameters, then the initial state.
+  void seed(const std::vector<int>& free, int columns, int pass) {
+    const int count = static_cast<int>(free.size()), begin = kDerivatives * pass;
+    for (int column = begin; column < std::min(columns, begin + kDerivatives); ++column)
       (column < count ? coordinates[free[column]] : initial[column - count]).v[column - begin] = 1.0;
   }
 };
 
-/// Sets the residuals, and the columns [begin, end) of their derivatives if T has any.
+/// Sets the residuals, and one pass of their derivatives if T has any.
 template <typename T>
 void simulateWindow(const SimulationError& problem, const SimulationError::Data& data,
-                    const Dynamics<T>& dynamics, const Variables<T>& point, int window, int begin, int end,
+                    const Dynamics<T>& dynamics, const Variables<T>& point, int window, int pass,
                     WindowResiduals& result) {
   const Window& span = problem.windows()[window];
   const RunData& run = problem.runs()[span.run];
@@ -66,16 +65,17 @@ void simulateWindow(const SimulationError& problem, const SimulationError::Data&
                            stateAtStart(dynamics, start, point.initial, problem.initialSize()),
                            run.times[span.first], kDefaultStep, &motion);
   if (!poses && !dynamics.usesPose()) simulation.forgetPose();
+  const bool distorts = dynamics.distorts();
+  Measurement<T> now;
   for (int i = span.first, row = 0; i <= span.last; ++i) {
     simulation.advance(run.times[i]);
-    const Measurement<T> now = simulation.measure();
-    const Vector3<T>& seen = poses ? now.eta : now.nu;
+    if (distorts) now = simulation.measure();
+    const RigidState<T>& state = simulation.state();
+    const Vector3<T>& seen = poses ? (distorts ? now.eta : state.eta) : (distorts ? now.nu : state.nu);
     for (int c = 0; c < 3; ++c, ++row) {
       const double weight = data.weight[span.run](c);
       result.residuals(row) = (valueOf(seen(c)) - data.measured[span.run](i, c)) * weight;
-      if constexpr (!std::is_same_v<T, double>)
-        for (int column = begin; column < end; ++column)
-          result.derivatives(row, column) = seen(c).v[column - begin] * weight;
+      if constexpr (!std::is_same_v<T, double>) result.passes[pass][row] = weight * seen(c).v;
     }
   }
 }
@@ -88,18 +88,17 @@ WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
   const Window& span = problem.windows()[window];
   const int rows = 3 * (span.last - span.first + 1), size = problem.initialSize();
   const int columns = derivatives ? static_cast<int>(free.size()) + size : 0;
-  WindowResiduals result{Eigen::VectorXd(rows), Eigen::MatrixXd(derivatives ? rows : 0, columns)};
-  const auto simulate = [&](auto type, int begin, int end) {
+  WindowResiduals result(rows, columns);
+  const auto simulate = [&](auto type, int pass) {
     using T = decltype(type);
     Variables<T> point(coordinates);
     for (int i = 0; i < size; ++i) point.initial[i] = T(initial(i));
-    if constexpr (!std::is_same_v<T, double>) point.seed(free, begin, end);
+    if constexpr (!std::is_same_v<T, double>) point.seed(free, columns, pass);
     const Dynamics<T> dynamics(model, point.coordinates);
-    simulateWindow(problem, problem.data(), dynamics, point, window, begin, end, result);
+    simulateWindow(problem, problem.data(), dynamics, point, window, pass, result);
   };
-  if (!derivatives) simulate(double(), 0, 0);
-  for (int begin = 0; begin < columns; begin += kDerivatives)
-    simulate(Jet(), begin, std::min(columns, begin + kDerivatives));
+  if (!derivatives) simulate(double(), 0);
+  for (std::size_t pass = 0; pass < result.passes.size(); ++pass) simulate(Jet(), static_cast<int>(pass));
   return result;
 }
 

@@ -2,6 +2,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -278,9 +279,11 @@ RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state, co
 /// enough for the registers, it is three times as quick as a step of any model.
 template <typename T>
 template <typename H>
-void Dynamics<T>::stepVelocities(Vector3<T>& nu, const Drive& drive, const H& h, int count) const {
+void Dynamics<T>::stepVelocities(Vector3<T>& nu, const Thrusters<T>& input, const H& h, int count) const {
   const H half = h * 0.5, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
-  const T X = damping_.x(), Y = damping_.y(), N = damping_.z(), surge = drive.surge, yaw = drive.yaw;
+  const Vector3<T> total = layout_->totalAt(input);
+  const T X = damping_.x(), Y = damping_.y(), N = damping_.z();
+  const T surge = surge_gain_ * total(0), yaw = yaw_gain_ * total(2);
   T u = nu.x(), v = nu.y(), r = nu.z();
   for (int i = 0; i < count; ++i) {
     T at_u = u, at_v = v, at_r = r, next_u = u, next_v = v, next_r = r;
@@ -308,15 +311,16 @@ template <typename T>
 template <typename H>
 void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h, int count,
                        bool pose) const {
-  const bool remembers = inputs.states && !rates_.empty();
-  const T* const held = inputs.states ? inputs.states : initial_.data();
-  const Drive start(*this, inputs.thrusters[0]);
   if (!pose && isBodyAlone() && inputs.held) {
     t += h * static_cast<double>(count);
-    return stepVelocities(state.nu, start, h, count);
+    return stepVelocities(state.nu, inputs.thrusters[0], h, count);
   }
-  const Drive middle = inputs.held ? start : Drive(*this, inputs.thrusters[1]);
-  const Drive end = inputs.held ? start : Drive(*this, inputs.thrusters[2]);
+  const bool remembers = inputs.states && !rates_.empty();
+  const T* const held = inputs.states ? inputs.states : initial_.data();
+  std::optional<Drive> later[2];
+  const Drive start(*this, inputs.thrusters[0]);
+  const Drive& middle = inputs.held ? start : later[0].emplace(*this, inputs.thrusters[1]);
+  const Drive& end = inputs.held ? start : later[1].emplace(*this, inputs.thrusters[2]);
   const H zero(0.0), half = h * 0.5, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
   RigidState<T> k;
   for (int i = 0; i < count; ++i) {

@@ -39,7 +39,11 @@ class ExpressionEffect final : public Effect {
     for (const auto& [name, text] :
          {std::make_pair("X", definition.X), {"Y", definition.Y}, {"N", definition.N}})
       wrench_.push_back(bound(std::string("formula ") + name, text));
-    for (const auto& [name, text] : forces()) forces_.push_back(bound("formula " + name, text));
+    for (const Thruster& one : layout.thrusters()) {
+      const auto found = definition.thrusts.find(one.name);
+      forces_.push_back(
+          bound("formula thrust_" + one.name, found == definition.thrusts.end() ? "" : found->second));
+    }
     for (const ExpressionDefinition::State& state : definition.states)
       rates_.push_back(bound("state " + state.name, state.rate));
     std::vector<double> neutral;
@@ -91,26 +95,6 @@ class ExpressionEffect final : public Effect {
 
   int variableCount() const { return static_cast<int>(variables_.size()); }
   int firstParameter() const { return variableCount() + info_.states; }
-
-  /// Names and texts of the formulas of each thruster, empty where there is none. Throws
-  /// std::invalid_argument on one of a thruster that the craft does not have.
-  std::vector<std::pair<std::string, std::string>> forces() const {
-    if (layout_.isPair() && definition_.thrusts.empty())
-      return {{"thrust_L", definition_.thrust_L}, {"thrust_R", definition_.thrust_R}};
-    std::vector<std::pair<std::string, std::string>> all;
-    for (const Thruster& one : layout_.thrusters()) all.emplace_back("thrust_" + one.name, "");
-    const auto components = definition_.components();
-    for (auto given = components.begin() + 3; given != components.end(); ++given) {
-      if (given->second.empty()) continue;
-      const auto found =
-          std::find_if(all.begin(), all.end(), [&](const auto& one) { return one.first == given->first; });
-      if (found == all.end())
-        throw std::invalid_argument("effect '" + definition_.name + "': " + shortened(given->first) +
-                                    " is of no thruster; the craft has " + layout_.names());
-      found->second = given->second;
-    }
-    return all;
-  }
 
   /// Adds the values of `count` formulas to `sums`.
   template <typename T>
@@ -225,13 +209,6 @@ class ExpressionEffect final : public Effect {
 
 }  // namespace
 
-std::size_t ExpressionDefinition::formulaLength() const {
-  std::size_t length = 0;
-  for (const auto& component : components()) length += component.second.size();
-  for (const State& state : states) length += state.rate.size();
-  return length;
-}
-
 EffectPtr makeExpressionEffect(const ExpressionDefinition& definition, const ThrusterLayout& layout) {
   if (!isIdentifier(definition.name))
     throw std::invalid_argument("effect name '" + shortened(definition.name) +
@@ -241,8 +218,7 @@ EffectPtr makeExpressionEffect(const ExpressionDefinition& definition, const Thr
   if (std::all_of(components.begin(), components.end(),
                   [](const auto& component) { return component.second.empty(); }))
     throw std::invalid_argument("effect '" + definition.name +
-                                "' has none of X, Y, N and no thrust of a thruster (thrust_L, " +
-                                "thrust_R, or thrust_NAME)");
+                                "' has none of X, Y, N and no thrust of a thruster (thrust_NAME)");
   if (definition.parameters.size() > kMaxEffectParameters)
     throw std::invalid_argument("effect '" + definition.name + "' has more than " +
                                 std::to_string(kMaxEffectParameters) + " parameters");

@@ -171,12 +171,6 @@ void validateArguments(const LearnedTerm& term, const ThrusterLayout& layout) {
 
 }  // namespace
 
-std::size_t LearnedWrench::centreCount() const {
-  std::size_t count = 0;
-  for (const LearnedTerm& term : terms) count += static_cast<std::size_t>(term.centres.rows());
-  return count;
-}
-
 void validate(const LearnedTerm& term, const ThrusterLayout& layout) {
   validateArguments(term, layout);
   require(term.widths.size() == term.arguments.size() && allFinite(term.widths) &&

@@ -5,35 +5,12 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "ground/model/expression_effect.h"
-#include "ground/model/learned_wrench.h"
-
 namespace ground {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 std::string effectName(const Model::Entry& entry) { return entry.effect->info().name; }
-
-std::size_t formulaLength(const Effect& effect) {
-  const ExpressionDefinition* definition = expressionDefinition(effect);
-  return definition ? definition->formulaLength() : 0;
-}
-
-std::size_t centreCount(const Effect& effect) {
-  const LearnedWrench* definition = learnedWrench(effect);
-  return definition ? definition->centreCount() : 0;
-}
-
-/// Throws std::invalid_argument if a size of the model's effects together with one more is too large.
-void requireRoom(const Model& model, const Effect& more, std::size_t (*size)(const Effect&), std::size_t most,
-                 const std::string& what) {
-  std::size_t sum = size(more);
-  for (const Model::Entry& entry : model.effects) sum += size(*entry.effect);
-  if (sum > most)
-    throw std::invalid_argument("with effect '" + more.info().name + "' the " + what + ' ' +
-                                std::to_string(sum) + ", more than " + std::to_string(most));
-}
 
 }  // namespace
 
@@ -91,8 +68,6 @@ void Model::addEffect(EffectPtr effect) {
   if (hasEffect(info.name)) throw std::invalid_argument("the model has effect '" + info.name + "' already");
   if (effects.size() >= kMaxEffects)
     throw std::invalid_argument("a model has at most " + std::to_string(kMaxEffects) + " effects");
-  requireRoom(*this, *effect, formulaLength, kLongestFormulas, "characters of the model's formulas are");
-  requireRoom(*this, *effect, centreCount, kMaxCentres, "centres of the model's learned wrenches are");
   std::vector<double> values;
   for (const ParameterInfo& parameter : info.parameters) values.push_back(parameter.neutral);
   effects.push_back({std::move(effect), std::move(values)});

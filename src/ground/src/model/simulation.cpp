@@ -1,6 +1,101 @@
 #include "ground/model/simulation.h"
 
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
 namespace ground {
+namespace {
+
+[[noreturn]] void refuseTime(double from, double to) {
+  throw std::invalid_argument("cannot simulate back from " + std::to_string(from) + " s to " +
+                              std::to_string(to) + " s");
+}
+
+/// Whether a command equals the one before it.
+bool repeats(const InputSequence& inputs, std::size_t command) {
+  if (command == 0) return false;
+  const Thrusters<double>&now = inputs.thrusters[command], &before = inputs.thrusters[command - 1];
+  return inputs.lift[command] == inputs.lift[command - 1] &&
+         std::equal(now.begin(), now.end(), before.begin());
+}
+
+}  // namespace
+
+Stepping::Stepping(const InputSequence& inputs, double start, double delay, bool varies, double max_step)
+    : inputs_(&inputs),
+      off_(Thrusters<double>::zero(inputs.thruster_count)),
+      time_(start),
+      delay_(delay),
+      steps_per_second_(1 / max_step),
+      varies_(varies) {
+  next_ = static_cast<std::size_t>(std::upper_bound(inputs.times.begin(), inputs.times.end(), start - delay) -
+                                   inputs.times.begin());
+  held_ = next_;
+}
+
+std::vector<Stepping::Held> Stepping::before(const Settling& settling) const {
+  std::vector<Held> held;
+  if (settling.memory <= 0) return held;
+  const std::vector<double>& times = inputs_->times;
+  const double oldest = time_ - settling.memory;
+  const auto first =
+      static_cast<std::size_t>(std::upper_bound(times.begin(), times.end(), oldest - delay_) - times.begin());
+  // The command before `first` acts from `oldest`, the last one acts until now. These two times do
+  // not move with the delay; the changes between commands do.
+  for (std::size_t i = first > 0 ? first - 1 : 0; i < next_; ++i) {
+    const bool cut = i < first, last = i + 1 == next_;
+    const double begin = cut ? oldest : times[i] + delay_;
+    const double duration = last  ? time_ - begin
+                            : cut ? times[i + 1] + delay_ - begin
+                                  : times[i + 1] - times[i];
+    const double by_delay = varies_ ? double(cut) - double(last) : 0.0;
+    const int pieces = std::max(1, static_cast<int>(std::ceil(duration / settling.step - 1e-9)));
+    for (int k = 0; k < pieces; ++k) {
+      const double now = begin + k * duration / pieces;
+      held.push_back({i, duration / pieces, by_delay / pieces, now + 0.5 * duration / pieces,
+                      now - inputs_->drive.origin(now)});
+    }
+  }
+  return held;
+}
+
+void Stepping::forget(std::size_t count) {
+  if (count >= std::min(held_, next_)) throw std::logic_error("a command that acts must not be forgotten");
+  held_ -= count;
+  next_ -= count;
+}
+
+GROUND_INLINE bool Stepping::reach(double time, bool moves, Stretch& stretch) {
+  const double duration = time - time_;
+  const int by_delay = int(moves) - int(moves_);
+  // A stretch of duration 0 has a derivative if its end moves with the delay.
+  if (duration < 0 || (duration == 0 && by_delay == 0)) return false;
+  const int steps = std::max(1, static_cast<int>(std::ceil(duration * steps_per_second_ - 1e-9)));
+  const double share = 1.0 / steps;
+  stretch = {steps, share * duration, share * by_delay, t()};
+  time_ = time;
+  moves_ = moves;
+  return true;
+}
+
+inline bool Stepping::next(double time, Stretch& stretch) {
+  if (!(time >= time_)) refuseTime(time_, time);
+  while (next_ < inputs_->size()) {
+    const double change = inputs_->times[next_] + delay_;
+    if (change > time) break;
+    if (repeats(*inputs_, next_)) {  // the same stretch goes on
+      held_ = ++next_;
+      continue;
+    }
+    held_ = next_++;
+    if (reach(change, varies_, stretch)) return true;
+  }
+  held_ = next_;
+  return reach(time, false, stretch);
+}
+
 template <typename T>
 Simulation<T>::Simulation(const Dynamics<T>& dynamics, const InputSequence& inputs,
                           const RigidState<T>& initial, double start, double max_step, const Motion* measured)
@@ -37,10 +132,15 @@ void Simulation<T>::advance(double time) {
 template <typename T>
 template <typename H>
 void Simulation<T>::step(int steps, const H& h) {
-  const Thrusters<T> held = stepping_.thrusters().template cast<T>();
-  const auto act = [&] { return dynamics_.actuate(held, stepping_.lift(), T(h), effect_states_.data()); };
-  if (!dynamics_.hasMemory()) return dynamics_.step(t_, state_, act(), h, steps, pose_);
-  for (int i = 0; i < steps; ++i) dynamics_.step(t_, state_, act(), h, 1, pose_);
+  const auto act = [&](T* states) {
+    return dynamics_.actuate(stepping_.thrusters().template cast<T>(), stepping_.lift(), T(h), states);
+  };
+  if (!dynamics_.hasMemory()) {
+    if (acts_ != stepping_.held()) acting_ = act(nullptr);
+    acts_ = stepping_.held();
+    return dynamics_.step(t_, state_, acting_, h, steps, pose_);
+  }
+  for (int i = 0; i < steps; ++i) dynamics_.step(t_, state_, act(effect_states_.data()), h, 1, pose_);
 }
 
 template <typename T>

@@ -97,6 +97,8 @@ void validate(const Thruster& thruster) {
                        "; turn the direction by 180 for the opposite force");
   if (!(thruster.curve.power >= 0.2 && thruster.curve.power <= 5))
     fail(thruster, "the power of its curve must be between 0.2 and 5, not " + text(thruster.curve.power));
+  if (thruster.curve.power != 1 && !thruster.curve.table.empty())
+    fail(thruster, "its curve has a power and a table");
   validateTable(thruster);
 }
 
@@ -112,6 +114,7 @@ ThrusterLayout::ThrusterLayout(std::vector<Thruster> thrusters, std::string lift
     const double x = one.position.x(), y = one.position.y();
     arms_[i] = {c, s, x * s - y * c, x * c + y * s};
     sways_ = sways_ || s != 0;
+    linear_ = linear_ && one.gain == 1 && one.curve.linear();
     squares += arms_[i].lever * arms_[i].lever;
   }
   lever_ = std::sqrt(squares / size());

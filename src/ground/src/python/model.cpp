@@ -245,7 +245,6 @@ void defFiles(py::module_& module) {
   module.def("with_effect", &withEffect, py::arg("model"), py::arg("text"), py::arg("source"),
              "A copy of the model with the effect in this text added.");
   module.def("read_effect_file", &readEffectFile, py::arg("path"));
-  module.def("save_model", &saveModel, py::arg("model"), py::arg("path"), py::arg("overwrite") = false);
 }
 
 /// Bells of a learned wrench (LearnedTerm) at rows of arguments: (rows, centres).

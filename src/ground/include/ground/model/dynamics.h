@@ -75,8 +75,9 @@ class Dynamics {
 
   /// Thrust and acceleration for one thruster input.
   struct Drive {
-    Thrusters<T> input, thrust;  ///< for effects; the thrust before effects change it [N]
-    T surge, sway, yaw;          ///< acceleration by that thrust, for a mass matrix diag(m, m, I_z)
+    const Thrusters<T>& input;
+    Thrusters<T> thrust;  ///< before effects change it [N]
+    T surge, sway, yaw;   ///< acceleration by that thrust, for a mass matrix diag(m, m, I_z)
 
     Drive(const Dynamics& d, const Thrusters<T>& inputs);
   };
@@ -89,7 +90,7 @@ class Dynamics {
   /// Whether (2.4) has no effects, and a mass matrix diag(m, m, I_z).
   bool isBodyAlone() const { return !has_hooks_ && !couples_; }
   template <typename H>
-  void stepVelocities(Vector3<T>& nu, const Drive& drive, const H& h, int count) const;
+  void stepVelocities(Vector3<T>& nu, const Thrusters<T>& input, const H& h, int count) const;
   /// Acceleration that effects add to that of thrusters, linear damping and Coriolis forces. With a
   /// coupled mass matrix it is the whole acceleration.
   Vector3<T> effects(Instant& instant, const Drive& drive, const T* states) const;

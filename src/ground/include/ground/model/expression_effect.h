@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <map>
 #include <string>
 #include <utility>
 #include <vector>
@@ -9,10 +10,7 @@
 
 namespace ground {
 
-// The total length of a model's formulas is limited so that computing a step of 5 ms takes at most
-// 0.1 ms. 3000 characters of sines took 58 us.
-constexpr std::size_t kLongestFormula = 1000;   ///< one formula [characters]
-constexpr std::size_t kLongestFormulas = 3000;  ///< all formulas of a model together [characters]
+constexpr std::size_t kLongestFormula = 1000;  ///< [characters]; 1000 of sines take 20 us a step
 constexpr std::size_t kMaxEffectParameters = 32;
 constexpr std::size_t kMaxEffectStates = 8;  ///< of one effect: one for each thruster
 constexpr std::size_t kLongestName = 60;     ///< name of an effect or parameter [characters]
@@ -34,21 +32,17 @@ struct ExpressionDefinition {
   std::string name;
   std::string X, Y, N;  ///< formulas [N], [N], [N m]; empty is zero
   std::vector<ParameterInfo> parameters;
-  std::vector<double> typical;         ///< scale of each parameter
-  std::string thrust_L{}, thrust_R{};  ///< formulas of force added to each thruster [N]
+  std::vector<double> typical;                   ///< scale of each parameter
+  std::map<std::string, std::string> thrusts{};  ///< formulas of force added to thrusters, by name [N]
   std::vector<State> states{};
-  /// The same as thrust_L, thrust_R by the names of thrusters, for crafts that list them.
-  std::vector<std::pair<std::string, std::string>> thrusts{};
   bool world = false;  ///< X and Y are along the axes of the world, not of the body
 
   /// Names and texts of all formulas other than those of the states.
   std::vector<std::pair<std::string, std::string>> components() const {
-    std::vector<std::pair<std::string, std::string>> all = {
-        {"X", X}, {"Y", Y}, {"N", N}, {"thrust_L", thrust_L}, {"thrust_R", thrust_R}};
+    std::vector<std::pair<std::string, std::string>> all = {{"X", X}, {"Y", Y}, {"N", N}};
     for (const auto& [thruster, formula] : thrusts) all.emplace_back("thrust_" + thruster, formula);
     return all;
   }
-  std::size_t formulaLength() const;
 };
 
 /// For crafts with these thrusters. Throws std::invalid_argument that says which formula is wrong

@@ -11,6 +11,7 @@ namespace ground {
 /// layout does not depend on the processor.
 class Derivatives {
  public:
+  Derivatives() {}  ///< not initialised
   double& operator[](int i) { return reinterpret_cast<double*>(parts_)[i]; }
   double operator[](int i) const { return reinterpret_cast<const double*>(parts_)[i]; }
   /// The first `count`, as a column.
@@ -70,6 +71,13 @@ struct Jet {
   Derivatives v;  ///< derivatives
 
   Jet() = default;
+  /// Member by member: a processor waits to load derivatives that have been copied in other pieces.
+  GROUND_INLINE Jet(const Jet& other) : a(other.a), v(other.v) {}
+  GROUND_INLINE Jet& operator=(const Jet& other) {
+    a = other.a;
+    v = other.v;
+    return *this;
+  }
   GROUND_INLINE Jet(double value) : a(value), v(Derivatives::zero()) {}  // NOLINT: as numbers do
   /// The i-th variable: its i-th derivative is 1, the others are 0.
   Jet(double value, int i) : Jet(value) { v[i] = 1; }

@@ -10,7 +10,7 @@
 namespace ground {
 
 constexpr std::size_t kMaxArguments = 3;   ///< of a term
-constexpr std::size_t kMaxCentres = 2000;  ///< of all learned wrenches of a model together
+constexpr std::size_t kMaxCentres = 2000;  ///< of a term
 
 /// A smooth function of some arguments: a sum of bells. The bell at centre c is (1 - d^2/9)^4, with
 /// d the distance from c in widths: close to exp(-d^2/2), and zero from three widths on.
@@ -31,8 +31,6 @@ struct LearnedTerm {
 struct LearnedWrench {
   std::string name = "learned_wrench";
   std::vector<LearnedTerm> terms;
-
-  std::size_t centreCount() const;
 };
 
 /// Throws std::invalid_argument that says what is wrong with a term, for crafts with these thrusters.

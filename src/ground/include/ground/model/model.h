@@ -43,8 +43,7 @@ class Model {
   Provenance provenance;
 
   /// Adds an effect at its neutral parameters. Throws std::invalid_argument if the model already
-  /// has it, if there are kMaxEffects, or if all formulas together exceed kLongestFormulas, or all
-  /// centres of learned wrenches kMaxCentres.
+  /// has it, or has kMaxEffects.
   void addEffect(EffectPtr effect);
   /// Throws std::invalid_argument if the model does not have the effect.
   void removeEffect(const std::string& name);

@@ -23,8 +23,5 @@ Model withEffect(Model model, const std::string& yaml, const std::string& source
 std::string readEffectFile(const std::string& path);
 /// The model as commented YAML, with units beside each value; parseModel gives it back.
 std::string formatModel(const Model& model);
-/// Writes formatModel atomically. Throws std::runtime_error if the file exists and overwrite is
-/// false, or if it cannot be written; an existing file then stays unchanged.
-void saveModel(const Model& model, const std::string& path, bool overwrite = false);
 
 }  // namespace ground

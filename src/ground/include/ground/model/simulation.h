@@ -28,7 +28,10 @@ class Simulation {
   void advance(double time);
 
   /// Call after InputSequence::drop(count). The dropped commands must no longer act.
-  void forget(std::size_t count) { stepping_.forget(count); }
+  void forget(std::size_t count) {
+    stepping_.forget(count);
+    acts_ = kNone;
+  }
 
   double time() const { return stepping_.time(); }
   const RigidState<T>& state() const { return state_; }
@@ -39,7 +42,10 @@ class Simulation {
   RigidState<T> derivative() const;
   /// Thruster inputs after the actuators, at the current time.
   Thrusters<T> actuated() const;
-  Measurement<T> measure() const { return dynamics_.measure(state_); }
+  Measurement<T> measure() const {
+    if (dynamics_.distorts()) return dynamics_.measure(state_);
+    return {state_.eta, state_.nu};
+  }
 
  private:
   template <typename H>
@@ -51,6 +57,10 @@ class Simulation {
   std::vector<T> effect_states_;
   T t_;  ///< time since the drive began [s]
   bool pose_ = true;
+
+  static constexpr std::size_t kNone = -1;
+  StepInputs<T> acting_;      ///< without memory: the same for all steps under a command
+  std::size_t acts_ = kNone;  ///< Stepping::held() of it
 };
 
 extern template class Simulation<double>;

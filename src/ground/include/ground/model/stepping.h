@@ -81,8 +81,10 @@ class Stepping {
 
   double time() const { return time_; }
   /// Thruster command during the last stretch.
-  Thrusters<double> thrusters() const;
-  double lift() const;
+  const Thrusters<double>& thrusters() const { return held_ == 0 ? off_ : inputs_->thrusters[held_ - 1]; }
+  double lift() const { return held_ == 0 ? 0.0 : inputs_->lift[held_ - 1]; }
+  /// How many commands of the sequence had taken effect by then.
+  std::size_t held() const { return held_; }
 
   /// A command, how long it acts [s], and the derivative of that duration by the delay.
   struct Held {
@@ -100,7 +102,8 @@ class Stepping {
   bool reach(double time, bool moves, Stretch& stretch);
 
   const InputSequence* inputs_;
-  double time_, delay_, max_step_;
+  Thrusters<double> off_;  ///< before the first command
+  double time_, delay_, steps_per_second_;
   bool varies_;
   bool moves_ = false;    ///< the current time is a change of the command: it moves with the delay
   std::size_t next_ = 0;  ///< first command that has not taken effect

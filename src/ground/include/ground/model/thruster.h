@@ -106,8 +106,7 @@ class ThrusterLayout {
   template <typename T>
   Thrusters<T> forces(const Thrusters<T>& input) const {
     Thrusters<T> force = input;
-    if (pair_) return force;
-    for (int i = 0; i < force.size(); ++i) {
+    for (int i = 0; i < force.size() && !linear_; ++i) {
       const Thruster& one = (*this)[i];
       force(i) = one.gain * one.curve.at(input(i));
     }
@@ -116,7 +115,6 @@ class ThrusterLayout {
   /// The wrench of all forces: X, Y [N], N / l [N].
   template <typename T>
   Vector3<T> total(const Thrusters<T>& force) const {
-    if (pair_) return {force(0) + force(1), T(0.0), force(0) - force(1)};
     Vector3<T> sum(T(0.0), T(0.0), T(0.0));
     for (int i = 0; i < force.size(); ++i) {
       sum(0) += arms_[i].forward * force(i);
@@ -124,6 +122,11 @@ class ThrusterLayout {
       sum(2) += arms_[i].lever * force(i);
     }
     return sum;
+  }
+  /// total(forces(input))
+  template <typename T>
+  Vector3<T> totalAt(const Thrusters<T>& input) const {
+    return linear_ ? total(input) : total(forces(input));
   }
   /// Inputs clipped to the ranges of the thrusters; `full` is the input of full thrust.
   Thrusters<double> clipped(const Thrusters<double>& input, double full) const;
@@ -142,6 +145,7 @@ class ThrusterLayout {
   std::array<Arm, kMaxThrusters> arms_{};
   double lever_ = 1;
   bool pair_ = false, sways_ = false;
+  bool linear_ = true;  ///< each force is its input times k
 };
 
 using ThrusterLayoutPtr = std::shared_ptr<const ThrusterLayout>;

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <algorithm>
 #include <initializer_list>
 
 #include "ground/model/types.h"
@@ -26,10 +25,10 @@ class Thrusters {
       : count_(static_cast<int>(values.size())) {
     for (int i = 0; i < count_; ++i) values_[i] = values(i);
   }
-  Thrusters(const Thrusters& other) : count_(other.count_) { std::copy_n(other.values_, count_, values_); }
+  Thrusters(const Thrusters& other) { *this = other; }
   Thrusters& operator=(const Thrusters& other) {
     count_ = other.count_;
-    std::copy_n(other.values_, count_, values_);
+    for (int i = 0; i < count_; ++i) values_[i] = other.values_[i];
     return *this;
   }
   static Thrusters zero(int count) { return filled(count, T(0.0)); }

@@ -91,4 +91,6 @@ class Journal:
     def keep_model(self, name: str, model: _core.Model) -> None:
         """Writes a model file."""
         if self.folder:
-            _core.save_model(model, self.path(name), True)
+            with files.new_file(self.path(name), force=True) as temporary:
+                with open(temporary, "w") as file:
+                    file.write(model.format())

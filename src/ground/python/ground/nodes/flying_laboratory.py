@@ -151,7 +151,8 @@ class FlyingLaboratory:
         os.makedirs(folder, exist_ok=True)
         path = os.path.join(folder, label.replace(" ", "_") + ".yaml")
         with files.new_file(path, force=True) as temporary:
-            _core.save_model(model, temporary, True)
+            with open(temporary, "w") as file:
+                file.write(model.format())
         return path
 
     def _prepare(self, name: str, flight: Flight, inputs: Array) -> float:
