@@ -21,7 +21,7 @@ from ground.reports import (
     tracking_figures,
     wrench_figures,
 )
-from ground.simulation import gains, tracking, tuning
+from ground.simulation import gains, tracking
 
 QUANTILES = {"p05": 0.01, "median": 0.02, "p95": 0.05}
 
@@ -49,21 +49,11 @@ def driven():
 
 
 def tuned():
-    tried = [tuning.Candidate({}) for _ in range(3)]
-    for count, one in enumerate(tried):
-        one.errors, one.saturated, one.effort = {"circle, nominal": [0.1 + count]}, 0.1 * count, 0.2
     rows = [
-        {
-            "reference": name,
-            "held_out": True,
-            "condition": "noise",
-            "rms": dict.fromkeys("ab", QUANTILES),
-        }
+        {"reference": name, "held_out": True, "condition": "noise", "rms": dict.fromkeys("ab", QUANTILES)}
         for name in ("circle", "line")
     ]
-    best = [{"error": 0.1, "saturated": 0.2}]
-    compared = dict.fromkeys("ab", tried[0])
-    return tracking_figures.tuned(compared, tried, {"table": rows, "trade_off": best})
+    return tracking_figures.tuned(["a", "b"], rows)
 
 
 DESCRIBED = {
@@ -88,7 +78,6 @@ def test_plotly_knows_every_property_of_a_figure(drawn, name):
 
 NOT_QUANTITIES = {
     *("given", "right", "a", "b", "measured", "reference", "craft", "walls", "start", "heading"),
-    "none better in error, saturation and effort",
 }
 
 
@@ -96,8 +85,7 @@ NOT_QUANTITIES = {
 def test_quantities_have_units(drawn, name):
     layout, data = drawn[name]["layout"], drawn[name]["data"]
     axes = [part for key, part in layout.items() if re.match("[xy]axis", key)]
-    bars = [t["marker"]["colorbar"] for t in data if "colorbar" in t.get("marker", {})]
-    titles = [part.get("title", {}).get("text") for part in axes + bars]
+    titles = [part.get("title", {}).get("text") for part in axes]
     entries = [t["name"] for t in data if t.get("name") and t.get("showlegend", True)]
     for text in filter(None, titles + [e for e in entries if e not in NOT_QUANTITIES]):
         assert re.search(r"\[[^\]]+\]", text), text

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The identification node during an experiment: tasks on live topics and bags, progress, offers."""
+"""The identification node during an experiment: tasks on live topics and bags, progress."""
 
 import json
 import os
@@ -11,8 +11,8 @@ import unittest
 import rospy
 import rostest
 from ground.recordings import readers
-from ground_msgs.msg import IdentificationStatus, ModelError
-from ground_msgs.srv import Identify, OfferModel
+from ground_msgs.msg import IdentificationStatus
+from ground_msgs.srv import Identify
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -32,7 +32,6 @@ class IdentificationTest(unittest.TestCase):
     def setUp(self):
         self.status = harness.Latest(NODE + "status", S, keep=True)
         self.model = harness.Latest(NODE + "model", String)
-        self.error = harness.Latest("model_error", ModelError)
         self.diagnose = service(NODE + "diagnose", Identify)
         self.fit = service(NODE + "fit", Identify)
 
@@ -46,7 +45,6 @@ class IdentificationTest(unittest.TestCase):
         self.refuse_bad_requests(output)
         self.cancel_a_task()
         answer = self.find_the_slope()
-        self.offer_the_model()
         answer = self.fit(bags=[answer.folder], model=answer.model)  # a folder of bags
         self.assertTrue(answer.success, answer.message)
         self.assertIn("the error falls", answer.message)
@@ -120,17 +118,6 @@ class IdentificationTest(unittest.TestCase):
         settings = readers.settings_in(os.path.join(answer.folder, "live.bag"))
         self.assertEqual(settings.sources["heading_offset"], "recorded in the bag")
         return answer
-
-    def offer_the_model(self):
-        """Nodes take the offered model; nodes that do not are named."""
-        offered = service(NODE + "offer", OfferModel)(nodes=["live_comparison", "simulator"])
-        self.assertTrue(offered.success, offered.answers)
-        harness.wait_for(lambda: self.error.message.model == "improved", 10, "the model in use")
-        refused = service(NODE + "offer", OfferModel)(nodes=["live_comparison", "sender"], file=__file__)
-        self.assertFalse(refused.success)
-        self.assertIn("old model stays", refused.answers[0])
-        self.assertIn("does not answer", refused.answers[1])
-        self.assertEqual(self.error.message.model, "improved")
 
 
 if __name__ == "__main__":

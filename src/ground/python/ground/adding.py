@@ -13,6 +13,7 @@ from ground.analysis import candidates, distributions, window_error
 from ground.analysis.window_error import WindowFit
 from ground.annotations import Array, Document, Path
 from ground.data.measured import Measured, Recordings, held_out, measured
+from ground.fitting.result import Change
 from ground.models import (
     Model,
     ModelLike,
@@ -30,39 +31,6 @@ if TYPE_CHECKING:
 
 
 FITTING = "fitting without the effect and with it"  # stage
-
-
-@dataclass(frozen=True)
-class ChannelErrors:
-    """Mean |e|/s of u, v, r, and their sum."""
-
-    u: float
-    v: float
-    r: float
-    error: float
-
-    @classmethod
-    def of(cls, channels: Array) -> "ChannelErrors":
-        """Errors from the mean |e|/s of u, v, r (3,)."""
-        u, v, r = map(float, channels)
-        return cls(u, v, r, float(np.sum(channels)))
-
-    def line(self, name: str) -> str:
-        """A line of a table."""
-        return "%-48s %8.3f %8.3f %8.3f %8.3f" % (name, self.u, self.v, self.r, self.error)
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Errors without an effect and with it."""
-
-    before: ChannelErrors
-    after: ChannelErrors
-
-    @property
-    def change(self) -> float:
-        """Relative change of the error: -0.1 is 10% less."""
-        return self.after.error / self.before.error - 1
 
 
 @dataclass(frozen=True)
@@ -90,8 +58,8 @@ class Addition(Shown):
     model: Model  #: with the effect
     parameters: Dict[str, Parameter]  #: parameters of the model with the effect, by name
     parameters_before: Dict[str, Parameter]  #: parameters of the model without it
-    error: Dict[str, Pair]  #: by kind of runs: fit, heldout, and holdout where some were given
-    noise_floor: ChannelErrors  #: error that the noise of the poses alone would leave
+    error: Dict[str, Change]  #: by kind of runs: fit, heldout, and holdout where some were given
+    noise_floor: float  #: error that the noise of the poses alone would leave
     folds: str  #: what was held out
     verdict: Verdict
 
@@ -100,8 +68,8 @@ class Addition(Shown):
         return {
             "effect": self.effect,
             "parameters": {name: asdict(p) for name, p in self.parameters.items()},
-            "error": {name: asdict(pair) for name, pair in self.error.items()},
-            "noise_floor": asdict(self.noise_floor),
+            "error": {name: asdict(change) for name, change in self.error.items()},
+            "noise_floor": self.noise_floor,
             "verdict": {**asdict(self.verdict), "sentence": self.verdict.sentence},
         }
 
@@ -134,13 +102,12 @@ class Addition(Shown):
             yield ("%-28s %12s %12.4g   %s %s" % (name, before, p.value, p.interval, unit)).rstrip()
         words = {"fit": "the runs fitted to", "heldout": "held out: " + self.folds}
         yield ""
-        yield "%-48s %8s %8s %8s %8s" % ("error over windows of 1.5 s", "u", "v", "r", "all")
-        for kind, pair in self.error.items():
-            yield words.get(kind, "the held-out runs")
-            yield pair.before.line("  before")
-            yield pair.after.line("  after")
-            yield "  %-46s %35s" % ("", "%+.0f%%" % (100 * pair.change))
-        yield self.noise_floor.line("noise of the poses alone")
+        yield "%-48s %8s %8s %8s" % ("error over windows of 1.5 s", "before", "after", "change")
+        for kind, error in self.error.items():
+            name = words.get(kind, "the held-out runs")
+            percent = "%+.0f%%" % (100 * error.change)
+            yield "  %-46s %8.3f %8.3f %8s" % (name, error.before, error.after, percent)
+        yield "  %-46s %17.3f" % ("noise of the poses alone", self.noise_floor)
         yield self.verdict.sentence
 
 
@@ -186,11 +153,11 @@ def add(
     with work.stage(FITTING, 2 * (1 + len(window_error.LENGTHS))):
         before, after = _fits(given.core, extended, seen.data, work)
     errors = {
-        "fit": _pair(before.error, after.error),
-        "heldout": _pair(before.heldout, after.heldout),
+        "fit": Change(float(before.error.sum()), float(after.error.sum())),
+        "heldout": Change(float(before.heldout.sum()), float(after.heldout.sum())),
     }
     if held.data:
-        errors["holdout"] = _tested(held.data, before, after)
+        errors["holdout"] = Change(*(windows.error(held.data, fit.model) for fit in (before, after)))
     return _result(candidate.name, seen, before, after, errors)
 
 
@@ -205,24 +172,15 @@ def _fits(
     return before, after
 
 
-def _pair(before: Array, after: Array) -> Pair:
-    return Pair(ChannelErrors.of(before), ChannelErrors.of(after))
-
-
-def _tested(runs: List[_core.RunData], before: WindowFit, after: WindowFit) -> Pair:
-    cut = windows.cut(runs)
-    return _pair(*(window_error.channel_errors(runs, cut, fit.model) for fit in (before, after)))
-
-
 def _result(
-    effect: str, seen: Measured, before: WindowFit, after: WindowFit, errors: Dict[str, Pair]
+    effect: str, seen: Measured, before: WindowFit, after: WindowFit, errors: Dict[str, Change]
 ) -> Addition:
     parameters = parameters_by_name(after.parameters.values())
     model = fitted_model(
         after.model,
         seen.recordings,
-        {name: pair.before.error for name, pair in errors.items()},
-        {name: pair.after.error for name, pair in errors.items()},
+        {name: error.before for name, error in errors.items()},
+        {name: error.after for name, error in errors.items()},
         parameters,
     )
     several = len(seen.data) > 1
@@ -233,7 +191,7 @@ def _result(
         parameters=parameters,
         parameters_before=parameters_by_name(before.parameters.values()),
         error=errors,
-        noise_floor=ChannelErrors.of(window_error.noise_floor(seen.data, after.model)),
+        noise_floor=float(window_error.noise_floor(seen.data, after.model).sum()),
         folds="each run by a fit to the others" if several else "each quarter by a fit to the rest",
         verdict=_verdict(parameters, {p["name"]: p["neutral"] for p in own}, before, after, errors),
     )
@@ -244,7 +202,7 @@ def _verdict(
     neutral: Dict[str, float],
     before: WindowFit,
     after: WindowFit,
-    errors: Dict[str, Pair],
+    errors: Dict[str, Change],
 ) -> Verdict:
     """The Verdict on an effect; neutral: values of its parameters at which it does nothing."""
     change, ci95 = errors["heldout"].change, _interval(before.by_window, after.by_window)

@@ -39,7 +39,6 @@ from ground.data.measured import (
     Part,
     Recordings,
     note_differences,
-    note_heading_offset,
     note_suspicions,
     repaired,
     taken,
@@ -134,8 +133,6 @@ def _each_run(
     lengths = [1 + int(recording.duration) for recording in recordings]
     runs = repaired(recordings, work)
     note_suspicions(recordings, first)
-    for model in models.values():
-        note_heading_offset(model, recordings)
     tasks = []
     for run in runs:
         task = []

@@ -192,10 +192,9 @@ class Comparison(_Frame):
             }
             for run in runs
         ]
-        older = result_folder.older(numbers, SCHEMA)
-        stale = [os.path.basename(path) for path in _files(older.get("runs"))]
+        stale = ("report.html", "*.wrench.*.csv") if result_folder.is_of(numbers, SCHEMA) else ()
         result = self.to_dict(named)
-        with result_folder.replaced(place, [*stale, *(["report.html"] if older else [])], force) as new:
+        with result_folder.replaced(place, stale, force) as new:
             for run_of, own in zip(self.runs, named):
                 for study in run_of.studies:
                     path = os.path.join(new, os.path.basename(own[study["label"]]))
@@ -248,14 +247,3 @@ def _table(rows: Sequence[Sequence[Any]]) -> Iterator[str]:
 def _stem(label: str) -> str:
     """A run's or model's name as a part of names of files."""
     return label.replace(os.sep, "_").lstrip(".") or "unnamed"
-
-
-def _files(value: Any) -> Iterator[str]:
-    """All names of tables and pictures in a document."""
-    if isinstance(value, Mapping):
-        value = list(value.values())
-    if isinstance(value, list):
-        for item in value:
-            yield from _files(item)
-    elif isinstance(value, str) and value.endswith((".png", ".svg", ".csv")):
-        yield value

@@ -83,7 +83,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--picture",
         metavar="FILE.png",
-        help="candidates, and errors before and after; FILE.html: a page, which needs no Chromium",
+        help="errors before and after; FILE.html: a page, which needs no Chromium",
     )
 
 
@@ -126,7 +126,7 @@ def run(arguments: argparse.Namespace) -> Document:
         from ground.reports import picture, tracking_figures
 
         with arguments.work.stage("drawing the picture"):
-            shown = tracking_figures.tuned(compared, tried, result)
+            shown = tracking_figures.tuned(list(compared), result["table"])
             picture.write(arguments.picture, [shown], arguments.force)
     command_line.say(arguments, "\n".join(_lines(result)))
     return result

@@ -174,27 +174,6 @@ def note_suspicions(found: Sequence[Recording], model: Model) -> None:
         warn(finding.sentence)
 
 
-def note_heading_offset(model: Model, found: Sequence[Recording]) -> None:
-    """Warns what a model's heading_offset means for runs whose heading is corrected already."""
-    if "heading_offset" not in model.effects:
-        return
-
-    def offsets(recording: Recording) -> Tuple[float, ...]:
-        return recording.settings.values("heading_offset") or ()
-
-    corrected = [r for r in found if any(offsets(r))]
-    if corrected:
-        warn(
-            "heading_offset %s is subtracted from the headings of %s first; the model's effect "
-            "heading_offset is the remaining offset"
-            % (
-                " then ".join("%g" % v for v in offsets(corrected[0])),
-                ", ".join(r.name for r in corrected),
-            ),
-            GroundNote,
-        )
-
-
 @dataclass(frozen=True)
 class Part:
     """The part of a run that is used, on the run's clock."""
@@ -250,7 +229,6 @@ def measured(
     of_thrusters = suspicions.of_thrusters(found, model.core)
     for one in of_thrusters:
         warn(one.sentence)
-    note_heading_offset(model, found)
     data = [part.of(run, model) for run in runs]
     return Measured(found, data, [one for r in found for one in suspicions.of(r)] + of_thrusters)
 

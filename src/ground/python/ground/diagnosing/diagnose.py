@@ -93,12 +93,19 @@ def diagnose(
     work = Work.of(progress)
     problem = _problem(model, recordings, holdout, work, options)
     room = problem.room()
-    found, misread = _diagnosis(problem, work), problem.misread
+    most = math.inf if options.thorough else window_error.MAX_WINDOWS
+
+    def begun() -> diagnosis.Diagnosis:
+        """The model as it is, refitted."""
+        seen, given = problem.seen.data, problem.model.core
+        return diagnosis.Diagnosis(seen, given, problem.tried, options.budget, work=work, most=most)
+
+    found, misread = begun(), problem.misread
     if not misread:
         found.grow()
         if problem.is_turned and "heading_offset" not in found.model.effects:
             # The search has not found what the commands show: what it found instead is not physics.
-            found, misread = _diagnosis(problem, work), True
+            found, misread = begun(), True
     held = problem.held.data
     conclusion = conclude(found, held, misread)
     name = problem.model.path or problem.model.name
@@ -125,9 +132,7 @@ def _problem(
     seen = measured(recordings, given, options.part, work)
     held = held_out(holdout, given, options.part, work, seen)
     files = [effect for effect in own if effect not in candidates.on_request()]
-    return Problem(
-        given, tried, seen, held, files, options.budget, options.thorough, room, options.as_recorded
-    )
+    return Problem(given, tried, seen, held, files, options.thorough, room, options.as_recorded)
 
 
 def effects_to_try(
@@ -164,18 +169,6 @@ def _check_known(named: Iterable[str], by_default: List[str]) -> None:
     for name in named:
         if name not in known:
             raise GroundError("there is no effect %s; there are %s" % (name, ", ".join(known)))
-
-
-def _diagnosis(problem: Problem, work: Work) -> diagnosis.Diagnosis:
-    """The model as it is, refitted."""
-    return diagnosis.Diagnosis(
-        problem.runs,
-        problem.model.core,
-        problem.tried,
-        problem.budget,
-        work=work,
-        most=math.inf if problem.thorough else window_error.MAX_WINDOWS,
-    )
 
 
 def _result(

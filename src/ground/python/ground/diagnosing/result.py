@@ -4,7 +4,7 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 
-from ground import _core, files
+from ground import files
 from ground.analysis import candidates, diagnosis, diagnosis_report
 from ground.analysis.verdict import Conclusion, MISREAD
 from ground.annotations import Array, Document, Path
@@ -32,15 +32,9 @@ class Problem:
     seen: Measured  #: recordings to fit to
     held: Measured  #: recordings to test on; empty: parts of `seen` are held out
     own: List[str]  #: files of effects
-    budget: Optional[int]
-    thorough: bool
+    thorough: bool  #: draws all runs
     given_room: Optional[Room]
-    as_recorded: bool = False  #: diagnoses recordings that look misread, too
-
-    @property
-    def runs(self) -> List[_core.RunData]:
-        """_core.RunData fitted to."""
-        return self.seen.data
+    as_recorded: bool  #: diagnoses recordings that look misread, too
 
     @property
     def findings(self) -> List[Document]:
@@ -128,7 +122,7 @@ class Diagnosis(Shown):
 
         place = os.fspath(folder)
         paths = prepare(place, force)
-        stale = FILES if result_folder.older(paths[0], diagnosis_report.SCHEMA) else ()
+        stale = FILES if result_folder.is_of(paths[0], diagnosis_report.SCHEMA) else ()
         with result_folder.replaced(place, stale, force) as new:
             self._write(new)
             written = {*os.listdir(new), os.path.basename(paths[1])}

@@ -6,9 +6,8 @@ diagnoses, then the step that was interrupted, and ends as if nothing had happen
 1. a reference is tracked with the given model (if asked for),
 2. flights look at all effects, then decide what is open, each followed by a diagnosis of all flights
    and, if the controllers take it, the improved model in their place,
-3. when no question is open: the reference with the final model, and with both in turn until it shows
-   which tracks better or PAIRS are flown; then a confirming flight, which is neither chosen
-   by what is known nor fitted to. If the final model does not predict it, it becomes data.
+3. when no question is open: the reference with the final model, then a confirming flight, which is neither
+   chosen by what is known nor fitted to. If the final model does not predict it, it becomes data.
 """
 
 import functools
@@ -86,7 +85,7 @@ class Discovery(Flights):
             ))  # fmt: skip
         elif repeated:
             self._diagnose(repeated[0])
-        elif self.settings.track and not tracking.flights(story, GIVEN):
+        elif self.settings.track and tracking.flown(story, GIVEN) is None:
             self._track(GIVEN)
         elif waiting > self._diagnosed:
             self._diagnose(waiting)
@@ -94,8 +93,8 @@ class Discovery(Flights):
             self._end("the recordings look misread: %s" % story.findings[-1].sentences[0])
         elif not self._sure():
             self._look()
-        elif self.settings.track and tracking.contender(story):
-            self._compare_tracking(tracking.contender(story))
+        elif self.settings.track and tracking.is_due(story):
+            self._compare_tracking()
         elif story.verdict in LEAVES:  # nothing is confirmed while something is left
             reason = "flights go on to show something that no effect of the library explains"
             self._end(reason, needed="an effect that %s" % self.analyst.depends)
@@ -188,23 +187,19 @@ class Discovery(Flights):
             self.story.confirmation = confirmation.of(flown, run, self.found, model)
             flown.floor = self.story.confirmation.floor
 
-    def _compare_tracking(self, final: str) -> None:
-        """Flies the reference once more, or decides whether the controllers keep a final model: only if
+    def _compare_tracking(self) -> None:
+        """Flies the reference with the model in use, then decides whether the controllers keep it: only if
         the flights show that it tracks better."""
-        flown = {label: len(tracking.flights(self.story, label)) for label in (GIVEN, final)}
-        fewest, are_paired = min(flown.values()), len(set(flown.values())) == 1
-        verdict = tracking.verdict(self.story, final) if are_paired else 0
-        reserved = RESERVED if fewest and self.story.confirmation is None else 0.0
-        needed = tracking.SECONDS * (2 if are_paired else 1)
-        if not verdict and fewest < tracking.PAIRS and self._left() - reserved >= needed:
-            # what is in use need not be loaded
-            self._track(self.story.in_use if are_paired else min(flown, key=lambda n: flown[n]))
+        story, final = self.story, self.story.in_use
+        before, after = (tracking.flown(story, label) for label in (GIVEN, final))
+        if after is None and self._left() >= tracking.SECONDS + RESERVED:
+            self._track(final)
             if self.found is not None:
                 self._judge_flights(self.found.diagnosis.fit)
             return
-        kept = final if verdict > 0 else GIVEN
-        refused = self._load(kept) if kept != self.story.in_use else ""
-        self.story.tracking = tracking.check(self.story, final, verdict, refused)
+        verdict = tracking.verdict(before, after)
+        refused = self._load(GIVEN) if verdict <= 0 else ""
+        story.tracking = tracking.check(story, final, verdict, refused)
 
     # Diagnoses
 

@@ -94,7 +94,7 @@ class Flights:
         flown = Flown(flight, landed.file, landed.seconds, story.in_use, landed.stopped)
         flown.rest = list(landed.rest)
         flown.tracking_parts = list(landed.tracking_parts)
-        flown.tracking_error = tracking.overall([flown.tracking_parts])
+        flown.tracking_error = tracking.overall(flown.tracking_parts)
         if landed.recording is not None and self._take(flown, landed.recording):
             run = repaired(self._recordings[flight.number]).data(self.given)
             flown.errors = {label: analyst.error(run, m) for label, m in self.models.items()}

@@ -1,4 +1,4 @@
-"""Which of two models tracks a reference better, by flights along it.
+"""Which of two models tracks a reference better, by a flight along it with each.
 
 Noise and disturbance differ from flight to flight, so that the smaller of two errors says little where both
 are small. Errors are therefore compared part by part of the reference: the spread of their ratio shows what
@@ -14,7 +14,6 @@ from ground.annotations import Array
 from ground.discovery.story import GIVEN, TRACK, Flight, Flown, Story, TrackingCheck
 
 REFERENCE, SIZE, SECONDS = "rhodonea", 0.6, 15.0  # size: share of the clearance of home; length [s]
-PAIRS = 3  # most flights with each of two models that are compared
 SETTLING = 6.0  # time after which errors count [s]
 PARTS = 9  # parts of the reference, long enough to be nearly independent
 CLEAR = 2.5  # least mean of the log ratio by which a model is better, in its standard errors
@@ -33,63 +32,53 @@ def planned(number: int, label: str, room: _core.RoomPlan) -> Flight:
     return Flight(number, TRACK, why, SECONDS, path, reference=REFERENCE, size=params.size)
 
 
-def flights(story: Story, label: str = "") -> List[Flown]:
-    """The flights along the reference, with any model or that of a label."""
-    tracked = [flown for flown in story.flights if flown.flight.purpose == TRACK]
-    return [flown for flown in tracked if label in ("", flown.controlled_by)]
+def flown(story: Story, label: str) -> Optional[Flown]:
+    """The last flight along the reference with the model of a label."""
+    found = [f for f in story.flights if f.flight.purpose == TRACK and f.controlled_by == label]
+    return found[-1] if found else None
 
 
-def contender(story: Story) -> str:
-    """Label of a model whose tracking has to be compared with the given one's; empty: none."""
-    label = story.in_use
-    if label == GIVEN:  # it may be in use for a flight of the comparison
-        others = [f.controlled_by for f in flights(story) if f.controlled_by != GIVEN]
-        label = others[-1] if others else ""
-    return "" if story.tracking is not None and story.tracking.label == label else label
+def is_due(story: Story) -> bool:
+    """Whether the tracking of the model in use has to be compared with the given one's."""
+    judged = GIVEN if story.tracking is None else story.tracking.label
+    return story.in_use not in (GIVEN, judged)
 
 
-def verdict(story: Story, final: str) -> int:
-    """1 if flights show that a final model tracks better than the given one, -1 if worse, 0 if they do
+def verdict(before: Optional[Flown], after: Optional[Flown]) -> int:
+    """1 if flights show that the final model tracks better than the given one, -1 if worse, 0 if they do
     not show it. A flight that was stopped decides; one whose errors are not known says nothing."""
-    given, later = flights(story, GIVEN), flights(story, final)
-    for tracked, found in ((later, -1), (given, 1)):
-        if later and given and any(f.stopped for f in tracked):
-            return found
-    before, after = ([f.tracking_parts for f in tracked if f.tracking_parts] for tracked in (given, later))
-    if not before or not after:
+    if before is None or after is None:
         return 0
-    clear = evidence(before, after)
+    if before.stopped or after.stopped:
+        return -1 if after.stopped else 1
+    if not before.tracking_parts or not after.tracking_parts:
+        return 0
+    clear = evidence(before.tracking_parts, after.tracking_parts)
     return int(np.sign(clear)) if abs(clear) > CLEAR else 0
 
 
 def check(story: Story, final: str, verdict: int, refused: str) -> TrackingCheck:
     """The outcome of a comparison. verdict: as `verdict` has it; refused: why the controllers did not
     take the given model back."""
-    old, new = (_error(flights(story, label)) for label in (GIVEN, final))
+    pair = [flown(story, label) for label in (GIVEN, final)]
     sentence = "Tracking error of the %s: %s with the given model, %s with the final one." % (
-        REFERENCE, _in_words(flights(story, GIVEN), old), _in_words(flights(story, final), new)
+        REFERENCE, *map(_in_words, pair),
     )  # fmt: skip
     if not verdict:
-        count = len(flights(story, final))
-        why = "%d flight%s with each do not show it" % (count, "s" * (count > 1))
-        why = why if old is not None and new is not None else "a tracking error is not known"
-        sentence += " It cannot be decided which of them tracks better: %s." % why
+        sentence += " It cannot be decided which of them tracks better."
     if verdict <= 0:
         sentence += " The controllers have the given model again"
         sentence += " (refused: %s)." % refused if refused else "."
+    old, new = (f.tracking_error if f and not f.stopped else None for f in pair)
     return TrackingCheck(REFERENCE, old, new, verdict <= 0, sentence, final, bool(verdict))
 
 
-def _error(flown: Sequence[Flown]) -> Optional[float]:
-    """Root mean square error of flights [m]; None where one was stopped, or nothing was measured."""
-    return None if any(f.stopped for f in flown) else overall([f.tracking_parts for f in flown])
-
-
-def _in_words(flown: Sequence[Flown], error: Optional[float]) -> str:
-    if error is not None:
-        return "%.1f mm" % (1e3 * error)
-    stopped = any(f.stopped for f in flown)
-    return "stopped" if stopped else "not measured" if flown else "not flown"
+def _in_words(tracked: Optional[Flown]) -> str:
+    if tracked is None:
+        return "not flown"
+    if tracked.stopped or tracked.tracking_error is None:
+        return "stopped" if tracked.stopped else "not measured"
+    return "%.1f mm" % (1e3 * tracked.tracking_error)
 
 
 def in_parts(times: Array, distances: Array) -> List[float]:
@@ -105,16 +94,13 @@ def in_parts(times: Array, distances: Array) -> List[float]:
     return [float(np.sqrt((distances[part == i] ** 2).mean())) for i in range(PARTS)]
 
 
-def overall(flights: Sequence[Sequence[float]]) -> Optional[float]:
-    """Root mean square error of some flights [m], by their errors in parts; None without a part."""
-    squares = np.square([error for parts in flights for error in parts])
-    return float(np.sqrt(squares.mean())) if len(squares) else None
+def overall(parts: Sequence[float]) -> Optional[float]:
+    """Root mean square error of a flight [m], by its errors in parts; None without a part."""
+    return float(np.sqrt(np.square(parts).mean())) if len(parts) else None
 
 
-def evidence(before: Sequence[Sequence[float]], after: Sequence[Sequence[float]]) -> float:
-    """By how many standard errors the errors of flights are smaller after a change than before; errors in
-    parts of each flight (flights, PARTS) [m]."""
-    squares = [np.square(flights).mean(axis=0) for flights in (before, after)]
-    gains = 0.5 * np.log(squares[0] / squares[1])
-    error = gains.std(ddof=1) / np.sqrt(PARTS)
-    return float(gains.mean() / max(error, 1e-12))
+def evidence(before: Sequence[float], after: Sequence[float]) -> float:
+    """By how many standard errors the errors of a flight are smaller after a change than before; errors in
+    PARTS parts of each flight [m]."""
+    gains = np.log(np.divide(before, after))
+    return float(gains.mean() / max(gains.std(ddof=1) / np.sqrt(PARTS), 1e-12))

@@ -1,6 +1,6 @@
 """A discovery in sentences."""
 
-from typing import Callable, Dict, Iterator, List, Mapping, Optional
+from typing import Callable, Iterator, List, Mapping, Optional, Set, Tuple
 
 from ground import _core
 from ground.analysis import candidates
@@ -103,7 +103,7 @@ def planned(flight: Flight) -> str:
     )
 
 
-def flown(flight: Flown) -> str:
+def outcome(flight: Flown) -> str:
     """What a flight has measured, and the errors of the first and the newest model."""
     parts = ["flown %.1f s" % flight.seconds]
     if flight.stopped:
@@ -136,41 +136,33 @@ class Teller:
         """say: gets each sentence; model: the given one."""
         self._say = say
         self._model = model
-        self._told: Optional[Dict[str, int]] = None
+        self._told: Optional[Set[str]] = None
 
     def __call__(self, story: Story) -> None:
         """Tells what has happened since the last call."""
-        before, self._told = self._told, self._counts(story)
-        if before is not None:
-            for text in self._new(story, before):
-                self._say(text)
-        elif story.flights:
-            count = len(story.flights)
-            text = "%d flight%s and %.0f s of flight are known already"
-            self._say(sentence(text % (count, "s" * (count > 1), story.flown)))
+        happened = dict(self._lines(story))
+        told, self._told = self._told, {*(self._told or ()), *happened}
+        if told is None and story.flights:
+            text = "%d flights and %.0f s of flight are known already"
+            self._say(sentence(text % (len(story.flights), story.flown)))
+        for what, line in happened.items():
+            if told is not None and what not in told:
+                self._say(line)
 
-    @staticmethod
-    def _counts(story: Story) -> Dict[str, int]:
-        return {
-            "planned": story.planned.number if story.planned else len(story.flights),
-            "flights": len(story.flights),
-            "findings": len(story.findings),
-            "confirmation": int(story.confirmation is not None),
-            "tracking": int(story.tracking is not None),
-        }
-
-    def _new(self, story: Story, before: Dict[str, int]) -> Iterator[str]:
-        for flight in story.flights[before["flights"] :]:
-            if flight.flight.number > before["planned"]:
-                yield sentence(planned(flight.flight))
-            yield "   " + sentence(flown(flight))
-        for finding in story.findings[before["findings"] :]:
-            yield "   " + sentence(verdict_of(finding, self._model))
-            if finding.open:
-                yield "   Open: " + sentence(", ".join(finding.open))
-        if story.confirmation and not before["confirmation"]:
-            yield "   " + sentence(story.confirmation.sentence)
-        if story.tracking and not before["tracking"]:
-            yield "   " + sentence(story.tracking.sentence)
-        if story.planned and story.planned.number > max(before["planned"], len(story.flights)):
-            yield sentence(planned(story.planned))
+    def _lines(self, story: Story) -> Iterator[Tuple[str, str]]:
+        """All that has happened: what it is, and the line that tells it."""
+        findings = {finding.after: finding for finding in story.findings}
+        for flown in story.flights:
+            number = flown.flight.number
+            yield "planned %d" % number, sentence(planned(flown.flight))
+            yield "flown %d" % number, "   " + sentence(outcome(flown))
+            if number in findings:
+                found = findings[number]
+                yield "found %d" % number, "   " + sentence(verdict_of(found, self._model))
+                if found.open:
+                    yield "open %d" % number, "   Open: " + sentence(", ".join(found.open))
+        for check in (story.confirmation, story.tracking):
+            if check is not None:
+                yield check.sentence, "   " + sentence(check.sentence)
+        if story.planned:
+            yield "planned %d" % story.planned.number, sentence(planned(story.planned))

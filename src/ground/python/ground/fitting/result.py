@@ -16,10 +16,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Change:
-    """Errors of the start values and of the fit."""
+    """Errors before and after: of the start values and the fit, or without an effect and with it."""
 
     before: float
     after: float
+
+    @property
+    def change(self) -> float:
+        """Relative change of the error: -0.1 is 10% less."""
+        return self.after / self.before - 1
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,10 @@
-"""Markers of a discovery for rviz: what happens over the room, the error of each model on its left, the
-belief in each effect on its right.
+"""Markers of a discovery for rviz: what happens over the room, and the belief in each effect on its right.
 
 Seen from above, x of world_ned is upwards and y to the right.
 """
 
 import textwrap
-from typing import List, Tuple
+from typing import List
 
 import numpy as np
 from geometry_msgs.msg import Point
@@ -25,8 +24,6 @@ ROW = 0.165  # height of a row [m]
 MOST_ROWS = 35  # most beliefs that are shown
 NAME, FULL = 1.25, 0.95  # length of the name of an effect, and of the bar of a certain one [m]
 LETTERS = 62  # longest line over the room
-ERRORS = 2.4  # width of the errors [m]
-LATEST = 6  # flights whose errors are shown
 HEIGHT = -0.03  # z of the markers, above the floor, world_ned [m]
 COLORS = {PRESENT: appearance.GOOD, OPEN: appearance.MISSING}
 
@@ -42,9 +39,6 @@ def markers(status: Message, room: _core.RoomPlan) -> Message:
     top = corners[:, 0].max() + ABOVE_ROOM
     for row, line in enumerate(_lines(status)):
         _add_text(array, line, left, top - row * ROW)
-    middle = corners[:, 0].mean()
-    for row, (line, color) in enumerate(_errors(status)):
-        _add_text(array, line, left - GAP - ERRORS, middle - row * ROW, color)
     beliefs = sorted(zip(status.beliefs, status.belief_effects, status.belief_states), reverse=True)
     if beliefs:
         _add_text(array, "probability that it acts and matters", right, top)
@@ -66,20 +60,6 @@ def _lines(status: Message) -> List[str]:
     return lines + textwrap.wrap(told, LETTERS, max_lines=4, placeholder=" ...")
 
 
-def _errors(status: Message) -> List[Tuple[str, str]]:
-    """Lines of the error of each model on the latest flights, and their colours."""
-    if not status.flights:
-        return []
-    errors = np.array(status.errors).reshape(len(status.models), status.flights)
-    rows = [*zip(status.models, errors), ("noise and pushes", np.array(status.floors))]
-    colors = [*map(appearance.model_color, range(len(status.models))), appearance.FLOOR]
-    lines = [("error of each model by flight", appearance.TEXT)]
-    for (name, values), color in zip(rows, colors):
-        known = ["%.2g" % v if np.isfinite(v) else "-" for v in values[-LATEST:]]
-        lines.append(("%s: %s" % (name, "  ".join(known)), color))
-    return lines
-
-
 def _add(array: Message, kind: int, color: str) -> Message:
     marker = Marker(type=kind, id=len(array.markers), ns="discovery")
     marker.header.frame_id = "world_ned"
@@ -89,8 +69,8 @@ def _add(array: Message, kind: int, color: str) -> Message:
     return marker
 
 
-def _add_text(array: Message, text: str, y: float, x: float, color: str = appearance.TEXT) -> None:
+def _add_text(array: Message, text: str, y: float, x: float) -> None:
     """A line of text that begins at a place; rviz centres it, so its width is estimated."""
-    marker = _add(array, Marker.TEXT_VIEW_FACING, color)
+    marker = _add(array, Marker.TEXT_VIEW_FACING, appearance.TEXT)
     marker.text, marker.scale.z = text, LETTER
     marker.pose.position = Point(x, y + 0.5 * LETTER * WIDTH * len(text), HEIGHT)

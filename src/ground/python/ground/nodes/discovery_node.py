@@ -1,7 +1,9 @@
 """A discovery as a ROS node: it flies through the nodelets of its launch file, and can be watched."""
 
+import contextlib
 import math
 import os
+import pathlib
 import threading
 import time
 from typing import Optional
@@ -156,11 +158,8 @@ def _yield_to_other_nodes() -> None:
     roslaunch makes each node a session. The session of a terminal keeps its priority."""
     os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
     if os.getsid(0) == os.getpid():
-        try:
-            with open("/proc/self/autogroup", "w") as session:
-                session.write(str(NICE))
-        except OSError:
-            pass  # this kernel does not divide between sessions
+        with contextlib.suppress(OSError):  # a kernel that does not divide between sessions
+            pathlib.Path("/proc/self/autogroup").write_text(str(NICE))
 
 
 def _log(text: str) -> None:

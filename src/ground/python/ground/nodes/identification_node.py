@@ -24,10 +24,6 @@ from ground_msgs.srv import (
     Identify,
     IdentifyRequest,
     IdentifyResponse,
-    LoadModel,
-    OfferModel,
-    OfferModelRequest,
-    OfferModelResponse,
 )
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
@@ -126,7 +122,7 @@ class IdentificationNode:
     """Parameters: model (model file, required), bag_dir and output (folders), axes and heading_offset
     (instead of the recorded ones, or of mocap_state's), keep (seconds of live topics that are kept,
     120). Subscribes: pose, controls, drive, mocap_state/settings. Services: ~fit,
-    ~diagnose, ~add (ground_msgs/Identify), ~cancel (std_srvs/Trigger), ~offer (ground_msgs/OfferModel).
+    ~diagnose, ~add (ground_msgs/Identify), ~cancel (std_srvs/Trigger).
     Publishes, latched: ~status, ~result (JSON, as the command line prints it) and ~model (the path of
     the newest model).
     """
@@ -159,7 +155,6 @@ class IdentificationNode:
         for task in MADE:
             rospy.Service("~" + task, Identify, lambda request, t=task: self.serve(t, request))
         rospy.Service("~cancel", Trigger, self._cancel)
-        rospy.Service("~offer", OfferModel, self._offer)
         rospy.on_shutdown(self._end)
         threading.Thread(target=self._watch, daemon=True).start()
 
@@ -306,19 +301,6 @@ class IdentificationNode:
             except subprocess.TimeoutExpired:
                 continue
 
-    def _offer(self, request: OfferModelRequest) -> OfferModelResponse:
-        file, answers, taken = os.path.expanduser(request.file or self.model), [], True
-        for name in request.nodes:
-            try:
-                rospy.wait_for_service(name + "/load_model", timeout=2.0)
-                answer = rospy.ServiceProxy(name + "/load_model", LoadModel)(file=file)
-                taken = taken and answer.success
-                answers.append("%s: %s" % (name, answer.message))
-            except (rospy.ROSException, rospy.ServiceException) as error:
-                taken = False
-                answers.append("%s: does not answer (%s)" % (name, error))
-        return OfferModelResponse(success=taken and bool(answers), answers=answers)
-
     def _report(self, task: str, report: Report) -> None:
         """Publishes the progress of a task; logs what is found and new stages."""
         self._publish(
@@ -376,6 +358,6 @@ def _found(task: str, result: Document) -> str:
     held = error["heldout"]
     return "with %s the error on what was held out goes from %.3f to %.3f" % (
         candidates.in_words(result["effect"]),
-        held["before"]["error"],
-        held["after"]["error"],
+        held["before"],
+        held["after"],
     )

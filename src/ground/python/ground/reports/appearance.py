@@ -31,9 +31,7 @@ VERDICTS = {  # of a diagnosis or a discovery
 # Not by colour alone: each model has its own dashes and marks.
 DASHES = ["solid", "dash", "dot", "dashdot"]
 MARKS = ["circle", "square", "diamond", "triangle-up"]
-VIRIDIS, ORANGES = (
-    colors.make_colorscale(scale) for scale in (_core.palette["scale"], colors.sequential.Oranges)
-)
+ORANGES = colors.make_colorscale(colors.sequential.Oranges)
 CHANNEL_NAMES = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 CHANNELS = [(c, name, comparison.UNITS[c]) for c, name in CHANNEL_NAMES.items()]
 WRENCH = list(missing_wrench.CHANNEL_NAMES.items())

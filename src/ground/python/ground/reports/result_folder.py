@@ -1,13 +1,13 @@
 """A folder of results. A run replaces all that an older run of its kind wrote, or nothing if it fails."""
 
 import contextlib
+import fnmatch
 import json
 import os
 import tempfile
 from typing import Iterable, Iterator
 
 from ground import files
-from ground.annotations import Document
 from ground.errors import GroundError, reason, sentence
 
 
@@ -35,20 +35,19 @@ def kept_if_used(folder: str) -> Iterator[None]:
         raise
 
 
-def older(path: str, schema: str) -> Document:
-    """The numbers that an older run of the same kind has left; empty where there are none."""
+def is_of(path: str, schema: str) -> bool:
+    """Whether an older run of the same kind has left its numbers there."""
     with contextlib.suppress(OSError, ValueError):
         with open(path) as file:
             found = json.load(file)
-        if isinstance(found, dict) and found.get("schema") == schema:
-            return found
-    return {}
+        return isinstance(found, dict) and found.get("schema") == schema
+    return False
 
 
 @contextlib.contextmanager
 def replaced(folder: str, stale: Iterable[str], force: bool) -> Iterator[str]:
     """Gives a temporary folder. When the block succeeds, its files become those of the folder, and stale
-    files that it has not written are removed; else all stays as it was. stale: their names."""
+    files that it has not written are removed; else all stays as it was. stale: patterns of their names."""
     try:
         new = tempfile.TemporaryDirectory(prefix=".ground-", dir=folder)
     except OSError as error:
@@ -63,7 +62,8 @@ def replaced(folder: str, stale: Iterable[str], force: bool) -> Iterator[str]:
             files.refuse_existing(os.path.join(folder, name), force)
         for name in written:
             os.replace(os.path.join(temporary, name), os.path.join(folder, name))
-        for path in [os.path.join(folder, name) for name in set(stale) - set(written)]:
+        old = {name for pattern in stale for name in fnmatch.filter(os.listdir(folder), pattern)}
+        for path in [os.path.join(folder, name) for name in old - set(written)]:
             # a folder, or an input of this command, is not of the older run
             with contextlib.suppress(FileNotFoundError, GroundError):
                 files.refuse_existing(path, force=True)

@@ -11,7 +11,6 @@ from ground.reports.appearance import (
     MEASURED,
     MODELS,
     REFERENCE,
-    VIRIDIS,
     thruster_line,
     transparent,
 )
@@ -26,7 +25,6 @@ from ground.reports.figure_parts import (
     walls,
 )
 from ground.reports.panels import Panels
-from ground.simulation import tuning
 
 MIN_ERROR = 1e-7  # smallest error that is drawn [m]
 HEADINGS = 24  # number of arrows along a path
@@ -107,52 +105,9 @@ def _thrusters(count: int) -> List[str]:
     return ["thruster %d [-]" % (i + 1) for i in range(count)]
 
 
-def tuned(
-    compared: Mapping[str, tuning.Candidate], tried: Sequence[tuning.Candidate], result: Document
-) -> Document:
-    """Candidates of tune: error against saturation and effort; and errors before and after.
-
-    compared: Candidates by name, the tuned one last; result: as the verb prints it.
-    """
-    figure = Panels(1, 2, [0.38, 0.62], gaps=(0.4, 0))
-    _add_candidates(figure, tried, result["trade_off"])
-    _add_errors(figure, list(compared), result["table"])
-    text = (
-        "Left: every candidate, and the trade-off between them. Right: errors from fresh starts, median "
-        "and 5 to 95%; *: not used by the search."
-    )
-    return figure.finish(130 + 26 * max(12, len(result["table"])), text)
-
-
-def _add_candidates(figure: Panels, tried: Sequence[tuning.Candidate], best: Sequence[Document]) -> None:
-    marker = {
-        "size": 4,
-        "color": [c.effort for c in tried],
-        "colorscale": VIRIDIS,
-        "colorbar": {
-            "x": 0.235,
-            "y": 0.5,
-            "len": 1,
-            "thickness": 12,
-            "title": {"text": "effort, mean square of the inputs [-]", "side": "right"},
-        },
-    }
-    errors = [10 ** tuning.score(c, tuning.Weights(0, 0)) for c in tried]
-    saturated = [100 * c.saturated for c in tried]
-    figure.add(points(errors, saturated, marker, opacity=0.6, showlegend=False))
-    figure.add(
-        points(
-            [one["error"] for one in best],
-            [100 * one["saturated"] for one in best],
-            {"size": 4, "color": MODELS[0]},
-            name="none better in error, saturation and effort",
-        ),
-    )
-    figure.update_xaxes(title="error [m], mean of all", type="log", row=1, col=1)
-    figure.update_yaxes(title="saturated [% of the time]", row=1, col=1)
-
-
-def _add_errors(figure: Panels, names: Sequence[str], rows: Sequence[Document]) -> None:
+def tuned(names: Sequence[str], rows: Sequence[Document]) -> Document:
+    """Errors of the gains that tune compares, the tuned ones last; rows: the table that it prints."""
+    figure = Panels()
     places = np.arange(len(rows))[::-1]
     for count, (name, shade) in enumerate(zip(names, COMPARED[-len(names) :])):
         low, middle, high = (
@@ -167,9 +122,10 @@ def _add_errors(figure: Panels, names: Sequence[str], rows: Sequence[Document]) 
         }
         marker = {"size": 6, "color": shade, "symbol": MARKS[count]}
         height = places + 0.18 * ((len(names) - 1) / 2 - count)
-        figure.add(points(middle, height, marker, name=name, error_x=spread), 1, 2)
+        figure.add(points(middle, height, marker, name=name, error_x=spread))
     labels = ["%s%s, %s" % (r["reference"], " *" * r["held_out"], r["condition"]) for r in rows]
-    figure.update_yaxes(
-        tickvals=places.tolist(), ticktext=labels, range=[-0.6, len(rows) - 0.4], row=1, col=2
-    )
-    figure.update_xaxes(title="error rms [m]", type="log", row=1, col=2)
+    span = [-0.6, len(rows) - 0.4]
+    figure.update_yaxes(tickvals=places.tolist(), ticktext=labels, range=span, automargin=True)
+    figure.update_xaxes(title="error rms [m]", type="log")
+    text = "Errors from fresh starts, median and 5 to 95%; *: not used by the search."
+    return figure.finish(130 + 26 * len(rows), text)
