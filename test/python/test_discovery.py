@@ -15,8 +15,7 @@ from test_identify import fails
 import ground
 from ground import _core
 from ground.analysis import candidates
-from ground.analysis.likelihood import Likelihood
-from ground.discovery import beliefs, campaign, choice, flights, information, tracking
+from ground.discovery import campaign, choice, flights, information, tracking
 from ground.discovery.analyst import Analyst
 from ground.discovery.campaign import Discovery
 from ground.discovery.flights import Settings
@@ -245,34 +244,6 @@ def test_the_first_flight_mixes_what_shows_all_effects(analyst):
         for some in (words, ["PRBS of 20 Hz between 0 and 1 of full thrust"])
     ]
     assert decided[0] > decided[1] + 5
-
-
-def test_a_flight_separates_formulas_that_look_alike(analyst):
-    """A moment that depends on the heading, or on the heading and the lift, after flights at full lift."""
-    parameters = {
-        "a": {"value": 2.5e-4, "unit": "N m", "neutral": 0.0, "lower": -1, "upper": 1},
-        "p": {"value": 0.7, "unit": "rad", "neutral": 0.7, "lower": -7, "upper": 7},
-    }
-    formulas = {"proposed": "a*sin(psi+p)", "proposed_2": "a*lift*sin(psi+p)"}
-    first, second = (
-        candidates.from_entry(
-            {"name": name, "expression": {"N": formula}, "parameters": parameters}, "a proposal"
-        )
-        for name, formula in formulas.items()
-    )
-    basis = information.Basis.of(first.add(given()), [second], ["proposed_2.p"])
-    offers = analyst.offers(basis, analyst.levels, 1)
-    at_full_lift = [offer.gain for offer in offers if "lift" not in offer.piece.words]
-    likelihood = Likelihood([analyst.overview], given(), ())
-    scale = information.of_runs(basis, likelihood, analyst.levels).scale
-    known = information.Information(sum(at_full_lift), np.zeros(len(basis.names)), scale)
-    group = {"proposed": beliefs.Group({"proposed": 100.0, "proposed_2": 99.0}, 120.0)}
-    later = 60 * information.mean_rate(offers)
-    state = beliefs.after(group, (), basis, known, {"proposed_2.a": 1e-5}, later, 0.1)
-    assert [(q.about, q.rival) for q in state.open if q.rival] == [("proposed", "proposed_2")]
-    chosen = choice.informed(state, offers, 30.0, 1)
-    assert "distinguish proposed or proposed_2" in chosen.why
-    assert any("lift at 0.6" in piece.words for piece in chosen.pieces)
 
 
 # --- Interruptions, with diagnoses that take no time

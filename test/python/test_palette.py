@@ -2,7 +2,6 @@
 
 import itertools
 import re
-import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import yaml
@@ -65,18 +64,6 @@ def test_rviz_shows_paths_in_the_colours_of_the_palette():
         "path/predicted2": second,
         "discovery/planned": _core.palette["thrusters"][1],
     }
-
-
-def test_plotjuggler_shows_curves_in_the_colours_of_the_palette():
-    pages = ElementTree.parse(str(ROOT / "cfg" / "plotjuggler" / "ground.xml"))
-    found = {c.get("name"): c.get("color") for c in pages.iter("curve")}
-    palette = _core.palette
-    for i in range(3):
-        assert found["/state/nu[%d]" % i] == palette["measured"]
-        for topic, color in zip(("model_error", "model_error2"), palette["models"]):
-            assert found["/%s/nu[%d]" % (topic, i)] == color
-    assert found["/controls/left"], found["/controls/right"] == palette["thrusters"][:2]
-    assert found["/model_error/wrench[2]"] == palette["missing"]
 
 
 def test_coloured_things_take_their_colour_from_one_place():
