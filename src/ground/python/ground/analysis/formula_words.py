@@ -12,11 +12,11 @@ def of_feature(feature: Feature, size: str, own: Mapping[str, str]) -> str:
     what = feature.acts.format(
         **{n: "{%s}" % n for n in feature.memory.times}, **{n: "{%s}" % o for n, o in own.items()}
     )
-    if feature.function == "1":
-        return "%s of {%s}" % (what, size)
-    function = feature.function.format(**{n: "<%s>" % o for n, o in own.items()})
     past = " of the last {%s}" % [*feature.memory.times][0] if feature.memory.times else ""
     depends = in_words(sorted(feature.family.arguments)) + past
+    if feature.function == "1":
+        return "%s of {%s}" % (what, size) + (" that depends on %s" % depends if past else "")
+    function = feature.function.format(**{n: "<%s>" % o for n, o in own.items()})
     return "%s that depends on %s (= {%s} %s)" % (what, depends, size, function)
 
 
