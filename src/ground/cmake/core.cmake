@@ -1,5 +1,5 @@
 # The libraries of the core, without ROS, for the catkin package and for the wheel. Both include
-# base.cmake first, and set the folders where libraries are built (ground_lib_output) and installed
+# base.cmake first, find Python3, and set the folders where libraries are built (ground_lib_output) and installed
 # (ground_lib_destination).
 
 # For the processor of this computer, which makes numbers with derivatives three times as quick. Eigen
@@ -19,7 +19,6 @@ if(CATKIN_DEVEL_PREFIX)
 endif()
 file(GLOB configs CONFIGURE_DEPENDS ${ground_cfg}/*.cfg ${ground_cfg}/*.py)
 set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${configs} ${ground_parameters})
-find_package(Python3 REQUIRED COMPONENTS Interpreter)
 execute_process(COMMAND ${Python3_EXECUTABLE} ${ground_parameters} ${ground_cfg} ${ground_headers}/ground/parameters
   ${CMAKE_BINARY_DIR}/parameters RESULT_VARIABLE failed)
 if(failed)
