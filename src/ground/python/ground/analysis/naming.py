@@ -130,11 +130,21 @@ def _worth(fit: Fit, piece: Piece) -> float:
 # Pieces
 
 
+def _enclosed(text: str) -> str:
+    """A text in one pair of parentheses."""
+    depth = 0
+    for i, letter in enumerate(text):
+        depth += {"(": 1, ")": -1}.get(letter, 0)
+        if depth == 0:
+            return text if i == len(text) - 1 > 0 else "(%s)" % text
+    return "(%s)" % text
+
+
 def _piece(feature: Feature, size: float, number: int) -> Piece:
     """The piece of a feature of a size."""
     name = "c%d" % number
     own = {n: "%s_%d" % (n, number) for n in feature.constants}
-    parts = {c: "%s*(%s)" % (name, text.format(**own)) for c, text in feature.template.items()}
+    parts = {c: "%s*%s" % (name, _enclosed(text.format(**own))) for c, text in feature.template.items()}
     parameters = {name: (size, feature.weight_unit, -np.inf, np.inf)}
     for n, c in feature.constants.items():
         parameters[own[n]] = (c.value, c.unit, c.value - c.reach, c.value + c.reach)
