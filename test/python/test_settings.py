@@ -248,17 +248,6 @@ def test_files_differ_by_their_contents(tmp_path, verb, lab):
     )
 
 
-def test_a_model_with_heading_offset_gets_a_warning_about_a_corrected_heading(tmp_path, verb):
-    model = _core.load_model(str(MODEL))
-    model.add_effect("heading_offset")
-    model.set_value("heading_offset.psi0", 0.02)
-    path = tmp_path / "model.yaml"
-    path.write_text(model.format())
-    bag = mocap_bag(tmp_path / "run.bag", [(-5, "x, z, -y", OFFSET)], OFFSET)
-    err = verb("compare", bag, "--model", path, "--numbers", "-o", tmp_path / "out")[1]
-    assert "heading_offset 0.5 is subtracted from" in err and "the remaining offset" in err
-
-
 def test_the_live_buffer_keeps_the_settings(tmp_path, monkeypatch):
     import rosbag
     import rospy

@@ -182,17 +182,29 @@ def nodes(parameters: Any, name: str) -> Iterator[Document]:
             yield from nodes(value, name)
 
 
+class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
+    """Writes strings of several lines as blocks."""
+
+
+def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    style = "|" if "\n" in text else None
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Dumper.add_representer(str, _text)
+
+
 def contents(parameters: Mapping[str, Any]) -> str:
     """YAML text with the contents of the model and room files that `parameters` (a dict by node) name;
     files that cannot be read are left out."""
     texts = ((path, _content(path)) for path in sorted(set(_paths(parameters))))
     found = {path: text for path, text in texts if text and len(text) <= LARGEST}
-    return str(yaml.safe_dump({FILES: found}) if found else "")
+    return str(yaml.dump({FILES: found}, Dumper=_Dumper) if found else "")
 
 
 def document(parameters: Dict[str, Any]) -> str:
     """YAML text of parameters by node, with the contents of their files."""
-    return str(yaml.safe_dump(parameters) + contents(parameters))
+    return str(yaml.dump(parameters, Dumper=_Dumper) + contents(parameters))
 
 
 def _paths(parameters: Mapping[str, Any]) -> Iterator[str]:
