@@ -107,7 +107,7 @@ def test_a_lag_is_found_and_its_model_can_be_used(tmp_path, lagging):
     bands = {(b["horizon"], b["channel"]): b for b in report["bands"]}
     assert set(bands) == {(h, c) for h in (0.5, 1.5, 4.0) for c in ("x", "y", "psi", "u", "v", "r")}
     assert 0.75 < bands[0.5, "psi"]["coverage"] <= 1 and bands[0.5, "psi"]["sd"] < 0.05
-    assert "90% prediction bands of the improved model hold" in page
+    assert "90% prediction bands hold on held-out runs" in page
     # The simulator accepts the model.
     simulated = identify(
         "simulate",
@@ -415,7 +415,7 @@ def test_misread_recordings_are_not_diagnosed_as_missing_effects(change, kind, o
     assert finding["kind"] == kind and finding["misread"] and finding["runs"] == ["run"]
     page = (tmp_path / "out" / "report.html").read_text()
     assert "The recordings look misread, so no effect is blamed" in page
-    assert html.escape(finding["evidence"]) in page
+    assert finding["evidence"] in html.unescape(page)
     assert "distinguish all effects" not in page and "Parts of its squared error" not in page
     assert not (tmp_path / "out" / "improved.yaml").exists()
 

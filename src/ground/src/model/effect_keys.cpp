@@ -35,7 +35,9 @@ namespace {
 
 YamlKeys parameterKeys(const YamlReader& reader, ParameterInfo& info, double& value, double& scale) {
   YamlKeys keys(reader, "parameter " + shortened(info.name), true);
-  keys.value("value", value).required("");
+  keys.value("value", value).required("").read = [name = info.name, &value, reader](const YAML::Node& node) {
+    value = reader.number(node, name);
+  };
   keys.value("unit", info.unit).required("");
   keys.value("doc", info.doc).silentIf(info.doc.empty());
   keys.value("neutral", info.neutral);

@@ -23,7 +23,7 @@ from ground.analysis.folds import excerpt
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Samples, Scales
-from ground.analysis.screening import screened
+from ground.analysis.screening import refined, screened
 from ground.analysis.window_error import squared_errors
 from ground.annotations import Array
 from ground.errors import GroundError
@@ -210,7 +210,7 @@ def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
     best: Optional[Found] = None
     regression = first
     for _ in range(ROUNDS):
-        wider = screened(regression, near.model, sampled)
+        wider = refined(screened(regression, near.model, sampled), near.model, sampled)
         parts = wider.parts()
         terms = wider.choose(parts)
         if not terms:

@@ -53,6 +53,13 @@ class Feature:
     function: str = "1"
     simpler: Tuple["Feature", ...] = ()  # the same without one of its factors
 
+    def at(self, values: Mapping[str, float]) -> "Feature":
+        """The same with other values of some constants."""
+        moved = {n: c._replace(value=values.get(n, c.value)) for n, c in self.constants.items()}
+        parts = {channel: filled(text, moved) for channel, text in self.template.items()}
+        simpler = tuple(one.at(values) for one in self.simpler)
+        return replace(self, parts=parts, constants=moved, simpler=simpler)
+
     @property
     def weight_unit(self) -> str:
         """Unit of the factor that makes it a wrench."""

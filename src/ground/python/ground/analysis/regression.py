@@ -118,6 +118,13 @@ class Regression:
     def _left_of(self, acting: Sequence[Array]) -> Tuple[List[Array], Flags]:
         return _without(*([w / self.full[:, None] for w in every] for every in (acting, self._own)))
 
+    def projected(self, acting: Sequence[Array]) -> Array:
+        """Responses (rows, k) to wrenches (n, 3, k) along each run, without what parameters can follow."""
+        wrenches, _ = self._left_of(acting)
+        return self.innovations.projected(
+            self.innovations.responses([w * self.full[:, None] for w in wrenches])
+        )
+
     def _families(self) -> List[Term]:
         """Families, and their parts that act on the same channels."""
         by_family: Dict[str, List[int]] = {}

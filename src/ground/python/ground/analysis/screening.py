@@ -16,8 +16,9 @@ import numpy as np
 from ground import _core
 from ground.analysis import channels, dictionary, scalars
 from ground.analysis.channels import Channel
-from ground.analysis.dictionary import product
-from ground.analysis.regression import Regression
+from ground.analysis.dictionary import Feature, product
+from ground.analysis.distributions import chi_squared_above
+from ground.analysis.regression import LEVEL, Regression
 from ground.analysis.samples import Samples, Scales, evaluated, namespace
 from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
 from ground.annotations import Array, Indices
@@ -27,6 +28,11 @@ RANDOM = 8  # draws of innovations that give the variance of a score
 KEPT = 120  # products that are tested exactly
 KEPT_OF_ONE = 30  # ... of them on one channel
 LENGTHENED = 40  # best products of two that are multiplied with a third
+REFINED = 10  # features whose constants are moved
+ITERATIONS = 5
+NEARBY = 1e-3  # move of a constant for a derivative, over its reach
+LONGEST = 0.5  # move in one iteration, over its reach
+CONSTANT = 3.0  # number of independent features for each that is tested, by a constant that is moved
 
 
 class Product(NamedTuple):
@@ -139,3 +145,64 @@ def _values(of: Sequence[Scalar], sampled: Sequence[Samples], at: Any) -> Array:
     for k, scalar in enumerate(of):
         values[:, k] = evaluated(filled(scalar.text, scalar.constants), known)
     return np.asarray(values / np.maximum(np.sqrt((values**2).mean(axis=0)), 1e-300))
+
+
+def refined(regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> Regression:
+    """The Regression with its most significant features, and those with a factor less, at the constants that
+    suit best: at others a second factor may make up for what is wrong with the first."""
+    z, tried_of = regression.significance(), regression.tried
+    best = [
+        j
+        for j in np.argsort(2 * np.log(tried_of) - z)[:REFINED].tolist()
+        if regression.features[j].constants and chi_squared_above(float(z[j]), 1) * tried_of[j] < LEVEL
+    ]
+    if not best:
+        return regression
+    counted = {_key(regression.features[j]): (regression.features[j], tried_of[j]) for j in best}
+    for j in best:
+        for simpler in regression.features[j].simpler:
+            if len(counted) < 2 * REFINED and simpler.constants:
+                counted.setdefault(_key(simpler), (simpler, tried_of[j]))
+    started = [feature for feature, _ in counted.values()]
+    features, values = started, [0.0] * len(started)
+    moved = started
+    for _ in range(ITERATIONS):
+        tried = [f for feature in moved for f in [feature, *_nearby(feature)]]
+        D = regression.projected([dictionary.wrenches(tried, model, s) for s in sampled])
+        at, following = 0, []
+        for i, (feature, start) in enumerate(zip(moved, started)):
+            own = D[:, at : at + 1 + len(feature.constants)]
+            at += own.shape[1]
+            power = float(own[:, 0] @ own[:, 0])
+            reached = float(own[:, 0] @ regression.y) ** 2 / max(power, 1e-300)
+            if reached > values[i]:
+                values[i], features = reached, [*features[:i], feature, *features[i + 1 :]]
+            following.append(_step(feature, start, own, regression.y))
+        moved = following
+    counts = [float(n) * CONSTANT ** len(f.constants) for f, (_, n) in zip(features, counted.values())]
+    return regression.extended(features, [dictionary.wrenches(features, model, s) for s in sampled], counts)
+
+
+def _key(feature: Feature) -> str:
+    return repr(sorted(feature.parts.items()))
+
+
+def _nearby(feature: Feature) -> List[Feature]:
+    """The feature with each of its constants moved a little."""
+    return [feature.at({n: c.value + NEARBY * c.reach}) for n, c in feature.constants.items()]
+
+
+def _step(feature: Feature, start: Feature, D: Array, y: Array) -> Feature:
+    """The feature at the constants of a step of Gauss and Newton's method. D: responses (rows, 1 + k) to the
+    feature and to those nearby."""
+    reach = np.array([c.reach for c in feature.constants.values()])
+    A = np.column_stack([D[:, 0], D[:, 1:] - D[:, :1]])
+    size = np.maximum(np.sqrt((A**2).sum(axis=0)), 1e-300)
+    weights = np.linalg.lstsq(A / size, y, rcond=1e-6)[0] / size
+    step = np.zeros(len(reach)) if weights[0] == 0 else weights[1:] / weights[0] * NEARBY
+    step = np.clip(np.nan_to_num(step), -LONGEST, LONGEST) * reach
+    values = {}
+    for (name, c), move in zip(feature.constants.items(), step):
+        first = start.constants[name]
+        values[name] = float(np.clip(c.value + move, first.value - first.reach, first.value + first.reach))
+    return feature.at(values)
