@@ -20,9 +20,10 @@ import discover_table
 import hidden_craft
 import hidden_table
 import resumed
-from ground import _core, workers
+from ground import _core
+from ground.support import workers
 from ground.discovery import campaign, choice, flights, pieces, story, tracking
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.simulation import experiments
 from hidden_effects import MODEL
 

@@ -18,7 +18,7 @@ import hidden_pilot
 import hidden_share
 import hidden_effects
 from ground import _core
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import quality
 from ground.recordings.recording import Recording
 from ground.simulation import experiments

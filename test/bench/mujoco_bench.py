@@ -19,7 +19,7 @@ import hidden_score as score
 import hidden_table
 import mujoco_cases
 import resumed
-from ground import workers
+from ground.support import workers
 from ground.recordings import windows
 from hidden_table import Row
 

@@ -14,7 +14,7 @@ import numpy as np
 import hidden_cases as cases
 import hidden_craft
 import hidden_noise
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import quality
 from ground.recordings.recording import Recording
 from ground.simulation import experiments

@@ -16,7 +16,7 @@ import atheris
 
 with atheris.instrument_imports(include=["ground"]):
     from ground import cli
-    from ground.errors import GroundError
+    from ground.support.errors import GroundError
     from ground.recordings import containers, csv_exports, quality, readers
 
 FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None)

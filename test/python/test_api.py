@@ -185,7 +185,7 @@ def show(source, names):
 
 def test_options_are_keywords_or_one_object_and_can_be_pickled(flown):
     from ground.fitting.fit import FitOptions
-    from ground.simulating.simulate import SimulateOptions
+    from ground.simulation.simulate import SimulateOptions
 
     options = FitOptions(free=["k"], starts=2)
     one = ground.fit(MODEL, flown, options=options)

@@ -10,7 +10,7 @@ from conftest import identify, write_bag
 
 import ground
 import rosbag
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import containers, messages, readers
 
 KINDS = {

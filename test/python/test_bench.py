@@ -7,7 +7,7 @@ import pytest
 from conftest import MODEL, ROOT, SHARED, identify
 
 from ground import _core
-from ground.analysis import thrust_bench
+from ground.fitting import thrust_bench
 
 LEVELS = np.linspace(0, 1, 11)
 PAIR = ["left", "right"]

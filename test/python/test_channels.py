@@ -5,7 +5,7 @@ import pytest
 from conftest import MODEL, simulate_run
 
 from ground import _core
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import findings, mapping
 from ground.recordings.quality import repaired
 from ground.recordings.recording import checked

@@ -10,7 +10,8 @@ import stories
 from browsing import assert_fits, assert_sound, open_page
 from conftest import ROOT
 
-from ground import _core, files
+from ground import _core
+from ground.support import files
 from ground.discovery import story as tale
 from ground.discovery.story import Story
 from ground.discovery import figures, page as discovery_page, words

@@ -11,7 +11,7 @@ from conftest import MODEL, write_bag
 from test_diagnose import with_effect
 
 from ground import _core
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import quality, readers
 from ground.reports import (
     appearance,

@@ -6,7 +6,8 @@ import shutil
 import pytest
 from conftest import MODEL, write_bag
 
-from ground import cli, errors, files
+from ground import cli
+from ground.support import errors, files
 
 
 @pytest.fixture(scope="module")

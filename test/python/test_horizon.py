@@ -8,7 +8,7 @@ from conftest import MODEL
 
 from ground import _core
 from ground.analysis import horizon
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import repair
 
 FREE_FLYER = """

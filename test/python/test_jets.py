@@ -7,7 +7,7 @@ import conftest
 import numpy as np
 import pytest
 from ground.analysis import candidates, window_error
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import commands, mapping, quality, readers, recording
 from ground.simulation import tracking
 

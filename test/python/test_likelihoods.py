@@ -8,15 +8,8 @@ import pytest
 from conftest import MODEL
 
 from ground import _core
-from ground.analysis import (
-    bands,
-    candidates,
-    folds,
-    likelihood,
-    window_error,
-    run_differences,
-)
-from ground.errors import GroundError
+from ground.analysis import bands, candidates, folds, likelihood, run_differences, window_error
+from ground.support.errors import GroundError
 from ground.recordings import repair, windows
 
 FREE = window_error.NOMINAL

@@ -25,7 +25,7 @@ from ground_msgs.msg import (
     State,
 )
 
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.nodes import live_feed, live_plot
 
 DURATION = 20.0

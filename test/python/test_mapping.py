@@ -5,7 +5,7 @@ import pytest
 import yaml
 from conftest import schema
 
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import mapping
 
 WHOLE = """

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from ground.analysis import own_stop
-from ground.errors import GroundError
+from ground.nodes import own_stop
+from ground.support.errors import GroundError
 from ground.nodes import own_stop_records as records
 
 # Acceleration by thrust, and decelerations by floor and air [m/s^2].

@@ -5,7 +5,7 @@ import pytest
 from conftest import MODEL, ROOT
 
 from ground import _core
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.simulation import experiments
 
 NOISE = np.array([0.01, 0.02, 0.03])

@@ -9,8 +9,8 @@ import pexpect
 import pytest
 from conftest import MODEL, located, process
 
-from ground import progress
-from ground.progress import Report, Work
+from ground.support import progress
+from ground.support.progress import Report, Work
 
 LONG = ["--model", MODEL, "--input", "prbs", "--duration", "400"]
 

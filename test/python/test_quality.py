@@ -8,7 +8,7 @@ from conftest import MODEL, recording_of
 
 import ground
 from ground import _core
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import findings, quality
 
 NOISE = [3e-4, 3e-4, 5e-3]

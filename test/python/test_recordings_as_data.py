@@ -224,7 +224,7 @@ def test_several_processes_read_and_repair_what_one_does(tmp_path, monkeypatch):
     from conftest import write_bag
 
     from ground.data import measured as api
-    from ground.progress import Work
+    from ground.support.progress import Work
 
     bags = [write_bag(tmp_path / ("%d.bag" % n), seed=n) for n in range(3)]
     alone = ground.read(bags)

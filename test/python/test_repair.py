@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import recording_of, simulate_run
 
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import repair
 
 COUNTED = (

@@ -10,7 +10,7 @@ import yaml
 from conftest import MODEL, ROOT, simulate_run, write_bag
 
 from ground import _core, cli
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import readers, run_settings
 from ground.recordings.mapping import DEFAULT
 from ground.models import Room

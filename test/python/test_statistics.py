@@ -6,11 +6,7 @@ from conftest import MODEL, simulate_run
 from scipy import stats
 
 from ground import _core
-from ground.analysis import (
-    folds,
-    window_error,
-    evidence,
-)
+from ground.analysis import evidence, folds, window_error
 from ground.recordings import repair
 
 

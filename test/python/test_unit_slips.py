@@ -2,7 +2,7 @@
 
 import pytest
 from conftest import MODEL, identify, write_bag
-from ground.analysis import unit_slips
+from ground.fitting import unit_slips
 
 from ground import _core
 

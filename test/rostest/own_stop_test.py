@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
-from ground.analysis import own_stop
+from ground.nodes import own_stop
 from ground.nodes import own_stop_records as records
 from ground.nodes import stop_trial
 

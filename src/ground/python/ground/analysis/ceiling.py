@@ -25,8 +25,8 @@ from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Samples, Scales
 from ground.analysis.screening import screened
 from ground.analysis.window_error import squared_errors
-from ground.annotations import Array
-from ground.errors import GroundError
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
 
 ROUNDS = 4
 PROMISING = 200  # single features of the second and later rounds

@@ -6,7 +6,7 @@ from typing import Dict, Iterable, List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document, Indices
+from ground.support.annotations import Array, Document, Indices
 from ground.recordings import repair, windows
 
 START = 0.4  # part of a window that gives the initial velocities of the pure prediction [s]

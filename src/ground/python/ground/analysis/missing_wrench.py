@@ -7,7 +7,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import residuals
-from ground.annotations import Array, Document
+from ground.support.annotations import Array, Document
 from ground.recordings import repair
 
 MAX_WRENCH = 3.0  # largest missing wrench, in multiples of full thrust; a larger one is a disturbance

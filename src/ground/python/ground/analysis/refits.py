@@ -10,7 +10,7 @@ from ground.analysis.candidates import Candidate
 from ground.analysis.window_error import free_parameters
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests, stepped
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import windows
 
 STEPS = (1.0, 0.3, 0.1)  # parts of the score test's step that refits start from

@@ -19,7 +19,7 @@ from ground.analysis.formula_words import Piece
 from ground.analysis.naming import Formula
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Samples
-from ground.annotations import Array
+from ground.support.annotations import Array
 
 MOST = 2  # rivals
 TRIED = 4  # formulas

@@ -12,7 +12,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.annotations import Array
+from ground.support.annotations import Array
 from ground.recordings import repair
 
 RESTART = 0.25  # time that velocities are simulated from a filtered state [s]

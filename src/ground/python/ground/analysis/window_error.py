@@ -7,9 +7,9 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates
-from ground.annotations import Array, Document, Indices, Random
-from ground.errors import GroundError
-from ground.progress import Work
+from ground.support.annotations import Array, Document, Indices, Random
+from ground.support.errors import GroundError
+from ground.support.progress import Work
 from ground.recordings import repair, windows
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from typing import Sequence
 
-from ground.annotations import Document
+from ground.support.annotations import Document
 from ground.comparing import words
 from ground.reports import appearance, figures, page, studies
 

@@ -1,6 +1,6 @@
 """The result of a comparison in a sentence."""
 
-from ground.annotations import Document
+from ground.support.annotations import Document
 from ground.reports.words import listed
 
 

@@ -3,8 +3,8 @@
 import argparse
 from typing import Iterator, List, Tuple
 
-from ground import command_line
-from ground.annotations import Document
+from ground.support import command_line
+from ground.support.annotations import Document
 from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
 from ground.data import bag_arguments
 from ground.models import Room

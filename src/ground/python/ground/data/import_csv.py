@@ -2,8 +2,8 @@
 
 import argparse
 
-from ground import command_line, files
-from ground.annotations import Document
+from ground.support import command_line, files
+from ground.support.annotations import Document
 from ground.recordings import csv_exports
 
 

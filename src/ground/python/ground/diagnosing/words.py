@@ -4,7 +4,7 @@ import math
 from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
 
 from ground.analysis.formula_words import WORDS, quantity
-from ground.annotations import Document
+from ground.support.annotations import Document
 from ground.recordings import suspicions
 from ground.reports.words import capital, listed, number
 

@@ -9,11 +9,11 @@ from ground import _core
 from ground.analysis import candidates, diagnosis, formula_words, naming, window_error
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.verdict import Conclusion, conclude
-from ground.annotations import Document
+from ground.support.annotations import Document
 from ground.discovery import beliefs, information, pieces
 from ground.discovery.beliefs import State
 from ground.discovery.information import Offer, Question
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings import suspicions, windows
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Callable, List, Sequence, Tuple
 
 from ground import _core
-from ground.annotations import Array
+from ground.support.annotations import Array
 from ground.discovery import information
 from ground.discovery.beliefs import State
 from ground.discovery.information import DECIDED, Offer

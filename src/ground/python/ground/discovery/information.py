@@ -23,7 +23,7 @@ from ground.analysis import candidates as effects
 from ground.analysis import window_error
 from ground.analysis.likelihood import CAP, Likelihood, call
 from ground.analysis.score_tests import solve, stepped
-from ground.annotations import Array
+from ground.support.annotations import Array
 from ground.discovery.pieces import Piece
 from ground.recordings import windows
 

@@ -7,7 +7,7 @@ from typing import Any, Dict, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document
+from ground.support.annotations import Array, Document
 from ground.simulation import experiments
 
 SECONDS = 4.0  # length of a piece [s]

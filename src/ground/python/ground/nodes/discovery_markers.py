@@ -12,7 +12,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ground import _core
-from ground.annotations import Message
+from ground.support.annotations import Message
 from ground.discovery.story import OPEN, PRESENT
 from ground.reports import appearance
 

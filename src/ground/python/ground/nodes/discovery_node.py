@@ -18,7 +18,7 @@ from ground import _core
 from ground.discovery.campaign import Discovery
 from ground.discovery.flights import Settings
 from ground.discovery.story import Story
-from ground.errors import GroundError, sentence
+from ground.support.errors import GroundError, sentence
 from ground.nodes import discovery_markers, discovery_messages
 from ground.nodes.flying_laboratory import Ended, FlyingLaboratory
 from ground.discovery import page, words

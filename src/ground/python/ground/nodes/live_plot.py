@@ -16,10 +16,10 @@ import pyqtgraph as pg
 import rospy
 from PyQt5 import QtCore, QtWidgets
 
-from ground import files
-from ground.annotations import Array
-from ground.errors import GroundError
-from ground.nodes.live_feed import EXPECTED, MODELS, STATUSES, TOPICS, Feed, tracking_error
+from ground.support import files
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
+from ground.nodes.live_feed import EXPECTED, Feed, MODELS, STATUSES, TOPICS, tracking_error
 from ground.reports import appearance
 
 REDRAW = 50  # period [ms]

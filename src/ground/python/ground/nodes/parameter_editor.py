@@ -5,7 +5,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import urwid
 
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.nodes.live_parameters import Node, Parameter, Value, range_of, shown
 
 PALETTE = [

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 
 import numpy as np
 
-from ground.annotations import Array, Indices
-from ground.errors import GroundError, reason
+from ground.support.annotations import Array, Indices
+from ground.support.errors import GroundError, reason
 
 if TYPE_CHECKING:
     import pandas

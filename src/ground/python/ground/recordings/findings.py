@@ -6,7 +6,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Document
+from ground.support.annotations import Document
 from ground.recordings import repair, reply, suspicions
 from ground.recordings.quality import RepairedRun, lifted, same_inputs
 from ground.recordings.recording import Recording

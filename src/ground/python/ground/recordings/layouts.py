@@ -17,8 +17,8 @@ from typing import Dict, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document
-from ground.errors import GroundError
+from ground.support.annotations import Array, Document
+from ground.support.errors import GroundError
 from ground.recordings import reply, units
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import Settings

@@ -6,8 +6,8 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Array, Flags, Indices
-from ground.errors import GroundError
+from ground.support.annotations import Array, Flags, Indices
+from ground.support.errors import GroundError
 from ground.recordings import containers
 from ground.recordings.containers import Columns, Topic
 from ground.recordings.mapping import ANGLES, LENGTHS, Poses

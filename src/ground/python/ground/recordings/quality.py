@@ -6,8 +6,8 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Flags
-from ground.errors import GroundError
+from ground.support.annotations import Array, Flags
+from ground.support.errors import GroundError
 from ground.recordings import reply
 from ground.recordings.recording import Recording, once
 

@@ -8,11 +8,11 @@ from typing import Dict, Iterable, List, Mapping, Tuple
 
 import numpy as np
 
-from ground.annotations import Array, Flags, Indices
-from ground.errors import GroundError
+from ground.support.annotations import Array, Flags, Indices
+from ground.support.errors import GroundError
 from ground.recordings import commands, containers, poses, run_settings, units
-from ground.recordings.containers import RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
-from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, TIMES, Clock, FieldMapping
+from ground.recordings.containers import Bag, Columns, Container, RECEIVED, STAMP, SUFFIXES, Tables
+from ground.recordings.mapping import Clock, DEFAULT, FieldMapping, HEADER, RECEIPT, TIMES
 from ground.recordings.recording import Recording, checked, digest_of_files
 
 METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder

@@ -11,7 +11,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, 
 
 import numpy as np
 
-from ground.annotations import Array, Document, Flags, Indices
+from ground.support.annotations import Array, Document, Flags, Indices
 from ground.recordings.recording import Recording, once
 from ground.recordings.repair import MAX_GAP, Motion
 

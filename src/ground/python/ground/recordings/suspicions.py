@@ -10,8 +10,8 @@ from typing import Callable, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Document
-from ground.errors import GroundError
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 from ground.recordings import layouts, repair, reply, units
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording, once

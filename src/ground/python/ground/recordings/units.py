@@ -5,7 +5,7 @@ from typing import Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array
+from ground.support.annotations import Array
 from ground.recordings.mapping import LENGTHS
 
 FASTEST = 15.0  # that a craft in a room goes [m/s]

@@ -3,7 +3,7 @@
 from typing import Dict, List, Optional, Sequence
 
 from ground import _core
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 from ground.recordings.repair import MAX_GAP
 
 WINDOW = 1.5  # length of the windows of the error [s]

@@ -7,7 +7,7 @@ from plotly import colors
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench
-from ground.annotations import Document
+from ground.support.annotations import Document
 from ground.reports.words import number
 
 MEASURED = _core.palette["measured"]

@@ -4,7 +4,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Array, Document
+from ground.support.annotations import Array, Document
 from ground.recordings import repair
 from ground.reports.appearance import (
     model_color,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ground.analysis import bands as bands_of
 from ground.analysis import residuals
-from ground.annotations import Array, Document
+from ground.support.annotations import Array, Document
 from ground.recordings import windows
 from ground.reports.appearance import (
     CHANNELS,

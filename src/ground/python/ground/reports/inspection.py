@@ -4,8 +4,8 @@ from typing import Dict, List, Mapping, Optional
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench, residuals
-from ground.annotations import Document
-from ground.errors import GroundError
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 from ground.reports import appearance
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}

@@ -11,7 +11,7 @@ from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 from plotly import io
 
-from ground.annotations import Document
+from ground.support.annotations import Document
 from ground.reports.appearance import LINES, TEXT
 
 

@@ -6,9 +6,9 @@ import subprocess
 import tempfile
 from typing import Sequence
 
-from ground import files
-from ground.annotations import Document
-from ground.errors import GroundError
+from ground.support import files
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 from ground.reports import appearance, page
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

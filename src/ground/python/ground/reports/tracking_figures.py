@@ -5,25 +5,9 @@ from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Document
-from ground.reports.appearance import (
-    MARKS,
-    MEASURED,
-    MODELS,
-    REFERENCE,
-    thruster_line,
-    transparent,
-)
-from ground.reports.figure_parts import (
-    X_AXIS,
-    Y_AXIS,
-    arrows,
-    curve,
-    note,
-    points,
-    short,
-    walls,
-)
+from ground.support.annotations import Document
+from ground.reports.appearance import MARKS, MEASURED, MODELS, REFERENCE, thruster_line, transparent
+from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, note, points, short, walls
 from ground.recordings.tracks import Track
 from ground.reports.panels import Panels
 

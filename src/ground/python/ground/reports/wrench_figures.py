@@ -5,14 +5,8 @@ from typing import Sequence
 import numpy as np
 
 from ground.analysis import missing_wrench
-from ground.annotations import Document
-from ground.reports.appearance import (
-    MEASURED,
-    WRENCH,
-    model_color,
-    model_line,
-    scaled,
-)
+from ground.support.annotations import Document
+from ground.reports.appearance import MEASURED, WRENCH, model_color, model_line, scaled
 from ground.reports.figure_parts import (
     X_AXIS,
     Y_AXIS,

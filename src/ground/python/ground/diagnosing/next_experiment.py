@@ -12,9 +12,9 @@ import numpy as np
 from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood, call
 from ground.analysis.thinning import thinned
-from ground.annotations import Array, Document, Each
-from ground.errors import GroundError
-from ground.progress import Work
+from ground.support.annotations import Array, Document, Each
+from ground.support.errors import GroundError
+from ground.support.progress import Work
 from ground.simulation import experiments
 
 DURATION = 8.0  # duration of the thrust [s]
