@@ -13,9 +13,9 @@ import warnings
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT, identify, write_bag
 
 import ground
+from conftest import MODEL, ROOT, identify, write_bag
 
 GAINS = ROOT / "cfg" / "gains" / "tiny_whoover.yaml"
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT, SHARED, identify
 
+from conftest import MODEL, ROOT, SHARED, identify
 from ground import _core
 from ground.fitting import thrust_bench
 

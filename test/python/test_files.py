@@ -4,8 +4,8 @@ import os
 import shutil
 
 import pytest
-from conftest import MODEL, write_bag
 
+from conftest import MODEL, write_bag
 from ground import cli
 from ground.support import errors, files
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT, simulate_run
 
+from conftest import MODEL, ROOT, simulate_run
 from ground import _core
 from ground.analysis import comparison
 from ground.diagnosing import next_experiment
 from ground.fitting import thrust_bench, thrust_curve
-from ground.support.errors import GroundError
 from ground.recordings import repair
+from ground.support.errors import GroundError
 
 
 def model():

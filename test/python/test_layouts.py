@@ -6,12 +6,12 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT, SHARED, identify, mapping_as_logged
-from ground.recordings import layouts, suspicions
-from ground.recordings.recording import checked
 
 import ground
+from conftest import MODEL, ROOT, SHARED, identify, mapping_as_logged
 from ground import _core
+from ground.recordings import layouts, suspicions
+from ground.recordings.recording import checked
 from ground.support.errors import GroundError
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))

@@ -7,8 +7,8 @@ import sys
 
 import pexpect
 import pytest
-from conftest import MODEL, located, process
 
+from conftest import MODEL, located, process
 from ground.support import progress
 from ground.support.progress import Report, Work
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import simulate_run
 
+from conftest import simulate_run
 from ground import _core
 from ground.analysis import thinning
 from ground.fitting import identifiability

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from conftest import MODEL, simulate_run
 from scipy import stats
 
+from conftest import MODEL, simulate_run
 from ground import _core
 from ground.analysis import evidence, folds, window_error
 from ground.recordings import repair

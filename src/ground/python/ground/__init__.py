@@ -33,21 +33,21 @@ _PUBLIC = {
 }
 _HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
 if TYPE_CHECKING:
-    from ground.fitting.add import Addition, add
-    from ground.discovery.discover import Discovery, discover
-    from ground.fitting.fit import fit
-    from ground.fitting.result import Fit
-    from ground.models import Model, Parameter, Room
-    from ground.data.measured import read
     from ground.comparing.compare import compare
     from ground.comparing.result import Comparison, RunComparison
     from ground.control.track import Tracking, track
+    from ground.data.measured import read
     from ground.diagnosing.diagnose import diagnose
     from ground.diagnosing.result import Diagnosis
-    from ground.support.errors import GroundError, GroundWarning, OptionError
+    from ground.discovery.discover import Discovery, discover
+    from ground.fitting.add import Addition, add
+    from ground.fitting.fit import fit
+    from ground.fitting.result import Fit
+    from ground.models import Model, Parameter, Room
     from ground.recordings.recording import Recording
     from ground.simulation.simulate import simulate
     from ground.simulation.simulated_run import SimulatedRun
+    from ground.support.errors import GroundError, GroundWarning, OptionError
 
 __all__ = [  # the names of _HOMES, repeated for type checkers
     "Addition",

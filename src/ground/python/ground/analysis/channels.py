@@ -8,7 +8,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.samples import Scales, inputs
-from ground.analysis.scalars import COMMAND, Constant, Memory, PLACE, VELOCITY, spread
+from ground.analysis.scalars import COMMAND, PLACE, VELOCITY, Constant, Memory, spread
 from ground.support.annotations import Array
 
 ROOM = 3  # directions of the room, half a turn together

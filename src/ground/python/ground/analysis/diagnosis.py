@@ -30,7 +30,7 @@ from ground.analysis.candidates import Candidate
 from ground.analysis.evidence import Dropped
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
-from ground.analysis.score_tests import ScoreTests, UNSEEN
+from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import EXCLUSION, REFITTED, Search
 from ground.support.progress import Work
 

@@ -14,20 +14,20 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import channels, scalars
-from ground.analysis.channels import ACROSS, ALONG, Channel, DAMPING, ON_BODY
+from ground.analysis.channels import ACROSS, ALONG, DAMPING, ON_BODY, Channel
 from ground.analysis.samples import MEMORIES, SWINGS, Samples, Scales, evaluated, inputs, namespace
 from ground.analysis.scalars import (
     COMMAND,
-    Constant,
     FAR,
     HEADING,
-    Memory,
     ONE,
     PAST,
     PLACE,
-    Scalar,
     TIME,
     VELOCITY,
+    Constant,
+    Memory,
+    Scalar,
     filled,
     product_of_units,
 )  # fmt: skip

@@ -14,8 +14,8 @@ from ground import _core
 from ground.analysis import dictionary, naming, samples
 from ground.analysis.ceiling import Found
 from ground.analysis.dictionary import Family, Feature
-from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.formula_words import Piece
+from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.naming import Formula
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Samples

@@ -27,7 +27,6 @@ from ground.analysis.window_error import free_parameters
 from ground.support.annotations import Each
 from ground.support.progress import Work
 
-
 LEVEL = 0.01  # probability of choosing an effect although none is missing
 REFITTED = 4  # effects that are refitted in a step, best by score test first
 PAIRS = 2  # pairs that are refitted in a step

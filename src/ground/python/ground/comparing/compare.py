@@ -29,11 +29,10 @@ import json
 import os
 from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
-from ground.support import command_line, workers
-from ground.data import bag_arguments
 from ground.analysis import comparison
 from ground.analysis.window_error import noise_floor
-from ground.support.annotations import Document
+from ground.comparing.result import ROLES, Comparison, Ranking, RunComparison, prepare
+from ground.data import bag_arguments
 from ground.data.measured import (
     NO_RECORDING,
     Part,
@@ -43,12 +42,13 @@ from ground.data.measured import (
     repaired,
     taken,
 )
-from ground.comparing.result import Comparison, ROLES, Ranking, RunComparison, prepare
-from ground.support.errors import GroundError
 from ground.models import Model, ModelLike
-from ground.support.progress import Progress, Work
 from ground.recordings.recording import Recording
 from ground.reports import inspection, result_folder
+from ground.support import command_line, workers
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
+from ground.support.progress import Progress, Work
 from ground.support.results import distinct_labels
 
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording

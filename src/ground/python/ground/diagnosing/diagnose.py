@@ -9,20 +9,19 @@ from typing import Callable, Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
-from ground.support import command_line
-from ground.data import bag_arguments
 from ground.analysis import candidates, diagnosis, search, window_error
-from ground.diagnosing import document
-from ground.analysis.verdict import Conclusion, MISREAD, conclude
-from ground.support.annotations import Array, Document, Path
+from ground.analysis.verdict import MISREAD, Conclusion, conclude
+from ground.data import bag_arguments
 from ground.data.measured import Recordings, held_out, measured
-from ground.support.command_line import count, option
+from ground.diagnosing import document, words
 from ground.diagnosing.result import Diagnosis, Problem, prepare
-from ground.support.errors import GroundError
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
-from ground.support.progress import Progress, Work
-from ground.diagnosing import words
 from ground.reports import result_folder
+from ground.support import command_line
+from ground.support.annotations import Array, Document, Path
+from ground.support.command_line import count, option
+from ground.support.errors import GroundError
+from ground.support.progress import Progress, Work
 
 ON_REQUEST = ", ".join(candidates.on_request())
 WRITING = "writing the page"  # stage

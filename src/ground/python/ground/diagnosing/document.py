@@ -6,11 +6,11 @@ from typing import Iterable, List, Mapping, Optional, Sequence
 
 from ground import _core
 from ground.analysis import bands, candidates, indistinguishable, stages
-from ground.diagnosing import next_experiment
 from ground.analysis.ceiling import Share
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
-from ground.analysis.verdict import Conclusion, MISREAD
+from ground.analysis.verdict import MISREAD, Conclusion
+from ground.diagnosing import next_experiment
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 

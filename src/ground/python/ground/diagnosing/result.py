@@ -4,17 +4,16 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 
-from ground.support import files
 from ground.analysis import candidates, diagnosis
-from ground.diagnosing import document
-from ground.analysis.verdict import Conclusion, MISREAD
-from ground.support.annotations import Array, Document, Path
+from ground.analysis.verdict import MISREAD, Conclusion
 from ground.data.measured import Measured
+from ground.diagnosing import document, words
 from ground.models import Model, Parameter, Room
 from ground.recordings import findings
 from ground.recordings.recording import Recording
-from ground.diagnosing import words
 from ground.reports import result_folder
+from ground.support import files
+from ground.support.annotations import Array, Document, Path
 from ground.support.results import Shown
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from ground.discovery import analyst, choice, confirmation, tracking
 from ground.discovery.analyst import Found
 from ground.discovery.flights import Flights, Settings
 from ground.discovery.laboratory import Laboratory
-from ground.discovery.story import CONFIRM, DECIDE, Finding, GIVEN, LEFT, LOOK, Story, TRACK
+from ground.discovery.story import CONFIRM, DECIDE, GIVEN, LEFT, LOOK, TRACK, Finding, Story
 from ground.recordings.quality import repaired
 
 LEAVES = ("unexplained", "memory")  # verdicts that leave something to explain

@@ -8,7 +8,7 @@ from ground import _core
 from ground.analysis import window_error
 from ground.discovery import analyst
 from ground.discovery.analyst import Found
-from ground.discovery.story import Confirmation, Flown, GIVEN
+from ground.discovery.story import GIVEN, Confirmation, Flown
 
 TOLERANCE = 1.1  # largest ratio of a final model's error to those that are expected of it
 

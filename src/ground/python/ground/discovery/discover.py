@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Callable, Dict, Iterator, List, Mapping, Optio
 import numpy as np
 
 from ground import _core
-from ground.support import command_line
-from ground.support.annotations import Document, Path
-from ground.support.command_line import option, seed
 from ground.discovery import campaign, flights
 from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import Story
-from ground.support.errors import GroundError, OptionError
 from ground.models import Model, ModelLike, Room, RoomLike
+from ground.simulation import experiments
+from ground.simulation import simulate as simulating
+from ground.support import command_line
+from ground.support.annotations import Document, Path
+from ground.support.command_line import option, seed
+from ground.support.errors import GroundError, OptionError
 from ground.support.progress import Progress, Work
 from ground.support.results import Shown
-from ground.simulation import simulate as simulating
-from ground.simulation import experiments
 
 if TYPE_CHECKING:
     import pandas

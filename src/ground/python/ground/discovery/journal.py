@@ -10,9 +10,9 @@ import re
 from typing import List, Optional
 
 from ground import _core
+from ground.discovery.story import SCHEMA, Story
 from ground.support import files
 from ground.support.annotations import Array
-from ground.discovery.story import SCHEMA, Story
 from ground.support.errors import GroundError
 
 STORY = "journal.json"

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Tuple
 import numpy as np
 
 from ground import _core
-from ground.support import command_line
-from ground.data import bag_arguments
 from ground.analysis import candidates, distributions, window_error
 from ground.analysis.window_error import WindowFit
-from ground.support.annotations import Array, Document, Path
+from ground.data import bag_arguments
 from ground.data.measured import Measured, Recordings, held_out, measured
 from ground.fitting.result import Change
 from ground.models import (
@@ -23,8 +21,10 @@ from ground.models import (
     parameter_frame,
     parameters_by_name,
 )
-from ground.support.progress import Progress, Work
 from ground.recordings import windows
+from ground.support import command_line
+from ground.support.annotations import Array, Document, Path
+from ground.support.progress import Progress, Work
 from ground.support.results import Shown
 
 if TYPE_CHECKING:

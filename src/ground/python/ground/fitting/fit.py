@@ -7,18 +7,18 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.support import command_line
-from ground.data import bag_arguments
 from ground.analysis import comparison, folds, window_error
-from ground.fitting import identifiability, unit_slips
-from ground.support.annotations import Array, Document
+from ground.data import bag_arguments
 from ground.data.measured import Measured, Recordings, held_out, measured
-from ground.support.command_line import count, option, positive
-from ground.support.errors import GroundError, warn
+from ground.fitting import identifiability, unit_slips
 from ground.fitting.result import BlockErrors, Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model, parameters_by_name
-from ground.support.progress import Progress, Work
 from ground.recordings import quality, windows
+from ground.support import command_line
+from ground.support.annotations import Array, Document
+from ground.support.command_line import count, option, positive
+from ground.support.errors import GroundError, warn
+from ground.support.progress import Progress, Work
 
 OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")

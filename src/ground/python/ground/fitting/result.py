@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tupl
 import numpy as np
 
 from ground.analysis import folds
-from ground.support.annotations import Document, Path
 from ground.models import Model, Parameter, parameter_frame
+from ground.support.annotations import Document, Path
 from ground.support.results import Shown
 
 if TYPE_CHECKING:

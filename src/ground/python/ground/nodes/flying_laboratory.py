@@ -15,16 +15,16 @@ from ground_msgs.srv import LoadModel
 from std_srvs.srv import Trigger
 
 from ground import _core
-from ground.support import files
-from ground.support.annotations import Array, Message, Say
 from ground.discovery import simulated, tracking
 from ground.discovery.laboratory import Landed, lifted
-from ground.discovery.story import Flight, GIVEN, Point
-from ground.support.errors import GroundError
+from ground.discovery.story import GIVEN, Flight, Point
 from ground.nodes import live_parameters
 from ground.nodes.flight_recorder import FlightRecorder
 from ground.recordings import readers, tracks
 from ground.recordings.recording import Recording
+from ground.support import files
+from ground.support.annotations import Array, Message, Say
+from ground.support.errors import GroundError
 
 START = 60.0  # timeout of the start of nodes [s]
 ANSWER = 10.0  # timeout of a node's service [s]

@@ -18,11 +18,11 @@ import numpy as np
 import yaml
 
 from ground import _core
+from ground.recordings.containers import STAMP, Container, seconds
+from ground.recordings.mapping import LOADER, FieldMapping
 from ground.support import files
 from ground.support.annotations import Document, Indices
 from ground.support.errors import GroundError, reason
-from ground.recordings.containers import Container, STAMP, seconds
-from ground.recordings.mapping import FieldMapping, LOADER
 
 AXES = "x, z, -y"  # default of mocap_state, for OptiTrack with y up
 FILES = "run_files"

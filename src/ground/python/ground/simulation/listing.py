@@ -3,10 +3,10 @@
 from typing import Any, Iterable, Iterator, Mapping, Optional, Tuple
 
 from ground import _core
+from ground.simulation import gains, tracking, tuning
 from ground.support import command_line
 from ground.support.annotations import Document, Setting
 from ground.support.command_line import number, option
-from ground.simulation import gains, tracking, tuning
 
 NAMES = ("size", "rate_of_turn", "petals", "speed")  # parameters of references that are options
 PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set parameters of references

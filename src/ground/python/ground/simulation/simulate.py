@@ -10,18 +10,17 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, TypeV
 import numpy as np
 
 from ground import _core
+from ground.models import Model, ModelLike, Room, RoomLike
+from ground.recordings import run_settings
+from ground.recordings.run_settings import AXES
+from ground.simulation import experiments, gains, listing
+from ground.simulation import tracking as loop
+from ground.simulation.simulated_run import SimulatedRun
 from ground.support import command_line, files
 from ground.support.annotations import Document, Path
 from ground.support.command_line import count, number, option, seed
-from ground.simulation import listing
 from ground.support.errors import GroundError, OptionError
-from ground.models import Model, ModelLike, Room, RoomLike
 from ground.support.progress import say
-from ground.recordings import run_settings
-from ground.recordings.run_settings import AXES
-from ground.simulation import experiments, gains
-from ground.simulation import tracking as loop
-from ground.simulation.simulated_run import SimulatedRun
 
 DESIGNS = {info.name: info for info in _core.design_table()}
 KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]

@@ -12,9 +12,6 @@ from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.support import files
-from ground.support.annotations import Array, Message, Path, Time
-from ground.support.progress import Progress, Work
 from ground.recordings import messages
 from ground.recordings.commands import CHANNELS
 from ground.recordings.messages import (
@@ -34,6 +31,9 @@ from ground.recordings.messages import (
 )  # fmt: skip
 from ground.recordings.recording import Recording, digest_of_files
 from ground.recordings.run_settings import AXES
+from ground.support import files
+from ground.support.annotations import Array, Message, Path, Time
+from ground.support.progress import Progress, Work
 
 WRITING = "writing the bag (thousands of messages)"  # stage
 TOLD = 1000  # messages that are a unit of it

@@ -6,12 +6,12 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.support.annotations import Array, Document
-from ground.support.errors import GroundError
-from ground.support.progress import Work
 from ground.recordings import tracks
 from ground.recordings.tracks import Track
 from ground.simulation import gains
+from ground.support.annotations import Array, Document
+from ground.support.errors import GroundError
+from ground.support.progress import Work
 from ground.support.workers import Workers
 
 CONTROLLERS = list(gains.CONTROLLERS)
