@@ -22,7 +22,7 @@ import numpy as np
 
 import ground
 import resumed
-from ground import workers
+from ground.support import workers
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 MODEL = os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover.yaml")

@@ -20,10 +20,11 @@ import discover_table
 import hidden_craft
 import hidden_table
 import resumed
-from ground import _core, workers
+from ground import _core
 from ground.discovery import campaign, choice, flights, pieces, story, tracking
-from ground.errors import GroundError
 from ground.simulation import experiments
+from ground.support import workers
+from ground.support.errors import GroundError
 from hidden_effects import MODEL
 
 ROOM = os.path.join(os.path.dirname(MODEL), os.pardir, "room", "room_4x4.yaml")

@@ -14,8 +14,7 @@ import hidden_cases
 import hidden_engine
 import hidden_table
 import resumed
-
-from ground import workers
+from ground.support import workers
 
 COUNTS = {kind: count for kind, (_, count) in hidden_cases.KINDS.items()}
 

@@ -12,16 +12,16 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 import hidden_craft
+import hidden_effects
 import hidden_grammar
 import hidden_noise
 import hidden_pilot
 import hidden_share
-import hidden_effects
 from ground import _core
-from ground.errors import GroundError
 from ground.recordings import quality
 from ground.recordings.recording import Recording
 from ground.simulation import experiments
+from ground.support.errors import GroundError
 from hidden_effects import in_turn
 
 FITTED, HELD_OUT = 4, 2  # runs of a case

@@ -4,7 +4,7 @@ import time
 
 from ground.analysis import candidates, diagnosis
 from ground.analysis.verdict import HeldOut, conclude
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 
 
 def diagnose(runs, heldout, model):

@@ -1,14 +1,14 @@
 """Effects without a name measured by their truth: excess of the error, share of it that the effect causes,
 and share of the effect that the library explains."""
 
+import numpy as np
+
 import hidden_craft
 import hidden_effects
-import numpy as np
+from ground import _core
 from ground.analysis import window_error
 from ground.recordings import windows
 from ground.simulation import experiments
-
-from ground import _core
 
 STEPS = 12  # largest number of Gauss-Newton steps
 SMALL = 1e-4  # relative change of a parameter, change of a velocity, for derivatives

@@ -11,7 +11,6 @@ import numpy as np
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "python"))
 from conftest import identify
 from containers import OPTITRACK, Z_UP, in_mocap, write_csv
-
 from ground import _core
 
 MODELS = pathlib.Path(__file__).resolve().parents[2] / "cfg" / "hovercraft"

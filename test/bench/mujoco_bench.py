@@ -19,8 +19,8 @@ import hidden_score as score
 import hidden_table
 import mujoco_cases
 import resumed
-from ground import workers
 from ground.recordings import windows
+from ground.support import workers
 from hidden_table import Row
 
 LEAST = 0.02  # share that is learnable, from whose lower bound on something is said to be left

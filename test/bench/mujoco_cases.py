@@ -14,10 +14,10 @@ import numpy as np
 import hidden_cases as cases
 import hidden_craft
 import hidden_noise
-from ground.errors import GroundError
 from ground.recordings import quality
 from ground.recordings.recording import Recording
 from ground.simulation import experiments
+from ground.support.errors import GroundError
 from hidden_effects import in_turn
 
 HERE = os.path.dirname(os.path.abspath(__file__))

@@ -7,7 +7,7 @@ import math
 import os
 import time
 
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 
 
 def parser(about, path):

@@ -11,7 +11,7 @@ import numpy as np
 import rosgraph
 import rosnode
 import rospy
-from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus, State
+from ground_msgs.msg import ControllerStatus, Controls, Reference, SenderStatus, State
 from rosgraph_msgs.msg import Log
 
 SAMPLES = 60  # number of measurements of the memory

@@ -14,9 +14,9 @@ import numpy as np
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import hidden_effects  # noqa: E402
-
-from ground import _core, files  # noqa: E402
+from ground import _core  # noqa: E402
 from ground.simulation import gains, tracking, tuning  # noqa: E402
+from ground.support import files  # noqa: E402
 
 REFERENCES = {
     "circle": dict(rate_of_turn=0.63),

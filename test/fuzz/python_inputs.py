@@ -16,8 +16,8 @@ import atheris
 
 with atheris.instrument_imports(include=["ground"]):
     from ground import cli
-    from ground.errors import GroundError
     from ground.recordings import containers, csv_exports, quality, readers
+    from ground.support.errors import GroundError
 
 FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
 ROOT = os.path.realpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../.."))

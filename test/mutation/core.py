@@ -11,8 +11,9 @@ import shutil
 import subprocess
 import sys
 
-import commands
 from sampling import PACKAGE, ROOT
+
+import commands
 
 COUNTED = ROOT / "build" / "coverage"  # the build that counts executed lines
 COUNTS = ROOT / "build" / "mutation" / "counts"

@@ -15,9 +15,10 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path.append(str(HERE.parent / "bench"))  # after this folder, which has its own commands.py
 
 import core  # noqa: E402
+import sampling  # noqa: E402
+
 import hidden_table  # noqa: E402
 import resumed  # noqa: E402
-import sampling  # noqa: E402
 
 
 def options():

@@ -16,7 +16,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from ground import progress
+from ground.support import progress
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data" / "epfl_2019"

@@ -3,8 +3,8 @@
 import csv
 
 import numpy as np
-from conftest import simulate_run
 
+from conftest import simulate_run
 from ground import _core
 
 START = 1000.0

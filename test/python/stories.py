@@ -3,7 +3,6 @@
 import math
 
 from conftest import MODEL
-
 from ground.discovery import story as tale
 from ground.discovery.story import (
     Belief,

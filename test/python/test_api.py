@@ -13,9 +13,9 @@ import warnings
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT, identify, write_bag
 
 import ground
+from conftest import MODEL, ROOT, identify, write_bag
 
 GAINS = ROOT / "cfg" / "gains" / "tiny_whoover.yaml"
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
@@ -185,7 +185,7 @@ def show(source, names):
 
 def test_options_are_keywords_or_one_object_and_can_be_pickled(flown):
     from ground.fitting.fit import FitOptions
-    from ground.simulating.simulate import SimulateOptions
+    from ground.simulation.simulate import SimulateOptions
 
     options = FitOptions(free=["k"], starts=2)
     one = ground.fit(MODEL, flown, options=options)

@@ -6,6 +6,7 @@ import signal
 import subprocess
 
 import pytest
+
 from conftest import ROOT, wait_for
 
 ASIDE = str(ROOT / ".ci" / "aside")

@@ -6,12 +6,12 @@ import pickle
 
 import numpy as np
 import pytest
-from conftest import identify, write_bag
+import rosbag
 
 import ground
-import rosbag
-from ground.errors import GroundError
+from conftest import identify, write_bag
 from ground.recordings import containers, messages, readers
+from ground.support.errors import GroundError
 
 KINDS = {
     "plain": dict(),

@@ -10,8 +10,8 @@ import pytest
 from ground import _core
 from ground.analysis import bands, folds, window_error
 from ground.analysis.likelihood import Likelihood
-from ground.recordings import windows
 from ground.diagnosing import words
+from ground.recordings import windows
 from ground.reports import figures
 
 BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"

@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT, SHARED, identify
 
+from conftest import MODEL, ROOT, SHARED, identify
 from ground import _core
-from ground.analysis import thrust_bench
+from ground.fitting import thrust_bench
 
 LEVELS = np.linspace(0, 1, 11)
 PAIR = ["left", "right"]

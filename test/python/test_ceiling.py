@@ -6,7 +6,9 @@ import re
 import numpy as np
 import pytest
 import yaml
+
 from conftest import MODEL, ROOT, identify, write_bag
+from ground import _core
 from ground.analysis import candidates, dictionary, naming, rivals, samples, scalars, window_error
 from ground.analysis.agreement import agreement
 from ground.analysis.ceiling import ceiling
@@ -16,8 +18,6 @@ from ground.analysis.search import EXCLUSION
 from ground.analysis.verdict import CLOSE
 from ground.analysis.window_error import squared_errors
 from ground.recordings import repair, windows
-
-from ground import _core
 
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]
 TABLE = ROOT / "cfg" / "craft" / "air_table.yaml"

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from conftest import MODEL, simulate_run
 
+from conftest import MODEL, simulate_run
 from ground import _core
-from ground.errors import GroundError
 from ground.recordings import findings, mapping
 from ground.recordings.quality import repaired
 from ground.recordings.recording import checked
+from ground.support.errors import GroundError
 
 NAMES = ("lift", "back_right", "back_left", "front")
 

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+
 from conftest import MODEL, SHARED, identify, write_bag
 
 FULL = 2 * 0.062  # thrust of the Tiny Whoover at full input [N]

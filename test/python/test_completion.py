@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+
 from conftest import ROOT, located
 
 HOOK = ROOT / "src" / "ground" / "env-hooks" / "60.ground_completion.bash"

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 import pytest
-from conftest import MODEL, identify
-from containers import OPTITRACK, Z_UP, Ros2, experiment, in_mocap, set_pose, write_bag, write_csv
 
 import ground
+from conftest import MODEL, identify
+from containers import OPTITRACK, Z_UP, Ros2, experiment, in_mocap, set_pose, write_bag, write_csv
 from ground import _core
 
 HEAD = "schema: ground/mapping/1\n"

@@ -7,13 +7,14 @@ import sys
 import numpy as np
 import pytest
 import yaml
-from conftest import MODEL, ROOT, SHARED, identify, write_bag
 
 import ground
+from conftest import MODEL, ROOT, SHARED, identify, write_bag
 from ground import _core
-from ground.analysis import candidates, next_experiment
-from ground.errors import GroundError
+from ground.analysis import candidates
+from ground.diagnosing import next_experiment
 from ground.diagnosing import words as said_of
+from ground.support.errors import GroundError
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
 import mistakes
@@ -236,10 +237,10 @@ def test_an_unknown_effect_is_described_and_found_when_supplied(tmp_path, unplan
 def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
     import argparse
 
-    from ground.errors import GroundError
     from ground.diagnosing import diagnose as verb
     from ground.diagnosing.diagnose import effects_to_try
     from ground.models import Model
+    from ground.support.errors import GroundError
 
     own = {}
     for name in ("gust", "swirl"):

@@ -9,22 +9,20 @@ import types
 import numpy as np
 import pytest
 
-from conftest import MODEL, ROOT, identify, schema
-from test_identify import fails
-
 import ground
+from conftest import MODEL, ROOT, identify, schema
 from ground import _core
 from ground.analysis import candidates
-from ground.discovery import campaign, choice, flights, information, tracking
+from ground.discovery import campaign, choice, flights, information, tracking, words
 from ground.discovery.analyst import Analyst
 from ground.discovery.campaign import Discovery
 from ground.discovery.flights import Settings
 from ground.discovery.journal import Journal
 from ground.discovery.laboratory import Landed
 from ground.discovery.simulated import SimulatedLaboratory
-from ground.discovery.story import CONFIRM, Flown, GIVEN, PRESENT, Story, TRACK, Version
-from ground.discovery import words
+from ground.discovery.story import CONFIRM, GIVEN, PRESENT, TRACK, Flown, Story, Version
 from ground.simulation import experiments
+from test_identify import fails
 
 pytestmark = pytest.mark.usefixtures("one_preparation")
 

@@ -6,14 +6,16 @@ import re
 
 import numpy as np
 import pytest
+
 import stories
 from browsing import assert_fits, assert_sound, open_page
 from conftest import ROOT
-
-from ground import _core, files
+from ground import _core
+from ground.discovery import figures, words
+from ground.discovery import page as discovery_page
 from ground.discovery import story as tale
 from ground.discovery.story import Story
-from ground.discovery import figures, page as discovery_page, words
+from ground.support import files
 
 ROOM = _core.load_room(str(ROOT / "cfg" / "room" / "room_4x4.yaml"))
 

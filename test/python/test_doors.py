@@ -5,8 +5,8 @@ import signal
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT
 
+from conftest import MODEL, ROOT
 from ground import _core
 
 NAN, INF = float("nan"), float("inf")

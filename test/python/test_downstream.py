@@ -8,6 +8,7 @@ import shutil
 import subprocess
 
 import pytest
+
 from conftest import MODEL, ROOT, free_port, slow
 
 pytestmark = slow

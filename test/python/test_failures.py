@@ -7,13 +7,13 @@ import shutil
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT, free_port, simulate_run, write_bag
-from test_identify import write_csv
-
 import rosbag
+
+from conftest import MODEL, ROOT, free_port, simulate_run, write_bag
 from ground import cli
-from ground.recordings import messages as topics
 from ground.data import info
+from ground.recordings import messages as topics
+from test_identify import write_csv
 
 SCRIPTS = ROOT / "src" / "ground" / "scripts"
 

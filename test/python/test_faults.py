@@ -9,6 +9,7 @@ import sys
 import time
 
 import pytest
+
 from conftest import ROOT, free_port, wait_for
 
 sys.path.insert(0, str(ROOT / "test" / "rostest"))

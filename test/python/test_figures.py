@@ -7,11 +7,9 @@ import shutil
 import numpy as np
 import plotly.graph_objects as go
 import pytest
-from conftest import MODEL, write_bag
-from test_diagnose import with_effect
 
+from conftest import MODEL, write_bag
 from ground import _core
-from ground.errors import GroundError
 from ground.recordings import quality, readers
 from ground.reports import (
     appearance,
@@ -22,6 +20,8 @@ from ground.reports import (
     wrench_figures,
 )
 from ground.simulation import gains, tracking
+from ground.support.errors import GroundError
+from test_diagnose import with_effect
 
 QUANTILES = {"p05": 0.01, "median": 0.02, "p95": 0.05}
 

@@ -4,9 +4,10 @@ import os
 import shutil
 
 import pytest
-from conftest import MODEL, write_bag
 
-from ground import cli, errors, files
+from conftest import MODEL, write_bag
+from ground import cli
+from ground.support import errors, files
 
 
 @pytest.fixture(scope="module")

@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT, simulate_run
 
+from conftest import MODEL, ROOT, simulate_run
 from ground import _core
-from ground.analysis import (
-    comparison,
-    next_experiment,
-    thrust_bench,
-    thrust_curve,
-)
-from ground.errors import GroundError
+from ground.analysis import comparison
+from ground.diagnosing import next_experiment
+from ground.fitting import thrust_bench, thrust_curve
 from ground.recordings import repair
+from ground.support.errors import GroundError
 
 
 def model():

@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from conftest import ROOT, SHARED, identify, mapping_as_logged
 
 import ground
+from conftest import ROOT, SHARED, identify, mapping_as_logged
 
 RAW = SHARED.parent / "epfl_2019_12"
 MAPPING = ROOT / "cfg" / "mapping" / "four_thrusters.yaml"

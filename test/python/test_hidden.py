@@ -16,11 +16,11 @@ sys.path.insert(0, str(BENCH))
 
 import hidden_cases  # noqa: E402
 import hidden_craft  # noqa: E402
+import hidden_effects  # noqa: E402
 import hidden_grammar  # noqa: E402
 import hidden_score  # noqa: E402
 import hidden_share  # noqa: E402
 import hidden_table  # noqa: E402
-import hidden_effects  # noqa: E402
 import resumed  # noqa: E402
 
 BODY = {name: _core.load_model(hidden_effects.MODEL).value(name) for name in hidden_cases.NOMINAL}

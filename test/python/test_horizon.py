@@ -4,12 +4,12 @@ import functools
 
 import numpy as np
 import pytest
-from conftest import MODEL
 
+from conftest import MODEL
 from ground import _core
 from ground.analysis import horizon
-from ground.errors import GroundError
 from ground.recordings import repair
+from ground.support.errors import GroundError
 
 FREE_FLYER = """
 schema: ground/model/1

@@ -6,6 +6,7 @@ import subprocess
 
 import numpy as np
 import pytest
+
 from conftest import MODEL, SHARED, identify, simulate_run, write_bag
 
 TRUTH = {"I_z": 8.8e-5, "X_u": 0.0055, "Y_v": 0.0271, "N_r": 4.62e-5, "k": 0.062}

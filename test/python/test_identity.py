@@ -6,9 +6,9 @@ import pickle
 import shutil
 
 import pytest
-from conftest import MODEL, identify, write_bag
 
 import ground
+from conftest import MODEL, identify, write_bag
 
 FREE = ["k"]
 

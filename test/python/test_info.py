@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from conftest import MODEL, identify, simulate_run, write_bag
 
+from conftest import MODEL, identify, simulate_run, write_bag
 from ground import _core
 from ground.recordings.recording import Recording
 

@@ -3,16 +3,16 @@
 import os
 import sys
 
-import conftest
 import numpy as np
 import pytest
-from ground.analysis import candidates, window_error
-from ground.errors import GroundError
-from ground.recordings import commands, mapping, quality, readers, recording
-from ground.simulation import tracking
 
+import conftest
 import ground
 from ground import _core
+from ground.analysis import candidates, window_error
+from ground.recordings import commands, mapping, quality, readers, recording
+from ground.simulation import tracking
+from ground.support.errors import GroundError
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 sys.path.insert(0, os.path.join(ROOT, "test", "bench"))

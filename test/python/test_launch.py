@@ -14,8 +14,8 @@ import xml.etree.ElementTree
 
 import pytest
 import yaml
-from conftest import MODEL, ROOT, free_port, identify, located, wait_for, write_bag
 
+from conftest import MODEL, ROOT, free_port, identify, located, wait_for, write_bag
 from ground import _core
 
 RUNNING = 3  # ControllerStatus

@@ -6,13 +6,13 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT, SHARED, identify, mapping_as_logged
-from ground.recordings import layouts, suspicions
-from ground.recordings.recording import checked
 
 import ground
+from conftest import MODEL, ROOT, SHARED, identify, mapping_as_logged
 from ground import _core
-from ground.errors import GroundError
+from ground.recordings import layouts, suspicions
+from ground.recordings.recording import checked
+from ground.support.errors import GroundError
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
 import mistakes
@@ -132,7 +132,7 @@ def test_a_channel_that_is_missing_is_named(tmp_path):
         layouts.judge(ground.read(path, mapping=mapping), FOUR)
 
 
-@pytest.mark.filterwarnings("ignore::ground.errors.RecordingWarning")
+@pytest.mark.filterwarnings("ignore::ground.support.errors.RecordingWarning")
 def test_the_second_craft_is_read_and_what_cannot_be_told_is_said(tmp_path):
     """Its log says back for front, or the other ways that are the same to any motion. The bench decides:
     back thrusters push forward."""

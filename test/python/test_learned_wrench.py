@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 import yaml
-from conftest import MODEL, ROOT, identify
 
 import ground
+from conftest import MODEL, ROOT, identify
 from ground import _core
 from ground.analysis import candidates, likelihood
 

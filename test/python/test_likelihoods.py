@@ -5,19 +5,12 @@ import functools
 
 import numpy as np
 import pytest
-from conftest import MODEL
 
+from conftest import MODEL
 from ground import _core
-from ground.analysis import (
-    bands,
-    candidates,
-    folds,
-    likelihood,
-    window_error,
-    run_differences,
-)
-from ground.errors import GroundError
+from ground.analysis import bands, candidates, folds, likelihood, run_differences, window_error
 from ground.recordings import repair, windows
+from ground.support.errors import GroundError
 
 FREE = window_error.NOMINAL
 NOISE = np.array([3e-4, 3e-4, 5e-3])

@@ -12,21 +12,22 @@ import xml.etree.ElementTree
 import genpy
 import numpy as np
 import pytest
+
 from conftest import ROOT, free_port, wait_for
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt is loaded
 
 from ground_msgs.msg import (
-    Controls,
     ControllerStatus,
+    Controls,
     ModelError,
     Reference,
     SenderStatus,
     State,
 )
 
-from ground.errors import GroundError
 from ground.nodes import live_feed, live_plot
+from ground.support.errors import GroundError
 
 DURATION = 20.0
 LAYOUT = ROOT / "cfg" / "plotjuggler" / "ground.xml"

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import yaml
-from conftest import schema
 
-from ground.errors import GroundError
+from conftest import schema
 from ground.recordings import mapping
+from ground.support.errors import GroundError
 
 WHOLE = """
 schema: ground/mapping/1

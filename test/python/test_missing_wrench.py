@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import MODEL, simulate_run
 
+from conftest import MODEL, simulate_run
 from ground import _core
 from ground.analysis import missing_wrench, residuals
 from ground.recordings import repair

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from ground.analysis import own_stop
-from ground.errors import GroundError
+from ground.nodes import own_stop
 from ground.nodes import own_stop_records as records
+from ground.support.errors import GroundError
 
 # Acceleration by thrust, and decelerations by floor and air [m/s^2].
 THRUST, FLOOR, GLIDE = 0.32, 2.0, 0.06

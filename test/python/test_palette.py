@@ -5,8 +5,8 @@ import re
 
 import numpy as np
 import yaml
-from conftest import ROOT
 
+from conftest import ROOT
 from ground import _core
 
 MIN_DIFFERENCE = 15.0  # CIE76; differences of 2.3 are just noticeable side by side

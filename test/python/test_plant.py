@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT
 
+from conftest import MODEL, ROOT
 from ground import _core
-from ground.errors import GroundError
 from ground.simulation import experiments
+from ground.support.errors import GroundError
 
 NOISE = np.array([0.01, 0.02, 0.03])
 

@@ -7,10 +7,10 @@ import sys
 
 import pexpect
 import pytest
-from conftest import MODEL, located, process
 
-from ground import progress
-from ground.progress import Report, Work
+from conftest import MODEL, located, process
+from ground.support import progress
+from ground.support.progress import Report, Work
 
 LONG = ["--model", MODEL, "--input", "prbs", "--duration", "400"]
 

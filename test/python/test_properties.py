@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from conftest import simulate_run
 
+from conftest import simulate_run
 from ground import _core
-from ground.analysis import identifiability, thinning
+from ground.analysis import thinning
+from ground.fitting import identifiability
 from ground.recordings import repair, tracks, windows
 
 

@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conftest import MODEL, recording_of
 
 import ground
+from conftest import MODEL, recording_of
 from ground import _core
-from ground.errors import GroundError
 from ground.recordings import findings, quality
+from ground.support.errors import GroundError
 
 NOISE = [3e-4, 3e-4, 5e-3]
 

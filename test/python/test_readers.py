@@ -3,9 +3,10 @@
 import csv
 import re
 
-import ground
 import numpy as np
 import pytest
+
+import ground
 from conftest import MODEL, ROOT, identify, simulate_run
 
 PAGE = ROOT / "docs" / "howto" / "file_format.md"

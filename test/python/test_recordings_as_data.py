@@ -5,15 +5,15 @@ import pickle
 import stat
 from concurrent import futures
 
+import genpy
 import numpy as np
 import pytest
-from conftest import MODEL, identify, simulate_run
-from containers import write_csv
-
-import genpy
-import ground
 import rosbag
 from geometry_msgs.msg import PointStamped
+
+import ground
+from conftest import MODEL, identify, simulate_run
+from containers import write_csv
 from ground.recordings import repair
 
 START, EARLY = 1000.0, 2.0  # the mocap's clock is behind by EARLY [s]
@@ -222,9 +222,8 @@ def test_files_have_the_permissions_that_the_umask_leaves(tmp_path):
 
 def test_several_processes_read_and_repair_what_one_does(tmp_path, monkeypatch):
     from conftest import write_bag
-
     from ground.data import measured as api
-    from ground.progress import Work
+    from ground.support.progress import Work
 
     bags = [write_bag(tmp_path / ("%d.bag" % n), seed=n) for n in range(3)]
     alone = ground.read(bags)

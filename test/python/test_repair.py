@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from conftest import recording_of, simulate_run
 
-from ground.errors import GroundError
+from conftest import recording_of, simulate_run
 from ground.recordings import repair
+from ground.support.errors import GroundError
 
 COUNTED = (
     "stamps put in order",

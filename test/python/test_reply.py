@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import recording_of
 
+from conftest import recording_of
 from ground.recordings import reply
 from ground.recordings.repair import Motion
 

@@ -4,11 +4,11 @@ import json
 import resource
 
 import pytest
+
 from browsing import assert_fits, assert_sound, open_page
 from conftest import MODEL, identify, write_bag
-from test_diagnose import with_effect
-
 from ground import cli
+from test_diagnose import with_effect
 
 TRUTH = "{name: motor_lag, tau: 0.06}"
 

@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
+
 from conftest import MODEL, ROOT, identify, process
 from test_identify import fails
 from test_simulate import TRUTH, digest_of_messages, messages, simulate
-
 
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
 BURSTS = "/bursts"

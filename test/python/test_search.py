@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+
 from conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
@@ -110,9 +111,8 @@ def test_memory_is_found_and_no_effect_is_chosen_for_it(seed, kind):
 
 
 def test_thinning_keeps_the_information_of_the_poses():
-    from ground.analysis.thinning import thinned
-
     from ground import _core
+    from ground.analysis.thinning import thinned
 
     random = np.random.default_rng(5)
     times = np.arange(0, 2, 1 / 240)

@@ -7,13 +7,13 @@ import shutil
 import numpy as np
 import pytest
 import yaml
-from conftest import MODEL, ROOT, simulate_run, write_bag
 
+from conftest import MODEL, ROOT, simulate_run, write_bag
 from ground import _core, cli
-from ground.errors import GroundError
+from ground.models import Room
 from ground.recordings import readers, run_settings
 from ground.recordings.mapping import DEFAULT
-from ground.models import Room
+from ground.support.errors import GroundError
 
 TURNED = "y, -x, z"  # axes of a mocap whose z is down
 OFFSET = 0.5

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+
 from conftest import MODEL, identify, process, program
 from test_identify import fails
 

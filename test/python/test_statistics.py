@@ -2,15 +2,11 @@
 
 import numpy as np
 import pytest
-from conftest import MODEL, simulate_run
 from scipy import stats
 
+from conftest import MODEL, simulate_run
 from ground import _core
-from ground.analysis import (
-    folds,
-    window_error,
-    evidence,
-)
+from ground.analysis import evidence, folds, window_error
 from ground.recordings import repair
 
 

@@ -6,12 +6,12 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import MODEL, ROOT, identify
-from ground.recordings import suspicions
-from ground.simulation import experiments, gains
 
 import ground
+from conftest import MODEL, ROOT, identify
 from ground import _core
+from ground.recordings import suspicions
+from ground.simulation import experiments, gains
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
 import mistakes

@@ -4,6 +4,7 @@ import ast
 import runpy
 
 import pytest
+
 from conftest import ROOT, program
 
 CONTROLLERS = ["TrajectoryTracking", "ModelPredictive"]

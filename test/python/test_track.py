@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+
 from conftest import MODEL, ROOT, identify, program
 
 TABLE_4_1 = ROOT / "cfg" / "hovercraft" / "tiny_whoover_4_1.yaml"
@@ -64,7 +65,8 @@ def test_the_mvwt_tracks_as_in_the_thesis():
 
 @pytest.mark.parametrize("gains, kind", THESIS)
 def test_the_small_craft_tracks_as_in_the_thesis(gains, kind):
-    from ground.simulation import gains as files, tracking
+    from ground.simulation import gains as files
+    from ground.simulation import tracking
 
     model = load(TABLE_4_1)
     controller = files.choice("TrajectoryTracking", str(GAINS / ("thesis_%s.yaml" % gains)))

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+
 from conftest import MODEL, identify, program, write_bag
 
 CIRCLE = ["--input", "tracking", "--reference", "circle", "--size", "1", "--duration", "15"]

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import yaml
+
 from conftest import MODEL, ROOT, process, program
 
 TABLE_4_1 = ROOT / "cfg" / "hovercraft" / "tiny_whoover_4_1.yaml"

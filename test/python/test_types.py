@@ -4,8 +4,8 @@ import subprocess
 import sys
 
 import pytest
-from conftest import MODEL
 
+from conftest import MODEL
 from ground import _core
 
 

@@ -1,10 +1,10 @@
 """Values of a model in another unit are named by what a recording makes of them."""
 
 import pytest
-from conftest import MODEL, identify, write_bag
-from ground.analysis import unit_slips
 
+from conftest import MODEL, identify, write_bag
 from ground import _core
+from ground.fitting import unit_slips
 
 FITTED = {"I_z": 8.8e-5, "X_u": 0.0055, "Y_v": 0.0271, "N_r": 4.62e-5, "k": 0.062}
 

@@ -11,10 +11,10 @@ import subprocess
 import sys
 
 import pytest
+import rosbag
+
 from conftest import MODEL, ROOT, SHARED, identify, program, slow
 from test_downstream import devel_space
-
-import rosbag
 
 PRINT = ROOT / "test" / "python" / "print_recording.py"
 STAMP = "2019-04-16-11-28-36"  # name of a real recording

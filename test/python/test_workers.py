@@ -5,8 +5,8 @@ import signal
 
 import pytest
 
-from ground import workers
-from ground.errors import GroundError
+from ground.support import workers
+from ground.support.errors import GroundError
 
 
 def square(x):

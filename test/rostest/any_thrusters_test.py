@@ -8,7 +8,7 @@ import unittest
 import numpy as np
 import rospy
 import rostest
-from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus, State
+from ground_msgs.msg import ControllerStatus, Controls, Reference, SenderStatus, State
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 

@@ -4,13 +4,12 @@
 import os
 import sys
 
+import harness
 import rospy
 import rostest
 from ground_msgs.msg import ControllerStatus
-from std_srvs.srv import Trigger
-
-import harness
 from sender_rig import NODELET, ZERO, SenderTest, refusal, wait_for
+from std_srvs.srv import Trigger
 
 CFG = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "cfg")
 MODEL = os.path.join(CFG, "hovercraft", "tiny_whoover.yaml")

@@ -10,7 +10,7 @@ import unittest
 
 import rospy
 import rostest
-from ground_msgs.msg import Controls, ControllerStatus, SenderStatus, State
+from ground_msgs.msg import ControllerStatus, Controls, SenderStatus, State
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness

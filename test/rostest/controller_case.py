@@ -5,7 +5,7 @@ import unittest
 
 import harness
 import rospy
-from ground_msgs.msg import Controls, ControllerStatus, SenderStatus
+from ground_msgs.msg import ControllerStatus, Controls, SenderStatus
 from std_srvs.srv import Trigger
 
 S = ControllerStatus

@@ -6,9 +6,10 @@ import sys
 import unittest
 
 import rospy
-from ground.recordings import readers
-from ground_msgs.msg import Controls, ControllerStatus, DiscoveryStatus, State
+from ground_msgs.msg import ControllerStatus, Controls, DiscoveryStatus, State
 from std_srvs.srv import SetBool
+
+from ground.recordings import readers
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness

@@ -15,7 +15,7 @@ import dynamic_reconfigure.client
 import rospy
 import rostest
 from geometry_msgs.msg import PoseStamped, Quaternion
-from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus, State
+from ground_msgs.msg import ControllerStatus, Controls, Reference, SenderStatus, State
 from std_srvs.srv import SetBool, Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))

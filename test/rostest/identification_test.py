@@ -10,11 +10,12 @@ import unittest
 
 import rospy
 import rostest
-from ground.recordings import readers
 from ground_msgs.msg import IdentificationStatus
 from ground_msgs.srv import Identify
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+
+from ground.recordings import readers
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness

@@ -14,10 +14,9 @@ import rosgraph
 import rosnode
 import rospy
 import rostest
-from ground import _core
 from ground_msgs.msg import (
-    Controls,
     ControllerStatus,
+    Controls,
     Drive,
     ModelComparison,
     ModelError,
@@ -27,6 +26,8 @@ from ground_msgs.msg import (
 from ground_msgs.srv import LoadModel
 from nav_msgs.msg import Path
 from visualization_msgs.msg import Marker, MarkerArray
+
+from ground import _core
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness

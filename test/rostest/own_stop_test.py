@@ -15,9 +15,9 @@ from std_srvs.srv import SetBool
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
-from ground.analysis import own_stop
+
+from ground.nodes import own_stop, stop_trial
 from ground.nodes import own_stop_records as records
-from ground.nodes import stop_trial
 
 UNPROVEN = "it is not proven that this craft stops by itself (rosrun ground prove_stop)"
 PUSH = stop_trial.Push(thrust=0.2, lift_time=0.3, thrust_time=0.9, silence=1.0)

@@ -7,7 +7,7 @@ import unittest
 
 import rospy
 import rostest
-from ground_msgs.msg import Controls, ControllerStatus, State
+from ground_msgs.msg import ControllerStatus, Controls, State
 from std_srvs.srv import Trigger
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))

@@ -8,10 +8,11 @@ import unittest
 import numpy as np
 import rospy
 import rostest
-from ground import _core
-from ground_msgs.msg import Burst, Controls, ControllerStatus, Decision, State
+from ground_msgs.msg import Burst, ControllerStatus, Controls, Decision, State
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
+
+from ground import _core
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness

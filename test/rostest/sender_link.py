@@ -9,9 +9,8 @@ import time
 import dynamic_reconfigure.client
 import rospy
 import rostest
-from ground_msgs.msg import SenderStatus, Telemetry
-
 from fake_craft import STATE, encode_state
+from ground_msgs.msg import SenderStatus, Telemetry
 from sender_rig import DRIVE, ZERO, SenderTest, refusal, wait_for
 
 SHARE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")

@@ -10,10 +10,9 @@ import unittest
 
 import roslib.packages
 import rospy
+from fake_craft import FakeCraft, free_port, is_zero
 from ground_msgs.msg import Controls, SenderStatus, State
 from std_srvs.srv import SetBool
-
-from fake_craft import FakeCraft, free_port, is_zero
 
 LIMIT = 0.25  # longest time until zeros are sent [s]
 DRIVE = (0.5, 0.25, 1.0)

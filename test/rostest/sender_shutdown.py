@@ -9,9 +9,8 @@ import time
 
 import rospy
 import rostest
-from ground_msgs.msg import SenderStatus
-
 from fake_craft import is_zero
+from ground_msgs.msg import SenderStatus
 from sender_rig import NODELET, SenderTest, kill
 
 END_LIMIT = 1.0  # longest time until zeros; roslaunch and roscpp check signals every 0.1 s [s]

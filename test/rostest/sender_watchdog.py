@@ -7,7 +7,6 @@ import time
 import rospy
 import rostest
 from rosgraph_msgs.msg import Clock
-
 from sender_rig import DRIVE, SenderTest, kill, spawn_controller, wait_for
 
 

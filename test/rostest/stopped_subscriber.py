@@ -5,7 +5,6 @@ import os
 import signal
 
 import rospy
-
 from harness import wait_for
 
 TOPICS = ("state", "odometry", "controls", "controls/wanted", "decision", "reference", "tf",

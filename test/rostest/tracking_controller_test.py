@@ -19,7 +19,6 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 from controller_case import ControllerCase, S
 
-
 HERE = os.path.dirname(os.path.abspath(__file__))
 NOMINAL = os.path.join(HERE, "..", "..", "cfg", "hovercraft", "tiny_whoover.yaml")
 TILTED = os.path.join(HERE, "tilted_craft.yaml")

@@ -15,7 +15,7 @@ import dynamic_reconfigure.client
 import numpy as np
 import rospy
 import rostest
-from ground_msgs.msg import Controls, ControllerStatus, Reference, SenderStatus, State
+from ground_msgs.msg import ControllerStatus, Controls, Reference, SenderStatus, State
 from ground_msgs.srv import LoadModel
 from std_srvs.srv import SetBool, Trigger
 

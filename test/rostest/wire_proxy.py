@@ -7,7 +7,6 @@ import threading
 
 from fake_craft import SO_TIMESTAMPNS, Packet, decode_motors, receive, varint
 
-
 COUNT = 13  # field of a DroneState
 
 

@@ -14,6 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 from fake_craft import FakeCraft, is_zero
+
 from ground import _core
 
 PORT, CLOCK, DURATION = 33491, 15.0, 4.0

@@ -15,7 +15,7 @@ os.environ.setdefault("GLOG_minloglevel", "3")
 
 # Public names by their module. A module is loaded on first use: those that a fit needs take a second.
 _PUBLIC = {
-    "adding": "Addition add",
+    "fitting.add": "Addition add",
     "discovery.discover": "Discovery discover",
     "data.measured": "read",
     "comparing.compare": "compare",
@@ -23,31 +23,31 @@ _PUBLIC = {
     "control.track": "Tracking track",
     "diagnosing.diagnose": "diagnose",
     "diagnosing.result": "Diagnosis",
-    "errors": "GroundError GroundWarning OptionError",
+    "support.errors": "GroundError GroundWarning OptionError",
     "fitting.fit": "fit",
     "fitting.result": "Fit",
     "models": "Model Parameter Room",
     "recordings.recording": "Recording",
-    "simulating.simulate": "simulate",
+    "simulation.simulate": "simulate",
     "simulation.simulated_run": "SimulatedRun",
 }
 _HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
 if TYPE_CHECKING:
-    from ground.adding import Addition, add
-    from ground.discovery.discover import Discovery, discover
-    from ground.fitting.fit import fit
-    from ground.fitting.result import Fit
-    from ground.models import Model, Parameter, Room
-    from ground.data.measured import read
     from ground.comparing.compare import compare
     from ground.comparing.result import Comparison, RunComparison
     from ground.control.track import Tracking, track
+    from ground.data.measured import read
     from ground.diagnosing.diagnose import diagnose
     from ground.diagnosing.result import Diagnosis
-    from ground.errors import GroundError, GroundWarning, OptionError
+    from ground.discovery.discover import Discovery, discover
+    from ground.fitting.add import Addition, add
+    from ground.fitting.fit import fit
+    from ground.fitting.result import Fit
+    from ground.models import Model, Parameter, Room
     from ground.recordings.recording import Recording
-    from ground.simulating.simulate import simulate
+    from ground.simulation.simulate import simulate
     from ground.simulation.simulated_run import SimulatedRun
+    from ground.support.errors import GroundError, GroundWarning, OptionError
 
 __all__ = [  # the names of _HOMES, repeated for type checkers
     "Addition",

@@ -10,7 +10,7 @@ import json
 import sys
 from typing import Iterator, NamedTuple, Optional, Sequence
 
-from ground import completion, errors, files, progress
+from ground.support import completion, errors, files, progress
 
 
 class Verb(NamedTuple):
@@ -25,12 +25,12 @@ VERBS = [
     Verb("import", "data.import_csv", "converts CSV of rostopic echo -p to a bag"),
     Verb("info", "data.info", "contents and oddities of recordings, and their usable parts"),
     Verb("bench", "fitting.bench", "fits thrust, its curve and gains to forces of a bench (thesis 3.2)"),
-    Verb("simulate", "simulating.simulate", "records a simulated experiment to a bag, without ROS running"),
+    Verb("simulate", "simulation.simulate", "records a simulated experiment to a bag, without ROS running"),
     Verb("fit", "fitting.fit", "fits a model's parameters to recordings by simulation error"),
     Verb("compare", "comparing.compare", "models against recordings: errors, where they come from, pictures"),
     Verb("diagnose", "diagnosing.diagnose", "which physical effect a model lacks, and the model with it"),
     Verb("discover", "discovery.discover", "a simulated craft flies and finds its own physics"),
-    Verb("add", "adding", "adds an effect to a model, refits it, and shows the error before and after"),
+    Verb("add", "fitting.add", "adds an effect to a model, refits it, and shows the error before and after"),
     Verb("tracking", "control.tracking", "how recorded crafts followed their reference"),
 ]
 PROGRAMS = {  # of one verb

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Dict, Iterable, Iterator, Mapping, Optional, S
 
 import numpy as np
 
-from ground import _core, errors, files, origin
-from ground.annotations import Array, Document, Path
-from ground.errors import GroundError
-from ground.results import Shown
+from ground import _core
+from ground.support import errors, files, origin
+from ground.support.annotations import Array, Document, Path
+from ground.support.errors import GroundError
+from ground.support.results import Shown
 
 if TYPE_CHECKING:
     import pandas

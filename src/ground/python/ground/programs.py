@@ -1,6 +1,6 @@
 """Entry points of the programs identify, track and tune: they return an exit status."""
 
-from ground.errors import guarded
+from ground.support.errors import guarded
 
 # Imports take a second; inside `guarded`, Ctrl-C during that time prints no traceback either.
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import window_error
-from ground.analysis.window_error import squared_errors
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.annotations import Array, Each, Random
-from ground.errors import GroundError
+from ground.analysis.window_error import squared_errors
+from ground.support.annotations import Array, Each, Random
+from ground.support.errors import GroundError
 
 DRAWS = 15
 FAR = 3.3  # standard deviations of the artificial recordings

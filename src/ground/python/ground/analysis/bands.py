@@ -20,9 +20,9 @@ from ground import _core
 from ground.analysis import folds, likelihood
 from ground.analysis.distributions import student_limit
 from ground.analysis.likelihood import CAP, call
-from ground.annotations import Array, Document, Each, Flags
-from ground.errors import GroundError
 from ground.recordings import repair, windows
+from ground.support.annotations import Array, Document, Each, Flags
+from ground.support.errors import GroundError
 
 PART = 0.9  # probability that a band holds the measurement
 HORIZONS = (0.5, windows.WINDOW, 4.0)  # horizons at which coverage is counted [s]

@@ -9,8 +9,8 @@ from typing import Callable, Dict, Iterator, List, Optional, Sequence
 import yaml
 
 from ground import _core
-from ground.annotations import Document
-from ground.errors import GroundError
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 
 # The error has several minima over a full turn, so that fits begin at several angles [rad].
 STARTS = {"heading_offset.psi0": (math.pi / 2, math.pi, -math.pi / 2)}

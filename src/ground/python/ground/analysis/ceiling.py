@@ -18,15 +18,15 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import dictionary, samples
-from ground.analysis.scalars import ARGUMENTS, PAST
 from ground.analysis.folds import excerpt
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Samples, Scales
+from ground.analysis.scalars import ARGUMENTS, PAST
 from ground.analysis.screening import refined, screened
 from ground.analysis.window_error import squared_errors
-from ground.annotations import Array
-from ground.errors import GroundError
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
 
 ROUNDS = 4
 PROMISING = 200  # single features of the second and later rounds

@@ -9,7 +9,7 @@ import numpy as np
 from ground import _core
 from ground.analysis.samples import Scales, inputs
 from ground.analysis.scalars import COMMAND, PLACE, VELOCITY, Constant, Memory, spread
-from ground.annotations import Array
+from ground.support.annotations import Array
 
 ROOM = 3  # directions of the room, half a turn together
 POINTS = 20  # where a force may point to, on the way of the craft

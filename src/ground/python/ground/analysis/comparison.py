@@ -6,8 +6,8 @@ from typing import Dict, Iterable, List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document, Indices
 from ground.recordings import repair, windows
+from ground.support.annotations import Array, Document, Indices
 
 START = 0.4  # part of a window that gives the initial velocities of the pure prediction [s]
 THESIS_SPAN = 4.0  # length of the thesis's objective [s]

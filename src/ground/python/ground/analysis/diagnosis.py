@@ -32,7 +32,7 @@ from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import EXCLUSION, REFITTED, Search
-from ground.progress import Work
+from ground.support.progress import Work
 
 # An effect matters if it moves the predicted pose at the horizon by this multiple of the noise of a
 # pose: one that the eye sees in the poses without statistics (Rose's criterion). More data make an

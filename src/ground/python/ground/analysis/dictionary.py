@@ -14,13 +14,24 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import channels, scalars
-from ground.analysis.channels import ALONG, ACROSS, DAMPING, ON_BODY, Channel
+from ground.analysis.channels import ACROSS, ALONG, DAMPING, ON_BODY, Channel
 from ground.analysis.samples import MEMORIES, SWINGS, Samples, Scales, evaluated, inputs, namespace
 from ground.analysis.scalars import (
-    COMMAND, FAR, HEADING, ONE, PAST, PLACE, TIME, VELOCITY, Constant, Memory, Scalar, filled,
+    COMMAND,
+    FAR,
+    HEADING,
+    ONE,
+    PAST,
+    PLACE,
+    TIME,
+    VELOCITY,
+    Constant,
+    Memory,
+    Scalar,
+    filled,
     product_of_units,
 )  # fmt: skip
-from ground.annotations import Array
+from ground.support.annotations import Array
 
 FIELDS = {"wide": (1.0, 24), "middle": (0.4, 40), "fine": (0.15, 40)}  # lengths over the extent, waves
 CHANNELS = ("X", "Y", "N")

@@ -4,7 +4,7 @@ import math
 
 from scipy import special
 
-from ground.annotations import Array
+from ground.support.annotations import Array
 
 
 def chi_squared_above(value: float, freedom: int) -> float:

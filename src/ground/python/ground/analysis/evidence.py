@@ -6,10 +6,10 @@ from typing import Iterable, List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.annotations import Document
 from ground.analysis import candidates
 from ground.analysis.distributions import chi_squared_above, heads
 from ground.analysis.horizon import Change
+from ground.support.annotations import Document
 
 
 @dataclass(frozen=True)

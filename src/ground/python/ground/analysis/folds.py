@@ -10,10 +10,10 @@ from ground import _core
 from ground.analysis import window_error
 from ground.analysis.distributions import mean_not_above_zero
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.annotations import Array, Document, Each, Indices
-from ground.errors import GroundError
-from ground.progress import Work
 from ground.recordings import windows
+from ground.support.annotations import Array, Document, Each, Indices
+from ground.support.errors import GroundError
+from ground.support.progress import Work
 
 BLOCK = 6.0  # length of blocks of time [s]
 BLOCK_FOLDS = 10  # largest number of folds of blocks

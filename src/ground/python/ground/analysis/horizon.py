@@ -8,9 +8,9 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.likelihood import call
-from ground.annotations import Array
-from ground.errors import GroundError
 from ground.recordings import repair, windows
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
 
 LENGTHS = 20.0  # travelled at full thrust within the horizon [radii of gyration]; some five lengths
 TURN = 2 * np.pi  # turned at full moment within the horizon [rad]

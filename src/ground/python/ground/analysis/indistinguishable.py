@@ -7,7 +7,7 @@ from ground import _core
 from ground.analysis.likelihood import Fit
 from ground.analysis.score_tests import UNSEEN, stepped
 from ground.analysis.search import Search
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 
 SIZES = (1.0, 0.5, 0.25, 0.1, -1.0, -0.5, -0.25, -0.1)  # tried sizes, relative to the typical one
 MAX_LOSS = 0.1  # loss of log-likelihood up to which two models do the same

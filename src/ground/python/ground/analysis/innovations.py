@@ -8,7 +8,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.annotations import Array, Flags
+from ground.support.annotations import Array, Flags
 
 STEP = 1e-3  # relative step of a parameter, for finite differences
 DELAY = 1e-3  # delay of all commands that counts as a change of a parameter [s]

@@ -14,8 +14,8 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.thinning import thinned
-from ground.annotations import Array, Document
-from ground.errors import GroundError
+from ground.support.annotations import Array, Document
+from ground.support.errors import GroundError
 
 _T = TypeVar("_T")
 

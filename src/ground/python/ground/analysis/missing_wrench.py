@@ -7,8 +7,8 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import residuals
-from ground.annotations import Array, Document
 from ground.recordings import repair
+from ground.support.annotations import Array, Document
 
 MAX_WRENCH = 3.0  # largest missing wrench, in multiples of full thrust; a larger one is a disturbance
 MAX_OUTLIER = 8.0  # the same in robust standard deviations

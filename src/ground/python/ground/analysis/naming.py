@@ -13,12 +13,12 @@ import numpy as np
 from ground import _core
 from ground.analysis import candidates, formula_words
 from ground.analysis.dictionary import Feature, dependence
+from ground.analysis.distributions import chi_squared_above
 from ground.analysis.formula_words import Piece
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.distributions import chi_squared_above
 from ground.analysis.regression import LEVEL, Regression, Term
-from ground.annotations import Document, Flags
-from ground.errors import GroundError
+from ground.support.annotations import Document, Flags
+from ground.support.errors import GroundError
 
 NAME = "proposed"
 MOST = 5  # features that are chosen from one regression

@@ -7,11 +7,11 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.candidates import Candidate
-from ground.analysis.window_error import free_parameters
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests, stepped
-from ground.errors import GroundError
+from ground.analysis.window_error import free_parameters
 from ground.recordings import windows
+from ground.support.errors import GroundError
 
 STEPS = (1.0, 0.3, 0.1)  # parts of the score test's step that refits start from
 SIZES = (0.5, 0.2, -0.2)  # start values of an effect that score tests cannot see, over its typical size

@@ -19,7 +19,7 @@ from ground.analysis.dictionary import Feature, dependence
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.innovations import Innovations
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.annotations import Array, Flags, Indices
+from ground.support.annotations import Array, Flags, Indices
 
 LEVEL = 0.01  # probability that a term is chosen where nothing is missing
 SIZES = np.geomspace(1e-4, 1.0, 17) ** 2  # variances of a term's wrench, over full thrust squared

@@ -12,7 +12,7 @@ from typing import Dict, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document, Indices
+from ground.support.annotations import Array, Document, Indices
 
 CHANNELS = ("ahead", "starboard", "heading")
 LAGS = 40  # number of lags of the auto-correlation [samples]

@@ -14,12 +14,12 @@ from ground import _core
 from ground.analysis import dictionary, naming, samples
 from ground.analysis.ceiling import Found
 from ground.analysis.dictionary import Family, Feature
-from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.formula_words import Piece
+from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.naming import Formula
 from ground.analysis.regression import Regression, Term
 from ground.analysis.samples import Samples
-from ground.annotations import Array
+from ground.support.annotations import Array
 
 MOST = 2  # rivals
 TRIED = 4  # formulas

@@ -12,8 +12,8 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.annotations import Array
 from ground.recordings import repair
+from ground.support.annotations import Array
 
 RESTART = 0.25  # time that velocities are simulated from a filtered state [s]
 HOPS = 3  # restarts in that time

@@ -12,7 +12,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.samples import MEMORIES, Samples, Scales, inputs
-from ground.annotations import Array
+from ground.support.annotations import Array
 
 HEADING, PLACE, VELOCITY = "heading", "place", "velocity"
 COMMAND, PAST, TIME = "command", "past", "time"

@@ -7,7 +7,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import candidates as effects
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.annotations import Array, Document
+from ground.support.annotations import Array, Document
 
 UNSEEN = 0.003  # an effect is unseen if the fitted parameters leave less of its information
 

@@ -21,7 +21,7 @@ from ground.analysis.distributions import chi_squared_above
 from ground.analysis.regression import LEVEL, Regression
 from ground.analysis.samples import Samples, Scales, evaluated, namespace
 from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
-from ground.annotations import Array, Indices
+from ground.support.annotations import Array, Indices
 
 BIN = 0.05  # samples that are taken together [s]
 RANDOM = 8  # draws of innovations that give the variance of a score

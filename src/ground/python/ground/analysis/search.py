@@ -24,9 +24,8 @@ from ground.analysis.likelihood import Fit
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import ScoreTests
 from ground.analysis.window_error import free_parameters
-from ground.annotations import Each
-from ground.progress import Work
-
+from ground.support.annotations import Each
+from ground.support.progress import Work
 
 LEVEL = 0.01  # probability of choosing an effect although none is missing
 REFITTED = 4  # effects that are refitted in a step, best by score test first

@@ -9,7 +9,7 @@ the work. At full thrust its error is at most a fifth of the noise of heading, a
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Indices
+from ground.support.annotations import Array, Indices
 
 RATE = 50.0  # least rate after thinning [Hz] ...
 TOLERANCE = 0.02  # ... up to this share, because steps are rounded: 200 Hz become 50 Hz, not 67 Hz

@@ -23,9 +23,9 @@ from ground.analysis.ceiling import Ceiling
 from ground.analysis.diagnosis import EXPLAINED, Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.search import EXCLUSION
-from ground.annotations import Document
-from ground.errors import GroundError
 from ground.recordings import windows
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 
 BETTER = 0.9  # largest ratio of errors at which a longer formula is worth it
 LENGTHENED = 3  # formulas, each longer than the one before

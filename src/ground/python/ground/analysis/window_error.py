@@ -7,10 +7,10 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates
-from ground.annotations import Array, Document, Indices, Random
-from ground.errors import GroundError
-from ground.progress import Work
 from ground.recordings import repair, windows
+from ground.support.annotations import Array, Document, Indices, Random
+from ground.support.errors import GroundError
+from ground.support.progress import Work
 
 if TYPE_CHECKING:
     from ground.analysis.likelihood import Fit, Likelihood

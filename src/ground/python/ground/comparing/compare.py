@@ -29,11 +29,10 @@ import json
 import os
 from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
-from ground import command_line, workers
-from ground.data import bag_arguments
 from ground.analysis import comparison
 from ground.analysis.window_error import noise_floor
-from ground.annotations import Document
+from ground.comparing.result import ROLES, Comparison, Ranking, RunComparison, prepare
+from ground.data import bag_arguments
 from ground.data.measured import (
     NO_RECORDING,
     Part,
@@ -43,13 +42,14 @@ from ground.data.measured import (
     repaired,
     taken,
 )
-from ground.comparing.result import Comparison, ROLES, Ranking, RunComparison, prepare
-from ground.errors import GroundError
 from ground.models import Model, ModelLike
-from ground.progress import Progress, Work
 from ground.recordings.recording import Recording
 from ground.reports import inspection, result_folder
-from ground.results import distinct_labels
+from ground.support import command_line, workers
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
+from ground.support.progress import Progress, Work
+from ground.support.results import distinct_labels
 
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
 WRITING = "writing the page"  # stage
@@ -67,7 +67,7 @@ def compare(
     """Models against recordings: errors, and where they come from.
 
     models: one or several, or {label: model}; recordings: recordings or bags. progress: called with a
-    ground.progress.Report at each step. GroundError when a file cannot be read, a model cannot be
+    ground.support.progress.Report at each step. GroundError when a file cannot be read, a model cannot be
     simulated, or a run or model is given twice. Options, as keyword arguments or as bag_arguments.Span:
 
     >>> craft = ground.Model.load(model_file)

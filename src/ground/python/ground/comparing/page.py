@@ -2,9 +2,9 @@
 
 from typing import Sequence
 
-from ground.annotations import Document
 from ground.comparing import words
 from ground.reports import appearance, figures, page, studies
+from ground.support.annotations import Document
 
 
 def write(

@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 
 import numpy as np
 
-from ground import files
 from ground.analysis import comparison
-from ground.annotations import Document, Path
+from ground.comparing import words
 from ground.models import Model
 from ground.recordings import findings
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
-from ground.comparing import words
 from ground.reports import appearance, result_folder
 from ground.reports.words import number
-from ground.results import Shown, distinct_labels
+from ground.support import files
+from ground.support.annotations import Document, Path
+from ground.support.results import Shown, distinct_labels
 
 if TYPE_CHECKING:
     import pandas

@@ -1,7 +1,7 @@
 """The result of a comparison in a sentence."""
 
-from ground.annotations import Document
 from ground.reports.words import listed
+from ground.support.annotations import Document
 
 
 def comparison(ranking: Document, noise_floor: float) -> str:

@@ -6,18 +6,17 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 
 import numpy as np
 
-from ground import command_line
-from ground.annotations import Document
-from ground.command_line import count, option, positive, seconds, seed
-from ground.simulation import listing
 from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
-from ground.errors import GroundError
 from ground.models import Model, ModelLike
-from ground.progress import Progress, Work
-from ground.results import Shown
-from ground.simulation import gains as gain_files
-from ground.simulation import tracking
 from ground.recordings.tracks import Track
+from ground.simulation import gains as gain_files
+from ground.simulation import listing, tracking
+from ground.support import command_line
+from ground.support.annotations import Document
+from ground.support.command_line import count, option, positive, seconds, seed
+from ground.support.errors import GroundError
+from ground.support.progress import Progress, Work
+from ground.support.results import Shown
 
 if TYPE_CHECKING:
     import pandas

@@ -3,13 +3,13 @@
 import argparse
 from typing import Iterator, List, Tuple
 
-from ground import command_line
-from ground.annotations import Document
 from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
 from ground.data import bag_arguments
 from ground.models import Room
 from ground.recordings import tracks
 from ground.recordings.recording import Recording
+from ground.support import command_line
+from ground.support.annotations import Document
 
 FOLLOWING = "comparing paths with references"  # stage; unit: a recording
 

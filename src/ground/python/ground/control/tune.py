@@ -6,16 +6,16 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core, command_line, files
-from ground.annotations import Document
-from ground.command_line import count, option, positive, seed
-from ground.simulation import listing
+from ground import _core
 from ground.control.words import add_picture, draw, metres, refuse_picture
-from ground.errors import GroundError
 from ground.models import Model
-from ground.progress import Work
-from ground.workers import Workers
-from ground.simulation import gains, tracking, tuning
+from ground.simulation import gains, listing, tracking, tuning
+from ground.support import command_line, files
+from ground.support.annotations import Document
+from ground.support.command_line import count, option, positive, seed
+from ground.support.errors import GroundError
+from ground.support.progress import Work
+from ground.support.workers import Workers
 
 DETAILS = (
     """

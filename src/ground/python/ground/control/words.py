@@ -3,8 +3,8 @@
 import argparse
 from typing import Callable, Iterator
 
-from ground import files
-from ground.annotations import Document
+from ground.support import files
+from ground.support.annotations import Document
 
 
 def effort_lines(numbers: Document) -> Iterator[str]:

@@ -4,13 +4,13 @@ import argparse
 from dataclasses import dataclass
 from typing import Any, Callable, Iterator, List, Optional, Sequence, Type
 
-from ground import command_line, files
-from ground.annotations import Document
 from ground.data import measured as api
-from ground.command_line import number, option, seconds
-from ground.errors import GroundError
 from ground.recordings import mapping, readers, run_settings
 from ground.recordings.recording import Recording
+from ground.support import command_line, files
+from ground.support.annotations import Document
+from ground.support.command_line import number, option, seconds
+from ground.support.errors import GroundError
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,9 @@
 
 import argparse
 
-from ground import command_line, files
-from ground.annotations import Document
 from ground.recordings import csv_exports
+from ground.support import command_line, files
+from ground.support.annotations import Document
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

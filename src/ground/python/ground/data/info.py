@@ -4,13 +4,13 @@ import argparse
 import os
 from typing import List
 
-from ground import command_line, files
 from ground.data import bag_arguments
-from ground.annotations import Document
 from ground.data import measured as api
 from ground.models import Model
-from ground.errors import GroundError
 from ground.recordings import drafts, findings, layouts, mapping, readers
+from ground.support import command_line, files
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -6,16 +6,16 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, TypeVar, Union
 
 from ground import _core
-from ground.annotations import Path
 from ground.models import Model
-from ground.results import distinct_labels
-from ground.errors import GroundError, GroundNote, RecordingWarning, warn
-from ground.progress import Work
 from ground.recordings import findings, quality, readers, suspicions
 from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.quality import RepairedRun
 from ground.recordings.recording import Recording
-from ground.workers import Workers
+from ground.support.annotations import Path
+from ground.support.errors import GroundError, GroundNote, RecordingWarning, warn
+from ground.support.progress import Work
+from ground.support.results import distinct_labels
+from ground.support.workers import Workers
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")

@@ -9,19 +9,19 @@ from typing import Callable, Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
-from ground import command_line
+from ground.analysis import candidates, diagnosis, search, window_error
+from ground.analysis.verdict import MISREAD, Conclusion, conclude
 from ground.data import bag_arguments
-from ground.analysis import candidates, diagnosis, diagnosis_report, search, window_error
-from ground.analysis.verdict import Conclusion, MISREAD, conclude
-from ground.annotations import Array, Document, Path
 from ground.data.measured import Recordings, held_out, measured
-from ground.command_line import count, option
+from ground.diagnosing import document, words
 from ground.diagnosing.result import Diagnosis, Problem, prepare
-from ground.errors import GroundError
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
-from ground.progress import Progress, Work
-from ground.diagnosing import words
 from ground.reports import result_folder
+from ground.support import command_line
+from ground.support.annotations import Array, Document, Path
+from ground.support.command_line import count, option
+from ground.support.errors import GroundError
+from ground.support.progress import Progress, Work
 
 ON_REQUEST = ", ".join(candidates.on_request())
 WRITING = "writing the page"  # stage
@@ -77,7 +77,7 @@ def diagnose(
 
     recordings, holdout: recordings or bags to fit to and to test on; holdout judges what is found
     and decides nothing. Without it, parts of recordings are held out. told: called with each line of the
-    verdict as soon as it is known. progress: called with a ground.progress.Report at each step.
+    verdict as soon as it is known. progress: called with a ground.support.progress.Report at each step.
     GroundError when a file cannot be read, there is no such effect or the recordings are too short.
     Options, as keyword arguments or as DiagnoseOptions:
 
@@ -109,11 +109,11 @@ def diagnose(
     held = problem.held.data
     conclusion = conclude(found, held, misread)
     name = problem.model.path or problem.model.name
-    report = diagnosis_report.begun(found, conclusion, name, held, problem.findings)
+    report = document.begun(found, conclusion, name, held, problem.findings)
     for line in words.concluded(report):
         told(line)
     walls = room.core if room else None
-    report = diagnosis_report.completed(report, found, conclusion, options.thorough, walls)
+    report = document.completed(report, found, conclusion, options.thorough, walls)
     return _result(problem, found, conclusion, report)
 
 

@@ -7,10 +7,10 @@ from typing import Any, List, Sequence, Tuple
 from ground import _core
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.verdict import Conclusion
-from ground.annotations import Document
 from ground.diagnosing import words
 from ground.reports import appearance, figures, inspection, page, studies
 from ground.reports.words import number
+from ground.support.annotations import Document
 
 MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
 NOMINAL, IMPROVED = "nominal, refitted", "improved"
@@ -29,7 +29,7 @@ def write(
 ) -> None:
     """Writes the page of a diagnosis.
 
-    report: as ground.analysis.diagnosis_report gives it; found, conclusion: Diagnosis and Conclusion;
+    report: as ground.diagnosing.document gives it; found, conclusion: Diagnosis and Conclusion;
     described: findings.describe of all runs; held: _core.RunData of runs that were held out; inputs:
     files read. At most MAX_DRAWN runs are drawn, unless thorough.
     """

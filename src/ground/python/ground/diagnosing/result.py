@@ -4,17 +4,17 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 
-from ground import files
-from ground.analysis import candidates, diagnosis, diagnosis_report
-from ground.analysis.verdict import Conclusion, MISREAD
-from ground.annotations import Array, Document, Path
+from ground.analysis import candidates, diagnosis
+from ground.analysis.verdict import MISREAD, Conclusion
 from ground.data.measured import Measured
+from ground.diagnosing import document, words
 from ground.models import Model, Parameter, Room
 from ground.recordings import findings
 from ground.recordings.recording import Recording
-from ground.diagnosing import words
 from ground.reports import result_folder
-from ground.results import Shown
+from ground.support import files
+from ground.support.annotations import Array, Document, Path
+from ground.support.results import Shown
 
 if TYPE_CHECKING:
     import pandas
@@ -122,7 +122,7 @@ class Diagnosis(Shown):
 
         place = os.fspath(folder)
         paths = prepare(place, force)
-        stale = FILES if result_folder.is_of(paths[0], diagnosis_report.SCHEMA) else ()
+        stale = FILES if result_folder.is_of(paths[0], document.SCHEMA) else ()
         with result_folder.replaced(place, stale, force) as new:
             self._write(new)
             written = {*os.listdir(new), os.path.basename(paths[1])}
@@ -147,7 +147,7 @@ class Diagnosis(Shown):
         if self.verdict != MISREAD:
             self.improved.save(improved)
         if self.report["unexplained"]["proposal"]:
-            entry = diagnosis_report.effect_entry(self.report["unexplained"]["proposal"])
+            entry = document.effect_entry(self.report["unexplained"]["proposal"])
             files.write_yaml(proposal, entry)
         if self.next_inputs is not None:
             files.write_csv(experiment, "time,left,right", self.next_inputs)

@@ -4,9 +4,9 @@ import math
 from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
 
 from ground.analysis.formula_words import WORDS, quantity
-from ground.annotations import Document
 from ground.recordings import suspicions
 from ground.reports.words import capital, listed, number
+from ground.support.annotations import Document
 
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
 ABOVE = 1.15  # ratio of error to noise floor from which more may be missing

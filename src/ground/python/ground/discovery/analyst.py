@@ -9,14 +9,14 @@ from ground import _core
 from ground.analysis import candidates, diagnosis, formula_words, naming, window_error
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.verdict import Conclusion, conclude
-from ground.annotations import Document
 from ground.discovery import beliefs, information, pieces
 from ground.discovery.beliefs import State
 from ground.discovery.information import Offer, Question
-from ground.errors import GroundError
 from ground.recordings import suspicions, windows
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 
 # Expected before the first flight: noise of the poses and random wrench
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]

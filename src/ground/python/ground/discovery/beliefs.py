@@ -19,10 +19,10 @@ from typing import Collection, Dict, List, Mapping, NamedTuple
 import numpy as np
 
 from ground.analysis.diagnosis import Diagnosis
-from ground.annotations import Array
+from ground.analysis.score_tests import solve
 from ground.discovery.information import DECIDED, Basis, Information, Question, Questions
 from ground.discovery.story import ABSENT, HIDDEN, OPEN, PRESENT, SLIGHT, Belief
-from ground.analysis.score_tests import solve
+from ground.support.annotations import Array
 
 PRIOR = 0.05  # probability that an effect acts, before the first flight
 SPREAD = 2.0  # standard deviation of parameters, in sizes that matter

@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 from typing import Callable, List, Sequence, Tuple
 
 from ground import _core
-from ground.annotations import Array
 from ground.discovery import information
 from ground.discovery.beliefs import State
 from ground.discovery.information import DECIDED, Offer
 from ground.discovery.pieces import Piece, pieces
+from ground.support.annotations import Array
 
 LONGEST = 16.0  # longest flight of an excitation [s]
 NAMED = 4  # open questions that a reason names

@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING, Callable, Dict, Iterator, List, Mapping, Optio
 
 import numpy as np
 
-from ground import _core, command_line
-from ground.annotations import Document, Path
-from ground.command_line import option, seed
+from ground import _core
 from ground.discovery import campaign, flights
 from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import Story
-from ground.errors import GroundError, OptionError
 from ground.models import Model, ModelLike, Room, RoomLike
-from ground.progress import Progress, Work
-from ground.results import Shown
-from ground.simulating import simulate as simulating
 from ground.simulation import experiments
+from ground.simulation import simulate as simulating
+from ground.support import command_line
+from ground.support.annotations import Document, Path
+from ground.support.command_line import option, seed
+from ground.support.errors import GroundError, OptionError
+from ground.support.progress import Progress, Work
+from ground.support.results import Shown
 
 if TYPE_CHECKING:
     import pandas
@@ -118,7 +119,7 @@ def discover(
     model: what is known of the craft; truth: the model by which it moves. folder: keeps recordings,
     models, journal.json and the page report.html after each step; the discovery of a folder is
     continued. mocap: as for `simulate`; trim differs from flight to flight. told: called with
-    the Story at each change; progress: called with a ground.progress.Report at each step. OptionError
+    the Story at each change; progress: called with a ground.support.progress.Report at each step. OptionError
     when an option is wrong, GroundError when the craft cannot fly, or the folder is not that of a
     discovery of this model. Options, as keyword arguments or as DiscoverOptions:
 

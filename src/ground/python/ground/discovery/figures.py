@@ -6,13 +6,31 @@ from typing import Dict, List, Mapping, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document
 from ground.discovery import story as tale
 from ground.discovery.story import Flight, Flown, Point, Story
 from ground.reports import appearance
-from ground.reports.appearance import FLOOR, LESS, MARKS, MEASURED, MODELS, WARNING, model_line, thruster_line
-from ground.reports.figure_parts import X_AXIS, Y_AXIS, curve, every_so_many, fewer, points, short, walls
+from ground.reports.appearance import (
+    FLOOR,
+    LESS,
+    MARKS,
+    MEASURED,
+    MODELS,
+    WARNING,
+    model_line,
+    thruster_line,
+)
+from ground.reports.figure_parts import (
+    X_AXIS,
+    Y_AXIS,
+    curve,
+    every_so_many,
+    fewer,
+    points,
+    short,
+    walls,
+)
 from ground.reports.panels import Panels
+from ground.support.annotations import Array, Document
 
 ROOM_ABOVE = 1.6  # largest error that the axis has room for, over the largest that is drawn
 MIN_ERROR = 1e-6  # smallest error that is drawn [-]

@@ -8,15 +8,15 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.likelihood import Fit
-from ground.annotations import Array
 from ground.discovery import analyst, pieces, tracking
 from ground.discovery.journal import FIRST, Journal
 from ground.discovery.laboratory import Laboratory
 from ground.discovery.story import CONFIRM, GIVEN, TRACK, Flight, Flown, Point, Story, Version
-from ground.errors import GroundError
 from ground.recordings import readers, windows
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
 
 LIFT_TIME = 0.5  # lift alone before the first thrust [s]
 RETURNS = 2.5  # length of a flight, in lengths of its inputs, where it cannot be predicted

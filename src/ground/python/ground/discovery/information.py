@@ -23,9 +23,9 @@ from ground.analysis import candidates as effects
 from ground.analysis import window_error
 from ground.analysis.likelihood import CAP, Likelihood, call
 from ground.analysis.score_tests import solve, stepped
-from ground.annotations import Array
 from ground.discovery.pieces import Piece
 from ground.recordings import windows
+from ground.support.annotations import Array
 
 # Visibility at which a question counts as decided: a test at the threshold of a search (12.7 for one
 # parameter) then has a power of 95%.

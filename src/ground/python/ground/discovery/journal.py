@@ -9,10 +9,11 @@ import os
 import re
 from typing import List, Optional
 
-from ground import _core, files
-from ground.annotations import Array
+from ground import _core
 from ground.discovery.story import SCHEMA, Story
-from ground.errors import GroundError
+from ground.support import files
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
 
 STORY = "journal.json"
 FIRST = "model-00.yaml"  # the only file that is written before there is a story

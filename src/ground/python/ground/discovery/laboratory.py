@@ -6,9 +6,9 @@ from typing import List, Optional, Protocol, Sequence
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array
 from ground.discovery.story import Flight, Point
 from ground.recordings.recording import Recording
+from ground.support.annotations import Array
 
 
 @dataclass(frozen=True)

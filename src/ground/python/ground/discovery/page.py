@@ -9,11 +9,11 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document
 from ground.discovery import figures, words
 from ground.discovery.story import CONFIRM, PRESENT, SLIGHT, TRACK, Finding, Flight, Flown, Story
 from ground.reports import appearance, page
 from ground.reports.words import number, sentence
+from ground.support.annotations import Array, Document
 
 NAME = "report.html"  # in the folder of a discovery
 MAX_OPEN = 8  # flights that are all shown at once

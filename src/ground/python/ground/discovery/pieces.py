@@ -7,8 +7,8 @@ from typing import Any, Dict, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document
 from ground.simulation import experiments
+from ground.support.annotations import Array, Document
 
 SECONDS = 4.0  # length of a piece [s]
 LIFTS = (1.0, 0.6)

@@ -7,16 +7,17 @@ from typing import Iterator, List, Optional, Sequence, cast
 
 import numpy as np
 
-from ground import _core, files
-from ground.annotations import Array
+from ground import _core
 from ground.discovery import tracking
 from ground.discovery.laboratory import Landed, lifted
 from ground.discovery.story import Flight, Point
-from ground.errors import GroundError
 from ground.recordings import readers
 from ground.recordings.recording import Recording
-from ground.simulation.simulated_run import SimulatedRun
 from ground.simulation import experiments, gains
+from ground.simulation.simulated_run import SimulatedRun
+from ground.support import files
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
 
 MOST = 4.0  # longest flight, in lengths of its inputs
 PATH_STEP = 0.1  # between points of a path [s]

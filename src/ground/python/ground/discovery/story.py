@@ -7,7 +7,7 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Optional, Tuple, Union, get_args, get_origin, get_type_hints
 
-from ground.annotations import Document
+from ground.support.annotations import Document
 
 SCHEMA = "ground/discovery/1"
 

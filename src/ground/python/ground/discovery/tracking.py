@@ -10,8 +10,8 @@ from typing import List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array
 from ground.discovery.story import GIVEN, TRACK, Flight, Flown, Story, TrackingCheck
+from ground.support.annotations import Array
 
 REFERENCE, SIZE, SECONDS = "rhodonea", 0.6, 15.0  # size: share of the clearance of home; length [s]
 SETTLING = 6.0  # time after which errors count [s]

@@ -6,17 +6,19 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground import _core, command_line
+from ground import _core
+from ground.analysis import comparison, folds, window_error
 from ground.data import bag_arguments
-from ground.analysis import comparison, folds, identifiability, unit_slips, window_error
-from ground.annotations import Array, Document
 from ground.data.measured import Measured, Recordings, held_out, measured
-from ground.command_line import count, option, positive
-from ground.errors import GroundError, warn
+from ground.fitting import identifiability, unit_slips
 from ground.fitting.result import BlockErrors, Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model, parameters_by_name
-from ground.progress import Progress, Work
 from ground.recordings import quality, windows
+from ground.support import command_line
+from ground.support.annotations import Array, Document
+from ground.support.command_line import count, option, positive
+from ground.support.errors import GroundError, warn
+from ground.support.progress import Progress, Work
 
 OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
@@ -110,8 +112,9 @@ def fit(
     """A model's parameters, fitted to recordings by simulation error.
 
     model: with the start values. recordings, holdout: recordings or bags to fit to and to test on.
-    progress: called with a ground.progress.Report at each step. GroundError when a file cannot be read,
-    a parameter does not exist or there is nothing to fit to. Options, as keyword arguments or as FitOptions:
+    progress: called with a ground.support.progress.Report at each step. GroundError when a file cannot be
+    read, a parameter does not exist or there is nothing to fit to. Options, as keyword arguments or as
+    FitOptions:
 
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.fit(craft.with_values({"k": 0.09}), bag, free=["k", "N_r"])

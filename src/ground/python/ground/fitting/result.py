@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tupl
 import numpy as np
 
 from ground.analysis import folds
-from ground.annotations import Document, Path
 from ground.models import Model, Parameter, parameter_frame
-from ground.results import Shown
+from ground.support.annotations import Document, Path
+from ground.support.results import Shown
 
 if TYPE_CHECKING:
     import pandas

@@ -12,9 +12,9 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ground import _core
-from ground.annotations import Message
 from ground.discovery.story import OPEN, PRESENT
 from ground.reports import appearance
+from ground.support.annotations import Message
 
 GAP = 0.35  # between the room and the markers [m]
 ABOVE_ROOM = 0.85  # how far the markers reach over the room's upper wall [m]

@@ -8,8 +8,8 @@ from geometry_msgs.msg import PoseStamped
 from ground_msgs.msg import DiscoveryStatus
 from nav_msgs.msg import Path
 
-from ground.annotations import Message
 from ground.discovery.story import Flight, Story
+from ground.support.annotations import Message
 
 ABOVE = -0.01  # z of paths, which lies above the floor, world_ned [m]
 

@@ -15,13 +15,13 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from visualization_msgs.msg import MarkerArray
 
 from ground import _core
+from ground.discovery import page, words
 from ground.discovery.campaign import Discovery
 from ground.discovery.flights import Settings
 from ground.discovery.story import Story
-from ground.errors import GroundError, sentence
 from ground.nodes import discovery_markers, discovery_messages
 from ground.nodes.flying_laboratory import Ended, FlyingLaboratory
-from ground.discovery import page, words
+from ground.support.errors import GroundError, sentence
 
 STOPPED = "stopped by hand"
 PREPARES = "prepares: simulates what flights could show"

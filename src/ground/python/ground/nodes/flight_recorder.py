@@ -12,7 +12,7 @@ from typing import List
 import rosgraph
 import rospy
 
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 
 BEGIN = 20.0  # timeout until the recorder listens [s]
 END = 20.0  # timeout until the bag is closed [s]

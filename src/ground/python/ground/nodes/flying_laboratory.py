@@ -14,16 +14,17 @@ from ground_msgs.msg import ControllerStatus, SenderStatus, State
 from ground_msgs.srv import LoadModel
 from std_srvs.srv import Trigger
 
-from ground import _core, files
-from ground.annotations import Array, Message, Say
+from ground import _core
 from ground.discovery import simulated, tracking
 from ground.discovery.laboratory import Landed, lifted
 from ground.discovery.story import GIVEN, Flight, Point
-from ground.errors import GroundError
 from ground.nodes import live_parameters
 from ground.nodes.flight_recorder import FlightRecorder
 from ground.recordings import readers, tracks
 from ground.recordings.recording import Recording
+from ground.support import files
+from ground.support.annotations import Array, Message, Say
+from ground.support.errors import GroundError
 
 START = 60.0  # timeout of the start of nodes [s]
 ANSWER = 10.0  # timeout of a node's service [s]

@@ -28,14 +28,14 @@ from ground_msgs.srv import (
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
-from ground import files
 from ground.analysis import candidates
-from ground.annotations import Document, Message
-from ground.errors import GroundError, sentence
-from ground.nodes import reception
-from ground.progress import Report
-from ground.recordings import messages, readers
 from ground.diagnosing import words
+from ground.nodes import reception
+from ground.recordings import messages, readers
+from ground.support import files
+from ground.support.annotations import Document, Message
+from ground.support.errors import GroundError, sentence
+from ground.support.progress import Report
 
 Status = IdentificationStatus
 FIRST_CHECK = 3.0  # time until live topics are looked at for the first time [s]

@@ -16,7 +16,7 @@ from ground_msgs.msg import (
     State,
 )
 
-from ground.annotations import Array, Message
+from ground.support.annotations import Array, Message
 
 JUMP = 0.5  # jump back in time that clears the samples, more than disorder of messages [s]
 GAP = 0.3  # longest gap between samples across which a line is drawn [s]

@@ -10,7 +10,7 @@ from dynamic_reconfigure import DynamicReconfigureCallbackException, find_reconf
 from dynamic_reconfigure import client as reconfigure
 from rosgraph_msgs.msg import Log
 
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 
 ANSWER_TIMEOUT = 3.0  # timeout of a node's answer [s]
 REASON_TIMEOUT = 0.5  # timeout of the reason of a refusal, which comes by /rosout [s]

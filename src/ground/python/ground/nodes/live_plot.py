@@ -16,11 +16,11 @@ import pyqtgraph as pg
 import rospy
 from PyQt5 import QtCore, QtWidgets
 
-from ground import files
-from ground.annotations import Array
-from ground.errors import GroundError
 from ground.nodes.live_feed import EXPECTED, MODELS, STATUSES, TOPICS, Feed, tracking_error
 from ground.reports import appearance
+from ground.support import files
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
 
 REDRAW = 50  # period [ms]
 SIZE = (1200, 900)  # width and height when the window opens [pixels]

@@ -10,9 +10,9 @@ from typing import Dict, List
 
 import yaml
 
-from ground import files
-from ground.annotations import Document
-from ground.errors import GroundError
+from ground.support import files
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 
 
 def default_path() -> str:

@@ -5,8 +5,8 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 import urwid
 
-from ground.errors import GroundError
 from ground.nodes.live_parameters import Node, Parameter, Value, range_of, shown
+from ground.support.errors import GroundError
 
 PALETTE = [
     ("title", "white,bold", "dark blue"),

@@ -16,9 +16,9 @@ from ground_msgs.srv import Silence
 from std_srvs.srv import SetBool, Trigger
 
 from ground import _core
-from ground.analysis import own_stop
-from ground.annotations import Say
-from ground.errors import GroundError
+from ground.nodes import own_stop
+from ground.support.annotations import Say
+from ground.support.errors import GroundError
 
 DRIVE = "prove_stop_drive"  # the nodelet that gives the push
 ANSWER = 10.0  # timeout of a node [s]

@@ -4,11 +4,11 @@ from typing import Mapping, Set, Tuple
 
 import numpy as np
 
-from ground.annotations import Array
-from ground.errors import GroundError
 from ground.recordings import containers
 from ground.recordings.containers import Columns, Topic
 from ground.recordings.mapping import Channel, Commands
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
 
 OWN = "ground_msgs/Controls"
 CHANNELS = ("left", "right", "lift")  # channels of a craft with unnamed thrusters

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 
 import numpy as np
 
-from ground.annotations import Array, Indices
-from ground.errors import GroundError, reason
+from ground.support.annotations import Array, Indices
+from ground.support.errors import GroundError, reason
 
 if TYPE_CHECKING:
     import pandas
@@ -29,7 +29,6 @@ Columns = Dict[str, Column]
 RECEIVED = "received"  #: column of the times of receipt [ns]
 STAMP = "header.stamp"  #: column of the stamps of headers [ns]
 TABLE = "table"  #: type of the "messages" of a CSV or Parquet file
-SUFFIXES = (".csv", ".parquet")  #: of tables
 MAGIC = b"#ROSBAG V"  #: first bytes of bags of ROS 1
 NUMBERS = {
     "bool": "u1", "byte": "u1", "char": "u1", "octet": "u1", "int8": "i1", "uint8": "u1", "int16": "i2",
@@ -400,26 +399,35 @@ class Tables(Container):
 
 
 def _frame(path: str) -> "pandas.DataFrame":
-    """The table in a file. GroundError when it cannot be read.
-
-    In exports of bags a column without values heads those that follow: `position,x,y,z,orientation,x,y,z,w`
-    is read as position.x, position.y and so on.
-    """
+    """The table in a file. GroundError when it cannot be read."""
     import pandas
 
+    read = next(READERS[suffix] for suffix in READERS if path.lower().endswith(suffix))
     try:
-        if path.lower().endswith(".parquet"):
-            if not any(importlib.util.find_spec(name) for name in ("pyarrow", "fastparquet")):
-                raise GroundError("%s: Parquet takes the Python module pyarrow: pip install pyarrow" % path)
-            return pandas.read_parquet(path)
-        names, more = _names(path)
-        frame = pandas.read_csv(
-            path, header=None, skiprows=1, names=range(len(names)), skipinitialspace=True, index_col=False
-        )
+        return read(path)
     except OSError as error:
         raise GroundError("%s: %s" % (path, reason(error)))
     except (ValueError, csv.Error, pandas.errors.ParserError, pandas.errors.EmptyDataError) as error:
         raise GroundError("%s: cannot be read as a table (%s)" % (path, str(error).splitlines()[0]))
+
+
+def _parquet(path: str) -> "pandas.DataFrame":
+    import pandas
+
+    if not any(importlib.util.find_spec(name) for name in ("pyarrow", "fastparquet")):
+        raise GroundError("%s: Parquet takes the Python module pyarrow: pip install pyarrow" % path)
+    return pandas.read_parquet(path)
+
+
+def _csv(path: str) -> "pandas.DataFrame":
+    """In exports of bags a column without values heads those that follow:
+    `position,x,y,z,orientation,x,y,z,w` is read as position.x, position.y and so on."""
+    import pandas
+
+    names, more = _names(path)
+    frame = pandas.read_csv(
+        path, header=None, skiprows=1, names=range(len(names)), skipinitialspace=True, index_col=False
+    )
     if frame.empty:
         raise GroundError("%s: the table has only 0 rows" % path)
     empty = frame.isna().all().tolist()
@@ -447,6 +455,10 @@ def _names(path: str) -> Tuple[List[str], int]:
         raise GroundError("%s: its first line does not name columns, separated by commas" % path)
     more = max(0, len(first) - len(header))
     return [name.strip() for name in header] + [""] * more, more
+
+
+READERS = {".csv": _csv, ".parquet": _parquet}  #: of tables, by the end of their names
+SUFFIXES = tuple(READERS)
 
 
 def seconds(nanoseconds: Indices) -> Array:

@@ -5,12 +5,12 @@ from typing import Dict, Optional, Tuple
 
 import numpy as np
 
-from ground import files
-from ground.annotations import Array, Indices
-from ground.errors import GroundError
-from ground.progress import Work
 from ground.recordings import containers, messages
 from ground.recordings.recording import checked
+from ground.support import files
+from ground.support.annotations import Array, Indices
+from ground.support.errors import GroundError
+from ground.support.progress import Work
 
 RECEIVED = "%time"
 STAMP = "field.header.stamp"

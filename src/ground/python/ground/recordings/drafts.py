@@ -6,11 +6,11 @@ from typing import Dict, Iterator, Mapping, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Array
-from ground.errors import GroundError
 from ground.recordings import containers, poses, units
 from ground.recordings.containers import RECEIVED, STAMP, TABLE, Columns, Container
 from ground.recordings.mapping import LENGTHS, SCHEMA, TIMES
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
 
 MAX_ROWS = 20000  # messages of a topic to look at
 MAX_LEVELS = 40  # levels of a command that switches

@@ -6,11 +6,11 @@ from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Document
 from ground.recordings import repair, reply, suspicions
 from ground.recordings.quality import RepairedRun, lifted, same_inputs
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import NAMES
+from ground.support.annotations import Document
 
 THIS_CENTURY = 946684800.0  # [s] since 1970
 DRIVES_BY = {  # assumptions if no record says when the drive began

@@ -12,7 +12,7 @@ from typing import Optional, Tuple, Union
 
 import numpy as np
 
-from ground.annotations import Array, Flags, Indices
+from ground.support.annotations import Array, Flags, Indices
 
 POSITION_NOISE, HEADING_NOISE = 4e-4, 6e-3  # usual standard deviations of a pose [m], [rad]
 NOISE = np.array([POSITION_NOISE, POSITION_NOISE, HEADING_NOISE])  # x, y [m], psi [rad]

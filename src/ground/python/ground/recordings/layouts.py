@@ -17,11 +17,11 @@ from typing import Dict, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document
-from ground.errors import GroundError
 from ground.recordings import reply, units
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import Settings
+from ground.support.annotations import Array, Document
+from ground.support.errors import GroundError
 
 QUARTERS = (0.0, math.pi / 2, math.pi, -math.pi / 2)  # tried offsets of the heading [rad]
 FRAMES = ((1, False), (-1, True), (-1, False), (1, True))  # sign of the heading, mirrored positions

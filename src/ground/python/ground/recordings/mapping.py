@@ -13,8 +13,8 @@ import numpy as np
 import yaml
 
 from ground import _core
-from ground.annotations import Array
-from ground.errors import GroundError, reason
+from ground.support.annotations import Array
+from ground.support.errors import GroundError, reason
 
 _T = TypeVar("_T")
 _D = TypeVar("_D")

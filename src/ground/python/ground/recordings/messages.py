@@ -10,7 +10,7 @@ from typing import Any, Dict, Iterator, Mapping
 import numpy as np
 
 import ground
-from ground.annotations import Message
+from ground.support.annotations import Message
 
 # Topics of the bags that launch/record.launch records
 POSE = "/vrpn_client_node/hovercraft/pose"

@@ -6,12 +6,12 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Array, Flags, Indices
-from ground.errors import GroundError
 from ground.recordings import containers
 from ground.recordings.containers import Columns, Topic
 from ground.recordings.mapping import ANGLES, LENGTHS, Poses
 from ground.recordings.run_settings import Settings
+from ground.support.annotations import Array, Flags, Indices
+from ground.support.errors import GroundError
 
 STATE = "ground_msgs/State"  # its poses were corrected when they were recorded
 WORD = re.compile(r"[A-Za-z]+")

@@ -6,10 +6,10 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Flags
-from ground.errors import GroundError
 from ground.recordings import reply
 from ground.recordings.recording import Recording, once
+from ground.support.annotations import Array, Flags
+from ground.support.errors import GroundError
 
 SHORTEST = 0.3  # shortest usable stretch [s]
 IDLE = 1.0  # longest rest at the end that is used [s]

@@ -8,12 +8,12 @@ from typing import Dict, Iterable, List, Mapping, Tuple
 
 import numpy as np
 
-from ground.annotations import Array, Flags, Indices
-from ground.errors import GroundError
 from ground.recordings import commands, containers, poses, run_settings, units
 from ground.recordings.containers import RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
 from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, TIMES, Clock, FieldMapping
 from ground.recordings.recording import Recording, checked, digest_of_files
+from ground.support.annotations import Array, Flags, Indices
+from ground.support.errors import GroundError
 
 METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"

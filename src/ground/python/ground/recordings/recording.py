@@ -21,12 +21,12 @@ from typing import (
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, ArrayLike
-from ground.errors import GroundError
 from ground.recordings import repair, units
 from ground.recordings.commands import CHANNELS
 from ground.recordings.mapping import LIFT, RANGE
 from ground.recordings.run_settings import LiveChange, RunFile, Settings
+from ground.support.annotations import Array, ArrayLike
+from ground.support.errors import GroundError
 
 if TYPE_CHECKING:
     import pandas

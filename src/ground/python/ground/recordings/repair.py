@@ -6,9 +6,9 @@ from typing import Dict, Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, ArrayLike, Document, Flags, Indices
-from ground.errors import GroundError
 from ground.recordings import frame_clock
+from ground.support.annotations import Array, ArrayLike, Document, Flags, Indices
+from ground.support.errors import GroundError
 
 MAX_GAP = 0.1  # longest gap that is interpolated, or that a window spans [s]
 CLOCK_OFFSET = 0.05  # least offset between the topics' clocks that is corrected [s]

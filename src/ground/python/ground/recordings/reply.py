@@ -11,9 +11,9 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, 
 
 import numpy as np
 
-from ground.annotations import Array, Document, Flags, Indices
 from ground.recordings.recording import Recording, once
 from ground.recordings.repair import MAX_GAP, Motion
+from ground.support.annotations import Array, Document, Flags, Indices
 
 LAGS = np.arange(-0.3, 0.41, 0.01)  # tried lags of the motion behind the commands [s]
 LAG_SAMPLES = 20000  # samples, spread over the recording, that determine the lag

@@ -17,11 +17,12 @@ from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Tuple
 import numpy as np
 import yaml
 
-from ground import _core, files
-from ground.annotations import Document, Indices
-from ground.errors import GroundError, reason
+from ground import _core
 from ground.recordings.containers import STAMP, Container, seconds
 from ground.recordings.mapping import LOADER, FieldMapping
+from ground.support import files
+from ground.support.annotations import Document, Indices
+from ground.support.errors import GroundError, reason
 
 AXES = "x, z, -y"  # default of mocap_state, for OptiTrack with y up
 FILES = "run_files"

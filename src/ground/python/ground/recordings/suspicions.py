@@ -10,11 +10,11 @@ from typing import Callable, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Document
-from ground.errors import GroundError
 from ground.recordings import layouts, repair, reply, units
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording, once
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 
 MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
 TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]

@@ -5,10 +5,10 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from ground.annotations import Array, Document, Flags
-from ground.errors import GroundError
 from ground.recordings.containers import STAMP, Bag, Container, seconds
 from ground.recordings.recording import Recording
+from ground.support.annotations import Array, Document, Flags
+from ground.support.errors import GroundError
 
 PAUSE = 0.5  # time without a reference after which another drive begins [s]
 LONGEST = 0.1  # longest time for which a reference is extrapolated [s]

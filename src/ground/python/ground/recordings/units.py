@@ -5,8 +5,8 @@ from typing import Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array
 from ground.recordings.mapping import LENGTHS
+from ground.support.annotations import Array
 
 FASTEST = 15.0  # that a craft in a room goes [m/s]
 HASTY = 3.0  # the same of one whose poses are as noisy as in another unit

@@ -3,8 +3,8 @@
 from typing import Dict, List, Optional, Sequence
 
 from ground import _core
-from ground.errors import GroundError
 from ground.recordings.repair import MAX_GAP
+from ground.support.errors import GroundError
 
 WINDOW = 1.5  # length of the windows of the error [s]
 

@@ -7,8 +7,8 @@ from plotly import colors
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench
-from ground.annotations import Document
 from ground.reports.words import number
+from ground.support.annotations import Document
 
 MEASURED = _core.palette["measured"]
 MODELS = _core.palette["models"]

@@ -4,7 +4,6 @@ from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Array, Document
 from ground.recordings import repair
 from ground.reports.appearance import (
     model_color,
@@ -14,6 +13,7 @@ from ground.reports.appearance import (
     transparent,
 )
 from ground.reports.panels import Panels
+from ground.support.annotations import Array, Document
 
 MAX_POINTS = 1000  # points of a curve; captions say what is left out
 ARROW_HEAD = 0.3  # length of an arrow's head, as a share of the arrow

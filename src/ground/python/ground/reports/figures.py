@@ -10,7 +10,6 @@ import numpy as np
 
 from ground.analysis import bands as bands_of
 from ground.analysis import residuals
-from ground.annotations import Array, Document
 from ground.recordings import windows
 from ground.reports.appearance import (
     CHANNELS,
@@ -40,6 +39,7 @@ from ground.reports.figure_parts import (
 )
 from ground.reports.panels import Panels
 from ground.reports.words import number
+from ground.support.annotations import Array, Document
 
 ERROR = (
     "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "

@@ -4,9 +4,9 @@ from typing import Dict, List, Mapping, Optional
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench, residuals
-from ground.annotations import Document
-from ground.errors import GroundError
 from ground.reports import appearance
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
 

@@ -12,9 +12,9 @@ from typing import Any, List
 
 import jinja2
 
-from ground import files, origin
-from ground.annotations import Document
 from ground.reports import appearance, words
+from ground.support import files, origin
+from ground.support.annotations import Document
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 

@@ -11,8 +11,8 @@ from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 from plotly import io
 
-from ground.annotations import Document
 from ground.reports.appearance import LINES, TEXT
+from ground.support.annotations import Document
 
 
 class Panels:

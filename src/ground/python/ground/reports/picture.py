@@ -6,10 +6,10 @@ import subprocess
 import tempfile
 from typing import Sequence
 
-from ground import files
-from ground.annotations import Document
-from ground.errors import GroundError
 from ground.reports import appearance, page
+from ground.support import files
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 WIDTH, AROUND = 1120, 120  # width of a picture; height around a figure [pixels]

@@ -7,8 +7,8 @@ import os
 import tempfile
 from typing import Iterable, Iterator
 
-from ground import files
-from ground.errors import GroundError, reason, sentence
+from ground.support import files
+from ground.support.errors import GroundError, reason, sentence
 
 
 def prepare(folder: str, paths: Iterable[str], force: bool) -> None:

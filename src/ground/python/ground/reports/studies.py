@@ -3,10 +3,10 @@
 from typing import List, Mapping, Sequence
 
 from ground.analysis import bands as bands_of
-from ground.annotations import Document
 from ground.recordings import findings
 from ground.reports import appearance, figures, wrench_figures
 from ground.reports.words import number
+from ground.support.annotations import Document
 
 
 def shown(

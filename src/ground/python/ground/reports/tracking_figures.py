@@ -5,27 +5,11 @@ from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.annotations import Document
-from ground.reports.appearance import (
-    MARKS,
-    MEASURED,
-    MODELS,
-    REFERENCE,
-    thruster_line,
-    transparent,
-)
-from ground.reports.figure_parts import (
-    X_AXIS,
-    Y_AXIS,
-    arrows,
-    curve,
-    note,
-    points,
-    short,
-    walls,
-)
 from ground.recordings.tracks import Track
+from ground.reports.appearance import MARKS, MEASURED, MODELS, REFERENCE, thruster_line, transparent
+from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, note, points, short, walls
 from ground.reports.panels import Panels
+from ground.support.annotations import Document
 
 MIN_ERROR = 1e-7  # smallest error that is drawn [m]
 HEADINGS = 24  # number of arrows along a path

@@ -5,14 +5,7 @@ from typing import Sequence
 import numpy as np
 
 from ground.analysis import missing_wrench
-from ground.annotations import Document
-from ground.reports.appearance import (
-    MEASURED,
-    WRENCH,
-    model_color,
-    model_line,
-    scaled,
-)
+from ground.reports.appearance import MEASURED, WRENCH, model_color, model_line, scaled
 from ground.reports.figure_parts import (
     X_AXIS,
     Y_AXIS,
@@ -26,6 +19,7 @@ from ground.reports.figure_parts import (
     with_gaps,
 )
 from ground.reports.panels import Panels
+from ground.support.annotations import Document
 
 
 def wrench_over_time(studies: Sequence[Document]) -> Document:

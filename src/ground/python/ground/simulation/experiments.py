@@ -10,9 +10,9 @@ from typing import Any, Optional, Sequence, Union
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document
-from ground.errors import GroundError
 from ground.simulation.simulated_run import SimulatedRun
+from ground.support.annotations import Array, Document
+from ground.support.errors import GroundError
 
 START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # time recorded at rest, before the lift is on [s]

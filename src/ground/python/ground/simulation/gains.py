@@ -7,9 +7,10 @@ from typing import Dict, Iterable, Mapping, Union
 
 import yaml
 
-from ground import _core, files
-from ground.annotations import Path, Setting
-from ground.errors import GroundError
+from ground import _core
+from ground.support import files
+from ground.support.annotations import Path, Setting
+from ground.support.errors import GroundError
 
 CONTROLLERS = {info.name: info for info in _core.controller_table()}
 Gains = Union[Path, Mapping[str, Setting]]

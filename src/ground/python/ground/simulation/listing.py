@@ -2,10 +2,11 @@
 
 from typing import Any, Iterable, Iterator, Mapping, Optional, Tuple
 
-from ground import _core, command_line
-from ground.annotations import Document, Setting
-from ground.command_line import number, option
+from ground import _core
 from ground.simulation import gains, tracking, tuning
+from ground.support import command_line
+from ground.support.annotations import Document, Setting
+from ground.support.command_line import number, option
 
 NAMES = ("size", "rate_of_turn", "petals", "speed")  # parameters of references that are options
 PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set parameters of references

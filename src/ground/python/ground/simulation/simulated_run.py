@@ -11,17 +11,29 @@ from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
 
 import numpy as np
 
-from ground import _core, files
-from ground.annotations import Array, Message, Path, Time
-from ground.progress import Progress, Work
+from ground import _core
 from ground.recordings import messages
 from ground.recordings.commands import CHANNELS
 from ground.recordings.messages import (
-    BURSTS, CONTROLLER, CONTROLS, DECISION, DRIVE, POSE, REFERENCE, REFERENCE_PATH, RUN_SETTINGS, SETTINGS,
-    STATUS, TRUTH, WANTED,
+    BURSTS,
+    CONTROLLER,
+    CONTROLS,
+    DECISION,
+    DRIVE,
+    POSE,
+    REFERENCE,
+    REFERENCE_PATH,
+    RUN_SETTINGS,
+    SETTINGS,
+    STATUS,
+    TRUTH,
+    WANTED,
 )  # fmt: skip
 from ground.recordings.recording import Recording, digest_of_files
 from ground.recordings.run_settings import AXES
+from ground.support import files
+from ground.support.annotations import Array, Message, Path, Time
+from ground.support.progress import Progress, Work
 
 WRITING = "writing the bag (thousands of messages)"  # stage
 TOLD = 1000  # messages that are a unit of it
@@ -102,7 +114,7 @@ class SimulatedRun(Recording):
 
         The same run gives the same bytes, except for the computing times of a controller. Poses are in the
         mocap's axes, of the rigid body. Header stamps are times of measurement, record times those of
-        delivery. progress: called with a ground.progress.Report at each step."""
+        delivery. progress: called with a ground.support.progress.Report at each step."""
         counts: Dict[str, int] = {}
         work = Work.of(progress)
         with files.new_file(os.fspath(path), force) as temporary:

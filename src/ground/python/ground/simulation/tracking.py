@@ -6,13 +6,13 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, Document
-from ground.errors import GroundError
-from ground.progress import Work
 from ground.recordings import tracks
 from ground.recordings.tracks import Track
 from ground.simulation import gains
-from ground.workers import Workers
+from ground.support.annotations import Array, Document
+from ground.support.errors import GroundError
+from ground.support.progress import Work
+from ground.support.workers import Workers
 
 CONTROLLERS = list(gains.CONTROLLERS)
 KINDS = {info.name: info for info in _core.reference_table()}

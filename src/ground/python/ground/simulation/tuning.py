@@ -19,11 +19,11 @@ from typing import Any, Dict, List, Mapping, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.annotations import Array, ArrayLike, Document, Setting
-from ground.errors import GroundError
-from ground.progress import Work
 from ground.simulation import gains, tracking
-from ground.workers import Workers
+from ground.support.annotations import Array, ArrayLike, Document, Setting
+from ground.support.errors import GroundError
+from ground.support.progress import Work
+from ground.support.workers import Workers
 
 # kind of controller -> gain -> sign, and range in powers of ten; other gains are not searched
 SPACE = {

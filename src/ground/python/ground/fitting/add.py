@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Tuple
 
 import numpy as np
 
-from ground import _core, command_line
-from ground.data import bag_arguments
+from ground import _core
 from ground.analysis import candidates, distributions, window_error
 from ground.analysis.window_error import WindowFit
-from ground.annotations import Array, Document, Path
+from ground.data import bag_arguments
 from ground.data.measured import Measured, Recordings, held_out, measured
 from ground.fitting.result import Change
 from ground.models import (
@@ -22,9 +21,11 @@ from ground.models import (
     parameter_frame,
     parameters_by_name,
 )
-from ground.progress import Progress, Work
 from ground.recordings import windows
-from ground.results import Shown
+from ground.support import command_line
+from ground.support.annotations import Array, Document, Path
+from ground.support.progress import Progress, Work
+from ground.support.results import Shown
 
 if TYPE_CHECKING:
     import pandas
@@ -131,8 +132,8 @@ def add(
 
     effect: a name of the library, or a YAML file with one effect as model files have it.
     recordings, holdout: recordings or bags to fit to and to test on. progress: called with a
-    ground.progress.Report at each step. GroundError when there is no such effect, or the recordings are
-    too short or look misread (swapped channels, wrong signs, units or clocks). Options:
+    ground.support.progress.Report at each step. GroundError when there is no such effect, or the
+    recordings are too short or look misread (swapped channels, wrong signs, units or clocks). Options:
 
     >>> found = ground.add(model_file, "yaw_bias", bag)  # this craft turns by itself
     >>> low, high = found.parameters["yaw_bias.n0"].ci95

@@ -6,7 +6,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Callable, Iterable, Iterator, Optional, TypeVar
 
-from ground.errors import GroundError
+from ground.support.errors import GroundError
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")

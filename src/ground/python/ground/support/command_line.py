@@ -7,8 +7,8 @@ import math
 from dataclasses import field, fields, replace
 from typing import Any, Callable, Dict, Iterable, List, Type, TypeVar
 
-from ground import progress
-from ground.errors import OptionError
+from ground.support import progress
+from ground.support.errors import OptionError
 
 _T = TypeVar("_T")
 _O = TypeVar("_O")

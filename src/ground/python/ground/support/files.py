@@ -9,7 +9,7 @@ from typing import Any, Iterable, Iterator, Optional, Sequence, Set, Tuple
 
 import yaml
 
-from ground.errors import GroundError, reason
+from ground.support.errors import GroundError, reason
 
 _inputs: Set[Tuple[int, int]] = set()  # inside protect: files that must not be replaced, (device, inode)
 

@@ -9,7 +9,7 @@ import traceback
 import warnings
 from typing import Any, Callable, Iterator, TextIO, Type
 
-from ground.progress import say
+from ground.support.progress import say
 
 # What a user can do about errors of the operating system.
 ADVICE = {

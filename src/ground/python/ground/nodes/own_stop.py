@@ -16,7 +16,7 @@ from typing import Optional
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from ground.annotations import Array
+from ground.support.annotations import Array
 
 PASSED, FAILED, UNDECIDED = "passed", "failed", "undecided"
 

@@ -10,7 +10,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 from scipy import optimize
 
-from ground.annotations import Array
+from ground.support.annotations import Array
 
 POWERS = (0.2, 5.0)  # bounds for the exponent
 POINTS = 12  # rows of the table that a polynomial is written as

@@ -15,9 +15,9 @@ from typing import Counter as CounterType
 import numpy as np
 from scipy import stats
 
-from ground.analysis import thrust_curve
-from ground.annotations import Array, Flags
-from ground.errors import GroundError
+from ground.fitting import thrust_curve
+from ground.support.annotations import Array, Flags
+from ground.support.errors import GroundError
 
 LEVEL = 0.01  # probability of rejecting equal gains that are right
 STRONG = 6.0  # difference of the information criterion that is strong evidence (Kass and Raftery 1995)

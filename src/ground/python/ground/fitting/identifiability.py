@@ -4,7 +4,7 @@ from typing import Iterator, List
 
 import numpy as np
 
-from ground.annotations import Document
+from ground.support.annotations import Document
 
 WELL_KNOWN = 0.03  # relative deviation below which a parameter is well known
 MAX_COMBINED = 0.5  # largest deviation of a combination to be named, relative to its better part

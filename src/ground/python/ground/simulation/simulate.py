@@ -9,18 +9,18 @@ from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, TypeV
 
 import numpy as np
 
-from ground import _core, command_line, files
-from ground.annotations import Document, Path
-from ground.command_line import count, number, option, seed
-from ground.simulation import listing
-from ground.errors import GroundError, OptionError
+from ground import _core
 from ground.models import Model, ModelLike, Room, RoomLike
-from ground.progress import say
 from ground.recordings import run_settings
 from ground.recordings.run_settings import AXES
-from ground.simulation import experiments, gains
+from ground.simulation import experiments, gains, listing
 from ground.simulation import tracking as loop
 from ground.simulation.simulated_run import SimulatedRun
+from ground.support import command_line, files
+from ground.support.annotations import Document, Path
+from ground.support.command_line import count, number, option, seed
+from ground.support.errors import GroundError, OptionError
+from ground.support.progress import say
 
 DESIGNS = {info.name: info for info in _core.design_table()}
 KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]
@@ -203,7 +203,7 @@ def simulate(
     >>> ground.simulate(model_file, "prbs", burst=2)
     Traceback (most recent call last):
     ...
-    ground.errors.OptionError: burst needs room
+    ground.support.errors.OptionError: burst needs room
     """
     command_line.check(options)
     mover = Model.of(model)

@@ -5,19 +5,14 @@ import dataclasses
 from typing import Iterable, List, Mapping, Optional, Sequence
 
 from ground import _core
-from ground.analysis import (
-    bands,
-    candidates,
-    indistinguishable,
-    next_experiment,
-    stages,
-)
+from ground.analysis import bands, candidates, indistinguishable, stages
 from ground.analysis.ceiling import Share
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
 from ground.analysis.verdict import MISREAD, Conclusion
-from ground.annotations import Document
-from ground.errors import GroundError
+from ground.diagnosing import next_experiment
+from ground.support.annotations import Document
+from ground.support.errors import GroundError
 
 SCHEMA = "ground/diagnosis/1"
 # What a held-out error is of: parts of the runs fitted to, each by a fit to the others, or runs that the

@@ -12,10 +12,10 @@ import numpy as np
 from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood, call
 from ground.analysis.thinning import thinned
-from ground.annotations import Array, Document, Each
-from ground.errors import GroundError
-from ground.progress import Work
 from ground.simulation import experiments
+from ground.support.annotations import Array, Document, Each
+from ground.support.errors import GroundError
+from ground.support.progress import Work
 
 DURATION = 8.0  # duration of the thrust [s]
 IN_ROOM = 16.0  # duration in a room, where returns take about half of it [s]

@@ -1,1 +1,0 @@
-"""simulate: a recording of a simulated experiment."""

@@ -1,0 +1,1 @@
+"""What all rooms use: errors, files, progress, options, processes, and how results show themselves."""
