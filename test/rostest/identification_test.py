@@ -84,7 +84,7 @@ class IdentificationTest(unittest.TestCase):
         harness.wait_for(
             lambda: (
                 self.status.message.state == S.RUNNING
-                and any("searching for missing effects, " in text for text in texts())
+                and any("fitting the model" in text for text in texts())
             ),
             60,
             lambda: "progress; %s %s" % (texts(), answers),
