@@ -402,7 +402,7 @@ def _frame(path: str) -> "pandas.DataFrame":
     """The table in a file. GroundError when it cannot be read."""
     import pandas
 
-    read = next(READERS[suffix] for suffix in READERS if path.lower().endswith(suffix))
+    read = next((READERS[suffix] for suffix in READERS if path.lower().endswith(suffix)), _csv)
     try:
         return read(path)
     except OSError as error:
