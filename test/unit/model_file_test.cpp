@@ -177,7 +177,7 @@ TEST(ModelFile, AnEffectFromAFileIsAddedOrRefusedWithItsLine) {
   EXPECT_EQ(model.value("gust.g"), 0.1);
   EXPECT_EQ(withEffect(Model(), "- name: motor_lag\n  tau: 0.1\n", "own.yaml").effects.size(), 1u);
   const Bad cases[] = {
-      {"g: {value: 0.1, unit: N s/m}", "g: {value: much, unit: N s/m}", "own.yaml, line 4: value must be"},
+      {"g: {value: 0.1, unit: N s/m}", "g: {value: much, unit: N s/m}", "own.yaml, line 4: g must be"},
       {"g*u", "g*(u", "own.yaml, line 1: effect 'gust': formula X = 'g*(u'"},
       {"parameters:\n", "parameter:\n", "own.yaml, line 4: unknown key 'parameter'"},
       {"name: gust", "name: washboard", "own.yaml, line 1: the model has effect 'washboard' already"},
