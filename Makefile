@@ -33,7 +33,7 @@ test: $(configured)
 	@status=0; $(in_workspace) .ci/test $(tests_at_once) || status=1; \
 	  /usr/bin/python3 .ci/summary.py build/test_results && exit $$status
 
-# make test on what is committed, in a clean Debian 12, where nothing has been installed before: what CI runs.
+# make test on what is committed, in a clean Debian 12, where nothing has been installed before. CI runs lint and docs there, too.
 fresh:
 	@clone=$$(mktemp -d /var/tmp/ground-clone.XXXXXX) && trap 'rm -rf "$$clone"' EXIT && \
 	  git clone --quiet . "$$clone/ground" && ln -s "$$(realpath -m ../shared)" "$$clone/shared" && \

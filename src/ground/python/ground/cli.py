@@ -33,7 +33,7 @@ VERBS = [
     Verb("add", "fitting.add", "adds an effect to a model, refits it, and shows the error before and after"),
     Verb("tracking", "control.tracking", "how recorded crafts followed their reference"),
 ]
-PROGRAMS = {  # of one verb
+PROGRAMS = {  # programs that are one verb
     "track": Verb(
         "track", "control.track", "drives a simulated craft along a reference, without ROS running"
     ),

@@ -23,7 +23,7 @@
 
 #include "ground/estimation/axis_mapping.h"
 #include "ground/estimation/velocity_estimator.h"
-#include "ground/nodelets/background_log.h"
+#include "ground/nodelets/background.h"
 #include "ground/nodelets/inheriting_mutex.h"
 #include "ground/nodelets/messages.h"
 #include "ground/nodelets/parameters.h"
@@ -282,7 +282,7 @@ class MocapState : public Shell {
   static constexpr double kNever = -std::numeric_limits<double>::infinity();
   static constexpr int kMinDistinct = 100;  // distinct poses after which a repeated one is frozen
 
-  BackgroundLog log_;
+  Background log_;
   InheritingMutex mutex_;  ///< guards all data below
   /// Settings of a recorded run.
   struct Recorded {

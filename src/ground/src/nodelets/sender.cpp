@@ -25,7 +25,7 @@
 #include "ground/link/ground_link.h"
 #include "ground/link/own_stop.h"
 #include "ground/model/drive_clock.h"
-#include "ground/nodelets/background_log.h"
+#include "ground/nodelets/background.h"
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/inheriting_mutex.h"
 #include "ground/nodelets/messages.h"
@@ -385,7 +385,7 @@ class Sender : public Shell {
   Status logged_;                ///< used only in the thread of background_
   std::atomic<bool> running_{true};
   ros::Publisher status_publisher_, telemetry_publisher_, drive_publisher_;
-  BackgroundLog background_;  ///< outlives what reports, and is outlived by the publishers
+  Background background_;  ///< outlives what reports, and is outlived by the publishers
   ros::Subscriber controls_subscriber_, state_subscriber_;
   ros::ServiceServer arm_service_, silence_service_;
   std::string own_stop_, craft_;  ///< file of records, name of the craft; constant after start()

@@ -16,7 +16,7 @@
 #include <thread>
 
 #include "ground/control/reference_pilot.h"
-#include "ground/nodelets/background_log.h"
+#include "ground/nodelets/background.h"
 #include "ground/nodelets/inheriting_mutex.h"
 #include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
@@ -61,7 +61,7 @@ class Controller : public Shell {
   /// Guards the data shared by child and base.
   InheritingMutex& mutex() { return mutex_; }
   /// For what is logged with mutex() held.
-  BackgroundLog& log() { return log_; }
+  Background& log() { return log_; }
   /// Called after each command with mutex() held, for what need not come before it.
   virtual void sent() {}
   /// Publishes a decision after its command.
@@ -89,7 +89,7 @@ class Controller : public Shell {
   void publishStatus();
 
   Pilot& pilot_;  ///< guarded by mutex_
-  BackgroundLog log_;
+  Background log_;
   CallbackThread service_callbacks_;
   InheritingMutex mutex_;  ///< guards everything below
   std::string name_;

@@ -3,13 +3,13 @@
 import math
 from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
 
+from ground.analysis.diagnosis import EXPLAINED
 from ground.analysis.formula_words import WORDS, quantity
 from ground.recordings import suspicions
 from ground.reports.words import capital, listed, number
 from ground.support.annotations import Document
 
 MIN_SHARE = 0.05  # share of the squared error from which a random wrench is reported
-ABOVE = 1.15  # ratio of error to noise floor from which more may be missing
 MIN_ROOM = 0.3  # part of the random wrench's force from which a force in the room is reported
 MIN_ARGUMENT = 0.1  # least share of an argument that is named
 
@@ -62,7 +62,7 @@ def _verdict(report: Document) -> str:
     )  # fmt: skip
     leaves = "the noise of the poses alone leaves %.3f." % report["noise_floor"]
     now = "the %s is %.3f, %s" % (error_name(report), after, leaves)
-    if kind == "complete" and after < ABOVE * report["noise_floor"]:
+    if kind == "complete" and after < EXPLAINED * report["noise_floor"]:
         return "Nothing is missing: refitted, %s" % now
     if kind == "complete":
         rest = "The rest is a random push, which nothing that was recorded predicts."
@@ -89,7 +89,7 @@ def _verdict(report: Document) -> str:
 
 def _more(report: Document) -> str:
     """That more may be missing beside effects that were found; empty if nothing says so."""
-    if report["improved"]["error"]["heldout"] < ABOVE * report["noise_floor"]:
+    if report["improved"]["error"]["heldout"] < EXPLAINED * report["noise_floor"]:
         return ""
     if report["ceiling"]["terms"]:
         return " More may be missing that depends on %s; these runs cannot decide it." % arguments(report)

@@ -153,7 +153,7 @@ def _flight(story: Story, flown: Flown, finding: Optional[Finding]) -> Document:
     if not flown.recording:
         lines.append("It was not recorded.")
     known = [other.effects for other in story.findings if other.after < plan.number]
-    # Of many flights those are open that changed what is known, or tested it.
+    # If there are many flights, only those that changed what is known, or tested it, are open.
     is_news = finding is not None and finding.effects != (known[-1] if known else [])
     shut = len(story.flights) > MAX_OPEN and plan.purpose not in (CONFIRM, TRACK) and not is_news
     name = "Flight %d" % plan.number

@@ -16,13 +16,13 @@ namespace ground {
 
 /// Runs what may block, such as lines for the log of ROS, in its own thread and in order, so that a
 /// terminal, a disk or a master that hangs does not hold the callers. Call from any thread.
-class BackgroundLog {
+class Background {
  public:
   using Task = std::function<void()>;
 
-  BackgroundLog() : thread_([this] { run(); }) {}
+  Background() : thread_([this] { run(); }) {}
   /// Does what is left, and waits for it.
-  ~BackgroundLog() {
+  ~Background() {
     {
       const std::lock_guard lock(mutex_);
       alive_ = false;
@@ -30,8 +30,8 @@ class BackgroundLog {
     wake_.notify_all();
     thread_.join();
   }
-  BackgroundLog(const BackgroundLog&) = delete;
-  BackgroundLog& operator=(const BackgroundLog&) = delete;
+  Background(const Background&) = delete;
+  Background& operator=(const Background&) = delete;
 
   void info(std::string text) {
     add([text = std::move(text)] { ROS_INFO("%s", text.c_str()); });
@@ -63,7 +63,7 @@ class BackgroundLog {
       const std::size_t lost = std::exchange(lost_, 0);
       lock.unlock();
       for (const Task& task : tasks) task();
-      if (lost > 0) ROS_WARN("the log was blocked: %zu lines are lost", lost);
+      if (lost > 0) ROS_WARN("the log or a publisher was blocked: %zu lines and messages are lost", lost);
       lock.lock();
     }
   }
