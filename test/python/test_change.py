@@ -62,9 +62,11 @@ def changed(tmp_path):
         assert 1 <= len(files) <= 2
         copy = tmp_path / "src" / "ground"
         shutil.copytree(str(ROOT / "src" / "ground"), str(copy), ignore=shutil.ignore_patterns("__pycache__"))
-        patch = ["patch", "-p1", "--fuzz=0", "--directory", str(tmp_path)]
-        done = subprocess.run(patch, input=difference, stdout=subprocess.PIPE, universal_newlines=True)
-        assert done.returncode == 0, done.stdout
+        apply = ["git", "apply", "-"]
+        done = subprocess.run(
+            apply, cwd=str(tmp_path), input=difference, stderr=subprocess.PIPE, universal_newlines=True
+        )
+        assert done.returncode == 0, done.stderr
         for core in glob.glob(os.path.join(os.path.dirname(_core.__file__), "_core*.so")):
             os.symlink(core, str(copy / "python" / "ground" / os.path.basename(core)))
         return copy
