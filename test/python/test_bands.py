@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from conftest import slow
 from ground import _core
 from ground.analysis import bands, folds, window_error
 from ground.analysis.likelihood import Likelihood
@@ -46,6 +47,7 @@ def of_folds(case):
     return bands.of_folds(split, fit)
 
 
+@slow
 def test_held_out_runs_are_covered(cases):
     found = [band for case in cases for band in of_folds(case)]
     share = shares(found)

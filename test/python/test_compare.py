@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from conftest import MODEL, SHARED, identify, write_bag
+from conftest import MODEL, SHARED, identify, slow, write_bag
 
 FULL = 2 * 0.062  # thrust of the Tiny Whoover at full input [N]
 
@@ -197,6 +197,7 @@ def test_bad_input_is_refused_with_one_sentence(tmp_path):
         assert result.returncode == 2 and "usage" in result.stderr
 
 
+@slow
 def test_the_two_days_of_the_real_recordings(tmp_path, recordings):
     bags = {}
     for stamp in recordings:

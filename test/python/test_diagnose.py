@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import ground
-from conftest import MODEL, ROOT, SHARED, identify, write_bag
+from conftest import MODEL, ROOT, SHARED, identify, slow, write_bag
 from ground import _core
 from ground.analysis import candidates
 from ground.diagnosing import next_experiment
@@ -142,6 +142,7 @@ def test_an_improvement_is_that_over_what_a_fit_reaches(tmp_path, lagging, unpla
         assert improved[name].items() <= report[error]["error"].items()
 
 
+@slow
 def test_an_improvement_on_real_runs_is_that_over_what_a_fit_reaches(tmp_path, recordings, unplanned):
     """These runs differ from one another, too; estimates of what differs may help a fit."""
     bags = bags_of_day(tmp_path, recordings, "2019-04-16")
@@ -157,6 +158,7 @@ def test_the_same_input_gives_the_same_answer(tmp_path, lagging, whole):
     assert names == {"motor_lag", "input_delay", "floor_tilt"}
 
 
+@slow
 def test_without_the_right_effect_a_part_stays_unexplained(tmp_path, lagging, unplanned):
     options = ["--exclude", "motor_lag", "--budget", "3"]
     result = diagnose(*lagging, "--model", MODEL, "-o", tmp_path / "out", *options)
@@ -195,6 +197,7 @@ def test_an_effect_too_small_to_matter_is_reported_but_not_called_missing(tmp_pa
         assert "(%s) is visible" % slight["effect"] in text and "too small to matter" in text
 
 
+@slow
 def test_an_unknown_effect_is_described_and_found_when_supplied(tmp_path, unplanned):
     washboard = yaml.safe_load(WASHBOARD)
     truth = with_effect(tmp_path / "truth.yaml", json.dumps(washboard))
@@ -282,6 +285,7 @@ def test_own_effects_are_chosen_by_name_and_errors_name_their_line(tmp_path):
         tried()
 
 
+@slow
 def test_a_turned_mocap_is_found_from_zero(tmp_path, unplanned):
     truth = with_effect(tmp_path / "truth.yaml", "{name: heading_offset, psi0: 1.85}")
     bags = bags_of(tmp_path, truth)
@@ -343,6 +347,7 @@ def test_bad_options_are_named(tmp_path, options, words):
     assert not (tmp_path / "out").exists()
 
 
+@slow
 def test_real_runs_of_one_day(tmp_path, recordings, unplanned):
     bags = bags_of_day(tmp_path, recordings, "2019-04-11")
     options = ["--only", "heading_offset", "motor_lag", "floor_tilt", "body_force_bias"]
@@ -433,6 +438,7 @@ def test_add_refuses_misread_recordings_unless_told_otherwise(tmp_path):
         ground.add(model, "motor_lag", ground.read(path, mapping=mapping))
 
 
+@slow
 def test_what_was_misread_can_be_diagnosed_as_it_is(tmp_path, unplanned):
     options = written(tmp_path, mistakes.inverted(1)) + ["--only", "motor_lag", "-o", tmp_path / "out"]
     report = json.loads(diagnose(*options, "--as-recorded").stdout)
@@ -491,6 +497,7 @@ effects: %s
 """
 
 
+@slow
 def test_an_effect_of_millimetres_on_a_slow_craft_is_found(tmp_path, unplanned):
     """16 kg that full thrust accelerates by 0.0125 m/s^2: what a precise motion capture sees of a
     weak left thruster is small beside the noise of smoothed velocities, and large beside that of poses."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, identify, schema
+from conftest import MODEL, ROOT, identify, schema, slow
 from ground import _core
 from ground.analysis import candidates
 from ground.discovery import campaign, choice, flights, information, tracking, words
@@ -373,6 +373,7 @@ def interrupted(begin, folder, lasts):
     return power
 
 
+@slow
 def test_a_discovery_killed_anywhere_ends_as_if_it_had_not_been(tmp_path, swift):
     events = interrupted(swift, tmp_path / "whole", [10**9]).used
     whole = contents(tmp_path / "whole")
@@ -465,6 +466,7 @@ def test_recordings_whose_thrusters_are_swapped_look_misread(discovered, analyst
     assert "swapped" in " ".join(analyst.misread(swapped))
 
 
+@slow
 def test_what_no_effect_explains_becomes_a_formula_in_words(tmp_path):
     """And is found again after a kill in the diagnosis that took it."""
     truth = candidates.from_entry(SIDE_FORCE, "the truth").add(craft())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import ROOT, SHARED, identify, mapping_as_logged
+from conftest import ROOT, SHARED, identify, mapping_as_logged, slow
 
 RAW = SHARED.parent / "epfl_2019_12"
 MAPPING = ROOT / "cfg" / "mapping" / "four_thrusters.yaml"
@@ -95,6 +95,7 @@ def test_a_fit_is_physical_and_holds_on_other_runs(described, tmp_path):
     assert found["error"]["heldout_runs"] < 0.47
 
 
+@slow
 def test_the_missing_effects_lower_the_error_on_other_runs(described, tmp_path):
     """Without effects the error on runs that were not fitted to is a third larger."""
     bare = tmp_path / "bare.yaml"

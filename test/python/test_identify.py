@@ -7,7 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from conftest import MODEL, SHARED, identify, simulate_run, write_bag
+from conftest import MODEL, SHARED, identify, simulate_run, slow, write_bag
 
 TRUTH = {"I_z": 8.8e-5, "X_u": 0.0055, "Y_v": 0.0271, "N_r": 4.62e-5, "k": 0.062}
 
@@ -369,6 +369,7 @@ def test_bad_csv_is_refused_with_file_and_line(tmp_path, spoil, words):
     assert not out.exists()
 
 
+@slow
 def test_real_recordings_import_and_fit(tmp_path, recordings):
     bags = {}
     for stamp in recordings:

@@ -4,7 +4,7 @@ import re
 import subprocess
 import xml.etree.ElementTree
 
-from conftest import ROOT
+from conftest import ROOT, slow
 
 PACKAGES = [ROOT / "src" / name / "package.xml" for name in ("ground", "ground_msgs")]
 # Keys in package.xml of Debian packages, where they are not the name without lib, python3 and dev.
@@ -53,6 +53,7 @@ def test_package_xml_has_what_debian_needs():
     assert {key for p in packages for key in keys_of(p)} >= {"boost", "python3-cmaes", "benchmark"}
 
 
+@slow
 def test_a_build_does_not_need_the_benchmark_library(tmp_path):
     configure = ["cmake", "-S", str(ROOT), "-B", str(tmp_path), "-DCATKIN_ENABLE_TESTING=OFF"]
     configure += ["-DCMAKE_DISABLE_FIND_PACKAGE_benchmark=ON"]
@@ -87,6 +88,7 @@ NEIGHBOUR_XML = """
 """
 
 
+@slow
 def test_targets_do_not_collide_in_another_workspace(tmp_path):
     """Configures beside a package whose targets have the names of folders and files of this one."""
     places = ["src/ground/src/*", "test/*"]

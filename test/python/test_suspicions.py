@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, identify
+from conftest import MODEL, ROOT, identify, slow
 from ground import _core
 from ground.recordings import suspicions
 from ground.simulation import experiments, gains
@@ -134,6 +134,7 @@ def test_another_clock_shows_under_control_too():
     assert kinds(run, run.pose_times + 0.8) == kinds(run, run.pose_times - 0.2) == ["clock"]
 
 
+@slow
 def test_the_real_runs_of_a_turned_mocap_are_suspected_and_the_others_are_not(tmp_path, recordings):
     from conftest import SHARED
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from conftest import MODEL, ROOT, process, program
+from conftest import MODEL, ROOT, process, program, slow
 
 TABLE_4_1 = ROOT / "cfg" / "hovercraft" / "tiny_whoover_4_1.yaml"
 GAINS = ROOT / "cfg" / "gains"
@@ -32,6 +32,7 @@ def test_the_tuned_gains_are_better_than_those_of_the_thesis(reference):
     assert worst["tiny_whoover"] < factor * min(worst["thesis_4_11"], worst["thesis_4_12"])
 
 
+@slow
 def test_a_search_finds_better_gains_and_writes_them(tmp_path):
     out, picture = tmp_path / "gains.yaml", tmp_path / "gains.png"
     search = ["--model", TABLE_4_1, "--evaluations", 50, "--starts", 1, "--test-starts", 4]
