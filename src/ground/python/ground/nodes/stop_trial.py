@@ -11,7 +11,7 @@ from typing import Any, Callable, Iterator, List, Tuple, Union
 import numpy as np
 import roslib.packages
 import rospy
-from ground_msgs.msg import ControllerStatus, SenderStatus, State, Telemetry
+from ground_msgs.msg import ControllerStatus, SenderStatus, State
 from ground_msgs.srv import Silence
 from std_srvs.srv import SetBool, Trigger
 
@@ -54,14 +54,12 @@ class Stack:
         self.simulated = truth in published or rospy.get_param("/use_sim_time", False)
         self.statuses: List[SenderStatus] = []
         self.states: List[State] = []
-        self.telemetry: List[Telemetry] = []
         self.drive: List[ControllerStatus] = []
         self._listeners = [
             rospy.Subscriber(topic, kind, heard.append, tcp_nodelay=True)
             for topic, kind, heard in (
                 ("sender/status", SenderStatus, self.statuses),
                 ("state", State, self.states),
-                ("sender/telemetry", Telemetry, self.telemetry),
                 (DRIVE + "/status", ControllerStatus, self.drive),
             )
         ]
@@ -132,7 +130,7 @@ class Stack:
             )
 
     def _push(self, push: Push, say: Say) -> Tuple[own_stop.Trial, str]:
-        del self.states[:], self.telemetry[:]
+        del self.states[:]
         answer = _service(DRIVE + "/start", Trigger)()
         if not answer.success:
             raise GroundError("the push was refused: %s" % answer.message)
@@ -175,15 +173,13 @@ class Stack:
 
     def _trial(self, began: rospy.Time, end: SenderStatus) -> own_stop.Trial:
         zero = began.to_sec() - 100.0  # smaller numbers keep more digits of a fraction
-        states, telemetry = list(self.states), list(self.telemetry)
+        states = list(self.states)
         return own_stop.Trial(
             times=np.array([s.header.stamp.to_sec() - zero for s in states]),
             speeds=np.array([math.hypot(s.nu[0], s.nu[1]) for s in states]),
             valid=np.array([s.valid for s in states], bool),
             last_packet=began.to_sec() - zero,
             silence_end=end.header.stamp.to_sec() - zero,
-            telemetry_times=np.array([m.header.stamp.to_sec() - zero for m in telemetry]),
-            telemetry=np.array([m.acc for m in telemetry], float).reshape(-1, 3),
         )
 
 
