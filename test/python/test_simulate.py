@@ -268,10 +268,6 @@ def test_the_controller_stops_when_the_mocap_is_lost(tmp_path):
         (["--input", "tracking", "--levels", "0", "1"], ["--levels does not go with"]),
         (["--input", "tracking", "--reference", "square"], ["--reference"]),
         (["--input", "tracking", "--size", "-1"], ["size must be between 0.01 and 100 m, not -1"]),
-        (
-            ["--input", "tracking", "--controller", "ModelPredictive", "--k-e", "1"],
-            ["ModelPredictive has no parameter 'k_e'"],
-        ),
         (["--input", "prbs", "--start-pose", "0", "0", "inf"], ["not finite"]),
         ([], ["--input"]),
     ],

@@ -12,7 +12,7 @@ from ground.models import Model
 from ground.simulation import gains, listing, tracking, tuning
 from ground.support import command_line, files
 from ground.support.annotations import Document
-from ground.support.command_line import count, option, positive, seed
+from ground.support.command_line import count, option, seed
 from ground.support.errors import GroundError
 from ground.support.progress import Work
 from ground.support.workers import Workers
@@ -67,9 +67,6 @@ class TuneOptions:
     evaluations: int = option(1200, "(%(default)s)", type=count, metavar="N")
     starts: int = option(4, "starts of a candidate (%(default)s)", type=count, metavar="N")
     test_starts: int = option(100, "fresh starts of the test (%(default)s)", type=count, metavar="N")
-    saturation_weight: float = option(0.3, "(%(default)s)", type=float)
-    effort_weight: float = option(0.3, "(%(default)s)", type=float)
-    rate: float = option(50.0, "(50)", type=positive, metavar="HZ")
     seed: int = option(1, "(%(default)s)", type=seed)
 
 
@@ -139,8 +136,7 @@ def _search(
     counts = (options.starts, 5 * options.starts, options.test_starts)
     places = [tracking.starts(count, seed) for count, seed in zip(counts, seeds)]
     with Workers() as team:
-        weights = options.saturation_weight, options.effort_weight
-        loops = tuning.Search(team, model, *weights, options.rate, work)
+        loops = tuning.Search(team, model, work)
         with work.stage("drives of the search"):
             tried = loops.search(first, seen, places[0], options.evaluations, seeds[0])
         with work.stage("drives of the finalists", len(seen) * counts[1] * tuning.FINALISTS):
@@ -190,17 +186,12 @@ def _result(
         }
         for cell in cells
     ]
-    best = [
-        {"gains": c.gains, "error": c.error, "saturated": c.saturated, "effort": c.effort}
-        for c in tuning.trade_off(tried)
-    ]
     return {
         "candidates": len(tried),
         "test_starts": options.test_starts,
         "table": table,
         "saturated": {name: c.saturated for name, c in compared.items()},
         "effort": {name: c.effort for name, c in compared.items()},
-        "trade_off": best,
     }
 
 

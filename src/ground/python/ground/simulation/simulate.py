@@ -32,7 +32,6 @@ SIMULATING = "simulating"  # stage
 LIFT = ("lift", "lift_time")
 PATTERN = ("clock", "order", "levels", "hold", "rows_per_bit")
 BURSTS = ("room", "burst")
-GAINS = gains.CONTROLLERS["TrajectoryTracking"].parameters  # that are options here
 
 _P = TypeVar("_P", bound=_core.DriveParams)
 Disturbance = Union[bool, Sequence[float]]
@@ -153,23 +152,12 @@ class _Options(Acting):
     )
     controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(loop.CONTROLLERS))
     reference: Optional[str] = _tracking("(circle)", choices=[kind for kind in loop.KINDS if kind != "file"])
-    sharp: bool = option(False, "line: start and stop suddenly", group="tracking")
-    control_rate: Optional[float] = _tracking(
-        "control rate (%g)" % _core.TrackingParams().life.rate, type=number, metavar="HZ"
-    )
-    max_error: Optional[float] = _tracking(
-        "error at which the controller stops when it lasts for 1 s, 0: a quarter of the reference's "
-        "half-width [m] (never)",
-        type=number,
-        metavar="M",
-    )
-    controller_model: Optional[ModelLike] = _tracking("the controller's model (--model)", metavar="C.yaml")
 
 
-#: An experiment: _Options, and parameters of references and controllers.
+#: An experiment: _Options, and parameters of references.
 SimulateOptions = make_dataclass(
     "SimulateOptions",
-    [*listing.reference_fields(), *listing.fields(GAINS)],
+    list(listing.reference_fields()),
     bases=(_Options,),
     namespace={"__module__": __name__},
     frozen=True,
@@ -207,7 +195,6 @@ def simulate(
     """
     command_line.check(options)
     mover = Model.of(model)
-    believed = None if options.controller_model is None else Model.of(options.controller_model)
     drive = _Drive(os.fspath(input), options, mover.core)
     acting = disturbance_on(mover, options.disturbance, options.trim)
     try:
@@ -220,8 +207,7 @@ def simulate(
             options.start_velocity,
             mocap_params(mocap or {}),
             options.seed,
-            believed.core if believed else None,
-            acting,
+            disturbance=acting,
         )
     except ValueError as error:
         raise OptionError("{why}", why=error) from error
@@ -231,7 +217,7 @@ def simulate(
         heading_offset=options.heading_offset,
         sequence=drive.sequence,
         disturbance=acting,
-        made_with=run_settings.document(drive.parameters(mover, believed or mover)),
+        made_with=run_settings.document(drive.parameters(mover)),
     )
 
 
@@ -296,18 +282,14 @@ class _Drive:
         params.duration, params.room = duration, self.room.core if self.room else None
         for name, value in self._given(LIFT).items():
             setattr(params.life, name, value)
-        if "control_rate" in self.options:
-            params.life.rate = self.options["control_rate"]
         return params
 
     def _tracking(self, duration: float) -> _core.TrackingParams:
         params = self._with_life(_core.TrackingParams(), duration)
-        params.max_error = self.options.get("max_error", np.inf)
-        kind = self.options.get("controller", params.controller.kind)
-        smooth = {"smooth": False} if "sharp" in self.options else {}
-        settings = {**listing.reference_settings(self._all), **smooth}
+        params.max_error = np.inf
+        settings = listing.reference_settings(self._all)
         try:
-            params.controller = gains.choice(kind, self._given([parameter.name for parameter in GAINS]))
+            params.controller = gains.choice(self.options.get("controller", params.controller.kind))
             params.reference = loop.reference(self.options.get("reference", "circle"), **settings)
         except GroundError as error:
             raise OptionError("{why}", why=error) from error
@@ -329,7 +311,7 @@ class _Drive:
             if name not in _takes(kind):
                 raise OptionError("{0} does not go with {1} {input}", name, "input", input=self.kind)
 
-    def parameters(self, mover: Model, believed: Model) -> Dict[str, Dict[str, str]]:
+    def parameters(self, mover: Model) -> Dict[str, Dict[str, str]]:
         """Parameters of the run, by the ROS nodes that would have them."""
         controller = {"design": self.kind if self.kind in KINDS else "file"}
         if isinstance(self.params, _core.ExcitationParams):
@@ -340,7 +322,7 @@ class _Drive:
         if self.kind not in KINDS:
             controller["file"] = self.kind
         if isinstance(self.params, _core.DriveParams):
-            controller["model"] = believed.path
+            controller["model"] = mover.path
         if self.room is not None:
             controller["room"] = self.room.path
         return {"controller": controller, "simulator": {"model": mover.path}}
