@@ -106,7 +106,7 @@ def loaded(code, **environment):
 
 
 def test_help_and_completion_of_verbs_load_no_numerical_library():
-    program = "import sys; from ground.programs import identify; sys.argv[1:] = %r; identify()"
+    program = "import sys; from ground.cli import identify; sys.argv[1:] = %r; identify()"
     help_of_all = loaded(program % ["--help"])
     asked = loaded(
         program % [], _ARGCOMPLETE="1", COMP_LINE="identify di", COMP_POINT="11",

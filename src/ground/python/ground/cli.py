@@ -67,6 +67,21 @@ def program(name: str, argv: Optional[Sequence[str]] = None) -> int:
     return _run(name, parser_of().parse_args(argv))
 
 
+def identify() -> int:
+    """Entry point of identify; exit status as for main."""
+    return errors.guarded("identify", main)
+
+
+def track() -> int:
+    """Entry point of track."""
+    return errors.guarded("track", lambda: program("track"))
+
+
+def tune() -> int:
+    """Entry point of tune."""
+    return errors.guarded("tune", lambda: program("tune"))
+
+
 def _run(name: str, arguments: argparse.Namespace) -> int:
     def work() -> int:
         with files.protect(_inputs(arguments)), errors.warnings_as_lines():

@@ -127,19 +127,7 @@ def taken(given: Recordings) -> List[Recording]:
         return [given]
     if isinstance(given, (str, os.PathLike)):
         return list(read(given))
-    every = list(given)
-    paths = [item for item in every if not isinstance(item, Recording)]
-    from_bags = iter(read(paths)) if paths else iter(())
-    found: List[Recording] = []
-    for item in every:
-        if isinstance(item, Recording):
-            found.append(item)
-        elif os.path.isdir(item):
-            inside = readers.listed([os.fspath(item)])
-            found += [next(from_bags) for _ in inside]
-        else:
-            found.append(next(from_bags))
-    return distinct(found)
+    return distinct([r for one in given for r in ([one] if isinstance(one, Recording) else read(one))])
 
 
 def repaired(found: Sequence[Recording], work: Work) -> List[RepairedRun]:
