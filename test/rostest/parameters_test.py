@@ -66,7 +66,6 @@ class ParametersTest(unittest.TestCase):
         self.assertEqual(listed.returncode, 0, listed.stderr)
         for line in (
             r"^/controller$",
-            r"^  Gains$",
             r"^    k_e .* Position error \[kg/s\] \(1e-06 to 100\)$",
             r"^    reference +circle  Kind of reference \(circle, line, .*\)$",
             r"^/sender$",

@@ -3,7 +3,7 @@
 import ast
 import threading
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Union
+from typing import Any, Callable, Dict, List, Mapping, Optional, Union
 
 import rospy
 from dynamic_reconfigure import DynamicReconfigureCallbackException, find_reconfigure_services
@@ -24,7 +24,6 @@ class Parameter:
     """One parameter of a node."""
 
     name: str
-    group: str
     kind: str  # double, int, bool or str
     description: str
     lower: Any
@@ -53,14 +52,14 @@ class Node:
         self._log = rospy.Subscriber("/rosout", Log, self._listen)
         try:
             self._client = reconfigure.Client(self.name, ANSWER_TIMEOUT)
-            described = self._client.get_group_descriptions()
+            described = self._client.get_parameter_descriptions()
             self.values = dict(self._client.get_configuration(ANSWER_TIMEOUT) or {})
         except rospy.ROSException:
             raise GroundError(
                 "%s: no node of this name with such parameters runs; there are: %s"
                 % (name, ", ".join(names()) or "none")
             )
-        self.parameters = list(_parameters(described))
+        self.parameters = [_parameter(p) for p in described]
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name; GroundError when the node has none."""
@@ -97,22 +96,11 @@ def names() -> List[str]:
         raise GroundError(str(error))
 
 
-def _parameters(group: Mapping[str, Any]) -> Iterator[Parameter]:
-    for p in group["parameters"]:
-        choices = None
-        if p["edit_method"]:
-            choices = [e["value"] for e in ast.literal_eval(p["edit_method"])["enum"]]
-        yield Parameter(
-            p["name"],
-            group["name"].replace("_", " "),
-            p["type"],
-            p["description"],
-            p["min"],
-            p["max"],
-            choices,
-        )
-    for inner in group["groups"].values() if isinstance(group["groups"], dict) else group["groups"]:
-        yield from _parameters(inner)
+def _parameter(described: Mapping[str, Any]) -> Parameter:
+    edit = described["edit_method"]
+    choices = [e["value"] for e in ast.literal_eval(edit)["enum"]] if edit else None
+    name, kind, text, low, high = (described[k] for k in ("name", "type", "description", "min", "max"))
+    return Parameter(name, kind, text, low, high, choices)
 
 
 def shown(value: Value) -> str:

@@ -4,7 +4,6 @@ import html
 import math
 import os
 import signal
-import subprocess
 import sys
 import time
 from dataclasses import dataclass
@@ -264,17 +263,14 @@ def data_line(now: float, samples: Dict[str, Array], feed: Feed) -> str:
 
 
 def check_display() -> None:
-    """Raises GroundError if no window can be opened; Qt itself would abort this process."""
-    probe = [sys.executable, "-c", "from PyQt5.QtWidgets import QApplication; QApplication([])"]
-    result = subprocess.run(probe, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    if result.returncode == 0:
+    """Raises GroundError if there is no display; Qt itself would abort this process."""
+    if os.environ.get("QT_QPA_PLATFORM") == "offscreen":
         return
-    display = os.environ.get("DISPLAY")
-    what = "display %s cannot be opened" % display if display else "DISPLAY is not set"
-    raise GroundError(
-        "%s: start it on a desktop or through ssh -X, or, for a picture only, as "
-        "QT_QPA_PLATFORM=offscreen rosrun ground plot --picture FILE.png" % what
-    )
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise GroundError(
+            "DISPLAY is not set: start it on a desktop or through ssh -X, or, for a picture only, as "
+            "QT_QPA_PLATFORM=offscreen rosrun ground plot --picture FILE.png"
+        )
 
 
 def show(feed: Feed, picture: str = "", after: float = 0.0, force: bool = False) -> None:
