@@ -352,7 +352,7 @@ def test_bad_usage_is_status_2(arguments):
 @pytest.mark.parametrize(
     "spoil, words",
     [
-        (lambda t: t.replace("field.point.z", "z", 1), ["line 1", "no column field.point.z"]),
+        (lambda t: t.replace("field.point.z", "z", 1), ["no field field.point.z"]),
         (lambda t: t.replace(",0.0,", ",,", 1), ["line 2", "not a number"]),
         (lambda t: t.replace(",0.0,", ",nan,", 1), ["line 2", "not finite"]),
         (lambda t: re.sub(r"\d{15,}", "9" * 20, t, count=1), ["line 2", "not a time"]),

@@ -12,7 +12,7 @@ def test_nothing_is_said_when_all_topics_are_heard():
 
 def test_topics_without_publisher_are_named_with_what_would_start_them():
     text = reception.missing(WANTED, [], {"/rosout": "rosgraph_msgs/Log"})
-    assert "/pose (geometry_msgs/PoseStamped): it has no publisher; start" in text
+    assert "/pose (geometry_msgs/PoseStamped): it has no publisher: start" in text
     assert "/controls (ground_msgs/Controls): it has no publisher" in text and "rosbag play" in text
 
 
@@ -25,5 +25,5 @@ def test_topics_of_the_right_type_are_offered():
 def test_other_types_and_silent_publishers_are_distinguished():
     published = {"/pose": POINT, "/controls": "ground_msgs/Controls"}
     text = reception.missing(WANTED, [], published)
-    assert "its publisher sends %s; publish %s there" % (POINT, POSE) in text
-    assert "/controls (ground_msgs/Controls): it has a publisher of this type that sends nothing" in text
+    assert "its publisher sends %s: record it" % POINT in text
+    assert "/controls (ground_msgs/Controls): its publisher sends nothing" in text

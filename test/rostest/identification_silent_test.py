@@ -31,7 +31,7 @@ class IdentificationSilentTest(unittest.TestCase):
         text = status.message.message
         self.assertEqual(status.message.state, IdentificationStatus.IDLE)
         self.assertIn("%s (geometry_msgs/PoseStamped): its publisher sends" % POSE, text)
-        self.assertIn("/controls (ground_msgs/Controls): it has no publisher; remap one of /elsewhere", text)
+        self.assertIn("/controls (ground_msgs/Controls): it has no publisher: remap one of /elsewhere", text)
         wrong.unregister()
         other.unregister()
         poses = rospy.Publisher(POSE, PoseStamped, queue_size=1)

@@ -14,25 +14,14 @@ def missing(wanted: Mapping[str, str], heard: Sequence[str], published: Mapping[
         if topic in heard:
             continue
         sent = published.get(topic)
-        others = sorted(name for name, found in published.items() if found == kind)
+        others = ", ".join(sorted(name for name, found in published.items() if found == kind))
         if sent == kind:
-            why = (
-                "it has a publisher of this type that sends nothing or cannot be reached; see whether "
-                "its source runs, and ROS_IP or ROS_HOSTNAME of its computer"
-            )
+            why = "its publisher sends nothing or cannot be reached: see ROS_IP of its computer"
         elif sent is not None:
-            why = (
-                "its publisher sends %s; publish %s there, or record it and give the bag, which can be of "
-                "any type" % (sent, kind)
-            )
+            why = "its publisher sends %s: record it and give the bag, which can be of any type" % sent
         elif others:
-            why = "it has no publisher; remap one of %s to it, or start what publishes it" % (
-                ", ".join(others)
-            )
+            why = "it has no publisher: remap one of %s to it" % others
         else:
-            why = (
-                "it has no publisher; start what publishes it (sim_prbs.launch, room_prbs.launch, or "
-                "rosbag play)"
-            )
+            why = "it has no publisher: start a launch file, or rosbag play"
         reasons.append("%s (%s): %s" % (topic, kind, why))
     return "nothing arrives on " + "; ".join(reasons) if reasons else None

@@ -18,6 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 from ground import _core
 from ground.nodes import own_stop
 from ground.support.annotations import Say
+from ground.support.command_line import option
 from ground.support.errors import GroundError
 
 DRIVE = "prove_stop_drive"  # the nodelet that gives the push
@@ -29,13 +30,13 @@ AFTER_SILENCE = "disarmed after the silence"
 
 @dataclass(frozen=True)
 class Push:
-    """The commands before the silence: inputs 0..1, durations [s]."""
+    """The commands before the silence."""
 
-    thrust: float = 0.15
-    lift: float = 0.6
-    lift_time: float = 1.0
-    thrust_time: float = 1.2
-    silence: float = 1.5
+    thrust: float = option(0.15, "input of both thrusters, 0..1 (0.15)", range=(0.02, 0.5))
+    lift: float = option(0.6, "input of the lift fan, 0..1 (0.6)", range=(0.05, 1.0))
+    lift_time: float = option(1.0, "lift alone before the thrust [s] (1)", range=(0.2, 10.0))
+    thrust_time: float = option(1.2, "thrust before the silence [s] (1.2)", range=(0.8, 5.0))
+    silence: float = option(1.5, "time for which nothing is sent [s] (1.5)", range=(0.5, 2.0))
 
     def distance(self, model: _core.Model) -> float:
         """Distance that a craft whose watchdog fails goes until zeros come again [m]."""
