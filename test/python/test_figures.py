@@ -48,21 +48,12 @@ def driven():
     return tracking_figures.driven(run, "a circle", (1.0, 4.0), room)
 
 
-def tuned():
-    rows = [
-        {"reference": name, "held_out": True, "condition": "noise", "rms": dict.fromkeys("ab", QUANTILES)}
-        for name in ("circle", "line")
-    ]
-    return tracking_figures.tuned(["a", "b"], rows)
-
-
 DESCRIBED = {
     "fall": lambda studies: figures.fall([("given", 0.3), ("+ lag", 0.1)], 0.05, "all runs"),
     "motion": figures.motion,
     "residual_correlation": figures.residual_correlation,
     "wrench_over_time": wrench_figures.wrench_over_time,
     "driven": lambda studies: driven(),
-    "tuned": lambda studies: tuned(),
 }
 
 

@@ -93,7 +93,7 @@ def test_programs_refuse_to_overwrite_their_inputs(here, capsys):
     runs = lambda verb: lambda argv: cli.program(verb, argv)  # noqa: E731
     fails(capsys, options + picture, "way.csv is read", run=runs("track"))
     fails(capsys, options + ["-o", "model.yaml"], "model.yaml is read", run=runs("tune"))
-    more = ["--references", "way.csv:speed=0.5", "-o", "gains.yaml", "--picture", "way.csv"]
+    more = ["--references", "way.csv:speed=0.5", "-o", "way.csv"]
     fails(capsys, options + more, "way.csv is read", run=runs("tune"))
     assert before == contents(here)
 

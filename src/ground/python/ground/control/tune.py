@@ -7,7 +7,7 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.control.words import add_picture, draw, metres, refuse_picture
+from ground.control.words import metres
 from ground.models import Model
 from ground.simulation import gains, listing, tracking, tuning
 from ground.support import command_line, files
@@ -77,13 +77,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_model(parser, "model of the craft")
     command_line.add_output(parser, "GAINS.yaml")
     command_line.add_options(parser, TuneOptions)
-    add_picture(parser, "errors before and after")
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs tune; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
-    refuse_picture(arguments)
     options = command_line.options(arguments, TuneOptions)
     model = Model.load(arguments.model).core
     use = tracking.effect_use(options.controller, model)
@@ -115,13 +113,6 @@ def run(arguments: argparse.Namespace) -> Document:
     ]
     choice = gains.choice(options.controller, tuned.gains)
     gains.write(arguments.output, choice, comments, arguments.force)
-
-    def figure() -> Document:
-        from ground.reports import tracking_figures
-
-        return tracking_figures.tuned(list(compared), result["table"])
-
-    draw(arguments, figure, {})
     command_line.say(arguments, "\n".join(_lines(result)))
     return result
 

@@ -6,6 +6,7 @@ the node as it was, and the node can do the same as the terminal.
 
 import collections
 import contextlib
+import itertools
 import json
 import math
 import os
@@ -58,13 +59,10 @@ class LiveBuffer:
         # receipt, topic, message
         self._messages: Deque[Tuple[rospy.Time, str, Message]] = collections.deque()
         self._settings: Deque[MocapSettings] = collections.deque(maxlen=MAX_SETTINGS)
-        self._subscribers = [
+        for topic, kind in self.TOPICS.items():
             rospy.Subscriber(topic, kind, self._take, topic, queue_size=1000, tcp_nodelay=True)
-            for topic, kind in self.TOPICS.items()
-        ]
-        self._settings_subscriber = rospy.Subscriber(
-            messages.SETTINGS.lstrip("/"), MocapSettings, self._take_settings, queue_size=100
-        )
+        settings = messages.SETTINGS.lstrip("/")
+        rospy.Subscriber(settings, MocapSettings, self._take_settings, queue_size=100)
 
     def _take_settings(self, message: MocapSettings) -> None:
         with self._lock:
@@ -91,13 +89,10 @@ class LiveBuffer:
     def covered(self) -> float:
         """Time for which there are both poses and commands [s]."""
         with self._lock:
-            spans = []
-            for wanted in self.REQUIRED:
-                times = [at for at, topic, _ in self._messages if topic == wanted]
-                if not times:
-                    return 0.0
-                spans.append((times[0], times[-1]))
-        return float((min(s[1] for s in spans) - max(s[0] for s in spans)).to_sec())
+            times = [[at for at, topic, _ in self._messages if topic == t] for t in self.REQUIRED]
+        if not all(times):
+            return 0.0
+        return float((min(t[-1] for t in times) - max(t[0] for t in times)).to_sec())
 
     def write(self, path: str, last: float) -> None:
         """Writes the last seconds to a bag; GroundError when there are fewer."""
@@ -133,11 +128,9 @@ class IdentificationNode:
         self.model = _existing(rospy.get_param("~model", ""), "model")
         self._bag_dir = _folder(rospy.get_param("~bag_dir", "~/ground_bags"))
         self._output = _folder(rospy.get_param("~output", "~/ground_models"))
-        self._settings = []
-        for name in ("axes", "heading_offset"):
-            value = str(rospy.get_param("~" + name, "recorded"))
-            if value != "recorded":
-                self._settings.append("--%s=%s" % (name.replace("_", "-"), value))
+        given = {n: str(rospy.get_param("~" + n, "recorded")) for n in ("axes", "heading_offset")}
+        options = ["--%s=%s" % (n.replace("_", "-"), v) for n, v in given.items() if v != "recorded"]
+        self._settings = options
         keep = rospy.get_param("~keep", 120.0)
         if not isinstance(keep, (int, float)) or not 0 < keep < math.inf:
             raise GroundError("parameter keep is %s, not a number of seconds" % keep)
@@ -236,14 +229,10 @@ class IdentificationNode:
 
     def _new_folder(self, task: str) -> str:
         stem = os.path.join(self._output, time.strftime("%Y-%m-%d-%H-%M-%S_") + task)
-        for number in range(1000):
-            path = stem + ("" if number == 0 else "-%d" % number)
-            try:
-                os.makedirs(path)
-                return path
-            except FileExistsError:
-                continue
-        raise GroundError("%s: all names for the folder are in use" % stem)
+        names = itertools.chain([stem], ("%s-%d" % (stem, number) for number in itertools.count(1)))
+        path = next(name for name in names if not os.path.exists(name))
+        os.makedirs(path)
+        return path
 
     def _execute(self, task: str, command: List[str]) -> str:
         """Returns what the command prints and publishes its progress as status. GroundError when it
@@ -291,26 +280,17 @@ class IdentificationNode:
         child, self._cancelled = self._child, True
         if child is None:
             return
-        for ending in (signal.SIGINT, signal.SIGKILL):
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGINT)
             try:
-                os.killpg(child.pid, ending)
                 child.wait(PATIENCE)
-                return
-            except ProcessLookupError:
-                return
             except subprocess.TimeoutExpired:
-                continue
+                os.killpg(child.pid, signal.SIGKILL)
 
     def _report(self, task: str, report: Report) -> None:
         """Publishes the progress of a task; logs what is found and new stages."""
-        self._publish(
-            Status.RUNNING,
-            task,
-            str(report),
-            what=report.what,
-            done=report.done,
-            of=report.of,
-        )
+        progress = {"what": report.what, "done": report.done, "of": report.of}
+        self._publish(Status.RUNNING, task, str(report), **progress)
         if report.note or report.what != self._stage:
             rospy.loginfo("%s: %s", task, report)
         self._stage = report.what
@@ -329,12 +309,7 @@ class IdentificationNode:
 
 def _reported(line: str) -> Optional[Report]:
     """The Report in a line of a command's standard error; None for other lines."""
-    if not line.startswith('{"progress"'):
-        return None
-    try:
-        return Report(**json.loads(line)["progress"])
-    except (ValueError, TypeError, KeyError):
-        return None
+    return Report(**json.loads(line)["progress"]) if line.startswith('{"progress"') else None
 
 
 def _existing(path: str, what: str, exists: Callable[[str], bool] = os.path.isfile) -> str:
@@ -354,10 +329,7 @@ def _found(task: str, result: Document) -> str:
         return words.verdict(result)
     error = result["error"]
     if task == "fit":
-        return "fitted: the error falls from %.3f to %.3f" % (error["before"], error["after"])
-    held = error["heldout"]
-    return "with %s the error on what was held out goes from %.3f to %.3f" % (
-        candidates.in_words(result["effect"]),
-        held["before"],
-        held["after"],
-    )
+        return "fitted: the error falls from %(before).3f to %(after).3f" % error
+    name = candidates.in_words(result["effect"])
+    text = "the error on what was held out goes from %(before).3f to %(after).3f" % error["heldout"]
+    return "with %s %s" % (name, text)
