@@ -11,9 +11,10 @@ import numpy as np
 from ground.recordings import commands, containers, poses, run_settings, units
 from ground.recordings.containers import RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
 from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, TIMES, Clock, FieldMapping
-from ground.recordings.recording import Recording, checked, digest_of_files
+from ground.recordings.recording import Recording, checked
 from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
+from ground.support.origin import digest_of_files
 
 METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"

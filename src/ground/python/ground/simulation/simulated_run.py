@@ -28,10 +28,11 @@ from ground.recordings.messages import (
     TRUTH,
     WANTED,
 )  # fmt: skip
-from ground.recordings.recording import Recording, digest_of_files
+from ground.recordings.recording import Recording
 from ground.recordings.run_settings import AXES
 from ground.support import files
 from ground.support.annotations import Array, Message, Path, Time
+from ground.support.origin import digest_of_files
 from ground.support.progress import Progress, Work
 
 WRITING = "writing the bag (thousands of messages)"  # stage
