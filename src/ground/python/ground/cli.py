@@ -7,6 +7,7 @@ when its verb is used: all of them take a third of a second.
 import argparse
 import importlib
 import json
+import os
 import sys
 from typing import Iterator, NamedTuple, Optional, Sequence
 
@@ -102,7 +103,8 @@ OUTPUTS = {"output", "picture"}  # arguments that name files to write; all other
 
 
 def _inputs(arguments: argparse.Namespace) -> Iterator[str]:
-    """Every argument that could name a file to read; for FILE.csv:NAME=NUMBER also the file."""
+    """Every argument that could name a file to read, and the files in a folder; for FILE.csv:NAME=NUMBER
+    also the file."""
     for name, value in vars(arguments).items():
         if name in OUTPUTS:
             continue
@@ -110,6 +112,8 @@ def _inputs(arguments: argparse.Namespace) -> Iterator[str]:
             if isinstance(text, str):
                 yield text
                 yield text.partition(":")[0]
+                if os.path.isdir(text):
+                    yield from (entry.path for entry in os.scandir(text))
 
 
 def _parser(used: Optional[Sequence[str]] = None) -> argparse.ArgumentParser:

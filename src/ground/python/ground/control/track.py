@@ -131,13 +131,6 @@ def _factor(text: str) -> Tuple[str, float]:
     return name, value
 
 
-def _bound(text: str) -> float:
-    value = float(text)
-    if not value > 0:
-        raise argparse.ArgumentTypeError("%s is not positive" % text)
-    return value
-
-
 @dataclass(frozen=True)
 class _Options:
     """A controller, a craft, and the conditions of the loop."""
@@ -164,7 +157,7 @@ class _Options:
     max_error: float = option(
         0.0,
         "error at which it stops, inf for never (a quarter of the reference's half-width, 0.05 to 0.5)",
-        type=_bound,
+        type=command_line.above_zero,
         metavar="M",
     )
     starts: int = option(1, "number of starts near the origin (%(default)s)", type=count, metavar="N")

@@ -58,7 +58,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--runs",
         metavar="BAG",
         nargs="+",
-        action=bag_arguments.Bags,
         default=[],
         help="recorded runs, to say how the bench agrees with motion",
     )

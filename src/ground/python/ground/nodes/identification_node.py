@@ -31,7 +31,6 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from ground.analysis import candidates
 from ground.diagnosing import words
-from ground.nodes import reception
 from ground.recordings import messages, readers
 from ground.support import files
 from ground.support.annotations import Document, Message
@@ -39,8 +38,6 @@ from ground.support.errors import GroundError, sentence
 from ground.support.progress import Report
 
 Status = IdentificationStatus
-FIRST_CHECK = 3.0  # time until live topics are looked at for the first time [s]
-CHECK_PERIOD = 1.0  # period of later looks, until all are heard [s]
 PATIENCE = 5.0  # timeout of a process that was asked to end [s]
 MADE = {"fit": "fitted.yaml", "diagnose": "improved.yaml", "add": "extended.yaml"}
 MAX_SETTINGS = 1000  # changes of the mocap's settings that are kept
@@ -79,12 +76,12 @@ class LiveBuffer:
             while (now - self._messages[0][0]).to_sec() > self.seconds:
                 self._messages.popleft()
 
-    def missing(self) -> Optional[str]:
-        """Why nothing has come on required topics, and what to do; None when all are heard."""
+    def silent(self) -> str:
+        """Required topics from which nothing has come, with their types; empty when all are heard."""
         with self._lock:
-            heard = {rospy.resolve_name(topic) for _, topic, _ in self._messages}
-        wanted = {rospy.resolve_name(t): str(self.TOPICS[t]._type) for t in self.REQUIRED}
-        return reception.missing(wanted, sorted(heard), dict(rospy.get_published_topics()))
+            heard = {topic for _, topic, _ in self._messages}
+        silent = [topic for topic in self.REQUIRED if topic not in heard]
+        return " and ".join("%s (%s)" % (rospy.resolve_name(t), self.TOPICS[t]._type) for t in silent)
 
     def covered(self) -> float:
         """Time for which there are both poses and commands [s]."""
@@ -98,6 +95,8 @@ class LiveBuffer:
         """Writes the last seconds to a bag; GroundError when there are fewer."""
         if last > self.seconds:
             raise GroundError("only the last %g s are kept, not %g (parameter keep)" % (self.seconds, last))
+        if self.silent():
+            raise GroundError("nothing arrives on %s" % self.silent())
         covered = self.covered()
         if covered < 0.95 * last:
             raise GroundError("poses and commands of %.1f s have come so far, not of %g s" % (covered, last))
@@ -149,30 +148,6 @@ class IdentificationNode:
             rospy.Service("~" + task, Identify, lambda request, t=task: self.serve(t, request))
         rospy.Service("~cancel", Trigger, self._cancel)
         rospy.on_shutdown(self._end)
-        threading.Thread(target=self._watch, daemon=True).start()
-
-    def _watch(self) -> None:
-        """Says why live topics are silent, until they are heard."""
-        rospy.rostime.wallsleep(FIRST_CHECK)
-        said: Optional[str] = None
-        while not rospy.is_shutdown():
-            with contextlib.suppress(OSError, rospy.ROSException):  # the master has gone
-                found = self.live.missing()
-                if found != said:
-                    self._say_idle(found or "poses and commands arrive")
-                if found is None:
-                    return
-                said = found
-            rospy.rostime.wallsleep(CHECK_PERIOD)
-
-    def _say_idle(self, text: str) -> None:
-        """Logs a state of the live topics, and publishes it unless a task runs."""
-        rospy.logwarn("%s", text)
-        if self._busy.acquire(blocking=False):
-            try:
-                self._say(Status.IDLE, "", text)
-            finally:
-                self._busy.release()
 
     def serve(self, task: str, request: IdentifyRequest) -> IdentifyResponse:
         """Runs a task to its end."""
