@@ -111,7 +111,6 @@ def _poses_of(run: RepairedRun) -> Document:
         lateness = {"median": float(np.median(late)), "largest": float(late.max())}
         lateness["above_50_ms"] = int((late > LATE).sum())
         poses["frame_clock"] = {"rate": clock.rate, "lost": clock.lost, "lateness": lateness}
-        poses["frame_clock"]["roughness"] = float(clock.roughness)
     return poses
 
 
@@ -271,14 +270,14 @@ def _poses(poses: Document) -> Iterator[str]:
 def _overlap(controls: Document) -> Iterator[str]:
     """Where poses and commands do not begin or end together."""
     begin, end = controls["start_after_poses"], controls["end_after_poses"]
-    if begin < -0.01:
-        yield "commands start %.2f s before the poses" % -begin
-    if begin > 0.2:
-        yield "poses start %.2f s before the commands, left out" % begin
-    if end > 0.01:
-        yield "poses end %.2f s before the commands" % end
-    if end < -0.2:
-        yield "commands end %.2f s before the poses, left out" % -end
+    for apart, least, text in (
+        (-begin, 0.01, "commands start %.2f s before the poses"),
+        (begin, 0.2, "poses start %.2f s before the commands, left out"),
+        (end, 0.01, "poses end %.2f s before the commands"),
+        (-end, 0.2, "commands end %.2f s before the poses, left out"),
+    ):
+        if apart > least:
+            yield text % apart
 
 
 def _changes(changes: List[Document]) -> Iterator[str]:

@@ -35,7 +35,6 @@ class FrameClock:
     rate: float  # frame rate [1/s]
     lost: int  # missing frames between the first and the last
     lateness: Array  # (n,) delays of the stamps after the frames [s]
-    roughness: float  # roughness of the motion with the new instants, relative to the stamps
 
 
 def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
@@ -57,10 +56,9 @@ def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
         numbers = _most_likely(times, steps, single, rate, start)
         start, rate = _line(times, numbers)
     frames = start + numbers / rate
-    roughness = _roughness(frames, eta) / _roughness(times, eta)
-    if not roughness < SMOOTHER:
+    if not _roughness(frames, eta) < SMOOTHER * _roughness(times, eta):
         return None
-    return FrameClock(frames, rate, int(numbers[-1] - numbers[0] + 1 - len(times)), times - frames, roughness)
+    return FrameClock(frames, rate, int(numbers[-1] - numbers[0] + 1 - len(times)), times - frames)
 
 
 def _irregular(times: Array) -> bool:

@@ -170,7 +170,9 @@ def _check(root: Document) -> None:
         validator = jsonschema.Draft7Validator(json.load(file))
     error = jsonschema.exceptions.best_match(validator.iter_errors(root))
     if error is not None:
-        what = error.schema.get("error", error.message)  # what the schema says, else what jsonschema does
+        what, wrong = error.message[:200], repr(error.instance)
+        if "error" in error.schema:  # clearer than what jsonschema says
+            what = error.schema["error"] + (", not %s" % wrong if len(wrong) < 50 else "")
         raise ValueError("%s: %s" % (".".join(map(str, error.absolute_path)) or "a key", what))
 
 

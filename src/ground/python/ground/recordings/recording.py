@@ -229,14 +229,13 @@ def _check_range(path: str, every: Array, values: Array, limits: Tuple[float, fl
     if low >= limits[0] - 1e-9 and values.max() <= limits[1] + 1e-9:
         return
     unit = units.command_unit(every[every != 0]) if (every != 0).any() else None
-    text = "%s: controls reach from %g to %g, but they are normalised to %g..%g;"
-    if unit in ("percent", "microseconds"):
-        text += " they seem to be in %s:" % unit
-    text += (
-        " give their channels a unit, or off and full, in a mapping (identify info --write-mapping drafts "
-    )
-    text += "one)"
-    if -1 <= low < 0:
-        text += "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at -1 has "
-        text += "off: -1, full: 1"
-    raise GroundError(text % (path, every.min(), every.max(), *limits))
+    raise GroundError(
+        "%s: controls reach from %g to %g, but they are normalised to %g..%g;%s give their channels a unit, "
+        "or off and full, in a mapping (identify info --write-mapping drafts one)%s"
+        % (
+            path, every.min(), every.max(), *limits,
+            " they seem to be in %s:" % unit if unit in ("percent", "microseconds") else "",
+            "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at -1 has "
+            "off: -1, full: 1" if -1 <= low < 0 else "",
+        )
+    )  # fmt: skip
