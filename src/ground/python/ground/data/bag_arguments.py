@@ -2,28 +2,15 @@
 
 import argparse
 from dataclasses import dataclass
-from typing import Any, Callable, Iterator, List, Optional, Sequence, Type
+from typing import Any, Callable, Iterator, List, Sequence, Type
 
 from ground.data import measured as api
+from ground.data.measured import Part as Part
 from ground.recordings import mapping, run_settings
 from ground.recordings.recording import Recording
 from ground.support import command_line, files
 from ground.support.annotations import Document
-from ground.support.command_line import number, option, seconds
-
-
-@dataclass(frozen=True)
-class Span:
-    """The part of every run that is used."""
-
-    start: float = option(0.0, "start, on the run's clock [s]", name="--from", type=seconds, metavar="S")
-    end: Optional[float] = option(None, "end, on the run's clock [s]", name="--to", type=seconds, metavar="S")
-    everything: bool = option(False, "use the whole recording, not only what info calls usable", name="--all")
-
-    @property
-    def part(self) -> api.Part:
-        """The part."""
-        return api.Part(self.start, self.end, self.everything)
+from ground.support.command_line import number, option
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.quality import RepairedRun
 from ground.recordings.recording import Recording
 from ground.support.annotations import Path
+from ground.support.command_line import option, seconds
 from ground.support.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.support.progress import Work
 from ground.support.results import distinct_labels
@@ -164,11 +165,11 @@ def note_suspicions(found: Sequence[Recording], model: Model) -> None:
 
 @dataclass(frozen=True)
 class Part:
-    """The part of a run that is used, on the run's clock."""
+    """The part of every run that is used, on the run's clock."""
 
-    start: float = 0.0  #: [s]
-    end: Optional[float] = None  #: [s]; None: the end of the run
-    everything: bool = False  #: includes what ground.recordings.quality finds not usable
+    start: float = option(0.0, "start, on the run's clock [s]", name="--from", type=seconds, metavar="S")
+    end: Optional[float] = option(None, "end, on the run's clock [s]", name="--to", type=seconds, metavar="S")
+    everything: bool = option(False, "use the whole recording, not only what info calls usable", name="--all")
 
     def of(self, run: RepairedRun, model: Model) -> _core.RunData:
         """_core.RunData of that part of a run. GroundError when nothing is left of it."""
