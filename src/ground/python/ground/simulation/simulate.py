@@ -5,7 +5,7 @@ import functools
 import os
 import sys
 from dataclasses import dataclass, fields, make_dataclass, replace
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, TypeVar, Union
+from typing import Any, Dict, Iterator, List, Optional, Sequence, TypeVar, Union
 
 import numpy as np
 
@@ -59,8 +59,12 @@ class Mocap:
     gap_rate: Optional[float] = _mocap("gap_rate", "1/S", "losses of tracking per second")
     gap_length: Optional[float] = _mocap("gap_length", "S", "mean duration of a loss of tracking")
 
-
-MOCAP = tuple(f.name for f in fields(Mocap))
+    def params(self) -> _core.MocapParams:
+        """The _core.MocapParams with these values."""
+        params = _core.MocapParams()
+        for name, value in command_line.given(self, [f.name for f in fields(Mocap)]).items():
+            setattr(params, name, value)
+        return params
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,7 @@ class Acting:
 
 
 @dataclass(frozen=True)
-class _Options(Acting):
+class _Options(Acting, Mocap):
     """An experiment."""
 
     seed: int = option(
@@ -171,15 +175,13 @@ def simulate(
     input: Path = "prbs",
     *,
     name: str = "simulated",
-    mocap: Optional[Mapping[str, float]] = None,
     options: _Options,
 ) -> SimulatedRun:
     """A recording of a simulated experiment, without ROS and faster than real time.
 
     model: the true model of the craft. input: a design ("prbs", "multilevel-prbs", "spin", ...:
     `identify simulate --help` lists them), "tracking" for a controller in the loop, or a CSV file of
-    bits or timed rows. mocap: rate [Hz], position_noise [m], heading_noise [rad], latency [s], loss
-    (0..1), gap_rate [1/s], gap_length [s]. OptionError when an option does not go with the input,
+    bits or timed rows. OptionError when an option does not go with the input,
     GroundError when nothing can be recorded. Options, as keyword arguments or as SimulateOptions;
     disturbance may be True for that of the model:
 
@@ -205,7 +207,7 @@ def simulate(
             name,
             options.start_pose,
             options.start_velocity,
-            mocap_params(mocap or {}),
+            options.params(),
             options.seed,
             disturbance=acting,
         )
@@ -338,16 +340,6 @@ def _takes(kind: str) -> List[str]:
     return [*(name for name in DESIGNS[kind].takes if name in PATTERN), *LIFT, *BURSTS]
 
 
-def mocap_params(settings: Mapping[str, float]) -> _core.MocapParams:
-    """The _core.MocapParams with these settings."""
-    params = _core.MocapParams()
-    for name, value in settings.items():
-        if name not in MOCAP:
-            raise OptionError("mocap has no {name}", name=name)
-        setattr(params, name, value)
-    return params
-
-
 def disturbance_on(model: Model, given: Disturbance, trim: Optional[float]) -> Optional[_core.Disturbance]:
     """The _core.Disturbance that acts; None where none does."""
     if given is False and trim is None:
@@ -402,12 +394,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = DETAILS
     command_line.add_model(parser, "true model of the craft")
-    parser.add_argument(
-        "--input", type=_kind, required=True, metavar="KIND", help=", ".join(KINDS) + " or FILE.csv (below)"
-    )
+    kinds = ", ".join(KINDS) + " or FILE.csv (below)"
+    parser.add_argument("--input", required=True, metavar="KIND", help=kinds)
     command_line.add_output(parser, "RUN.bag")
     command_line.add_options(parser, SimulateOptions)
-    command_line.add_options(parser, Mocap)
 
 
 def run(arguments: argparse.Namespace) -> Document:
@@ -419,7 +409,6 @@ def run(arguments: argparse.Namespace) -> Document:
             model,
             arguments.input,
             name=os.path.splitext(os.path.basename(arguments.output))[0],
-            mocap=command_line.given(arguments, MOCAP),
             options=command_line.options(arguments, SimulateOptions),
         )
     counts = made.save(arguments.output, arguments.force, arguments.work)
@@ -477,11 +466,3 @@ def _bursts(run: SimulatedRun) -> str:
         driven,
         times[-1] - times[0],
     )
-
-
-def _kind(text: str) -> str:
-    if text not in KINDS and not text.lower().endswith(".csv"):
-        raise argparse.ArgumentTypeError(
-            "'%s' is neither one of %s nor a .csv file" % (text, ", ".join(KINDS))
-        )
-    return text

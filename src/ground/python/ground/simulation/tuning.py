@@ -6,12 +6,14 @@ a candidate combines its errors, its saturation and its effort:
 
     score = mean over cells of (log10 of the median + 2 log10 of the worst of the starts) / 3
             + 0.3 * (saturated share + effort)
+            + 5 * mean over cells of the powers of ten by which the worst start is worse than with the
+              initial gains
 
 A cell is a reference in one of the conditions. The final choice uses starts that the search has not used.
 """
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
@@ -44,6 +46,7 @@ SPACE = {
 MODEL_ERROR = {"k": 0.85, "X_u": 1.3, "Y_v": 1.3, "N_r": 1.3, "I_z": 1.15}
 SMALLEST, LARGEST = 1e-3, 100.0  # errors below and above which a difference does not count [m]
 USE_WEIGHT = 0.3  # weight of saturation and effort
+WORSE, MARGIN = 5.0, 0.1  # weight of being worse than the initial gains, margin in powers of ten
 SIGMA = 0.5  # standard deviation of the first steps, in powers of ten
 RESTARTS = 4
 FINALISTS = 24
@@ -73,17 +76,13 @@ class Candidate:
     errors: Dict[str, List[float]]
     saturated: float
     effort: float
+    score: float = np.inf  # of the search that tried it
 
     @property
     def error(self) -> float:
         """Error [m]: the mean over cells, on a logarithmic scale."""
         cells = np.array([[np.median(errors), max(errors), max(errors)] for errors in self.errors.values()])
         return float(10 ** _logs(cells).mean())
-
-    @property
-    def score(self) -> float:
-        """Error, saturation and effort in one number."""
-        return float(np.log10(self.error) + USE_WEIGHT * (self.saturated + self.effort))
 
 
 def cells(tasks: Mapping[str, tracking.Task], truth: _core.Model, delay: float = 0.02) -> List[Cell]:
@@ -112,6 +111,7 @@ class Search:
     workers: Workers
     believed: _core.Model
     work: Work
+    limits: Dict[str, float] = field(default_factory=dict)  # cell -> worst start with the best initial gains
 
     def evaluate(
         self,
@@ -143,7 +143,18 @@ class Search:
         saturated, effort = (
             float(np.mean([n[name] for n in numbers])) for name in ("saturated_fraction", "effort")
         )
-        return Candidate(choice.values, dict(zip((c.name for c in cells), rows)), saturated, effort)
+        found = Candidate(choice.values, dict(zip((c.name for c in cells), rows)), saturated, effort)
+        found.score = self._score(found)
+        return found
+
+    def _score(self, one: Candidate) -> float:
+        cells = [cell for cell in one.errors if cell in self.limits]
+        worse = [_logs(max(one.errors[cell])) - _logs(self.limits[cell]) + MARGIN for cell in cells]
+        return float(
+            np.log10(one.error)
+            + USE_WEIGHT * (one.saturated + one.effort)
+            + WORSE * (np.maximum(worse, 0).mean() if cells else 0.0)
+        )
 
     def search(
         self,
@@ -160,6 +171,9 @@ class Search:
         random = np.random.default_rng(seed)
         self.work.more(len(cells) * len(starts) * max(evaluations, len(first)))
         tried = self.evaluate(first, cells, starts, seed)
+        self.limits = {cell.name: min(max(one.errors[cell.name]) for one in tried) for cell in cells}
+        for one in tried:
+            one.score = self._score(one)
         places = [_coordinates(kind, choice.values, bounds) for choice in first]
 
         def attempt(generation: Sequence[Array]) -> List[float]:
