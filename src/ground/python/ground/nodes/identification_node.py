@@ -12,6 +12,7 @@ import math
 import os
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 import traceback
@@ -215,35 +216,30 @@ class IdentificationNode:
         if self._cancelled:
             raise GroundError("cancelled")
         self._say(Status.RUNNING, task, "begins")
-        lines: Deque[str] = collections.deque(maxlen=20)
-        child = self._child = subprocess.Popen(
-            command,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            universal_newlines=True,
-            start_new_session=True,
-        )
-
-        def listen() -> None:
+        last = ""  # line of its standard error
+        with tempfile.TemporaryFile("w+") as printed:
+            child = self._child = subprocess.Popen(
+                command,
+                stdout=printed,
+                stderr=subprocess.PIPE,
+                universal_newlines=True,
+                start_new_session=True,
+            )
             for line in map(str.strip, child.stderr or ()):
                 report = _reported(line)
                 if report:
                     self._report(task, report)
                 elif line:
-                    lines.append(line)
+                    last = line
                     rospy.logwarn("%s", line)
-
-        listener = threading.Thread(target=listen, daemon=True)
-        listener.start()
-        printed = child.stdout.read() if child.stdout else ""
-        status = child.wait()
-        listener.join(PATIENCE)
-        self._child = None
-        if self._cancelled:
-            raise GroundError("cancelled")
-        if status != 0:
-            raise GroundError(lines[-1] if lines else "ended with status %d" % status)
-        return str(printed)
+            status = child.wait()
+            self._child = None
+            if self._cancelled:
+                raise GroundError("cancelled")
+            if status != 0:
+                raise GroundError(last or "ended with status %d" % status)
+            printed.seek(0)
+            return printed.read()
 
     def _cancel(self, _: TriggerRequest) -> TriggerResponse:
         if not self._busy.locked():

@@ -103,11 +103,9 @@ class Stack:
                 with contextlib.suppress(rospy.ServiceException, rospy.ROSException, GroundError):
                     _service(DRIVE + "/stop", Trigger)()
             process.send_signal(signal.SIGINT)
-            try:
+            with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(timeout=ANSWER)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            process.kill()
 
     def _wait_armed(self, patience: float, say: Say) -> None:
         if self.statuses[-1].state != SenderStatus.ARMED:
