@@ -34,14 +34,9 @@ VERBS = [
     Verb("add", "fitting.add", "adds an effect to a model, refits it, and shows the error before and after"),
     Verb("tracking", "control.tracking", "how recorded crafts followed their reference"),
 ]
-PROGRAMS = {  # programs that are one verb
-    "track": Verb(
-        "track", "control.track", "drives a simulated craft along a reference, without ROS running"
-    ),
-    "tune": Verb(
-        "tune", "control.tune", "searches for the gains of a controller in closed loop, on all cores"
-    ),
-}
+TRACK = Verb("track", "control.track", "drives a simulated craft along a reference, without ROS running")
+TUNE = Verb("tune", "control.tune", "searches for the gains of a controller in closed loop, on all cores")
+PROGRAMS = {verb.name: verb for verb in (TRACK, TUNE)}  # programs that are one verb
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:

@@ -5,7 +5,8 @@ hypothesis. Hypotheses under which each channel does the same to the measured bo
 any motion: they are one class. The right class leaves the least of the accelerations unexplained: the log of
 the unexplained acceleration (geometric mean of both forces and the yaw moment) is a log-likelihood per
 sample. Residuals are correlated in time, so the error of a difference comes from blocks of time and the
-correlation of neighbours (Vuong 1989; Newey and West 1987).
+correlation of neighbours (Vuong 1989; Newey and West 1987). The file is longer than 400 lines, because the
+judgement and its words share the hypotheses.
 """
 
 import functools
