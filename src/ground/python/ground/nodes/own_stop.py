@@ -105,19 +105,18 @@ def judge(trial: Trial) -> Verdict:
 def _braked(trial: Trial, found: Break, speed: float) -> Verdict:
     uncertainty = 1.96 * float(np.hypot(found.deviation, BLUR))
     numbers = dict(stopped_after=found.time, uncertainty=uncertainty, braking=found.braking, speed=speed)
-    if found.braking > MAX_BRAKING:
-        why = "it stopped by %.1f m/s^2, harder than a floor brakes: did it hit something?"
-        return Verdict(UNDECIDED, why % found.braking, **numbers)
-    if found.time < -uncertainty:
-        why = "it braked %.2f s before the silence began: did something hold it?"
-        return Verdict(UNDECIDED, why % -found.time, **numbers)
-    if uncertainty > 0.25:
-        why = "the time at which it began to brake is uncertain by %.2f s"
-        return Verdict(UNDECIDED, why % uncertainty, **numbers)
     silence = trial.silence_end - trial.last_packet
-    if found.time + uncertainty > silence:
-        why = "it began to brake when the silence ended; try a longer silence"
-        return Verdict(UNDECIDED, why, **numbers)
+    for wrong, why in (
+        (found.braking > MAX_BRAKING, "it stopped harder than a floor brakes: did it hit something?"),
+        (found.time < -uncertainty, "it braked before the silence began: did something hold it?"),
+        (uncertainty > 0.25, "the time at which it began to brake is uncertain"),
+        (
+            found.time + uncertainty > silence,
+            "it began to brake when the silence ended; try a longer silence",
+        ),
+    ):
+        if wrong:
+            return Verdict(UNDECIDED, why, **numbers)
     reason = "it stopped by itself %.2f s (+- %.2f s) after the last packet, braking by %.1f m/s^2"
     reason %= (max(0.0, found.time), uncertainty, found.braking)
     return Verdict(PASSED, reason, **numbers)
