@@ -94,12 +94,13 @@ def _run(name: str, arguments: argparse.Namespace) -> int:
     return errors.guarded(name, work, arguments.debug)
 
 
+RECORDINGS = (".bag", ".mcap", ".db3", ".csv", ".parquet")  # ends of their names
 OUTPUTS = {"output", "picture"}  # arguments that name files to write; all others name files to read
 
 
 def _inputs(arguments: argparse.Namespace) -> Iterator[str]:
-    """Every argument that could name a file to read, and the files in a folder; for FILE.csv:NAME=NUMBER
-    also the file."""
+    """Every argument that could name a file to read, and the recordings in a folder; for
+    FILE.csv:NAME=NUMBER also the file."""
     for name, value in vars(arguments).items():
         if name in OUTPUTS:
             continue
@@ -108,7 +109,7 @@ def _inputs(arguments: argparse.Namespace) -> Iterator[str]:
                 yield text
                 yield text.partition(":")[0]
                 if os.path.isdir(text):
-                    yield from (entry.path for entry in os.scandir(text))
+                    yield from (entry.path for entry in os.scandir(text) if entry.name.endswith(RECORDINGS))
 
 
 def _parser(used: Optional[Sequence[str]] = None) -> argparse.ArgumentParser:
