@@ -63,9 +63,9 @@ def tables(model, starts, seed):
 def anywhere(model, count, seed):
     """Share of random starts at rest (within 3 m, any heading) from which the craft reaches the circle."""
     task = tracking.task("circle", rate_of_turn=0.63, settled=20.0, until=22.0)
-    runs = tracking.many(
-        model, model, gains.choice("ModelPredictive"), task, tracking.anywhere(count, seed, 3.0)
-    )
+    places = np.random.default_rng(seed).uniform(-1, 1, (count, 3)) * [3.0, 3.0, np.pi]
+    starts = [(place, np.zeros(3)) for place in places]
+    runs = tracking.many(model, model, gains.choice("ModelPredictive"), task, starts)
     return sum(run.numbers["rms"] < 5e-3 for run in runs) / count
 
 

@@ -16,7 +16,8 @@ import atheris
 
 with atheris.instrument_imports(include=["ground"]):
     from ground import cli
-    from ground.recordings import containers, csv_exports, quality, readers
+    from ground.data import import_csv
+    from ground.recordings import containers, quality, readers
     from ground.support.errors import GroundError
 
 FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
@@ -39,7 +40,7 @@ def csv(data):
     controls, _, poses = data.partition(b"\0")
     bag = os.path.join(FOLDER.name, "run.bag")
     with contextlib.suppress(GroundError):
-        csv_exports.write_bag(path("c.csv", controls), path("p.csv", poses), bag, force=True)
+        import_csv.write_bag(path("c.csv", controls), path("p.csv", poses), bag, force=True)
         quality.repaired(readers.read(bag))
 
 
@@ -54,7 +55,7 @@ def short_bag():
     if not os.path.exists(name):
         with open(ROOT + "/test/fuzz/seeds/csv/exports", "rb") as file:
             controls, _, poses = file.read().partition(b"\0")
-        csv_exports.write_bag(path("c.csv", controls), path("p.csv", poses), name)
+        import_csv.write_bag(path("c.csv", controls), path("p.csv", poses), name)
     return name
 
 

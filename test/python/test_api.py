@@ -117,7 +117,6 @@ def test_errors_name_arguments_as_python_has_them(flown):
         "clock does not go with input tracking": dict(input="tracking", clock=3.0),
         "lift: 2 is not between 0 and 1": dict(lift=2.0),
         "'sing' is neither one of": dict(input="sing"),
-        "mocap has no colour": dict(mocap={"colour": 1.0}),
         "disturbance takes a SHARE": dict(disturbance=(3.0, 1.0)),
     }
     for message, options in cases.items():
@@ -192,7 +191,7 @@ def test_options_are_keywords_or_one_object_and_can_be_pickled(flown):
     assert one.starts["tried"] == 2 and list(one.parameters) == ["k"]
     assert ground.fit(MODEL, flown, options=options, starts=1).starts["tried"] == 1
     assert "starts" in inspect.signature(ground.fit).parameters and "``starts``" in ground.fit.__doc__
-    for kept in (options, SimulateOptions(k_e=4.0, room=None), ground.fit):
+    for kept in (options, SimulateOptions(size=1.2, room=None), ground.fit):
         assert pickle.loads(pickle.dumps(kept)) == kept
     with pytest.raises(TypeError, match="colour"):
         ground.fit(MODEL, flown, colour="red")

@@ -94,25 +94,6 @@ def test_a_draft_has_a_cell_for_every_held_level(tmp_path):
     assert thrust_bench.fit(thrust_bench.read(path, PAIR), PAIR).values["k"] == pytest.approx(0.1)
 
 
-def test_a_level_is_announced_once_it_is_held():
-    from ground.nodes.bench_levels import Levels
-
-    levels, announced = Levels(), []
-    for i in range(300):  # at 50 Hz: zero, a level, a short one, zero, the level again
-        time = 10 + i / 50
-        left = 0.5 if 1 <= i / 50 < 3 or i / 50 >= 5 else 1.0 if 3 <= i / 50 < 3.3 else 0.0
-        level = levels.command(time, left, 0.0)
-        if level:
-            announced.append((round(time, 2), level.text(levels.start)))
-    assert announced == [
-        (10.5, "left 0, right 0 since 0.0 s of the run; read the scale's zero"),
-        (11.5, "left 0.5, right 0 since 1.0 s of the run; read the scale"),
-        (13.8, "left 0, right 0 since 3.3 s of the run; read the scale's zero"),
-        (15.5, "left 0.5, right 0 since 5.0 s of the run; read the scale"),
-    ]
-    assert [level.left for level in levels.held] == [0, 0.5, 0, 0.5]
-
-
 @pytest.mark.parametrize("repeat", [1, 3])
 @pytest.mark.parametrize(
     "kind, force",

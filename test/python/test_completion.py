@@ -54,14 +54,6 @@ def test_options_choices_and_effects_are_completed(line, expected):
     assert completions(line, program=line.split()[0]) == expected
 
 
-def test_files_are_completed_by_their_suffixes(tmp_path):
-    for name in ("run.bag", "run.mcap", "craft.yaml", "run.txt"):
-        (tmp_path / name).write_text("")
-    assert set(completions("identify info r", cwd=tmp_path)) == {"run.bag", "run.mcap"}
-    assert completions("identify fit run.bag --model ", cwd=tmp_path) == ["craft.yaml"]
-    assert completions("identify fit run.bag --window ", cwd=tmp_path) == []
-
-
 def test_rosrun_is_completed_by_the_environment_hook():
     """Sourced as setup.bash does it, twice; the shell's own functions are called as readline calls them."""
     script = """
@@ -106,7 +98,7 @@ def loaded(code, **environment):
 
 
 def test_help_and_completion_of_verbs_load_no_numerical_library():
-    program = "import sys; from ground.programs import identify; sys.argv[1:] = %r; identify()"
+    program = "import sys; from ground.cli import identify; sys.argv[1:] = %r; identify()"
     help_of_all = loaded(program % ["--help"])
     asked = loaded(
         program % [], _ARGCOMPLETE="1", COMP_LINE="identify di", COMP_POINT="11",

@@ -195,7 +195,7 @@ def test_programs_fail_in_one_line(monkeypatch, capsys, tmp_path):
         ("record", "--dir", "/proc/nowhere"),
         ("record", "--dir", tmp_path / ("x" * 300)),
         ("demo", "--out", tmp_path / "file"),
-        ("parameters", "--list"),
+        ("parameters",),
         ("identify", "info", tmp_path),
         ("track", "--model", tmp_path),
         ("tune", "--model", tmp_path, "-o", tmp_path / "g.yaml"),

@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 
 import numpy as np
 import plotly.graph_objects as go
@@ -15,12 +14,11 @@ from ground.reports import (
     appearance,
     figures,
     inspection,
-    picture,
+    page,
     tracking_figures,
     wrench_figures,
 )
 from ground.simulation import gains, tracking
-from ground.support.errors import GroundError
 from test_diagnose import with_effect
 
 QUANTILES = {"p05": 0.01, "median": 0.02, "p95": 0.05}
@@ -48,21 +46,12 @@ def driven():
     return tracking_figures.driven(run, "a circle", (1.0, 4.0), room)
 
 
-def tuned():
-    rows = [
-        {"reference": name, "held_out": True, "condition": "noise", "rms": dict.fromkeys("ab", QUANTILES)}
-        for name in ("circle", "line")
-    ]
-    return tracking_figures.tuned(["a", "b"], rows)
-
-
 DESCRIBED = {
     "fall": lambda studies: figures.fall([("given", 0.3), ("+ lag", 0.1)], 0.05, "all runs"),
     "motion": figures.motion,
     "residual_correlation": figures.residual_correlation,
     "wrench_over_time": wrench_figures.wrench_over_time,
     "driven": lambda studies: driven(),
-    "tuned": lambda studies: tuned(),
 }
 
 
@@ -99,22 +88,6 @@ def test_the_same_model_has_the_same_colour_everywhere(studies, drawn):
         assert lines and all(t["line"]["color"] == wanted[t["name"]] for t in lines)
 
 
-@pytest.mark.skipif(not shutil.which("chromium"), reason="chromium is not installed")
-def test_a_browser_draws_a_png(drawn, tmp_path):
-    from PIL import Image
-
-    path = tmp_path / "fall.png"
-    picture.write(str(path), [drawn["fall"]])
-    shown = Image.open(str(path)).convert("RGB")
-    assert sum(shown.resize((1, 1)).getpixel((0, 0))) < 3 * 253
-    colors = {color for _, color in shown.getcolors(1 << 20)}
-    bars = [appearance.MODELS[0], appearance.MODELS[1]]
-    assert {tuple(int(bar[i : i + 2], 16) for i in (1, 3, 5)) for bar in bars} <= colors
-
-
-def test_without_a_browser_a_page_is_offered(drawn, tmp_path, monkeypatch):
-    monkeypatch.setattr(shutil, "which", lambda name: None)
-    with pytest.raises(GroundError, match="needs Chromium.*ends with .html"):
-        picture.write(str(tmp_path / "fall.png"), [drawn["fall"]])
-    picture.write(str(tmp_path / "fall.html"), [drawn["fall"]])
+def test_figures_make_a_page(drawn, tmp_path):
+    page.write_figures(str(tmp_path / "fall.html"), [drawn["fall"]])
     assert "Error: mean over samples" in (tmp_path / "fall.html").read_text()

@@ -352,7 +352,7 @@ def test_bad_usage_is_status_2(arguments):
 @pytest.mark.parametrize(
     "spoil, words",
     [
-        (lambda t: t.replace("field.point.z", "z", 1), ["line 1", "no column field.point.z"]),
+        (lambda t: t.replace("field.point.z", "z", 1), ["no field field.point.z"]),
         (lambda t: t.replace(",0.0,", ",,", 1), ["line 2", "not a number"]),
         (lambda t: t.replace(",0.0,", ",nan,", 1), ["line 2", "not finite"]),
         (lambda t: re.sub(r"\d{15,}", "9" * 20, t, count=1), ["line 2", "not a time"]),
@@ -386,7 +386,6 @@ def test_real_recordings_import_and_fit(tmp_path, recordings):
     for info in infos:
         clock = info["poses"]["frame_clock"]  # frames at 120 Hz are polled at 100 Hz
         assert clock["rate"] == pytest.approx(120, abs=0.05)
-        assert clock["roughness"] < 0.6
         assert 0.2 < info["poses"]["bursts"] / info["poses"]["count"] < 0.36
         assert info["repairs"]["duplicates dropped"] == 0, "no distinct frame may be dropped"
     for stamp, bag in bags.items():

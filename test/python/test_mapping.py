@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-import yaml
 
-from conftest import schema
 from ground.recordings import mapping
 from ground.support.errors import GroundError
 
@@ -61,28 +59,28 @@ def test_options_come_before_the_file(tmp_path):
 
 
 WRONG = [
-    ("schema: ground/mapping/1", "schema: ground/model/1", "schema is 'ground/model/1', but must be"),
+    ("schema: ground/mapping/1", "schema: ground/model/1", "schema: 'ground/mapping/1' was expected"),
     ("schema: ground/mapping/1", "", "not a mapping: write schema: ground/mapping/1"),
-    ("unit: mm", "unit: inch", "poses.position.unit is 'inch', but must be one of m, cm, mm"),
-    ("scale: 2", "scale: fast", "poses.position.scale is fast, but must be a finite number"),
-    ("scale: 2", "scale: 0", "poses.position.scale is 0"),
-    ("scale: 2", "scale: true", "poses.position.scale is True, but must be a finite number"),
-    ("q.z, q.w]", "q.z]", "poses.orientation has 3 fields, but needs 4"),
-    ("  orientation", "  orientatoin", "poses.orientatoin is unknown|neither orientation nor heading"),
-    ("body: craft", "bodies: craft", "poses.bodies is unknown"),
+    ("unit: mm", "unit: inch", "poses.position.unit: 'inch' is not one of .*'m', 'cm', 'mm'"),
+    ("scale: 2", "scale: fast", "poses.position.scale: must be a number"),
+    ("scale: 2", "scale: 0", "poses.position.scale: must be a number, but not 0"),
+    ("scale: 2", "scale: true", "poses.position.scale: must be a number"),
+    ("q.z, q.w]", "q.z]", "poses.orientation: .* too short"),
+    ("  orientation", "  orientatoin", "poses: .*'orientatoin' was unexpected"),
+    ("body: craft", "bodies: craft", "poses: .*'bodies' was unexpected"),
     ('"x, -y, -z"', '"x, y, -z"', "poses.axes is not a frame: .*right-handed"),
-    ("sign: -1", "sign: 2", "commands.channels.front.sign is 2, but must be 1 or -1"),
+    ("sign: -1", "sign: 2", "commands.channels.front.sign: 2 is not one of"),
     ("[-1, 1]", "[1, 0]", "commands.channels.back_left.range is .* must be two numbers"),
-    ("[-1, 1]", "[-2, 1]", "commands.channels.back_left.range is .* must be two numbers"),
+    ("[-1, 1]", "[-2, 1]", "commands.channels.back_left.range.0: -2 is less than"),
     ("full: 1800", "full: 1000", "commands.channels.back_left.full is the same as off, 1000"),
     ("off: 1000", "unit: percent", "back_left.unit and off or full are both given"),
-    ("field: position.x, ", "", "commands.channels.back_left.field is missing"),
-    ("    front:", "    front left:", "the channel 'front left' is not a name"),
-    ("field: secs, ", "", "poses.time names no field"),
-    ("time: receipt", "time: yesterday", "commands.time is 'yesterday', but must be one of"),
-    ("clock_offset: -0.25", "clock_offset: .nan", "clock_offset is nan, but must be a finite"),
-    ("clock_offset: -0.25", "clock_drift: 0.2", "clock_drift is 0.2, but must be within -0.1 and 0.1"),
-    ("clock_offset: -0.25", "offset: 1", "M.yaml: offset is unknown"),
+    ("field: position.x, ", "", "commands.channels.back_left: 'field' is a required property"),
+    ("    front:", "    front left:", "commands.channels: names of channels have letters"),
+    ("field: secs, ", "", "poses.time: .*field"),
+    ("time: receipt", "time: yesterday", "commands.time: must be header, receipt, or a field"),
+    ("clock_offset: -0.25", "clock_offset: .nan", "nan is not a finite number"),
+    ("clock_offset: -0.25", "clock_drift: 0.2", "clock_drift: 0.2 is greater than"),
+    ("clock_offset: -0.25", "offset: 1", "'offset' was unexpected"),
 ]
 
 
@@ -95,21 +93,5 @@ def test_what_is_wrong_is_named(text, wrong, reason, tmp_path):
 
 @pytest.mark.parametrize("text", ["[1, 2", "- a\n- b\n", "poses: 3\nschema: ground/mapping/1\n"])
 def test_nonsense_is_refused(text, tmp_path):
-    with pytest.raises(GroundError, match="M.yaml: .*(not YAML|not a table)"):
+    with pytest.raises(GroundError, match="M.yaml: .*(not YAML|not a mapping|not of type)"):
         load(tmp_path, text)
-
-
-def content(text):
-    found = yaml.safe_load(text)
-    for channel in found["commands"]["channels"].values():
-        channel.update({"off": channel.pop(False)} if False in channel else {})
-    return found
-
-
-def test_the_schema_of_the_documentation_is_that_of_the_loader():
-    schema("mapping").validate(content(WHOLE))
-    # What no JSON schema can say: which axes are a frame, numbers that are the same, not a number.
-    beyond = ("right-handed", "same as off", "finite", "neither", "two numbers")
-    for text, wrong, reason in WRONG:
-        if not any(word in reason for word in beyond):
-            assert not schema("mapping").is_valid(content(WHOLE.replace(text, wrong))), wrong

@@ -26,14 +26,13 @@ def trial(
     noise=0.004,
     glides=False,
     silence=SILENCE,
-    telemetry=False,
 ):
     """Trial of a driven craft that gets no commands from 0 s on. It stops its motors after `watchdog` [s]
     or never (None); with `glides` its lift stays on. The noise is coloured like an estimator's."""
     random = np.random.default_rng(seed)
     times = np.arange(-1.0, silence + 1.5, 0.01)
     off = np.inf if watchdog is None else watchdog
-    speeds, accelerations, now = [], [], speed - 1.0 * thrust
+    speeds, now = [], speed - 1.0 * thrust
     for t in times:
         zeros = t >= silence
         if zeros or (t >= off and not glides):
@@ -42,20 +41,12 @@ def trial(
             a = -GLIDE if t >= off else thrust
         a = a if now > 0 or a > 0 else 0.0
         speeds.append(now)
-        accelerations.append(a)
         now = max(0.0, now + 0.01 * a)
     white = random.normal(0, noise, len(times))
     kernel = np.exp(-np.arange(10) / 3.0)
     colored = np.convolve(white, kernel / np.sqrt(np.sum(kernel**2)))[: len(times)]
     measured = np.abs(np.array(speeds) + colored)
-    extra = {}
-    if telemetry:
-        acc = np.round(1000 / 9.81 * np.array(accelerations) + random.normal(0, 5, len(times)))
-        extra = dict(
-            telemetry_times=times[::2],
-            telemetry=np.column_stack([acc, 0 * acc, 0 * acc - 1000])[::2],
-        )
-    return own_stop.Trial(times, measured, np.ones(len(times), bool), 0.0, silence, **extra)
+    return own_stop.Trial(times, measured, np.ones(len(times), bool), 0.0, silence)
 
 
 @pytest.mark.parametrize("watchdog, noise", [(0.05, 0.015), (0.25, 0.004), (1.0, 0.015)])
@@ -114,20 +105,6 @@ def test_an_undecided_trial_gives_a_reason(make, reason):
     verdict = own_stop.judge(make())
     assert verdict.outcome == own_stop.UNDECIDED, verdict
     assert re.search(reason, verdict.reason), verdict.reason
-
-
-def test_telemetry_confirms_or_contradicts_the_time():
-    for seed in range(5):
-        given = trial(0.4, seed, telemetry=True)
-        verdict = own_stop.judge(given)
-        assert verdict.telemetry_after == pytest.approx(0.4, abs=0.05)
-        assert "its telemetry agrees" in verdict.reason
-        later = changed(given, telemetry_times=given.telemetry_times - 0.3)
-        doubtful = own_stop.judge(later)
-        assert "does NOT agree" in doubtful.reason
-        assert doubtful.telemetry_after == pytest.approx(0.1, abs=0.05)
-        mute = changed(given, telemetry=0 * given.telemetry)
-        assert own_stop.judge(mute).telemetry_after is None
 
 
 def test_records_are_added_and_none_is_lost(tmp_path, monkeypatch):

@@ -228,7 +228,6 @@ def test_several_processes_read_and_repair_what_one_does(tmp_path, monkeypatch):
     bags = [write_bag(tmp_path / ("%d.bag" % n), seed=n) for n in range(3)]
     alone = ground.read(bags)
     first_runs = api.repaired(alone, Work())
-    monkeypatch.setattr(api, "WORTH_READING", 0)
     monkeypatch.setattr(api, "WORTH_REPAIRING", 0)
     together = ground.read(bags)
     second_runs = api.repaired(together, Work())

@@ -79,7 +79,7 @@ def test_the_page_of_a_diagnosis(diagnosed, browser):
         "Data quality",
         "How it was made",
         "identify diagnose",
-        "SHA-256",
+        "digest",
         "Ceres",
         "input_delay",
         "seeds",

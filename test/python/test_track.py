@@ -132,7 +132,7 @@ def test_a_better_model_tracks_better(effect, tmp_path):
 
 
 def test_output_and_picture(tmp_path):
-    picture = tmp_path / "track.png"
+    picture = tmp_path / "track.html"
     loop = ["--model", MODEL, "--controller", "ModelPredictive", "--end-time", 25, "--starts", 2]
     found = track(*loop, "--noise", "--delay", 0.02, "--seed", 4, "--picture", picture)
     assert picture.stat().st_size > 20000

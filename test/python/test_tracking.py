@@ -26,7 +26,7 @@ def tracking(*arguments):
 
 def test_the_error_equals_that_of_the_simulation(driven, tmp_path):
     bag, simulated = driven
-    picture = tmp_path / "drive.png"
+    picture = tmp_path / "drive.html"
     found = tracking(bag, "--picture", picture)
     (drive,) = found["runs"][0]["drives"]
     # computed from mocap poses at 100 Hz instead of the truth at each decision
@@ -50,7 +50,7 @@ def test_a_run_without_decisions_has_no_numbers_on_them(driven, tmp_path):
         for topic, message, time in source.read_messages():
             if topic not in ("/controls/wanted", "/decision"):
                 bag.write(topic, message, time)
-    (drive,) = tracking(path, "--picture", tmp_path / "old.png")["runs"][0]["drives"]
+    (drive,) = tracking(path, "--picture", tmp_path / "old.html")["runs"][0]["drives"]
     assert drive["wanted_outside"] is None and drive["compute_ms"] is None
     text = identify("tracking", path).stdout
     assert "saturated" in text and "wanted" not in text and "computing" not in text

@@ -34,20 +34,18 @@ def test_the_tuned_gains_are_better_than_those_of_the_thesis(reference):
 
 @slow
 def test_a_search_finds_better_gains_and_writes_them(tmp_path):
-    out, picture = tmp_path / "gains.yaml", tmp_path / "gains.png"
+    out = tmp_path / "gains.yaml"
     search = ["--model", TABLE_4_1, "--evaluations", 50, "--starts", 1, "--test-starts", 4]
-    search += ["--references", "circle", "--holdout", "rhodonea", "-o", out, "--picture", picture]
+    search += ["--references", "circle", "--holdout", "rhodonea", "-o", out]
     result = program("tune", *search, "--json")
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
-    assert picture.stat().st_size > 20000
     for row in found["table"]:
         assert row["held_out"] == (row["reference"] == "rhodonea")
         if row["reference"] == "circle":
             medians = {name: q["median"] for name, q in row["rms"].items()}
             assert medians["tuned"] < min(medians["(4.11)"], medians["(4.12)"])
     assert found["candidates"] >= 50
-    assert len(found["trade_off"]) > 1
     # track, rosparam load and dynparam load read this file.
     written = yaml.safe_load(out.read_text())
     assert written == pytest.approx(found["gains"], rel=1e-5)

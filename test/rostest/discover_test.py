@@ -59,7 +59,7 @@ class DiscoverTest(DiscoveryCase):
         self.assertEqual(newest.message.model.split("_")[0], "after")
         texts = [m.text for m in markers.message.markers]
         for effect in self.discovery.message.effects:
-            self.assertIn(effect, texts)
+            self.assertTrue(any(text.endswith(" " + effect) for text in texts), texts)
         answer = rospy.ServiceProxy("discovery/stop", Trigger)()
         self.assertIn("ended already", answer.message)
 

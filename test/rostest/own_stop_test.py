@@ -68,7 +68,6 @@ class OwnStopTest(unittest.TestCase):
         verdict = self.verdict(0.5)
         self.assertEqual(verdict.outcome, own_stop.PASSED, verdict.reason)
         self.assertAlmostEqual(verdict.stopped_after, 0.5, delta=0.1)
-        self.assertIn("its telemetry agrees", verdict.reason)
 
     def test_a_craft_that_does_not_stop(self):
         verdict = self.verdict(0.0)

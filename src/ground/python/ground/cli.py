@@ -7,6 +7,7 @@ when its verb is used: all of them take a third of a second.
 import argparse
 import importlib
 import json
+import os
 import sys
 from typing import Iterator, NamedTuple, Optional, Sequence
 
@@ -33,14 +34,9 @@ VERBS = [
     Verb("add", "fitting.add", "adds an effect to a model, refits it, and shows the error before and after"),
     Verb("tracking", "control.tracking", "how recorded crafts followed their reference"),
 ]
-PROGRAMS = {  # programs that are one verb
-    "track": Verb(
-        "track", "control.track", "drives a simulated craft along a reference, without ROS running"
-    ),
-    "tune": Verb(
-        "tune", "control.tune", "searches for the gains of a controller in closed loop, on all cores"
-    ),
-}
+TRACK = Verb("track", "control.track", "drives a simulated craft along a reference, without ROS running")
+TUNE = Verb("tune", "control.tune", "searches for the gains of a controller in closed loop, on all cores")
+PROGRAMS = {verb.name: verb for verb in (TRACK, TUNE)}  # programs that are one verb
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
@@ -67,6 +63,21 @@ def program(name: str, argv: Optional[Sequence[str]] = None) -> int:
     return _run(name, parser_of().parse_args(argv))
 
 
+def identify() -> int:
+    """Entry point of identify; exit status as for main."""
+    return errors.guarded("identify", main)
+
+
+def track() -> int:
+    """Entry point of track."""
+    return errors.guarded("track", lambda: program("track"))
+
+
+def tune() -> int:
+    """Entry point of tune."""
+    return errors.guarded("tune", lambda: program("tune"))
+
+
 def _run(name: str, arguments: argparse.Namespace) -> int:
     def work() -> int:
         with files.protect(_inputs(arguments)), errors.warnings_as_lines():
@@ -83,11 +94,13 @@ def _run(name: str, arguments: argparse.Namespace) -> int:
     return errors.guarded(name, work, arguments.debug)
 
 
+RECORDINGS = (".bag", ".mcap", ".db3", ".csv", ".parquet")  # ends of their names
 OUTPUTS = {"output", "picture"}  # arguments that name files to write; all others name files to read
 
 
 def _inputs(arguments: argparse.Namespace) -> Iterator[str]:
-    """Every argument that could name a file to read; for FILE.csv:NAME=NUMBER also the file."""
+    """Every argument that could name a file to read, and the recordings in a folder; for
+    FILE.csv:NAME=NUMBER also the file."""
     for name, value in vars(arguments).items():
         if name in OUTPUTS:
             continue
@@ -95,6 +108,8 @@ def _inputs(arguments: argparse.Namespace) -> Iterator[str]:
             if isinstance(text, str):
                 yield text
                 yield text.partition(":")[0]
+                if os.path.isdir(text):
+                    yield from (entry.path for entry in os.scandir(text) if entry.name.endswith(RECORDINGS))
 
 
 def _parser(used: Optional[Sequence[str]] = None) -> argparse.ArgumentParser:

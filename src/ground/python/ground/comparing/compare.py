@@ -56,19 +56,19 @@ WRITING = "writing the page"  # stage
 Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
 
 
-@command_line.takes(bag_arguments.Span)
+@command_line.takes(bag_arguments.Part)
 def compare(
     models: Models,
     recordings: Recordings,
     *,
     progress: Progress = None,
-    options: bag_arguments.Span,
+    options: bag_arguments.Part,
 ) -> Comparison:
     """Models against recordings: errors, and where they come from.
 
     models: one or several, or {label: model}; recordings: recordings or bags. progress: called with a
     ground.support.progress.Report at each step. GroundError when a file cannot be read, a model cannot be
-    simulated, or a run or model is given twice. Options, as keyword arguments or as bag_arguments.Span:
+    simulated, or a run or model is given twice. Options, as keyword arguments or as bag_arguments.Part:
 
     >>> craft = ground.Model.load(model_file)
     >>> found = ground.compare([craft, craft.with_effect("yaw_bias", n0=2e-5)], bag)
@@ -83,7 +83,7 @@ def compare(
     if not given:
         raise GroundError(NO_RECORDING)
     note_differences(given)
-    runs = _each_run(named, given, options.part, Work.of(progress))
+    runs = _each_run(named, given, options, Work.of(progress))
     return _conclude(named, list(runs))
 
 
@@ -198,7 +198,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--model", metavar="M.yaml", action="append", required=True, help="model; once for each model"
     )
     command_line.add_output(parser, "DIR", "folder for results")
-    command_line.add_options(parser, bag_arguments.Span)
+    command_line.add_options(parser, bag_arguments.Part)
     parser.add_argument("--numbers", action="store_true", help="compare.json and CSV only: no page")
 
 
@@ -208,7 +208,7 @@ def run(arguments: argparse.Namespace) -> Document:
     recordings = list(bag_arguments.reading(arguments, arguments.bags))
     with result_folder.kept_if_used(arguments.output):
         _, numbers = prepare(arguments.output, arguments.force)
-        chosen = command_line.options(arguments, bag_arguments.Span)
+        chosen = command_line.options(arguments, bag_arguments.Part)
         found = compare(models, recordings, options=chosen, progress=arguments.work)
     command_line.say(arguments, str(found))
     with arguments.work.stage(WRITING):

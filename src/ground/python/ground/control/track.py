@@ -131,13 +131,6 @@ def _factor(text: str) -> Tuple[str, float]:
     return name, value
 
 
-def _bound(text: str) -> float:
-    value = float(text)
-    if not value > 0:
-        raise argparse.ArgumentTypeError("%s is not positive" % text)
-    return value
-
-
 @dataclass(frozen=True)
 class _Options:
     """A controller, a craft, and the conditions of the loop."""
@@ -156,7 +149,6 @@ class _Options:
     )
     noise: bool = option(False, "mocap noise, and the estimator")
     delay: float = option(0.0, "time from measurement to command [s]", type=seconds, metavar="S")
-    loss: float = option(0.0, "share of frames lost, 0..1", range=(0.0, 0.999))
     rate: float = option(50.0, "(50)", type=positive, metavar="HZ")
     seed: Optional[int] = option(None, "for noise and start (start: the origin)", type=seed)
     smooth: bool = option(False, "line, waypoints: start and stop gently")
@@ -165,18 +157,10 @@ class _Options:
     max_error: float = option(
         0.0,
         "error at which it stops, inf for never (a quarter of the reference's half-width, 0.05 to 0.5)",
-        type=_bound,
+        type=command_line.above_zero,
         metavar="M",
     )
-    starts: int = option(1, "number of starts (%(default)s)", type=count, metavar="N")
-    spread: float = option(
-        tracking.SPREAD,
-        "1 sigma of all states of N starts about rest at the origin (%(default)s)",
-        type=positive,
-    )
-    anywhere: Optional[float] = option(
-        None, "start at rest up to M metres off in x and y, any heading", type=positive, metavar="M"
-    )
+    starts: int = option(1, "number of starts near the origin (%(default)s)", type=count, metavar="N")
 
 
 #: What is tracked: _Options, and parameters of references.
@@ -219,8 +203,10 @@ def track(
     choice = gain_files.choice(options.controller, options.gains)
     use = tracking.effect_use(options.controller, believed.core)
     work, first = Work.of(progress), 1 if options.seed is None else options.seed
-    places = _starts(options, first)
-    conditions = tracking.Conditions(options.noise, options.delay, options.loss)
+    places = [(np.zeros(3), np.zeros(3))]
+    if options.starts > 1 or options.seed is not None:
+        places = tracking.starts(options.starts, first)
+    conditions = tracking.Conditions(options.noise, options.delay)
     try:
         given = {**command_line.given(options, ["smooth"]), **listing.reference_settings(options), **settings}
         task = tracking.task(reference, options.settled, options.end_time, **given)
@@ -242,15 +228,6 @@ def track(
         gains=dict(choice.values),
         seed=options.seed,
     )
-
-
-def _starts(options: _Options, first: int) -> List[tracking.Start]:
-    """Where and how fast the craft starts: at rest at the origin, or about it."""
-    if options.anywhere:
-        return list(tracking.anywhere(options.starts, first, options.anywhere))
-    if options.starts > 1 or options.seed is not None:
-        return list(tracking.starts(options.starts, first, options.spread))
-    return [(np.zeros(3), np.zeros(3))]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

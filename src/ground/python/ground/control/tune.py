@@ -7,12 +7,12 @@ from typing import Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.control.words import add_picture, draw, metres, refuse_picture
+from ground.control.words import metres
 from ground.models import Model
 from ground.simulation import gains, listing, tracking, tuning
 from ground.support import command_line, files
 from ground.support.annotations import Document
-from ground.support.command_line import count, option, positive, seed
+from ground.support.command_line import count, option, seed
 from ground.support.errors import GroundError
 from ground.support.progress import Work
 from ground.support.workers import Workers
@@ -67,9 +67,6 @@ class TuneOptions:
     evaluations: int = option(1200, "(%(default)s)", type=count, metavar="N")
     starts: int = option(4, "starts of a candidate (%(default)s)", type=count, metavar="N")
     test_starts: int = option(100, "fresh starts of the test (%(default)s)", type=count, metavar="N")
-    saturation_weight: float = option(0.3, "(%(default)s)", type=float)
-    effort_weight: float = option(0.3, "(%(default)s)", type=float)
-    rate: float = option(50.0, "(50)", type=positive, metavar="HZ")
     seed: int = option(1, "(%(default)s)", type=seed)
 
 
@@ -80,13 +77,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_model(parser, "model of the craft")
     command_line.add_output(parser, "GAINS.yaml")
     command_line.add_options(parser, TuneOptions)
-    add_picture(parser, "errors before and after")
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs tune; returns what --json prints."""
     files.refuse_existing(arguments.output, arguments.force)
-    refuse_picture(arguments)
     options = command_line.options(arguments, TuneOptions)
     model = Model.load(arguments.model).core
     use = tracking.effect_use(options.controller, model)
@@ -118,13 +113,6 @@ def run(arguments: argparse.Namespace) -> Document:
     ]
     choice = gains.choice(options.controller, tuned.gains)
     gains.write(arguments.output, choice, comments, arguments.force)
-
-    def figure() -> Document:
-        from ground.reports import tracking_figures
-
-        return tracking_figures.tuned(list(compared), result["table"])
-
-    draw(arguments, figure, {})
     command_line.say(arguments, "\n".join(_lines(result)))
     return result
 
@@ -139,8 +127,7 @@ def _search(
     counts = (options.starts, 5 * options.starts, options.test_starts)
     places = [tracking.starts(count, seed) for count, seed in zip(counts, seeds)]
     with Workers() as team:
-        weights = options.saturation_weight, options.effort_weight
-        loops = tuning.Search(team, model, *weights, options.rate, work)
+        loops = tuning.Search(team, model, work)
         with work.stage("drives of the search"):
             tried = loops.search(first, seen, places[0], options.evaluations, seeds[0])
         with work.stage("drives of the finalists", len(seen) * counts[1] * tuning.FINALISTS):
@@ -190,17 +177,12 @@ def _result(
         }
         for cell in cells
     ]
-    best = [
-        {"gains": c.gains, "error": c.error, "saturated": c.saturated, "effort": c.effort}
-        for c in tuning.trade_off(tried)
-    ]
     return {
         "candidates": len(tried),
         "test_starts": options.test_starts,
         "table": table,
         "saturated": {name: c.saturated for name, c in compared.items()},
         "effort": {name: c.effort for name, c in compared.items()},
-        "trade_off": best,
     }
 
 

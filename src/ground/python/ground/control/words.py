@@ -5,6 +5,7 @@ from typing import Callable, Iterator
 
 from ground.support import files
 from ground.support.annotations import Document
+from ground.support.errors import GroundError
 
 
 def effort_lines(numbers: Document) -> Iterator[str]:
@@ -30,13 +31,15 @@ def metres(value: float) -> str:
 
 def add_picture(parser: argparse.ArgumentParser, shows: str) -> None:
     """Adds --picture to a verb."""
-    help = "%s; FILE.html: a page, which needs no Chromium" % shows
-    parser.add_argument("--picture", metavar="FILE.png", help=help)
+    help = "page with %s, each of which the page saves as a PNG" % shows
+    parser.add_argument("--picture", metavar="FILE.html", help=help)
 
 
 def refuse_picture(arguments: argparse.Namespace) -> None:
     """GroundError when the picture that was asked for cannot be written."""
     if arguments.picture:
+        if not arguments.picture.endswith(".html"):
+            raise GroundError("%s: a picture is a page: name a file that ends with .html" % arguments.picture)
         files.refuse_existing(arguments.picture, arguments.force)
 
 
@@ -44,8 +47,7 @@ def draw(arguments: argparse.Namespace, figure: Callable[[], Document], result: 
     """Writes the picture that was asked for, and its name into the result."""
     if not arguments.picture:
         return
-    from ground.reports import picture
+    from ground.reports import page
 
-    with arguments.work.stage("drawing the picture"):
-        picture.write(arguments.picture, [figure()], arguments.force)
+    page.write_figures(arguments.picture, [figure()], arguments.force)
     result["picture"] = arguments.picture

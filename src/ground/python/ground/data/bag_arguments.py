@@ -2,29 +2,15 @@
 
 import argparse
 from dataclasses import dataclass
-from typing import Any, Callable, Iterator, List, Optional, Sequence, Type
+from typing import Any, Callable, Iterator, List, Sequence, Type
 
 from ground.data import measured as api
-from ground.recordings import mapping, readers, run_settings
+from ground.data.measured import Part as Part
+from ground.recordings import mapping, run_settings
 from ground.recordings.recording import Recording
 from ground.support import command_line, files
 from ground.support.annotations import Document
-from ground.support.command_line import number, option, seconds
-from ground.support.errors import GroundError
-
-
-@dataclass(frozen=True)
-class Span:
-    """The part of every run that is used."""
-
-    start: float = option(0.0, "start, on the run's clock [s]", name="--from", type=seconds, metavar="S")
-    end: Optional[float] = option(None, "end, on the run's clock [s]", name="--to", type=seconds, metavar="S")
-    everything: bool = option(False, "use the whole recording, not only what info calls usable", name="--all")
-
-    @property
-    def part(self) -> api.Part:
-        """The part."""
-        return api.Part(self.start, self.end, self.everything)
+from ground.support.command_line import number, option
 
 
 @dataclass(frozen=True)
@@ -36,26 +22,9 @@ class AsRecorded:
     )
 
 
-class Bags(argparse.Action):
-    """Bags on the command line; a folder stands for the bags in it."""
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: Any,
-        option_string: Optional[str] = None,
-    ) -> None:
-        """Sets the list of bags; exits with status 1 when a folder has none."""
-        try:
-            setattr(namespace, self.dest, readers.listed(values))
-        except GroundError as error:
-            parser.exit(1, "%s: %s\n" % (parser.prog, error))
-
-
 def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
     """Adds the bags, and how they are read."""
-    parser.add_argument("bags", metavar="BAG", nargs="+", action=Bags, help="recorded run, or folder of them")
+    parser.add_argument("bags", metavar="BAG", nargs="+", help="recorded run, or folder of them")
     add_reading_arguments(parser)
 
 
@@ -85,7 +54,7 @@ def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
 def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
     """Adds --holdout."""
     parser.add_argument(
-        "--holdout", metavar="BAG", nargs="+", action=Bags, default=[], help="runs to test on, not fitted to"
+        "--holdout", metavar="BAG", nargs="+", default=[], help="runs to test on, not fitted to"
     )
 
 

@@ -1,10 +1,22 @@
-"""identify import: CSV exports to a bag."""
+"""identify import: CSV files that rostopic echo -p has written, to a bag."""
 
 import argparse
+import os
+from typing import Dict, Optional, Tuple
 
-from ground.recordings import csv_exports
+import numpy as np
+
+from ground.recordings import containers, messages
+from ground.recordings.recording import checked
 from ground.support import command_line, files
-from ground.support.annotations import Document
+from ground.support.annotations import Array, Document, Indices
+from ground.support.errors import GroundError
+from ground.support.progress import Work
+
+RECEIVED = "%time"
+STAMP = "field.header.stamp"
+POINT = ["field.point.x", "field.point.y", "field.point.z"]
+LATEST = 2**32 * 10**9  # ROS has 32 bits for seconds [ns]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -17,11 +29,51 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs the verb; returns what --json prints."""
-    files.refuse_existing(arguments.output, arguments.force)
-    counts = csv_exports.write_bag(
-        arguments.controls, arguments.pose, arguments.output, arguments.force, arguments.work
-    )
-    command_line.say(
-        arguments, "%s: %d poses, %d commands" % (arguments.output, counts["pose"], counts["controls"])
-    )
-    return {"bag": arguments.output, "messages": counts}
+    output = arguments.output
+    files.refuse_existing(output, arguments.force)
+    counts = write_bag(arguments.controls, arguments.pose, output, arguments.force, arguments.work)
+    command_line.say(arguments, "%s: %d poses, %d commands" % (output, counts["pose"], counts["controls"]))
+    return {"bag": output, "messages": counts}
+
+
+def read_csv(path: str) -> Tuple[Indices, Indices, Array]:
+    """Stamps, times of receipt [ns] and points (n, 3) of a `rostopic echo -p` export."""
+    with containers.Tables([path]) as tables:
+        columns = tables.table(os.path.basename(path))
+    times = [STAMP, RECEIVED if RECEIVED in columns else STAMP]
+    numbers = containers.values(columns, [*times, *POINT], path)
+    outside = ~((numbers[:, :2] > 0) & (numbers[:, :2] < LATEST)).all(axis=1)
+    for wrong, what in (
+        (~np.isfinite(numbers).all(axis=1), "a value is missing, not a number or not finite"),
+        (outside, "a stamp is not a time between 1970 and 2106 in nanoseconds"),
+    ):
+        if wrong.any():
+            raise GroundError("%s, line %d: %s" % (path, np.argmax(wrong) + 2, what))
+    # as whole numbers, which have more digits than those of a float
+    stamps, received = (np.asarray(containers.column(columns, n)).astype(np.int64) for n in times)
+    return stamps, received, numbers[:, 2:]
+
+
+def write_bag(
+    controls_path: str, pose_path: str, bag_path: str, force: bool = False, work: Optional[Work] = None
+) -> Dict[str, int]:
+    """Writes a pair of CSV exports to a bag; returns the number of messages by topic. work: told of
+    what is written."""
+    told = work or Work()
+    series = {"pose": read_csv(pose_path), "controls": read_csv(controls_path)}
+    both = "%s and %s" % (controls_path, pose_path)
+    rows = {t: np.column_stack([containers.seconds(s), points]) for t, (s, _, points) in series.items()}
+    checked(both, rows["pose"], rows["controls"], "", [])
+    begins, ends = zip(*((min(r), max(r)) for _, r, _ in series.values()))
+    if max(begins) > min(ends):
+        raise GroundError("%s do not overlap in time: they are from different runs" % both)
+    with files.new_file(bag_path, force) as temporary:
+        with messages.bag_writer(temporary) as bag, told.stage("writing topics", len(series)):
+            for topic, (stamps, received, points) in told.each(series.items()):
+                for number, (stamp, receipt, point) in enumerate(zip(stamps, received, points.tolist())):
+                    message = messages.new("geometry_msgs/PointStamped")
+                    message.header.seq = number
+                    message.header.stamp = messages.time(int(stamp))
+                    message.point.x, message.point.y, message.point.z = point
+                    bag.write(topic, message, int(receipt))
+    return {topic: len(stamps) for topic, (stamps, _, _) in series.items()}

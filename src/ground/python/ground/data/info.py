@@ -58,7 +58,7 @@ def _write_mapping(arguments: argparse.Namespace) -> List[Document]:
     path, output = arguments.bags[0], arguments.output
     files.refuse_existing(output, arguments.force)
     with arguments.work.stage("drafting"):
-        path = readers.to_draft(path)
+        path = readers.to_draft(readers.listed([path])[0])
         with readers.opened(path) as source:
             text = drafts.draft(source, os.path.isdir(path))
     with files.new_file(output, arguments.force) as temporary:

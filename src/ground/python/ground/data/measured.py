@@ -1,9 +1,8 @@
 """Recordings: reading them, and choosing the part that models are compared with."""
 
-import functools
 import os
 from dataclasses import dataclass, fields, replace
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, TypeVar, Union
+from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
 from ground import _core
 from ground.models import Model
@@ -12,13 +11,12 @@ from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.quality import RepairedRun
 from ground.recordings.recording import Recording
 from ground.support.annotations import Path
+from ground.support.command_line import option, seconds
 from ground.support.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.support.progress import Work
 from ground.support.results import distinct_labels
 from ground.support.workers import Workers
 
-_T = TypeVar("_T")
-_R = TypeVar("_R")
 Recordings = Union[Recording, Path, Iterable[Union[Recording, Path]]]
 NO_RECORDING = "no recordings are given"
 
@@ -59,8 +57,7 @@ def read(
 
 READING = "reading recordings (kB)"  # stage; unit: a kilobyte
 REPAIRING = "repairing recordings"  # stage
-WORTH_READING = 3000  # size of recordings from which several processes read them sooner [kB]
-WORTH_REPAIRING = 2e4  # the same for repairs [poses]
+WORTH_REPAIRING = 2e4  # poses from which several processes repair recordings sooner
 
 
 def reading(
@@ -73,23 +70,13 @@ def reading(
     found, work = [], work or Work()
     bags = readers.listed(paths, mapping)
     sizes = [readers.size(path) // 1000 for path in bags]
-    many = functools.partial(readers.read, mapping=mapping)
     with work.stage(READING, sum(sizes)):
-        for path, size, one in zip(bags, sizes, _each(many, bags, sum(sizes) > WORTH_READING)):
-            found.append(one)
+        for path, size in zip(bags, sizes):
+            found.append(readers.read(path, mapping))
             work.step(size)
-            for warning in one.warnings:
+            for warning in found[-1].warnings:
                 warn("%s: %s" % (path, warning), RecordingWarning)
     yield from distinct(found)
-
-
-def _each(function: Callable[[_T], _R], items: Sequence[_T], worth: bool) -> Iterator[_R]:
-    """Results of a function, by several processes where there are several items and it is worth it."""
-    if len(items) < 2 or not worth:
-        yield from map(function, items)
-        return
-    with Workers(processes=True) as team:
-        yield from team.map(function, items)
 
 
 def distinct(found: Sequence[Recording], others: Sequence[Recording] = ()) -> List[Recording]:
@@ -127,30 +114,20 @@ def taken(given: Recordings) -> List[Recording]:
         return [given]
     if isinstance(given, (str, os.PathLike)):
         return list(read(given))
-    every = list(given)
-    paths = [item for item in every if not isinstance(item, Recording)]
-    from_bags = iter(read(paths)) if paths else iter(())
-    found: List[Recording] = []
-    for item in every:
-        if isinstance(item, Recording):
-            found.append(item)
-        elif os.path.isdir(item):
-            inside = readers.listed([os.fspath(item)])
-            found += [next(from_bags) for _ in inside]
-        else:
-            found.append(next(from_bags))
-    return distinct(found)
+    return distinct([r for one in given for r in ([one] if isinstance(one, Recording) else read(one))])
 
 
 def repaired(found: Sequence[Recording], work: Work) -> List[RepairedRun]:
     """The recordings with their motion repaired, which takes time; work: told of each."""
     poses = sum(len(recording.eta) for recording in found)
     with work.stage(REPAIRING, len(found)):
-        known = _each(_repaired, found, poses > WORTH_REPAIRING)
-        for recording, one in zip(found, work.each(known)):
-            vars(recording).update(one)
-            quality.repaired(recording).recording = recording
-        return [quality.repaired(recording) for recording in found]
+        if len(found) > 1 and poses > WORTH_REPAIRING:
+            with Workers(processes=True) as team:
+                for recording, one in zip(found, work.each(team.map(_repaired, found))):
+                    vars(recording).update(one)
+                    quality.repaired(recording).recording = recording
+            return [quality.repaired(recording) for recording in found]
+        return list(work.each(map(quality.repaired, found)))
 
 
 def _repaired(recording: Recording) -> Dict[str, Any]:
@@ -176,11 +153,11 @@ def note_suspicions(found: Sequence[Recording], model: Model) -> None:
 
 @dataclass(frozen=True)
 class Part:
-    """The part of a run that is used, on the run's clock."""
+    """The part of every run that is used, on the run's clock."""
 
-    start: float = 0.0  #: [s]
-    end: Optional[float] = None  #: [s]; None: the end of the run
-    everything: bool = False  #: includes what ground.recordings.quality finds not usable
+    start: float = option(0.0, "start, on the run's clock [s]", name="--from", type=seconds, metavar="S")
+    end: Optional[float] = option(None, "end, on the run's clock [s]", name="--to", type=seconds, metavar="S")
+    everything: bool = option(False, "use the whole recording, not only what info calls usable", name="--all")
 
     def of(self, run: RepairedRun, model: Model) -> _core.RunData:
         """_core.RunData of that part of a run. GroundError when nothing is left of it."""

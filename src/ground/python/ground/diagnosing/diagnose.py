@@ -28,7 +28,7 @@ WRITING = "writing the page"  # stage
 
 
 @dataclass(frozen=True)
-class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Span):
+class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
     """What is looked for, and with how much work."""
 
     only: Optional[Sequence[str]] = option(
@@ -129,8 +129,8 @@ def _problem(
     own = [os.fspath(effect) for effect in options.effects]
     tried = effects_to_try(given, options.only, options.exclude, own)
     room = None if options.room is None else Room.of(options.room)
-    seen = measured(recordings, given, options.part, work)
-    held = held_out(holdout, given, options.part, work, seen)
+    seen = measured(recordings, given, options, work)
+    held = held_out(holdout, given, options, work, seen)
     files = [effect for effect in own if effect not in candidates.on_request()]
     return Problem(given, tried, seen, held, files, options.thorough, room, options.as_recorded)
 

@@ -3,7 +3,7 @@
 import argparse
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import TYPE_CHECKING, Callable, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
@@ -41,7 +41,7 @@ Told = Callable[[Story], None]
 
 
 @dataclass(frozen=True)
-class DiscoverOptions(simulating.Acting):
+class DiscoverOptions(simulating.Acting, simulating.Mocap):
     """Where a discovery flies, and for how long."""
 
     room: Optional[RoomLike] = option(None, "room in which it flies (4 x 4 m)", metavar="ROOM.yaml")
@@ -108,7 +108,6 @@ def discover(
     truth: ModelLike,
     folder: Path = "",
     *,
-    mocap: Optional[Mapping[str, float]] = None,
     told: Optional[Told] = None,
     progress: Progress = None,
     options: DiscoverOptions,
@@ -118,9 +117,9 @@ def discover(
 
     model: what is known of the craft; truth: the model by which it moves. folder: keeps recordings,
     models, journal.json and the page report.html after each step; the discovery of a folder is
-    continued. mocap: as for `simulate`; trim differs from flight to flight. told: called with
-    the Story at each change; progress: called with a ground.support.progress.Report at each step. OptionError
-    when an option is wrong, GroundError when the craft cannot fly, or the folder is not that of a
+    continued. trim differs from flight to flight. told: called with the Story at each change; progress:
+    called with a ground.support.progress.Report at each step. OptionError when an option is wrong,
+    GroundError when the craft cannot fly, or the folder is not that of a
     discovery of this model. Options, as keyword arguments or as DiscoverOptions:
 
     >>> craft = ground.Model.load(model_file).with_effect("yaw_bias", n0=1e-4)
@@ -136,7 +135,7 @@ def discover(
     given, mover, kept = Model.of(model), Model.of(truth), os.fspath(folder)
     plan = _core.RoomPlan() if options.room is None else Room.of(options.room).core
     plan.name = plan.name or "4 x 4 m"
-    params = simulating.mocap_params(mocap or {})
+    params = options.params()
     acting = simulating.disturbance_on(mover, options.disturbance, options.trim)
     _check(mover.core, params, acting)
     laboratory = SimulatedLaboratory(mover.core, given.core, plan, params, acting, options.seed, folder=kept)
@@ -187,7 +186,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--truth", metavar="T.yaml", required=True, help="true model of the craft")
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder of the discovery")
     command_line.add_options(parser, DiscoverOptions)
-    command_line.add_options(parser, simulating.Mocap)
 
 
 def run(arguments: argparse.Namespace) -> Document:
@@ -203,7 +201,6 @@ def run(arguments: argparse.Namespace) -> Document:
             model,
             arguments.truth,
             arguments.output,
-            mocap=command_line.given(arguments, simulating.MOCAP),
             told=words.Teller(say, model.core),
             options=command_line.options(arguments, DiscoverOptions),
             progress=arguments.work,

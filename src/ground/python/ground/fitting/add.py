@@ -113,7 +113,7 @@ class Addition(Shown):
 
 
 @dataclass(frozen=True)
-class AddOptions(bag_arguments.AsRecorded, bag_arguments.Span):
+class AddOptions(bag_arguments.AsRecorded, bag_arguments.Part):
     """Which part of the recordings is used."""
 
 
@@ -143,7 +143,7 @@ def add(
     (True, True)
     """
     work = Work.of(progress)
-    given, part = Model.of(model), options.part
+    given, part = Model.of(model), options
     candidate = candidates.named(os.fspath(effect), given.core)
     extended = candidate.add(given.core)
     seen = measured(recordings, given, part, work)

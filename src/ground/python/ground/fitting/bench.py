@@ -14,10 +14,10 @@ from ground.fitting import thrust_bench
 from ground.fitting.fit import fit
 from ground.fitting.result import Fit
 from ground.models import Model, with_provenance
-from ground.recordings.recording import digest_of_files
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
+from ground.support.origin import digest_of_files
 
 NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
 EFFECTS = {"a": "thrust_asymmetry", "p": "thrust_curve"}  # of a left and a right thruster
@@ -58,7 +58,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--runs",
         metavar="BAG",
         nargs="+",
-        action=bag_arguments.Bags,
         default=[],
         help="recorded runs, to say how the bench agrees with motion",
     )

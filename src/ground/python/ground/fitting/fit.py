@@ -26,7 +26,7 @@ FITTING = "fitting"  # stage
 
 
 @dataclass(frozen=True)
-class FitOptions(bag_arguments.Span):
+class FitOptions(bag_arguments.Part):
     """How a model is fitted."""
 
     free: Sequence[str] = option(
@@ -127,8 +127,8 @@ def fit(
     work = Work.of(progress)
     given = Model.of(model)
     command_line.check(options)
-    seen = measured(recordings, given, options.part, work)
-    held = held_out(holdout, given, options.part, work, seen)
+    seen = measured(recordings, given, options, work)
+    held = held_out(holdout, given, options, work, seen)
     problem = _Problem(seen.data, options)
     with work.stage(FITTING):
         result = problem.fit(given.core, problem.cut(), options.starts)

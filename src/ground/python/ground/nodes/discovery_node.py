@@ -54,14 +54,9 @@ class DiscoveryNode:
         self._folder = _folder(str(rospy.get_param("~folder", "")))
         room = _core.load_room(_required("room"))
         track = self._settings.track
+        patience = _number("patience", math.inf)
         self._laboratory = FlyingLaboratory(
-            room,
-            self._folder,
-            recorder,
-            track,
-            _number("patience", math.inf),
-            self._wait_for,
-            self._stopped,
+            room, self._folder, recorder, track, patience, self._wait_for, self._stopped
         )
         self._discovery: Optional[Discovery] = None
         self._teller = words.Teller(_log, self._model)

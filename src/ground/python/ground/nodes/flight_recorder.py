@@ -82,12 +82,10 @@ class FlightRecorder:
 
 def _unused(folder: str, name: str) -> str:
     """The name, or NAME-2 and so on: the first of which there is neither bag nor parameter file."""
-    for number in itertools.count(1):
-        candidate = name if number == 1 else "%s-%d" % (name, number)
-        ends = (".bag", ".bag.active", ".yaml")
-        if not any(os.path.exists(os.path.join(folder, candidate + end)) for end in ends):
-            return candidate
-    raise AssertionError("unreachable")
+    stem, ends = os.path.join(folder, name), (".bag", ".bag.active", ".yaml")
+    paths = itertools.chain([stem], ("%s-%d" % (stem, number) for number in itertools.count(2)))
+    unused = next(path for path in paths if not any(os.path.exists(path + end) for end in ends))
+    return os.path.basename(unused)
 
 
 def _heard_by(node: str) -> List[str]:

@@ -21,7 +21,6 @@ from ground.discovery.story import GIVEN, Flight, Point
 from ground.nodes import live_parameters
 from ground.nodes.flight_recorder import FlightRecorder
 from ground.recordings import readers, tracks
-from ground.recordings.recording import Recording
 from ground.support import files
 from ground.support.annotations import Array, Message, Say
 from ground.support.errors import GroundError
@@ -78,7 +77,11 @@ class FlyingLaboratory:
         self._newest = _Newest(["controller"] + (["tracker"] if tracker else []))
         self._players = {name: _node(name) for name in self._newest.controllers}
         for name in self._players:  # one that a killed discovery has left driving
-            if _state(name) not in IDLE:
+            try:
+                status = rospy.wait_for_message(name + "/status", ControllerStatus, START)
+            except rospy.ROSException:
+                raise GroundError("%s publishes no status" % rospy.resolve_name(name))
+            if status.state not in IDLE:
                 _call(name + "/stop", Trigger)
 
     def now(self) -> rospy.Time:
@@ -280,14 +283,6 @@ def _node(name: str) -> live_parameters.Node:
     return live_parameters.Node(name)
 
 
-def _state(name: str) -> int:
-    """The state of a controller, of ControllerStatus."""
-    try:
-        return int(rospy.wait_for_message(name + "/status", ControllerStatus, START).state)
-    except rospy.ROSException:
-        raise GroundError("%s publishes no status" % rospy.resolve_name(name))
-
-
 def _landed(bag: str, stopped: str, tracked: bool) -> Landed:
     """The Landed of a flight, read from its bag. bag: its path; empty when nothing was recorded."""
     if not bag:
@@ -296,16 +291,12 @@ def _landed(bag: str, stopped: str, tracked: bool) -> Landed:
         recording = readers.read(bag)
     except GroundError as problem:
         return Landed(None, "", 0.0, stopped or str(problem))
-    parts = _tracking_parts(bag, recording) if tracked and not stopped else []
+    parts: List[float] = []  # root mean square errors in parts of the reference [m]
+    if tracked and not stopped:
+        with contextlib.suppress(GroundError):
+            track = tracks.read(bag, recording)[-1]
+            parts = tracking.in_parts(track.times, track.errors)
     return Landed(recording, os.path.basename(bag), lifted(recording), stopped, parts)
-
-
-def _tracking_parts(bag: str, recording: Recording) -> List[float]:
-    """Root mean square errors in parts of the flight's reference [m]; empty if they are not known."""
-    with contextlib.suppress(GroundError):
-        track = tracks.read(bag, recording)[-1]
-        return tracking.in_parts(track.times, track.errors)
-    return []
 
 
 def _offer(service: str, path: str) -> str:

@@ -6,11 +6,13 @@ the node as it was, and the node can do the same as the terminal.
 
 import collections
 import contextlib
+import itertools
 import json
 import math
 import os
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 import traceback
@@ -30,7 +32,6 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from ground.analysis import candidates
 from ground.diagnosing import words
-from ground.nodes import reception
 from ground.recordings import messages, readers
 from ground.support import files
 from ground.support.annotations import Document, Message
@@ -38,8 +39,6 @@ from ground.support.errors import GroundError, sentence
 from ground.support.progress import Report
 
 Status = IdentificationStatus
-FIRST_CHECK = 3.0  # time until live topics are looked at for the first time [s]
-CHECK_PERIOD = 1.0  # period of later looks, until all are heard [s]
 PATIENCE = 5.0  # timeout of a process that was asked to end [s]
 MADE = {"fit": "fitted.yaml", "diagnose": "improved.yaml", "add": "extended.yaml"}
 MAX_SETTINGS = 1000  # changes of the mocap's settings that are kept
@@ -58,13 +57,10 @@ class LiveBuffer:
         # receipt, topic, message
         self._messages: Deque[Tuple[rospy.Time, str, Message]] = collections.deque()
         self._settings: Deque[MocapSettings] = collections.deque(maxlen=MAX_SETTINGS)
-        self._subscribers = [
+        for topic, kind in self.TOPICS.items():
             rospy.Subscriber(topic, kind, self._take, topic, queue_size=1000, tcp_nodelay=True)
-            for topic, kind in self.TOPICS.items()
-        ]
-        self._settings_subscriber = rospy.Subscriber(
-            messages.SETTINGS.lstrip("/"), MocapSettings, self._take_settings, queue_size=100
-        )
+        settings = messages.SETTINGS.lstrip("/")
+        rospy.Subscriber(settings, MocapSettings, self._take_settings, queue_size=100)
 
     def _take_settings(self, message: MocapSettings) -> None:
         with self._lock:
@@ -81,28 +77,27 @@ class LiveBuffer:
             while (now - self._messages[0][0]).to_sec() > self.seconds:
                 self._messages.popleft()
 
-    def missing(self) -> Optional[str]:
-        """Why nothing has come on required topics, and what to do; None when all are heard."""
+    def silent(self) -> str:
+        """Required topics from which nothing has come, with their types; empty when all are heard."""
         with self._lock:
-            heard = {rospy.resolve_name(topic) for _, topic, _ in self._messages}
-        wanted = {rospy.resolve_name(t): str(self.TOPICS[t]._type) for t in self.REQUIRED}
-        return reception.missing(wanted, sorted(heard), dict(rospy.get_published_topics()))
+            heard = {topic for _, topic, _ in self._messages}
+        silent = [topic for topic in self.REQUIRED if topic not in heard]
+        return " and ".join("%s (%s)" % (rospy.resolve_name(t), self.TOPICS[t]._type) for t in silent)
 
     def covered(self) -> float:
         """Time for which there are both poses and commands [s]."""
         with self._lock:
-            spans = []
-            for wanted in self.REQUIRED:
-                times = [at for at, topic, _ in self._messages if topic == wanted]
-                if not times:
-                    return 0.0
-                spans.append((times[0], times[-1]))
-        return float((min(s[1] for s in spans) - max(s[0] for s in spans)).to_sec())
+            times = [[at for at, topic, _ in self._messages if topic == t] for t in self.REQUIRED]
+        if not all(times):
+            return 0.0
+        return float((min(t[-1] for t in times) - max(t[0] for t in times)).to_sec())
 
     def write(self, path: str, last: float) -> None:
         """Writes the last seconds to a bag; GroundError when there are fewer."""
         if last > self.seconds:
             raise GroundError("only the last %g s are kept, not %g (parameter keep)" % (self.seconds, last))
+        if self.silent():
+            raise GroundError("nothing arrives on %s" % self.silent())
         covered = self.covered()
         if covered < 0.95 * last:
             raise GroundError("poses and commands of %.1f s have come so far, not of %g s" % (covered, last))
@@ -133,11 +128,9 @@ class IdentificationNode:
         self.model = _existing(rospy.get_param("~model", ""), "model")
         self._bag_dir = _folder(rospy.get_param("~bag_dir", "~/ground_bags"))
         self._output = _folder(rospy.get_param("~output", "~/ground_models"))
-        self._settings = []
-        for name in ("axes", "heading_offset"):
-            value = str(rospy.get_param("~" + name, "recorded"))
-            if value != "recorded":
-                self._settings.append("--%s=%s" % (name.replace("_", "-"), value))
+        given = {n: str(rospy.get_param("~" + n, "recorded")) for n in ("axes", "heading_offset")}
+        options = ["--%s=%s" % (n.replace("_", "-"), v) for n, v in given.items() if v != "recorded"]
+        self._settings = options
         keep = rospy.get_param("~keep", 120.0)
         if not isinstance(keep, (int, float)) or not 0 < keep < math.inf:
             raise GroundError("parameter keep is %s, not a number of seconds" % keep)
@@ -156,30 +149,6 @@ class IdentificationNode:
             rospy.Service("~" + task, Identify, lambda request, t=task: self.serve(t, request))
         rospy.Service("~cancel", Trigger, self._cancel)
         rospy.on_shutdown(self._end)
-        threading.Thread(target=self._watch, daemon=True).start()
-
-    def _watch(self) -> None:
-        """Says why live topics are silent, until they are heard."""
-        rospy.rostime.wallsleep(FIRST_CHECK)
-        said: Optional[str] = None
-        while not rospy.is_shutdown():
-            with contextlib.suppress(OSError, rospy.ROSException):  # the master has gone
-                found = self.live.missing()
-                if found != said:
-                    self._say_idle(found or "poses and commands arrive")
-                if found is None:
-                    return
-                said = found
-            rospy.rostime.wallsleep(CHECK_PERIOD)
-
-    def _say_idle(self, text: str) -> None:
-        """Logs a state of the live topics, and publishes it unless a task runs."""
-        rospy.logwarn("%s", text)
-        if self._busy.acquire(blocking=False):
-            try:
-                self._say(Status.IDLE, "", text)
-            finally:
-                self._busy.release()
 
     def serve(self, task: str, request: IdentifyRequest) -> IdentifyResponse:
         """Runs a task to its end."""
@@ -236,14 +205,10 @@ class IdentificationNode:
 
     def _new_folder(self, task: str) -> str:
         stem = os.path.join(self._output, time.strftime("%Y-%m-%d-%H-%M-%S_") + task)
-        for number in range(1000):
-            path = stem + ("" if number == 0 else "-%d" % number)
-            try:
-                os.makedirs(path)
-                return path
-            except FileExistsError:
-                continue
-        raise GroundError("%s: all names for the folder are in use" % stem)
+        names = itertools.chain([stem], ("%s-%d" % (stem, number) for number in itertools.count(1)))
+        path = next(name for name in names if not os.path.exists(name))
+        os.makedirs(path)
+        return path
 
     def _execute(self, task: str, command: List[str]) -> str:
         """Returns what the command prints and publishes its progress as status. GroundError when it
@@ -251,35 +216,30 @@ class IdentificationNode:
         if self._cancelled:
             raise GroundError("cancelled")
         self._say(Status.RUNNING, task, "begins")
-        lines: Deque[str] = collections.deque(maxlen=20)
-        child = self._child = subprocess.Popen(
-            command,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            universal_newlines=True,
-            start_new_session=True,
-        )
-
-        def listen() -> None:
+        last = ""  # line of its standard error
+        with tempfile.TemporaryFile("w+") as printed:
+            child = self._child = subprocess.Popen(
+                command,
+                stdout=printed,
+                stderr=subprocess.PIPE,
+                universal_newlines=True,
+                start_new_session=True,
+            )
             for line in map(str.strip, child.stderr or ()):
                 report = _reported(line)
                 if report:
                     self._report(task, report)
                 elif line:
-                    lines.append(line)
+                    last = line
                     rospy.logwarn("%s", line)
-
-        listener = threading.Thread(target=listen, daemon=True)
-        listener.start()
-        printed = child.stdout.read() if child.stdout else ""
-        status = child.wait()
-        listener.join(PATIENCE)
-        self._child = None
-        if self._cancelled:
-            raise GroundError("cancelled")
-        if status != 0:
-            raise GroundError(lines[-1] if lines else "ended with status %d" % status)
-        return str(printed)
+            status = child.wait()
+            self._child = None
+            if self._cancelled:
+                raise GroundError("cancelled")
+            if status != 0:
+                raise GroundError(last or "ended with status %d" % status)
+            printed.seek(0)
+            return printed.read()
 
     def _cancel(self, _: TriggerRequest) -> TriggerResponse:
         if not self._busy.locked():
@@ -291,26 +251,17 @@ class IdentificationNode:
         child, self._cancelled = self._child, True
         if child is None:
             return
-        for ending in (signal.SIGINT, signal.SIGKILL):
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGINT)
             try:
-                os.killpg(child.pid, ending)
                 child.wait(PATIENCE)
-                return
-            except ProcessLookupError:
-                return
             except subprocess.TimeoutExpired:
-                continue
+                os.killpg(child.pid, signal.SIGKILL)
 
     def _report(self, task: str, report: Report) -> None:
         """Publishes the progress of a task; logs what is found and new stages."""
-        self._publish(
-            Status.RUNNING,
-            task,
-            str(report),
-            what=report.what,
-            done=report.done,
-            of=report.of,
-        )
+        progress = {"what": report.what, "done": report.done, "of": report.of}
+        self._publish(Status.RUNNING, task, str(report), **progress)
         if report.note or report.what != self._stage:
             rospy.loginfo("%s: %s", task, report)
         self._stage = report.what
@@ -329,12 +280,7 @@ class IdentificationNode:
 
 def _reported(line: str) -> Optional[Report]:
     """The Report in a line of a command's standard error; None for other lines."""
-    if not line.startswith('{"progress"'):
-        return None
-    try:
-        return Report(**json.loads(line)["progress"])
-    except (ValueError, TypeError, KeyError):
-        return None
+    return Report(**json.loads(line)["progress"]) if line.startswith('{"progress"') else None
 
 
 def _existing(path: str, what: str, exists: Callable[[str], bool] = os.path.isfile) -> str:
@@ -354,10 +300,7 @@ def _found(task: str, result: Document) -> str:
         return words.verdict(result)
     error = result["error"]
     if task == "fit":
-        return "fitted: the error falls from %.3f to %.3f" % (error["before"], error["after"])
-    held = error["heldout"]
-    return "with %s the error on what was held out goes from %.3f to %.3f" % (
-        candidates.in_words(result["effect"]),
-        held["before"],
-        held["after"],
-    )
+        return "fitted: the error falls from %(before).3f to %(after).3f" % error
+    name = candidates.in_words(result["effect"])
+    text = "the error on what was held out goes from %(before).3f to %(after).3f" % error["heldout"]
+    return "with %s %s" % (name, text)

@@ -3,7 +3,7 @@
 import ast
 import threading
 from dataclasses import dataclass
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Union
+from typing import Any, Callable, Dict, List, Mapping, Optional, Union
 
 import rospy
 from dynamic_reconfigure import DynamicReconfigureCallbackException, find_reconfigure_services
@@ -24,12 +24,10 @@ class Parameter:
     """One parameter of a node."""
 
     name: str
-    group: str
     kind: str  # double, int, bool or str
     description: str
     lower: Any
     upper: Any
-    default: Any
     choices: Optional[List[str]]
 
     def parse(self, text: str) -> Value:
@@ -44,44 +42,24 @@ class Parameter:
         except ValueError:
             raise GroundError("%s: %s is not a number of type %s" % (self.name, text, self.kind))
 
-    def nudged(self, value: Any, steps: float) -> Any:
-        """A value some steps higher, inside the range: of 5%, or of 1 in 200 of the range at 0; the next
-        or the last one of choices."""
-        if self.choices:
-            at = self.choices.index(value) if value in self.choices else 0
-            return self.choices[(at + (1 if steps > 0 else -1)) % len(self.choices)]
-        if self.kind == "bool":
-            return not value
-        if self.kind == "str":
-            return value
-        step = 1 if self.kind == "int" else 0.05 * abs(value) or (self.upper - self.lower) / 200
-        moved = float("%.6g" % (value + steps * step))
-        return min(self.upper, max(self.lower, int(moved) if self.kind == "int" else moved))
-
 
 class Node:
-    """A running node with parameters that can be changed.
+    """A running node with parameters that can be changed. Raises GroundError when it does not answer."""
 
-    changed: called without arguments whenever values have changed, whoever changed them. Raises
-    GroundError when the node does not answer.
-    """
-
-    def __init__(self, name: str, changed: Optional[Callable[[], None]] = None) -> None:
+    def __init__(self, name: str) -> None:
         self.name = rospy.resolve_name(name)
-        self.values = {}
-        self._changed = changed
         self._refusal, self._refused = "", threading.Event()
         self._log = rospy.Subscriber("/rosout", Log, self._listen)
         try:
-            self._client = reconfigure.Client(self.name, ANSWER_TIMEOUT, self._take)
-            described = self._client.get_group_descriptions()
+            self._client = reconfigure.Client(self.name, ANSWER_TIMEOUT)
+            described = self._client.get_parameter_descriptions()
             self.values = dict(self._client.get_configuration(ANSWER_TIMEOUT) or {})
         except rospy.ROSException:
             raise GroundError(
                 "%s: no node of this name with such parameters runs; there are: %s"
                 % (name, ", ".join(names()) or "none")
             )
-        self.parameters = list(_parameters(described))
+        self.parameters = [_parameter(p) for p in described]
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name; GroundError when the node has none."""
@@ -100,15 +78,9 @@ class Node:
             now = self._client.update_configuration(dict(values))
         except (rospy.ServiceException, DynamicReconfigureCallbackException) as error:
             raise GroundError("%s does not answer: %s" % (self.name, error))
-        self.values = {k: v for k, v in now.items() if k != "groups"}
-        if any(self.values[name] != value for name, value in values.items()):
+        if any(now[name] != value for name, value in values.items()):
             self._refused.wait(REASON_TIMEOUT)
             raise GroundError(self._refusal or "%s refused it" % self.name)
-
-    def _take(self, config: Mapping[str, Any]) -> None:
-        self.values = {k: v for k, v in config.items() if k != "groups"}
-        if self._changed:
-            self._changed()
 
     def _listen(self, log: Log) -> None:
         if log.level >= Log.ERROR and log.msg.startswith(self.name + ":") and "refused" in log.msg:
@@ -124,23 +96,11 @@ def names() -> List[str]:
         raise GroundError(str(error))
 
 
-def _parameters(group: Mapping[str, Any]) -> Iterator[Parameter]:
-    for p in group["parameters"]:
-        choices = None
-        if p["edit_method"]:
-            choices = [e["value"] for e in ast.literal_eval(p["edit_method"])["enum"]]
-        yield Parameter(
-            p["name"],
-            group["name"].replace("_", " "),
-            p["type"],
-            p["description"],
-            p["min"],
-            p["max"],
-            p["default"],
-            choices,
-        )
-    for inner in group["groups"].values() if isinstance(group["groups"], dict) else group["groups"]:
-        yield from _parameters(inner)
+def _parameter(described: Mapping[str, Any]) -> Parameter:
+    edit = described["edit_method"]
+    choices = [e["value"] for e in ast.literal_eval(edit)["enum"]] if edit else None
+    name, kind, text, low, high = (described[k] for k in ("name", "type", "description", "min", "max"))
+    return Parameter(name, kind, text, low, high, choices)
 
 
 def shown(value: Value) -> str:

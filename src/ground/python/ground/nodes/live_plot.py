@@ -4,8 +4,6 @@ import html
 import math
 import os
 import signal
-import subprocess
-import sys
 import time
 from dataclasses import dataclass
 from typing import Dict, List, Sequence, Tuple
@@ -14,7 +12,7 @@ import numpy as np
 import PyQt5  # noqa: F401  before pyqtgraph, which uses the binding that it finds imported
 import pyqtgraph as pg
 import rospy
-from PyQt5 import QtCore, QtWidgets
+from PyQt5 import QtWidgets
 
 from ground.nodes.live_feed import EXPECTED, MODELS, STATUSES, TOPICS, Feed, tracking_error
 from ground.reports import appearance
@@ -22,7 +20,7 @@ from ground.support import files
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
-REDRAW = 50  # period [ms]
+REDRAW = 0.05  # period [s]
 SIZE = (1200, 900)  # width and height when the window opens [pixels]
 SILENCE = 3.0  # silence of a node or of all topics after which the window says so [s]
 WIDEST = 2.5  # an axis this many times longer than its curves need is shortened
@@ -264,17 +262,14 @@ def data_line(now: float, samples: Dict[str, Array], feed: Feed) -> str:
 
 
 def check_display() -> None:
-    """Raises GroundError if no window can be opened; Qt itself would abort this process."""
-    probe = [sys.executable, "-c", "from PyQt5.QtWidgets import QApplication; QApplication([])"]
-    result = subprocess.run(probe, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    if result.returncode == 0:
+    """Raises GroundError if there is no display; Qt itself would abort this process."""
+    if os.environ.get("QT_QPA_PLATFORM") == "offscreen":
         return
-    display = os.environ.get("DISPLAY")
-    what = "display %s cannot be opened" % display if display else "DISPLAY is not set"
-    raise GroundError(
-        "%s: start it on a desktop or through ssh -X, or, for a picture only, as "
-        "QT_QPA_PLATFORM=offscreen rosrun ground plot --picture FILE.png" % what
-    )
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise GroundError(
+            "DISPLAY is not set: start it on a desktop or through ssh -X, or, for a picture only, as "
+            "QT_QPA_PLATFORM=offscreen rosrun ground plot --picture FILE.png"
+        )
 
 
 def show(feed: Feed, picture: str = "", after: float = 0.0, force: bool = False) -> None:
@@ -286,33 +281,14 @@ def show(feed: Feed, picture: str = "", after: float = 0.0, force: bool = False)
     application = QtWidgets.QApplication.instance() or QtWidgets.QApplication(["plot"])
     window = LivePlot(feed)
     signals: List[int] = []
-    failures: List[BaseException] = []
-
-    def fail(_: object, error: BaseException, __: object) -> None:
-        failures.append(error)
-        application.quit()
-
-    def tick() -> None:
-        if signals or rospy.is_shutdown():
-            application.quit()
-        elif window.isVisible():
-            window.redraw()
-
-    def take_picture() -> None:
-        window.save(picture, force)
-        application.quit()
-
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda caught, _: signals.append(caught))
-    sys.excepthook = fail  # an exception in a slot would abort the process
-    timer = QtCore.QTimer()
-    timer.timeout.connect(tick)
-    timer.start(REDRAW)
-    if picture:
-        QtCore.QTimer.singleShot(int(1000 * after), take_picture)
     window.show()
-    application.exec_()
-    timer.stop()
-    sys.excepthook = sys.__excepthook__
-    if failures:
-        raise failures[0]
+    end = time.monotonic() + after
+    while window.isVisible() and not signals and not rospy.is_shutdown():
+        window.redraw()
+        application.processEvents()
+        if picture and time.monotonic() > end:
+            window.save(picture, force)
+            return
+        time.sleep(REDRAW)

@@ -10,7 +10,7 @@ T, b, s0 and a are fitted by least squares. Zeros at the end are the control: a 
 silence nor the zeros brake only shows that braking cannot be seen here.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Optional
 
 import numpy as np
@@ -28,11 +28,6 @@ MAX_BRAKING = 6.0  # largest deceleration by the floor; walls cause more [m/s^2]
 MIN_LOSS = 0.1  # least loss of speed that counts as braking [m/s]
 MAX_GAP = 0.1  # largest gap between states [s]
 BLUR = 0.02  # standard deviation of T by filter, latency and the packets' period [s]
-TELEMETRY_AGREES = 0.2  # largest difference of the telemetry's T from the mocap's [s]
-
-
-def _none() -> Array:
-    return np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -44,7 +39,6 @@ class Trial:
     times, speeds: of the states [s], and of the craft over the floor [m/s]
     valid: which states are valid
     last_packet, silence_end: when the last packet before the silence was sent, and the first after [s]
-    telemetry_times, telemetry: arrival [s] and accelerometer of the craft, (n, 3), where it sends some
     """
 
     times: Array
@@ -52,8 +46,6 @@ class Trial:
     valid: Array
     last_packet: float
     silence_end: float
-    telemetry_times: Array = field(default_factory=_none)
-    telemetry: Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -62,7 +54,6 @@ class Verdict:
 
     stopped_after: from the last packet to the beginning of braking, with its 95% `uncertainty` [s]
     braking: deceleration [m/s^2]; speed: at the last packet [m/s]
-    telemetry_after: from the last packet to the change that the craft's accelerometer shows [s]
     """
 
     outcome: str
@@ -71,7 +62,6 @@ class Verdict:
     uncertainty: Optional[float] = None
     braking: Optional[float] = None
     speed: Optional[float] = None
-    telemetry_after: Optional[float] = None
 
 
 @dataclass(frozen=True)
@@ -114,32 +104,21 @@ def judge(trial: Trial) -> Verdict:
 
 def _braked(trial: Trial, found: Break, speed: float) -> Verdict:
     uncertainty = 1.96 * float(np.hypot(found.deviation, BLUR))
-    numbers = dict(
-        stopped_after=found.time,
-        uncertainty=uncertainty,
-        braking=found.braking,
-        speed=speed,
-        telemetry_after=_telemetry_change(trial, found.time),
-    )
-    if found.braking > MAX_BRAKING:
-        why = "it stopped by %.1f m/s^2, harder than a floor brakes: did it hit something?"
-        return Verdict(UNDECIDED, why % found.braking, **numbers)
-    if found.time < -uncertainty:
-        why = "it braked %.2f s before the silence began: did something hold it?"
-        return Verdict(UNDECIDED, why % -found.time, **numbers)
-    if uncertainty > 0.25:
-        why = "the time at which it began to brake is uncertain by %.2f s"
-        return Verdict(UNDECIDED, why % uncertainty, **numbers)
+    numbers = dict(stopped_after=found.time, uncertainty=uncertainty, braking=found.braking, speed=speed)
     silence = trial.silence_end - trial.last_packet
-    if found.time + uncertainty > silence:
-        why = "it began to brake when the silence ended; try a longer silence"
-        return Verdict(UNDECIDED, why, **numbers)
+    for wrong, why in (
+        (found.braking > MAX_BRAKING, "it stopped harder than a floor brakes: did it hit something?"),
+        (found.time < -uncertainty, "it braked before the silence began: did something hold it?"),
+        (uncertainty > 0.25, "the time at which it began to brake is uncertain"),
+        (
+            found.time + uncertainty > silence,
+            "it began to brake when the silence ended; try a longer silence",
+        ),
+    ):
+        if wrong:
+            return Verdict(UNDECIDED, why, **numbers)
     reason = "it stopped by itself %.2f s (+- %.2f s) after the last packet, braking by %.1f m/s^2"
     reason %= (max(0.0, found.time), uncertainty, found.braking)
-    seen = numbers["telemetry_after"]
-    if seen is not None:
-        agrees = abs(seen - found.time) < TELEMETRY_AGREES
-        reason += "; its telemetry %s: %.2f s" % ("agrees" if agrees else "does NOT agree", seen)
     return Verdict(PASSED, reason, **numbers)
 
 
@@ -217,24 +196,3 @@ def _deviation(fit: OptimizeResult, index: int) -> float:
     variance = np.sum(r * r) / max(1, len(r) - len(fit.x))
     covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * variance
     return float(np.sqrt(covariance[index, index] * (1 + correlation) / (1 - correlation)))
-
-
-def _telemetry_change(trial: Trial, around: float) -> Optional[float]:
-    """Time of the clearest change of the accelerometer's mean, up to shortly after `around` [s] since
-    the last packet; None without a clear one."""
-    t = trial.telemetry_times - trial.last_packet
-    within = (t > -BEFORE) & (t < around + 0.2)
-    t, values = t[within], np.asarray(trial.telemetry, float)[within]
-    n = len(t)
-    if n < 12:
-        return None
-    best, when = 0.0, 0.0
-    for i in range(5, n - 3):
-        before, after = values[:i], values[i:]
-        inner = ((before - before.mean(0)) ** 2).sum(0) + ((after - after.mean(0)) ** 2).sum(0)
-        outer = ((values - values.mean(0)) ** 2).sum(0)
-        rounding = n / 12.0  # telemetry is in integers
-        gain = float(np.max(n * np.log((outer + rounding) / (inner + rounding))))
-        if gain > best:
-            best, when = gain, 0.5 * float(t[i - 1] + t[i])
-    return when if best > 25 else None

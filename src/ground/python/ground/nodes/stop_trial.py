@@ -11,13 +11,14 @@ from typing import Any, Callable, Iterator, List, Tuple, Union
 import numpy as np
 import roslib.packages
 import rospy
-from ground_msgs.msg import ControllerStatus, SenderStatus, State, Telemetry
+from ground_msgs.msg import ControllerStatus, SenderStatus, State
 from ground_msgs.srv import Silence
 from std_srvs.srv import SetBool, Trigger
 
 from ground import _core
 from ground.nodes import own_stop
 from ground.support.annotations import Say
+from ground.support.command_line import option
 from ground.support.errors import GroundError
 
 DRIVE = "prove_stop_drive"  # the nodelet that gives the push
@@ -29,13 +30,13 @@ AFTER_SILENCE = "disarmed after the silence"
 
 @dataclass(frozen=True)
 class Push:
-    """The commands before the silence: inputs 0..1, durations [s]."""
+    """The commands before the silence."""
 
-    thrust: float = 0.15
-    lift: float = 0.6
-    lift_time: float = 1.0
-    thrust_time: float = 1.2
-    silence: float = 1.5
+    thrust: float = option(0.15, "input of both thrusters, 0..1 (0.15)", range=(0.02, 0.5))
+    lift: float = option(0.6, "input of the lift fan, 0..1 (0.6)", range=(0.05, 1.0))
+    lift_time: float = option(1.0, "lift alone before the thrust [s] (1)", range=(0.2, 10.0))
+    thrust_time: float = option(1.2, "thrust before the silence [s] (1.2)", range=(0.8, 5.0))
+    silence: float = option(1.5, "time for which nothing is sent [s] (1.5)", range=(0.5, 2.0))
 
     def distance(self, model: _core.Model) -> float:
         """Distance that a craft whose watchdog fails goes until zeros come again [m]."""
@@ -54,14 +55,12 @@ class Stack:
         self.simulated = truth in published or rospy.get_param("/use_sim_time", False)
         self.statuses: List[SenderStatus] = []
         self.states: List[State] = []
-        self.telemetry: List[Telemetry] = []
         self.drive: List[ControllerStatus] = []
         self._listeners = [
             rospy.Subscriber(topic, kind, heard.append, tcp_nodelay=True)
             for topic, kind, heard in (
                 ("sender/status", SenderStatus, self.statuses),
                 ("state", State, self.states),
-                ("sender/telemetry", Telemetry, self.telemetry),
                 (DRIVE + "/status", ControllerStatus, self.drive),
             )
         ]
@@ -104,11 +103,9 @@ class Stack:
                 with contextlib.suppress(rospy.ServiceException, rospy.ROSException, GroundError):
                     _service(DRIVE + "/stop", Trigger)()
             process.send_signal(signal.SIGINT)
-            try:
+            with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(timeout=ANSWER)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            process.kill()
 
     def _wait_armed(self, patience: float, say: Say) -> None:
         if self.statuses[-1].state != SenderStatus.ARMED:
@@ -132,7 +129,7 @@ class Stack:
             )
 
     def _push(self, push: Push, say: Say) -> Tuple[own_stop.Trial, str]:
-        del self.states[:], self.telemetry[:]
+        del self.states[:]
         answer = _service(DRIVE + "/start", Trigger)()
         if not answer.success:
             raise GroundError("the push was refused: %s" % answer.message)
@@ -175,15 +172,13 @@ class Stack:
 
     def _trial(self, began: rospy.Time, end: SenderStatus) -> own_stop.Trial:
         zero = began.to_sec() - 100.0  # smaller numbers keep more digits of a fraction
-        states, telemetry = list(self.states), list(self.telemetry)
+        states = list(self.states)
         return own_stop.Trial(
             times=np.array([s.header.stamp.to_sec() - zero for s in states]),
             speeds=np.array([math.hypot(s.nu[0], s.nu[1]) for s in states]),
             valid=np.array([s.valid for s in states], bool),
             last_packet=began.to_sec() - zero,
             silence_end=end.header.stamp.to_sec() - zero,
-            telemetry_times=np.array([m.header.stamp.to_sec() - zero for m in telemetry]),
-            telemetry=np.array([m.acc for m in telemetry], float).reshape(-1, 3),
         )
 
 

@@ -3,6 +3,7 @@
 A table has a column for each number, text and time of a topic's messages, by its path ("pose.position.x",
 "data[2]"). Bags of ROS 1 and 2 and MCAP files are opened by rosbags, whose grammar parses the definitions of
 their types. Messages that differ in numbers only are rows of one NumPy array; nothing of a file becomes code.
+The file is longer than 400 lines, because bags, tables and the decoder of messages share their columns.
 """
 
 import contextlib
@@ -424,14 +425,20 @@ def _csv(path: str) -> "pandas.DataFrame":
     `position,x,y,z,orientation,x,y,z,w` is read as position.x, position.y and so on."""
     import pandas
 
-    names, more = _names(path)
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        rows = csv.reader(file, skipinitialspace=True)
+        head: List[str] = next(rows, [])
+        first: List[str] = next(rows, [])
+    if len(head) < 2:
+        raise GroundError("%s: its first line does not name columns, separated by commas" % path)
+    names = [name.strip() for name in head] + [""] * (len(first) - len(head))
     frame = pandas.read_csv(
         path, header=None, skiprows=1, names=range(len(names)), skipinitialspace=True, index_col=False
     )
     if frame.empty:
         raise GroundError("%s: the table has only 0 rows" % path)
     empty = frame.isna().all().tolist()
-    if not all(empty[len(names) - more :]):
+    if not all(empty[len(head) :]):
         raise GroundError("%s: its rows have more values than its first line names columns" % path)
     grouped, group = [], ""
     for name, is_group in zip(names, empty):
@@ -443,18 +450,6 @@ def _csv(path: str) -> "pandas.DataFrame":
     if len(again):
         raise GroundError("%s: two columns are named %s; rename one" % (path, again[0]))
     return frame
-
-
-def _names(path: str) -> Tuple[List[str], int]:
-    """Names of a CSV file's columns, and how many more columns than names its rows have."""
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        rows = csv.reader(file, skipinitialspace=True)
-        header: List[str] = next(rows, [])
-        first: List[str] = next(rows, [])
-    if len(header) < 2:
-        raise GroundError("%s: its first line does not name columns, separated by commas" % path)
-    more = max(0, len(first) - len(header))
-    return [name.strip() for name in header] + [""] * more, more
 
 
 READERS = {".csv": _csv, ".parquet": _parquet}  #: of tables, by the end of their names

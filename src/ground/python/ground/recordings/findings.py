@@ -2,14 +2,14 @@
 
 import datetime
 import json
-from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
+from typing import Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
 from ground.recordings import repair, reply, suspicions
 from ground.recordings.quality import RepairedRun, lifted, same_inputs
 from ground.recordings.recording import Recording
-from ground.recordings.run_settings import NAMES
+from ground.recordings.run_settings import NAMES, RunFile
 from ground.support.annotations import Document
 
 THIS_CENTURY = 946684800.0  # [s] since 1970
@@ -29,7 +29,6 @@ EFFECTS = (  # what a thruster does: key, words, unit
     ("turn", ("turns right", "turns left"), "rad/s2"),
 )
 PAIR = ["left", "right"]  # the thrusters of a usual craft
-MAX_ENTRIES = 3  # entries in which two files differ that are listed
 MAX_CHANGES = 30  # live changes that are listed; the rest is counted
 
 
@@ -88,11 +87,9 @@ def _poses_of(run: RepairedRun) -> Document:
     stamps = recording.pose_times
     steps = np.diff(np.sort(stamps))
     intervals = np.diff(motion.times)
-    psi = recording.eta[:, 2]
     poses: Document = {
         "count": len(stamps),
         "rate": float((len(stamps) - 1) / (stamps.max() - stamps.min())),
-        "median_step": float(np.median(steps)),
         "noise": {"position": motion.noise[0], "heading": motion.noise[1]},
         "gaps": [
             {"start": float(t - run.zero), "length": float(d)}
@@ -107,7 +104,6 @@ def _poses_of(run: RepairedRun) -> Document:
         "frozen": motion.repairs["frozen poses dropped"],
         "overtaken": motion.repairs["poses that overtook each other put in order"],
         "spikes": [float(t - run.zero) for t in motion.times[motion.spikes]],
-        "out_of_range": int((np.abs(psi) > np.pi + 1e-9).sum()),
     }
     clock = motion.clock
     if clock is not None:
@@ -115,7 +111,6 @@ def _poses_of(run: RepairedRun) -> Document:
         lateness = {"median": float(np.median(late)), "largest": float(late.max())}
         lateness["above_50_ms"] = int((late > LATE).sum())
         poses["frame_clock"] = {"rate": clock.rate, "lost": clock.lost, "lateness": lateness}
-        poses["frame_clock"]["roughness"] = float(clock.roughness)
     return poses
 
 
@@ -275,14 +270,14 @@ def _poses(poses: Document) -> Iterator[str]:
 def _overlap(controls: Document) -> Iterator[str]:
     """Where poses and commands do not begin or end together."""
     begin, end = controls["start_after_poses"], controls["end_after_poses"]
-    if begin < -0.01:
-        yield "commands start %.2f s before the poses" % -begin
-    if begin > 0.2:
-        yield "poses start %.2f s before the commands, left out" % begin
-    if end > 0.01:
-        yield "poses end %.2f s before the commands" % end
-    if end < -0.2:
-        yield "commands end %.2f s before the poses, left out" % -end
+    for apart, least, text in (
+        (-begin, 0.01, "commands start %.2f s before the poses"),
+        (begin, 0.2, "poses start %.2f s before the commands, left out"),
+        (end, 0.01, "poses end %.2f s before the commands"),
+        (-end, 0.2, "commands end %.2f s before the poses, left out"),
+    ):
+        if apart > least:
+            yield text % apart
 
 
 def _changes(changes: List[Document]) -> Iterator[str]:
@@ -302,48 +297,29 @@ def _named(items: Sequence[str]) -> str:
 def differences(recordings: Sequence[Recording]) -> str:
     """A line that groups recordings by settings, and by model and room of their controllers, if these
     differ; empty if they do not."""
-    parts = [part for kind in NAMES for part in _different_files(recordings, kind)]
-    for name in ("axes", "heading_offset"):
-        groups: Dict[Tuple[Any, ...], List[str]] = {}
-        for recording in recordings:
-            values = recording.settings.values(name)
-            if values is not None:
-                groups.setdefault(values, []).append(recording.name)
+    parts = []
+    for kind in (*NAMES, "axes", "heading_offset"):
+        groups: Dict[str, Tuple[str, List[str]]] = {}
+        for recording, key, text in _settings(recordings, kind):
+            groups.setdefault(key, (text, []))[1].append(recording.name)
         if len(groups) > 1:
-            parts += [
-                "%s %s for %s" % (name, " then ".join("%s" % v for v in values), ", ".join(names))
-                for values, names in groups.items()
-            ]
+            parts += ["%s %s for %s" % (kind, text, ", ".join(names)) for text, names in groups.values()]
     return "the runs were recorded with different settings: " + "; ".join(parts) if parts else ""
 
 
-def _different_files(recordings: Sequence[Recording], kind: str) -> Iterator[str]:
-    """Phrases that group recordings by the model or room of their controllers where these differ: by
-    content if that was recorded, else by name."""
-    groups: Dict[str, Tuple[str, Dict[str, Any], List[str]]] = {}
-    for recording in sorted(recordings, key=lambda r: kind not in r.files):
-        name = recording.flown_by.get(kind)
-        if name is None:
-            continue
-        file = recording.files.get(kind)
-        entries = file.entries() if file else {}
-        key = next((k for k, group in groups.items() if group[0] == name), name)
-        if file:
-            key = json.dumps(entries, sort_keys=True, default=str)
-        groups.setdefault(key, (name, entries, []))[2].append(recording.name)
-    if len(groups) < 2:
-        return
-    yield from ("%s %s for %s" % (kind, name, ", ".join(runs)) for name, _, runs in groups.values())
-    (first, one, _), *others = groups.values()
-    for name, another, _ in others:
-        if one and another:
-            pair = "%s and %s differ" % (first, name) if name != first else "two files named %s differ" % name
-            yield "%s: %s" % (pair, _entries(one, another))
+def _settings(recordings: Sequence[Recording], kind: str) -> Iterator[Tuple[Recording, str, str]]:
+    """Recordings that have a setting, each with what tells it from others and what it is called. A model
+    or a room is told by its content where that was recorded, else by its name."""
+    kept = {r.flown_by[kind]: _content(r.files[kind]) for r in recordings if kind in r.files}
+    for recording in recordings:
+        name, values = recording.flown_by.get(kind), recording.settings.values(kind)
+        if kind in NAMES and name is not None:
+            file = recording.files.get(kind)
+            yield recording, _content(file) if file else kept.get(name, name), name
+        elif values is not None:
+            text = " then ".join("%s" % value for value in values)
+            yield recording, text, text
 
 
-def _entries(one: Mapping[str, Any], another: Mapping[str, Any]) -> str:
-    """Differences between the entries of two files, in words."""
-    pairs = {key: (one.get(key, "none"), another.get(key, "none")) for key in [*one, *another]}
-    named = ["%s %s against %s" % (key, *pair) for key, pair in pairs.items() if pair[0] != pair[1]]
-    more = ["and %d more" % (len(named) - MAX_ENTRIES)] if len(named) > MAX_ENTRIES else []
-    return ", ".join(named[:MAX_ENTRIES] + more)
+def _content(file: RunFile) -> str:
+    return json.dumps(file.entries(), sort_keys=True, default=str)

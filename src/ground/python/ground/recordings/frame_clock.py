@@ -8,7 +8,7 @@ given both (Viterbi 1967) put every pose back to its instant.
 """
 
 from dataclasses import dataclass
-from typing import Optional, Tuple, Union
+from typing import Iterable, Optional, Tuple, Union
 
 import numpy as np
 
@@ -35,7 +35,6 @@ class FrameClock:
     rate: float  # frame rate [1/s]
     lost: int  # missing frames between the first and the last
     lateness: Array  # (n,) delays of the stamps after the frames [s]
-    roughness: float  # roughness of the motion with the new instants, relative to the stamps
 
 
 def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
@@ -57,10 +56,9 @@ def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
         numbers = _most_likely(times, steps, single, rate, start)
         start, rate = _line(times, numbers)
     frames = start + numbers / rate
-    roughness = _roughness(frames, eta) / _roughness(times, eta)
-    if not roughness < SMOOTHER:
+    if not _roughness(frames, eta) < SMOOTHER * _roughness(times, eta):
         return None
-    return FrameClock(frames, rate, int(numbers[-1] - numbers[0] + 1 - len(times)), times - frames, roughness)
+    return FrameClock(frames, rate, int(numbers[-1] - numbers[0] + 1 - len(times)), times - frames)
 
 
 def _irregular(times: Array) -> bool:
@@ -122,25 +120,32 @@ def _most_likely(times: Array, steps: Array, single: Array, rate: float, start: 
     by_step = _step_costs(steps, single)
     longest = MAX_LOST + 1
     by_count = np.concatenate([[0.0], LOSS_COST + np.log(np.arange(1, 20000))])
-    cost = _late_cost(times[0] - start - (newest[0] - behind) / rate, poll)
-    came_from = np.zeros((len(times), depth), int)
-    for k in range(1, len(times)):
+
+    def late(k: int) -> Array:
+        return _late_cost(times[k] - start - (newest[k] - behind) / rate, poll)
+
+    def steps_to(k: int) -> Array:
         count = newest[k] - newest[k - 1] + gone
         possible = count >= 1
         count = np.clip(count, 1, len(by_count))
-        here = by_count[count - 1] + np.where(
-            count <= longest, by_step[k - 1][np.minimum(count, longest) - 1], MAX_COST / 2
-        )
-        total = np.where(possible, cost[:, None] + here, np.inf)
-        came_from[k] = np.argmin(total, axis=0)
-        late = times[k] - start - (newest[k] - behind) / rate
-        cost = total[came_from[k], behind] + _late_cost(late, poll)
-    at = int(np.argmin(cost))
-    numbers = np.empty(len(times), int)
-    for k in range(len(times) - 1, -1, -1):
-        numbers[k] = newest[k] - behind[at]
-        at = came_from[k, at]
-    return numbers
+        by_motion = np.where(count <= longest, by_step[k - 1][np.minimum(count, longest) - 1], MAX_COST / 2)
+        return np.where(possible, by_count[count - 1] + by_motion, np.inf)
+
+    return np.asarray(newest - likeliest(late(0), ((steps_to(k), late(k)) for k in range(1, len(times)))))
+
+
+def likeliest(first: Array, later: Iterable[Tuple[Array, Array]]) -> Indices:
+    """The likeliest sequence of states (n,) (Viterbi 1967). first: costs of the first state (s,); later:
+    costs from state to state (s, s), and of the state (s,), minus log-likelihoods."""
+    cost, came_from = first, []
+    for step, own in later:
+        total = cost[:, None] + step
+        came_from.append(np.argmin(total, axis=0))
+        cost = total[came_from[-1], np.arange(len(cost))] + own
+    states = [int(np.argmin(cost))]
+    for before in reversed(came_from):
+        states.append(int(before[states[-1]]))
+    return np.array(states[::-1])
 
 
 def _line(times: Array, numbers: Indices, block: int = 60) -> Tuple[float, float]:

@@ -5,7 +5,8 @@ hypothesis. Hypotheses under which each channel does the same to the measured bo
 any motion: they are one class. The right class leaves the least of the accelerations unexplained: the log of
 the unexplained acceleration (geometric mean of both forces and the yaw moment) is a log-likelihood per
 sample. Residuals are correlated in time, so the error of a difference comes from blocks of time and the
-correlation of neighbours (Vuong 1989; Newey and West 1987).
+correlation of neighbours (Vuong 1989; Newey and West 1987). The file is longer than 400 lines, because the
+judgement and its words share the hypotheses.
 """
 
 import functools
@@ -38,6 +39,8 @@ IDLE, TOGETHER = 0.1, 0.95  # relative spread of a channel that hardly changes; 
 AS_RECORDED = "channels and heading are as recorded"
 CHANNELS, POSES = "under commands.channels in a mapping", "under poses in a mapping"
 MIRRORED = "a minus before one of position's fields " + POSES
+AS_MEASURED = Settings()
+GRAVEST = ("swap", "mirror", "yaw", "upside_down", "invert", "dead", "offset")
 OTHER_SIGN = "heading: {sign: -1} " + POSES
 
 
@@ -340,65 +343,62 @@ def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster]) -> Ver
 
 
 def kind(one: Hypothesis, names: Sequence[str]) -> str:
-    """The first mistake that a hypothesis supposes, in a word."""
-    if list(one.channels) != list(names):
-        return "swap"
-    if one.twisted:
-        return "mirror" if one.mirrored else "yaw"
-    if one.mirrored:
-        return "upside_down"
-    return "invert" if -1 in one.signs else "dead" if 0 in one.signs else "offset" * bool(one.heading_offset)
+    """The gravest mistake that a hypothesis supposes, in a word; empty: none."""
+    return min((kind for kind, _, _ in _mistakes(one, names)), key=GRAVEST.index, default="")
 
 
 def suppositions(one: Hypothesis, names: Sequence[str], seem: bool = False) -> str:
     """What a hypothesis supposes, in words; seem: as a suspicion."""
-    is_, are = ("seems to be", "seem to be") if seem else ("is", "are")
-    swapped, moved = _exchanged(one, names)
-    found = ["%s and %s %s swapped" % (*pair, are) for pair in swapped]
-    found += ["%s %s driven by %s" % (a, is_, b) for a, b in moved]
-    dead = [c for c, sign in zip(one.channels, one.signs) if sign == 0]
-    found += ["%s %s" % (c, "seems to do nothing" if seem else "does nothing") for c in dead]
-    if -1 in one.signs:
-        found.append("%s %s inverted" % (_inverted(one), is_ if one.signs.count(-1) == 1 else are))
-    if one.heading_sign < 0 and one.mirrored:
-        found.append("the mocap's vertical axis %s upside down" % is_)
-    elif one.mirrored:
-        found.append("the positions %s mirrored" % are)
-    elif one.heading_sign < 0:
-        found.append("the heading %s of the wrong sign" % is_)
-    if one.heading_offset:
-        turned = {QUARTERS[1]: "a quarter turn", QUARTERS[2]: "half a turn"}
-        words = turned.get(abs(one.heading_offset)) or "%.0f degrees" % math.degrees(one.heading_offset)
-        found.append("the heading %s off by %s" % (is_, words))
-    return _listed(found) or AS_RECORDED
+    return _listed([words for _, words, _ in _mistakes(one, names, seem)]) or AS_RECORDED
 
 
 def remedies(one: Hypothesis, names: Sequence[str], measured: Settings) -> str:
     """The options and keys of a mapping that mend what a hypothesis supposes; measured: the settings of
     the poses."""
-    swapped, moved = _exchanged(one, names)
-    pairs = ", and of ".join("%s and %s" % pair for pair in swapped)
-    found = ["exchange the fields of %s %s" % (pairs, CHANNELS)] if pairs else []
-    found += ["give %s the field of %s %s" % (*pair, CHANNELS) for pair in moved]
-    if -1 in one.signs:
-        found.append("exchange the values off and full of %s %s" % (_inverted(one), CHANNELS))
-    found += [
-        "look whether the motor of %s turns, and whether %s has the right field %s"
-        % (thruster, channel, CHANNELS)
-        for thruster, channel, sign in zip(names, one.channels, one.signs)
-        if sign == 0
-    ]
+    return " and ".join(filter(None, (r for _, _, r in _mistakes(one, names, measured=measured))))
+
+
+def _mistakes(
+    one: Hypothesis, names: Sequence[str], seem: bool = False, measured: Settings = AS_MEASURED
+) -> Iterator[Tuple[str, str, str]]:
+    """The mistakes that a hypothesis supposes: kind, words, and what mends it."""
+    is_, are = ("seems to be", "seem to be") if seem else ("is", "are")
+    driven = dict(zip(names, one.channels))
+    moved = [(a, b) for a, b in driven.items() if a != b]
+    pairs = [(a, b) for a, b in moved if driven[b] == a and names.index(a) < names.index(b)]
+    exchange = ", and of ".join("%s and %s" % pair for pair in pairs)
+    for pair in pairs:
+        remedy = "exchange the fields of %s %s" % (exchange, CHANNELS) if pair == pairs[0] else ""
+        yield "swap", "%s and %s %s swapped" % (*pair, are), remedy
+    for a, b in ((a, b) for a, b in moved if driven[b] != a):  # of a longer cycle
+        yield "swap", "%s %s driven by %s" % (a, is_, b), "give %s the field of %s %s" % (a, b, CHANNELS)
+    for name, channel, sign in zip(names, one.channels, one.signs):
+        if sign == 0:
+            remedy = "look whether the motor of %s turns, and whether %s has the right field %s"
+            words = "%s %s" % (channel, "seems to do nothing" if seem else "does nothing")
+            yield "dead", words, remedy % (name, channel, CHANNELS)
+    inverted = [c for c, sign in zip(one.channels, one.signs) if sign < 0]
+    if inverted:
+        which = _listed(inverted)
+        if len(inverted) == len(names) > 1:
+            which = "both thrusters" if len(names) == 2 else "all thrusters"
+        remedy = "exchange the values off and full of %s %s" % (which, CHANNELS)
+        yield "invert", "%s %s inverted" % (which, is_ if len(inverted) == 1 else are), remedy
     before = measured.changes[0]
-    if one.twisted:
-        found.append(MIRRORED if one.mirrored else OTHER_SIGN)
-    elif one.mirrored and "axes" in measured.taken:
-        found.append('--axes "%s"' % units.upside_down(before.axes))
+    if one.mirrored and not one.twisted:
+        in_axes = '--axes "%s"' % units.upside_down(before.axes)
+        remedy = in_axes if "axes" in measured.taken else "%s and %s" % (OTHER_SIGN, MIRRORED)
+        yield "upside_down", "the mocap's vertical axis %s upside down" % is_, remedy
     elif one.mirrored:
-        found.append("%s and %s" % (OTHER_SIGN, MIRRORED))
+        yield "mirror", "the positions %s mirrored" % are, MIRRORED
+    elif one.twisted:
+        yield "yaw", "the heading %s of the wrong sign" % is_, OTHER_SIGN
     if one.heading_offset:
+        turned = {QUARTERS[1]: "a quarter turn", QUARTERS[2]: "half a turn"}
+        size = turned.get(abs(one.heading_offset)) or "%.0f degrees" % math.degrees(one.heading_offset)
         offset = one.heading_sign * before.heading_offset + one.heading_offset
-        found.append("--heading-offset %.2f" % math.remainder(offset, 2 * math.pi))
-    return " and ".join(found)
+        remedy = "--heading-offset %.2f" % math.remainder(offset, 2 * math.pi)
+        yield "offset", "the heading %s off by %s" % (is_, size), remedy
 
 
 def evidence(verdict: Verdict) -> str:
@@ -429,25 +429,6 @@ def sentence(verdict: Verdict) -> str:
         named = "; or ".join(open_still[:MAX_NAMED] + others)
         parts.append("it cannot be decided whether %s, because %s" % (named, verdict.why))
     return "; ".join(parts)
-
-
-Pairs = List[Tuple[str, str]]
-
-
-def _exchanged(one: Hypothesis, names: Sequence[str]) -> Tuple[Pairs, Pairs]:
-    """Pairs of thrusters that have each other's channel, and thrusters with the channel of a longer cycle."""
-    driven = dict(zip(names, one.channels))
-    moved = [(a, b) for a, b in driven.items() if a != b]
-    swapped = [(a, b) for a, b in moved if driven[b] == a and names.index(a) < names.index(b)]
-    return swapped, [(a, b) for a, b in moved if driven[b] != a]
-
-
-def _inverted(one: Hypothesis) -> str:
-    """Names of the inverted channels."""
-    inverted = [c for c, sign in zip(one.channels, one.signs) if sign < 0]
-    if len(inverted) < max(2, len(one.signs)):
-        return _listed(inverted)
-    return "both thrusters" if len(inverted) == 2 else "all thrusters"
 
 
 def _listed(names: Sequence[str]) -> str:

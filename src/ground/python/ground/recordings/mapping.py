@@ -4,20 +4,18 @@ A FieldMapping is the one place that says so, whether a mapping file (schema gro
 of the command line have it from. What it leaves open is found in the file, or has a default.
 """
 
+import json
 import math
-import re
+import os
 from dataclasses import dataclass, field, replace
-from typing import Any, Callable, Dict, Mapping, Optional, Tuple, TypeVar, Union
+from typing import Any, Dict, Mapping, Optional, Tuple
 
 import numpy as np
 import yaml
 
 from ground import _core
-from ground.support.annotations import Array
+from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError, reason
-
-_T = TypeVar("_T")
-_D = TypeVar("_D")
 
 SCHEMA = "ground/mapping/1"
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # [m]
@@ -28,9 +26,6 @@ COMMANDS = {"normalised": (0.0, 1.0), "percent": (0.0, 100.0), "microseconds": (
 LIFT = "lift"  # default name of the channel that is no thruster
 HEADER, RECEIPT = "header", "receipt"
 RANGE = (0.0, 1.0)  # default range of a command
-MAX_DRIFT = 0.1  # [s/s]
-MAX_CHANNELS = 9  # eight thrusters and the lift fan
-NAME = re.compile(r"[A-Za-z_]\w*")
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -143,200 +138,104 @@ def load(path: str) -> FieldMapping:
         raise GroundError("%s: %s" % (path, reason(error)))
     except (ValueError, yaml.YAMLError, RecursionError) as error:
         raise GroundError("%s: not YAML: %s" % (path, " ".join(str(error).split())))
-    root = _Node(path, "", content)
-    schema = root.take("schema", _text, "")
-    if not schema:
+    if not isinstance(content, dict) or "schema" not in content:
         raise GroundError("%s: not a mapping: write schema: %s" % (path, SCHEMA))
-    if schema != SCHEMA:
-        raise GroundError("%s: schema is '%s', but must be %s" % (path, schema, SCHEMA))
-    poses, commands = _poses(root.child("poses")), _commands(root.child("commands"))
-    offset = root.take("clock_offset", _number, 0.0)
-    drift = root.take("clock_drift", _drift, 0.0)
-    root.finish()
+    try:
+        root = _plain(content)
+        _check(root)
+        commands = _commands(root.get("commands", {}))
+        poses = _poses(root.get("poses", {}))
+    except ValueError as error:
+        raise GroundError("%s: %s" % (path, error))
     given = {n: path for n in ("axes", "heading_offset") if getattr(poses, n) is not None}
+    offset, drift = root.get("clock_offset", 0.0), root.get("clock_drift", 0.0)
     return FieldMapping(poses, commands, offset, drift, path, given)
 
 
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise ValueError("is %s, but must be a finite number" % value)
-    return float(value)
+def _plain(value: Any) -> Any:
+    """A document without empty keys. YAML takes a plain `off` for false, which is the name of a key."""
+    if isinstance(value, dict):
+        kept = {"off" if key is False else str(key): _plain(inner) for key, inner in value.items()}
+        return {key: inner for key, inner in kept.items() if inner is not None}
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("%s is not a finite number" % value)
+    return [_plain(inner) for inner in value] if isinstance(value, list) else value
 
 
-def _factor(value: Any) -> float:
-    if _number(value) == 0:
-        raise ValueError("is 0")
-    return float(value)
+def _check(root: Document) -> None:
+    """ValueError where a document is not of the schema in mapping.schema.json."""
+    import jsonschema
+
+    with open(os.path.join(os.path.dirname(__file__), "mapping.schema.json"), encoding="utf-8") as file:
+        validator = jsonschema.Draft7Validator(json.load(file))
+    error = jsonschema.exceptions.best_match(validator.iter_errors(root))
+    if error is not None:
+        what, wrong = error.message[:200], repr(error.instance)
+        if "error" in error.schema:  # clearer than what jsonschema says
+            what = error.schema["error"] + (", not %s" % wrong if len(wrong) < 50 else "")
+        raise ValueError("%s: %s" % (".".join(map(str, error.absolute_path)) or "a key", what))
 
 
-def _sign(value: Any) -> int:
-    if _number(value) not in (1, -1):
-        raise ValueError("is %g, but must be 1 or -1" % value)
-    return int(value)
+def _apart(what: str, keys: Document, one: str, *others: str) -> None:
+    """ValueError for keys that exclude each other."""
+    if one in keys and any(other in keys for other in others):
+        raise ValueError("%s.%s and %s are both given; keep one" % (what, one, " or ".join(others)))
 
 
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise ValueError("is %s, but must be a string" % value)
-    return value
-
-
-def _one_of(*choices: str) -> Callable[[Any], str]:
-    def check(value: Any) -> str:
-        if _text(value) not in choices:
-            raise ValueError("is '%s', but must be one of %s" % (value, ", ".join(choices)))
-        return str(value)
-
-    return check
-
-
-def _fields(*counts: int) -> Callable[[Any], Tuple[str, ...]]:
-    def check(value: Any) -> Tuple[str, ...]:
-        if not isinstance(value, list) or not all(isinstance(v, str) and v for v in value):
-            raise ValueError("must be a list of fields")
-        if len(value) not in counts:
-            raise ValueError("has %d fields, but needs %s" % (len(value), " or ".join(map(str, counts))))
-        return tuple(value)
-
-    return check
-
-
-def _axes(value: Any) -> str:
-    try:
-        _core.AxisMapping(_text(value), 0.0)
-    except ValueError as error:
-        raise ValueError("is not a frame: %s" % error)
-    return str(value)
-
-
-def _drift(value: Any) -> float:
-    if not abs(_number(value)) < MAX_DRIFT:
-        raise ValueError("is %g, but must be within -%g and %g" % (value, MAX_DRIFT, MAX_DRIFT))
-    return float(value)
-
-
-def _range(value: Any) -> Tuple[float, float]:
-    two = isinstance(value, list) and len(value) == 2 and all(type(v) in (int, float) for v in value)
-    if not two or not -1 <= value[0] < value[1] <= 1:
-        raise ValueError("is %s, but must be two numbers within -1 and 1" % value)
-    return float(value[0]), float(value[1])
-
-
-class _Node:
-    """A table of a YAML file whose keys are taken one by one; name: its path in the file."""
-
-    def __init__(self, file: str, name: str, content: Any) -> None:
-        self.file, self.name = file, name
-        if content is not None and not isinstance(content, dict):
-            raise GroundError("%s: %s is not a table of keys" % (file, name or "the file"))
-        # YAML takes a plain `off` for false.
-        self.content = {"off" if key is False else key: v for key, v in (content or {}).items()}
-
-    def wrong(self, key: str, what: object) -> GroundError:
-        """The error for a key."""
-        return GroundError("%s: %s %s" % (self.file, self._path(key), what))
-
-    def _path(self, key: str) -> str:
-        return "%s.%s" % (self.name, key) if self.name else key
-
-    def child(self, key: str) -> "_Node":
-        """The table of a key, empty where it is missing."""
-        return _Node(self.file, self._path(key), self.content.pop(key, None))
-
-    def take(self, key: str, check: Callable[[Any], _T], default: _D) -> Union[_T, _D]:
-        """The value of a key, or a default where it is missing."""
-        if key not in self.content:
-            return default
-        try:
-            return check(self.content.pop(key))
-        except ValueError as error:
-            raise self.wrong(key, error)
-
-    def apart(self, one: str, *others: str) -> None:
-        """GroundError for keys that exclude each other."""
-        if one in self.content and any(other in self.content for other in others):
-            raise self.wrong(one, "and %s are both given; keep one" % " or ".join(others))
-
-    def finish(self) -> None:
-        """GroundError for a key that nothing has taken."""
-        for key in self.content:
-            raise self.wrong(str(key), "is unknown; the schema %s does not have it" % SCHEMA)
-
-
-def _clock(node: _Node) -> Clock:
-    """The value of key `time`."""
-    if not isinstance(node.content.get("time"), dict):
-        return Clock(node.take("time", _one_of("", HEADER, RECEIPT), ""))
-    inner = node.child("time")
-    unit = inner.take("unit", _one_of(*TIMES), "s")
-    clock = Clock("", inner.take("field", _text, ""), unit, inner.take("nanoseconds", _text, ""))
-    inner.finish()
-    if not clock.field:
-        raise node.wrong("time", "names no field")
-    return clock
-
-
-def _place(node: _Node) -> Dict[str, Any]:
+def _place(keys: Document) -> Document:
     """Topic, file, type and time."""
-    node.apart("file", "topic")
-    found: Dict[str, Any] = {key: node.take(key, _text, "") for key in ("topic", "file", "type")}
-    return dict(found, type=found["type"].replace("/msg/", "/"), time=_clock(node))
+    found: Document = {key: keys.get(key, "") for key in ("topic", "file", "type")}
+    time = keys.get("time", "")
+    clock = Clock(**time) if isinstance(time, dict) else Clock(time)
+    return dict(found, type=found["type"].replace("/msg/", "/"), time=clock)
 
 
-def _poses(node: _Node) -> Poses:
-    node.apart("heading", "orientation")
-    position, heading = node.child("position"), node.child("heading")
+def _poses(keys: Document) -> Poses:
+    _apart("poses", keys, "file", "topic")
+    _apart("poses", keys, "heading", "orientation")
+    position, heading = keys.get("position", {}), keys.get("heading", {})
     poses = Poses(
-        **_place(node),
-        body=node.take("body", _text, ""),
-        position=position.take("fields", _fields(2, 3), ()),
-        unit=position.take("unit", _one_of(*LENGTHS), "m"),
-        scale=position.take("scale", _factor, 1.0),
-        orientation=node.take("orientation", _fields(4), ()),
-        heading=heading.take("field", _text, ""),
-        heading_unit=heading.take("unit", _one_of(*ANGLES), "rad"),
-        heading_sign=heading.take("sign", _sign, 1),
-        axes=node.take("axes", _axes, None),
-        heading_offset=node.take("heading_offset", _number, None),
+        **_place(keys),
+        body=keys.get("body", ""),
+        position=tuple(position.get("fields", ())),
+        unit=position.get("unit", "m"),
+        scale=position.get("scale", 1.0),
+        orientation=tuple(keys.get("orientation", ())),
+        heading=heading.get("field", ""),
+        heading_unit=heading.get("unit", "rad"),
+        heading_sign=heading.get("sign", 1),
+        axes=keys.get("axes"),
+        heading_offset=keys.get("heading_offset"),
     )
-    for inner in (position, heading, node):
-        inner.finish()
+    if poses.axes is not None:
+        try:
+            _core.AxisMapping(poses.axes, 0.0)
+        except ValueError as error:
+            raise ValueError("poses.axes is not a frame: %s" % error)
     if poses.position and not (poses.orientation or poses.heading):
-        raise node.wrong("position", "has fields, but neither orientation nor heading has any")
+        raise ValueError("poses.position has fields, but neither orientation nor heading has any")
     return poses
 
 
-def _commands(node: _Node) -> Commands:
-    channels = node.child("channels")
-    names = list(channels.content)
-    if len(names) > MAX_CHANNELS:
-        raise node.wrong("channels", "are %d, but there may be at most %d" % (len(names), MAX_CHANNELS))
-    lift = node.take("lift", _text, LIFT)
+def _commands(keys: Document) -> Commands:
+    _apart("commands", keys, "file", "topic")
+    channels = tuple(_channel(name, keys["channels"][name]) for name in keys.get("channels", {}))
+    names, lift = [channel.name for channel in channels], keys.get("lift", LIFT)
     if lift != LIFT and lift not in names:
-        raise node.wrong("lift", "is %s, which is none of the channels: %s" % (lift, ", ".join(names)))
-    taken = tuple(_channel(channels.child(name), name) for name in names)
-    found = Commands(**_place(node), channels=taken, lift=lift)
-    node.finish()
-    return found
+        raise ValueError("commands.lift is %s, which is none of the channels: %s" % (lift, ", ".join(names)))
+    return Commands(**_place(keys), channels=channels, lift=lift)
 
 
-def _channel(node: _Node, name: Any) -> Channel:
-    if not isinstance(name, str) or not NAME.fullmatch(name):
-        raise GroundError("%s: the channel '%s' is not a name: use letters, digits and _" % (node.file, name))
-    node.apart("unit", "off", "full")
-    off, full = COMMANDS[node.take("unit", _one_of(*COMMANDS), "normalised")]
-    channel = Channel(
-        name,
-        node.take("field", _text, ""),
-        node.take("off", _number, off),
-        node.take("full", _number, full),
-        node.take("scale", _factor, 1.0),
-        node.take("sign", _sign, 1),
-        node.take("range", _range, RANGE),
-    )
-    node.finish()
-    if not channel.field:
-        raise node.wrong("field", "is missing")
+def _channel(name: str, keys: Document) -> Channel:
+    what = "commands.channels." + name
+    _apart(what, keys, "unit", "off", "full")
+    off, full = COMMANDS[keys.get("unit", "normalised")]
+    low, high = keys.get("range", RANGE)
+    given: Document = {"off": off, "full": full, **keys, "name": name, "range": (low, high)}
+    given.pop("unit", None)
+    channel = Channel(**given)
     if channel.off == channel.full:
-        raise node.wrong("full", "is the same as off, %g" % channel.off)
+        raise ValueError("%s.full is the same as off, %g" % (what, channel.off))
+    if not low < high:
+        raise ValueError("%s.range is %s, but must be two numbers in order" % (what, keys["range"]))
     return channel

@@ -101,23 +101,16 @@ class RepairedRun:
         inside = (times >= start) & (times <= end) & lifted(self.recording, self.motion.times)
         for a, b in cuts:
             inside &= (times < a) | (times > b)
-        spans = []
-        for stretch in reply.stretches(times, inside):
-            if times[stretch[-1]] - times[stretch[0]] >= SHORTEST:
-                spans.append((float(times[stretch[0]]), float(times[stretch[-1]])))
-        return spans
+        ends = [(float(times[s[0]]), float(times[s[-1]])) for s in reply.stretches(times, inside)]
+        return [(a, b) for a, b in ends if b - a >= SHORTEST]
 
     def inputs(self, model: _core.Model) -> Array:
         """Rows of time on the run's clock [s], the commands of a model's thrusters in its order, and
         lift (0 if it was not recorded). GroundError when the recording has other channels."""
         recording = self.recording
         *thrusters, lift = model.channels
-        lifts = (
-            recording.commands_of([lift])
-            if lift in recording.channels
-            else np.zeros((len(recording.control_times), 1))
-        )
         times = recording.control_times - self.zero
+        lifts = recording.commands_of([lift]) if lift in recording.channels else np.zeros((len(times), 1))
         return np.column_stack([times, recording.commands_of(thrusters), lifts])
 
     def data(
@@ -196,14 +189,12 @@ def _agree(a: Array, b: Array) -> bool:
     if a.shape[1] != b.shape[1]:
         return False
     near = np.append(np.full(a.shape[1] - 1, SAME_COMMAND), SAME_TIME)
-    for i, j in SHIFTS:
-        count = min(len(a) - i, len(b) - j)
-        if count < FEWEST_SAME:
-            continue
-        apart = np.abs(a[i : i + count] - b[j : j + count])
-        if (apart < near).all(axis=1).mean() > SAME_SHARE:
-            return True
-    return False
+    counts = [(i, j, min(len(a) - i, len(b) - j)) for i, j in SHIFTS]
+    return any(
+        (np.abs(a[i : i + n] - b[j : j + n]) < near).all(axis=1).mean() > SAME_SHARE
+        for i, j, n in counts
+        if n >= FEWEST_SAME
+    )
 
 
 def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:

@@ -11,9 +11,10 @@ import numpy as np
 from ground.recordings import commands, containers, poses, run_settings, units
 from ground.recordings.containers import RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
 from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, TIMES, Clock, FieldMapping
-from ground.recordings.recording import Recording, checked, digest_of_files
+from ground.recordings.recording import Recording, checked
 from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
+from ground.support.origin import digest_of_files
 
 METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
@@ -131,17 +132,10 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     delay -= _delay(columns, np.ones(len(sent_at), bool), sent_at)
 
-    found = checked(
-        path,
-        rows,
-        sent,
-        ", ".join("%s (%s)" % (topic, topics[topic].kind) for topic in (posed, commanded)),
-        warnings,
-        [channel.name for channel in channels],
-        {channel.name: channel.range for channel in channels},
-    )
+    read_from = ", ".join("%s (%s)" % (topic, topics[topic].kind) for topic in (posed, commanded))
+    ranges = {channel.name: channel.range for channel in channels}
     return replace(
-        found,
+        checked(path, rows, sent, read_from, warnings, list(ranges), ranges),
         path=str(path),
         lift_channel=lift,
         drives=_drives(source),
@@ -192,9 +186,7 @@ def _delay(columns: Columns, chosen: Flags, stamps: Indices) -> float:
 def _drives(source: Container) -> Array:
     """When each drive began and the stamp of the last message about it (k, 2) [s], ordered by the latter,
     so that the next message overrules a damaged one."""
-    found: Dict[int, int] = {}
-    for message in source.rows("ground_msgs/Drive"):
-        found[message["began"]] = message[STAMP]
+    found: Dict[int, int] = {m["began"]: m[STAMP] for m in source.rows("ground_msgs/Drive")}
     ordered = sorted(found.items(), key=lambda row: row[1])
     return containers.seconds(np.array(ordered, np.int64).reshape(-1, 2))
 
@@ -244,12 +236,13 @@ def _best(path: str, what: str, ranks: Mapping[str, int], option: str, there: st
             "%s: no %s in this bag; it has %s; %s names another topic, and identify info "
             "--write-mapping drafts a mapping for other fields and units" % (path, what, there, option)
         )
-    same = sorted(topic for topic, rank in ranks.items() if rank == min(ranks.values()))
-    if len(same) > 1:
+    first, *same = sorted(topic for topic, rank in ranks.items() if rank == min(ranks.values()))
+    if same:
+        named = ", ".join([first, *same])
         raise GroundError(
-            "%s: several topics could be the %s: %s; choose one by %s" % (path, what, ", ".join(same), option)
+            "%s: several topics could be the %s: %s; choose one by %s" % (path, what, named, option)
         )
-    return same[0]
+    return first
 
 
 def listed(paths: Iterable[str], mapping: FieldMapping = DEFAULT) -> List[str]:

@@ -1,14 +1,12 @@
 """Recordings: poses and commands as they were measured."""
 
 import functools
-import hashlib
 import os
 from dataclasses import dataclass, field, replace
 from typing import (
     TYPE_CHECKING,
     Callable,
     Dict,
-    Iterable,
     List,
     Mapping,
     Optional,
@@ -27,6 +25,7 @@ from ground.recordings.mapping import LIFT, RANGE
 from ground.recordings.run_settings import LiveChange, RunFile, Settings
 from ground.support.annotations import Array, ArrayLike
 from ground.support.errors import GroundError
+from ground.support.origin import digest
 
 if TYPE_CHECKING:
     import pandas
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 
 JUMP_BACK = 0.5  # largest lateness of a message [s]
-BLOCK = 1 << 20  # bytes that are hashed at a time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,7 +66,7 @@ class Recording:
         if self.digest:
             return self.digest
         arrays = (self.pose_times, self.eta, self.control_times, self.controls)
-        return _digest(np.asarray(array, float).tobytes() for array in arrays)
+        return digest(np.asarray(array, float).tobytes() for array in arrays)
 
     @functools.cached_property
     def motion(self) -> repair.Motion:
@@ -167,28 +165,6 @@ def once(function: Callable[[Recording], _T]) -> Callable[[Recording], _T]:
     return remembered
 
 
-def digest_of_files(paths: Iterable[str]) -> str:
-    """A digest of what files contain, whatever their names and order. Raises OSError when a file cannot
-    be read."""
-    found = []
-    for path in paths:
-        one = hashlib.blake2b(digest_size=32)
-        with open(path, "rb") as file:
-            for block in iter(functools.partial(file.read, BLOCK), b""):
-                one.update(block)
-        found.append(one.digest())
-    return _digest(sorted(found))
-
-
-def _digest(parts: Iterable[bytes]) -> str:
-    """A digest of parts in their order, and of their lengths, so that parts cannot be mistaken for
-    others."""
-    digest = hashlib.blake2b(digest_size=16)
-    for part in parts:
-        digest.update(b"%d:" % len(part) + part)
-    return digest.hexdigest()
-
-
 def checked(
     path: str,
     poses: ArrayLike,
@@ -253,14 +229,13 @@ def _check_range(path: str, every: Array, values: Array, limits: Tuple[float, fl
     if low >= limits[0] - 1e-9 and values.max() <= limits[1] + 1e-9:
         return
     unit = units.command_unit(every[every != 0]) if (every != 0).any() else None
-    text = "%s: controls reach from %g to %g, but they are normalised to %g..%g;"
-    if unit in ("percent", "microseconds"):
-        text += " they seem to be in %s:" % unit
-    text += (
-        " give their channels a unit, or off and full, in a mapping (identify info --write-mapping drafts "
-    )
-    text += "one)"
-    if -1 <= low < 0:
-        text += "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at -1 has "
-        text += "off: -1, full: 1"
-    raise GroundError(text % (path, every.min(), every.max(), *limits))
+    raise GroundError(
+        "%s: controls reach from %g to %g, but they are normalised to %g..%g;%s give their channels a unit, "
+        "or off and full, in a mapping (identify info --write-mapping drafts one)%s"
+        % (
+            path, every.min(), every.max(), *limits,
+            " they seem to be in %s:" % unit if unit in ("percent", "microseconds") else "",
+            "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at -1 has "
+            "off: -1, full: 1" if -1 <= low < 0 else "",
+        )
+    )  # fmt: skip

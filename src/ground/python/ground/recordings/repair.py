@@ -171,17 +171,14 @@ def _unmirror(psi: Array) -> Tuple[Array, int]:
     turning = np.median(np.stack([padded[i : i + len(steps)] for i in range(15)]), axis=0)
     width = 0.02 + 0.3 * np.abs(turning)
     change, mirrored = FLIP_COST
-    cost = np.array([0.0, change])
-    came_from = np.zeros((len(psi), 2), int)
-    for k in range(1, len(psi)):
+
+    def step(k: int) -> Array:
         off = wrap(readings[None, :, k] - readings[:, k - 1, None] - turning[k - 1]) / width[k - 1]
-        total = cost[:, None] + np.minimum(np.abs(off), 20) + change * (1 - np.eye(2))
-        came_from[k] = np.argmin(total, axis=0)
-        cost = total[came_from[k], [0, 1]] + [0, mirrored]
-    state = np.empty(len(psi), int)
-    state[-1] = np.argmin(cost)
-    for k in range(len(psi) - 1, 0, -1):
-        state[k - 1] = came_from[k, state[k]]
+        return np.asarray(np.minimum(np.abs(off), 20) + change * (1 - np.eye(2)))
+
+    own = np.array([0.0, mirrored])
+    later = ((step(k), own) for k in range(1, len(psi)))
+    state = frame_clock.likeliest(np.array([0.0, change]), later)
     return readings[state, np.arange(len(psi))], int(state.sum())
 
 

@@ -80,9 +80,9 @@ class Settings:
 
     def values(self, name: str) -> Optional[Tuple[Any, ...]]:
         """Values of axes or heading_offset in order of time; None if the poses do not need it."""
-        values = [getattr(s, name) for s in self.changes]
-        kept = [v for i, v in enumerate(values) if i == 0 or v != values[i - 1]]
-        return tuple(kept) if name in self.taken else None
+        if name not in self.taken:
+            return None
+        return tuple(value for value, _ in itertools.groupby(getattr(s, name) for s in self.changes))
 
     def describe(self, zero: float) -> Document:
         """The settings as plain values; times are those since `zero` [s]."""
@@ -183,29 +183,17 @@ def nodes(parameters: Any, name: str) -> Iterator[Document]:
             yield from nodes(value, name)
 
 
-class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
-    """Writes strings of several lines as blocks."""
-
-
-def _text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
-    style = "|" if "\n" in text else None
-    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
-
-
-_Dumper.add_representer(str, _text)
-
-
 def contents(parameters: Mapping[str, Any]) -> str:
     """YAML text with the contents of the model and room files that `parameters` (a dict by node) name;
     files that cannot be read are left out."""
     texts = ((path, _content(path)) for path in sorted(set(_paths(parameters))))
     found = {path: text for path, text in texts if text and len(text) <= LARGEST}
-    return str(yaml.dump({FILES: found}, Dumper=_Dumper) if found else "")
+    return str(yaml.safe_dump({FILES: found}) if found else "")
 
 
 def document(parameters: Dict[str, Any]) -> str:
     """YAML text of parameters by node, with the contents of their files."""
-    return str(yaml.dump(parameters, Dumper=_Dumper) + contents(parameters))
+    return str(yaml.safe_dump(parameters) + contents(parameters))
 
 
 def _paths(parameters: Mapping[str, Any]) -> Iterator[str]:
@@ -261,13 +249,10 @@ class RunFile:
         path = os.path.join(home, "ground", "run_files", self.digest[:16], self.name)
         if _content(path) == self.text:
             return path
-        folder = os.path.dirname(path)
         try:
-            os.makedirs(folder, exist_ok=True)
-            temporary = files.temporary_file(folder)
-            with open(temporary, "w") as file:
+            os.makedirs(os.path.dirname(path), exist_ok=True)
+            with files.new_file(path, force=True) as temporary, open(temporary, "w") as file:
                 file.write(self.text)
-            os.replace(temporary, path)
         except OSError as error:
             raise GroundError("%s: cannot be written (%s)" % (path, reason(error)))
         return path

@@ -93,9 +93,9 @@ def _track(
     order = np.argsort(recording.pose_times, kind="stable")
     times, eta = recording.pose_times[order], recording.eta[order]
     inside = (times >= began) & (times <= ended)
-    if ended - began < SHORTEST or inside.sum() < 2:
-        return None
     times, eta = times[inside], eta[inside]
+    if ended - began < SHORTEST or len(times) < 2:
+        return None
     # a reference is published with the state that it was compared with, at the rate of control
     last = np.searchsorted(references[:, 0], times + 1e-6, side="right") - 1
     ahead = (times - references[last, 0])[:, None]
@@ -137,18 +137,16 @@ def summary(track: Track, settled: float = 0.0) -> Document:
     inputs, wanted = (rows[rows[:, 0] >= settled - ROUNDING, 1:] for rows in (track.inputs, track.wanted))
     least = 0.0 if wanted.shape[1] == 2 else -1.0
     outside = ((wanted < least - AT_BOUND) | (wanted > 1 + AT_BOUND)).any(axis=1)
-    found: Dict[str, Optional[float]] = {
-        "rms": _of(np.mean, errors**2),
+    return {
+        "rms": _of(lambda e: float(np.sqrt(np.mean(e**2))), errors),
         "max": _of(np.max, errors),
         "final": float(errors[-1]) if len(errors) else None,
         "saturated_fraction": _of(np.mean, saturated(inputs)),
         "effort": _of(np.mean, inputs**2),
         "wanted_outside": _of(np.mean, outside),
         "wanted_largest": _of(np.max, np.abs(wanted)),
+        "compute_ms": compute_ms(track.computing[:, 1]),
     }
-    if found["rms"] is not None:
-        found["rms"] = float(np.sqrt(found["rms"]))
-    return {**found, "compute_ms": compute_ms(track.computing[:, 1])}
 
 
 def _of(number: Callable[[Any], float], values: Union[Array, Flags]) -> Optional[float]:

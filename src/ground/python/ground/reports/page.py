@@ -8,7 +8,7 @@ import functools
 import gzip
 import json
 import os
-from typing import Any, List
+from typing import Any, List, Sequence
 
 import jinja2
 
@@ -43,6 +43,12 @@ def write(path: str, template: str, title: str, color: str, force: bool = False,
     with files.new_file(path, force) as temporary:
         with open(temporary, "w", encoding="utf-8") as file:
             file.write(text)
+
+
+def write_figures(path: str, figures: Sequence[Document], force: bool = False) -> None:
+    """Writes a page of figures only, one below the other. GroundError as from `write`."""
+    name = os.path.basename(path)
+    write(path, "reports/figures.html", name, appearance.LESS, force, drawn=figures)
 
 
 @functools.lru_cache(maxsize=None)

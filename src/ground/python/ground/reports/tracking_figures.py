@@ -1,19 +1,17 @@
-"""Figures of controllers in closed loop, and of the search for their gains (plotly figures, as in
-ground.reports.figures)."""
+"""Figures of controllers in closed loop (plotly figures, as in ground.reports.figures)."""
 
-from typing import Any, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Mapping, Optional, Tuple
 
 import numpy as np
 
 from ground.recordings.tracks import Track
-from ground.reports.appearance import MARKS, MEASURED, MODELS, REFERENCE, thruster_line, transparent
-from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, note, points, short, walls
+from ground.reports.appearance import MEASURED, MODELS, REFERENCE, thruster_line, transparent
+from ground.reports.figure_parts import X_AXIS, Y_AXIS, arrows, curve, note, points, walls
 from ground.reports.panels import Panels
 from ground.support.annotations import Document
 
 MIN_ERROR = 1e-7  # smallest error that is drawn [m]
 HEADINGS = 24  # number of arrows along a path
-COMPARED = [MEASURED, MODELS[3], MODELS[0], MODELS[1]]  # colours of gains; the last: the tuned ones
 
 
 def driven(run: Track, text: str, counts: Tuple[float, float], room: Optional[Any] = None) -> Document:
@@ -88,29 +86,3 @@ def _thrusters(count: int) -> List[str]:
     if count == 2:
         return ["left [-]", "right [-]"]
     return ["thruster %d [-]" % (i + 1) for i in range(count)]
-
-
-def tuned(names: Sequence[str], rows: Sequence[Document]) -> Document:
-    """Errors of the gains that tune compares, the tuned ones last; rows: the table that it prints."""
-    figure = Panels()
-    places = np.arange(len(rows))[::-1]
-    for count, (name, shade) in enumerate(zip(names, COMPARED[-len(names) :])):
-        low, middle, high = (
-            np.array([row["rms"][name][quantile] for row in rows]) for quantile in ("p05", "median", "p95")
-        )
-        spread = {
-            "array": short(high - middle),
-            "arrayminus": short(middle - low),
-            "color": shade,
-            "thickness": 1.5,
-            "width": 0,
-        }
-        marker = {"size": 6, "color": shade, "symbol": MARKS[count]}
-        height = places + 0.18 * ((len(names) - 1) / 2 - count)
-        figure.add(points(middle, height, marker, name=name, error_x=spread))
-    labels = ["%s%s, %s" % (r["reference"], " *" * r["held_out"], r["condition"]) for r in rows]
-    span = [-0.6, len(rows) - 0.4]
-    figure.update_yaxes(tickvals=places.tolist(), ticktext=labels, range=span, automargin=True)
-    figure.update_xaxes(title="error rms [m]", type="log")
-    text = "Errors from fresh starts, median and 5 to 95%; *: not used by the search."
-    return figure.finish(130 + 26 * len(rows), text)

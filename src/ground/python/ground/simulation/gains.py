@@ -52,12 +52,6 @@ def write(path: str, choice: _core.ControllerChoice, comments: Iterable[str], fo
         with open(temporary, "w") as file:
             for line in ("Gains of %s." % choice.kind, *comments):
                 file.write("# %s\n" % line)
-            for name, value in choice.values.items():
-                file.write("%s: %s\n" % (name, _plain(value)))
+            values = {name: float("%.6g" % float(value)) for name, value in choice.values.items()}
+            yaml.safe_dump(values, file, sort_keys=False)
     return os.path.abspath(path)
-
-
-def _plain(value: Setting) -> str:
-    """A number with a point, which YAML 1.1 needs to read it as one."""
-    text = "%.6g" % float(value)
-    return text if "." in text or "e" not in text else text.replace("e", ".0e")

@@ -39,18 +39,11 @@ def references() -> str:
     return "\n".join(lines) + "\n"
 
 
-def fields(parameters: Iterable[_core.TunableInfo], defaults: bool = True) -> Iterator[Tuple[str, Any, Any]]:
-    """Fields of a dataclass of options that set parameters; defaults: whether help shows them."""
-    for p in parameters:
-        help = p.text[0].lower() + p.text[1:] + (" (%g)" % float(p.default) if defaults else "")
-        metavar = "N" if p.unit == "-" else p.unit.upper()
-        made = option(None, help, type=number, metavar=metavar, group="tracking")
-        yield p.name, Optional[float], made
-
-
 def reference_fields() -> Iterator[Tuple[str, Any, Any]]:
     """Fields of a dataclass of options that set parameters of references."""
-    yield from fields((p for p in _core.reference_parameters() if p.name in NAMES), False)
+    for p in (p for p in _core.reference_parameters() if p.name in NAMES):
+        help, metavar = p.text[0].lower() + p.text[1:], "N" if p.unit == "-" else p.unit.upper()
+        yield p.name, Optional[float], option(None, help, type=number, metavar=metavar, group="tracking")
     for place in PLACES:
         help = "%s [m]" % {"origin": "centre or start", "end": "end of a line"}[place]
         yield place, Any, option(None, help, type=number, nargs=2, metavar=("X", "Y"), group="tracking")

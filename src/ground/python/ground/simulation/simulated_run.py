@@ -25,20 +25,19 @@ from ground.recordings.messages import (
     REFERENCE_PATH,
     RUN_SETTINGS,
     SETTINGS,
-    STATUS,
     TRUTH,
     WANTED,
 )  # fmt: skip
-from ground.recordings.recording import Recording, digest_of_files
+from ground.recordings.recording import Recording
 from ground.recordings.run_settings import AXES
 from ground.support import files
 from ground.support.annotations import Array, Message, Path, Time
+from ground.support.origin import digest_of_files
 from ground.support.progress import Progress, Work
 
 WRITING = "writing the bag (thousands of messages)"  # stage
 TOLD = 1000  # messages that are a unit of it
 DRIVE_PERIOD = 0.5  # period of the records of when the drive began [s]
-STATUS_PERIOD = 0.5  # period at which an unchanged status is repeated [s]
 STARTED = ("WAITING", "LIFTING", "RUNNING", "RECOVERING")  # states in which it gives commands
 PATH_STEP = 5  # references between points of the path
 MARKER_HEIGHT = 0.04  # height of the markers above the floor [m]
@@ -149,9 +148,7 @@ def _series(run: SimulatedRun) -> List[Tuple[str, Array, Array, Iterable[Message
     start = run.truth_times[:1]
     made = start if run.made_with else start[:0]
     drives, marks = _drives(run), np.array([mark[0] for mark in run.marks], float)
-    decided, statuses = run.decisions[:, 0], _statuses(run)
-    reported = np.array([status[0] for status in statuses], float)
-    followed = _reference_times(run)
+    decided, followed = run.decisions[:, 0], _reference_times(run)
     settings = [_new("ground_msgs/MocapSettings", axes=run.axes, heading_offset=run.heading_offset)]
     began = (_new("ground_msgs/Drive", began=_time(at)) for at in drives[:, 0])
     truths = (
@@ -171,7 +168,6 @@ def _series(run: SimulatedRun) -> List[Tuple[str, Array, Array, Iterable[Message
         (REFERENCE, followed, run.references[:, 0], _references(run)),
         (REFERENCE_PATH, followed[:1], run.references[:1, 0], _reference_path(run)),
         (DRIVE, drives[:, 1], drives[:, 1], began),
-        (STATUS, reported, reported, _status_messages(statuses)),
         (BURSTS, marks, marks, bursts),
         (WANTED, decided, decided, _wanted(run)),
         (DECISION, decided, decided, decisions),
@@ -213,30 +209,6 @@ def _wanted(run: SimulatedRun) -> Iterator[Message]:
     for row, command in zip(run.decisions, run.controls[np.minimum(at, len(run.controls) - 1)]):
         message = _inputs(run, row[3:], command[-1])
         message.header.frame_id = CONTROLLER
-        yield message
-
-
-def _statuses(run: SimulatedRun) -> List[Tuple[float, str, str, float]]:
-    """(time, state, reason, elapsed) of the controller's life, as its node would publish them."""
-    found, began, stages = [], None, run.stages
-    if stages:
-        stages = [(run.truth_times[0], "IDLE", "not started yet")] + stages
-    ends = [stage[0] for stage in stages[1:]] + [run.truth_times[-1]]
-    for (start, state, reason), end in zip(stages, ends):
-        if state == "RUNNING" and began is None:
-            began = start
-        driving = state in ("RUNNING", "RECOVERING")
-        for time in np.concatenate([[start], np.arange(start + STATUS_PERIOD, end, STATUS_PERIOD)]):
-            found.append((time, state, reason, time - began if driving else 0.0))
-        if not driving:
-            began = None
-    return found
-
-
-def _status_messages(statuses: Iterable[Tuple[float, str, str, float]]) -> Iterator[Message]:
-    for _, state, reason, elapsed in statuses:
-        message = _new("ground_msgs/ControllerStatus", controller=CONTROLLER, reason=reason)
-        message.state, message.elapsed = getattr(message, state), elapsed
         yield message
 
 

@@ -16,7 +16,6 @@ from ground.support.workers import Workers
 
 CONTROLLERS = list(gains.CONTROLLERS)
 KINDS = {info.name: info for info in _core.reference_table()}
-PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set parameters of references
 SPREAD = 0.02  # standard deviation of starts, of all states [m, rad, m/s, rad/s]
 AFTER_STOP = 3.0  # time after the end of a reference until the craft has to be there [s]
 # Numbers of a run that ended before its errors counted
@@ -55,7 +54,6 @@ class Conditions:
 
     noise: bool = False  # whether the state is estimated from a noisy mocap; else it is the true one
     delay: float = 0.0  # time from measurement to command [s]
-    loss: float = 0.0  # share of mocap frames lost
 
 
 def reference(kind: str, **settings: Any) -> _core.ReferenceParams:
@@ -97,13 +95,6 @@ def starts(count: int, seed: int, spread: float = SPREAD) -> List[Start]:
     return [(s[:3], s[3:]) for s in spread * random.standard_normal((count, 6))]
 
 
-def anywhere(count: int, seed: int, reach: float) -> List[Start]:
-    """(pose, velocity) of `count` starts at rest, within +-reach [m], any heading."""
-    random = np.random.default_rng(seed)
-    places = random.uniform(-1, 1, (count, 3)) * [reach, reach, np.pi]
-    return [(place, np.zeros(3)) for place in places]
-
-
 def effect_use(kind: str, model: _core.Model) -> Document:
     """How a kind of controller uses the effects of its model: `used` and `unused` ones, and a `remark`
     for users. GroundError when it must not use the model."""
@@ -138,7 +129,6 @@ def run(
     params.estimate = conditions.noise
     params.start, params.life.lift_time, params.tail = 0.0, 0.5 if conditions.noise else 0.0, 0.0
     mocap = _core.MocapParams()
-    mocap.loss = conditions.loss
     mocap.latency = conditions.delay
     if not conditions.noise:
         mocap.rate, mocap.position_noise, mocap.heading_noise = rate, 0.0, 0.0

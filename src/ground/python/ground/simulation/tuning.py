@@ -5,7 +5,7 @@ the rest is found by CMA-ES (Hansen, Ostermeier 2001), started from each of the 
 a candidate combines its errors, its saturation and its effort:
 
     score = mean over cells of (log10 of the median + 2 log10 of the worst of the starts) / 3
-            + saturation_weight * saturated share + effort_weight * effort
+            + 0.3 * (saturated share + effort)
             + 5 * mean over cells of the powers of ten by which the worst start is worse than with the
               initial gains
 
@@ -45,6 +45,7 @@ SPACE = {
 # Factors on parameters for the condition "model error"
 MODEL_ERROR = {"k": 0.85, "X_u": 1.3, "Y_v": 1.3, "N_r": 1.3, "I_z": 1.15}
 SMALLEST, LARGEST = 1e-3, 100.0  # errors below and above which a difference does not count [m]
+USE_WEIGHT = 0.3  # weight of saturation and effort
 WORSE, MARGIN = 5.0, 0.1  # weight of being worse than the initial gains, margin in powers of ten
 SIGMA = 0.5  # standard deviation of the first steps, in powers of ten
 RESTARTS = 4
@@ -109,9 +110,6 @@ class Search:
 
     workers: Workers
     believed: _core.Model
-    saturation_weight: float
-    effort_weight: float
-    rate: float
     work: Work
     limits: Dict[str, float] = field(default_factory=dict)  # cell -> worst start with the best initial gains
 
@@ -128,7 +126,7 @@ class Search:
             choice, cell, i = drive
             loop = (cell.truth, self.believed, choice, cell.task, starts[i], cell.conditions, seed + i)
             # never stopped: one that loses the reference has a large error
-            found = tracking.run(*loop, self.rate, np.inf).numbers
+            found = tracking.run(*loop, max_error=np.inf).numbers
             self.work.step()
             return found
 
@@ -154,8 +152,7 @@ class Search:
         worse = [_logs(max(one.errors[cell])) - _logs(self.limits[cell]) + MARGIN for cell in cells]
         return float(
             np.log10(one.error)
-            + self.saturation_weight * one.saturated
-            + self.effort_weight * one.effort
+            + USE_WEIGHT * (one.saturated + one.effort)
             + WORSE * (np.maximum(worse, 0).mean() if cells else 0.0)
         )
 
@@ -222,16 +219,6 @@ class Search:
         finalists = sorted(tried, key=lambda c: c.score)[:FINALISTS]
         choices = [gains.choice(kind, candidate.gains) for candidate in finalists]
         return min(self.evaluate(choices, cells, starts, seed), key=lambda c: c.score)
-
-
-def trade_off(tried: Sequence[Candidate]) -> List[Candidate]:
-    """Candidates that no other beats in error, saturation and effort at once."""
-    points = np.array([[c.error, c.saturated, c.effort] for c in tried])
-    return [
-        c
-        for c, p in zip(tried, points)
-        if np.isfinite(p).all() and not ((points <= p).all(axis=1) & (points < p).any(axis=1)).any()
-    ]
 
 
 def _coordinates(kind: str, values: Mapping[str, Setting], bounds: Array) -> Array:

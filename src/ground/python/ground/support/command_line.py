@@ -122,6 +122,7 @@ def _number(kind: Callable[[str], _N], allows: Callable[[_N], bool], otherwise: 
     return parse
 
 
+above_zero = _number(float, lambda x: x > 0, "is not positive")
 positive = _number(float, lambda x: 0 < x < math.inf, "is not positive")
 number = _number(float, math.isfinite, "is not finite")
 count = _number(int, lambda n: n > 0, "is not positive")

@@ -1,6 +1,7 @@
 """Provenance of a result: what is needed to reproduce it."""
 
 import datetime
+import functools
 import hashlib
 import os
 import platform
@@ -8,6 +9,8 @@ import shlex
 import sys
 from importlib import metadata
 from typing import Iterable, List, Tuple
+
+BLOCK = 1 << 20  # bytes that are hashed at a time
 
 
 def command() -> str:
@@ -32,22 +35,31 @@ def versions() -> str:
     return ", ".join("%s %s" % item for item in found.items())
 
 
-def fingerprints(paths: Iterable[str]) -> List[Tuple[str, str]]:
-    """Files or folders, each with its fingerprint."""
-    return [(path, fingerprint(path)) for path in paths]
+def digests(paths: Iterable[str]) -> List[Tuple[str, str]]:
+    """Files or folders, each with the digest of what it contains."""
+    return [(path, digest_of_files(_files(path))) for path in paths]
 
 
-def fingerprint(path: str) -> str:
-    """The first half of the SHA-256 of a file, or of the files in a folder and their names, which
-    identifies the contents."""
-    digest = hashlib.sha256()
-    for one in _files(path):
-        if one != path:
-            digest.update(os.path.relpath(one, path).encode() + b"\0")
-        with open(one, "rb") as file:
-            for part in iter(lambda: file.read(1 << 20), b""):
-                digest.update(part)
-    return digest.hexdigest()[:32]
+def digest_of_files(paths: Iterable[str]) -> str:
+    """A digest of what files contain, whatever their names and order. Raises OSError when a file cannot
+    be read."""
+    found = []
+    for path in paths:
+        one = hashlib.blake2b(digest_size=32)
+        with open(path, "rb") as file:
+            for block in iter(functools.partial(file.read, BLOCK), b""):
+                one.update(block)
+        found.append(one.digest())
+    return digest(sorted(found))
+
+
+def digest(parts: Iterable[bytes]) -> str:
+    """A digest of parts in their order, and of their lengths, so that parts cannot be mistaken for
+    others."""
+    digest = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        digest.update(b"%d:" % len(part) + part)
+    return digest.hexdigest()
 
 
 def _files(path: str) -> List[str]:
