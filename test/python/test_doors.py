@@ -197,7 +197,6 @@ def estimators(runs, threads):
         "SimulationError.fit poses": lambda: error(runs, _core.Target.poses).fit(
             craft(), free, threads=threads
         ),
-        "WrenchFilter": first(lambda one: _core.WrenchFilter(craft(), one)),
         "cut_windows": first(lambda one: _core.cut_windows(one, 0, 0.0, 2.0, 1.0)),
         "predict": first(lambda one: _core.predict(craft(), one, WINDOWS[:1], np.zeros((1, 3)))),
     }
@@ -229,7 +228,7 @@ def entries_of_models(model, threads):
         "SimulationError.simulate": lambda: error(two).simulate(model),
         "SimulationError.fit": lambda: error(two).fit(model, free, threads=threads),
         "SimulationError.fit poses": lambda: error(two, _core.Target.poses).fit(model, free, threads=threads),
-        "WrenchFilter": lambda: _core.WrenchFilter(model, GOOD),
+        "GreyBox.smooth": lambda: box(two).smooth(at, 1),
         "predict": lambda: _core.predict(model, GOOD, WINDOWS[:1], np.ones((1, 3))),
         "simulate": lambda: simulate(model=model, nu=(1, 0, 0)),
         "play_schedule": lambda: play(model=model, nu=(1, 0, 0)),

@@ -88,9 +88,13 @@ def test_a_push_is_left_out_with_some_time_around_it():
 # --- residuals
 
 
+def analysed(run):
+    return residuals.analyse(run, model(), *residuals.disturbance(run, model(), "white"))
+
+
 def test_innovations_of_a_true_model_are_white_and_independent_of_the_inputs():
     run = run_data()
-    found = residuals.analyse(_core.WrenchFilter(model(), run, repair.MAX_GAP), run, model())
+    found = analysed(run)
     assert found["white"] and set(found["channels"]) == {"ahead", "starboard", "heading"}
     for channel in found["channels"].values():
         assert channel["input_sum"]["accepted"] and channel["input_difference"]["accepted"]
@@ -98,3 +102,12 @@ def test_innovations_of_a_true_model_are_white_and_independent_of_the_inputs():
         assert lags["lag_seconds"] == pytest.approx([0.01 * k for k in lags["lag_samples"]])
     assert found["noise"]["position"]["value"] == pytest.approx(3e-4, rel=0.3)
     assert found["samples"] <= len(run.times)
+
+
+def test_residuals_of_a_model_without_the_lag_of_the_motors_follow_the_inputs():
+    truth = model()
+    truth.add_effect("motor_lag")
+    truth.set_value("motor_lag.tau", 0.08)
+    found = analysed(run_data(truth=truth))
+    ahead = found["channels"]["ahead"]["input_sum"]
+    assert not ahead["accepted"] and ahead["outside"] > 3

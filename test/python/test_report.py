@@ -80,7 +80,7 @@ def test_the_page_of_a_diagnosis(diagnosed, browser):
         "How it was made",
         "identify diagnose",
         "digest",
-        "Ceres",
+        "Eigen",
         "input_delay",
         "seeds",
         "recorded",

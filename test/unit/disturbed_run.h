@@ -85,10 +85,9 @@ inline std::vector<RunData> disturbedRuns(const Model& model, double share, int 
 }
 
 /// Options for a start far from the optimum.
-inline GreyBoxOptions far(std::vector<std::string> free = kNominal) {
+inline GreyBoxOptions cold(std::vector<std::string> free = kNominal) {
   GreyBoxOptions options;
   options.free = std::move(free);
-  options.far = true;
   return options;
 }
 

@@ -8,7 +8,7 @@
 
 #include "ground/control/input_design.h"
 #include "ground/estimation/model_monitor.h"
-#include "ground/identification/inferred_wrench.h"
+#include "ground/identification/grey_box.h"
 #include "ground/identification/prediction.h"
 #include "ground/identification/simulation_error.h"
 #include "ground/model/effect_registry.h"
@@ -158,12 +158,9 @@ TEST(OneOriginOfTime, PredictionAndMissingWrenchAgreeWithTheSimulatedCraft) {
       EXPECT_LT((found.nu[w] - measured).cwiseAbs().maxCoeff(), 1e-4) << windows[w].first;
     }
     // Nothing is missing; an origin that is wrong by 1 s would be 5% of the thrust.
-    const WrenchFilter filter(driven.truth, run);
-    const InferredWrench missing = filter.smooth({0.01, 1e-3, 1e-4, 1e-3});
-    EXPECT_LT(missing.wrench.leftCols<2>().cwiseAbs().bottomRows(500).maxCoeff(), 1e-4);
-    const double t = run.times.back() + from - DrivenRun::kLift;
-    const double thrust = filter.modelThrust().bottomRows(200).col(0).maxCoeff();
-    EXPECT_NEAR(thrust, 2 * driven.truth.body.k * std::exp(-t / 20), 0.12 * thrust);
+    const GreyBox box({run}, driven.truth.body);
+    const SmoothedWrench missing = box.smooth(box.start(driven.truth), 0, 25);
+    EXPECT_LT(missing.wrench.leftCols<2>().cwiseAbs().bottomRows(500).maxCoeff(), 0.01 * driven.truth.body.k);
   }
 }
 

@@ -1,4 +1,4 @@
-// The steps of the fit by simulation error: losses, starts, descents near a solution, uncertainty.
+// The steps of the fit by simulation error: threads, losses, the minimiser, warm starts, uncertainty.
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
@@ -11,12 +11,10 @@
 #include <thread>
 
 #include "../../src/ground/src/identification/dense_algebra.h"
-#include "../../src/ground/src/identification/descent.h"
 #include "../../src/ground/src/identification/estimates.h"
-#include "../../src/ground/src/identification/information.h"
 #include "../../src/ground/src/identification/parallel.h"
+#include "../../src/ground/src/identification/projected_step.h"
 #include "../../src/ground/src/identification/robust_loss.h"
-#include "../../src/ground/src/identification/starts.h"
 #include "../../src/ground/src/identification/uncertainty.h"
 #include "../../src/ground/src/identification/window_residuals.h"
 #include "artificial_run.h"
@@ -82,6 +80,32 @@ TEST(RobustLoss, IsThePseudoHuberLossWithItsDerivatives) {
   EXPECT_EQ(RobustLoss().curvature(3, kInfinity), 1);
 }
 
+TEST(ProjectedStep, IsTheMinimumOfAQuadraticInABox) {
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  const auto draw = [&] { return normal(random); };
+  int inside = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    const Eigen::MatrixXd J = Eigen::MatrixXd::NullaryExpr(6, 5, draw), A = J.transpose() * J;
+    const Eigen::VectorXd g = Eigen::VectorXd::NullaryExpr(5, draw);
+    const Eigen::VectorXd lower = -Eigen::VectorXd::NullaryExpr(5, draw).cwiseAbs();
+    const Eigen::VectorXd upper = Eigen::VectorXd::NullaryExpr(5, draw).cwiseAbs();
+    const Eigen::VectorXd step = projectedStep(A, g, lower, upper), slope = A * step + g;
+    EXPECT_TRUE((step.array() >= lower.array()).all() && (step.array() <= upper.array()).all());
+    for (int i = 0; i < 5; ++i) {
+      if (step(i) == lower(i)) {
+        EXPECT_GE(slope(i), -1e-9);
+      } else if (step(i) == upper(i)) {
+        EXPECT_LE(slope(i), 1e-9);
+      } else {
+        EXPECT_NEAR(slope(i), 0, 1e-9 * (1 + g.norm()));
+        ++inside;
+      }
+    }
+  }
+  EXPECT_GT(inside, 100);
+}
+
 void expectSameFit(const FitResult& found, const FitResult& expected, double tolerance) {
   for (std::size_t i = 0; i < expected.parameters.size(); ++i) {
     const FittedParameter &a = found.parameters[i], &b = expected.parameters[i];
@@ -101,107 +125,73 @@ RunData noisyRun() {
   return run;
 }
 
-TEST(NearFit, FindsWhatAFitFromFarAwayFinds) {
+TEST(WarmFit, FindsWhatAColdFitFinds) {
   const RunData run = noisyRun();
   for (const Target target : {Target::kVelocities, Target::kPoses}) {
     const SimulationError problem({run}, cutWindows(run, 0, 0, 1e9, 1.25), target);
-    const FitResult far = problem.fit(start(), options());
-    ASSERT_TRUE(far.converged);
-    FitOptions near = options();
-    near.near = true;
-    near.width = far.width;
-    Model begin = far.model;
+    const FitResult cold = problem.fit(start(), options());
+    ASSERT_TRUE(cold.converged);
+    FitOptions warm = options();
+    warm.warm = true;
+    warm.width = cold.width;
+    Model begin = cold.model;
     for (const std::string& name : kNominal)
       begin.setValue(name, (name == "k" ? 1.06 : 0.95) * begin.value(name));
     for (const bool given : {false, true}) {
-      if (given) near.initial = far.initial;
-      const FitResult found = problem.fit(begin, near);
-      EXPECT_TRUE(found.converged) << found.message;
-      EXPECT_EQ(found.width, far.width);
-      expectSameFit(found, far, 0.1);
+      if (given) warm.initial = cold.initial;
+      const FitResult found = problem.fit(begin, warm);
+      EXPECT_TRUE(found.converged);
+      EXPECT_EQ(found.width, cold.width);
+      expectSameFit(found, cold, 0.1);
     }
-    near.width = 0;
-    expectSameFit(problem.fit(begin, near), far, 0.2);
+    warm.width = 0;
+    expectSameFit(problem.fit(begin, warm), cold, 0.2);
   }
 }
 
-std::vector<double> scaledStart(const Free& free) {
-  std::vector<double> scaled;
-  for (std::size_t i = 0; i < free.index.size(); ++i)
-    scaled.push_back(free.base[static_cast<std::size_t>(free.index[i])] / free.scale[i]);
-  return scaled;
-}
-
-TEST(StartKept, MovesAlongDirectionsWithoutInformationToTheStart) {
-  const SimulationError p = problem(spinningRun());
-  const Model guess = with({1.5e-3, 0.03, 0.03, 2e-3, 0.2});
-  const Free free = makeFree(guess, kNominal);
-  Linearisation windows(p, guess, 1);
-  FitOptions o = options();
-  Solution found = descend(windows, free, {kInfinity}, o, scaledStart(free), measuredInitials(p));
-  const Eigen::MatrixXd unseen = uncertainty(windows, free, found, 0.5).unseen;
-  ASSERT_EQ(unseen.cols(), 2);  // k, and a common factor on I_z and N_r
-  found.scaled[4] *= 1.7;       // does not change the motion
-  const auto expectKept = [&](const Solution& kept, const std::vector<double>& at, double close) {
-    EXPECT_NEAR(kept.scaled[4], at[4], 1e-14);
-    EXPECT_NE(kept.scaled[0] == at[0], kept.scaled[3] == at[3]) << "one of both is the start's";
-    // The coordinate of I_z is its reciprocal.
-    EXPECT_NEAR(kept.scaled[3] * kept.scaled[0] / (found.scaled[3] * found.scaled[0]), 1, close);
-    for (const std::size_t i : {1u, 2u}) EXPECT_NEAR(kept.scaled[i] / found.scaled[i], 1, close) << i;
-    EXPECT_NEAR(kept.cost / found.cost, 1, close);
-    EXPECT_GT(kept.iterations, found.iterations);
-  };
-  expectKept(startKept(windows, free, unseen, o, found), scaledStart(free), 1e-4);
-  // To a close start, the direction leads without a descent.
-  Free close = free;
-  std::vector<double> at = found.scaled;
-  for (const std::size_t i : {0u, 3u, 4u}) {
-    at[i] *= i == 0 ? 0.975 : 1.02;
-    close.base[static_cast<std::size_t>(close.index[i])] = at[i] * close.scale[i];
-  }
-  at = scaledStart(close);
-  o.max_iterations = 0;
-  const Solution kept = startKept(windows, close, unseen, o, found);
-  EXPECT_EQ(kept.iterations, found.iterations + 1);
-  expectKept(kept, at, 1e-3);
-  // Data that rule out the start keep the solution.
-  close.base[static_cast<std::size_t>(close.index[0])] *= 3;
-  close.base[static_cast<std::size_t>(close.index[3])] *= 3;
-  EXPECT_EQ(startKept(windows, close, unseen, o, found).scaled, found.scaled);
-}
-
-/// Thrust that grows with speed acts like a negative damping, which the model does not allow.
-SimulationError driven(bool allowed) {
-  Model model = truth();
-  if (!allowed) {
-    model.setValue("X_u", 0);
-    model.addEffect(makeEffect("thrust_speed_loss"));
-    model.setValue("thrust_speed_loss.c", -0.05);
-  }
-  return problem(record(model, 6, 0.1, 2), 1.5);
-}
-
-TEST(NearFit, LeavesABoundThatItMetOnTheWay) {
-  const SimulationError problem = driven(true);
-  const FitResult far = problem.fit(start(), options());
-  Free free = makeFree(far.model, kNominal);
-  Linearisation windows(problem, far.model, 1);
-  FitOptions near = options();
-  near.near = true;
-  const Solution best = descend(windows, free, {kInfinity}, near, scaledStart(free), far.initial);
-  ASSERT_GT(best.scaled[1], 0.1);
+TEST(WarmFit, LeavesABoundThatItMeetsOnTheWay) {
+  const RunData run = record(truth(), 6, 0.1, 2);
+  const SimulationError windows = problem(run, 1.5);
+  const FitResult best = windows.fit(start(), options());
+  FitOptions warm = options();
+  warm.warm = true;
+  warm.width = best.width;
   // Factors on X_u, Y_v and k from which steps meet the bound of X_u or of Y_v.
   for (const Vector3<double>& factors :
        std::vector<Vector3<double>>{{0.3, 5, 0.6}, {0.3, 5, 1.5}, {3, 1, 0.2}, {0.03, 1, 4}}) {
-    std::vector<double> scaled = best.scaled;
-    scaled[1] *= factors(0);
-    scaled[2] *= factors(1);
-    scaled[4] *= factors(2);
-    const Solution found = descend(windows, free, {kInfinity}, near, scaled, far.initial);
+    Model from = best.model;
+    from.setValue("X_u", factors(0) * from.value("X_u"));
+    from.setValue("Y_v", factors(1) * from.value("Y_v"));
+    from.setValue("k", factors(2) * from.value("k"));
+    const FitResult found = windows.fit(from, warm);
     EXPECT_TRUE(found.converged);
-    EXPECT_NEAR(found.cost, best.cost, 1e-4 * best.cost);
-    for (std::size_t i = 0; i < scaled.size(); ++i)
-      EXPECT_NEAR(found.scaled[i] / best.scaled[i], 1, 1e-2) << i;
+    expectSameFit(found, best, 0.1);
+  }
+}
+
+TEST(WindowResiduals, DerivativesAgreeWithFiniteDifferences) {
+  const RunData run = record(truth(), 2, 0.1, 4);
+  const SimulationError p = problem(run, 2);
+  const Model model = with({8e-4, 4e-2, 6e-2, 8e-4, 0.12});
+  const std::vector<int> free = {2, 3, 4, 5, 6, 0, 1};  // with the initial velocity: two passes
+  const Vector3<double> nu(0.1, -0.05, 0.3);
+  const WindowResiduals exact = residualsOf(p, model, model.coordinates(), free, 0, nu, true);
+  const Eigen::MatrixXd derivatives = exact.derivatives();
+  ASSERT_TRUE(exact.finite());
+  ASSERT_EQ(derivatives.cols(), 10);
+  for (int j = 0; j < 10; ++j) {
+    std::vector<double> up = model.coordinates(), down = up;
+    Vector3<double> nu_up = nu, nu_down = nu;
+    double& a = j < 7 ? up[free[j]] : nu_up(j - 7);
+    double& b = j < 7 ? down[free[j]] : nu_down(j - 7);
+    const double h = 1e-5 * std::max(std::abs(a), 1e-3);
+    a += h;
+    b -= h;
+    const WindowResiduals plus = residualsOf(p, model, up, {}, 0, nu_up, false);
+    const WindowResiduals minus = residualsOf(p, model, down, {}, 0, nu_down, false);
+    ASSERT_TRUE(plus.finite() && minus.finite());
+    const Eigen::VectorXd finite = (plus.residuals - minus.residuals) / (2 * h);
+    EXPECT_LT((derivatives.col(j) - finite).norm(), 1e-5 * finite.norm() + 1e-9) << j;
   }
 }
 
@@ -261,66 +251,28 @@ Eigen::MatrixXd randomInformation(Eigen::Index n, std::mt19937& random) {
   return J.transpose() * J;
 }
 
-TEST(Known, DirectionsWithoutInformationAreUnseenAndTheirParametersNotIdentified) {
+TEST(Identifiable, DirectionsWithoutInformationAreTheNullSpace) {
   std::mt19937 random(2);
-  Eigen::MatrixXd information = Eigen::MatrixXd::Zero(5, 5);
   const Eigen::MatrixXd three = randomInformation(3, random);
-  // Parameters 0, 2, 4 are known; 1 and 3 act as their sum, which 0 knows too.
+  // Parameters 0 and 2 are known; 1 and 3 act as their sum; 4 does not act.
   Eigen::MatrixXd acts = Eigen::MatrixXd::Zero(3, 5);
   acts(0, 0) = acts(1, 2) = acts(2, 1) = acts(2, 3) = 1;
-  information = acts.transpose() * three * acts;
-  information(4, 4) = 1e-3;  // hardly known: a deviation of 32 of its scale
-  const Known known = knownBy(information);
-  EXPECT_EQ(known.identified, (std::vector<bool>{true, false, true, false, false}));
-  ASSERT_EQ(known.unseen.cols(), 1);
-  EXPECT_NEAR(known.unseen.norm(), 1, 1e-9);
-  EXPECT_LT((information * known.unseen).norm(), 1e-6 * information.norm());
-  EXPECT_NEAR(known.unseen(1) + known.unseen(3), 0, 1e-9);
-  EXPECT_NEAR(known.variance(4), 1e3, 1e-3);
-  information(4, 4) = 2e-3;
-  EXPECT_TRUE(knownBy(information).identified[4]);
-}
-
-TEST(Estimates, IntervalsAreSymmetricInTheCoordinateAndEndAtTheBounds) {
-  Model model = truth();
-  model.addEffect(makeEffect("battery_sag"));  // its coordinate is the rate 1 / tau
-  model.setValue("battery_sag.tau", 50);
-  const std::vector<std::string> names = {"X_u", "battery_sag.tau"};
-  const Free free = makeFree(model, names);
-  const auto infos = model.parameters();
-  for (std::size_t i = 0; i < 2; ++i) {
-    const ParameterInfo& info = infos[static_cast<std::size_t>(free.index[i])];
-    const double value = model.value(names[i]), at = info.toCoordinate(value), scaled = at / free.scale[i],
-                 deviation = 0.1 * scaled;
-    const FittedParameter found = estimateOf(info, free, i, scaled, deviation, 2, 7);
-    EXPECT_NEAR(found.value, value, 1e-12 * value);
-    EXPECT_EQ(found.start, 7);
-    EXPECT_TRUE(found.identified);
-    EXPECT_FALSE(found.at_bound);
-    const double one = info.fromCoordinate(0.8 * at), other = info.fromCoordinate(1.2 * at);
-    EXPECT_NEAR(found.lower, std::min(one, other), 1e-9 * value);
-    EXPECT_NEAR(found.upper, std::max(one, other), 1e-9 * value);
-    EXPECT_NEAR(found.deviation, 0.1 * value, 1e-9 * value);  // to first order
-    // Twelve deviations reach beyond zero, which is a bound of both coordinates.
-    const FittedParameter wide = estimateOf(info, free, i, scaled, deviation, 12, 7);
-    EXPECT_NEAR(i == 0 ? wide.lower : 1 / wide.upper, 0, 1e-6);
-    const FittedParameter unknown = estimateOf(info, free, i, scaled, kInfinity, 2, 7);
-    EXPECT_FALSE(unknown.identified);
-    EXPECT_EQ(unknown.lower, info.lower);
-    EXPECT_EQ(unknown.upper, info.upper);
-    const FittedParameter bound = estimateOf(info, free, i, 0, deviation, 2, 7);
-    EXPECT_TRUE(bound.at_bound);
-  }
+  const Eigen::MatrixXd information = acts.transpose() * three * acts;
+  const Identifiable known = identifiableBy(information);
+  EXPECT_EQ(known.parameter, (std::vector<bool>{true, false, true, false, false}));
+  ASSERT_EQ(known.null_space.cols(), 2);
+  EXPECT_LT((known.null_space.transpose() * known.null_space - Eigen::Matrix2d::Identity()).norm(), 1e-9);
+  EXPECT_LT((information * known.null_space).norm(), 1e-6 * information.norm());
+  const Eigen::MatrixXd within = known.directions.transpose() * information * known.directions;
+  EXPECT_LT((within - Eigen::Matrix3d::Identity()).norm(), 1e-6);
+  EXPECT_NEAR(known.variance()(0), three.inverse()(0, 0), 1e-6 * three.inverse()(0, 0));
 }
 
 TEST(Uncertainty, IsThatOfTheJackknifeByItsDefinition) {
   const SimulationError p = problem(record(truth(), 6, 0.2, 5), 2);
   const FitResult fit = p.fit(start(), options());
   const Free free = makeFree(fit.model, kNominal);
-  Solution at;
-  at.initial = fit.initial;
-  for (std::size_t i = 0; i < kNominal.size(); ++i)
-    at.scaled.push_back(free.base[free.index[i]] / free.scale[i]);
+  const Solution at{startOf(free), fit.initial};
   Linearisation windows(p, fit.model, 1);
   for (const double asked : {0.1, 0.25, 10.0}) {
     const double block = std::min(asked, 5.95 / (4.0 * kNominal.size()));
@@ -329,8 +281,7 @@ TEST(Uncertainty, IsThatOfTheJackknifeByItsDefinition) {
     const Uncertainty found = uncertainty(windows, free, at, asked);
     EXPECT_EQ(found.blocks, blocks) << asked;
     EXPECT_LT((found.covariance - expected).norm(), 1e-5 * expected.norm());
-    EXPECT_EQ(found.unseen.cols(), 0);
-    for (const bool identified : found.identified) EXPECT_TRUE(identified);
+    EXPECT_EQ(found.known.null_space.cols(), 0);
   }
 }
 

@@ -15,28 +15,12 @@
 namespace ground {
 namespace {
 
-TEST(GreyBox, StartsWithADisturbanceOfATenthOfFullThrust) {
-  const Model model = craft();
-  const GreyBox box(disturbedRuns(model, 0.03, 1), model.body);
-  const GreyBoxPoint start = box.start(model);
-  EXPECT_NEAR(start.levels.sigma(0), 0.1 * typical::force(model.body), 1e-12);
-  EXPECT_NEAR(start.levels.sigma(2), 0.1 * typical::moment(model.body), 1e-12);
-  const DisturbanceLevels& median = LevelPrior(model.body).median;
-  EXPECT_EQ(start.levels.white, median.white);
-  EXPECT_EQ(start.levels.time, median.time);
-  EXPECT_GT(start.levels.sigma_room, median.sigma_room);
-  EXPECT_EQ(start.levels.time_room, median.time_room);
-  EXPECT_EQ(start.levels.trim, median.trim);
-  EXPECT_EQ(start.levels.thrust, median.thrust);
-  EXPECT_TRUE(start.loudness.empty());
-}
-
 TEST(GreyBox, FindsParametersAndLevelsOfADisturbedCraft) {
   const Model truth = craft();
   const GreyBox box(disturbedRuns(truth, 0.03, 6), truth.body);
   Model away = truth;
   for (const std::string& name : kNominal) away.setValue(name, 1.2 * truth.value(name));
-  const GreyBoxFit fit = box.fit(box.start(away), far());
+  const GreyBoxFit fit = box.fit(box.start(away), cold());
   EXPECT_TRUE(fit.converged);
   for (const FittedParameter& p : fit.parameters) {
     EXPECT_LT(std::abs(p.value - truth.value(p.name)), 4 * p.deviation) << p.name;
@@ -52,11 +36,11 @@ TEST(GreyBox, FindsParametersAndLevelsOfADisturbedCraft) {
   EXPECT_NEAR(levels.heading, 1, 0.05);
 }
 
-/// Level of a fit's runs, which their loudness changes.
+/// Level of a fit's runs, which their scales change.
 double meanLevel(const GreyBoxFit& fit, double level) {
   double sum = 0;
-  for (const double loud : fit.point.loudness) sum += loud;
-  return level * std::exp(sum / static_cast<double>(fit.point.loudness.size()));
+  for (const double scale : fit.point.log_scales) sum += scale;
+  return level * std::exp(sum / static_cast<double>(fit.point.log_scales.size()));
 }
 
 TEST(GreyBox, FindsForcesInTheFrameInWhichTheyAct) {
@@ -73,7 +57,7 @@ TEST(GreyBox, FindsForcesInTheFrameInWhichTheyAct) {
     for (unsigned seed = 1; seed <= 6; ++seed)
       runs.push_back(disturbedRun(model, body, seed, 8, {one.room * full, one.time}));
     const GreyBox box(runs, model.body);
-    const GreyBoxFit fit = box.fit(box.start(model), far());
+    const GreyBoxFit fit = box.fit(box.start(model), cold());
     const DisturbanceLevels& levels = fit.point.levels;
     EXPECT_TRUE(fit.converged);
     const double room = meanLevel(fit, levels.sigma_room) / full;
@@ -121,6 +105,33 @@ TEST(GreyBox, TheFilteredDisturbanceIsInTheBodysFrame) {
   EXPECT_GT(turned, 2);
 }
 
+TEST(GreyBox, TheSmoothedWrenchIsThatWhichActsWithinItsUncertainty) {
+  // A constant wrench, which an effect of the craft causes, and a gap of half a second.
+  Model pushed = craft();
+  const double full = typical::force(pushed.body);
+  pushed.addEffect(makeEffect("body_force_bias"));
+  pushed.setValue("body_force_bias.x0", 0.05 * full);
+  pushed.setValue("body_force_bias.y0", -0.03 * full);
+  RunData run = disturbedRun(pushed, pushes(pushed, 0), 5);
+  for (std::size_t i = 500; i < run.times.size(); ++i) run.times[i] += 0.5;
+  for (double& time : run.inputs.times)
+    if (time > run.times[499]) time += 0.5;
+  const GreyBox box({run}, craft().body);
+  const GreyBoxPoint point = box.fit(box.start(craft()), cold({})).point;
+  const SmoothedWrench found = box.smooth(point, 0, 25);
+  ASSERT_EQ(found.wrench.rows(), run.eta.rows());
+  const Vector3<double> truth(0.05 * full, -0.03 * full, 0);
+  const Eigen::MatrixX3d error = found.wrench.rowwise() - truth.transpose();
+  EXPECT_LT(error.leftCols<2>().cwiseAbs().mean(), 0.006 * full);
+  EXPECT_LT(error.cwiseQuotient(found.sigma).array().square().mean(), 2);
+  EXPECT_GT(found.sigma.minCoeff(), 0);
+  EXPECT_LT(found.sigma.leftCols<2>().mean(), 0.02 * full);
+  // At the end, the filter knows as much; before it, less.
+  const GreyBoxResiduals filtered = box.residuals(point, 0, 25, {});
+  const Vector3<double> last = filtered.wrench.bottomRows<1>() + filtered.constants.bottomRows<1>().head<3>();
+  EXPECT_LT((found.wrench.bottomRows<1>().transpose() - last).norm(), 1e-9 * full);
+}
+
 /// The log-posterior at a point.
 double posterior(const GreyBox& box, const GreyBoxPoint& point) {
   GreyBoxOptions held;
@@ -142,7 +153,7 @@ void expectLikeliestParameters(const GreyBox& box, const GreyBoxFit& fit) {
 
 TEST(GreyBox, TheFitIsALocalMaximum) {
   const GreyBox box(disturbedRuns(craft(), 0.02, 4), craft().body);
-  const GreyBoxFit fit = box.fit(box.start(craft()), far());
+  const GreyBoxFit fit = box.fit(box.start(craft()), cold());
   EXPECT_NEAR(posterior(box, fit.point), fit.log_posterior, 1e-6);
   auto values = fit.point.levels.values();
   for (std::size_t i = 0; i < values.size(); ++i) {
@@ -170,12 +181,12 @@ std::vector<RunData> runsWithOutliers() {
 
 TEST(GreyBox, ParametersAreTheLikeliestWithOutliers) {
   const GreyBox box(runsWithOutliers(), craft().body);
-  expectLikeliestParameters(box, box.fit(box.start(craft()), far()));
+  expectLikeliestParameters(box, box.fit(box.start(craft()), cold()));
 }
 
 TEST(GreyBox, ScoresAreSlopesWithOutliers) {
   const GreyBox box(runsWithOutliers(), craft().body);
-  const GreyBoxPoint point = box.fit(box.start(craft()), far()).point;
+  const GreyBoxPoint point = box.fit(box.start(craft()), cold()).point;
   constexpr double kCap = 25;
   for (const std::string& name : kNominal) {
     const GreyBoxScores close = box.scores(point, {name}, kCap, 1, 1);
@@ -202,26 +213,12 @@ TEST(GreyBox, ScoresAreSlopesWithOutliers) {
   }
 }
 
-TEST(GreyBox, FindsTheMaximumFromFarLevels) {
-  // After an effect is added, the levels of the fit without it are much too high.
-  const GreyBox box(disturbedRuns(craft(), 0.02, 4), craft().body);
-  const GreyBoxFit fit = box.fit(box.start(craft()), far());
-  GreyBoxPoint loud = fit.point;
-  loud.levels.sigma *= 8;
-  loud.levels.white *= 3;
-  GreyBoxOptions near = far();
-  near.far = false;
-  const GreyBoxFit again = box.fit(loud, near);
-  EXPECT_TRUE(again.converged);
-  EXPECT_NEAR(again.log_posterior, fit.log_posterior, 0.1);
-}
-
 TEST(GreyBox, IntervalsHoldTheTruth) {
   int held = 0, count = 0;
   double wider = 0;
   for (unsigned seed = 100; seed < 300; seed += 10) {
     const GreyBox box(disturbedRuns(craft(), 0.03, 3, seed), craft().body);
-    GreyBoxOptions options = far();
+    GreyBoxOptions options = cold();
     const GreyBoxFit fit = box.fit(box.start(craft()), options);
     const std::vector<FittedParameter> found = box.intervals(fit, options);
     for (std::size_t i = 0; i < found.size(); ++i) {
@@ -246,7 +243,7 @@ TEST(GreyBox, UnidentifiableParametersKeepTheirValues) {
   free.push_back("added_mass.mx");
   free.push_back("added_mass.my");
   model.setValue("added_mass.my", 0.1 * model.body.m);
-  const GreyBoxFit fit = box.fit(box.start(model), far(free));
+  const GreyBoxFit fit = box.fit(box.start(model), cold(free));
   EXPECT_TRUE(fit.converged);
   for (const FittedParameter& p : fit.parameters) EXPECT_FALSE(p.identified) << p.name;
   EXPECT_NEAR(fit.point.model.value("k") / craft().value("k"), 1, 0.1);
@@ -260,7 +257,7 @@ TEST(GreyBox, ScoreTestsOfAbsentEffectsHaveTheirDistribution) {
   int count = 0;
   for (unsigned seed = 10; seed < 90; seed += 10) {
     const GreyBox box(disturbedRuns(craft(), 0.02, 4, seed), craft().body);
-    const GreyBoxFit fit = box.fit(box.start(craft()), far());
+    const GreyBoxFit fit = box.fit(box.start(craft()), cold());
     GreyBoxPoint point = fit.point;
     std::vector<std::string> names = kNominal;
     for (const std::string& effect : effects) {
@@ -308,7 +305,7 @@ TEST(GreyBox, FindsTrimsAndAcceptsAGap) {
   }
   cut.times.erase(cut.times.begin() + first, cut.times.begin() + first + gone);
   const GreyBox box(runs, model.body);
-  const GreyBoxFit fit = box.fit(box.start(model), far());
+  const GreyBoxFit fit = box.fit(box.start(model), cold());
   EXPECT_TRUE(fit.converged);
   for (std::size_t i = 0; i < runs.size(); ++i) {
     EXPECT_TRUE(std::isfinite(fit.by_run[i]));

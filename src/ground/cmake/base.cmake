@@ -8,7 +8,6 @@ set(ground_warnings -Wall -Wextra -Wshadow -Werror CACHE STRING "compiler warnin
 # Nodelets and bindings do little at run time, but their headers take long to optimise.
 set(ground_shell_options -O1)
 
-find_package(Ceres REQUIRED)
 find_package(Eigen3 REQUIRED)
 find_package(Threads REQUIRED)
 find_package(pybind11 REQUIRED)

@@ -73,5 +73,4 @@ ground_library(simulation)
 target_link_libraries(ground_simulation PUBLIC ground_model ground_control ground_estimation)
 
 ground_library(identification)
-target_link_libraries(ground_identification PUBLIC ground_model Threads::Threads
-  PRIVATE ${CERES_LIBRARIES})
+target_link_libraries(ground_identification PUBLIC ground_model Threads::Threads)

@@ -7,11 +7,7 @@ wrong file or argument raises `GroundError` with one line that says what, where 
 valid but probably a mistake gives a `GroundWarning`.
 """
 
-import os
 from typing import TYPE_CHECKING, Any, List
-
-# Ceres logs rejected steps; error messages quote its summary, which has what matters.
-os.environ.setdefault("GLOG_minloglevel", "3")
 
 # Public names by their module. A module is loaded on first use: those that a fit needs take a second.
 _PUBLIC = {

@@ -7,8 +7,7 @@
 #include <vector>
 
 #include "free_parameters.h"
-#include "ground/identification/disturbance_levels.h"
-#include "ground/identification/simulation_error.h"
+#include "ground/identification/grey_box.h"
 
 namespace ground::detail {
 
@@ -91,6 +90,10 @@ class DisturbanceFilter {
   /// the beliefs in `kept`, whose samples are given in ascending order.
   [[nodiscard]] double run(const Model& model, const DisturbanceLevels& levels, double cap,
                            std::vector<FilterBelief>* kept = nullptr);
+
+  /// The wrench of the disturbance given all poses: run(), and back by Rauch, Tung and Striebel (1965).
+  /// Throws std::runtime_error if the motion is not finite.
+  SmoothedWrench smooth(const Model& model, const DisturbanceLevels& levels, double cap);
 
   /// Derivatives at the last call of run(), by coordinates over scale. Fills in the sensitivity of
   /// the beliefs in `kept`, in ascending order of their samples.

@@ -8,54 +8,52 @@
 
 namespace ground::detail {
 
-Eigen::MatrixXd correlationOf(const Uncertainty& u, const Free& free) {
-  const Eigen::Index n = u.covariance.rows();
-  const Eigen::VectorXd deviation = u.covariance.diagonal().cwiseMax(0).cwiseSqrt();
-  Eigen::MatrixXd result = Eigen::MatrixXd::Identity(n, n);
-  for (int i = 0; i < n; ++i)
-    for (int j = 0; j < n; ++j)
-      if (i != j && deviation(i) * deviation(j) > 0)
-        result(i, j) = free.sign(i) * free.sign(j) * u.covariance(i, j) / (deviation(i) * deviation(j));
-  return result;
-}
-
-double conditionOf(const Uncertainty& u) {
-  const Eigen::VectorXd values = spectrumOf(u.information).values;
-  return values(0) > 0 ? values(values.size() - 1) / values(0) : kInfinity;
+Identifiable identifiableBy(const Eigen::MatrixXd& information) {
+  constexpr double kMinInformation = 1e-14, kMinEigenvalue = 1e-10;  // relative to the largest
+  constexpr double kMaxParticipation = 1e-6;  // squared, of identified parameters in the null space
+  const Eigen::Index n = information.rows();
+  const Eigen::VectorXd diagonal = information.diagonal();
+  const auto informed = diagonal.array() > kMinInformation * diagonal.maxCoeff();
+  const Eigen::VectorXd unit = informed.select(diagonal.cwiseMax(0).cwiseSqrt().cwiseInverse(), 0.0);
+  const Eigen::VectorXd size = informed.select(unit, 1.0);
+  const Spectrum even = spectrumOf(unit.asDiagonal() * information * unit.asDiagonal());
+  Eigen::Index first = 0;  // first identifiable direction
+  while (first < n && !(even.values(first) > kMinEigenvalue * even.values(n - 1))) ++first;
+  Identifiable found;
+  for (Eigen::Index i = 0; i < n; ++i)
+    found.parameter.push_back(even.vectors.row(i).head(first).squaredNorm() < kMaxParticipation);
+  const Eigen::VectorXd values = even.values.tail(n - first);
+  found.directions =
+      size.asDiagonal() * even.vectors.rightCols(n - first) * values.cwiseSqrt().cwiseInverse().asDiagonal();
+  found.null_space = orthonormalised(size.asDiagonal() * even.vectors.leftCols(first));
+  found.log_determinant = values.array().log().sum() - 2 * size.array().log().sum();
+  return found;
 }
 
 double quantileOf(double freedom) { return boost::math::quantile(boost::math::students_t(freedom), 0.975); }
 
-FittedParameter estimateOf(const ParameterInfo& info, const Free& free, std::size_t i, double scaled,
-                           double deviation, double quantile, double before) {
-  const double at = scaled * free.scale[i], spread = deviation * free.scale[i];
-  const double value = std::clamp(info.fromCoordinate(at), info.lower, info.upper);
-  const bool identified = std::isfinite(spread);
-  double low = info.lower, high = info.upper;
-  if (identified) {
-    low = info.fromCoordinate(std::max(at - quantile * spread, free.lower[i]));
-    high = info.fromCoordinate(std::min(at + quantile * spread, free.upper[i]));
-    if (low > high) std::swap(low, high);
-  }
-  const double slope = free.reciprocal[i] ? value * value : 1;
-  const double margin = 1e-4 * free.scale[i];
-  const bool at_bound = at - free.lower[i] < margin || free.upper[i] - at < margin;
-  return {info.name, info.unit, before, value, low, high, slope * spread, at_bound, identified};
-}
-
-std::vector<FittedParameter> intervalsOf(const Uncertainty& u, const Free& free,
-                                         const std::vector<double>& scaled, const Model& start,
-                                         const Model& fitted) {
-  const int n = static_cast<int>(free.index.size());
-  const auto infos = fitted.parameters();
-  const std::vector<double> before = start.values();
-  const double quantile = quantileOf(std::max(1, u.blocks - n));
+std::vector<FittedParameter> estimatesOf(const Model& model, const Free& free,
+                                         const std::vector<double>& scaled, const Eigen::VectorXd& deviation,
+                                         const Eigen::VectorXd& quantile) {
+  const auto infos = model.parameters();
   std::vector<FittedParameter> result;
-  for (int i = 0; i < n; ++i) {
-    const int at = free.index[i];
-    const double deviation = u.identified[i] ? std::sqrt(std::max(u.covariance(i, i), 0.0)) : kInfinity;
-    result.push_back(
-        estimateOf(infos[at], free, static_cast<std::size_t>(i), scaled[i], deviation, quantile, before[at]));
+  for (std::size_t i = 0; i < scaled.size(); ++i) {
+    const ParameterInfo& info = infos[free.index[i]];
+    const double at = scaled[i] * free.scale[i];
+    const double spread = deviation(static_cast<Eigen::Index>(i)) * free.scale[i];
+    const double value = std::clamp(info.fromCoordinate(at), info.lower, info.upper);
+    const bool identified = std::isfinite(spread);
+    double low = info.lower, high = info.upper;
+    if (identified) {
+      const double reach = quantile(static_cast<Eigen::Index>(i)) * spread;
+      low = info.fromCoordinate(std::max(at - reach, free.lower[i]));
+      high = info.fromCoordinate(std::min(at + reach, free.upper[i]));
+      if (low > high) std::swap(low, high);
+    }
+    const double slope = free.reciprocal[i] ? value * value : 1, margin = 1e-4 * free.scale[i];
+    const bool at_bound = at - free.lower[i] < margin || free.upper[i] - at < margin;
+    const double before = info.fromCoordinate(free.base[free.index[i]]);
+    result.push_back({info.name, info.unit, before, value, low, high, slope * spread, at_bound, identified});
   }
   return result;
 }

@@ -1,31 +1,33 @@
-// Estimates of the parameters of a fit, with intervals.
+// Estimates of parameters, with intervals, from the information of a fit.
 #pragma once
 
 #include <Eigen/Core>
 #include <vector>
 
-#include "uncertainty.h"
+#include "free_parameters.h"
+#include "ground/identification/simulation_error.h"
 
 namespace ground::detail {
 
-/// Correlation of the estimates, (n, n).
-Eigen::MatrixXd correlationOf(const Uncertainty& u, const Free& free);
+/// What the information I (n, n) about n coordinates over scale identifies.
+struct Identifiable {
+  std::vector<bool> parameter;  ///< false if the parameter changes along the null space
+  Eigen::MatrixXd directions;   ///< columns d with d'I d = 1, orthogonal under I
+  Eigen::MatrixXd null_space;   ///< orthonormal columns: directions that are not identifiable
+  double log_determinant = 0;   ///< of I, up to a constant, without the null space
 
-/// Condition number of the scaled information; infinite if it is singular.
-double conditionOf(const Uncertainty& u);
+  /// Variances of the coordinates, from the identifiable directions.
+  Eigen::VectorXd variance() const { return directions.rowwise().squaredNorm(); }
+};
+Identifiable identifiableBy(const Eigen::MatrixXd& information);
 
 /// 97.5% quantile of Student's t, for 95% intervals.
 double quantileOf(double freedom);
 
-/// Estimate of the free parameter `i`, with the interval of `quantile` deviations to either side.
-/// `before` is its value before the fit. `scaled` and `deviation` are those of its coordinate over
-/// its scale; an infinite deviation means that it is not identifiable from the data.
-FittedParameter estimateOf(const ParameterInfo& info, const Free& free, std::size_t i, double scaled,
-                           double deviation, double quantile, double before);
-
-/// Values with 95% intervals by Student's t; `scaled` are the fitted coordinates over scale.
-std::vector<FittedParameter> intervalsOf(const Uncertainty& u, const Free& free,
-                                         const std::vector<double>& scaled, const Model& start,
-                                         const Model& fitted);
+/// Estimates of the free parameters at coordinates over scale, with intervals of `quantile` standard
+/// deviations to either side. An infinite deviation means that a parameter is not identifiable.
+std::vector<FittedParameter> estimatesOf(const Model& model, const Free& free,
+                                         const std::vector<double>& scaled, const Eigen::VectorXd& deviation,
+                                         const Eigen::VectorXd& quantile);
 
 }  // namespace ground::detail

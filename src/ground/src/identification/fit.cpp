@@ -2,25 +2,113 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numeric>
+#include <random>
 #include <stdexcept>
 #include <string>
 
 #include "checks.h"
-#include "descent.h"
 #include "estimates.h"
 #include "linearisation.h"
-#include "starts.h"
 #include "uncertainty.h"
+#include "window_least_squares.h"
 #include "window_residuals.h"
 
 namespace ground {
 namespace detail {
 namespace {
 
-/// Descents from all starts that could be simulated.
-struct Descents {
+bool isRobust(const FitOptions& options) { return options.objective == FitOptions::Objective::kLeastSquares; }
+
+double toleranceOf(const FitOptions& options) { return options.warm ? kComparable : kFine; }
+
+/// `count` starts, in coordinates over scale: the model's values, then random ones. Non-negative
+/// parameters are scaled by a factor of 0.1 to 10; others are shifted by up to their scale.
+std::vector<std::vector<double>> startsOf(const Free& free, int count) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  const std::vector<double> given = startOf(free);
+  std::vector<std::vector<double>> starts;
+  for (int s = 0; s < count; ++s) {
+    std::vector<double> scaled = given;
+    for (std::size_t i = 0; i < scaled.size(); ++i) {
+      const double lower = free.lower[i] / free.scale[i], upper = free.upper[i] / free.scale[i];
+      const double way = s == 0 ? 0 : uniform(random);
+      if (s > 0) scaled[i] = lower >= 0 ? std::max(given[i], 0.1) * std::pow(10, way) : given[i] + way;
+      scaled[i] = std::min(std::max(scaled[i], lower), upper);
+    }
+    starts.push_back(scaled);
+  }
+  return starts;
+}
+
+/// Short windows, cut from those of a problem and spread evenly over them.
+std::vector<Window> shortPieces(const SimulationError& problem) {
+  constexpr double kLength = 0.3;     // [s]
+  constexpr std::size_t kCount = 64;  // at most; enough for an approximate solution
+  std::vector<Window> all;
+  for (const Window& w : problem.windows()) {
+    const RunData& run = problem.runs()[w.run];
+    const auto found = cutWindows(run, w.run, run.times[w.first], run.times[w.last], kLength);
+    all.insert(all.end(), found.begin(), found.end());
+  }
+  if (all.empty()) return problem.windows();
+  const std::size_t count = std::min(all.size(), kCount);
+  for (std::size_t i = 0; i < count; ++i) all[i] = all[i * all.size() / count];
+  all.resize(count);
+  return all;
+}
+
+/// The sum of squares with the measured initial states. Throws std::runtime_error if a window's is not
+/// finite.
+double squaresOf(const Linearisation& windows, const Free& free, const std::vector<double>& scaled) {
+  const Initials initial = measuredInitials(windows.problem());
+  const std::vector<double> losses =
+      windows.losses({free.coordinates(scaled.data()), free.index, initial}, RobustLoss().weighing());
+  for (std::size_t w = 0; w < losses.size(); ++w) {
+    const Window& window = windows.problem().windows()[w];
+    if (!std::isfinite(losses[w]))
+      throw std::runtime_error(notFinite(windows.problem().runs()[window.run], window));
+  }
+  return std::accumulate(losses.begin(), losses.end(), 0.0);
+}
+
+/// A better start: values fitted to short pieces of the windows, or `from` if these do not lower
+/// the cost. Over a short time a simulation depends little on its past, so the cost rarely has more
+/// than one minimum. Throws std::runtime_error if the model cannot be simulated at `from`.
+std::vector<double> approach(const Linearisation& windows, const SimulationError& pieces, const Free& free,
+                             const FitOptions& options, const std::vector<double>& from) {
+  const double before = squaresOf(windows, free, from);
+  const Linearisation short_windows(pieces, windows.model(), options.threads);
+  const Solution found = minimiseLoss(short_windows, free, kInfinity, kApproximate, options.max_iterations,
+                                      {from, measuredInitials(pieces)});
+  try {
+    if (squaresOf(windows, free, found.scaled) < before) return found.scaled;
+  } catch (const std::runtime_error&) {
+    // Values that fit short windows may diverge over long ones.
+  }
+  return from;
+}
+
+/// Initial states at the start of a fit: those of the options if given. Otherwise fitted ones
+/// with FitOptions::warm, because effects may rotate and shift the measurement by any amount, and
+/// measured ones without.
+Initials initialsAt(const std::vector<double>& scaled, const Linearisation& windows, const Free& free,
+                    const FitOptions& options) {
+  constexpr double kTolerance = 1e-3;  // relative; the following fit refines them
+  if (!options.initial.empty()) return options.initial;
+  const Initials measured = measuredInitials(windows.problem());
+  if (!options.warm) return measured;
+  Free none;
+  none.base = free.coordinates(scaled.data());
+  const double delta = options.width > 0 ? options.width : kInfinity;
+  return minimiseLoss(windows, none, delta, kTolerance, options.max_iterations, {{}, measured}).initial;
+}
+
+/// Fits from all starts that could be simulated.
+struct Fits {
   Solution best;
-  std::vector<double> costs;  ///< cost at the end of each
+  std::vector<double> costs;
 
   /// How many converged to the best cost.
   int atBest() const {
@@ -30,26 +118,24 @@ struct Descents {
   }
 };
 
-bool isRobust(const FitOptions& options) { return options.objective == FitOptions::Objective::kLeastSquares; }
-
-/// Descends from every start, after a fit to short pieces if given. Throws std::runtime_error if
-/// the descent from the model's values, which the user chose, fails.
-Descents descendFromStarts(Linearisation& windows, const SimulationError* short_pieces, const Free& free,
-                           const FitOptions& options) {
-  const Model& model = windows.model();
-  const std::vector<double> losses = options.near && isRobust(options) && options.width > 0
-                                         ? std::vector<double>{options.width}
-                                         : lossesOf(options.objective);
-  std::unique_ptr<Linearisation> pieces;
-  if (short_pieces) pieces = std::make_unique<Linearisation>(*short_pieces, model, options.threads);
-  Descents result;
+/// Fits from every start, after a fit to short pieces if given. Throws std::runtime_error if
+/// the fit from the model's values, which the user chose, fails.
+Fits fitFromStarts(const Linearisation& windows, const SimulationError* pieces, const Free& free,
+                   const FitOptions& options) {
+  std::vector<double> losses = lossesOf(options.objective);
+  if (options.warm && isRobust(options) && options.width > 0) losses = {options.width};
+  Fits result;
   for (const std::vector<double>& start : startsOf(free, options.starts)) {
     Solution found;
     try {
-      const std::vector<double> from = pieces ? approach(windows, *pieces, free, options, start) : start;
-      found = descend(windows, free, losses, options, from,
-                      initialsAt(from, windows.problem(), model, free, options));
-      if (!found.usable) throw std::runtime_error(found.message);
+      found.scaled = pieces ? approach(windows, *pieces, free, options, start) : start;
+      found.initial = initialsAt(found.scaled, windows, free, options);
+      for (const double delta : losses) {
+        const bool last = delta == losses.back() && std::isfinite(delta);
+        found = minimiseLoss(windows, free, delta, last ? toleranceOf(options) : kCoarse,
+                             options.max_iterations, found);
+        if (!std::isfinite(found.cost)) throw std::runtime_error("the model's motion is not finite");
+      }
     } catch (const std::runtime_error& error) {
       if (!result.costs.empty()) continue;
       throw std::runtime_error(std::string("the fit failed at its start values: ") + error.what());
@@ -61,63 +147,42 @@ Descents descendFromStarts(Linearisation& windows, const SimulationError* short_
 }
 
 /// Continues from least squares with the robust loss; without a given width, the residuals set it.
-/// Returns `found` for an exact fit or if the robust fit fails.
-Solution weighOutliers(Linearisation& windows, const Free& free, const FitOptions& options,
+Solution weighOutliers(const Linearisation& windows, const Free& free, const FitOptions& options,
                        const Solution& found) {
   const double delta = options.width > 0
                            ? options.width
                            : 2 * deviationOf(windows.residuals(
                                      {free.coordinates(found.scaled.data()), free.index, found.initial}));
   if (!(delta > 1e-9)) return found;  // an exact fit
-  Solution robust = descend(windows, free, {delta}, options, found.scaled, found.initial);
-  if (!robust.usable) return found;
-  robust.iterations += found.iterations;
-  return robust;
+  return minimiseLoss(windows, free, delta, toleranceOf(options), options.max_iterations, found);
 }
 
 /// Uncertainty of the solution. First moves the solution back to its start along directions that
 /// are not identifiable.
-Uncertainty judge(Linearisation& windows, const Free& free, const FitOptions& options, Solution& solution) {
+Uncertainty judge(const Linearisation& windows, const Free& free, const FitOptions& options,
+                  Solution& solution) {
   const Uncertainty first = uncertainty(windows, free, solution, options.block);
-  if (first.unseen.cols() == 0) return first;
-  solution = startKept(windows, free, first.unseen, options, solution);
+  if (first.known.null_space.cols() == 0) return first;
+  solution = restoreUnidentifiable(windows, free, first.known.null_space, toleranceOf(options),
+                                   options.max_iterations, solution);
   Uncertainty second = uncertainty(windows, free, solution, options.block);
-  for (std::size_t i = 0; i < second.identified.size(); ++i)
-    second.identified[i] = second.identified[i] && first.identified[i];
+  for (std::size_t i = 0; i < free.index.size(); ++i)
+    if (!first.known.parameter[i]) second.known.parameter[i] = false;
   return second;
 }
 
-/// The model with the values of a solution.
-Model modelAt(const Model& model, const Free& free, const Solution& solution) {
-  const std::vector<double> coordinates = free.coordinates(solution.scaled.data());
-  const auto infos = model.parameters();
-  std::vector<double> values = model.values();
-  // Rounding may take a value at a bound out of its range.
-  for (const int i : free.index)
-    values[i] = std::clamp(infos[i].fromCoordinate(coordinates[i]), infos[i].lower, infos[i].upper);
-  Model result = model;
-  result.setValues(values);
-  return result;
-}
-
-/// The thesis's objective (3.4) from given initial states. Throws std::runtime_error if the model
-/// cannot be simulated.
+/// The thesis's objective (3.4) from given initial states; of velocities without simulating the poses.
 double thesisObjective(const SimulationError& problem, const Model& model, const Initials& initial) {
   if (problem.target() != Target::kVelocities)
     return problem.objective(simulateFrom(problem, model, initial));
   const auto sizes = [](const double* residuals, int count, double*, double*, double* loss) {
     for (int i = 0; i < count; ++i) loss[i] = std::abs(residuals[i]);
   };
-  const std::vector<double> sums =
-      Linearisation(problem, model, 1).losses({model.coordinates(), {}, initial}, sizes);
-  double sum = 0;
-  int samples = 0;
-  for (std::size_t w = 0; w < sums.size(); ++w) {
-    const Window& window = problem.windows()[w];
-    if (!std::isfinite(sums[w])) throw std::runtime_error(notFinite(problem.runs()[window.run], window));
-    sum += sums[w];
-    samples += window.last - window.first + 1;
-  }
+  double sum = 0, samples = 0;
+  for (const double loss : Linearisation(problem, model, 1).losses({model.coordinates(), {}, initial}, sizes))
+    sum += loss;
+  for (const Window& window : problem.windows()) samples += window.last - window.first + 1;
+  if (!std::isfinite(sum)) throw std::runtime_error("the model's motion is not finite");
   return sum / samples;
 }
 
@@ -130,29 +195,32 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   if (!(options.width >= 0)) throw std::invalid_argument("the width of the loss is negative or NaN");
   if (!options.initial.empty()) detail::checkInitials(*this, options.initial);
   const detail::Free free = detail::makeFree(model, options.free);
-  detail::Linearisation windows(*this, model, options.threads);
+  const detail::Linearisation windows(*this, model, options.threads);
 
   std::unique_ptr<const SimulationError> pieces;
-  if (!options.near) pieces.reset(new SimulationError(data_, detail::shortPieces(*this), target_));
-  const detail::Descents descents = detail::descendFromStarts(windows, pieces.get(), free, options);
-  detail::Solution best = descents.best;
+  if (!options.warm) pieces.reset(new SimulationError(data_, detail::shortPieces(*this), target_));
+  const detail::Fits fits = detail::fitFromStarts(windows, pieces.get(), free, options);
+  detail::Solution best = fits.best;
   if (detail::isRobust(options) && std::isinf(best.delta))
     best = detail::weighOutliers(windows, free, options, best);
   const detail::Uncertainty known = detail::judge(windows, free, options, best);
 
   FitResult result;
-  result.model = detail::modelAt(model, free, best);
-  result.parameters = detail::intervalsOf(known, free, best.scaled, model, result.model);
+  result.model = detail::modelAt(model, free, best.scaled.data());
+  const double quantile =
+      detail::quantileOf(std::max(1, known.blocks - static_cast<int>(options.free.size())));
+  result.parameters = detail::estimatesOf(
+      model, free, best.scaled, known.deviation(),
+      Eigen::VectorXd::Constant(static_cast<Eigen::Index>(options.free.size()), quantile));
   result.correlation = detail::correlationOf(known, free);
   result.condition = detail::conditionOf(known);
   result.objective = detail::thesisObjective(*this, result.model, best.initial);
   result.width = best.delta;
   result.initial = best.initial;
-  result.starts = static_cast<int>(descents.costs.size());
-  result.starts_at_best = descents.atBest();
+  result.starts = static_cast<int>(fits.costs.size());
+  result.starts_at_best = fits.atBest();
   result.iterations = best.iterations;
   result.converged = best.converged;
-  result.message = best.message;
   return result;
 }
 

@@ -57,4 +57,22 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
   return free;
 }
 
+std::vector<double> startOf(const Free& free) {
+  std::vector<double> scaled;
+  for (std::size_t i = 0; i < free.index.size(); ++i)
+    scaled.push_back(free.base[free.index[i]] / free.scale[i]);
+  return scaled;
+}
+
+Model modelAt(const Model& model, const Free& free, const double* scaled) {
+  const auto infos = model.parameters();
+  const std::vector<double> coordinates = free.coordinates(scaled);
+  std::vector<double> values = model.values();
+  for (const int i : free.index)
+    values[i] = std::clamp(infos[i].fromCoordinate(coordinates[i]), infos[i].lower, infos[i].upper);
+  Model result = model;
+  result.setValues(values);
+  return result;
+}
+
 }  // namespace ground::detail

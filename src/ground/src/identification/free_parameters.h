@@ -26,16 +26,16 @@ struct Free {
   }
   /// 1 if the value increases with the coordinate, -1 if it decreases.
   double sign(int i) const { return reciprocal[i] ? -1 : 1; }
-  /// Direction from a bound into the range: 1 on the lower bound, -1 on the upper bound, 0 inside.
-  /// The tolerance allows for steps that rounding cuts before the bound.
-  int inward(std::size_t i, double scaled) const {
-    constexpr double kOnBound = 1e-7;
-    return scaled - lower[i] / scale[i] <= kOnBound ? 1 : upper[i] / scale[i] - scaled <= kOnBound ? -1 : 0;
-  }
 };
 
 /// The named parameters at the model's values. Throws std::invalid_argument on an unknown or
 /// repeated name, and on a set of mass, lever, inertia and thrust that is not identifiable.
 Free makeFree(const Model& model, const std::vector<std::string>& names);
+
+/// The start of a search: coordinates over scale.
+std::vector<double> startOf(const Free& free);
+
+/// A model with free parameters at other values, clamped to their ranges, which rounding may leave.
+Model modelAt(const Model& model, const Free& free, const double* scaled);
 
 }  // namespace ground::detail

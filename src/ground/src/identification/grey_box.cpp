@@ -6,13 +6,13 @@
 #include <random>
 #include <stdexcept>
 
-#include "ascent.h"
 #include "checks.h"
 #include "dense_algebra.h"
 #include "estimates.h"
 #include "forecast.h"
-#include "information.h"
+#include "likelihood_maximiser.h"
 #include "parallel.h"
+#include "robust_loss.h"
 
 namespace ground {
 
@@ -55,11 +55,11 @@ void checkForecast(const ForecastOptions& options, std::size_t samples) {
     throw std::invalid_argument("the noise of velocities is negative or not finite");
 }
 
-/// Values of a run's loudness to average over, relative to the expected one.
-std::vector<double> loudnessAbout(bool unknown) {
+/// Logarithms of a run's scale to average over, relative to the expected one.
+std::vector<double> scalesAbout(bool unknown) {
   if (!unknown) return {0};
   std::vector<double> values;
-  for (int i = -3; i <= 3; ++i) values.push_back(2.0 / 3 * i * kLoudness);
+  for (int i = -3; i <= 3; ++i) values.push_back(2.0 / 3 * i * kScaleDeviation);
   return values;
 }
 
@@ -86,8 +86,7 @@ std::vector<DrawnModel> drawModels(const Model& model, const ForecastOptions& op
                                   free.lower[j] / free.scale[j], free.upper[j] / free.scale[j]));
       away(static_cast<Eigen::Index>(j)) = scaled.back() - likeliest;
     }
-    models.push_back({model, away});
-    setCoordinates(models.back().model, free.coordinates(scaled.data()));
+    models.push_back({modelAt(model, free, scaled.data()), away});
   }
   return models;
 }
@@ -109,8 +108,8 @@ GreyBox::GreyBox(std::vector<RunData> runs, const Body<double>& craft, double ma
 }
 
 void GreyBox::check(const GreyBoxPoint& point, double cap) const {
-  if (!point.loudness.empty() && point.loudness.size() != runs_.size())
-    throw std::invalid_argument("each run needs its loudness");
+  if (!point.log_scales.empty() && point.log_scales.size() != runs_.size())
+    throw std::invalid_argument("each run needs the scale of its disturbance");
   const auto& levels = point.levels;
   if (!(levels.time.minCoeff() > 0 && levels.time_room > 0 && levels.position > 0 && levels.heading > 0))
     throw std::invalid_argument("correlation times and the noise of poses must be positive");
@@ -137,31 +136,28 @@ GreyBoxFit GreyBox::fit(const GreyBoxPoint& start, const GreyBoxOptions& options
     throw std::invalid_argument("a fit begins at positive levels of the disturbance");
   if (options.max_iterations < 0) throw std::invalid_argument("a fit has 0 or more iterations");
   RunFilters search(runs_, max_gap_, options.threads);
-  return ascend(search, prior_, start, options);
+  return maximiseLikelihood(search, prior_, start, options);
 }
 
 std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit, const GreyBoxOptions& options) const {
   if (options.free.empty()) return {};
   const auto runs = static_cast<Eigen::Index>(runs_.size());
-  const Eigen::Index count = fit.level_information.rows();  // levels, then the loudness of each run
+  const Eigen::Index count = fit.level_information.rows();  // levels, then the scale of each run
   if (count != kLevels + runs || fit.level_information.cols() != count || !fit.level_information.allFinite())
     throw std::invalid_argument("intervals need a fit of these runs and of their levels");
   check(fit.point, options.cap);
   const std::set<int> held = levelIndices(options.held);
   RunFilters search(runs_, max_gap_, options.threads);
   const Free free = makeFree(fit.point.model, options.free);
-  std::vector<double> scaled;
-  for (std::size_t i = 0; i < free.index.size(); ++i)
-    scaled.push_back(free.base[free.index[i]] / free.scale[i]);
-  // `away`: change of the levels' logarithms and of the loudness.
+  // `away`: change of the levels' logarithms and of the runs' scales.
   const auto at = [&](const Eigen::VectorXd& away) {
     GreyBoxPoint point = fit.point;
     point.levels = fromLogs(logs(point.levels) + away.head<kLevels>());
-    point.loudness.resize(runs_.size(), 0.0);
+    point.log_scales.resize(runs_.size(), 0.0);
     for (std::size_t r = 0; r < runs_.size(); ++r)
-      point.loudness[r] += away(kLevels + static_cast<Eigen::Index>(r));
+      point.log_scales[r] += away(kLevels + static_cast<Eigen::Index>(r));
     requireFinite(search.evaluate(point, options.cap));
-    return knownBy(search.scores(point, free).by_acceleration);
+    return identifiableBy(search.scores(point, free).by_acceleration);
   };
   Eigen::MatrixXd slopes = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(free.index.size()), count);
   Eigen::VectorXd lost = Eigen::VectorXd::Zero(count);
@@ -169,24 +165,24 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit, const Gre
     constexpr double kStep = 0.3;  // of a logarithm: averages the slope over the likely range
     if (held.count(c)) continue;
     const Eigen::VectorXd away = kStep * Eigen::VectorXd::Unit(count, c);
-    const Known more = at(away), less = at(-away);
-    slopes.col(c) = (more.variance - less.variance) / (2 * kStep);
-    lost(c) = (less.volume - more.volume) / (2 * kStep);
+    const Identifiable more = at(away), less = at(-away);
+    slopes.col(c) = (more.variance() - less.variance()) / (2 * kStep);
+    lost(c) = (less.log_determinant - more.log_determinant) / (2 * kStep);
   }
   // Fitted levels are biased low, because the parameters also fit part of the disturbance: one
   // Newton step to the maximum of the restricted likelihood (Patterson and Thompson 1971).
   const Eigen::VectorXd away = 0.5 * solveSymmetric(fit.level_information, lost);
-  const Known known = at(away);
-  const Eigen::VectorXd& variance = known.variance;
+  const Identifiable known = at(away);
+  const Eigen::VectorXd variance = known.variance();
   // Satterthwaite (1946): twice the squared variance over the variance of the estimated variance.
   const Eigen::MatrixXd doubt = slopes * solveSymmetric(fit.level_information, slopes.transpose());
   constexpr double kMinFreedom = 3, kMaxFreedom = 1e6;  // degrees of freedom
-  std::vector<double> freedom;
+  Eigen::VectorXd quantile(variance.size());
   for (Eigen::Index i = 0; i < variance.size(); ++i)
-    freedom.push_back(doubt(i, i) > 0
-                          ? std::clamp(2 * std::pow(variance(i), 2) / doubt(i, i), kMinFreedom, kMaxFreedom)
-                          : kMaxFreedom);
-  return estimatesBy(known, fit.point.model, free, scaled, freedom);
+    quantile(i) = quantileOf(
+        doubt(i, i) > 0 ? std::clamp(2 * std::pow(variance(i), 2) / doubt(i, i), kMinFreedom, kMaxFreedom)
+                        : kMaxFreedom);
+  return estimatesOf(fit.point.model, free, startOf(free), deviationsOf(known), quantile);
 }
 
 std::vector<Eigen::VectorXd> GreyBox::likelihood(const GreyBoxPoint& point, double cap, double block,
@@ -252,6 +248,12 @@ GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double c
   return result;
 }
 
+SmoothedWrench GreyBox::smooth(const GreyBoxPoint& point, int run, double cap) const {
+  const std::size_t at = indexOf(run);
+  check(point, cap);
+  return DisturbanceFilter(runs_[at], max_gap_).smooth(point.model, levelsOf(point, at), cap);
+}
+
 std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
                                         const ForecastOptions& options) const {
   const std::size_t at = indexOf(run);
@@ -259,17 +261,17 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
   checkForecast(options, data.times.size());
   check(point, options.cap);
   DisturbanceFilter filter(data, max_gap_);
-  const std::vector<double> about = loudnessAbout(options.unknown_loudness);
+  const std::vector<double> about = scalesAbout(options.unknown_scale);
   std::vector<std::vector<Alternative>> alternatives(options.starts.size());
   for (const double more : about) {
     GreyBoxPoint other = point;
-    other.loudness.resize(runs_.size(), 0.0);
-    other.loudness[at] += more;
+    other.log_scales.resize(runs_.size(), 0.0);
+    other.log_scales[at] += more;
     const DisturbanceLevels levels = levelsOf(other, at);
     std::vector<FilterBelief> kept(options.starts.size());
     for (std::size_t i = 0; i < kept.size(); ++i) kept[i].sample = options.starts[i];
     requireFinite(filter.run(other.model, levels, options.cap, &kept));
-    const double prior = -0.5 * std::pow(more / kLoudness, 2);
+    const double prior = -0.5 * std::pow(more / kScaleDeviation, 2);
     for (std::size_t i = 0; i < kept.size(); ++i)
       alternatives[i].push_back({levels, kept[i], prior + kept[i].log_likelihood});
   }

@@ -1,67 +1,8 @@
 #include "initial_states.h"
 
-#include <ceres/tiny_solver.h>
-
-#include <algorithm>
 #include <stdexcept>
 
-#include "window_residuals.h"
-
 namespace ground::detail {
-namespace {
-
-/// One window's residuals after the loss as a function of its initial state, for ceres::TinySolver.
-class InitialCost {
- public:
-  using Scalar = double;
-  enum { NUM_RESIDUALS = Eigen::Dynamic, NUM_PARAMETERS = Eigen::Dynamic };
-
-  InitialCost(const SimulationError& problem, const Model& model, const std::vector<double>& coordinates,
-              int window, const RobustLoss& robust)
-      : problem_(problem), model_(model), coordinates_(coordinates), window_(window), robust_(robust) {}
-  int NumResiduals() const {
-    const Window& w = problem_.windows()[window_];
-    return 3 * (w.last - w.first + 1);
-  }
-  int NumParameters() const { return problem_.initialSize(); }
-
-  bool operator()(const double* initial, double* residuals, double* jacobian) const {
-    const Eigen::Map<const Eigen::VectorXd> state(initial, NumParameters());
-    const WindowResiduals found =
-        residualsOf(problem_, model_, coordinates_, {}, window_, state, jacobian != nullptr);
-    const Eigen::Index rows = found.residuals.size();
-    if (!found.finite()) {
-      // The solver rejects a step to residuals that are not finite.
-      std::fill_n(residuals, rows, kInfinity);
-      return false;
-    }
-    const Eigen::MatrixXd derivatives = found.derivatives();
-    Eigen::Map<Eigen::MatrixXd> columns(jacobian, jacobian ? rows : 0, NumParameters());
-    for (Eigen::Index i = 0; i < rows; ++i) {
-      const double r = found.residuals(i);
-      residuals[i] = robust_(r);
-      if (jacobian) columns.row(i) = robust_.derivative(r) * derivatives.row(i);
-    }
-    return true;
-  }
-
- private:
-  const SimulationError& problem_;
-  const Model& model_;
-  const std::vector<double>& coordinates_;
-  int window_;
-  RobustLoss robust_;
-};
-
-}  // namespace
-
-void solveInitial(const SimulationError& problem, const Model& model, const std::vector<double>& coordinates,
-                  const RobustLoss& robust, int window, Eigen::VectorXd& initial, double tolerance) {
-  const InitialCost function(problem, model, coordinates, window, robust);
-  ceres::TinySolver<InitialCost> solver;
-  solver.options.function_tolerance = tolerance / 3 * function.NumResiduals();
-  solver.Solve(function, &initial);
-}
 
 Initials measuredInitials(const SimulationError& problem) {
   Initials initial;

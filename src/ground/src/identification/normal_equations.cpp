@@ -3,17 +3,17 @@
 namespace ground::detail {
 namespace {
 
-using Block = Eigen::Matrix<double, kDerivatives, kDerivatives>;
+using Square = Eigen::Matrix<double, kDerivatives, kDerivatives>;
 
 /// The sum of weight left right' over rows.
-Block squaresOf(const Derivatives* left, const Derivatives* right, const Eigen::VectorXd& weight) {
+Square squaresOf(const Derivatives* left, const Derivatives* right, const Eigen::VectorXd& weight) {
   Derivatives sum[kDerivatives];
   for (Derivatives& row : sum) row = Derivatives::zero();
   for (Eigen::Index i = 0; i < weight.size(); ++i) {
     const Derivatives weighted = weight(i) * right[i];
     for (int a = 0; a < kDerivatives; ++a) sum[a] += left[i][a] * weighted;
   }
-  Block block;
+  Square block;
   for (int a = 0; a < kDerivatives; ++a) block.row(a) = sum[a].head<kDerivatives>();
   return block;
 }

@@ -39,15 +39,6 @@ void checkGap(double max_gap) {
   if (!(max_gap > 0)) throw std::invalid_argument("the longest gap must be positive");
 }
 
-void checkActing(const Eigen::MatrixXd& acting, const std::vector<int>& channels, std::size_t samples) {
-  if (acting.cols() != static_cast<Eigen::Index>(channels.size()) ||
-      (acting.cols() > 0 && acting.rows() != static_cast<Eigen::Index>(samples)))
-    throw std::invalid_argument("acting wrenches need a row a sample and a channel a column");
-  if (!acting.allFinite()) throw std::invalid_argument("an acting wrench is not finite");
-  for (const int channel : channels)
-    if (channel < 0 || channel > 2) throw std::invalid_argument("channels are 0, 1 and 2");
-}
-
 std::string notFinite(const RunData& run, const Window& window) {
   std::ostringstream out;
   out << "the model's motion is not finite in " << run.name << " from "

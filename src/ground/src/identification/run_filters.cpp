@@ -35,8 +35,8 @@ std::set<int> levelIndices(const std::vector<std::string>& names) {
 
 DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run) {
   DisturbanceLevels levels = point.levels;
-  if (!point.loudness.empty()) {
-    const double factor = std::exp(point.loudness[run]);
+  if (!point.log_scales.empty()) {
+    const double factor = std::exp(point.log_scales[run]);
     levels.sigma *= factor;
     levels.sigma_room *= factor;
     levels.white *= factor;

@@ -13,7 +13,7 @@ namespace ground::detail {
 
 using LevelVector = Eigen::Matrix<double, kLevels, 1>;
 
-constexpr double kLoudness = 0.5;  // standard deviation of the prior of loudness
+constexpr double kScaleDeviation = 0.5;  // standard deviation of the prior of a run's log_scale
 
 /// Conversion between levels and their logarithms.
 LevelVector logs(const DisturbanceLevels& levels);
@@ -22,7 +22,7 @@ DisturbanceLevels fromLogs(const LevelVector& logs);
 /// Indices of levels by their names. Throws std::invalid_argument on an unknown name.
 std::set<int> levelIndices(const std::vector<std::string>& names);
 
-/// The levels of one run, including its loudness.
+/// The levels of one run, including its scale.
 DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run);
 
 /// Filters of all runs. First call evaluate(); all other functions refer to the point of its last

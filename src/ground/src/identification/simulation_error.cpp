@@ -3,10 +3,9 @@
 #include <stdexcept>
 
 #include "checks.h"
-#include "descent.h"
 #include "initial_states.h"
-#include "parallel.h"
 #include "simulation_error_data.h"
+#include "window_least_squares.h"
 #include "window_residuals.h"
 
 namespace ground {
@@ -50,13 +49,14 @@ const Vector3<double>& SimulationError::sigma(int run) const {
 const std::vector<RunData>& SimulationError::runs() const { return data_->runs; }
 
 WindowSimulation SimulationError::simulate(const Model& model, FitOptions::Objective objective) const {
-  const std::vector<double> coordinates = model.coordinates();
-  detail::Initials initial = detail::measuredInitials(*this);
-  detail::inParallel(windows_.size(), 0, [&](std::size_t w) {
-    for (const double delta : detail::lossesOf(objective))
-      detail::solveInitial(*this, model, coordinates, {delta}, static_cast<int>(w), initial[w]);
-  });
-  return detail::simulateFrom(*this, model, initial);
+  constexpr double kTolerance = 1e-10;  // relative
+  const detail::Linearisation windows(*this, model, 0);
+  detail::Free none;
+  none.base = model.coordinates();
+  detail::Solution found{{}, detail::measuredInitials(*this)};
+  for (const double delta : detail::lossesOf(objective))
+    found = detail::minimiseLoss(windows, none, delta, kTolerance, FitOptions().max_iterations, found);
+  return detail::simulateFrom(*this, model, found.initial);
 }
 
 double SimulationError::objective(const WindowSimulation& simulation) const {

@@ -30,7 +30,7 @@ NormalEquations reduced(const NormalEquations& whole, Eigen::Index k) {
 
 /// Normal equations of the scaled free parameters and a window's initial state, for blocks of about
 /// `block` seconds of each window.
-std::vector<std::vector<NormalEquations>> equationsOfBlocks(Linearisation& windows, const Free& free,
+std::vector<std::vector<NormalEquations>> equationsOfBlocks(const Linearisation& windows, const Free& free,
                                                             const ParameterPoint& point,
                                                             const RobustLoss& robust, double block) {
   const SimulationError& problem = windows.problem();
@@ -102,32 +102,9 @@ Jackknife withoutEach(const std::vector<std::vector<NormalEquations>>& blocks, i
   return result;
 }
 
-/// Splits the parameter space into identifiable directions (columns of the result) and the others,
-/// Uncertainty::unseen. Sets which parameters are identified.
-Eigen::MatrixXd seenDirections(const Eigen::MatrixXd& information, Uncertainty& result) {
-  constexpr double kMinInformation = 1e-14, kMinEigenvalue = 1e-10;  // relative to the largest
-  constexpr double kMaxParticipation = 1e-6;  // squared, of identified parameters in `unseen`
-  const auto n = static_cast<int>(information.rows());
-  result.identified.assign(n, true);
-  const double largest = information.diagonal().maxCoeff();
-  Eigen::VectorXd unit(n);
-  for (int i = 0; i < n; ++i) {
-    result.identified[i] = information(i, i) > kMinInformation * largest;
-    unit(i) = result.identified[i] ? 1 / std::sqrt(information(i, i)) : 0;
-  }
-  const Spectrum scaled = spectrumOf(unit.asDiagonal() * information * unit.asDiagonal());
-  int first = 0;  // first identifiable direction
-  while (first < n && !(scaled.values(first) > kMinEigenvalue * scaled.values(n - 1)))
-    for (int i = 0, j = first++; i < n; ++i)
-      if (std::pow(scaled.vectors(i, j), 2) > kMaxParticipation) result.identified[i] = false;
-  const Eigen::VectorXd sizes = (unit.array() > 0).select(unit, 1.0);
-  result.unseen = sizes.asDiagonal() * scaled.vectors.leftCols(first);
-  return unit.asDiagonal() * scaled.vectors.rightCols(n - first);
-}
-
 }  // namespace
 
-Uncertainty uncertainty(Linearisation& windows, const Free& free, const Solution& at, double block) {
+Uncertainty uncertainty(const Linearisation& windows, const Free& free, const Solution& at, double block) {
   const SimulationError& problem = windows.problem();
   const int n = static_cast<int>(free.index.size()), k = problem.initialSize();
   double total = 0;
@@ -140,22 +117,46 @@ Uncertainty uncertainty(Linearisation& windows, const Free& free, const Solution
 
   Uncertainty result;
   result.information = whole.A;
+  result.known = identifiableBy(whole.A);
   result.blocks = static_cast<int>(changes.size());
-  const Eigen::MatrixXd seen = seenDirections(whole.A, result);
   result.covariance = Eigen::MatrixXd::Zero(n, n);
-  if (seen.cols() == 0 || result.blocks < 2) {
-    result.identified.assign(n, false);
+  const Eigen::MatrixXd& along = result.known.directions;
+  if (along.cols() == 0 || result.blocks < 2) {
+    result.known.parameter.assign(n, false);
     return result;
   }
   Eigen::MatrixXd steps(n, result.blocks);
   for (int b = 0; b < result.blocks; ++b) {
-    const Eigen::MatrixXd A = seen.transpose() * (whole.A + changes[b].A) * seen;
-    const Eigen::VectorXd s = seen.transpose() * (whole.b + changes[b].b);
-    steps.col(b) = seen * leastSquares(A, s);
+    const Eigen::MatrixXd A = along.transpose() * (whole.A + changes[b].A) * along;
+    const Eigen::VectorXd s = along.transpose() * (whole.b + changes[b].b);
+    steps.col(b) = along * leastSquares(A, s);
   }
   const Eigen::MatrixXd centred = steps.colwise() - steps.rowwise().mean();
   result.covariance = (result.blocks - 1.0) / result.blocks * centred * centred.transpose();
   return result;
+}
+
+Eigen::VectorXd Uncertainty::deviation() const {
+  Eigen::VectorXd found = covariance.diagonal().cwiseMax(0).cwiseSqrt();
+  for (Eigen::Index i = 0; i < found.size(); ++i)
+    if (!known.parameter[static_cast<std::size_t>(i)]) found(i) = kInfinity;
+  return found;
+}
+
+Eigen::MatrixXd correlationOf(const Uncertainty& u, const Free& free) {
+  const Eigen::Index n = u.covariance.rows();
+  const Eigen::VectorXd deviation = u.covariance.diagonal().cwiseMax(0).cwiseSqrt();
+  Eigen::MatrixXd result = Eigen::MatrixXd::Identity(n, n);
+  for (int i = 0; i < n; ++i)
+    for (int j = 0; j < n; ++j)
+      if (i != j && deviation(i) * deviation(j) > 0)
+        result(i, j) = free.sign(i) * free.sign(j) * u.covariance(i, j) / (deviation(i) * deviation(j));
+  return result;
+}
+
+double conditionOf(const Uncertainty& u) {
+  const Eigen::VectorXd values = spectrumOf(u.information).values;
+  return values(0) > 0 ? values(values.size() - 1) / values(0) : kInfinity;
 }
 
 }  // namespace ground::detail

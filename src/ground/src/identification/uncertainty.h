@@ -4,24 +4,32 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "descent.h"
+#include "estimates.h"
 #include "linearisation.h"
+#include "window_least_squares.h"
 
 namespace ground::detail {
 
-/// Uncertainty of the free parameters, in scaled coordinates.
+/// Uncertainty of the free parameters, in coordinates over scale.
 struct Uncertainty {
   Eigen::MatrixXd information, covariance;
-  std::vector<bool> identified;  ///< false: not identifiable from the data, infinite variance
-  Eigen::MatrixXd unseen;        ///< columns: directions along which the cost does not change
+  Identifiable known;  ///< by the information
   int blocks = 0;
+
+  Eigen::VectorXd deviation() const;  ///< standard deviations; infinite if not identifiable
 };
 
 /// Jackknife over blocks of about `block` seconds, within which residuals may be correlated: each
 /// block is left out once, and one Newton step gives the estimate without it, initial states
 /// included. Unlike the sum of squared scores it is not biased by residuals that the fit has
 /// reduced (MacKinnon and White 1985, HC3).
-Uncertainty uncertainty(Linearisation& windows, const Free& free, const Solution& at, double block);
+Uncertainty uncertainty(const Linearisation& windows, const Free& free, const Solution& at, double block);
+
+/// Correlation of the estimates, (n, n).
+Eigen::MatrixXd correlationOf(const Uncertainty& u, const Free& free);
+
+/// Condition number of the information; infinite if it is singular.
+double conditionOf(const Uncertainty& u);
 
 /// Robust standard deviation from the median of |residuals|; 0 if there are none.
 double deviationOf(std::vector<double> residuals);

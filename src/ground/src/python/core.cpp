@@ -1,5 +1,4 @@
 // Python bindings of the core: numpy arrays in, numpy arrays out. Each file binds one library.
-#include <ceres/version.h>
 #include <malloc.h>
 
 #include <Eigen/Core>
@@ -32,7 +31,6 @@ PYBIND11_MODULE(_core, module) {
 
   module.doc() = "The C++ core: model, smoother, fit by simulation error, experiments.";
   module.attr("version") = GROUND_VERSION;
-  module.attr("ceres_version") = CERES_VERSION_STRING;
   module.attr("eigen_version") = std::to_string(EIGEN_WORLD_VERSION) + "." +
                                  std::to_string(EIGEN_MAJOR_VERSION) + "." +
                                  std::to_string(EIGEN_MINOR_VERSION);

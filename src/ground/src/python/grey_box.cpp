@@ -52,9 +52,9 @@ py::dict toDict(const GreyBoxFit& fit) {
 }
 
 py::dict fitBox(const GreyBox& box, const GreyBoxPoint& start, const std::vector<std::string>& free,
-                bool levels, std::vector<std::string> held, double cap, bool far, int max_iterations,
+                bool levels, std::vector<std::string> held, double cap, bool warm, int max_iterations,
                 int threads) {
-  GreyBoxOptions options{free, levels, std::move(held), cap, far, max_iterations, threads};
+  GreyBoxOptions options{free, levels, std::move(held), cap, warm, max_iterations, threads};
   const auto fit = withoutGil([&] { return box.fit(start, options); });
   return toDict(fit);
 }
@@ -98,13 +98,21 @@ py::dict residualsAt(const GreyBox& box, const GreyBoxPoint& point, int run, dou
   return d;
 }
 
+py::dict smoothedAt(const GreyBox& box, const GreyBoxPoint& point, int run, double cap) {
+  const auto found = withoutGil([&] { return box.smooth(point, run, cap); });
+  py::dict d;
+  d["wrench"] = found.wrench;
+  d["sigma"] = found.sigma;
+  return d;
+}
+
 py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run, std::vector<int> starts,
-                      std::vector<double> horizons, bool unknown_loudness, std::vector<std::string> free,
+                      std::vector<double> horizons, bool unknown_scale, std::vector<std::string> free,
                       const OptionalMatrix& information, std::vector<double> scale, double part, int draws,
                       const Vector3<double>& velocity_noise, double cap, unsigned seed) {
   const ForecastOptions options{std::move(starts),
                                 std::move(horizons),
-                                unknown_loudness,
+                                unknown_scale,
                                 std::move(free),
                                 orEmpty(information),
                                 std::move(scale),
@@ -131,13 +139,13 @@ py::list forecastFrom(const GreyBox& box, const GreyBoxPoint& point, int run, st
 
 void bindGreyBox(py::module_& module) {
   py::class_<GreyBoxPoint>(module, "GreyBoxPoint", "A model and the levels of the disturbance.")
-      .def(py::init([](const Model& model, const py::dict& levels, std::vector<double> loudness) {
-             return GreyBoxPoint{model, levelsFromDict(levels), std::move(loudness)};
+      .def(py::init([](const Model& model, const py::dict& levels, std::vector<double> log_scales) {
+             return GreyBoxPoint{model, levelsFromDict(levels), std::move(log_scales)};
            }),
-           py::arg("model"), py::arg("levels"), py::arg("loudness") = std::vector<double>())
+           py::arg("model"), py::arg("levels"), py::arg("log_scales") = std::vector<double>())
       .def_readonly("model", &GreyBoxPoint::model)
       .def_property_readonly("levels", [](const GreyBoxPoint& p) { return levelsToDict(p.levels); })
-      .def_readonly("loudness", &GreyBoxPoint::loudness);
+      .def_readonly("log_scales", &GreyBoxPoint::log_scales);
   py::class_<GreyBox>(module, "GreyBox", "Stochastic grey-box likelihood of recorded poses.")
       .def(py::init([](std::vector<RunData> runs, const Model& craft, double max_gap) {
              return GreyBox(std::move(runs), craft.body, max_gap);
@@ -145,7 +153,7 @@ void bindGreyBox(py::module_& module) {
            py::arg("runs"), py::arg("craft"), py::arg("max_gap") = 0.1)
       .def("start", &GreyBox::start, py::arg("model"))
       .def("fit", &fitBox, py::arg("start"), py::arg("free"), py::arg("levels") = true,
-           py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0, py::arg("far") = false,
+           py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0, py::arg("warm") = false,
            py::arg("max_iterations") = 60, py::arg("threads") = 1)
       .def("intervals", &intervalsAt, py::arg("point"), py::arg("level_information"), py::arg("free"),
            py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0, py::arg("threads") = 1)
@@ -155,8 +163,10 @@ void bindGreyBox(py::module_& module) {
            py::arg("block") = 1.0, py::arg("threads") = 1)
       .def("residuals", &residualsAt, py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,
            py::arg("acting") = py::none())
+      .def("smooth", &smoothedAt, py::arg("point"), py::arg("run"), py::arg("cap") = 25.0,
+           "The missing wrench X, Y [N], N [N m] and standard deviations, one row a sample.")
       .def("forecast", &forecastFrom, py::arg("point"), py::arg("run"), py::arg("starts"),
-           py::arg("horizons"), py::arg("unknown_loudness") = false,
+           py::arg("horizons"), py::arg("unknown_scale") = false,
            py::arg("free") = std::vector<std::string>(), py::arg("information") = py::none(),
            py::arg("scale") = std::vector<double>(), py::arg("part") = 0.9, py::arg("draws") = 99,
            py::arg("velocity_noise") = py::make_tuple(0.0, 0.0, 0.0), py::arg("cap") = 25.0,

@@ -58,7 +58,6 @@ py::dict toDict(const FitResult& result) {
   d["starts_at_best"] = result.starts_at_best;
   d["iterations"] = result.iterations;
   d["converged"] = result.converged;
-  d["message"] = result.message;
   return d;
 }
 
@@ -139,12 +138,12 @@ void defSimulationError(py::module_& module) {
       .def(
           "fit",
           [](const SimulationError& problem, const Model& model, const std::vector<std::string>& free,
-             FitOptions::Objective objective, int starts, int threads, double width, bool near,
+             FitOptions::Objective objective, int starts, int threads, double width, bool warm,
              const std::vector<Eigen::VectorXd>& initial) {
             FitOptions options;
             options.free = free;
             options.width = width;
-            options.near = near;
+            options.warm = warm;
             options.initial = initial;
             options.starts = starts;
             options.threads = threads;
@@ -153,7 +152,7 @@ void defSimulationError(py::module_& module) {
             return toDict(result);
           },
           py::arg("model"), py::arg("free"), py::arg("objective") = FitOptions::Objective::kLeastSquares,
-          py::arg("starts") = 1, py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("near") = false,
+          py::arg("starts") = 1, py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("warm") = false,
           py::arg("initial") = std::vector<Eigen::VectorXd>());
 }
 
@@ -171,50 +170,6 @@ void defPrediction(py::module_& module) {
       py::arg("model"), py::arg("run"), py::arg("windows"), py::arg("nu"),
       "Simulates windows from the measured pose and the given velocity (a row each), without "
       "correction.");
-}
-
-void defWrenchFilter(py::module_& module) {
-  py::enum_<WrenchNature>(module, "WrenchNature")
-      .value("random_walk", WrenchNature::kRandomWalk)
-      .value("white", WrenchNature::kWhite);
-  py::class_<WrenchNoise>(module, "WrenchNoise", "Noise levels of the filter.")
-      .def(py::init<>())
-      .def_readwrite("force", &WrenchNoise::force)
-      .def_readwrite("moment", &WrenchNoise::moment)
-      .def_readwrite("position", &WrenchNoise::position)
-      .def_readwrite("heading", &WrenchNoise::heading);
-  py::class_<WrenchFilter>(module, "WrenchFilter", "The missing wrench of a model along a run.")
-      .def(py::init<const Model&, const RunData&, double>(), py::arg("model"), py::arg("run"),
-           py::arg("max_gap") = 0.1, py::call_guard<py::gil_scoped_release>())
-      .def("likeliest_noise", &WrenchFilter::likeliestNoise, py::arg("nature"),
-           py::call_guard<py::gil_scoped_release>())
-      .def(
-          "innovations",
-          [](const WrenchFilter& filter, WrenchNature nature, const WrenchNoise& noise) {
-            const auto innovations = withoutGil([&] { return filter.innovations(nature, noise); });
-            py::dict d;
-            d["normalised"] = innovations.normalised;
-            d["valid"] = innovations.valid;
-            d["log_likelihood"] = innovations.log_likelihood;
-            return d;
-          },
-          py::arg("nature"), py::arg("noise"), "Ahead, to starboard, in heading; one row a sample.")
-      .def(
-          "smooth",
-          [](const WrenchFilter& filter, const WrenchNoise& noise, const OptionalMatrix& acting,
-             const std::vector<int>& channels) {
-            const auto inferred = withoutGil([&] { return filter.smooth(noise, orEmpty(acting), channels); });
-            py::dict d;
-            d["wrench"] = inferred.wrench;
-            d["sigma"] = inferred.sigma;
-            d["responses"] = inferred.responses;
-            return d;
-          },
-          py::arg("noise"), py::arg("acting") = py::none(), py::arg("channels") = std::vector<int>(),
-          "X, Y [N], N [N m] and standard deviations, one row a sample; responses to the acting "
-          "wrenches.")
-      .def_property_readonly("model_thrust", &WrenchFilter::modelThrust)
-      .def_property_readonly("stretches", &WrenchFilter::stretches);
 }
 
 }  // namespace
@@ -240,7 +195,6 @@ void bindIdentification(py::module_& module) {
   defRecording(module);
   defSimulationError(module);
   defPrediction(module);
-  defWrenchFilter(module);
 }
 
 }  // namespace ground

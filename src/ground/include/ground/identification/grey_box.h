@@ -16,7 +16,7 @@ struct GreyBoxPoint {
   DisturbanceLevels levels;
   /// Logarithm of the factor on the disturbance of each run; empty means a factor of 1 for all
   /// runs.
-  std::vector<double> loudness;
+  std::vector<double> log_scales;
 };
 
 struct GreyBoxOptions {
@@ -26,8 +26,9 @@ struct GreyBoxOptions {
   /// Limit of a pose's squared Mahalanobis distance (3 degrees of freedom). The noise of a pose
   /// beyond it is increased so that its distance equals the limit. Infinity: Gaussian likelihood.
   double cap = 25;
-  /// Start with a Gaussian likelihood and lower the limit in steps: for starts that may be far off.
-  bool far = false;
+  /// Whether the start is near the maximum. Otherwise the search begins with a Gaussian likelihood and
+  /// lowers the limit in steps.
+  bool warm = false;
   int max_iterations = 60;
   int threads = 1;
 };
@@ -70,12 +71,18 @@ struct GreyBoxResiduals {
   Eigen::MatrixXd responses;   ///< response of the 3 n whitened innovations to given wrenches
 };
 
+/// The wrench of the disturbance along a run given all its poses, without that of the thrust's change:
+/// X, Y [N], N [N m], body, one row a sample.
+struct SmoothedWrench {
+  Eigen::MatrixX3d wrench, sigma;  ///< and its standard deviations
+};
+
 struct ForecastOptions {
   std::vector<int> starts;       ///< samples of the run, ascending
   std::vector<double> horizons;  ///< horizon from each start [s]
-  /// The point's loudness is only the expected one. The forecast averages over seven values about
-  /// it, weighted by the prior and by the likelihood of the poses up to each start.
-  bool unknown_loudness = false;
+  /// The scale of the run's disturbance is only the expected one. The forecast averages over seven values
+  /// about it, weighted by the prior and by the likelihood of the poses up to each start.
+  bool unknown_scale = false;
   /// Uncertain parameters, with information and scale as in GreyBoxFit; all others count as known.
   std::vector<std::string> free;
   Eigen::MatrixXd information;
@@ -145,6 +152,9 @@ class GreyBox {
   /// from each sample to the next. Each wrench has three columns of `acting`: X, Y [N], N [N m], body.
   GreyBoxResiduals residuals(const GreyBoxPoint& point, int run, double cap,
                              const Eigen::MatrixXd& acting) const;
+
+  /// The wrench that the model lacks along one run, given all its poses (Rauch, Tung and Striebel 1965).
+  SmoothedWrench smooth(const GreyBoxPoint& point, int run, double cap) const;
 
   /// Predicts one run from each start to the horizon, the next gap or the end of the run. The
   /// filtered state at the start is the Gaussian of motion, wrench and trims given the poses so

@@ -4,9 +4,8 @@
 ///   SimulationError   Fast fit of parameters by simulation error over windows, with 95% intervals
 ///                     (simulation_error.h).
 ///   GreyBox           Stochastic likelihood of recorded poses: fit of parameters together with a
-///                     random wrench, and score tests of missing effects (grey_box.h).
-///   WrenchFilter      The missing wrench of a model over time, by Kalman smoother
-///                     (inferred_wrench.h).
+///                     random wrench, score tests of missing effects, and the missing wrench over
+///                     time (grey_box.h).
 ///   predict           Simulation of windows from measured states, without correction
 ///                     (prediction.h).
 ///
@@ -21,14 +20,14 @@
 ///     const FitResult fit = problem.fit(loadModel("craft.yaml"), options);
 ///     for (const FittedParameter& p : fit.parameters)
 ///       std::cout << p.name << " " << p.value << " " << p.unit << "\n";
-///     WrenchFilter filter(fit.model, run);
-///     InferredWrench missing = filter.smooth(filter.likeliestNoise(WrenchNature::kRandomWalk));
+///     const GreyBox box({run}, fit.model.body);
+///     const GreyBoxPoint point = box.fit(box.start(fit.model), {}).point;  // with the likeliest levels
+///     const SmoothedWrench missing = box.smooth(point, 0, 25);
 ///
 /// Everything in namespace ground::detail is internal.
 #pragma once
 
 #include "ground/identification/grey_box.h"
-#include "ground/identification/inferred_wrench.h"
 #include "ground/identification/prediction.h"
 #include "ground/identification/run_data.h"
 #include "ground/identification/simulation_error.h"

@@ -21,7 +21,7 @@ struct FitOptions {
   int max_iterations = 200;
   int threads = 0;     ///< 0: all cores
   double block = 0.5;  ///< length of stretches taken as independent for the intervals [s]
-  bool near = false;   ///< the model's values are near the solution: skips the fit of short pieces
+  bool warm = false;   ///< the model's values are near the solution: skips the fit of short pieces
   /// Residual beyond which the robust loss grows as the absolute value; 0 means twice the deviation
   /// of the residuals. The costs of two fits are comparable only for equal widths.
   double width = 0;
@@ -49,7 +49,6 @@ struct FitResult {
   int starts_at_best = 0;                ///< starts that converged to the best solution
   int iterations = 0;
   bool converged = false;
-  std::string message;
 };
 
 /// The measurements that a simulation is compared with.

@@ -64,8 +64,7 @@ class Derivatives {
 ///     (a + v) * (b + w) = a b + (a w + b v)
 ///     f(a + v)          = f(a) + f'(a) v
 ///
-/// ceres::Jet is the same, and takes five times as long: it clears each temporary number, and is not
-/// inlined. Like a double, a Jet is not initialised by default.
+/// Like a double, a Jet is not initialised by default.
 struct Jet {
   double a;       ///< value
   Derivatives v;  ///< derivatives

@@ -140,7 +140,7 @@ def _predict(task: _Task) -> List[Prediction]:
             0,
             starts,
             horizons,
-            unknown_loudness=True,
+            unknown_scale=True,
             free=list(fit.free),
             information=fit.information,
             scale=list(fit.scale),

@@ -101,21 +101,21 @@ class Likelihood:
         """
         held = {**self.absent, **(held or {})}
         near_by = self.box.start(model) if near is None else near.point
-        start = _core.GreyBoxPoint(model, {**near_by.levels, **held}, near_by.loudness)
+        start = _core.GreyBoxPoint(model, {**near_by.levels, **held}, near_by.log_scales)
         found = call(
             self.box.fit,
             start,
             list(free),
             levels=levels,
             held=list(held),
-            far=near is None,
+            warm=near is not None,
             cap=CAP,
             threads=self.threads,
         )
         return Fit(
             found["point"].model,
             found["point"].levels,
-            tuple(found["point"].loudness),
+            tuple(found["point"].log_scales),
             tuple(free),
             found["log_posterior"],
             np.array(found["by_run"]),

@@ -7,11 +7,10 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import residuals
-from ground.recordings import repair
+from ground.analysis.likelihood import CAP
 from ground.support.annotations import Array, Document
 
-MAX_WRENCH = 3.0  # largest missing wrench, in multiples of full thrust; a larger one is a disturbance
-MAX_OUTLIER = 8.0  # the same in robust standard deviations
+IN_A_ROW = 5  # outliers that make a disturbance
 EVENT_MARGIN = 0.3  # time cut on both sides of a disturbance [s]
 MIN_WRENCH = 0.01  # share of full thrust below which a wrench counts as zero
 MAP_CELLS = 5  # cells along each side of the map
@@ -19,7 +18,6 @@ MAP_CELLS = 5  # cells along each side of the map
 Span = Tuple[float, float]  # start, end [s]
 
 CHANNEL_NAMES = {"X": "surge force X", "Y": "side force Y", "N": "yaw moment N"}
-CHANNEL_UNITS = {"X": "N", "Y": "N", "N": "N m"}
 
 
 def full_scale(model: _core.Model) -> Array:
@@ -33,34 +31,32 @@ class Undisturbed:
     """A run without its disturbances."""
 
     run: _core.RunData
-    filter: _core.WrenchFilter  # along it
-    noise: _core.WrenchNoise  # likeliest levels of a random walk
+    box: _core.GreyBox  # likelihood of its poses
+    white: _core.GreyBoxPoint  # the model with the likeliest white wrench
     events: List[Span]  # the disturbances
 
 
 def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
     """Leaves out the disturbances of a run.
 
-    Walls, hands and wrong poses need wrenches far larger than those of a missing effect. A few of
-    them would dominate the noise levels and hide everything else.
+    Walls, hands and wrong poses need wrenches far larger than those of a missing effect: several poses
+    in a row are outliers. A few such pushes would dominate the levels and hide everything else.
     """
-    whole = _core.WrenchFilter(model, run, repair.MAX_GAP)
-    noise = whole.likeliest_noise(_core.WrenchNature.random_walk)
-    size = np.abs(whole.smooth(noise)["wrench"])
-    usual = 1.4826 * np.median(size, axis=0)
-    disturbed = (size > np.maximum(MAX_WRENCH * full_scale(model), MAX_OUTLIER * usual)).any(axis=1)
+    whole = Undisturbed(run, *residuals.disturbance(run, model, "white"), [])
+    outlier = np.sum(np.square(whole.box.residuals(whole.white, 0)["whitened"]), axis=1) > 0.999 * CAP
+    disturbed = np.convolve(outlier, np.ones(IN_A_ROW), "same") == IN_A_ROW
     times = np.array(run.times)
-    found: List[List[float]] = []
+    spans: List[List[float]] = []
     for time in times[disturbed]:
-        if found and time - EVENT_MARGIN <= found[-1][1]:
-            found[-1][1] = time + EVENT_MARGIN
+        if spans and time - EVENT_MARGIN <= spans[-1][1]:
+            spans[-1][1] = time + EVENT_MARGIN
         else:
-            found.append([time - EVENT_MARGIN, time + EVENT_MARGIN])
+            spans.append([time - EVENT_MARGIN, time + EVENT_MARGIN])
     keep = np.ones(len(times), bool)
-    for start, end in found:
+    for start, end in spans:
         keep &= (times < start) | (times > end)
-    if not found or keep.mean() < 0.5:
-        return Undisturbed(run, whole, noise, [])
+    if not spans or keep.mean() < 0.5:
+        return whole
     rest = _core.RunData(
         run.name,
         times[keep],
@@ -71,10 +67,8 @@ def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
         run.noise,
         run.drives,
     )
-    events = [(max(a, times[0]), min(b, times[-1])) for a, b in found]
-    without = _core.WrenchFilter(model, rest, repair.MAX_GAP)
-    noise = without.likeliest_noise(_core.WrenchNature.random_walk)
-    return Undisturbed(rest, without, noise, events)
+    events = [(max(a, times[0]), min(b, times[-1])) for a, b in spans]
+    return Undisturbed(rest, *residuals.disturbance(rest, model, "white"), events)
 
 
 @dataclass
@@ -106,14 +100,15 @@ class Missing:
 def of_wrench(calm: Undisturbed, model: _core.Model) -> Missing:
     """Infers the missing wrench along an undisturbed run by a Kalman smoother."""
     eta = np.array(calm.run.eta)
-    smoothed = calm.filter.smooth(calm.noise)
+    box, point = residuals.disturbance(calm.run, model, "sigma")
+    smoothed = box.smooth(point, 0)
     wrench, sigma = smoothed["wrench"], smoothed["sigma"]
     numbers: Document = {
         "disturbances": [{"start": float(a), "end": float(b)} for a, b in calm.events],
-        "noise": residuals.noise_levels(calm.noise, "N/sqrt(s)", "N m/sqrt(s)"),
+        "noise": residuals.levels(point, calm.run, "sigma"),
         "channels": {
             channel: {
-                "unit": CHANNEL_UNITS[channel],
+                "unit": residuals.UNITS[channel],
                 "mean": float(wrench[:, i].mean()),
                 "rms": float(np.sqrt((wrench[:, i] ** 2).mean())),
                 "std": float(wrench[:, i].std()),

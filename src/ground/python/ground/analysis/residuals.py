@@ -7,11 +7,14 @@ spacing of the stamps, and independent of the inputs.
 """
 
 from statistics import NormalDist
-from typing import Dict, Optional, Sequence
+from typing import Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
+from ground.analysis.likelihood import ABSENT
+from ground.analysis.thinning import thinned
+from ground.recordings import repair
 from ground.support.annotations import Array, Document, Indices
 
 CHANNELS = ("ahead", "starboard", "heading")
@@ -19,28 +22,37 @@ LAGS = 40  # number of lags of the auto-correlation [samples]
 BARTLETT_LAGS = 100  # lags over which residuals widen the band of that correlation [samples]
 INPUT_LAGS = np.arange(-0.2, 0.801, 0.04)  # positive: the input precedes the residual [s]
 BAND = 0.99
+SETTLING = 10  # samples for the filter to settle at the start of a stretch
+ITERATIONS = 5  # of the levels, in each part of their fit: more change them little
+UNITS = {"X": "N", "Y": "N", "N": "N m"}
+CORRELATED = ("sigma", "trim", "thrust")  # levels of what is not white
 
 
-def analyse(wrench_filter: _core.WrenchFilter, run: _core.RunData, model: _core.Model) -> Document:
+def analyse(
+    run: _core.RunData, model: _core.Model, box: _core.GreyBox, point: _core.GreyBoxPoint
+) -> Document:
     """Auto-correlation and correlation with what the thrusters of a model are told to push ahead
     (`input_sum`) and to turn (`input_difference`), with 99% bands.
 
-    Pairs never span a gap. Lags of the auto-correlation count samples: innovations are white
-    sample by sample.
+    box, point: the run's likelihood with a white disturbance. Pairs never span a gap. Lags of the
+    auto-correlation count samples: innovations are white sample by sample.
     """
-    nature = _core.WrenchNature.white
-    noise = wrench_filter.likeliest_noise(nature)
-    found = wrench_filter.innovations(nature, noise)
-    residual, valid = found["normalised"], np.array(found["valid"])
-    stretch = np.zeros(len(valid), int)
-    stretch[wrench_filter.stretches[1:-1]] = 1
-    stretch = np.cumsum(stretch)
+    left = box.residuals(point, 0)
+    starts = np.flatnonzero(~np.array(left["scored"]))
+    stretch = np.searchsorted(starts, np.arange(len(run.times)), side="right") - 1
+    valid = np.arange(len(run.times)) - starts[stretch] >= SETTLING
+    residual = np.array(left["whitened"])
+    c, s = np.cos(left["states"][:, 2]), np.sin(left["states"][:, 2])
+    residual[:, 0], residual[:, 1] = (
+        c * residual[:, 0] + s * residual[:, 1],
+        c * residual[:, 1] - s * residual[:, 0],
+    )
     times = np.array(run.times)
     result: Document = {
         "of": "innovations of the pose, Kalman filter around the model with white force",
         "band": BAND,
         "samples": int(valid.sum()),
-        "noise": noise_levels(noise, "N sqrt(s)", "N m sqrt(s)"),
+        "noise": levels(point, run, "white"),
         "channels": {},
     }
     step = float(np.median(np.diff(times)))
@@ -64,14 +76,31 @@ def commands(model: _core.Model) -> Dict[str, str]:
     return dict(zip(("input_sum", "input_difference"), names))
 
 
-def noise_levels(noise: _core.WrenchNoise, force_unit: str, moment_unit: str) -> Document:
-    """Levels of a wrench filter with their units, as plain values."""
-    return {
-        "force": {"value": noise.force, "unit": force_unit},
-        "moment": {"value": noise.moment, "unit": moment_unit},
-        "position": {"value": noise.position, "unit": "m"},
-        "heading": {"value": noise.heading, "unit": "rad"},
-    }
+def disturbance(
+    run: _core.RunData, model: _core.Model, kind: str
+) -> Tuple[_core.GreyBox, _core.GreyBoxPoint]:
+    """The likelihood of a run's poses, and its maximum over the levels of pose noise and of a wrench in the
+    body's frame: "sigma", correlated over time, or "white", which leaves everything else in the
+    innovations."""
+    box = _core.GreyBox([thinned(run)], model, repair.MAX_GAP)
+    start = box.start(model).levels
+    fitted = ["position", "heading"] + [kind + "_" + channel for channel in UNITS]
+    absent = ["thrust"] if kind == "sigma" else [name for name in start if name.startswith(CORRELATED)]
+    point = _core.GreyBoxPoint(model, {**start, **{name: ABSENT * start[name] for name in absent}})
+    held = [name for name in start if name not in fitted]
+    # What is correlated is asked of runs without disturbances, so that no pose is far off.
+    found = box.fit(point, [], held=held, warm=kind == "sigma", max_iterations=ITERATIONS)["point"]
+    return _core.GreyBox([run], model, repair.MAX_GAP), found
+
+
+def levels(point: _core.GreyBoxPoint, run: _core.RunData, kind: str) -> Document:
+    """Levels of the wrench of a kind ("sigma" or "white") and of the noise of poses, with their units."""
+    found, per = point.levels, " sqrt(s)" if kind == "white" else ""
+    scale = np.exp(point.log_scales[0])  # of the run
+    entries = [(c, scale * found[kind + "_" + c], UNITS[c] + per) for c in UNITS]
+    entries += [("position", found["position"] * run.noise[0], "m")]
+    entries += [("heading", found["heading"] * run.noise[2], "rad")]
+    return {name: {"value": float(value), "unit": unit} for name, value, unit in entries}
 
 
 def held(run: _core.RunData, times: Array) -> Array:

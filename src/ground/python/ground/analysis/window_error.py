@@ -88,7 +88,7 @@ class WindowFitter:
 
     def _judged(self, near: _core.Model, free: Sequence[str], length: float) -> WindowFit:
         """The fit from a model near the best, to windows of a length, and its errors."""
-        result = self._fit(self.windows, near, free, length, near=True)
+        result = self._fit(self.windows, near, free, length, warm=True)
         # the fits without a part have its robust loss, of a width in standard deviations, and its states
         width = result["width"] if np.isfinite(result["width"]) else 0.0
         initial = iter(result["initial"])
@@ -99,7 +99,7 @@ class WindowFitter:
             known = [state for i in rest for state in states[i]]
             other = self._fit(
                 [self.windows[i] for i in rest], result["model"], free, length,
-                near=True, width=width, initial=known,
+                warm=True, width=width, initial=known,
             )  # fmt: skip
             inside = np.flatnonzero(self.part_of == part)
             tested = [self.windows[i] for i in inside]

@@ -95,7 +95,7 @@ class _Problem:
         width = result["width"] if np.isfinite(result["width"]) else 0.0
 
         def refit(part: Sequence[_core.Window], initial: Sequence[Array]) -> Document:
-            return self.fit(result["model"], part, near=True, width=width, initial=initial)
+            return self.fit(result["model"], part, warm=True, width=width, initial=initial)
 
         return refit
 
@@ -133,7 +133,7 @@ def fit(
     with work.stage(FITTING):
         result = problem.fit(given.core, problem.cut(), options.starts)
     if not result["converged"]:
-        warn("the fit has not converged: %s" % result["message"])
+        warn("the fit has not converged after %d iterations" % result["iterations"])
     refit = problem.refit_near(result)
     with work.stage(folds.BLOCKS):
         blocks = _blocks(problem, given.core, result, refit, work)
@@ -209,7 +209,6 @@ def _result(
         condition=result["condition"],
         weak=identifiability.weak_directions(result),
         converged=result["converged"],
-        message=result["message"],
         runs=runs,
         same_inputs=quality.same_inputs(seen.runs),
         remarks=[

@@ -84,7 +84,6 @@ class Fit(Shown):
     condition: float  #: condition number of the scaled information matrix
     weak: List[Document]  #: combinations of parameters that are known better than their parts
     converged: bool
-    message: str  #: the optimizer's message
     runs: List[RunFit]  #: fits to each run; empty for a single run
     same_inputs: List[Tuple[str, str]]  #: runs that were driven by the same commands
     remarks: List[str]  #: sentences on units that seem wrong and what is not identifiable

@@ -21,7 +21,7 @@ def inspect(run: _core.RunData, model: _core.Model, label: str, role: str = "fit
     try:
         evaluation = comparison.evaluate(run, model)
         calm = missing_wrench.undisturbed(model, run)
-        correlation = residuals.analyse(calm.filter, calm.run, model)
+        correlation = residuals.analyse(calm.run, model, calm.box, calm.white)
         missing = missing_wrench.of_wrench(calm, model)
     except (ValueError, RuntimeError) as error:
         raise GroundError("%s with %s: %s" % (run.name, label, error))

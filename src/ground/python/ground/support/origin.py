@@ -28,7 +28,7 @@ def versions() -> str:
     """Versions of the programs used."""
     from ground import _core
 
-    found = {"ground": _core.version, "Ceres": _core.ceres_version, "Eigen": _core.eigen_version}
+    found = {"ground": _core.version, "Eigen": _core.eigen_version}
     libraries = ("numpy", "scipy", "scikit-learn", "plotly")
     found.update((name, metadata.version(name)) for name in libraries)
     found["Python"] = platform.python_version()
