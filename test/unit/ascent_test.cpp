@@ -176,8 +176,3 @@ TEST_F(Ascent, RefusesAStartWhoseMotionIsNotFinite) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

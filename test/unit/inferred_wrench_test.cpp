@@ -453,8 +453,3 @@ TEST(WrenchFilter, TheLikeliestNoiseIsAMaximum) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}
