@@ -39,8 +39,7 @@ class Excitation : public Controller {
     const auto file = optionalParameter<std::string>(nh, "model", "");
     if (!file.empty()) model_ = loadModelAndWarn(file);
     burst_publisher_ = topics().advertise<ground_msgs::Burst>("bursts", 10, true);
-    reconfigure_ =
-        std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) { apply(c); });
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) { apply(c); });
     model_service_ = ModelService(reconfigure_->thread(), nh, "load_model",
                                   [this](const Model& model, const std::string&) {
                                     requireSameThrusters(*thrusters(), *model.thrusters);

@@ -40,7 +40,7 @@ class OpenLoopPRBS : private Pilot, public Controller {
       sequence_ = readPrbs(csv_, optionalParameter<int>(nh, "rows_per_bit", 0));
     }
     using Config = OpenLoopPRBSConfig;
-    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) {
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) {
       const std::lock_guard lock(mutex());
       params_ = paramsIn<PrbsParams>(c);
       auto life = paramsIn<LifecycleParams>(c);

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
@@ -156,9 +157,9 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
   place.initial = params.initial;
   place.seed = params.seed;
   place.disturbance = params.disturbance;
-  const auto made = params.plant ? std::make_unique<SimulatedLab>(*params.plant, params.mocap, place)
-                                 : std::make_unique<SimulatedLab>(model, params.mocap, place);
-  SimulatedLab& room = *made;
+  std::optional<ModelCraft> own;
+  if (!params.plant) own.emplace(model, place);
+  SimulatedLab room(params.plant ? *params.plant : *own, params.mocap, place);
   const double input_max = model.body.input_max;
   while (true) {
     const double captures = room.nextCapture();
