@@ -53,15 +53,9 @@ class Excitation : public Controller {
     std::vector<double> found;
     std::string spaced = text;
     std::replace(spaced.begin(), spaced.end(), ',', ' ');
-    std::istringstream words(spaced);
-    for (std::string word; words >> word;) {
-      std::size_t used = 0;
-      try {
-        found.push_back(std::stod(word, &used));
-      } catch (const std::exception&) {
-      }
-      if (used != word.size()) throw std::invalid_argument("levels: '" + word + "' is not a number");
-    }
+    std::istringstream numbers(spaced);
+    for (double level; numbers >> level;) found.push_back(level);
+    if (!numbers.eof()) throw std::invalid_argument("levels: '" + text + "' is not a list of numbers");
     return found;
   }
 

@@ -183,14 +183,6 @@ void require(const std::string& wrong) {
   if (!wrong.empty()) throw std::invalid_argument(wrong);
 }
 
-void requireSameThrusters(const Model& model, const Model& believed) {
-  if (model.thrusters->size() != believed.thrusters->size())
-    throw std::invalid_argument("the controller's model " + believed.name + " commands " +
-                                std::to_string(believed.thrusters->size()) + " thrusters, and " + model.name +
-                                " has " + std::to_string(model.thrusters->size()) +
-                                ": give a model with the craft's thrusters");
-}
-
 }  // namespace
 
 std::string DriveParams::validate() const {
@@ -226,7 +218,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
                              const ExperimentParams& params) {
   require(tracking.validate());
   require(tracking.max_error >= 0 ? "" : "max_error must not be negative");
-  requireSameThrusters(model, believed);
+  Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
   LivePilot live(tracking, log);
   ReferencePilot pilot([&live] { return live.now(); },
@@ -251,7 +243,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
 ExperimentLog excite(const Model& model, const Model& believed, const ExcitationParams& excitation,
                      const ExperimentParams& params) {
   require(excitation.validate());
-  requireSameThrusters(model, believed);
+  Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
   LivePilot live(excitation, log);
   ExcitationPilot pilot([&live] { return live.now(); },
