@@ -44,9 +44,9 @@ void addInBody(Vector3<T>& own, bool world, const Point<T>& point, Vector3<T>& w
   for (int c = 0; c < 3; ++c) wrench(c) += own(c);
 }
 
-inline bool isIdentifier(const std::string& text) {
+inline bool isIdentifier(const std::string& text, std::size_t longest = kLongestName) {
   static const std::regex identifier("[A-Za-z][A-Za-z0-9_]*");
-  return text.size() <= kLongestName && std::regex_match(text, identifier);
+  return text.size() <= longest && std::regex_match(text, identifier);
 }
 
 /// Throws std::invalid_argument if the name of an effect in a model file is not an identifier.

@@ -75,7 +75,7 @@ std::vector<Thruster> leftAndRight() {
 }  // namespace
 
 void validate(const Thruster& thruster) {
-  if (!isIdentifier(thruster.name) || thruster.name.size() > kLongestThrusterName)
+  if (!isIdentifier(thruster.name, kLongestThrusterName))
     throw std::invalid_argument("the name of thruster '" + shortened(thruster.name) +
                                 "' must be a letter and then letters, digits or _, at most " +
                                 std::to_string(kLongestThrusterName) + " characters");
