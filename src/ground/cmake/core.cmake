@@ -51,6 +51,9 @@ ground_library(model)
 file(GLOB sources CONFIGURE_DEPENDS ${ground_source_dir}/src/model/*.cpp)
 set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
 set_target_properties(ground_model PROPERTIES UNITY_BUILD ON)
+# A pair of numbers that were just stored one by one would have to wait until it can be loaded at once.
+set_property(SOURCE ${ground_source_dir}/src/model/dynamics.cpp APPEND PROPERTY
+  COMPILE_OPTIONS -fno-tree-vectorize)
 target_include_directories(ground_model SYSTEM PRIVATE ${MUPARSER_INCLUDE_DIR})
 target_compile_options(ground_model PUBLIC ${ground_core_options})
 # Arithmetic of numbers with derivatives has to be inlined, even into large functions: it is six times
