@@ -82,7 +82,7 @@ double errorOf(const Model& truth, TrackingController& control, const ReferenceT
 
 TEST(TrackingLawOfAnyThrusters, GivesAListedPairTheInputsOfThePair) {
   const Model model = loadModel("cfg/hovercraft/tiny_whoover.yaml");
-  const TrackingLaw pair(model), other(listed());
+  const BacksteppingControl pair(model, {}), other(listed(), {});
   std::mt19937 random(1);
   std::uniform_real_distribution<double> uniform(-1, 1);
   for (int i = 0; i < 1000; ++i) {
@@ -92,7 +92,7 @@ TEST(TrackingLawOfAnyThrusters, GivesAListedPairTheInputsOfThePair) {
     for (int c = 0; c < 3; ++c) state.nu(c) = uniform(random);
     reference.p = {uniform(random), uniform(random)};
     reference.p_dot = {uniform(random), uniform(random)};
-    const TrackingLaw::Output a = pair.run(state, reference, {}), b = other.run(state, reference, {});
+    const auto a = pair.run(state, reference), b = other.run(state, reference);
     for (int j = 0; j < 2; ++j) {
       ASSERT_NEAR(a.inputs(j), b.inputs(j), 1e-12);
       ASSERT_NEAR(a.wanted(j), b.wanted(j), 1e-9 * (1 + std::abs(a.wanted(j))));

@@ -137,8 +137,3 @@ TEST(AxisMapping, RefusesAxesThatAreNotRightHanded) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

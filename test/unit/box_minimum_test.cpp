@@ -84,8 +84,3 @@ TEST(BoxMinimum, AFunctionWithoutMinimumIsRefused) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

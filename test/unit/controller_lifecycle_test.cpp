@@ -338,8 +338,3 @@ TEST_F(Lifecycle, ThrustNeedsATrustedState) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

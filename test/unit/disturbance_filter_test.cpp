@@ -563,8 +563,3 @@ TEST_P(Filtered, ResponsesAreThoseOfFiniteDifferencesWithFixedGains) {
 
 }  // namespace
 }  // namespace ground::detail
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -196,8 +196,3 @@ TEST(DisturbanceObserver, ForgetsMeasurementsButNotCommands) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -90,7 +90,8 @@ struct DrivenRun {
     mocap.position_noise = mocap.heading_noise = mocap.latency = 0;
     SimulatedLab::Params params;
     params.start = start;
-    SimulatedLab room(truth, mocap, params);
+    ModelCraft craft(truth, params);
+    SimulatedLab room(craft, mocap, params);
     const InputSignal signal = playBits({makePrbs(9, 5), 1}, {});
     std::vector<Vector3<double>> eta, nu;
     for (int i = 0; i < 100 * kEnd; ++i) {

@@ -264,8 +264,3 @@ TEST(Excitation, AStrongDisturbanceStopsTheCraftBeforeAWall) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

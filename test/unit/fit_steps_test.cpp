@@ -287,8 +287,3 @@ TEST(Uncertainty, IsThatOfTheJackknifeByItsDefinition) {
 
 }  // namespace
 }  // namespace ground::detail
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

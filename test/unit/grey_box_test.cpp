@@ -452,8 +452,3 @@ TEST(GreyBoxForecast, BandsHoldUnderAForceThatKeepsItsDirectionInTheRoom) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -199,8 +199,3 @@ TEST(Windows, CoverTheRunWithoutItsGaps) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

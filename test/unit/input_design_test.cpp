@@ -270,8 +270,3 @@ TEST(InputFile, ComplaintsNameFileAndLine) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -139,8 +139,3 @@ TEST_F(Maximum, RefusesAStartWhoseMotionIsNotFinite) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

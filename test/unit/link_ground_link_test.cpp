@@ -629,8 +629,3 @@ TEST_F(LinkOfAnyThrusters, SendsCommandsOfAllThrustersAndZerosToAll) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -54,8 +54,3 @@ TEST_F(OwnStopTest, UsesTheNewestDecidedTrialOfTheRealCraft) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -161,8 +161,3 @@ TEST(FloorMap, HasTheMeansOfCellsWithEnoughSamples) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -201,8 +201,3 @@ TEST(ObedienceMonitor, ACraftAtRestUnderFullThrustIsReportedUntilReset) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

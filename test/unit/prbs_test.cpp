@@ -95,8 +95,3 @@ TEST(PrbsFile, ComplaintsNameFileAndLine) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

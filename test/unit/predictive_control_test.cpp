@@ -414,8 +414,3 @@ TEST(PredictiveControl, KeepsItsDeadlineWithTheBestPlanSoFar) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

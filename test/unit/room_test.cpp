@@ -133,12 +133,12 @@ TEST(RoomFile, ComplaintsNameFileLineAndKey) {
   } cases[] = {
       {"schema: ground/model/1", "line 1", "schema: ground/room/1"},
       {"corners: 5", "line 3", "corners must be a list"},
-      {"corners: [[-2, -2], [2, -2], [2, 2, 1], [-2, 2]]", "line 3", "corners must be [x, y]"},
+      {"corners: [[-2, -2], [2, -2], [2, 2, 1], [-2, 2]]", "line 3", "corners must be a list of 2 numbers"},
       {"corners: [[-2, -2], [2, -2], [2, x], [-2, 2]]", "line 3", "corners must be a number"},
       {"margin: wide", "line 4", "margin must be a number"},
       {"margin: .nan", "line 4", "margin must not be NaN"},
-      {"home: 0", "line 5", "home must be [x, y]"},
-      {"home: [0]", "line 5", "home must be [x, y]"},
+      {"home: 0", "line 5", "home must be a list of 2 numbers"},
+      {"home: [0]", "line 5", "home must be a list of 2 numbers"},
       {"braking: [1]", "line 6", "braking must be a number"},
       {"latency: {}", "line 7", "latency must be a number"},
       {"height: 3", "line 8", "unknown key 'height'"},
@@ -289,8 +289,3 @@ TEST(LeavesRoom, NeedsSpaceToStopAfterALossOfTheMocap) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -24,7 +24,8 @@ MocapParams perfect() {
 std::vector<MocapFrame> experiment(const MocapParams& mocap, unsigned long seed, double tick) {
   SimulatedLab::Params params;
   params.seed = seed;
-  SimulatedLab room(tinyWhoover(), mocap, params);
+  ModelCraft craft(tinyWhoover(), params);
+  SimulatedLab room(craft, mocap, params);
   std::vector<MocapFrame> all;
   for (int i = 0; i < 100; ++i) {
     room.command(i % 3 > 0, i % 5 > 2, 1);
@@ -54,7 +55,8 @@ TEST(SimulatedLab, FramesComeAtTheirRateWithLatencyAndNoise) {
   mocap.position_noise = 1e-3;
   mocap.heading_noise = 1e-2;
   mocap.latency = 0.03;
-  SimulatedLab room(tinyWhoover(), mocap, {});
+  ModelCraft craft(tinyWhoover(), {});
+  SimulatedLab room(craft, mocap, {});
   std::vector<MocapFrame> frames;
   Vector3<double> square = Vector3<double>::Zero();
   for (int i = 1; i <= 5000; ++i) {
@@ -72,7 +74,8 @@ TEST(SimulatedLab, FramesComeAtTheirRateWithLatencyAndNoise) {
 }
 
 TEST(SimulatedLab, WatchdogStopsTheMotorsWithoutCommands) {
-  SimulatedLab room(tinyWhoover(), perfect(), {});
+  ModelCraft craft(tinyWhoover(), {});
+  SimulatedLab room(craft, perfect(), {});
   EXPECT_TRUE(room.watchdogExpired());
   room.command(1, 1, 1);
   room.advance(0.2);
@@ -95,7 +98,8 @@ TEST(SimulatedLab, ACraftWithoutLiftSlidesStraightToRestAndStaysThere) {
   params.initial.nu << 0.6, -0.4, 3;
   params.disturbance.time.setConstant(0.3);
   params.disturbance.sigma = {0.02, 0.02, 5e-4};  // less than friction holds
-  SimulatedLab room(tinyWhoover(), perfect(), params);
+  ModelCraft craft(tinyWhoover(), params);
+  SimulatedLab room(craft, perfect(), params);
   room.command(0, 0, 1);
   room.command(0, 0, 0);
   const double speed = params.initial.nu.head<2>().norm();
@@ -118,13 +122,14 @@ TEST(SimulatedLab, TheModelCanBeReplacedDuringARun) {
   biased.setValue("body_force_bias.x0", 0.01);
   Model broken = tinyWhoover();
   broken.body.m = 1e-320;
-  SimulatedLab room(tinyWhoover(), perfect(), {});
+  ModelCraft craft(tinyWhoover(), {});
+  SimulatedLab room(craft, perfect(), {});
   room.command(1, 0.4, 1);
   room.advance(0.2);
   const RigidState<double> before = room.state(), rate = room.derivative();
-  EXPECT_THROW(room.setModel(broken), std::invalid_argument);
+  EXPECT_THROW(craft.setModel(broken), std::invalid_argument);
   EXPECT_EQ(room.derivative().nu, rate.nu);
-  room.setModel(biased);
+  craft.setModel(biased);
   EXPECT_EQ(room.state().eta, before.eta);
   EXPECT_EQ(room.state().nu, before.nu);
   const Vector3<double> more = room.derivative().nu - rate.nu;
@@ -134,8 +139,8 @@ TEST(SimulatedLab, TheModelCanBeReplacedDuringARun) {
   Model scaled = tinyWhoover();
   scaled.body.input_max = 2;
   scaled.body.k /= 2;
-  room.setModel(tinyWhoover());
-  room.setModel(scaled);
+  craft.setModel(tinyWhoover());
+  craft.setModel(scaled);
   EXPECT_NEAR((room.derivative().nu - rate.nu).norm(), 0, 1e-9);
   room.advance(0.3);
   EXPECT_TRUE(room.state().eta.allFinite());
@@ -188,7 +193,8 @@ TEST(SimulatedLab, ADisturbanceActsAsAForce) {
   Model model = tinyWhoover();
   model.addEffect(makeEffect("com_offset"));  // a mass matrix that is not diagonal
   model.setValue("com_offset.xg", 0.005);
-  SimulatedLab room(model, perfect(), params);
+  ModelCraft craft(model, params);
+  SimulatedLab room(craft, perfect(), params);
   room.command(1, 0.6, 1);
   room.advance(1e-3);
   const Vector3<double> wrench = room.wrench();
@@ -201,7 +207,8 @@ TEST(SimulatedLab, ADisturbanceActsAsAForce) {
   same.setValue("yaw_bias.n0", wrench.z());
   same.body.k *= DisturbanceSource(params.disturbance, kDefaultStep, params.seed).thrustFactor();
   EXPECT_GT(std::abs(same.body.k / model.body.k - 1), 1e-3);
-  SimulatedLab other(same, perfect(), {});
+  ModelCraft other_craft(same, {});
+  SimulatedLab other(other_craft, perfect(), {});
   other.command(1, 0.6, 1);
   other.advance(1e-3);
   EXPECT_LT((room.derivative().nu - other.derivative().nu).norm(), 1e-2);
@@ -212,8 +219,3 @@ TEST(SimulatedLab, ADisturbanceActsAsAForce) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -70,15 +70,15 @@ TEST(Symmetry, AnglesAreWrappedToHalfATurnOnBothSides) {
 }
 
 TEST(Symmetry, TheTrackingLawIsTheSameInEveryWorld) {
-  const TrackingLaw law(craft());
+  const BacksteppingControl law(craft(), {});
   const ReferencePtr rose = makeRhodonea({0, 0}, 1.5, 1.5, 0.4);
   std::mt19937 random(1);
   for (int trial = 0; trial < 50; ++trial) {
     const RigidState<double> seen = randomState(random, 1);
     const ReferencePoint at = rose->at(0.3 * trial);
-    const auto here = law.run(seen, at, TrackingGains());
+    const auto here = law.run(seen, at);
     for (const World& world : worlds()) {
-      const auto there = law.run(world.state(seen), world.reference(at), TrackingGains());
+      const auto there = law.run(world.state(seen), world.reference(at));
       const double side = world.side();
       EXPECT_NEAR(there.force, here.force, 1e-9 * (1 + std::abs(here.force)));
       EXPECT_NEAR(there.torque, side * here.torque, 1e-9 * (1 + std::abs(here.torque)));

@@ -31,8 +31,3 @@ INSTANTIATE_TEST_SUITE_P(Noise, TableThreeOne,
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

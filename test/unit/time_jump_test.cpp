@@ -94,8 +94,3 @@ TEST(TimeJump, IsFoundInASimulatedClockAfterAPause) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

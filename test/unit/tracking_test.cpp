@@ -249,7 +249,6 @@ TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
   // the law knows the true acceleration.
   Model model = mvwt();
   model.setValue("X_u", model.body.Y_v);
-  const TrackingLaw law(model);
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
   const ReferencePtr reference = makeSinusoid({0.1, 0}, 0.3, 1.0, 0.3);
@@ -258,6 +257,7 @@ TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
   int checked = 0;
   for (int trial = 0; trial < 300; ++trial) {
     gains.delta_2 = trial % 2 ? 0.004 : 0.0;
+    const BacksteppingControl law(model, gains);
     const double t = 1.0 + 0.1 * trial;
     RigidState<double> state;
     const ReferencePoint at = reference->at(t);
@@ -265,7 +265,7 @@ TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
     state.nu.head<2>() =
         worldToBody<double>(state.eta.z(), at.p_dot) + 0.05 * Vector2<double>(normal(random), normal(random));
     state.nu.z() = 0.3 * normal(random);
-    const auto out = law.run(state, at, gains);
+    const auto out = law.run(state, at);
     if (out.force <= 0 || out.force >= 9) continue;
     ++checked;
     // motion by Taylor's formula, with the law's force and any yaw acceleration
@@ -279,7 +279,7 @@ TEST(TrackingLaw, AlphaDotIsTheDerivativeOfAlphaAlongTheMotion) {
       const Vector2<double> p_dot = bodyToWorld<double>(state.eta.z(), v);
       moved.eta << state.eta.x() + dt * p_dot.x(), state.eta.y() + dt * p_dot.y(), state.eta.z() + dt * r;
       moved.nu << v + dt * v_dot, r + dt * yaw_acceleration;
-      return law.run(moved, reference->at(t + dt), gains).alpha;
+      return law.run(moved, reference->at(t + dt)).alpha;
     };
     const auto central = [&](double h) { return Vector2<double>((alpha(h) - alpha(-h)) / (2 * h)); };
     const double h = 2e-4;  // Richardson's extrapolation of central differences
@@ -298,7 +298,7 @@ struct Tracked {
 /// Closed loop at 50 Hz; the error counts from `settled` on.
 Tracked track(const Model& model, const TrackingGains& gains, const ReferenceTrajectory& reference,
               const RigidState<double>& initial, double duration, double settled) {
-  const TrackingLaw law(model);
+  const BacksteppingControl law(model, gains);
   const Dynamics<double> dynamics(model);
   InputSequence inputs;
   Simulation<double> simulation(dynamics, inputs, initial, 0);
@@ -307,7 +307,7 @@ Tracked track(const Model& model, const TrackingGains& gains, const ReferenceTra
   for (int i = 0; i < duration * 50; ++i) {
     const double t = i / 50.0;
     simulation.advance(t);
-    const auto out = law.run(simulation.state(), reference.at(t), gains);
+    const auto out = law.run(simulation.state(), reference.at(t));
     run.error = out.error.norm();
     run.inputs = asVector(out.inputs);
     if (out.wanted != out.inputs) run.last_saturation = t;
@@ -373,8 +373,3 @@ TEST(ReferenceTable, EveryKindIsMadeAndUsesExactlyItsParameters) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

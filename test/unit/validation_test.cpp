@@ -65,8 +65,3 @@ TEST(Ranges, OfExperimentsAndDesigns) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -324,8 +324,3 @@ TEST(Smoother, IsTheLeastSquaresSolutionOfAllPoses) {
 
 }  // namespace
 }  // namespace ground
-
-int main(int argc, char** argv) {
-  testing::InitGoogleTest(&argc, argv);
-  return RUN_ALL_TESTS();
-}

@@ -20,11 +20,10 @@ endif()
 file(GLOB configs CONFIGURE_DEPENDS ${ground_cfg}/*.cfg ${ground_cfg}/*.py)
 set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${configs} ${ground_parameters})
 execute_process(COMMAND ${Python3_EXECUTABLE} ${ground_parameters} ${ground_cfg} ${ground_headers}/ground/parameters
-  ${CMAKE_BINARY_DIR}/parameters RESULT_VARIABLE failed)
+  RESULT_VARIABLE failed)
 if(failed)
   message(FATAL_ERROR "the structs of parameters cannot be written")
 endif()
-file(GLOB ground_written ${CMAKE_BINARY_DIR}/parameters/*.cpp)
 
 # One library for each folder. A new file in a folder (such as a physical effect) needs no edit here.
 function(ground_library folder)
@@ -47,11 +46,14 @@ endfunction()
 
 set(ground_core_options -fno-math-errno)  # no code reads errno after a square root
 
-ground_library(model ${ground_written})
+ground_library(model)
 # The effects are many small files: their headers take most of the time to compile.
 file(GLOB sources CONFIGURE_DEPENDS ${ground_source_dir}/src/model/*.cpp)
 set_source_files_properties(${sources} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
 set_target_properties(ground_model PROPERTIES UNITY_BUILD ON)
+# A pair of numbers that were just stored one by one would have to wait until it can be loaded at once.
+set_property(SOURCE ${ground_source_dir}/src/model/dynamics.cpp APPEND PROPERTY
+  COMPILE_OPTIONS -fno-tree-vectorize)
 target_include_directories(ground_model SYSTEM PRIVATE ${MUPARSER_INCLUDE_DIR})
 target_compile_options(ground_model PUBLIC ${ground_core_options})
 # Arithmetic of numbers with derivatives has to be inlined, even into large functions: it is six times

@@ -1,8 +1,7 @@
-"""Writes C++ structs of the parameters that cfg/*.cfg describe: parameter_structs.py CFG HEADERS SOURCES.
+"""Writes C++ structs of the parameters that cfg/*.cfg describe: parameter_structs.py CFG HEADERS.
 
-For each struct below it writes HEADERS/NAME.h and SOURCES/NAME.cpp. A member's default,
-meaning, unit and range are those of the .cfg file. Parameters with a list of values (edit_method) are
-left out: their kinds have tables in C++.
+For each struct below it writes HEADERS/NAME.h. A member's default, meaning, unit and range are those of
+the .cfg file. Parameters with a list of values (edit_method) are left out: their kinds have tables in C++.
 """
 
 import re
@@ -42,23 +41,15 @@ namespace ground {
 struct %(name)s {
 %(members)s
 
-  static const Tunables<%(name)s>& table();
+  static const Tunables<%(name)s>& table() {
+    static const Tunables<%(name)s> table = {
+%(rows)s
+    };
+    return table;
+  }
   /// Error message; empty if all values are in their ranges.
   std::string validate() const { return rangeError(table(), *this); }
 };
-
-}  // namespace ground
-"""
-SOURCE = """#include "ground/parameters/%(name)s.h"
-
-namespace ground {
-
-const Tunables<%(name)s>& %(name)s::table() {
-  static const Tunables<%(name)s> table = {
-%(rows)s
-  };
-  return table;
-}
 
 }  // namespace ground
 """
@@ -109,7 +100,7 @@ def literal(value):
     return "%.10g" % value
 
 
-def write(name, cfg, headers, sources):
+def write(name, cfg, headers):
     file, groups, comment = STRUCTS[name]
     found = groups_in(cfg / (file + ".cfg"))
     members, rows = [], []
@@ -117,16 +108,13 @@ def write(name, cfg, headers, sources):
         cpp = "std::string" if kind == "str" else kind
         members.append("  %s %s = %s;  ///< %s" % (cpp, field, literal(default), text))
         meaning, unit = re.fullmatch(r"(.*?)(?: \[(.*)\])?", text).groups()
-        row = '      {{"%s", "%s", "%s", %s, %s}, &%s::%s},'
+        row = '        {{"%s", "%s", "%s", %s, %s}, &%s::%s},'
         rows.append(row % (field, unit or "", meaning, literal(low), literal(high), name, field))
     texts = dict(name=name, file=file, comment=comment, members="\n".join(members), rows="\n".join(rows))
-    for path, template in (
-        (headers / (name + ".h"), HEADER),
-        (sources / (name + ".cpp"), SOURCE),
-    ):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not path.is_file() or path.read_text() != template % texts:  # builds nothing without a change
-            path.write_text(template % texts)
+    path = headers / (name + ".h")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.is_file() or path.read_text() != HEADER % texts:  # builds nothing without a change
+        path.write_text(HEADER % texts)
 
 
 if __name__ == "__main__":

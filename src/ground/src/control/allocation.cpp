@@ -9,34 +9,24 @@ namespace {
 constexpr double kEffort = 1e-9;  // e of the class comment
 constexpr double kMet = 1e-6;     // relative error of a wrench that counts as met
 
-double inputInTable(const std::vector<std::array<double, 2>>& table, double force) {
-  // Points from input 0 outwards, on the side of the force.
-  const double side = force > 0 ? 1 : -1;
-  double input = 0, reached = 0;
-  const auto step = [&](const std::array<double, 2>& point) {
-    const double next_input = side * point[0], next = side * point[1];
-    if (next_input <= 0 || side * force <= reached) return;
-    if (next > reached) {
-      const double share = std::min(1.0, (side * force - reached) / (next - reached));
-      input += share * (next_input - input);
-    } else {
-      input = next_input;
-    }
-    reached = next;
-  };
-  if (side > 0)
-    std::for_each(table.begin(), table.end(), step);
-  else
-    std::for_each(table.rbegin(), table.rend(), step);
-  if (side * force > reached && reached > 0) input *= side * force / reached;
-  return side * input;
+/// The smallest input in size with a force on the side of `far`, the end of the table there.
+double inputInTable(const ForceCurve& curve, double force, double far) {
+  const double most = curve.at(far);
+  if (std::abs(force) > std::abs(most)) return most == 0 ? far : far * (force / most);
+  double below = 0, above = far;
+  for (int i = 0; i < 60; ++i) {
+    const double middle = 0.5 * (below + above);
+    (std::abs(curve.at(middle)) < std::abs(force) ? below : above) = middle;
+  }
+  return above;
 }
 
 }  // namespace
 
 double inputFor(const ForceCurve& curve, double force) {
   if (force == 0 || curve.linear()) return force;
-  if (!curve.table.empty()) return inputInTable(curve.table, force);
+  if (!curve.table.empty())
+    return inputInTable(curve, force, force > 0 ? curve.table.back()[0] : curve.table.front()[0]);
   return std::copysign(std::pow(std::abs(force), 1 / curve.power), force);
 }
 

@@ -51,14 +51,14 @@ EffectUse wholeModelUse(const Model& model) {
   return use;
 }
 
-EffectUse bodyOnlyUse(const Model& model, const std::string& controller) {
+EffectUse bodyOnlyUse(const Model& model) {
   EffectUse use{{}, active(model), ""};
   const auto refuse = [&](unsigned hook, const char* what, double value, double bound, const char* unit) {
     if (std::abs(value) <= bound || !use.refusal.empty()) return;
     char text[160];
     std::snprintf(text, sizeof text, " (%s by %.3g %s, and more than %g %s steers it wrong)", what,
                   std::abs(value), unit, bound, unit);
-    use.refusal = controller + " cannot drive by this model, because it does not use " +
+    use.refusal = "TrajectoryTracking cannot drive by this model, because it does not use " +
                   list(active(model, hook)) + text + ": use ModelPredictive";
   };
   const Dynamics<double> dynamics(model);

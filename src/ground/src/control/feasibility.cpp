@@ -54,8 +54,12 @@ struct Worst {
   double excess = kTolerance;
   std::string message;
 
-  void report(double by, const std::string& text) {
-    if (by > excess) *this = {by, text};
+  template <typename... Args>
+  void report(double by, const char* text, Args... args) {
+    if (!(by > excess)) return;
+    char buffer[240];
+    std::snprintf(buffer, sizeof buffer, text, args...);
+    *this = {by, buffer};
   }
 };
 
@@ -76,28 +80,21 @@ Demand demand(const ReferencePoint& at, const Body<double>& body) {
           along.dot(body.m * at.p_ddot + body.X_u * at.p_dot)};
 }
 
-template <typename... Args>
-std::string format(const char* text, Args... args) {
-  char buffer[240];
-  std::snprintf(buffer, sizeof buffer, text, args...);
-  return buffer;
-}
-
 /// Judges the thrust at time t [s].
 void judgeThrust(const Limits& limits, double surge, double t, Worst& worst) {
   const double excess = std::max(surge - limits.thrust(), limits.least() - surge);
   worst.report(excess / limits.thrust(),
-               format("at %.2f s it takes a thrust of %.3g N, and the thrusters give %.3g to %.3g N", t,
-                      surge, limits.least(), limits.thrust()));
+               "at %.2f s it takes a thrust of %.3g N, and the thrusters give %.3g to %.3g N", t, surge,
+               limits.least(), limits.thrust());
 }
 
 /// Judges the yaw moment at time t [s] with a thrust.
 void judgeMoment(const Limits& limits, double moment, double surge, double t, Worst& worst) {
   const double limit = limits.moment(surge, moment);
-  worst.report((std::abs(moment) - limit) / limits.fullMoment(),
-               format("at %.2f s it takes a yaw moment of %.3g N m, but with a thrust of %.3g N the limit "
-                      "is %.3g N m",
-                      t, std::abs(moment), surge, limit));
+  worst.report(
+      (std::abs(moment) - limit) / limits.fullMoment(),
+      "at %.2f s it takes a yaw moment of %.3g N m, but with a thrust of %.3g N the limit is %.3g N m", t,
+      std::abs(moment), surge, limit);
 }
 
 }  // namespace
@@ -126,8 +123,8 @@ std::string infeasibility(const ReferenceTrajectory& reference, const Model& mod
       turned = M_PI - turned;
     }
     if (last.thrust > 0 && turned > 1 && t - last_time < 0.25)
-      worst.report(10 + turned, format("at %.2f s the craft would have to turn by %.0f degrees within %.2f s",
-                                       t, turned * 180 / M_PI, t - last_time));
+      worst.report(10 + turned, "at %.2f s the craft would have to turn by %.0f degrees within %.2f s", t,
+                   turned * 180 / M_PI, t - last_time);
     const double surge = backwards ? -now.surge : now.surge;
     judgeThrust(limits, surge, t, worst);
     const double before = demand(reference.at(t - h / 4), body).yaw_rate;

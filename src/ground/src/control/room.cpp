@@ -1,18 +1,17 @@
 #include "ground/control/room.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
-#include <sstream>
 
-#include "../model/yaml_reader.h"
+#include "../model/yaml_keys.h"
 #include "ground/model/text_file.h"
 
 namespace ground {
 namespace {
 
 constexpr char kRoomSchema[] = "ground/room/1";
-constexpr char kTop[] = "the room file";
 constexpr std::size_t kLargestRoom = 1000000;  // [bytes]
 constexpr std::size_t kMaxCorners = 1000;
 constexpr double kMinAdvance = 0.005;  // smallest distance between samples of a way [m]
@@ -38,11 +37,6 @@ bool meet(const Position& a, const Position& b, const Position& c, const Positio
          fromWall(d, a, b).isZero(0);
 }
 
-Position readPosition(const YamlReader& reader, const YAML::Node& node, const std::string& key) {
-  if (!node.IsSequence() || node.size() != 2) reader.fail(node, key + " must be [x, y] in metres");
-  return {reader.number(node[0], key), reader.number(node[1], key)};
-}
-
 /// Error message for the corners of a room; empty if they are valid.
 std::string wrongCorners(const std::vector<Position>& corners) {
   if (corners.size() < 3 || corners.size() > kMaxCorners) return "a room needs between 3 and 1000 corners";
@@ -58,25 +52,6 @@ std::string wrongCorners(const std::vector<Position>& corners) {
         return "walls cross: list the corners in order";
   }
   return "";
-}
-
-void readField(const YamlReader& reader, const std::string& key, const YAML::Node& value, Room& room) {
-  if (key == "name") {
-    room.name = reader.text(value, key);
-  } else if (key == "corners") {
-    if (!value.IsSequence()) reader.fail(value, "corners must be a list of [x, y]");
-    for (const YAML::Node& corner : value) room.corners.push_back(readPosition(reader, corner, key));
-  } else if (key == "home") {
-    room.home = readPosition(reader, value, key);
-  } else if (key == "margin") {
-    room.margin = reader.number(value, key);
-  } else if (key == "braking") {
-    room.braking = reader.number(value, key);
-  } else if (key == "latency") {
-    room.latency = reader.number(value, key);
-  } else if (key != "schema") {
-    reader.unknown(value, key, kTop, "schema, name, corners, margin, home, braking, latency");
-  }
 }
 
 }  // namespace
@@ -135,13 +110,20 @@ Room loadRoom(const std::string& path) { return parseRoom(readTextFile(path, kLa
 Room parseRoom(const std::string& yaml, const std::string& source) {
   const YamlReader reader(source);
   const YAML::Node root = reader.parse(yaml);
-  if (!root.IsMap() || !root["schema"] || !root["schema"].IsScalar() ||
-      root["schema"].Scalar() != kRoomSchema)
-    reader.fail(root, std::string("not a room file: it must say 'schema: ") + kRoomSchema + "'");
+  std::string schema = reader.requireSchema(root, kRoomSchema, "room file");
   Room room;
+  std::vector<std::array<double, 2>> corners;
+  YamlKeys keys(reader, "the room file");
+  keys.word("schema", schema);
+  keys.value("name", room.name);
+  keys.value("corners", corners);
+  keys.value("margin", room.margin);
+  keys.pair("home", room.home.x(), room.home.y());
+  keys.value("braking", room.braking);
+  keys.value("latency", room.latency);
+  keys.read(root);
   room.corners.clear();
-  reader.each(root, kTop,
-              [&](const std::string& key, const YAML::Node& value) { readField(reader, key, value, room); });
+  for (const auto& [x, y] : corners) room.corners.emplace_back(x, y);
   const std::string wrong = room.validate();
   if (!wrong.empty()) {
     // The message begins with the key, unless it is about the corners.

@@ -11,18 +11,8 @@ namespace {
 /// Smallest useful force and moment of all thrusters, relative to one at its lever.
 constexpr double kMinShare = 0.01;
 
-}  // namespace
-
-TrackingLaw::TrackingLaw(const Model& model)
-    : body_(model.body),
-      allocation_(*model.thrusters, model.body),
-      least_force_(allocation_.most({-1, 0, 0}).wrench.x()),
-      most_force_(allocation_.most({1, 0, 0}).wrench.x()) {
-  const std::string problem = steeringProblem(model);
-  if (!problem.empty()) throw std::invalid_argument(problem);
-}
-
-std::string TrackingLaw::steeringProblem(const Model& model) {
+/// Why a craft's thrusters cannot follow the law; empty if they can.
+std::string steeringProblem(const Model& model) {
   const Allocation allocation(*model.thrusters, model.body);
   const auto most = [&](const Vector3<double>& along) { return along.dot(allocation.most(along).wrench); };
   const char* missing = nullptr;
@@ -34,13 +24,31 @@ std::string TrackingLaw::steeringProblem(const Model& model) {
          model.thrusters->names() + ") do not " + missing + "; use ModelPredictive";
 }
 
-TrackingLaw::Output TrackingLaw::run(const RigidState<double>& state, const ReferencePoint& reference,
-                                     const TrackingGains& gains) const {
+}  // namespace
+
+EffectUse BacksteppingControl::effectUse(const Model& model) {
+  EffectUse use = bodyOnlyUse(model);
+  if (use.refusal.empty()) use.refusal = steeringProblem(model);
+  return use;
+}
+
+BacksteppingControl::BacksteppingControl(const Model& model, const TrackingGains& gains)
+    : body_(model.body),
+      allocation_(*model.thrusters, model.body),
+      least_force_(allocation_.most({-1, 0, 0}).wrench.x()),
+      most_force_(allocation_.most({1, 0, 0}).wrench.x()),
+      gains_(gains) {
+  for (const std::string& wrong : {gains.validate(), effectUse(model).refusal})
+    if (!wrong.empty()) throw std::invalid_argument(wrong);
+}
+
+BacksteppingControl::Output BacksteppingControl::run(const RigidState<double>& state,
+                                                     const ReferencePoint& reference) const {
   using Vector = Vector2<double>;
   using Matrix = Eigen::Matrix2d;
-  const double m = body_.m, d = body_.Y_v, k_e = gains.k_e, r = state.nu.z();
-  const Vector v = state.nu.head<2>(), delta(gains.delta_1, gains.delta_2);
-  const Matrix K = Vector(gains.k_phi_1, gains.k_phi_2).asDiagonal();
+  const double m = body_.m, d = body_.Y_v, k_e = gains_.k_e, r = state.nu.z();
+  const Vector v = state.nu.head<2>(), delta(gains_.delta_1, gains_.delta_2);
+  const Matrix K = Vector(gains_.k_phi_1, gains_.k_phi_2).asDiagonal();
   Matrix S, B;
   S << 0, -r, r, 0;
   B << 1, m * delta.y(), 0, -m * delta.x();
@@ -73,23 +81,11 @@ TrackingLaw::Output TrackingLaw::run(const RigidState<double>& state, const Refe
 
   const double z2 = r - out.alpha.y();
   out.torque =
-      -m * B.col(1).dot(phi) + body_.N_r * out.alpha.y() + body_.I_z * out.alpha_dot.y() - gains.k_z * z2;
+      -m * B.col(1).dot(phi) + body_.N_r * out.alpha.y() + body_.I_z * out.alpha_dot.y() - gains_.k_z * z2;
   const Allocation::Output given = allocation_.run({out.force, 0, out.torque});
   out.wanted = given.wanted;
   out.inputs = given.inputs;
   return out;
-}
-
-EffectUse BacksteppingControl::effectUse(const Model& model) {
-  EffectUse use = bodyOnlyUse(model, "TrajectoryTracking");
-  if (use.refusal.empty()) use.refusal = TrackingLaw::steeringProblem(model);
-  return use;
-}
-
-BacksteppingControl::BacksteppingControl(const Model& model, const TrackingGains& gains)
-    : law_(model), gains_(gains) {
-  for (const std::string& wrong : {gains.validate(), effectUse(model).refusal})
-    if (!wrong.empty()) throw std::invalid_argument(wrong);
 }
 
 }  // namespace ground

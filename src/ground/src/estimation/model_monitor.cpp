@@ -48,11 +48,7 @@ void ModelMonitor::command(double time, const Thrusters<double>& thrusters, doub
   }
   inputs_.add(time, thrusters, lift);
   observer_.command(time, thrusters, lift);
-  const double oldest = time - params_.horizon * kSlack - kInputMemory;
-  const auto past =
-      std::upper_bound(inputs_.times.begin(), inputs_.times.end(), oldest) - inputs_.times.begin() - 1;
-  if (past < static_cast<long>(inputs_.size() / 2)) return;  // drops many at once, to save time
-  inputs_.drop(static_cast<std::size_t>(past));
+  inputs_.dropBefore(time - params_.horizon * kSlack - kInputMemory);
 }
 
 /// The newest state that is at least one horizon old, or nullptr.

@@ -11,17 +11,17 @@
 namespace ground {
 namespace {
 
-constexpr double kInterval = 0.1;           // length of intervals; velocities change visibly [s]
-constexpr double kMemory = 40;              // how long intervals are kept [s]
-constexpr double kMinHalf = 0.5;            // smallest evidence of each half of a period
-constexpr double kMaxGap = 0.25;            // longest gap between states within an interval [s]
-constexpr double kPush = 0.03;              // white disturbance, relative to full thrust [1/sqrt(Hz)]
-constexpr double kTrim = 0.05;              // constant disturbance, relative to full thrust
-constexpr double kDrag = 0.5;               // relative error of the motion without thrust
-constexpr double kFreedom = 4;              // degrees of freedom of Student's t
-constexpr double kPlausible = -2;           // log-likelihood of an error of about two deviations
-constexpr double kMinLift = 0.5;            // with less lift, the craft sits on the floor by command
-constexpr std::size_t kMaxCommands = 4000;  // old commands are dropped beyond this number
+constexpr double kInterval = 0.1;  // length of intervals; velocities change visibly [s]
+constexpr double kMemory = 40;     // how long intervals are kept [s]
+constexpr double kMinHalf = 0.5;   // smallest evidence of each half of a period
+constexpr double kMaxGap = 0.25;   // longest gap between states within an interval [s]
+constexpr double kPush = 0.03;     // white disturbance, relative to full thrust [1/sqrt(Hz)]
+constexpr double kTrim = 0.05;     // constant disturbance, relative to full thrust
+constexpr double kDrag = 0.5;      // relative error of the motion without thrust
+constexpr double kFreedom = 4;     // degrees of freedom of Student's t
+constexpr double kEvidence = 4;    // smallest logarithm of the likelihood ratio that is reported
+constexpr double kPlausible = -2;  // log-likelihood of an error of about two deviations
+constexpr double kMinLift = 0.5;   // with less lift, the craft sits on the floor by command
 
 /// Thrust relative to the commanded one, within which a model may be wrong.
 constexpr std::array<double, 3> kShares = {0.5, 1, 2};
@@ -42,12 +42,6 @@ Model sitting(Model model) {
     model.setValue("skirt_friction.f0", typical::force(model.body));
     model.setValue("skirt_friction.n0", typical::moment(model.body));
   }
-  return model;
-}
-
-/// The model with another thrust.
-Model thrusting(Model model, double share) {
-  model.body.k *= share;
   return model;
 }
 
@@ -87,8 +81,6 @@ struct ObedienceMonitor::Spread {
 ObedienceMonitor::ObedienceMonitor(const Model& model)
     : dynamics_(model),
       sitting_(sitting(model)),
-      weak_(thrusting(model, 0.2)),
-      strong_(thrusting(model, 5)),
       derivatives_(model),
       most_(model.thrusters->fullThrust() * model.body.k * model.body.input_max / model.body.m),
       most_yaw_(fullYaw(model)) {
@@ -101,18 +93,18 @@ ObedienceMonitor::ObedienceMonitor(const Model& model)
 void ObedienceMonitor::addExplanations() {
   const ThrusterLayout& layout = dynamics_.layout();
   const Thrusters<double> all = Thrusters<double>::filled(layout.size(), 1);
-  explanations_ = {{"as without thrust", &dynamics_, Thrusters<double>::zero(layout.size())},
-                   {"as with a fifth of the model's thrust", &weak_, all},
-                   {"as with five times the model's thrust", &strong_, all}};
+  explanations_ = {{"as without thrust", Thrusters<double>::zero(layout.size())},
+                   {"as with a fifth of the model's thrust", all, 0.2},
+                   {"as with five times the model's thrust", all, 5}};
   if (layout.size() == 2)
     explanations_.push_back(
-        {"as if " + layout[0].name + " and " + layout[1].name + " were swapped", &dynamics_, all, true});
+        {"as if " + layout[0].name + " and " + layout[1].name + " were swapped", all, 1, true});
   for (int i = 0; i < layout.size() && layout.size() > 1; ++i) {
     Thrusters<double> shares = all;
     shares(i) = 0;
-    explanations_.push_back({"as if the " + layout[i].name + " thruster were off", &dynamics_, shares});
+    explanations_.push_back({"as if the " + layout[i].name + " thruster were off", shares});
   }
-  explanations_.push_back({"as if it sat on the floor, without lift", &sitting_, all, false, false});
+  explanations_.push_back({"as if it sat on the floor, without lift", all, 1, false, false});
 }
 
 void ObedienceMonitor::reset() {
@@ -125,7 +117,9 @@ void ObedienceMonitor::reset() {
 
 void ObedienceMonitor::command(double time, const Thrusters<double>& thrusters, double lift) {
   if (delayed_[0].size() > 0 && time < delayed_[0].times.back()) reset();
-  forgetOldCommands(time);
+  const double oldest = time - kActuatorMemory - dynamics_.inputDelay() - kExtraDelays.back() - kMaxGap;
+  for (InputSequence& commands : delayed_) commands.dropBefore(oldest);
+  for (InputSequence& other : others_) other.dropBefore(oldest);
   for (std::size_t i = 0; i < delayed_.size(); ++i) delayed_[i].add(time + kExtraDelays[i], thrusters, lift);
   for (std::size_t i = 0; i < others_.size(); ++i) {
     const Explanation& e = explanations_[i];
@@ -133,15 +127,6 @@ void ObedienceMonitor::command(double time, const Thrusters<double>& thrusters, 
     for (int j = 0; j < inputs.size(); ++j) inputs(j) = e.shares(j) * thrusters(e.swapped ? 1 - j : j);
     others_[i].add(time, inputs, e.lifted ? lift : 0);
   }
-}
-
-void ObedienceMonitor::forgetOldCommands(double time) {
-  if (delayed_[0].size() < kMaxCommands) return;
-  const double oldest = time - kActuatorMemory - dynamics_.inputDelay() - kExtraDelays.back() - kMaxGap;
-  std::size_t count = 0;
-  while (count + 1 < delayed_[0].size() && delayed_[0].times[count + 1] < oldest) ++count;
-  for (InputSequence& commands : delayed_) commands.drop(count);
-  for (InputSequence& other : others_) other.drop(count);
 }
 
 void ObedienceMonitor::measure(double time, const RigidState<double>& state,
@@ -178,8 +163,11 @@ Vector3<double> ObedienceMonitor::predict(const Dynamics<double>& dynamics, cons
 ObedienceMonitor::Interval ObedienceMonitor::compare(const Sample& now) const {
   const double dt = now.time - start_.time;
   std::array<Vector3<double>, std::size_t{kMaxCount}> others;
-  for (std::size_t i = 0; i < others_.size(); ++i)
-    others[i] = predict(*explanations_[i].dynamics, others_[i], now.time);
+  for (std::size_t i = 0; i < others_.size(); ++i) {
+    const Explanation& e = explanations_[i];
+    others[i] = predict(e.lifted ? dynamics_ : sitting_, others_[i], now.time);
+    others[i] = others[0] + e.strength * (others[i] - others[0]);
+  }
   const Vector3<double>& free = others[0];
   const Vector3<double> dragged = free - overFloor(start_.state), seen = overFloor(now.state);
   const auto variance = [&](double most, double drag, double noise) {
@@ -220,8 +208,6 @@ ObedienceMonitor::Evidence ObedienceMonitor::evidenceOfOthers(double duration) c
   }
   return evidence;
 }
-
-double ObedienceMonitor::evidence(double duration) const { return evidenceOfOthers(duration).maxCoeff(); }
 
 std::string ObedienceMonitor::disobedience(double duration) const {
   for (double span : {duration, 2 * duration, 4 * duration}) {

@@ -20,12 +20,8 @@ std::string lockMemory() {
     getrlimit(RLIMIT_MEMLOCK, &limit);
     return "its limit, memlock, is " + std::to_string(limit.rlim_max >> 10) + " kB";
   }
-#ifdef MCL_ONFAULT  // not the unused pages of stacks
-  const int pages = MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT;
-#else
-  const int pages = MCL_CURRENT | MCL_FUTURE;
-#endif
-  return mlockall(pages) == 0 ? "" : std::strerror(errno);
+  // Not the unused pages of stacks.
+  return mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0 ? "" : std::strerror(errno);
 }
 
 }  // namespace

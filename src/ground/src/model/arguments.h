@@ -1,11 +1,13 @@
 #pragma once
 
 #include <regex>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "ground/model/effect.h"
 #include "ground/model/expression_effect.h"
+#include "ground/model/shortened.h"
 
 namespace ground {
 
@@ -42,9 +44,16 @@ void addInBody(Vector3<T>& own, bool world, const Point<T>& point, Vector3<T>& w
   for (int c = 0; c < 3; ++c) wrench(c) += own(c);
 }
 
-inline bool isIdentifier(const std::string& text) {
+inline bool isIdentifier(const std::string& text, std::size_t longest = kLongestName) {
   static const std::regex identifier("[A-Za-z][A-Za-z0-9_]*");
-  return text.size() <= kLongestName && std::regex_match(text, identifier);
+  return text.size() <= longest && std::regex_match(text, identifier);
+}
+
+/// Throws std::invalid_argument if the name of an effect in a model file is not an identifier.
+inline void requireEffectName(const std::string& name) {
+  if (!isIdentifier(name))
+    throw std::invalid_argument("effect name '" + shortened(name) + "' is not an identifier of at most " +
+                                std::to_string(kLongestName) + " characters");
 }
 
 }  // namespace ground

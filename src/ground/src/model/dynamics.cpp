@@ -95,11 +95,7 @@ Dynamics<T>::Dynamics(const Model& model) : Dynamics(model, constants<T>(model.c
 
 template <typename T>
 Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
-    : layout_(model.thrusters),
-      coordinates_(coordinates),
-      air_(Vector2<T>::Zero()),
-      delay_(0.0),
-      sways_(layout_->sways()) {
+    : layout_(model.thrusters), coordinates_(coordinates), air_(Vector2<T>::Zero()), delay_(0.0) {
   if (static_cast<int>(coordinates_.size()) != model.parameterCount())
     throw std::invalid_argument("Dynamics: wrong number of coordinates");
   const T* p = coordinates_.data();
@@ -114,14 +110,12 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
     p += entry.effect->info().parameters.size();
   }
   mass_inverse_ = mass_.inverse();
-  couples_ = couples(mass_);
-  has_hooks_ = has_air_ || sways_ || !thrust_.empty() || !wrench_.empty() || !rates_.empty();
+  is_alone_ = !couples(mass_) && !has_air_ && !layout_->sways() && thrust_.empty() && wrench_.empty() &&
+              rates_.empty();
   stages_ = {initial_, initial_, std::vector<T>(initial_.size(), T(0.0))};
-  over_mass_ = {1.0 / body_.m, 1.0 / body_.m, 1.0 / body_.I_z};
   damping_ = {body_.X_u / body_.m, body_.Y_v / body_.m, body_.N_r / body_.I_z};
-  lever_ = body_.l / body_.I_z;
   surge_gain_ = body_.k / body_.m;
-  yaw_gain_ = body_.k * lever_;
+  yaw_gain_ = body_.k * body_.l / body_.I_z;
 }
 
 /// Adds an effect whose parameters begin at `p`. One that changes nothing keeps its place among the
@@ -197,51 +191,12 @@ void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters
 template <typename T>
 Dynamics<T>::Drive::Drive(const Dynamics& d, const Thrusters<T>& inputs)
     : input(inputs), thrust(d.layout_->forces(inputs)) {
-  const Vector3<T> total = d.layout_->total(thrust);
-  surge = d.surge_gain_ * total(0);
-  sway = d.surge_gain_ * total(1);
-  yaw = d.yaw_gain_ * total(2);
   thrust *= d.body_.k;
 }
 
 template <typename T>
 void Dynamics<T>::rates(Instant& instant, const T* states, T* rates) const {
   for (const Active& a : rates_) a.effect->rates(a.p, instant.of(a, states), rates + a.state);
-}
-
-template <typename T>
-Vector3<T> Dynamics<T>::effects(Instant& instant, const Drive& drive, const T* states) const {
-  const Vector3<T>& nu = instant.point.nu;
-  const Vector3<T>& nu_air = instant.point.nu_air;
-  const Thrusters<T>& thrust = instant.point.thrust;
-  Vector3<T> wrench(T(0.0), T(0.0), T(0.0));
-  for (const Active& a : wrench_) a.effect->wrench(a.p, instant.of(a, states), wrench);
-  if (couples_) {
-    const T &u = nu.x(), &v = nu.y(), &r = nu.z();
-    const Vector2<T> p = mass_.template topRows<2>() * nu;  // linear momentum, body
-    // -C(nu) nu in Kirchhoff's form, which holds for every mass matrix (Fossen 1994, 2.4), and
-    // -D nu
-    const Vector3<T> total = layout_->total(thrust);
-    wrench.x() += total.x() + r * p.y() - body_.X_u * nu_air.x();
-    wrench.y() -= r * p.x() + body_.Y_v * nu_air.y();
-    if (sways_) wrench.y() += total.y();
-    wrench.z() += body_.l * total.z() + v * p.x() - u * p.y() - body_.N_r * r;
-    return mass_inverse_ * wrench;
-  }
-  Vector3<T> acceleration;
-  for (int i = 0; i < 3; ++i) acceleration(i) = over_mass_(i) * wrench(i);
-  if (has_air_)
-    for (int i = 0; i < 2; ++i) acceleration(i) += damping_(i) * (nu(i) - nu_air(i));
-  if (!thrust_.empty()) {
-    Thrusters<T> more = thrust;
-    for (int i = 0; i < more.size(); ++i) more(i) -= drive.thrust(i);
-    const Vector3<T> total = layout_->total(more);
-    acceleration.x() += over_mass_.x() * total.x();
-    if (sways_) acceleration.y() += over_mass_.y() * total.y();
-    acceleration.z() += lever_ * total.z();
-  }
-  if (sways_) acceleration.y() += drive.sway;
-  return acceleration;
 }
 
 template <typename T>
@@ -253,18 +208,18 @@ void Dynamics<T>::derive(const T& t, const RigidState<T>& state, const Drive& dr
     heading = Rotation<T>(state.eta.z());
     dot.eta << heading.toWorld({u, v}), r;
   }
-  if (!isBodyAlone()) {
-    Instant instant(*this, t, state.eta, heading, state.nu, drive, lift, states);
-    if (rates) this->rates(instant, states, rates);
-    dot.nu = effects(instant, drive, states);
-  } else {
-    dot.nu.setZero();
-  }
-  if (!couples_) {  // (2.4)
-    dot.nu.x() += r * v + drive.surge - damping_.x() * u;
-    dot.nu.y() -= r * u + damping_.y() * v;
-    dot.nu.z() += drive.yaw - damping_.z() * r;
-  }
+  Instant instant(*this, t, state.eta, heading, state.nu, drive, lift, states);
+  if (rates) this->rates(instant, states, rates);
+  // (2.4): thrust, -C(nu) nu in Kirchhoff's form, which holds for every mass matrix (Fossen 1994, 2.4), and
+  // -D nu
+  const Vector3<T>& nu_air = instant.point.nu_air;
+  const Vector3<T> total = layout_->total(instant.point.thrust);
+  const Vector2<T> p = mass_.template topRows<2>() * state.nu;  // linear momentum, body
+  Vector3<T> wrench(total.x() + r * p.y() - body_.X_u * nu_air.x(),
+                    total.y() - r * p.x() - body_.Y_v * nu_air.y(),
+                    body_.l * total.z() + v * p.x() - u * p.y() - body_.N_r * r);
+  for (const Active& a : wrench_) a.effect->wrench(a.p, instant.of(a, states), wrench);
+  dot.nu = mass_inverse_ * wrench;
 }
 
 template <typename T>
@@ -311,7 +266,7 @@ template <typename T>
 template <typename H>
 void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, const H& h, int count,
                        bool pose) const {
-  if (!pose && isBodyAlone() && inputs.held) {
+  if (!pose && is_alone_ && inputs.held) {
     t += h * static_cast<double>(count);
     return stepVelocities(state.nu, inputs.thrusters[0], h, count);
   }

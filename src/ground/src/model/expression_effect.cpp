@@ -210,37 +210,29 @@ class ExpressionEffect final : public Effect {
 }  // namespace
 
 EffectPtr makeExpressionEffect(const ExpressionDefinition& definition, const ThrusterLayout& layout) {
-  if (!isIdentifier(definition.name))
-    throw std::invalid_argument("effect name '" + shortened(definition.name) +
-                                "' is not an identifier of at most " + std::to_string(kLongestName) +
-                                " characters");
+  requireEffectName(definition.name);
+  const auto require = [&](bool condition, const std::string& message) {
+    if (!condition) throw std::invalid_argument("effect '" + definition.name + "'" + message);
+  };
   const auto components = definition.components();
-  if (std::all_of(components.begin(), components.end(),
-                  [](const auto& component) { return component.second.empty(); }))
-    throw std::invalid_argument("effect '" + definition.name +
-                                "' has none of X, Y, N and no thrust of a thruster (thrust_NAME)");
-  if (definition.parameters.size() > kMaxEffectParameters)
-    throw std::invalid_argument("effect '" + definition.name + "' has more than " +
-                                std::to_string(kMaxEffectParameters) + " parameters");
-  if (definition.states.size() > kMaxEffectStates)
-    throw std::invalid_argument("effect '" + definition.name + "' has more than " +
-                                std::to_string(kMaxEffectStates) + " states");
+  require(!std::all_of(components.begin(), components.end(),
+                       [](const auto& component) { return component.second.empty(); }),
+          " has none of X, Y, N and no thrust of a thruster (thrust_NAME)");
+  require(definition.parameters.size() <= kMaxEffectParameters,
+          " has more than " + std::to_string(kMaxEffectParameters) + " parameters");
+  require(definition.states.size() <= kMaxEffectStates,
+          " has more than " + std::to_string(kMaxEffectStates) + " states");
   std::set<std::string> names = {"pi"};
   for (const auto& variable : argumentNames(layout)) names.insert(variable.begin(), variable.end());
   const auto take = [&](const std::string& what, const std::string& name) {
-    if (!isIdentifier(name) || !names.insert(name).second)
-      throw std::invalid_argument("effect '" + definition.name + "': " + what + " name '" + shortened(name) +
-                                  "' is taken or not an identifier");
+    require(isIdentifier(name) && names.insert(name).second,
+            ": " + what + " name '" + shortened(name) + "' is taken or not an identifier");
   };
   for (const ParameterInfo& parameter : definition.parameters) take("parameter", parameter.name);
   for (const ExpressionDefinition::State& state : definition.states) {
     take("state", state.name);
-    if (state.rate.empty())
-      throw std::invalid_argument("effect '" + definition.name + "': state " + state.name +
-                                  " has no formula for its derivative");
-    if (!std::isfinite(state.initial))
-      throw std::invalid_argument("effect '" + definition.name + "': the initial value of state " +
-                                  state.name + " is not finite");
+    require(!state.rate.empty(), ": state " + state.name + " has no formula for its derivative");
+    require(std::isfinite(state.initial), ": the initial value of state " + state.name + " is not finite");
   }
   return std::make_shared<ExpressionEffect>(definition, layout);
 }

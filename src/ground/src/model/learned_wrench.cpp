@@ -196,9 +196,7 @@ void validate(const LearnedTerm& term, const ThrusterLayout& layout) {
 }
 
 EffectPtr makeLearnedWrench(const LearnedWrench& definition, const ThrusterLayout& layout) {
-  require(isIdentifier(definition.name), "effect name '" + shortened(definition.name) +
-                                             "' is not an identifier of at most " +
-                                             std::to_string(kLongestName) + " characters");
+  requireEffectName(definition.name);
   require(!definition.terms.empty(), "effect '" + definition.name + "' has no terms");
   for (const LearnedTerm& term : definition.terms) validate(term, layout);
   return std::make_shared<LearnedWrenchEffect>(definition, layout);

@@ -154,12 +154,7 @@ Eigen::MatrixXd Model::penalty(const std::vector<std::string>& names) const {
   std::vector<int> places;
   places.reserve(names.size());
   for (const std::string& wanted : names) places.push_back(index(wanted));
-  const auto count = static_cast<Eigen::Index>(names.size());
-  Eigen::MatrixXd chosen(count, count);
-  for (Eigen::Index i = 0; i < count; ++i)
-    for (Eigen::Index j = 0; j < count; ++j)
-      chosen(i, j) = all(places[static_cast<std::size_t>(i)], places[static_cast<std::size_t>(j)]);
-  return chosen;
+  return all(places, places);
 }
 
 int Model::parameterCount() const { return static_cast<int>(values().size()); }

@@ -155,10 +155,7 @@ YamlKeys modelKeys(const YamlReader& reader, Model& model, std::string& schema) 
 }
 
 Model parse(const YamlReader& reader, const YAML::Node& root) {
-  if (!root.IsMap()) reader.fail(root, "the model file must be a map with schema, name, body, effects");
-  std::string schema = root["schema"] && root["schema"].IsScalar() ? root["schema"].Scalar() : "";
-  if (schema != kSchema)
-    reader.fail(root, std::string("not a model file: it must say 'schema: ") + kSchema + "'");
+  std::string schema = reader.requireSchema(root, kSchema, "model file");
   Model model;
   modelKeys(reader, model, schema).read(root);
   const std::string wrong = model.disturbance.validate();

@@ -77,50 +77,9 @@ bool sound(const Ratio& ratio, const Body<double>& body) {
   return value >= ratio.lower && value <= ratio.upper;
 }
 
-Body<double> converted(Body<double> body, const MistakenUnit& unit) {
-  body.*keyNamed(unit.key).place *= unit.factor;
-  return body;
-}
-
 /// Distance of a value from that of a typical craft, in decades.
 double distance(const Body<double>& body, const Key& key) {
   return std::abs(std::log10(body.*key.place / key.typical));
-}
-
-/// Sum of distances, in decades: of the value of a key from that of a typical craft, and of all
-/// bounded ratios from the middle of their ranges.
-double strangeness(const Body<double>& body, const Key& key) {
-  double sum = distance(body, key);
-  for (const Ratio& ratio : ratios()) {
-    if (std::isinf(ratio.upper)) continue;
-    const double middle = std::sqrt(ratio.lower * ratio.upper);
-    sum += std::abs(std::log10(ratio.value(body) / middle));
-  }
-  return sum;
-}
-
-/// The unit whose conversion brings the most ratios into their ranges and none out of its range.
-/// Among equals, the one with the smallest strangeness after conversion. nullptr if there is none.
-const MistakenUnit* probableUnit(const Body<double>& body) {
-  const MistakenUnit* best = nullptr;
-  int best_repaired = 0;
-  double best_strangeness = kInfinity;
-  for (const MistakenUnit& unit : mistakenUnits()) {
-    const Body<double> other = converted(body, unit);
-    int repaired = 0, spoiled = 0;
-    for (const Ratio& ratio : ratios()) {
-      repaired += !sound(ratio, body) && sound(ratio, other);
-      spoiled += sound(ratio, body) && !sound(ratio, other);
-    }
-    const Key& key = keyNamed(unit.key);
-    const double strange = strangeness(other, key) - strangeness(body, key);
-    if (repaired == 0 || spoiled > 0 || repaired < best_repaired) continue;
-    if (repaired == best_repaired && strange >= best_strangeness) continue;
-    best = &unit;
-    best_repaired = repaired;
-    best_strangeness = strange;
-  }
-  return best;
 }
 
 /// The parameter of a ratio whose value is farthest from that of a typical craft.
@@ -128,6 +87,25 @@ const Key& strangest(const Ratio& ratio, const Body<double>& body) {
   return keyNamed(*std::max_element(ratio.keys.begin(), ratio.keys.end(), [&](const char* a, const char* b) {
     return distance(body, keyNamed(a)) < distance(body, keyNamed(b));
   }));
+}
+
+/// The unit of a parameter whose conversion brings a ratio into its range, and nearest to its middle or, if
+/// the range has none, the parameter nearest to that of a typical craft. nullptr if there is none.
+const MistakenUnit* probableUnit(const Key& key, const Ratio& ratio, const Body<double>& body) {
+  const MistakenUnit* best = nullptr;
+  double least = kInfinity;
+  for (const MistakenUnit& unit : mistakenUnits()) {
+    Body<double> other = body;
+    other.*key.place *= unit.factor;
+    if (unit.key != std::string(key.name) || !sound(ratio, other)) continue;
+    const double middle = std::sqrt(ratio.lower * ratio.upper);
+    const double off =
+        std::isinf(middle) ? distance(other, key) : std::abs(std::log10(ratio.value(other) / middle));
+    if (off >= least) continue;
+    least = off;
+    best = &unit;
+  }
+  return best;
 }
 
 std::string withUnit(double value, const char* unit) {
@@ -138,8 +116,7 @@ std::string withUnit(double value, const char* unit) {
   return text.str();
 }
 
-Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& body,
-                        const MistakenUnit* unit) {
+Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& body) {
   std::ostringstream text;
   const double value = body.*key.place;
   text << key.name << ": " << withUnit(value, key.unit) << " is implausible: " << ratio.meaning << ' '
@@ -149,9 +126,8 @@ Implausibility describe(const Key& key, const Ratio& ratio, const Body<double>& 
   } else {
     text << withUnit(ratio.lower, "") << " to " << withUnit(ratio.upper, ratio.unit);
   }
-  if (unit) {
+  if (const MistakenUnit* const unit = probableUnit(key, ratio, body))
     text << "; write " << withUnit(value * unit->factor, key.unit) << " if it is in " << unit->name;
-  }
   return {key.name, text.str(), false};
 }
 
@@ -182,23 +158,12 @@ std::vector<Implausibility> implausibilities(const Body<double>& given, const Th
   Body<double> body = given;
   body.input_max *= layout.fullThrust() / thrusterPair()->fullThrust();
   std::vector<Implausibility> found;
-  // Each unit is searched for after the conversions already found. Messages about ratios that no
-  // unit explains quote the original values.
-  Body<double> repaired = body;
-  while (const MistakenUnit* unit = probableUnit(repaired)) {
-    const Body<double> next = converted(repaired, *unit);
-    const auto back = std::find_if(ratios().begin(), ratios().end(), [&](const Ratio& ratio) {
-      return !sound(ratio, repaired) && sound(ratio, next);
-    });
-    found.push_back(describe(keyNamed(unit->key), *back, repaired, unit));
-    repaired = next;
-  }
   for (const Ratio& ratio : ratios()) {
-    if (sound(ratio, repaired)) continue;
-    const Key& key = strangest(ratio, repaired);
+    if (sound(ratio, body)) continue;
+    const Key& key = strangest(ratio, body);
     const bool reported =
         std::any_of(found.begin(), found.end(), [&](const Implausibility& f) { return f.key == key.name; });
-    if (!reported) found.push_back(describe(key, ratio, body, nullptr));
+    if (!reported) found.push_back(describe(key, ratio, body));
   }
   const double a = acceleration(body);
   if (a >= kMinAcceleration && a <= kMaxAcceleration) return found;

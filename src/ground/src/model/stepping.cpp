@@ -19,11 +19,13 @@ void InputSequence::add(double time, const Thrusters<double>& command, double li
   drive.command(time, lift_value);
 }
 
-void InputSequence::drop(std::size_t count) {
-  const auto n = static_cast<std::ptrdiff_t>(count);
+std::size_t InputSequence::dropBefore(double oldest) {
+  const auto n = std::upper_bound(times.begin(), times.end(), oldest) - times.begin() - 1;
+  if (n < 1 || n < static_cast<std::ptrdiff_t>(size() / 2)) return 0;
   times.erase(times.begin(), times.begin() + n);
   thrusters.erase(thrusters.begin(), thrusters.begin() + n);
   lift.erase(lift.begin(), lift.begin() + n);
+  return static_cast<std::size_t>(n);
 }
 
 RigidState<double> Motion::at(double time) const {

@@ -1,12 +1,12 @@
 #include "ground/model/thruster.h"
 
 #include <algorithm>
-#include <regex>
 #include <set>
 #include <sstream>
 #include <stdexcept>
 #include <utility>
 
+#include "arguments.h"
 #include "ground/model/shortened.h"
 
 namespace ground {
@@ -14,11 +14,6 @@ namespace {
 
 constexpr double kSmallForce = 1e-12;             // relative to full force: that of rounding
 constexpr std::size_t kLongestThrusterName = 40;  // [characters]
-
-bool isIdentifier(const std::string& text) {
-  static const std::regex identifier("[A-Za-z][A-Za-z0-9_]*");
-  return text.size() <= kLongestThrusterName && std::regex_match(text, identifier);
-}
 
 /// Cosine of an angle [deg], exact at multiples of 90.
 double cosine(double degrees) {
@@ -80,7 +75,7 @@ std::vector<Thruster> leftAndRight() {
 }  // namespace
 
 void validate(const Thruster& thruster) {
-  if (!isIdentifier(thruster.name))
+  if (!isIdentifier(thruster.name, kLongestThrusterName))
     throw std::invalid_argument("the name of thruster '" + shortened(thruster.name) +
                                 "' must be a letter and then letters, digits or _, at most " +
                                 std::to_string(kLongestThrusterName) + " characters");

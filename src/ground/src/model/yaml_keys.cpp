@@ -90,7 +90,8 @@ void YamlKeys::read(const YAML::Node& node) const {
       if (key.name == name) given[name] = value;
       known += (known.empty() ? "" : ", ") + key.name;
     }
-    if (!given.count(name)) reader_.unknown(value, name, what_, known);
+    if (!given.count(name))
+      reader_.fail(value, "unknown key '" + shortened(name) + "' in " + what_ + "; allowed are " + known);
   });
   for (const YamlKey& key : keys_) {
     const auto found = given.find(key.name);

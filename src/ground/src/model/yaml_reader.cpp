@@ -21,17 +21,19 @@ YAML::Node YamlReader::parse(const std::string& yaml) const {
   return root;
 }
 
+std::string YamlReader::requireSchema(const YAML::Node& root, const std::string& schema,
+                                      const std::string& what) const {
+  if (!root.IsMap() || !root["schema"] || !root["schema"].IsScalar() || root["schema"].Scalar() != schema)
+    fail(root, "not a " + what + ": it must say 'schema: " + schema + "'");
+  return schema;
+}
+
 void YamlReader::fail(const YAML::Node& node, const std::string& message) const {
   std::ostringstream text;
   text << source_;
   if (node.Mark().line >= 0) text << ", line " << node.Mark().line + 1;
   text << ": " << message;
   throw std::runtime_error(text.str());
-}
-
-void YamlReader::unknown(const YAML::Node& node, const std::string& key, const std::string& what,
-                         const std::string& known) const {
-  fail(node, "unknown key '" + shortened(key) + "' in " + what + "; allowed are " + known);
 }
 
 void YamlReader::each(const YAML::Node& map, const std::string& what, const Visit& visit) const {

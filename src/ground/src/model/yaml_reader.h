@@ -18,9 +18,9 @@ class YamlReader {
 
   /// The root of a document. An empty document is an error.
   YAML::Node parse(const std::string& yaml) const;
+  /// The root's schema, which must be `schema`; `what` names such files, as in "model file".
+  std::string requireSchema(const YAML::Node& root, const std::string& schema, const std::string& what) const;
   [[noreturn]] void fail(const YAML::Node& node, const std::string& message) const;
-  [[noreturn]] void unknown(const YAML::Node& node, const std::string& key, const std::string& what,
-                            const std::string& known) const;
 
   /// Visits the entries of the map `what`; a duplicate key is an error.
   void each(const YAML::Node& map, const std::string& what, const Visit& visit) const;

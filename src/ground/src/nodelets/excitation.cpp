@@ -39,8 +39,7 @@ class Excitation : public Controller {
     const auto file = optionalParameter<std::string>(nh, "model", "");
     if (!file.empty()) model_ = loadModelAndWarn(file);
     burst_publisher_ = topics().advertise<ground_msgs::Burst>("bursts", 10, true);
-    reconfigure_ =
-        std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) { apply(c); });
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) { apply(c); });
     model_service_ = ModelService(reconfigure_->thread(), nh, "load_model",
                                   [this](const Model& model, const std::string&) {
                                     requireSameThrusters(*thrusters(), *model.thrusters);
@@ -54,15 +53,9 @@ class Excitation : public Controller {
     std::vector<double> found;
     std::string spaced = text;
     std::replace(spaced.begin(), spaced.end(), ',', ' ');
-    std::istringstream words(spaced);
-    for (std::string word; words >> word;) {
-      std::size_t used = 0;
-      try {
-        found.push_back(std::stod(word, &used));
-      } catch (const std::exception&) {
-      }
-      if (used != word.size()) throw std::invalid_argument("levels: '" + word + "' is not a number");
-    }
+    std::istringstream numbers(spaced);
+    for (double level; numbers >> level;) found.push_back(level);
+    if (!numbers.eof()) throw std::invalid_argument("levels: '" + text + "' is not a list of numbers");
     return found;
   }
 

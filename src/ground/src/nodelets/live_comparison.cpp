@@ -48,8 +48,7 @@ class LiveComparison : public Shell {
   void start(ros::NodeHandle& nh, ros::NodeHandle& topics) override {
     const std::array<std::string, kModels> files = {requiredParameter<std::string>(nh, "model"),
                                                     optionalParameter<std::string>(nh, "model2", "")};
-    reconfigure_ =
-        std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) { apply(c); });
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) { apply(c); });
     for (std::size_t i = 0; i < kModels; ++i) {
       const std::string suffix = i == 0 ? "" : "2";
       Contestant& c = contestants_[i];

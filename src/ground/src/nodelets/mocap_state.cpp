@@ -78,8 +78,7 @@ class MocapState : public Shell {
     down.child_frame_id = "world_ned";
     down.transform.rotation.x = 1;
     static_broadcaster_->sendTransform(down);
-    reconfigure_ =
-        std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) { apply(c); });
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) { apply(c); });
     thread_ = std::thread([this] { watch(); });
     subscriber_ = topics.subscribe("vrpn_client_node/hovercraft/pose", 10, &MocapState::onPose, this,
                                    ros::TransportHints().tcpNoDelay());

@@ -3,7 +3,7 @@
 #include <memory>
 #include <pluginlib/class_list_macros.hpp>
 
-#include "ground/control/input_design.h"
+#include "ground/control/excitation_pilot.h"
 #include "ground/nodelets/controller.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/parameters.h"
@@ -17,10 +17,13 @@ namespace ground {
 /// that file (0: determined from the file), order (9), seed (1), model (of the craft, to refuse one
 /// with other thrusters; empty: no check), and those of OpenLoopPRBS.cfg, which take effect at the
 /// next start.
-class OpenLoopPRBS : private Pilot, public Controller {
+class OpenLoopPRBS : public Controller {
  public:
-  OpenLoopPRBS() : Controller(static_cast<Pilot&>(*this)) {}
-  ~OpenLoopPRBS() override { shutdown(); }
+  OpenLoopPRBS() : Controller(pilot_) {}
+  ~OpenLoopPRBS() override {
+    reconfigure_.reset();
+    shutdown();
+  }
 
  private:
   void load(ros::NodeHandle& nh) override {
@@ -30,39 +33,31 @@ class OpenLoopPRBS : private Pilot, public Controller {
       throw std::runtime_error("OpenLoopPRBS has levels for a left and a right thruster, and " + model.name +
                                " lists others (" + model.thrusters->names() +
                                "): use an excitation of design prbs");
-    csv_ = optionalParameter<std::string>(nh, "csv", "");
+    const auto csv = optionalParameter<std::string>(nh, "csv", "");
     const int order = optionalParameter<int>(nh, "order", 9);
     const int seed = optionalParameter<int>(nh, "seed", 1);
     if (seed < 0) throw std::runtime_error("parameter seed must not be negative");
-    if (csv_.empty()) {
+    if (csv.empty()) {
       sequence_.rows = makePrbs(order, static_cast<unsigned long>(seed));
     } else {
-      sequence_ = readPrbs(csv_, optionalParameter<int>(nh, "rows_per_bit", 0));
+      sequence_ = readPrbs(csv, optionalParameter<int>(nh, "rows_per_bit", 0));
     }
     using Config = OpenLoopPRBSConfig;
-    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) {
-      const std::lock_guard lock(mutex());
-      params_ = paramsIn<PrbsParams>(c);
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this, csv](const Config& c) {
+      const auto params = paramsIn<PrbsParams>(c);
       auto life = paramsIn<LifecycleParams>(c);
       life.recovery_time = 0;
+      if (!csv.empty()) NODELET_INFO("%s: %s", csv.c_str(), sequence_.describe(params.clock).c_str());
+      InputSignal signal = playBits(sequence_, params);
+      const std::lock_guard lock(mutex());
       setParams(life);
+      pilot_.play(std::move(signal), params.duration);
     });
   }
 
-  void activate(double) override {
-    signal_ = playBits(sequence_, params_);
-    if (!csv_.empty()) log().info(csv_ + ": " + sequence_.describe(params_.clock));
-  }
-  Inputs update(double elapsed, double, const RigidState<double>&, double lift) override {
-    return {signal_.at(elapsed).thrusters, lift};
-  }
-  double end() const override { return signal_.end; }
-  double nextChange(double elapsed) const override { return signal_.nextChange(elapsed); }
-
-  std::string csv_;  ///< empty if the sequence is generated
   PrbsFile sequence_;
-  PrbsParams params_;
-  InputSignal signal_;
+  ExcitationPilot pilot_{[this] { return seconds(ros::Time::now()); }, [](const ExcitationPilot::Mark&) {},
+                         [](const ReferencePilot::Decision&) {}};
   std::unique_ptr<LiveParameters<OpenLoopPRBSConfig>> reconfigure_;
 };
 

@@ -103,7 +103,7 @@ class Sender : public Shell {
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
     drive_publisher_ = topics.advertise<ground_msgs::Drive>("drive", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
-        nh, nullptr, [this](const SenderConfig& c) { apply(paramsIn<GroundLinkParams>(c)); });
+        nh, [this](const SenderConfig& c) { apply(paramsIn<GroundLinkParams>(c)); });
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
     state_subscriber_ = topics.subscribe("state", 1, &Sender::onState, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Sender::onControls, this, hints);

@@ -64,18 +64,18 @@ class Simulator : public Shell {
     mapping_ = AxisMapping(optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack));
     sender_ = UdpAddress::parse(optionalParameter<std::string>(nh, "sender", "127.0.0.1"), 3333);
     socket_ = std::make_unique<UdpSocket>(UdpAddress());
-    room_ = std::make_unique<SimulatedLab>(loaded_, mocap_, room);
+    craft_ = std::make_unique<ModelCraft>(loaded_, room);
+    room_ = std::make_unique<SimulatedLab>(*craft_, mocap_, room);
 
     pose_publisher_ = topics.advertise<geometry_msgs::PoseStamped>("vrpn_client_node/hovercraft/pose", 10);
     truth_publisher_ = nh.advertise<ground_msgs::State>("truth", 10);
     clock_publisher_ = topics.advertise<rosgraph_msgs::Clock>("/clock", 10);
-    reconfigure_ =
-        std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) { apply(c); });
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) { apply(c); });
     model_service_ =
         ModelService(reconfigure_->thread(), nh, "load_model", [this](const Model& m, const std::string&) {
           const std::lock_guard<std::mutex> lock(mutex_);
           requireSameThrusters(*loaded_.thrusters, *m.thrusters);
-          room_->setModel(scaled(m, factors_));
+          craft_->setModel(scaled(m, factors_));
           loaded_ = m;
           input_max_ = m.body.input_max;
           return std::string();
@@ -105,7 +105,7 @@ class Simulator : public Shell {
     if (room_->time() + c.clock_offset <= 0)
       throw std::invalid_argument("clock_offset must leave the time positive");
     if (factors(c) != factors_) {
-      room_->setModel(scaled(loaded_, factors(c)));  // throws if the craft cannot go on by it
+      craft_->setModel(scaled(loaded_, factors(c)));  // throws if the craft cannot go on by it
       factors_ = factors(c);
     }
     setFields(mocap_, MocapParams::table(), c);
@@ -232,9 +232,10 @@ class Simulator : public Shell {
   static constexpr double kTelemetryPeriod = 0.02;              // [s]
   static constexpr double kMarkerHeight = 0.04;                 // height of the markers above the floor [m]
 
-  std::mutex mutex_;  ///< guards room_, loaded_, factors_, input_max_, origins, factor and offset
+  std::mutex mutex_;  ///< guards craft_, room_, loaded_, factors_, input_max_, origins, factor and offset
   Model loaded_;      ///< model as in its file, without factors
   Factors factors_ = {1, 1, 1, 1, 1, 1};
+  std::unique_ptr<ModelCraft> craft_;
   std::unique_ptr<SimulatedLab> room_;
   SteadyClock::time_point wall_origin_, last_turn_;
   double time_origin_ = 0, real_time_factor_ = 1;

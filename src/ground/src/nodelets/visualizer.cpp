@@ -55,7 +55,7 @@ class Visualizer : public Shell {
     room_publisher_ = topics.advertise<visualization_msgs::MarkerArray>("room", 1, true);
     const auto room = optionalParameter<std::string>(nh, "room", "");
     if (!room.empty()) showRoom(loadRoom(room));
-    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) {
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) {
       const std::lock_guard<std::mutex> lock(mutex_);
       if (c.cell != floor_.cell()) floor_ = FloorMap(c.cell);
       config_ = c;
@@ -155,20 +155,16 @@ class Visualizer : public Shell {
     return m;
   }
 
+  /// Where a thruster is, forward and to starboard [m].
+  Vector2<double> placeOf(int i) const {
+    return (*model_.thrusters)[i].position * model_.body.l / model_.thrusters->lever();
+  }
+
   /// Half of the craft's width, which the lever arm tells, or the thrusters' places [m].
   double halfWidth() const {
     double half = 1.8 * model_.body.l;
-    if (!model_.thrusters->isPair())
-      for (const Thruster& one : model_.thrusters->thrusters()) half = std::max(half, one.position.norm());
+    for (int i = 0; i < model_.thrusters->size(); ++i) half = std::max(half, placeOf(i).norm());
     return half;
-  }
-
-  /// Where a thruster is drawn, forward and to starboard [m]. The place of one of the pair along the
-  /// craft has no influence on the motion: it is drawn at the stern.
-  Vector2<double> placeOf(int i) const {
-    const double l = model_.body.l;
-    if (model_.thrusters->isPair()) return {-1.5 * l, i == 0 ? -l : l};
-    return (*model_.thrusters)[i].position;
   }
 
   /// Force of each thruster at the newest command [N].

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <utility>
 
@@ -156,9 +157,9 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
   place.initial = params.initial;
   place.seed = params.seed;
   place.disturbance = params.disturbance;
-  const auto made = params.plant ? std::make_unique<SimulatedLab>(*params.plant, params.mocap, place)
-                                 : std::make_unique<SimulatedLab>(model, params.mocap, place);
-  SimulatedLab& room = *made;
+  std::optional<ModelCraft> own;
+  if (!params.plant) own.emplace(model, place);
+  SimulatedLab room(params.plant ? *params.plant : *own, params.mocap, place);
   const double input_max = model.body.input_max;
   while (true) {
     const double captures = room.nextCapture();
@@ -180,14 +181,6 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
 
 void require(const std::string& wrong) {
   if (!wrong.empty()) throw std::invalid_argument(wrong);
-}
-
-void requireSameThrusters(const Model& model, const Model& believed) {
-  if (model.thrusters->size() != believed.thrusters->size())
-    throw std::invalid_argument("the controller's model " + believed.name + " commands " +
-                                std::to_string(believed.thrusters->size()) + " thrusters, and " + model.name +
-                                " has " + std::to_string(model.thrusters->size()) +
-                                ": give a model with the craft's thrusters");
 }
 
 }  // namespace
@@ -225,7 +218,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
                              const ExperimentParams& params) {
   require(tracking.validate());
   require(tracking.max_error >= 0 ? "" : "max_error must not be negative");
-  requireSameThrusters(model, believed);
+  Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
   LivePilot live(tracking, log);
   ReferencePilot pilot([&live] { return live.now(); },
@@ -250,7 +243,7 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
 ExperimentLog excite(const Model& model, const Model& believed, const ExcitationParams& excitation,
                      const ExperimentParams& params) {
   require(excitation.validate());
-  requireSameThrusters(model, believed);
+  Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
   LivePilot live(excitation, log);
   ExcitationPilot pilot([&live] { return live.now(); },

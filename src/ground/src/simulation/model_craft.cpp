@@ -33,19 +33,8 @@ void ModelCraft::command(const Thrusters<double>& thrusters, double lift) {
   inputs_.add(time(), model_.thrusters->clipped(thrusters, model_.body.input_max), lift);
   if (lift_ || lift > 0) lift_ = lift;
   if (lift > 0 || !asVector(thrusters).isZero()) untouched_ = false;
-  forgetCommands();
-}
-
-/// Drops commands that no longer act, many at once, because an experiment may last for hours.
-void ModelCraft::forgetCommands() {
-  constexpr std::size_t kMaxCommands = 20000;
   constexpr double kMemory = kActuatorMemory + 5;  // includes the longest input delay [s]
-  if (inputs_.size() < kMaxCommands) return;
-  const auto recent = std::lower_bound(inputs_.times.begin(), inputs_.times.end(), time() - kMemory);
-  const auto old = static_cast<std::size_t>(recent - inputs_.times.begin());
-  if (old < 2) return;
-  inputs_.drop(old - 1);
-  moving_->simulation.forget(old - 1);
+  if (const std::size_t count = inputs_.dropBefore(time() - kMemory)) moving_->simulation.forget(count);
 }
 
 RigidState<double> ModelCraft::derivative() const {

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
-#include <utility>
 
 namespace ground {
 
@@ -12,10 +11,8 @@ std::string MocapParams::validate() const {
   return rate >= 1 && rate <= 2000 ? MocapFields::validate() : "rate must be between 1 and 2000 Hz";
 }
 
-SimulatedLab::SimulatedLab(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& mocap,
-                           const Params& params)
-    : own_(std::move(own)),
-      plant_(plant ? *plant : *own_),
+SimulatedLab::SimulatedLab(Plant& plant, const MocapParams& mocap, const Params& params)
+    : plant_(plant),
       watchdog_(params.watchdog),
       random_(params.seed),
       time_(params.start),
@@ -35,11 +32,6 @@ void SimulatedLab::setWatchdog(double watchdog) {
   if (!(std::isfinite(watchdog) && watchdog >= 0))
     throw std::invalid_argument("watchdog must be finite and not negative");
   watchdog_ = watchdog;
-}
-
-void SimulatedLab::setModel(const Model& model) {
-  if (!own_) throw std::logic_error("the craft of this room does not move by a model");
-  own_->setModel(model);
 }
 
 void SimulatedLab::command(const Thrusters<double>& thrusters, double lift) {

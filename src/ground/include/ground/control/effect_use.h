@@ -22,13 +22,13 @@ struct EffectUse {
 /// than kMaxStates states.
 EffectUse wholeModelUse(const Model& model);
 
-/// Effect use of a controller (named `controller`) that uses only the rigid body. It refuses a
+/// Effect use of TrajectoryTracking, which uses only the rigid body. It refuses a
 /// model in which measurements are far from the true state or commands act late. Beyond the
 /// following bounds, the tuned gains of the Tiny Whoover lose the thesis's references in
 /// simulation; within them, effects change the tracking error less than noise does:
 ///   measured heading off by more than 0.05 rad,
 ///   tracked point off by more than 10 mm,
 ///   commands that act more than 20 ms late.
-EffectUse bodyOnlyUse(const Model& model, const std::string& controller);
+EffectUse bodyOnlyUse(const Model& model);
 
 }  // namespace ground

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <algorithm>
-#include <string>
 
 #include "ground/control/allocation.h"
 #include "ground/control/effect_use.h"
@@ -12,16 +11,17 @@
 namespace ground {
 
 /// Position tracking of an underactuated hovercraft by backstepping (Aguiar, Cremean, Hespanha
-/// 2003; thesis 4.2 with the derivatives of alpha corrected).
-class TrackingLaw {
+/// 2003; thesis 4.2 with the derivatives of alpha corrected). It takes the measured state as the current
+/// state of the craft's centre, uses the same damping d_v = Y_v for surge and sway, and no effects of the
+/// model.
+class BacksteppingControl : public TrackingController {
  public:
-  /// Takes body and thrusters of a model. The law uses the same damping d_v = Y_v for surge and
-  /// sway. Throws std::invalid_argument if steeringProblem() names one.
-  explicit TrackingLaw(const Model& model);
+  /// It takes thrusters that give a forward force, and moments to both sides.
+  static EffectUse effectUse(const Model& model);
 
-  /// Why a craft's thrusters cannot follow the law; empty if they can. It takes a forward force,
-  /// and moments to both sides.
-  static std::string steeringProblem(const Model& model);
+  /// Throws std::invalid_argument if gains are bad or it must not drive by this model (effectUse).
+  BacksteppingControl(const Model& model, const TrackingGains& gains);
+  void setParams(const TrackingGains& gains) { gains_ = gains; }
 
   struct Output {
     Vector2<double> error;      ///< position error e in the body frame [m]
@@ -32,35 +32,20 @@ class TrackingLaw {
     Thrusters<double> wanted;   ///< inputs before they are limited, (4.8): see Allocation
     Thrusters<double> inputs;   ///< inputs within the ranges of the thrusters
   };
+  Output run(const RigidState<double>& state, const ReferencePoint& reference) const;
 
-  Output run(const RigidState<double>& state, const ReferencePoint& reference,
-             const TrackingGains& gains) const;
-
- private:
-  Body<double> body_;
-  Allocation allocation_;
-  double least_force_, most_force_;  ///< what all thrusters together can push forward [N]
-};
-
-/// Controller by TrackingLaw. It takes the measured state as the current state of the craft's
-/// centre, and uses no effects of the model.
-class BacksteppingControl : public TrackingController {
- public:
-  static EffectUse effectUse(const Model& model);
-
-  /// Throws std::invalid_argument if gains are bad or it must not drive by this model (effectUse).
-  BacksteppingControl(const Model& model, const TrackingGains& gains);
-  void setParams(const TrackingGains& gains) { gains_ = gains; }
   Thrusters<double> decide(const Observation& seen) override {
     const double t = std::max(0.0, seen.stamp - seen.reference_start);
-    const TrackingLaw::Output out = law_.run(seen.state, seen.reference->at(t), gains_);
+    const Output out = run(seen.state, seen.reference->at(t));
     wanted_ = out.wanted;
     return out.inputs;
   }
   Thrusters<double> wanted() const override { return wanted_; }
 
  private:
-  TrackingLaw law_;
+  Body<double> body_;
+  Allocation allocation_;
+  double least_force_, most_force_;  ///< what all thrusters together can push forward [N]
   TrackingGains gains_;
   Thrusters<double> wanted_;
 };

@@ -42,18 +42,13 @@ class ObedienceMonitor {
   /// commands, such as "it moves as without thrust"; empty if it followed them. If the period does
   /// not give enough evidence, tries twice and four times as long.
   std::string disobedience(double duration) const;
-  /// Evidence of the last `duration` seconds for the best other hypothesis against the commands:
-  /// logarithm of the likelihood ratio.
-  double evidence(double duration) const;
-
-  static constexpr double kEvidence = 4.0;  ///< evidence above which disobedience is reported
 
  private:
   /// A hypothesis about a craft that does not follow its commands. The first one is no thrust.
   struct Explanation {
     std::string text;                     ///< for messages, after "it moves"
-    const Dynamics<double>* dynamics;     ///< by which it moves
     Thrusters<double> shares;             ///< inputs of the thrusters relative to their commands
+    double strength = 1;                  ///< of the thrust, relative to the model's
     bool swapped = false, lifted = true;  ///< whether two thrusters are swapped; lift fan works
   };
   static constexpr int kMaxCount = kMaxThrusters + 4;  ///< largest number of other hypotheses
@@ -82,14 +77,12 @@ class ObedienceMonitor {
   std::string likely(double duration, Eigen::Index best) const;
   RigidState<double> centre(const RigidState<double>& seen) const;
   bool lifted() const;
-  void forgetOldCommands(double time);
 
   Dynamics<double> dynamics_;
-  Dynamics<double> sitting_;        ///< with a skirt that brakes without lift
-  Dynamics<double> weak_, strong_;  ///< with a fifth and five times the thrust
-  Dynamics<Jet> derivatives_;       ///< dynamics_ with derivatives
-  double most_;                     ///< acceleration by full thrust [m/s^2]
-  double most_yaw_;                 ///< yaw acceleration by the fastest turn [rad/s^2]
+  Dynamics<double> sitting_;   ///< with a skirt that brakes without lift
+  Dynamics<Jet> derivatives_;  ///< dynamics_ with derivatives
+  double most_;                ///< acceleration by full thrust [m/s^2]
+  double most_yaw_;            ///< yaw acceleration by the fastest turn [rad/s^2]
   std::array<InputSequence, std::size_t{kDelayCount}> delayed_;  ///< commands, at once and later
   std::vector<Explanation> explanations_;
   std::vector<InputSequence> others_;  ///< inputs by each explanation

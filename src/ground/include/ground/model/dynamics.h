@@ -73,11 +73,10 @@ class Dynamics {
 
   void add(const Model::Entry& entry, const T* p);
 
-  /// Thrust and acceleration for one thruster input.
+  /// The thrust for one thruster input.
   struct Drive {
     const Thrusters<T>& input;
     Thrusters<T> thrust;  ///< before effects change it [N]
-    T surge, sway, yaw;   ///< acceleration by that thrust, for a mass matrix diag(m, m, I_z)
 
     Drive(const Dynamics& d, const Thrusters<T>& inputs);
   };
@@ -87,13 +86,8 @@ class Dynamics {
   /// `rates` is null.
   void derive(const T& t, const RigidState<T>& state, const Drive& drive, double lift, const T* states,
               T* rates, bool pose, RigidState<T>& dot) const;
-  /// Whether (2.4) has no effects, and a mass matrix diag(m, m, I_z).
-  bool isBodyAlone() const { return !has_hooks_ && !couples_; }
   template <typename H>
   void stepVelocities(Vector3<T>& nu, const Thrusters<T>& input, const H& h, int count) const;
-  /// Acceleration that effects add to that of thrusters, linear damping and Coriolis forces. With a
-  /// coupled mass matrix it is the whole acceleration.
-  Vector3<T> effects(Instant& instant, const Drive& drive, const T* states) const;
   /// The derivatives of the effects' states.
   void rates(Instant& instant, const T* states, T* rates) const;
 
@@ -115,15 +109,12 @@ class Dynamics {
   mutable StateStages stages_;  ///< scratch of one thread
   Body<T> body_;
   Matrix3<T> mass_, mass_inverse_;
-  Vector3<T> over_mass_, damping_;  ///< 1/m, 1/m, 1/I_z; X_u/m, Y_v/m, N_r/I_z
-  T lever_{};                       ///< l/I_z
-  T surge_gain_{}, yaw_gain_{};     ///< k/m, k l/I_z
+  Vector3<T> damping_;           ///< X_u/m, Y_v/m, N_r/I_z
+  T surge_gain_{}, yaw_gain_{};  ///< k/m, k l/I_z
   Vector2<T> air_;
   T delay_{};
   bool uses_pose_ = false, has_air_ = false;
-  bool sways_ = false;      ///< thrusters push to the side; then has_hooks_ is true
-  bool couples_ = false;    ///< the mass matrix is not diag(m, m, I_z)
-  bool has_hooks_ = false;  ///< effects or sway by thrusters have to be computed at every instant
+  bool is_alone_ = false;  ///< (2.4) has no effects or sway by thrusters, and a mass matrix diag(m, m, I_z)
 };
 
 extern template class Dynamics<double>;

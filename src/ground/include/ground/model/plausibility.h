@@ -25,7 +25,7 @@ struct MistakenUnit {
 /// All units that are recognised.
 const std::vector<MistakenUnit>& mistakenUnits();
 
-/// The implausible values of a craft, the most likely cause first; empty for a plausible craft.
+/// The implausible values of a craft; empty for a plausible craft.
 ///
 /// The check uses ratios of the body's parameters that are similar for all crafts of 0.02 to 50 kg,
 /// each with a wide range:
@@ -36,10 +36,8 @@ const std::vector<MistakenUnit>& mistakenUnits();
 ///     2 k input_max / X_u    top speed; with Y_v as well      above 0.05 m/s
 ///     k input_max l / N_r    top yaw rate                     above 0.05 rad/s
 ///
-/// If ratios are out of range, the probable unit (grams, centimetres, g cm^2, millinewtons, ...) is
-/// the one whose conversion brings the most ratios into range and none out of range. Example: with
-/// m: 58.3 the first three ratios are out of range; with 0.0583 all are in range, so the probable
-/// unit is grams.
+/// Of a ratio out of range, the parameter farthest from that of a typical craft is implausible. Its probable
+/// unit (grams, centimetres, g cm^2, millinewtons, ...) is the one that brings the ratio into its range.
 ///
 /// A craft is refused if its acceleration by full thrust is below 1e-4 m/s^2 (a metre takes more
 /// than two minutes) or above 1e4 m/s^2 (a thousand times gravity).

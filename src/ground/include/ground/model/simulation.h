@@ -27,7 +27,7 @@ class Simulation {
   /// Integrates to `time` [s]; times before the current one are an error (std::invalid_argument).
   void advance(double time);
 
-  /// Call after InputSequence::drop(count). The dropped commands must no longer act.
+  /// Call after InputSequence::dropBefore(). The dropped commands must no longer act.
   void forget(std::size_t count) {
     stepping_.forget(count);
     acts_ = kNone;

@@ -27,8 +27,9 @@ struct InputSequence {
   void add(double time, double left, double right, double lift_value) {
     add(time, {left, right}, lift_value);
   }
-  /// Removes the first `count` commands. Then call forget(count) of each simulation that uses it.
-  void drop(std::size_t count);
+  /// Removes the commands that no longer act at `oldest` [s] when they are half of all; returns how many.
+  /// Then call forget(count) of each simulation that uses it.
+  std::size_t dropBefore(double oldest);
   std::size_t size() const { return times.size(); }
 };
 
@@ -76,7 +77,7 @@ class Stepping {
   /// std::invalid_argument if `time` is before the current time.
   bool next(double time, Stretch& stretch);
 
-  /// Call after InputSequence::drop(count). The dropped commands must no longer act.
+  /// Call after InputSequence::dropBefore(). The dropped commands must no longer act.
   void forget(std::size_t count);
 
   double time() const { return time_; }

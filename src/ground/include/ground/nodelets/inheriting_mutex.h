@@ -28,7 +28,6 @@ class InheritingMutex {
   void lock() {
     if (pthread_mutex_lock(&mutex_) != 0) throw std::runtime_error("a mutex cannot be locked");
   }
-  bool try_lock() { return pthread_mutex_trylock(&mutex_) == 0; }
   void unlock() { pthread_mutex_unlock(&mutex_); }
 
  private:

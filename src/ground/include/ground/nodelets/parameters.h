@@ -89,16 +89,13 @@ Params paramsIn(const Config& config) {
 template <class Config>
 class LiveParameters {
  public:
-  /// Error message for values that are finite and inside the ranges of the .cfg file; empty if they
-  /// are valid.
-  using Validate = std::function<std::string(const Config&)>;
-  /// Applies valid values; called once from the constructor and at every accepted change. Values at
-  /// which it throws are refused.
+  /// Applies values that are finite and inside the ranges of the .cfg file; called once from the constructor
+  /// and at every accepted change. Values at which it throws are refused.
   using Apply = std::function<void(const Config&)>;
 
   /// Throws std::runtime_error if the values on the parameter server are bad.
-  LiveParameters(const ros::NodeHandle& nh, Validate validate, Apply apply)
-      : name_(nh.getNamespace()), changes_(nh), validate_(std::move(validate)), apply_(std::move(apply)) {
+  LiveParameters(const ros::NodeHandle& nh, Apply apply)
+      : name_(nh.getNamespace()), changes_(nh), apply_(std::move(apply)) {
     checkTypes(nh);
     using Server = dynamic_reconfigure::Server<Unclamped>;
     server_ = std::make_unique<Server>(mutex_, callbacks_.handle(nh));
@@ -158,7 +155,6 @@ class LiveParameters {
   void change(Config& config) {
     refusal_ = rangeError(fieldsOf<Config>(), config);
     try {
-      if (refusal_.empty() && validate_) refusal_ = validate_(config);
       if (refusal_.empty()) apply_(config);
     } catch (const std::exception& error) {
       refusal_ = error.what();
@@ -175,7 +171,6 @@ class LiveParameters {
 
   std::string name_;
   LiveChanges changes_;
-  Validate validate_;
   Apply apply_;
   Config current_ = Config::__getDefault__();  ///< guarded by mutex_
   std::string refusal_;  ///< why the last change was refused, or empty; guarded by mutex_

@@ -62,8 +62,7 @@ class ReferenceTracking : public Controller {
     if (!refusal.empty()) throw std::runtime_error(file + ": " + refusal);
     reference_publisher_ = topics().advertise<ground_msgs::Reference>("reference", 4);
     path_publisher_ = topics().advertise<nav_msgs::Path>("path/reference", 1, true);
-    reconfigure_ =
-        std::make_unique<LiveParameters<Config>>(nh, nullptr, [this](const Config& c) { apply(c); });
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) { apply(c); });
     model_service_ = ModelService(reconfigure_->thread(), nh, "load_model",
                                   [this](const Model& m, const std::string&) { return replaceModel(m); });
   }

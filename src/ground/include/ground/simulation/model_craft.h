@@ -51,7 +51,6 @@ class ModelCraft : public Plant {
   double time() const { return moving_->simulation.time(); }
   bool sits() const { return untouched_ || (lift_ && *lift_ == 0); }
   Vector3<double> friction() const;
-  void forgetCommands();
 
   Params params_;
   std::optional<DisturbanceSource> source_;

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <deque>
-#include <memory>
 #include <random>
 #include <string>
 #include <vector>
@@ -38,16 +37,9 @@ class SimulatedLab {
     double watchdog = 0.25;
   };
 
-  /// A room with a craft that moves by a model. Throws std::invalid_argument if mocap parameters or
-  /// the disturbance are bad.
-  SimulatedLab(const Model& model, const MocapParams& mocap, const Params& params)
-      : SimulatedLab(std::make_unique<ModelCraft>(model, params), nullptr, mocap, params) {}
-  /// A room with a given craft, which must outlive it. Uses the start, seed and watchdog of
-  /// `params`.
-  SimulatedLab(Plant& plant, const MocapParams& mocap, const Params& params)
-      : SimulatedLab(nullptr, &plant, mocap, params) {}
-  SimulatedLab(const SimulatedLab&) = delete;
-  SimulatedLab& operator=(const SimulatedLab&) = delete;
+  /// The craft must outlive the room, which uses the start, seed and watchdog of `params`. Throws
+  /// std::invalid_argument if mocap parameters are bad.
+  SimulatedLab(Plant& plant, const MocapParams& mocap, const Params& params);
 
   /// The craft receives a command at the current time. Values are clipped to the range of the
   /// thrusters; inputs of thrusters are in the model's units.
@@ -58,8 +50,6 @@ class SimulatedLab {
   void advance(double time);
   /// Frames delivered since the last call, in the order of delivery.
   std::vector<MocapFrame> takeFrames();
-  /// ModelCraft::setModel; throws std::logic_error in a room with a given craft.
-  void setModel(const Model& model);
   /// Takes effect with the next frame; throws std::invalid_argument if parameters are bad.
   void setMocap(const MocapParams& mocap);
   /// Takes effect at once; throws std::invalid_argument if it is not finite or negative.
@@ -81,12 +71,9 @@ class SimulatedLab {
   bool watchdogExpired() const { return expired_; }
 
  private:
-  SimulatedLab(std::unique_ptr<ModelCraft> own, Plant* plant, const MocapParams& mocap, const Params& params);
-
   void capture();
   bool lost(double time);
 
-  std::unique_ptr<ModelCraft> own_;  ///< null in a room with a given craft
   Plant& plant_;
   double watchdog_;  ///< Params::watchdog [s]
   MocapParams mocap_;

@@ -4,8 +4,8 @@
 
 namespace ground {
 
-/// Thrusters turned by a common angle: X = F cos, Y = F sin, N = l (F_L - F_R) cos of a left and a
-/// right one; of others each force turns about its thruster's place.
+/// Thrusters turned by a common angle, each about its place: X = F cos, Y = F sin, N = l (F_L - F_R) cos of a
+/// left and a right one.
 struct ThrustMisalignment {
   static constexpr bool kUsesPose = false;
 
@@ -22,15 +22,11 @@ struct ThrustMisalignment {
     const Rotation<T> turned = Rotation<T>(p[0]);
     const T lost = turned.c - 1.0;
     const T& across = turned.s;
-    wrench(0) += total(0) * lost;
-    wrench(1) += total(0) * across;
-    wrench(2) += point.body.l * total(2) * lost;
-    if (layout.isPair()) return;
-    wrench(0) -= total(1) * across;
-    wrench(1) += total(1) * lost;
     T along(0.0);
     for (int i = 0; i < layout.size(); ++i) along += layout.along(i) * point.thrust(i);
-    wrench(2) += point.body.l * along * across;
+    wrench(0) += total(0) * lost - total(1) * across;
+    wrench(1) += total(0) * across + total(1) * lost;
+    wrench(2) += point.body.l * (total(2) * lost + along * across);
   }
 };
 GROUND_REGISTER_EFFECT(ThrustMisalignment)

@@ -16,10 +16,6 @@ struct ThrustSpeedLoss {
   }
   template <typename T>
   static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
-    if (point.layout.isPair()) {
-      force *= notBelowZero(T(1.0 - p[0] * point.nu_air.x()));
-      return;
-    }
     for (int i = 0; i < force.size(); ++i) {
       const T along =
           point.layout.forward(i) * point.nu_air.x() + point.layout.starboard(i) * point.nu_air.y();
