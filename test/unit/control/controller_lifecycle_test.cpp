@@ -1,0 +1,340 @@
+// The life cycle of a controller, on simulated clocks.
+#include "ground/control/controller_lifecycle.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace ground {
+namespace controller_lifecycle_test {
+
+using State = ControllerLifecycle::State;
+
+constexpr double kFrame = 0.01;  // interval between states [s]
+
+struct FakePilot : Pilot {
+  Vector2<double> inputs{0.4, 0.6};
+  std::string objects, refuses;  ///< reasons of objection() and of activate(); empty: none
+  double ends = std::numeric_limits<double>::infinity();
+  double bit = 0;  ///< length of a bit of an open-loop signal; 0: closed loop [s]
+  int activated = 0, deactivated = 0;
+  std::vector<double> updates;  ///< elapsed times [s]
+
+  void activate(double) override {
+    if (!refuses.empty()) throw std::runtime_error(refuses);
+    ++activated;
+  }
+  void deactivate() override { ++deactivated; }
+  std::string objection(const MeasuredState&) override { return objects; }
+  Inputs update(double elapsed, double, const RigidState<double>&, double lift) override {
+    updates.push_back(elapsed);
+    return {inputs.x(), inputs.y(), lift};
+  }
+  double end() const override { return ends; }
+  double nextChange(double elapsed) const override {
+    return bit > 0 ? bit * (std::floor(elapsed / bit + 1e-9) + 1) : kByState;
+  }
+};
+
+class Lifecycle : public testing::Test {
+ protected:
+  struct Sent {
+    double time;
+    Inputs inputs;
+    State state;
+  };
+
+  Lifecycle()
+      : life(
+            pilot,
+            [this](const Inputs& inputs) {
+              sent.push_back({time, inputs, life.current()});
+            },
+            [this] {
+              stages.push_back({time, life.current()});
+            }) {
+    params.recovery_time = 0.5;
+    params.require_armed = false;
+    life.setParams(params);
+  }
+
+  Instant now() const { return {time + 100, time}; }  // the clocks differ
+  void see() {
+    measured.stamp = time - 0.004;
+    life.state(now(), measured);
+  }
+  /// Lets time pass: due ticks happen on time, and with `seen` a state comes at every frame.
+  void pass(double duration, bool seen = true) {
+    const double until = time + duration;
+    while (time < until) {
+      const Instant due = life.due();
+      const double next = std::min({due.steady - 100, due.time, next_frame, until});
+      time = std::max(time, next);
+      if (time >= next_frame) {
+        next_frame += kFrame;
+        if (seen) see();
+      }
+      life.tick(now());
+    }
+  }
+  void drive() {
+    life.start(now());
+    pass(1.5);
+    ASSERT_EQ(life.current(), State::kRunning) << life.reason();
+  }
+  void expectStopped(const std::string& reason) {
+    EXPECT_EQ(life.current(), State::kStopped);
+    EXPECT_EQ(life.reason(), reason);
+    EXPECT_EQ(sent.back().inputs.thrusters(0) + sent.back().inputs.thrusters(1) + sent.back().inputs.lift, 0);
+    EXPECT_EQ(pilot.deactivated, pilot.activated);
+  }
+
+  double time = 0, next_frame = 0;
+  MeasuredState measured{0, {}, true, ""};
+  FakePilot pilot;
+  std::vector<Sent> sent;
+  std::vector<std::pair<double, State>> stages;
+  LifecycleParams params;
+  ControllerLifecycle life;
+};
+
+TEST_F(Lifecycle, WaitsLiftsDrivesAndEnds) {
+  pilot.ends = 2;
+  pass(0.1, false);
+  EXPECT_EQ(life.start(now()), "");
+  EXPECT_NE(life.start(now()), "");
+  pass(0.2, false);
+  EXPECT_EQ(life.current(), State::kWaiting);
+  pass(4);
+  const std::vector<State> states = {State::kWaiting, State::kLifting, State::kRunning, State::kDone};
+  ASSERT_EQ(stages.size(), states.size());
+  for (std::size_t i = 0; i < states.size(); ++i) EXPECT_EQ(stages[i].second, states[i]);
+  EXPECT_NEAR(stages[0].first, 0.1, 1e-9);
+  EXPECT_NEAR(stages[1].first, 0.3, kFrame + 1e-9);
+  EXPECT_NEAR(stages[2].first, stages[1].first + params.lift_time, 1e-9);
+  EXPECT_NEAR(stages[3].first, stages[2].first + 2, 1e-9);
+  EXPECT_EQ(life.reason(), "came to its end");
+  for (const Sent& s : sent) {
+    const bool runs = s.state == State::kRunning, lifts = runs || s.state == State::kLifting;
+    EXPECT_EQ(s.inputs.thrusters(0), runs ? 0.4 : 0) << s.time;
+    EXPECT_EQ(s.inputs.thrusters(1), runs ? 0.6 : 0) << s.time;
+    EXPECT_EQ(s.inputs.lift, lifts ? params.lift : 0) << s.time;
+  }
+  for (std::size_t i = 1; i < sent.size(); ++i)
+    EXPECT_LT(sent[i].time - sent[i - 1].time, 0.0201) << "no command for long";
+}
+
+TEST_F(Lifecycle, ClosedLoopsDecideAtTheirRateAndUseTheLastStateDuringALoss) {
+  drive();
+  pilot.updates.clear();
+  pass(1);
+  EXPECT_NEAR(static_cast<double>(pilot.updates.size()), params.rate, 2);
+  const auto before = pilot.updates.size();
+  pass(0.19, false);
+  EXPECT_EQ(life.current(), State::kRunning);
+  EXPECT_GT(pilot.updates.size(), before + 2);
+  EXPECT_EQ(pilot.updates.back(), pilot.updates[before]) << "the time of the last state";
+}
+
+TEST_F(Lifecycle, ALostStateEndsTheThrustAtOnceAndTheLiftAfterTheRecoveryTime) {
+  drive();
+  pass(0.5, false);
+  EXPECT_EQ(life.current(), State::kRecovering);
+  EXPECT_EQ(sent.back().inputs.thrusters(0) + sent.back().inputs.thrusters(1), 0);
+  EXPECT_EQ(sent.back().inputs.lift, params.lift);
+  EXPECT_EQ(pilot.deactivated, 0);
+  pass(0.1);
+  EXPECT_EQ(life.current(), State::kRunning);
+  EXPECT_EQ(life.reason(), "driving again");
+  const double lost = time;
+  pass(2, false);
+  expectStopped("the state is stale");
+  EXPECT_NEAR(stages.back().first, lost + params.state_timeout + params.recovery_time, kFrame);
+}
+
+TEST_F(Lifecycle, TheFenceStopsItBeforeAWall) {
+  Room room;
+  room.margin = 0.2;
+  room.braking = 1;
+  room.latency = 0.1;
+  life.setFence(Fence(room, room.margin));
+  drive();
+  // At 1 m/s the craft stops after 0.6 m; walls are 2 m away.
+  measured.state.nu.x() = 1;
+  double x = 0;
+  while (x < 3 && life.current() == State::kRunning) {
+    measured.state.eta.x() = x;
+    pass(kFrame);
+    x += kFrame;
+  }
+  EXPECT_NEAR(x, 2 - 0.2 - 0.6, 0.03);
+  EXPECT_EQ(life.current(), State::kStopped);
+  EXPECT_NE(life.reason().find("from a wall of the room"), std::string::npos) << life.reason();
+}
+
+TEST_F(Lifecycle, StopsAtOnceForImpossibleStates) {
+  drive();
+  measured.state.eta.x() = 1;
+  see();
+  EXPECT_EQ(life.current(), State::kStopped);
+  EXPECT_NE(life.reason().find("the state has jumped by 1.00 m"), std::string::npos);
+  drive();
+  measured.state.nu.z() = NAN;
+  see();
+  expectStopped("the state is not finite");
+  measured.state.nu.z() = 0;
+  drive();
+  pilot.inputs.x() = NAN;
+  pass(0.1);
+  expectStopped("the command is not finite");
+}
+
+TEST_F(Lifecycle, StopsWithTheReasonOfPilotUserOrClock) {
+  drive();
+  pilot.objects = "too far off";
+  pass(0.1);
+  expectStopped("too far off");
+  pilot.objects = "";
+  drive();
+  life.stop(now(), "stopped by hand");
+  expectStopped("stopped by hand");
+  drive();
+  life.timeJumped(now(), "time jumped back by 2.0 s");
+  expectStopped("time jumped back by 2.0 s");
+  pilot.refuses = "there is no signal";
+  life.start(now());
+  pass(2);
+  EXPECT_EQ(life.reason(), "there is no signal");
+  EXPECT_EQ(life.current(), State::kStopped);
+}
+
+TEST_F(Lifecycle, WaitsForTheSenderAndStopsWithIt) {
+  params.require_armed = true;
+  life.setParams(params);
+  life.start(now());
+  pass(1);
+  EXPECT_EQ(life.current(), State::kWaiting);
+  life.sender(now(), true, "");
+  pass(1.2);
+  EXPECT_EQ(life.current(), State::kRunning);
+  life.sender(now(), false, "disarmed by hand");
+  expectStopped("the sender is not armed: disarmed by hand");
+}
+
+TEST_F(Lifecycle, WithoutAStateAnOpenLoopWaitsForTheSenderOnly) {
+  params.require_state = false;
+  params.require_armed = true;
+  life.setParams(params);
+  Room room;
+  life.setFence(Fence(room, room.margin));
+  pilot.bit = 0.1;
+  pilot.ends = 2;
+  pass(0.1, false);
+  EXPECT_EQ(life.start(now()), "");
+  pass(0.2, false);
+  EXPECT_EQ(life.current(), State::kWaiting);
+  EXPECT_EQ(life.reason(), "waits for an armed sender");
+  life.sender(now(), true, "");
+  const double armed = time;
+  pass(4, false);
+  ASSERT_EQ(stages.size(), 4u);
+  EXPECT_EQ(stages[1].second, State::kLifting);
+  EXPECT_NEAR(stages[1].first, armed, 0.0201);
+  EXPECT_NEAR(stages[2].first, stages[1].first + params.lift_time, 1e-9);
+  EXPECT_NEAR(stages[3].first, stages[2].first + 2, 1e-9);
+  EXPECT_EQ(stages[3].second, State::kDone);
+  for (std::size_t i = 1; i < sent.size(); ++i)
+    EXPECT_LT(sent[i].time - sent[i - 1].time, 0.0201) << "no command for long";
+
+  life.start(now());
+  pass(1.5, false);
+  EXPECT_EQ(sent.back().inputs.thrusters(0), 0.4);
+  life.sender(now(), false, "disarmed by hand");
+  expectStopped("the sender is not armed: disarmed by hand");
+}
+
+TEST_F(Lifecycle, WithoutRequiredStateClosedLoopsAreRefused) {
+  const std::string needs = "it drives by the state, and require_state is false";
+  params.require_state = false;
+  life.setParams(params);
+  EXPECT_EQ(life.start(now()), needs);
+  pass(2);
+  EXPECT_EQ(life.current(), State::kIdle);
+  EXPECT_EQ(pilot.activated, 0);
+  pilot.bit = 0.1;
+  drive();
+  pilot.bit = 0;  // the pilot changes to closed loop
+  pass(0.2);
+  expectStopped(needs);
+}
+
+TEST_F(Lifecycle, TakesOverWithTheLiftOnAndGivesWay) {
+  for (int i = 0; i < 20; ++i) {  // another controller drives: this one sends nothing
+    life.otherDrives(now(), "other", 0.8);
+    pass(0.02);
+  }
+  EXPECT_TRUE(std::all_of(sent.begin(), sent.end(), [](const Sent& s) { return s.time < 0.02; }));
+  life.start(now());
+  pass(0.05);
+  EXPECT_EQ(life.current(), State::kRunning) << "it does not lift again";
+  life.otherDrives(now(), "other", 0.8);
+  EXPECT_EQ(life.current(), State::kRunning) << "a late command of the replaced controller";
+  pass(0.3);
+  sent.clear();
+  life.otherDrives(now(), "third", 0.8);
+  EXPECT_EQ(life.reason(), "third has taken over");
+  pass(0.1);
+  EXPECT_TRUE(sent.empty());
+}
+
+TEST_F(Lifecycle, ThrustNeedsATrustedState) {
+  std::mt19937 random(7);
+  const auto chance = [&](double p) { return std::uniform_real_distribution<double>()(random) < p; };
+  params.require_armed = true;
+  life.setParams(params);
+  double trusted = -1e9;  // time of the newest valid, finite state
+  bool armed = false, finite = true;
+  for (int i = 0; i < 200000; ++i) {
+    time += 0.005;
+    sent.clear();
+    if (!life.started() && chance(0.01)) life.start(now());
+    if (chance(0.002)) {
+      armed = chance(0.8);
+      life.sender(now(), armed, "");
+    }
+    if (chance(0.0005)) life.stop(now(), "by hand");
+    if (chance(0.0005)) life.timeJumped(now(), "time jumped");
+    if (chance(0.0005)) pilot.objects = chance(0.5) ? "no" : "";
+    if (chance(0.001)) measured.valid = chance(0.7);
+    if (chance(0.001)) measured.state.nu.x() = chance(0.2) ? NAN : 0;
+    if (chance(i / 2000 % 3 == 0 ? 0.02 : 0.5)) {
+      finite = measured.state.nu.allFinite();
+      if (measured.valid && finite) trusted = time - 0.004;
+      if (!measured.valid || !finite) trusted = -1e9;
+      see();
+    } else {
+      life.tick(now());
+    }
+    for (const Sent& s : sent) {
+      if (s.inputs.thrusters(0) + s.inputs.thrusters(1) == 0) continue;
+      ASSERT_EQ(s.state, State::kRunning);
+      ASSERT_LT(time - trusted, params.state_timeout + 1e-9);
+      ASSERT_TRUE(armed);
+      ASSERT_EQ(pilot.objects, "");
+    }
+    const Instant due = life.due();
+    ASSERT_GE(std::min(due.steady - 100, due.time), time - 1e-9) << nameOf(life.current());
+  }
+  EXPECT_GT(pilot.activated, 20);
+  EXPECT_GT(std::count_if(stages.begin(), stages.end(),
+                          [](const auto& s) { return s.second == State::kRecovering; }),
+            10);
+}
+
+}  // namespace controller_lifecycle_test
+}  // namespace ground

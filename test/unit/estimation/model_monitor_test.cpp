@@ -1,0 +1,163 @@
+// Models compared with a running experiment.
+#include "ground/estimation/model_monitor.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "ground/control/prbs.h"
+#include "ground/estimation/floor_map.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/model_file.h"
+
+namespace ground {
+namespace model_monitor_test {
+
+Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
+
+Model with(const std::string& effect, const std::map<std::string, double>& values) {
+  Model model = craft();
+  model.addEffect(makeEffect(effect));
+  for (const auto& [name, value] : values) model.setValue(effect + "." + name, value);
+  return model;
+}
+
+/// Simulates a PRBS run of a true model at 100 Hz. Monitors get its commands, `each` its noisy
+/// states.
+class Experiment {
+ public:
+  explicit Experiment(const Model& truth) : dynamics_(truth), bits_(makePrbs(9, 1)) {}
+
+  template <class Each>
+  void run(double from, double until, std::vector<ModelMonitor*> monitors, Each each) {
+    InputSequence inputs;
+    for (double t = 0; t < until; t += 1 / 15.0) {
+      const auto& bit = bits_[static_cast<std::size_t>(t * 15.0 + 0.5) % bits_.size()];
+      inputs.add(t, bit[0], bit[1], 1);
+    }
+    Simulation<double> simulation(dynamics_, inputs, {}, 0);
+    std::size_t next = 0;
+    for (int i = 0; i * 0.01 < until; ++i) {
+      const double t = i * 0.01;
+      simulation.advance(t);
+      for (; next < inputs.size() && inputs.times[next] <= t; ++next)
+        for (ModelMonitor* m : monitors) m->command(from + inputs.times[next], inputs.thrusters[next], 1);
+      const Measurement<double> seen = simulation.measure();
+      RigidState<double> state{seen.eta, seen.nu};
+      for (int c = 0; c < 3; ++c) {
+        state.eta(c) += (c < 2 ? 3e-4 : 5e-3) * normal_(random_);
+        state.nu(c) += (c < 2 ? 5e-3 : 5e-2) * normal_(random_);
+      }
+      each(from + t, state);
+    }
+  }
+
+ private:
+  Dynamics<double> dynamics_;
+  PrbsBits bits_;
+  std::mt19937 random_{1};
+  std::normal_distribution<double> normal_;
+};
+
+TEST(ModelMonitor, ATrueModelHasTheErrorOfTheMeasurement) {
+  for (const Model& truth :
+       {craft(), with("motor_lag", {{"tau", 0.06}}), with("input_delay", {{"delay", 0.05}}),
+        with("heading_offset", {{"psi0", 1.2}}), with("marker_offset", {{"dx", 0.03}, {"dy", 0.01}})}) {
+    ModelMonitor monitor(truth, {});
+    std::optional<ModelMonitor::Error> last;
+    double first = -1;
+    Experiment(truth).run(0, 15, {&monitor}, [&](double t, const RigidState<double>& s) {
+      const auto found = monitor.measure(t, s);
+      if (found && first < 0) first = t;
+      if (found) last = found;
+    });
+    ASSERT_TRUE(last);
+    EXPECT_NEAR(first, 1.0, 0.011);
+    EXPECT_NEAR(last->horizon, 1.0, 0.011);
+    EXPECT_NEAR(last->covered, 10.0, 0.011);
+    EXPECT_LT(last->mean.x(), 0.04);
+    EXPECT_LT(last->mean.y(), 0.04);
+    EXPECT_LT(last->mean.z(), 0.07);
+    EXPECT_LT(last->error, 0.09);
+  }
+}
+
+TEST(ModelMonitor, TheMissingWrenchIsThatOfTheHiddenEffect) {
+  const Model truth = with("body_force_bias", {{"x0", 0.02}, {"y0", -0.01}});
+  ModelMonitor nominal(craft(), {}), right(truth, {});
+  Vector3<double> missing = Vector3<double>::Zero(), rest = missing;
+  int count = 0;
+  double errors[2] = {0, 0};
+  Experiment(truth).run(0, 15, {&nominal, &right}, [&](double t, const RigidState<double>& s) {
+    const auto a = nominal.measure(t, s), b = right.measure(t, s);
+    if (!a || !b || t < 3) return;
+    missing += a->wrench;
+    rest += b->wrench;
+    ++count;
+    errors[0] = a->error;
+    errors[1] = b->error;
+  });
+  EXPECT_NEAR(missing.x() / count, 0.02, 0.002);
+  EXPECT_NEAR(missing.y() / count, -0.01, 0.002);
+  EXPECT_NEAR(missing.z() / count, 0, 2e-4);
+  EXPECT_NEAR(rest.x() / count, 0, 1e-3);
+  EXPECT_NEAR(rest.y() / count, 0, 1e-3);
+  EXPECT_GT(errors[0], 2 * errors[1]);
+}
+
+TEST(ModelMonitor, ResetsWhenTimeJumpsBack) {
+  ModelMonitor monitor(craft(), {});
+  int found = 0;
+  const auto count = [&](double t, const RigidState<double>& s) {
+    found += monitor.measure(t, s).has_value();
+  };
+  Experiment(craft()).run(100, 3, {&monitor}, count);
+  const int before = found;
+  EXPECT_NEAR(before, 200, 2);
+  Experiment(craft()).run(0, 3, {&monitor}, count);
+  EXPECT_EQ(found, 2 * before);
+}
+
+TEST(ModelContest, PrefersTheTrueModelButNoneOfTwoEqualOnes) {
+  const Model truth = with("floor_tilt", {{"sx", 0.015}, {"sy", 0.0}});
+  ModelMonitor nominal(craft(), {}), right(truth, {}), again(truth, {});
+  ModelContest unequal(1.0, 10.0), equal(1.0, 10.0);
+  Experiment(truth).run(0, 14, {&nominal, &right, &again}, [&](double t, const RigidState<double>& s) {
+    const auto a = nominal.measure(t, s), b = right.measure(t, s), c = again.measure(t, s);
+    if (!a || !b || !c) return;
+    unequal.add(t, *a, *b);
+    equal.add(t, *c, *b);
+    if (t < 4.5) {
+      EXPECT_FALSE(unequal.preference());
+    }
+  });
+  const auto found = unequal.preference();
+  ASSERT_TRUE(found);
+  EXPECT_TRUE(found->clear());
+  EXPECT_GT(found->difference, 0);
+  ASSERT_TRUE(equal.preference());
+  EXPECT_FALSE(equal.preference()->clear());
+}
+
+TEST(FloorMap, HasTheMeansOfCellsWithEnoughSamples) {
+  FloorMap map(0.5);
+  for (int i = 0; i < 10; ++i) map.add(0.1, -0.1, i);  // mean 4.5
+  for (int i = 0; i < 5; ++i) map.add(0.6, -0.2, 100);
+  for (int i = 0; i < 4; ++i) map.add(3, 3, 7);  // too few
+  map.add(std::nan(""), 0, 1);
+  map.add(1e9, 0, 1);
+  const auto cells = map.cells();
+  ASSERT_EQ(cells.size(), 2u);
+  EXPECT_EQ(cells[0].x, 0.25);
+  EXPECT_EQ(cells[0].y, -0.25);
+  EXPECT_EQ(cells[0].mean, 4.5);
+  EXPECT_EQ(cells[1].mean, 100);
+  EXPECT_EQ(map.large(), 4.5);  // exceeded by the largest mean only
+  EXPECT_GT(FloorMap(1).large(), 0);
+}
+
+}  // namespace model_monitor_test
+}  // namespace ground

@@ -1,0 +1,547 @@
+// Every effect of the library: absent at its neutral value, exact derivatives, right physics.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <map>
+#include <random>
+#include <regex>
+#include <string>
+
+#include "ground/model/effect_registry.h"
+#include "ground/model/expression_effect.h"
+#include "ground/model/model_file.h"
+#include "ground/model/simulation.h"
+#include "ground/model/typical.h"
+
+namespace ground {
+namespace effects_test {
+
+Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
+
+Model with(const std::string& effect) {
+  Model model = tinyWhoover();
+  model.addEffect(makeEffect(effect));
+  return model;
+}
+
+/// Commands with edges that are not on a grid.
+InputSequence excitation() {
+  InputSequence inputs;
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> level(0.1, 1.0);
+  for (int i = 0; i < 25; ++i) inputs.add(0.0813 * i, level(random), level(random), 0.9);
+  return inputs;
+}
+
+const Vector3<double> kPlace(0.5, -1.0, 2.0);
+
+template <typename T>
+std::vector<Measurement<T>> run(const Model& model, const std::vector<T>& coordinates,
+                                const Vector3<double>& place = kPlace) {
+  static const InputSequence inputs = excitation();
+  const Dynamics<T> dynamics(model, coordinates);
+  RigidState<T> start;
+  start.nu = Vector3<double>(0.3, -0.2, 1.0).cast<T>();
+  start.eta = place.cast<T>();
+  Simulation<T> simulation(dynamics, inputs, start, 0.05);
+  std::vector<Measurement<T>> trajectory;
+  for (double t = 0.1; t < 1.9; t += 0.113) {
+    simulation.advance(t);
+    trajectory.push_back(simulation.measure());
+  }
+  return trajectory;
+}
+
+double difference(const Measurement<double>& a, const Measurement<double>& b) {
+  return std::max((a.eta - b.eta).cwiseAbs().maxCoeff(), (a.nu - b.nu).cwiseAbs().maxCoeff());
+}
+
+class EveryEffect : public testing::TestWithParam<std::string> {};
+
+TEST_P(EveryEffect, IsExactlyAbsentAtItsNeutralValue) {
+  const Model nominal = tinyWhoover(), neutral = with(GetParam());
+  const auto without = nominal.coordinates(), with = neutral.coordinates();
+  const auto a = run(nominal, std::vector<Jet>(without.begin(), without.end()));
+  std::vector<Jet> jets(with.begin(), with.end());
+  jets.back().v[0] = 1.0;  // an effect without a derivative would not be computed
+  const auto b = run(neutral, jets);
+  // A mass matrix with derivatives is inverted as a whole, which rounds differently.
+  const double rounding = makeEffect(GetParam())->hooks() & Effect::kInertia ? 1e-14 : 0;
+  for (std::size_t i = 0; i < a.size(); ++i)
+    for (int k = 0; k < 3; ++k) {
+      EXPECT_NEAR(a[i].eta(k).a, b[i].eta(k).a, rounding);
+      EXPECT_NEAR(a[i].nu(k).a, b[i].nu(k).a, rounding);
+    }
+}
+
+TEST_P(EveryEffect, ChangesTheMotionInEachOfItsParameters) {
+  // Several places: the floor's friction depends on the place.
+  const Model neutral = with(GetParam());
+  const auto infos = neutral.parameters();
+  for (std::size_t p = bodyParameters().size(); p < infos.size(); ++p) {
+    std::vector<double> coordinates = neutral.coordinates();
+    coordinates[p] += infos[p].scale(neutral.body);
+    double largest = 0;
+    for (double x = -2; x <= 2; ++x)
+      for (double y = -2; y <= 2; ++y) {
+        const Vector3<double> place(x, y, 2.0);
+        const auto nominal = run(neutral, neutral.coordinates(), place),
+                   changed = run(neutral, coordinates, place);
+        largest = std::max(largest, difference(nominal.back(), changed.back()));
+      }
+    EXPECT_GT(largest, 1e-4) << infos[p].name;
+  }
+}
+
+TEST_P(EveryEffect, DerivativesAgreeWithFiniteDifferences) {
+  const Model neutral = with(GetParam());
+  const auto infos = neutral.parameters();
+  for (bool at_neutral : {false, true}) {
+    std::vector<double> at = neutral.coordinates();
+    for (std::size_t p = bodyParameters().size(); p < at.size() && !at_neutral; ++p)
+      at[p] += 0.9 * infos[p].scale(neutral.body);
+    for (std::size_t p = 2; p < at.size(); ++p) {
+      const bool own = p >= bodyParameters().size();
+      std::vector<Jet> jets(at.begin(), at.end());
+      jets[p].v[3] = 1.0;
+      const auto exact = run(neutral, jets);
+      const double h = 1e-5 * infos[p].scale(neutral.body);
+      // A neutral value may be a bound: then differences are one-sided.
+      const bool bounded =
+          own && at_neutral &&
+          (infos[p].lower == infos[p].neutral || infos[p].coordinate == Coordinate::kReciprocal);
+      const auto moved = [&](double steps) {
+        std::vector<double> c = at;
+        c[p] += steps * h;
+        return run(neutral, c);
+      };
+      const auto zero = moved(0), plus = moved(1), other = moved(bounded ? 2 : -1);
+      double largest = 0, worst = 0;
+      for (std::size_t i = 0; i < exact.size(); ++i) {
+        for (int k = 0; k < 6; ++k) {
+          const auto value = [k](const auto& m) { return k < 3 ? m.eta(k) : m.nu(k - 3); };
+          const double d = value(exact[i]).v[3];
+          const double finite = bounded
+                                    ? (4 * value(plus[i]) - 3 * value(zero[i]) - value(other[i])) / (2 * h)
+                                    : (value(plus[i]) - value(other[i])) / (2 * h);
+          largest = std::max(largest, std::abs(finite));
+          worst = std::max(worst, std::abs(d - finite));
+        }
+      }
+      EXPECT_LT(worst, 1e-5 * largest + 1e-12)
+          << infos[p].name << (at_neutral ? " at neutral" : " away from neutral");
+    }
+  }
+}
+
+TEST_P(EveryEffect, SaysWhetherTheMotionDependsOnThePose) {
+  Model model = with(GetParam());
+  const auto infos = model.parameters();
+  std::vector<double> at = model.coordinates();
+  for (std::size_t p = bodyParameters().size(); p < at.size(); ++p)
+    at[p] += (1 + 0.1 * static_cast<double>(p)) * infos[p].scale(model.body);
+  const Dynamics<double> dynamics(model, at);
+  const InputSequence inputs = excitation();
+  const auto speedFrom = [&](const Vector3<double>& place) {
+    RigidState<double> start;
+    start.eta = place;
+    Simulation<double> simulation(dynamics, inputs, start, 0.05);
+    simulation.advance(1);
+    return simulation.state().nu;
+  };
+  const double change = (speedFrom({1, 0.5, 2}) - speedFrom({-0.7, 0.2, -0.4})).norm();
+  EXPECT_EQ(dynamics.usesPose(), change > 1e-9) << change;
+}
+
+/// Powers of mass and time in a unit such as "N s^2/m".
+Vector2<double> powers(std::string unit) {
+  Vector2<double> found(0, 0);
+  const std::map<std::string, Vector2<double>> known = {{"kg", {1, 0}}, {"s", {0, 1}},   {"N", {1, -2}},
+                                                        {"m", {0, 0}},  {"rad", {0, 0}}, {"-", {0, 0}}};
+  const std::regex factor("(/?)([a-zA-Z]+|-)(?:\\^(\\d))?");
+  for (std::sregex_iterator at(unit.begin(), unit.end(), factor), end; at != end; ++at) {
+    const double power = at->str(3).empty() ? 1 : std::stod(at->str(3));
+    found += (at->str(1).empty() ? power : -power) * known.at(at->str(2));
+  }
+  return found;
+}
+
+TEST_P(EveryEffect, ScalesChangeWithTheUnitsOfMassAndTime) {
+  const Body<double> body = tinyWhoover().body;
+  const double mass = 3, time = 0.7;  // the new numbers for 1 kg and for 1 s
+  Body<double> other = body;
+  other.m *= mass;
+  other.I_z *= mass;
+  other.k *= mass / (time * time);
+  for (double* damping : {&other.X_u, &other.Y_v, &other.N_r}) *damping *= mass / time;
+  Body<double> smaller = body;
+  smaller.l *= 0.5;
+  for (const ParameterInfo& info : makeEffect(GetParam())->info().parameters) {
+    EXPECT_GT(info.scale(body), 0) << info.name;
+    if (info.scale(other) == info.scale(body) && info.scale(smaller) == info.scale(body)) continue;
+    const Vector2<double> power = (info.coordinate == Coordinate::kReciprocal ? -1 : 1) * powers(info.unit);
+    EXPECT_NEAR(info.scale(other) / info.scale(body), std::pow(mass, power(0)) * std::pow(time, power(1)),
+                1e-9)
+        << info.name;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Library, EveryEffect, testing::ValuesIn(effectNames()),
+                         [](const auto& test) { return test.param; });
+
+RigidState<double> acceleration(const Model& model, const RigidState<double>& state,
+                                const Vector2<double>& input = {0, 0}, double t = 0) {
+  return Dynamics<double>(model).derivative(t, state, input, 1.0);
+}
+
+TEST(Physics, ComOffsetIsTheSameCraftSeenFromAnotherPoint) {
+  // Force-free motion must agree whether described about the centre of mass or about an offset
+  // point.
+  Model offset = with("com_offset"), plain = tinyWhoover();
+  offset.setValue("com_offset.xg", 0.02);
+  offset.setValue("com_offset.yg", -0.013);
+  for (Model* model : {&offset, &plain})
+    for (const char* damping : {"X_u", "Y_v", "N_r"}) model->setValue(damping, 0.0);
+  const Vector2<double> g(0.02, -0.013);
+  RigidState<double> about_com, about_origin;
+  about_com.nu << 0.4, 0.3, 5.0;
+  about_com.eta << 1, 2, 0.7;
+  about_origin.nu << about_com.nu.x() + about_com.nu.z() * g.y(), about_com.nu.y() - about_com.nu.z() * g.x(),
+      about_com.nu.z();
+  about_origin.eta.head<2>() = about_com.eta.head<2>() - bodyToWorld<double>(0.7, g);
+  about_origin.eta.z() = 0.7;
+  const InputSequence none;
+  const Dynamics<double> a(plain), b(offset);
+  Simulation<double> com(a, none, about_com, 0), origin(b, none, about_origin, 0);
+  com.advance(2.0);
+  origin.advance(2.0);
+  const RigidState<double>&c = com.state(), &o = origin.state();
+  EXPECT_NEAR(c.nu.z(), o.nu.z(), 1e-6);
+  EXPECT_LT((c.eta.head<2>() - o.eta.head<2>() - bodyToWorld<double>(o.eta.z(), g)).norm(), 1e-6);
+}
+
+TEST(Physics, AddedMassGivesTheMunkMoment) {
+  Model model = with("added_mass");
+  model.setValue("added_mass.my", 0.01);
+  model.setValue("N_r", 0.0);
+  RigidState<double> state;
+  state.nu << 1.0, 0.5, 0.0;
+  EXPECT_NEAR(acceleration(model, state).nu.z(), -0.01 * 1.0 * 0.5 / model.body.I_z, 1e-9);
+}
+
+TEST(Physics, WindCarriesTheCraft) {
+  Model model = with("wind");
+  model.setValue("wind.wx", 0.3);
+  model.setValue("wind.wy", -0.4);
+  const Dynamics<double> dynamics(model);
+  const InputSequence none;
+  Simulation<double> simulation(dynamics, none, {}, 0);
+  simulation.advance(200);
+  const auto& s = simulation.state();
+  const Vector2<double> drift = bodyToWorld<double>(s.eta.z(), s.nu.head<2>());
+  EXPECT_NEAR(drift.x(), 0.3, 1e-6);
+  EXPECT_NEAR(drift.y(), -0.4, 1e-6);
+}
+
+TEST(Physics, MeasurementOffsetsCommute) {
+  Model one = with("marker_offset"), other = with("heading_offset");
+  one.addEffect(makeEffect("heading_offset"));
+  other.addEffect(makeEffect("marker_offset"));
+  for (Model* model : {&one, &other}) {
+    model->setValue("marker_offset.dx", 0.02);
+    model->setValue("marker_offset.dy", -0.03);
+    model->setValue("heading_offset.psi0", 1.1);
+  }
+  RigidState<double> state;
+  state.eta << 1, 2, 0.3;
+  state.nu << 0.5, -0.2, 3;
+  const auto a = Dynamics<double>(one).measure(state), b = Dynamics<double>(other).measure(state);
+  EXPECT_LT(difference(a, b), 1e-14);
+  // The measured velocity is the derivative of the measured pose.
+  const double h = 1e-6;
+  const RigidState<double> rate = acceleration(one, state);
+  const auto at = [&](double dt) {
+    return Dynamics<double>(one).measure({state.eta + dt * rate.eta, state.nu});
+  };
+  const Vector3<double> velocity = (at(h).eta - at(-h).eta) / (2 * h);
+  const Vector2<double> body = worldToBody<double>(a.eta.z(), velocity.head<2>());
+  EXPECT_LT((body - a.nu.head<2>()).norm(), 1e-8);
+}
+
+TEST(Physics, SkirtFrictionIsDryFrictionThatVanishesWithLift) {
+  Model skirt = with("skirt_friction"), dry = with("coulomb_friction");
+  skirt.setValue("skirt_friction.f0", 0.02);
+  skirt.setValue("skirt_friction.n0", 1e-4);
+  dry.setValue("coulomb_friction.f", 0.25 * 0.02);
+  dry.setValue("coulomb_friction.n", 0.25 * 1e-4);
+  RigidState<double> state;
+  state.nu << 0.4, -0.3, 2.0;
+  const auto at = [&](const Model& model, double lift) {
+    return Dynamics<double>(model).derivative(0, state, {0.5, 0.2}, lift).nu;
+  };
+  EXPECT_LT((at(skirt, 0.75) - at(dry, 0.75)).norm(), 1e-12);
+  EXPECT_GT((at(tinyWhoover(), 0.75) - at(dry, 0.75)).norm(), 0.1);
+  EXPECT_EQ(at(skirt, 1.0), at(tinyWhoover(), 1.0));
+}
+
+/// Damping that the floor adds at a place, from the acceleration [N s/m].
+double floorDamping(const Model& model, double x, double y) {
+  RigidState<double> state;
+  state.eta << x, y, 0.3;
+  state.nu << 0.5, 0.25, 0;
+  const Vector3<double> change = acceleration(tinyWhoover(), state).nu - acceleration(model, state).nu;
+  EXPECT_NEAR(change.y(), 0.5 * change.x(), 1e-12);  // opposite to the velocity
+  EXPECT_EQ(change.z(), 0);
+  return model.body.m * change.x() / 0.5;
+}
+
+TEST(Physics, FloorFrictionIsInterpolatedBetweenTheNodesOfItsGrid) {
+  Model model = with("floor_friction_map");
+  model.setValue("floor_friction_map.c_3_1", 0.01);   // x = 1 m, y = -1 m
+  model.setValue("floor_friction_map.c_4_1", 0.02);   // x = 2 m, y = -1 m
+  model.setValue("floor_friction_map.c_4_2", -0.03);  // x = 2 m, y = 0 m
+  EXPECT_NEAR(floorDamping(model, 1, -1), 0.01, 1e-12);
+  EXPECT_NEAR(floorDamping(model, 2, 0), -0.03, 1e-12);
+  EXPECT_NEAR(floorDamping(model, 1.25, -1), 0.75 * 0.01 + 0.25 * 0.02, 1e-12);
+  const double south = 0.5 * 0.01 + 0.5 * 0.02, north = 0.5 * -0.03;
+  EXPECT_NEAR(floorDamping(model, 1.5, -0.25), 0.25 * south + 0.75 * north, 1e-12);
+  EXPECT_NEAR(floorDamping(model, 0.5, -1.5), 0.25 * 0.01, 1e-12);
+  EXPECT_NEAR(floorDamping(model, 7, -1), 0.02, 1e-12);  // the value at the edge
+  EXPECT_EQ(floorDamping(model, -1, 1), 0.0);
+}
+
+ExpressionDefinition cubicDamping() {
+  ExpressionDefinition definition;
+  definition.name = "cubic_damping";
+  definition.N = "-c*r^3 + d*sin(psi)*u_L*lift";
+  ParameterInfo c;
+  c.name = "c";
+  c.unit = "N m s^3";
+  ParameterInfo d;
+  d.name = "d";
+  d.unit = "N m";
+  definition.parameters = {c, d};
+  definition.typical = {1e-6, 1e-4};
+  return definition;
+}
+
+TEST(ExpressionEffect, EqualsTheFormulaAndItsDerivatives) {
+  Model model = tinyWhoover();
+  model.addEffect(makeExpressionEffect(cubicDamping()));
+  model.setValue("cubic_damping.c", 2e-6);
+  model.setValue("cubic_damping.d", 3e-4);
+  RigidState<double> state;
+  state.nu.z() = 4;
+  state.eta.z() = 0.6;
+  const double nominal = acceleration(tinyWhoover(), state, {0.5, 0.5}).nu.z();
+  const double moment = -2e-6 * 64 + 3e-4 * std::sin(0.6) * 0.5;
+  EXPECT_NEAR(acceleration(model, state, {0.5, 0.5}).nu.z() - nominal, moment / model.body.I_z, 1e-9);
+
+  std::vector<double> at = model.coordinates();
+  for (std::size_t p = 2; p < at.size(); ++p) {
+    std::vector<Jet> jets(at.begin(), at.end());
+    jets[p].v[0] = 1;
+    const auto exact = run(model, jets);
+    const double scale = model.parameters()[p].scale(model.body), h = 1e-5 * scale;
+    std::vector<double> up = at, down = at;
+    up[p] += h;
+    down[p] -= h;
+    const auto plus = run(model, up), minus = run(model, down);
+    const double finite = (plus.back().eta.z() - minus.back().eta.z()) / (2 * h);
+    EXPECT_NEAR(scale * exact.back().eta.z().v[0], scale * finite, 1e-5 * std::abs(scale * finite) + 1e-9);
+  }
+}
+
+TEST(ExpressionEffect, MayBeWrittenInTheFrameOfTheWorld) {
+  ParameterInfo k;
+  k.name = "k";
+  ExpressionDefinition spring{"spring", "-k*x", "-k*(y - 0.5)", "k*sin(psi)", {k}, {1}};
+  spring.world = true;
+  ExpressionDefinition body = spring;
+  body.world = false;
+  body.X = "-k*x*cos(psi) - k*(y - 0.5)*sin(psi)";
+  body.Y = "k*x*sin(psi) - k*(y - 0.5)*cos(psi)";
+  Model seen[2] = {tinyWhoover(), tinyWhoover()};
+  seen[0].addEffect(makeExpressionEffect(spring));
+  seen[1].addEffect(makeExpressionEffect(body));
+  for (Model& model : seen) model.setValue("spring.k", 0.01);
+  std::vector<std::vector<Measurement<Jet>>> found;
+  for (const Model& model : seen) {
+    std::vector<Jet> coordinates;
+    for (const double value : model.coordinates()) coordinates.emplace_back(value);
+    coordinates.back().v[0] = 1;
+    found.push_back(run(model, coordinates));
+  }
+  for (std::size_t i = 0; i < found[0].size(); ++i)
+    for (int c = 0; c < 3; ++c) {
+      EXPECT_NEAR(found[0][i].eta(c).a, found[1][i].eta(c).a, 1e-12);
+      EXPECT_NEAR(found[0][i].eta(c).v[0], found[1][i].eta(c).v[0], 1e-8);
+    }
+}
+
+ParameterInfo parameter(const std::string& name, const std::string& unit, double neutral) {
+  ParameterInfo info;
+  info.name = name;
+  info.unit = unit;
+  info.neutral = neutral;
+  return info;
+}
+
+/// A skirt pressure that follows the lift with a time constant and pushes ahead.
+ExpressionDefinition skirtPressure() {
+  ExpressionDefinition definition;
+  definition.name = "skirt";
+  definition.X = "c*p";
+  definition.parameters = {parameter("c", "N", 0), parameter("tau", "s", 0.4)};
+  definition.typical = {0.02, 0.1};
+  definition.states = {{"p", "(lift - p)/tau", 0}};
+  return definition;
+}
+
+Model withSkirt(const ExpressionDefinition& definition, double c, double tau) {
+  Model model = tinyWhoover();
+  model.addEffect(makeExpressionEffect(definition));
+  model.setValue("skirt.c", c);
+  model.setValue("skirt.tau", tau);
+  return model;
+}
+
+TEST(StatesOfEffects, FollowAFirstOrderLagInClosedForm) {
+  Model model = withSkirt(skirtPressure(), 0.02, 0.2);
+  model.setValue("X_u", 0.0);
+  const Dynamics<double> dynamics(model);
+  InputSequence inputs;
+  inputs.add(0.1037, 0, 0, 0.8);
+  Simulation<double> simulation(dynamics, inputs, {}, 0);
+  for (double t = 0.2; t < 2; t += 0.31) {
+    simulation.advance(t);
+    const double on = t - 0.1037, decay = std::exp(-on / 0.2);
+    const double gain = 0.8 * 0.02 / model.body.m;
+    EXPECT_NEAR(simulation.derivative().nu.x(), gain * (1 - decay), 1e-7 * gain);
+    EXPECT_NEAR(simulation.state().nu.x(), gain * (on - 0.2 * (1 - decay)), 1e-7 * gain);
+  }
+}
+
+TEST(StatesOfEffects, StartSettledToEarlierCommands) {
+  const Model model = withSkirt(skirtPressure(), 0.02, 0.2);
+  const Dynamics<double> dynamics(model);
+  const auto pressure = [&](double since, double start) {
+    InputSequence inputs;
+    inputs.add(-since, 0, 0, 0.8);
+    const Simulation<double> simulation(dynamics, inputs, {}, start);
+    return simulation.derivative().nu.x() * model.body.m / 0.02;
+  };
+  EXPECT_NEAR(pressure(30, 0), 0.8, 1e-9);
+  EXPECT_NEAR(pressure(0.3, 0), 0.8 * (1 - std::exp(-0.3 / 0.2)), 1e-6);
+  EXPECT_EQ(pressure(-1, 0), 0);  // no command before the start
+  ExpressionDefinition full = skirtPressure();
+  full.states[0].initial = 0.5;
+  const Dynamics<double> from_half(withSkirt(full, 0.02, 0.2));
+  const InputSequence none;
+  const Simulation<double> simulation(from_half, none, {}, 0);
+  EXPECT_NEAR(simulation.derivative().nu.x(), 0.5 * 0.02 / model.body.m, 1e-12);
+}
+
+TEST(StatesOfEffects, SettleWithTheInitialMotionAndHaveDerivativesByIt) {
+  ExpressionDefinition wake = skirtPressure();
+  wake.X = "c*p";
+  wake.states = {{"p", "(u - p)/tau", 0}};
+  const Model model = withSkirt(wake, 0.02, 0.2);
+  InputSequence inputs;
+  inputs.add(-0.3, 0, 0, 1);
+  RigidState<Jet> start;
+  start.nu.x() = Jet(0.7, 0);
+  const Dynamics<Jet> dynamics(model);
+  const Simulation<Jet> simulation(dynamics, inputs, start, 0);
+  const double share = 1 - std::exp(-0.3 / 0.2);
+  const Jet surge = simulation.derivative().nu.x();
+  const Body<double>& b = model.body;
+  EXPECT_NEAR(surge.a, 0.7 * (share * 0.02 - b.X_u) / b.m, 1e-6);
+  EXPECT_NEAR(surge.v[0], (share * 0.02 - b.X_u) / b.m, 1e-6);
+}
+
+TEST(StatesOfEffects, KeepValuesWithoutDerivativesWhenASimulationRestarts) {
+  ExpressionDefinition wake = skirtPressure();
+  wake.X = "c*p";
+  wake.states = {{"p", "(u - p)/tau", 0}};
+  const Dynamics<Jet> dynamics(withSkirt(wake, 0.02, 0.2));
+  const InputSequence none;
+  RigidState<Jet> start;
+  start.nu.x() = Jet(0.7, 0);
+  Simulation<Jet> simulation(dynamics, none, start, 0);
+  simulation.advance(0.5);
+  const Jet before = simulation.derivative().nu.x();
+  EXPECT_GT(std::abs(before.v[0]), 0.1);
+  RigidState<Jet> other;
+  simulation.restart(other);
+  const Jet after = simulation.derivative().nu.x();
+  EXPECT_TRUE(isConstant(after));
+  EXPECT_GT(after.a, 0.1 * 0.02 / tinyWhoover().body.m);  // acceleration by the wake alone
+}
+
+TEST(StatesOfEffects, DerivativesAgreeWithFiniteDifferences) {
+  // States that depend on delayed and lagged inputs, on motion, place and another state.
+  ExpressionDefinition definition = skirtPressure();
+  definition.X = "c*p + c*q*u";
+  definition.N = "0.01*c*q";
+  definition.thrusts["left"] = "-c*p*u_L";
+  definition.states = {{"p", "(lift*u_L + 0.2*u + 0.1*sin(psi) - p)/tau", 0.3},
+                       {"q", "(p*r + 0.1*x - q)/(2*tau)", 0}};
+  Model model = withSkirt(definition, 0.02, 0.15);
+  for (const char* effect : {"input_delay", "motor_lag"}) model.addEffect(makeEffect(effect));
+  model.setValue("input_delay.delay", 0.0234);
+  model.setValue("motor_lag.tau", 0.03);
+  const auto infos = model.parameters();
+  const std::vector<double> at = model.coordinates();
+  const auto values = [](const auto& m, int k) { return k < 3 ? m.eta(k) : m.nu(k - 3); };
+  for (std::size_t p = 2; p < at.size(); ++p) {
+    std::vector<Jet> jets(at.begin(), at.end());
+    jets[p].v[3] = 1.0;
+    const auto exact = run(model, jets);
+    // The lag's formula for short steps differs by 1e-10; a small h for the delay would amplify it.
+    const double share = infos[p].name == "input_delay.delay" ? 1e-3 : 1e-5;
+    const double h = share * infos[p].scale(model.body);
+    std::vector<double> up = at, down = at;
+    up[p] += h;
+    down[p] -= h;
+    const auto plus = run(model, up), minus = run(model, down);
+    double largest = 0, worst = 0;
+    for (std::size_t i = 0; i < exact.size(); ++i)
+      for (int k = 0; k < 6; ++k) {
+        const double finite = (values(plus[i], k) - values(minus[i], k)) / (2 * h);
+        largest = std::max(largest, std::abs(finite));
+        worst = std::max(worst, std::abs(values(exact[i], k).v[3] - finite));
+      }
+    EXPECT_GT(largest, 0) << infos[p].name;
+    EXPECT_LT(worst, 1e-5 * largest) << infos[p].name;
+  }
+}
+
+TEST(StatesOfEffects, MayActOnEachThruster) {
+  ExpressionDefinition droop = skirtPressure();
+  droop.X = "";
+  droop.thrusts["left"] = "-c*p*u_L";
+  droop.thrusts["right"] = "2*c*p*u_R";
+  const Model model = withSkirt(droop, 0.01, 0.2);
+  const Dynamics<double> dynamics(model), nominal(tinyWhoover());
+  const double full = 1;
+  const auto at = [&](const Dynamics<double>& d) { return d.derivative(0, {}, {0.5, 0.25}, 1, &full).nu; };
+  const Vector3<double> change = at(dynamics) - at(nominal);
+  EXPECT_NEAR(change.x(), 0, 1e-12);
+  EXPECT_NEAR(change.z(), -0.01 * model.body.l / model.body.I_z, 1e-9);
+}
+
+TEST(ExpressionEffect, RefusesBadFormulas) {
+  for (const char* formula : {"c*", "unknown*u", "u=3", "c*u, v", "c*system(1)", "1 + c*u"}) {
+    ExpressionDefinition definition = cubicDamping();
+    definition.N = formula;
+    EXPECT_THROW(makeExpressionEffect(definition), std::invalid_argument) << formula;
+  }
+  ExpressionDefinition taken = cubicDamping();
+  taken.parameters[0].name = "psi";
+  EXPECT_THROW(makeExpressionEffect(taken), std::invalid_argument);
+}
+
+}  // namespace effects_test
+}  // namespace ground

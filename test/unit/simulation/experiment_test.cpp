@@ -1,0 +1,171 @@
+// Whole experiments without ROS: determinism, life cycle of controllers, mocap.
+#include "ground/simulation/experiment.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "ground/control/input_design.h"
+#include "ground/model/effect_registry.h"
+#include "ground/model/model_file.h"
+
+namespace ground {
+namespace experiment_test {
+
+Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
+Model mvwt() { return loadModel("cfg/hovercraft/mvwt.yaml"); }
+
+/// Rest, lift from 0.5 s on, a PRBS from 1.5 s to the end.
+InputSequence prbs(double end) {
+  PrbsParams params;
+  params.duration = end;
+  const InputSignal signal = playBits({makePrbs(9, 11), 1}, params);
+  InputSequence schedule;
+  schedule.add(0, 0, 0, 0);
+  schedule.add(0.5, 0, 0, 1);
+  for (double t = 0; t + 1.5 < end; t = signal.nextChange(t))
+    schedule.add(t + 1.5, signal.at(t).thrusters, 1);
+  return schedule;
+}
+
+TrackingParams mvwtCircle() {
+  TrackingParams tracking;
+  tracking.reference.size = 1.5;
+  tracking.reference.rate_of_turn = 0.3;
+  static_cast<TrackingGains&>(tracking.controller) = {4, 0.6, 1.5, 1.5, -0.01, 0};  // (4.10)
+  tracking.duration = 60;
+  return tracking;
+}
+
+/// Largest distance of the true craft from the reference, from `settled` [s] on.
+double worst(const ExperimentLog& log, double settled) {
+  double largest = 0;
+  auto truth = log.truth.begin();
+  for (const auto& reference : log.references) {
+    while (truth->time < reference.time) ++truth;
+    EXPECT_EQ(truth->time, reference.time);
+    if (reference.time < settled) continue;
+    largest = std::max(largest, (truth->state.eta.head<2>() - reference.point.p).norm());
+  }
+  EXPECT_GT(log.references.back().time, settled + 10);
+  return largest;
+}
+
+void expectSame(const ExperimentLog& a, const ExperimentLog& b) {
+  ASSERT_EQ(a.frames.size(), b.frames.size());
+  ASSERT_EQ(a.commands.size(), b.commands.size());
+  ASSERT_EQ(a.truth.size(), b.truth.size());
+  for (std::size_t i = 0; i < a.frames.size(); ++i) {
+    EXPECT_EQ(a.frames[i].delivered, b.frames[i].delivered);
+    EXPECT_EQ(a.frames[i].eta, b.frames[i].eta);
+  }
+  for (std::size_t i = 0; i < a.commands.size(); ++i) {
+    EXPECT_EQ(a.commands[i].time, b.commands[i].time);
+    EXPECT_EQ(a.commands[i].thrusters(0), b.commands[i].thrusters(0));
+    EXPECT_EQ(a.commands[i].thrusters(1), b.commands[i].thrusters(1));
+  }
+  for (std::size_t i = 0; i < a.truth.size(); ++i) EXPECT_EQ(a.truth[i].state.nu, b.truth[i].state.nu);
+}
+
+TEST(Experiment, SameArgumentsGiveTheSameLog) {
+  ExperimentParams params;
+  params.mocap.loss = 0.05;
+  params.mocap.gap_rate = 0.3;
+  params.mocap.gap_length = 0.05;
+  params.seed = 4;
+  const InputSequence schedule = prbs(8);
+  expectSame(playSchedule(tinyWhoover(), schedule, 8, params),
+             playSchedule(tinyWhoover(), schedule, 8, params));
+  TrackingParams tracking;
+  tracking.duration = 8;
+  const ExperimentLog tracked = trackReference(tinyWhoover(), tinyWhoover(), tracking, params);
+  expectSame(tracked, trackReference(tinyWhoover(), tinyWhoover(), tracking, params));
+  params.seed = 5;
+  const ExperimentLog other = trackReference(tinyWhoover(), tinyWhoover(), tracking, params);
+  EXPECT_NE(tracked.frames.front().eta, other.frames.front().eta);
+  EXPECT_NE(tracked.truth.back().state.eta, other.truth.back().state.eta);
+}
+
+TEST(Experiment, TruthIsTheModelSimulatedWithTheCommandsOfTheLog) {
+  Model model = tinyWhoover();
+  model.addEffect(makeEffect("motor_lag"));
+  model.setValue("motor_lag.tau", 0.06);
+  ExperimentParams params;
+  params.initial.eta << 0.3, -0.2, 1;
+  params.initial.nu << 0.1, 0.05, -0.4;
+  InputSequence schedule = prbs(6);
+  schedule.lift.front() = 1;  // the floor brakes a craft without lift
+  const ExperimentLog log = playSchedule(model, schedule, 6, params);
+  InputSequence inputs;
+  for (const auto& c : log.commands) inputs.add(c.time, c.thrusters(0), c.thrusters(1), c.lift);
+  const Dynamics<double> dynamics(model);
+  Simulation<double> simulation(dynamics, inputs, params.initial, 0);
+  for (const auto& truth : log.truth) {
+    simulation.advance(truth.time);
+    EXPECT_LT((simulation.state().nu - truth.state.nu).norm(), 1e-5) << truth.time;
+  }
+  EXPECT_EQ(log.truth.front().state.eta, params.initial.eta);
+}
+
+TEST(Experiment, TracksACircleWithANoisyMocap) {
+  // With delta_1 of (4.10), -0.01 m/s, noise of the velocity makes the craft turn wildly.
+  TrackingParams tracking = mvwtCircle();
+  tracking.controller.delta_1 = -0.1;
+  EXPECT_LT(worst(trackReference(mvwt(), mvwt(), tracking, {}), 40), 0.1);
+
+  // The Tiny Whoover's gains (4.11) always saturate: its error is up to the size of the circle.
+  tracking = {};
+  tracking.duration = 60;
+  tracking.max_error = INFINITY;
+  for (unsigned long seed = 1; seed <= 5; ++seed) {
+    ExperimentParams params;
+    params.seed = seed;
+    EXPECT_LT(worst(trackReference(tinyWhoover(), tinyWhoover(), tracking, params), 20), 1.5)
+        << "seed " << seed;
+  }
+}
+
+TEST(Experiment, TheTrackingControllerStopsWithoutAState) {
+  ExperimentParams params;
+  params.mocap.gap_rate = 0.2;
+  params.mocap.gap_length = 1;
+  const TrackingParams tracking = mvwtCircle();
+  const ExperimentLog log = trackReference(mvwt(), mvwt(), tracking, params);
+  EXPECT_EQ(log.stopped, "the state is stale");
+  EXPECT_LT(log.truth.back().time, 30);
+  const double last_seen = log.references.back().time;
+  for (const auto& c : log.commands)
+    if (c.time > last_seen + 0.23) {
+      EXPECT_EQ(c.thrusters(0) + c.thrusters(1), 0) << c.time;
+      EXPECT_EQ(c.lift, c.time < log.stopped_at ? 1 : 0) << c.time;
+    }
+  const double timeout = tracking.life.state_timeout, recovery = tracking.life.recovery_time;
+  EXPECT_NEAR(log.stopped_at, last_seen + timeout + recovery, 0.03);
+  EXPECT_NEAR(log.truth.back().time, log.stopped_at + tracking.tail, 0.03);
+
+  params.mocap.loss = 1;
+  const ExperimentLog blind = trackReference(mvwt(), mvwt(), mvwtCircle(), params);
+  EXPECT_EQ(blind.stopped, "there was no valid state to start with");
+  EXPECT_TRUE(blind.frames.empty());
+}
+
+TEST(Experiment, RefusesNonsense) {
+  const Model model = tinyWhoover();
+  InputSequence schedule;
+  schedule.add(0, 1.1, 0, 1);
+  EXPECT_THROW(playSchedule(model, schedule, 5, {}), std::invalid_argument);
+  TrackingParams tracking;
+  tracking.reference.kind = "square";
+  EXPECT_THROW(trackReference(model, model, tracking, {}), std::invalid_argument);
+  ExcitationParams excitation;
+  excitation.design.kind = "noise";
+  EXPECT_THROW(excite(model, model, excitation, {}), std::invalid_argument);
+  Model wild = model;
+  wild.setValue("I_z", 1e-9);
+  wild.setValue("N_r", 1);
+  EXPECT_THROW(playSchedule(wild, prbs(5), 5, {}), std::runtime_error);
+}
+
+}  // namespace experiment_test
+}  // namespace ground
