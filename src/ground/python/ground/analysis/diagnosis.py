@@ -31,7 +31,7 @@ from ground.analysis.evidence import Dropped
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
-from ground.analysis.search import EXCLUSION, REFITTED, Search
+from ground.analysis.search import EXCLUSION, Search
 from ground.support.progress import Work
 
 # An effect matters if it moves the predicted pose at the horizon by this multiple of the noise of a
@@ -58,9 +58,8 @@ class Step:
 class Diagnosis:
     """A model compared with runs, and grown by the missing effects.
 
-    runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are
-    refitted in a step, best by score test first (None: search.REFITTED); threads: 0 for all
-    cores; work: told of what is done; most: largest number of windows over which the error is taken.
+    runs: _core.RunData to fit to; candidates: effects to try; threads: 0 for all cores; work: told of
+    what is done; most: largest number of windows over which the error is taken.
     """
 
     def __init__(
@@ -68,7 +67,6 @@ class Diagnosis:
         runs: Sequence[_core.RunData],
         model: _core.Model,
         candidates: List[Candidate],
-        budget: Optional[int] = None,
         threads: int = 0,
         work: Optional[Work] = None,
         most: float = window_error.MAX_WINDOWS,
@@ -76,13 +74,13 @@ class Diagnosis:
         self.runs = runs
         self.given = model
         self.candidates = candidates
-        self.budget = budget
         self.work = work or Work()
         # A fit alone uses all cores; fits beside each other share them.
         self.threads = 1 if threads else 0
         count = threads or len(os.sched_getaffinity(0))
         self.pool = ThreadPoolExecutor(count)
         self.fitter = window_error.WindowFitter(runs, threads=1, most=most)
+        self.fitter.check()
         self.cut = self.fitter.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
         self.chosen: List[Candidate] = []  # in the order of their choice
@@ -110,7 +108,6 @@ class Diagnosis:
         by_name = {candidate.name: candidate for candidate in self.candidates}
         self.search = Search(
             Fitting(self.likelihood, self.given, by_name),
-            REFITTED if self.budget is None else self.budget,
             self.pool.map,
             self.work,
             lambda better, current: self._refuted(better, current) is None,
@@ -349,11 +346,7 @@ class Diagnosis:
     def _trials(self) -> List[evidence.Trial]:
         """Trials of all effects, each added to the nominal model, best first."""
         tests = self.search.test_beside(frozenset())
-        found = [self._trial(c, tests) for c in self.candidates]
-        if self.budget is not None:
-            found = [t for t in found if t.refitted] or found
-            found = sorted(found, key=lambda t: -t.gain)[: self.budget]
-        return sorted(found, key=lambda t: t.delta_bic)
+        return sorted((self._trial(c, tests) for c in self.candidates), key=lambda t: t.delta_bic)
 
     def _trial(self, candidate: Candidate, tests: ScoreTests) -> evidence.Trial:
         name, names = candidate.name, frozenset([candidate.name])
@@ -363,14 +356,14 @@ class Diagnosis:
         model = candidate.neutral(self.search.fits[frozenset()].model)
         parameters, seen = tests.estimates(model, name, step), tests.seen(name) > UNSEEN
         tried = len(self.candidates)
-        return evidence.trial(name, model, parameters, gain, seen, False, tried, self.samples)
+        return evidence.trial(name, model, parameters, gain, seen, tried, self.samples)
 
     def trial_in(self, found: FrozenSet[str], name: str) -> evidence.Trial:
         """The Trial of an effect of a fitted set against the set without it."""
         fit, gain = self.search.fits[found], self.search.ratio(found, found - {name})
         parameters = [p for p in fit.parameters if p["name"].split(".")[0] == name]
         seen, tried = any(p["identified"] for p in parameters), len(self.candidates)
-        return evidence.trial(name, fit.model, parameters, gain, seen, True, tried, self.samples)
+        return evidence.trial(name, fit.model, parameters, gain, seen, tried, self.samples)
 
     def judged_of(self, trial: evidence.Trial) -> Optional[folds.Judged]:
         """folds.Judged of the nominal model with a Trial's effect; None if it was not refitted."""

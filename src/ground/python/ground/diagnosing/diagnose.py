@@ -9,7 +9,7 @@ from typing import Callable, Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
-from ground.analysis import candidates, diagnosis, search, window_error
+from ground.analysis import candidates, diagnosis, window_error
 from ground.analysis.verdict import MISREAD, Conclusion, conclude
 from ground.data import bag_arguments
 from ground.data.measured import Recordings, held_out, measured
@@ -19,7 +19,7 @@ from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parame
 from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Array, Document, Path
-from ground.support.command_line import count, option
+from ground.support.command_line import option
 from ground.support.errors import GroundError
 from ground.support.progress import Progress, Work
 
@@ -44,12 +44,6 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Span):
         "of the library that are not tried by default (%s)" % ON_REQUEST,
         metavar="EFFECT",
         nargs="+",
-    )
-    budget: Optional[int] = option(
-        None,
-        "number of effects to refit in each step, the most promising by a score test (%d)" % search.REFITTED,
-        type=count,
-        metavar="N",
     )
     thorough: bool = option(
         False,
@@ -98,7 +92,7 @@ def diagnose(
     def begun() -> diagnosis.Diagnosis:
         """The model as it is, refitted."""
         seen, given = problem.seen.data, problem.model.core
-        return diagnosis.Diagnosis(seen, given, problem.tried, options.budget, work=work, most=most)
+        return diagnosis.Diagnosis(seen, given, problem.tried, work=work, most=most)
 
     found, misread = begun(), problem.misread
     if not misread:
