@@ -77,6 +77,7 @@ class Conclusion:
     ceiling: Ceiling
     agreement: Agreement
     formula: Optional[naming.Formula]  # for what is learnable and has no name
+    judged: Optional[folds.Judged]  # the model with the formula
     poses: Optional[horizon.Poses]  # errors of predicted poses; None where runs are too short
     diagnosis: Diagnosis  # its basis
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
@@ -149,16 +150,19 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     after, before = float(found.best.heldout.sum()), min(refit.heldout for refit in refitted)
     trusted = agrees.holds or not found.chosen or after < before
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, trusted)
-    formula = None
-    if verdict in NAMELESS or (verdict == "missing" and left.is_open):
-        formula = _name(found)
-    if formula is not None:
-        reached = left.reached_by(formula.fit.model, found.runs, found.cut)
-        if verdict in SAID or (reached.said and _is_confirmed(found, formula.fit)):
+    named = None
+    if verdict in NAMELESS:
+        named = _name(found)
+    elif verdict == "missing" and left.is_open:
+        named = _name(found, left)
+    if named is not None:
+        reached = left.reached_by(named.formula.fit.model, found.runs, found.cut)
+        if verdict in SAID or (reached.said and named.is_confirmed(found)):
             left = reached
             verdict = _verdict(found, explained, varies, left, agrees, trusted)
         elif verdict == "missing":
-            formula = None
+            named = None
+    formula = named.formula if named else None
     models = [found.search.nominal().model, found.model, formula.fit.model if formula else found.model]
     by_user = HeldOut(found, heldout) if heldout else None
     return Conclusion(
@@ -174,6 +178,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         left,
         agrees,
         formula,
+        named.judged if named else None,
         horizon.poses(found.runs, models),
         found,
         heldout,
@@ -242,19 +247,37 @@ def _varies(found: Diagnosis) -> List[Document]:
     ]
 
 
-def _name(found: Diagnosis) -> Optional[naming.Formula]:
+@dataclass(frozen=True)
+class _Named:
+    """A formula, and the errors of the model with it."""
+
+    formula: naming.Formula
+    judged: folds.Judged
+
+    def is_confirmed(self, found: Diagnosis) -> bool:
+        """Whether it makes parts of the runs likelier that it was not fitted to."""
+        return folds.compared(self.judged.tested, found.best.tested).verdict == folds.BETTER
+
+
+def _name(found: Diagnosis, doubted: Optional[Ceiling] = None) -> Optional[_Named]:
     """A formula for what is learnable, made longer while the cross-validated error falls and is more than
     the noise explains. The first may raise the error: a function of the commands does without the
-    constant that it needs."""
+    constant that it needs. doubted: a Ceiling that does not say that something is left; None unless the first
+    formula shows it, and is confirmed."""
     best, least = None, float(found.best.heldout.sum())
     made = found.formula_of(found.names)
+    if doubted and (made is None or not doubted.reached_by(made.fit.model, found.runs, found.cut).said):
+        return None
     for number in range(LENGTHENED):
-        after = np.inf if made is None else _crossed(found, made.fit)
+        named = None if made is None else _judged(found, made)
+        after = np.inf if named is None else float(named.judged.heldout.sum())
         if made is None or (after >= least and number > 0):
+            break
+        if doubted and (named is None or not named.is_confirmed(found)):
             break
         is_done = after < EXPLAINED * found.noise_floor(found.names) or BETTER * least < after < least
         if after < least:
-            best, least = made, after
+            best, least = named, after
         if is_done:
             break
         beside = ceiling.found_beside(found.likelihood, made.fit, found.runs, found.cut)
@@ -264,18 +287,12 @@ def _name(found: Diagnosis) -> Optional[naming.Formula]:
     return best
 
 
-def _is_confirmed(found: Diagnosis, fit: Fit) -> bool:
-    """Whether a Fit makes parts of the runs likelier that it was not fitted to."""
-    judged = found.folds.judge(fit)
-    return folds.compared(judged.tested, found.best.tested).verdict == folds.BETTER
-
-
-def _crossed(found: Diagnosis, fit: Fit) -> float:
-    """Cross-validated error of a Fit; infinite where its motion is not finite."""
+def _judged(found: Diagnosis, made: naming.Formula) -> Optional[_Named]:
+    """A formula with its errors; None where its motion is not finite."""
     try:
-        return float(found.folds.judge(fit).heldout.sum())
+        return _Named(made, found.folds.judge(made.fit))
     except GroundError:
-        return float("inf")
+        return None
 
 
 def _verdict(

@@ -1,6 +1,5 @@
 """What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
-import contextlib
 import dataclasses
 from typing import Iterable, List, Mapping, Optional, Sequence
 
@@ -12,7 +11,6 @@ from ground.analysis.evidence import Trial
 from ground.analysis.verdict import MISREAD, Conclusion
 from ground.diagnosing import next_experiment
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
 
 SCHEMA = "ground/diagnosis/1"
 # What a held-out error is of: parts of the runs fitted to, each by a fit to the others, or runs that the
@@ -93,7 +91,7 @@ def completed(
     proposed = _next_experiment(diagnosis, alike, thorough, room)
     left: Document = {"where": [], "proposal": None}
     if conclusion.verdict in ("unexplained", "memory", "undecided"):
-        left = _unexplained(diagnosis, conclusion)
+        left = _unexplained(conclusion)
     return {
         **report,
         "candidates": described,
@@ -233,15 +231,12 @@ def _next_experiment(
     return None
 
 
-def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
+def _unexplained(conclusion: Conclusion) -> Document:
     """What the error depends on, and an effect that would lower it on held-out runs."""
-    proposal, formula = None, conclusion.formula
-    if formula:
-        with contextlib.suppress(GroundError):  # the simulation diverges
-            judged = diagnosis.folds.judge(formula.fit)
-            if judged.heldout.sum() < diagnosis.best.heldout.sum():
-                error = _error(judged.error.sum(), judged.heldout.sum())
-                proposal = dict(formula.entry, means=formula.means, error=error)
+    proposal, formula, judged = None, conclusion.formula, conclusion.judged
+    if formula and judged:
+        error = _error(judged.error.sum(), judged.heldout.sum())
+        proposal = dict(formula.entry, means=formula.means, error=error)
     return {
         "where": [{"variable": name, "share": share} for name, share in conclusion.ceiling.arguments.items()],
         "proposal": proposal,
