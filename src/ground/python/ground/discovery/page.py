@@ -30,7 +30,7 @@ from ground.support.annotations import Array, Document
 
 NAME = "report.html"  # in the folder of a discovery
 MAX_OPEN = 8  # flights that are all shown at once
-MAX_DIAGNOSES = 8  # latest ones, for which a table has room beside each other
+MAX_DIAGNOSES = 5  # latest ones, for which a table has room beside each other
 STATES = [PRESENT, OPEN, HIDDEN, SLIGHT, ABSENT]  # from the top
 
 
@@ -110,7 +110,7 @@ def _beliefs(story: Story, given: Optional[_core.Model]) -> Document:
         ]
         for b in ranked
     ]
-    heads = ["effect", "=state", *("#after flight %d" % finding.after for finding in findings)]
+    heads = ["effect", "=state", *("#after %d" % finding.after for finding in findings)]
     found = story.findings[-1].effects if story.findings else []
     chosen = [i for i, b in enumerate(ranked) if b.effect in found]
     heads += ["#share of the error", "#visibility"]
