@@ -43,6 +43,7 @@ MIN_CHANGE = 5.0
 CERTAIN = 4.0
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 FLOORS = 5  # simulations over which the noise floor is averaged
+SLIGHT = "it is too small to matter"
 MAX_REPEATS = 3  # repetitions of the search because other differences between runs were found
 
 
@@ -86,9 +87,7 @@ class Diagnosis:
         self.chosen: List[Candidate] = []  # in the order of their choice
         self.steps: List[Step] = []
         self.dropped: List[Dropped] = []
-        # effect that the likelihood prefers and that is too small to matter
-        self.slight: Optional[evidence.Trial] = None
-        self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # the sets with and without it
+        self.fuller: Dict[FrozenSet[str], FrozenSet[str]] = {}  # sets with an effect too small to matter
         self.tried: List[evidence.Trial] = []  # each effect added to the nominal model, best first
         self.ceilings: Dict[FrozenSet[str], ceiling.Ceiling] = {}  # by set of effects, slight ones too
         self.floors: Dict[FrozenSet[str], float] = {}  # noise floor by set of effects
@@ -150,9 +149,7 @@ class Diagnosis:
         """ceiling.Ceiling of a set of effects that was fitted (default: of the grown model), with an
         effect that is too small to matter."""
         names = self.names if found is None else found
-        fullest = names
-        if self.slight and self.slight_sets[1] == names:
-            fullest = self.slight_sets[0]
+        fullest = self.fuller.get(names, names)
         if fullest not in self.ceilings:
             fit, before = self.search.fits[fullest], self.search.fits[frozenset()].model
             share = self.noise_floor(names) / float(self.judge(names).error.sum())
@@ -250,7 +247,7 @@ class Diagnosis:
         why = self._refuted(found, rest)
         self.work.step()
         # on long runs the likelihood detects a millisecond of network latency as a delay
-        return why if why or self._change(found, rest).relative >= MIN_CHANGE else "slight"
+        return why if why or self._change(found, rest).relative >= MIN_CHANGE else SLIGHT
 
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Optional[str]:
         """Reason why held-out data speak against a set and for a smaller one; None if they do not.
@@ -274,16 +271,13 @@ class Diagnosis:
 
     def _drop(self, found: FrozenSet[str], name: str, why: str) -> None:
         self.search.without(found, name)
-        trial = self.trial_in(found, name)
-        if why == "slight":
-            self.slight = replace(trial, change=self._change(found, found - {name}))
-            self.slight_sets = found, found - {name}
-        else:
-            # An effect may be refused several times, in different sets: the last reason counts.
-            self.dropped = [d for d in self.dropped if d.trial.name != name]
-            self.dropped.append(Dropped(trial, why))
-        reason = "it is too small to matter" if why == "slight" else why
-        self.work.note("%s is left out: %s" % (name, reason))
+        change = None
+        if why == SLIGHT:
+            change, self.fuller[found - {name}] = self._change(found, found - {name}), found
+        # An effect may be refused several times, in different sets: the last reason counts.
+        self.dropped = [d for d in self.dropped if d.trial.name != name]
+        self.dropped.append(Dropped(self.trial_in(found, name), why, change))
+        self.work.note("%s is left out: %s" % (name, why))
 
     def _without_stand_ins(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """The set without effects that only imitate what has no name: those that do nothing beside a

@@ -25,7 +25,6 @@ class Trial:
     delta_bic: float
     seen: bool  # whether it does anything that the other parameters cannot
     equal: bool = False  # whether the data cannot distinguish it from the best one
-    change: Optional[Change] = None  # of predicted poses
 
 
 @dataclass(frozen=True)
@@ -34,6 +33,7 @@ class Dropped:
 
     trial: Trial
     why: str
+    change: Optional[Change] = None  # of predicted poses, where it is too small to matter
 
 
 def trial(

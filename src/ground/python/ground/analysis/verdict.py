@@ -13,7 +13,6 @@ from ground.analysis import (
     folds,
     horizon,
     naming,
-    rivals,
     run_differences,
     stages,
     window_error,
@@ -22,7 +21,6 @@ from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
 from ground.analysis.diagnosis import EXPLAINED, Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.search import EXCLUSION
 from ground.recordings import windows
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
@@ -34,9 +32,6 @@ NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave somethi
 SAID = ("unexplained", "memory")  # ... of which runs show that it is there
 # Largest share of the error that a smooth function of one kind may have beside `complete`
 SMALL = 0.35
-# Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in
-# multiples of the one from which it is excluded.
-CLOSE = 5.0
 LIKELIHOOD, SIMULATION = "likelihood", "simulation"  # what a refit maximises or minimises
 
 
@@ -92,20 +87,9 @@ class Conclusion:
         """Error on held-out runs: the best without further effects, then after each step."""
         return [self.before.heldout, *self.steps]
 
-    # The verdict does not need these: they are computed on first use.
-
-    @cached_property
-    def rivals(self) -> List[naming.Formula]:
-        """Formulas by other features that explain nearly as much as the formula, the best first."""
-        found, left = self.diagnosis, self.ceiling.found
-        if self.formula is None or left is None:
-            return []
-        close = CLOSE * EXCLUSION
-        return rivals.rivals(found.likelihood, found.fit, left, self.formula, close)
-
     @cached_property
     def bands(self) -> List[bands.Bands]:
-        """bands.Bands of the grown model, one for each run held out."""
+        """bands.Bands of the grown model, one for each run held out; the verdict does not need them."""
         found = self.diagnosis
         if self.tested:
             return bands.of_others(self.tested, found.fit, len(found.cut), found.pool.map)
@@ -310,7 +294,8 @@ def _verdict(
     if varies:
         return "varies"
     # An effect that the likelihood prefers and held-out parts refute leaves open what is missing.
-    open_still = bool(found.dropped) or left.found is not None or not agrees.holds
+    refuted = any(dropped.change is None for dropped in found.dropped)
+    open_still = refuted or left.found is not None or not agrees.holds
     if not explained and (open_still or left.bound > SMALL):
         return "undecided"
     return "complete"

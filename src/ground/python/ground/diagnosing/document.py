@@ -64,8 +64,15 @@ def begun(
             }
             for step, error in zip(diagnosis.steps, conclusion.steps)
         ],
-        "slight": _slight(diagnosis.slight),
-        "dropped": [{**_tried(d.trial), "why": d.why, "p_value": d.trial.p_value} for d in diagnosis.dropped],
+        "dropped": [
+            {
+                **_tried(dropped.trial),
+                "why": dropped.why,
+                "p_value": dropped.trial.p_value,
+                "change": dropped.change and dataclasses.asdict(dropped.change),
+            }
+            for dropped in diagnosis.dropped
+        ],
         "varies": conclusion.varies,
         **_left(conclusion),
         "disturbance": _disturbance(diagnosis.fit.levels),
@@ -164,13 +171,6 @@ def _disturbance(levels: Mapping[str, float]) -> Document:
 def _tried(trial: Trial) -> Document:
     """An effect with its parameters."""
     return {"effect": trial.name, "parameters": _parameters(trial.parameters, trial.name + ".")}
-
-
-def _slight(trial: Optional[Trial]) -> Optional[Document]:
-    """The effect that is detected but too small to matter; None without one."""
-    if trial is None or trial.change is None:
-        return None
-    return {**_tried(trial), "p_value": trial.chance, "change": dataclasses.asdict(trial.change)}
 
 
 def _candidates(
