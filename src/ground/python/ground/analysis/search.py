@@ -140,10 +140,7 @@ class Search:
     def _promising_first(
         self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]
     ) -> List[List[Tuple[str, ...]]]:
-        """Proposals in two parts: those that may be the best by their score tests, and the others. All
-        in one part beside no effect, because a diagnosis shows what single effects do."""
-        if not current:
-            return [list(proposals)]
+        """Proposals in two parts: those that may be the best by their score tests, and the others."""
         tests = self.test_beside(current)
         gains = {proposal: tests.test(proposal)[0] for proposal in proposals}
         least = MIN_BEST_GAIN * max(gains.values(), default=0.0)

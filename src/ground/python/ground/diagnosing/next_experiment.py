@@ -2,10 +2,9 @@
 
 import contextlib
 import dataclasses
-import itertools
 import math
 from dataclasses import dataclass
-from typing import List, Mapping, Optional, Sequence, Union
+from typing import List, Optional, Sequence, Union
 
 import numpy as np
 
@@ -100,7 +99,7 @@ def propose(
     with told.stage(CHOOSING, len(choice)):
         apart = list(each(lambda e: _disagreement(rivals, _schedule(e), noise), choice))
     order = np.argsort([-a for a in apart], kind="stable")[:MAX_REFITTED]
-    best, proposed, known = 0.0, choice[0], {rival.name: _cost(rival, runs, True) for rival in rivals}
+    best, proposed, known = 0.0, choice[0], _costs(rivals, runs, True)
     with told.stage(REFITTING, len(order)):
         for i in told.each(order.tolist()):
             # A refit brings rivals closer to each other, and clearer than clear is not needed.
@@ -128,24 +127,20 @@ def _disagreement(
     schedule: experiments.Schedule,
     noise: Array,
     runs: Sequence[_core.RunData] = (),
-    known: Optional[Mapping[str, float]] = None,
+    known: Union[Array, float] = 0.0,
 ) -> float:
     """Standard deviations that a new run puts between the two rivals that it distinguishes least.
     noise: of its poses; known: the rivals' costs of the runs, to refit them to these and the new run.
     0 when a rival's motion is not finite."""
-    worst = np.inf
+    apart = []
     try:
-        for true, other in itertools.permutations(rivals, 2):
-            new = [_run(true.fit.model, schedule, noise)]
-            if known is None:
-                apart = _cost(other, new, False) - _cost(true, new, False)
-            else:
-                apart = _cost(other, [*runs, *new], True) - known[other.name]
-                apart -= _cost(true, [*runs, *new], True) - known[true.name]
-            worst = min(worst, float(np.sqrt(2 * max(0.0, apart))))
+        for i, true in enumerate(rivals):
+            new = _run(true.fit.model, schedule, noise)
+            costs = _costs(rivals, [*runs, new], bool(runs)) - known
+            apart.append(np.delete(costs, i).min() - costs[i])
     except GroundError:
         return 0.0
-    return worst
+    return float(np.sqrt(2 * max(0.0, min(apart))))
 
 
 def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _core.RunData:
@@ -160,10 +155,13 @@ def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _c
     return _core.RunData("new", times, found["eta"], found["nu"], inputs, found["eta"], noise)
 
 
-def _cost(rival: Rival, runs: Sequence[_core.RunData], refitted: bool) -> float:
-    """Negative log-likelihood of poses under a rival, as it is or refitted with its levels kept."""
-    on = Likelihood(runs, rival.fit.model)
-    near = dataclasses.replace(rival.fit, loudness=())
-    if refitted:
-        return -on.fit(near.model, near.free, near=near, levels=False).log_posterior
-    return -float(sum(blocks.sum() for blocks in on.blocks(near)))
+def _costs(rivals: Sequence[Rival], runs: Sequence[_core.RunData], refitted: bool) -> Array:
+    """Negative log-likelihood of poses under each rival, as it is or refitted with its levels kept."""
+    on, costs = Likelihood(runs, rivals[0].fit.model), []
+    for rival in rivals:
+        near = dataclasses.replace(rival.fit, loudness=())
+        if refitted:
+            costs.append(-on.fit(near.model, near.free, near=near, levels=False).log_posterior)
+        else:
+            costs.append(-sum(blocks.sum() for blocks in on.blocks(near)))
+    return np.array(costs)
