@@ -134,7 +134,6 @@ def test_an_improvement_is_that_over_what_a_fit_reaches(tmp_path, lagging, unpla
     report = json.loads(result.stdout)
     before, after = (report[name]["error"]["heldout"] for name in ("nominal", "improved"))
     assert after < before <= ground.fit(MODEL, lagging).error.heldout * 1.001
-    assert before == min(error["heldout"] for error in report["nominal"]["refits"].values())
     fall = "falls from %.3f to %.3f" % (before, after)
     assert fall in (out / "report.html").read_text()
     improved = yaml.safe_load((out / "improved.yaml").read_text())["provenance"]

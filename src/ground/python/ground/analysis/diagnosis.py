@@ -10,7 +10,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Dict, FrozenSet, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -60,7 +60,7 @@ class Diagnosis:
     """A model compared with runs, and grown by the missing effects.
 
     runs: _core.RunData to fit to; candidates: effects to try; threads: 0 for all cores; work: told of
-    what is done; most: largest number of windows over which the error is taken.
+    what is done.
     """
 
     def __init__(
@@ -70,7 +70,6 @@ class Diagnosis:
         candidates: List[Candidate],
         threads: int = 0,
         work: Optional[Work] = None,
-        most: float = window_error.MAX_WINDOWS,
     ) -> None:
         self.runs = runs
         self.given = model
@@ -80,7 +79,7 @@ class Diagnosis:
         self.threads = 1 if threads else 0
         count = threads or len(os.sched_getaffinity(0))
         self.pool = ThreadPoolExecutor(count)
-        self.fitter = window_error.WindowFitter(runs, threads=1, most=most)
+        self.fitter = window_error.WindowFitter(runs, threads=1)
         self.fitter.check()
         self.cut = self.fitter.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
@@ -169,14 +168,17 @@ class Diagnosis:
             self.floors[names] = float(np.mean(floors))
         return self.floors[names]
 
-    def formula_of(self, names: FrozenSet[str]) -> Optional[naming.Formula]:
-        """naming.Formula of what a set of effects that was fitted leaves; None if nothing has one."""
+    def formula_of(
+        self, names: FrozenSet[str], shows: Callable[[naming.Formula], bool] = lambda made: True
+    ) -> Optional[naming.Formula]:
+        """naming.Formula of what a set of effects that was fitted leaves; None if nothing has one. shows:
+        whether one is worth its simplest form."""
         if names not in self.formulas:
             left = self.ceiling_of(names)
             self.formulas[names] = None
             if left.found is not None:
                 fit, regression = self.search.fits[names], left.found.regression
-                self.formulas[names] = naming.formula(self.likelihood, fit, regression)
+                self.formulas[names] = naming.formula(self.likelihood, fit, regression, shows=shows)
         return self.formulas[names]
 
     def judge(self, names: FrozenSet[str]) -> folds.Judged:

@@ -6,7 +6,7 @@ likelihood fits all of them in the model. A formula is an effect as model files 
 """
 
 from dataclasses import dataclass, replace
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -45,13 +45,17 @@ class Formula:
 
 
 def formula(
-    likelihood: Likelihood, fit: Fit, regression: Regression, begun: Optional[Formula] = None
+    likelihood: Likelihood,
+    fit: Fit,
+    regression: Regression,
+    begun: Optional[Formula] = None,
+    shows: Callable[[Formula], bool] = lambda made: True,
 ) -> Optional[Formula]:
     """The Formula of what a regression finds beside a Fit; None if nothing is significant. begun: a formula
-    beside which it was found, to be made longer."""
+    beside which it was found, to be made longer; shows: whether one is worth its simplest form."""
     kept = begun.pieces if begun else ()
     pieces = _new_pieces(regression, _chosen_features(regression)[: LONGEST - len(kept)], begun)
-    return _of_pieces(likelihood, fit, [*kept, *pieces], begun) if pieces else None
+    return _of_pieces(likelihood, fit, [*kept, *pieces], begun, shows) if pieces else None
 
 
 def _chosen_features(regression: Regression) -> List[Term]:
@@ -83,11 +87,17 @@ def _new_pieces(regression: Regression, chosen: Sequence[Term], begun: Optional[
 
 
 def _of_pieces(
-    likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], begun: Optional[Formula]
+    likelihood: Likelihood,
+    fit: Fit,
+    pieces: Sequence[Piece],
+    begun: Optional[Formula],
+    shows: Callable[[Formula], bool],
 ) -> Optional[Formula]:
     """The Formula of those pieces that earn their place, in their simplest form that is as likely; begun: a
     shorter one, whose form is kept."""
     made = _fitted(likelihood, fit, pieces, begun.fit if begun else fit)
+    if made is not None and not shows(made):
+        return None
     while made is not None and len(made.pieces) > 1:
         worth = [_worth(made.fit, piece) for piece in made.pieces]
         if min(worth) > MIN_RATIO:

@@ -1,8 +1,9 @@
 """The verdict of a diagnosis, the improved model, and how well it predicts."""
 
+import contextlib
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Dict, List, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
@@ -64,8 +65,8 @@ class Conclusion:
     improved: _core.Model  # refitted
     parameters: List[Document]  # the improved model's: name, unit, value, ci95, ...
     noise_floor: float
-    refits: Tuple[Refit, ...]  # the model as it is
-    steps: List[float]  # error on held-out runs after each step
+    before: Refit
+    steps: List[float]  # error on held-out runs of the model as it is by likelihood, then after each step
     judgements: Mapping[str, Judgement]  # by effect
     heldout_floor: float  # noise floor of the runs on which steps are measured
     varies: List[Document]  # what differs between runs
@@ -78,14 +79,9 @@ class Conclusion:
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
     @property
-    def before(self) -> Refit:
-        """The refit that predicts best without further effects."""
-        return min(self.refits, key=lambda refit: refit.heldout)
-
-    @property
     def heldout(self) -> List[float]:
         """Error on held-out runs: the best without further effects, then after each step."""
-        return [self.before.heldout, *self.steps]
+        return [self.before.heldout, *self.steps[1:]]
 
     @cached_property
     def bands(self) -> List[bands.Bands]:
@@ -108,6 +104,12 @@ class HeldOut:
         each = window_error.calibrated_errors(self.runs, self.cut, self.likelihood, fit)
         return float(window_error.mean(self.cut, each).sum())
 
+    def error_before(self, found: Diagnosis, before: Refit) -> float:
+        """Error of the model as it is."""
+        if before.by == LIKELIHOOD:
+            return self.error(found.search.nominal())
+        return float(window_error.channel_errors(self.runs, self.cut, before.model).sum())
+
     def tested(self, fit: Fit) -> folds.Tested:
         """Errors and log-likelihood of a Fit."""
         return folds.tested(self.runs, self.cut, self.likelihood, fit)
@@ -129,10 +131,9 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
     if not agrees.holds and not left.said:
         left = left.unbounded()
-    floor, varies, refitted = found.noise_floor(found.names), _varies(found), refits(found)
-    explained = found.explains(found.names)
-    after, before = float(found.best.heldout.sum()), min(refit.heldout for refit in refitted)
-    trusted = agrees.holds or not found.chosen or after < before
+    floor, varies, before = found.noise_floor(found.names), _varies(found), _refitted(found)
+    explained, after = found.explains(found.names), float(found.best.heldout.sum())
+    trusted = agrees.holds or not found.chosen or after < before.heldout
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, trusted)
     named = None
     if verdict in NAMELESS:
@@ -154,7 +155,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         found.model,
         found.likelihood.intervals(found.fit),
         floor,
-        refitted if by_user is None else _on_others(found, refitted, by_user),
+        before if by_user is None else replace(before, heldout=by_user.error_before(found, before)),
         _steps(found, by_user),
         _judgements(found, by_user),
         float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor,
@@ -169,16 +170,15 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     )
 
 
-def refits(found: Diagnosis) -> Tuple[Refit, ...]:
-    """The model as it is, refitted by likelihood and, where it can be simulated, by simulation error.
-    Errors are over the windows and folds of a Diagnosis."""
-    judged, given = found.nominal, found.given
-    by_likelihood = _refit(LIKELIHOOD, judged)
-    try:
+def _refitted(found: Diagnosis) -> Refit:
+    """The model as it is, refitted by likelihood or, where that predicts better, by simulation error. Errors
+    are over the windows and folds of a Diagnosis."""
+    judged, given, found_by = found.nominal, found.given, []
+    found_by.append(_refit(LIKELIHOOD, judged))
+    with contextlib.suppress(GroundError):  # the simulation diverges
         free = window_error.free_parameters(given)
-        return by_likelihood, _refit(SIMULATION, found.fitter.fit(given, free, also=[judged.model]))
-    except GroundError:  # the simulation diverges
-        return (by_likelihood,)
+        found_by.append(_refit(SIMULATION, found.fitter.fit(given, free, also=[judged.model])))
+    return min(found_by, key=lambda refit: refit.heldout)
 
 
 def _refit(by: str, fit: Union[folds.Judged, window_error.WindowFit]) -> Refit:
@@ -186,21 +186,12 @@ def _refit(by: str, fit: Union[folds.Judged, window_error.WindowFit]) -> Refit:
     return Refit(by, fit.model, known, float(fit.error.sum()), float(fit.heldout.sum()))
 
 
-def _on_others(found: Diagnosis, refitted: Sequence[Refit], others: HeldOut) -> Tuple[Refit, ...]:
-    """Refits with their errors on runs that the user held out."""
-    known = {LIKELIHOOD: others.error(found.search.nominal())}
-    for refit in refitted[1:]:
-        errors = window_error.channel_errors(others.runs, others.cut, refit.model)
-        known[refit.by] = float(errors.sum())
-    return tuple(replace(refit, heldout=known[refit.by]) for refit in refitted)
-
-
 def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
-    """Error on runs held out after each step."""
+    """Error on runs held out of the model as it is by likelihood, and after each step."""
     if others is None:
-        return [float(step.fit.heldout.sum()) for step in found.steps]
+        return [float(judged.heldout.sum()) for judged in (found.nominal, *(s.fit for s in found.steps))]
     names = [step.added for step in found.steps]
-    return [others.error(found.search.fits[frozenset(names[: i + 1])]) for i in range(len(names))]
+    return [others.error(found.search.fits[frozenset(names[:i])]) for i in range(len(names) + 1)]
 
 
 def _judgements(found: Diagnosis, others: Optional[HeldOut]) -> Dict[str, Judgement]:
@@ -249,9 +240,12 @@ def _name(found: Diagnosis, doubted: Optional[Ceiling] = None) -> Optional[_Name
     constant that it needs. doubted: a Ceiling that does not say that something is left; None unless the first
     formula shows it, and is confirmed."""
     best, least = None, float(found.best.heldout.sum())
-    made = found.formula_of(found.names)
-    if doubted and (made is None or not doubted.reached_by(made.fit.model, found.runs, found.cut).said):
-        return None
+
+    def shows(made: naming.Formula) -> bool:
+        """Whether runs show that a formula is learnable."""
+        return doubted is None or doubted.reached_by(made.fit.model, found.runs, found.cut).said
+
+    made = found.formula_of(found.names, shows)
     for number in range(LENGTHENED):
         named = None if made is None else _judged(found, made)
         after = np.inf if named is None else float(named.judged.heldout.sum())

@@ -271,19 +271,18 @@ def left(report: Document) -> Iterator[str]:
     if error["expected"] ** 2 - error["noise"] ** 2 < MIN_SHARE * error["measured"] ** 2:
         return  # levels this low are determined by their priors, not by the data
     levels = report["disturbance"]
-    room, sizes = levels["room"], levels["sigma"]
     pushes = [
-        "%s %.2g %s over %.2g s" % (c, sizes[c], unit, levels["time"][c])
+        "%s %.2g %s over %.2g s" % (c, levels["sigma_" + c], unit, levels["time_" + c])
         for c, unit in (("X", "N"), ("Y", "N"), ("N", "N m"))
     ]
     yield (
         "Beside the model a random wrench acts: %s (standard deviations and correlation times)."
         % ", ".join(pushes)
     )
-    if room["sigma"] > MIN_ROOM * max(sizes["X"], sizes["Y"]):
+    if levels["sigma_room"] > MIN_ROOM * max(levels["sigma_X"], levels["sigma_Y"]):
         yield (
             "A random force of %s keeps its direction in the room while the craft turns, for about "
-            "%.2g s, as a draught does." % (quantity(room["sigma"], "N", 2), room["time"])
+            "%.2g s, as a draught does." % (quantity(levels["sigma_room"], "N", 2), levels["time_room"])
         )
 
 
@@ -309,10 +308,7 @@ def extent(report: Document) -> Iterator[str]:
     """How much of the data was used, if not all."""
     count = report["windows"]
     if count["used"] < count["available"]:
-        yield (
-            "used %d of %d windows, spread evenly over the runs; --thorough uses all"
-            % (count["used"], count["available"])
-        )
+        yield ("used %d of %d windows, spread evenly over the runs" % (count["used"], count["available"]))
 
 
 def concluded(report: Document) -> Iterator[str]:
