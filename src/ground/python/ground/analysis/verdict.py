@@ -131,9 +131,9 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
     if not agrees.holds and not left.said:
         left = left.unbounded()
-    floor, varies, before = found.noise_floor(found.names), _varies(found), _refitted(found)
+    floor, varies, refits = found.noise_floor(found.names), _varies(found), _refits(found)
     explained, after = found.explains(found.names), float(found.best.heldout.sum())
-    trusted = agrees.holds or not found.chosen or after < before.heldout
+    trusted = agrees.holds or not found.chosen or after < min(refit.heldout for refit in refits)
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, trusted)
     named = None
     if verdict in NAMELESS:
@@ -150,12 +150,14 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     formula = named.formula if named else None
     models = [found.search.nominal().model, found.model, formula.fit.model if formula else found.model]
     by_user = HeldOut(found, heldout) if heldout else None
+    if by_user:
+        refits = [replace(refit, heldout=by_user.error_before(found, refit)) for refit in refits]
     return Conclusion(
         verdict,
         found.model,
         found.likelihood.intervals(found.fit),
         floor,
-        before if by_user is None else replace(before, heldout=by_user.error_before(found, before)),
+        min(refits, key=lambda refit: refit.heldout),
         _steps(found, by_user),
         _judgements(found, by_user),
         float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor,
@@ -170,15 +172,15 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     )
 
 
-def _refitted(found: Diagnosis) -> Refit:
-    """The model as it is, refitted by likelihood or, where that predicts better, by simulation error. Errors
+def _refits(found: Diagnosis) -> List[Refit]:
+    """The model as it is, refitted by likelihood and, where it can be simulated, by simulation error. Errors
     are over the windows and folds of a Diagnosis."""
-    judged, given, found_by = found.nominal, found.given, []
-    found_by.append(_refit(LIKELIHOOD, judged))
+    refits = [_refit(LIKELIHOOD, found.nominal)]
     with contextlib.suppress(GroundError):  # the simulation diverges
-        free = window_error.free_parameters(given)
-        found_by.append(_refit(SIMULATION, found.fitter.fit(given, free, also=[judged.model])))
-    return min(found_by, key=lambda refit: refit.heldout)
+        free = window_error.free_parameters(found.given)
+        fitted = found.fitter.fit(found.given, free, also=[found.nominal.model])
+        refits.append(_refit(SIMULATION, fitted))
+    return refits
 
 
 def _refit(by: str, fit: Union[folds.Judged, window_error.WindowFit]) -> Refit:
