@@ -67,7 +67,6 @@ def _answer(found, conclusion):
         "ceiling": _ceiling(found, conclusion),
         "unseen": found.hidden_names(),
         "dropped": {d.trial.name: d.why for d in found.dropped},
-        "slight": found.slight and found.slight.name,
     }
 
 

@@ -24,7 +24,7 @@ FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm")
 ROOT = os.path.realpath(os.path.join(os.path.dirname(os.path.abspath(__file__)), "../.."))
 OPTIONS = [
     "--json", "--axes", "--from", "--to", "--all", "--progress", "off", "--holdout", "--only", "--exclude",
-    "--effects", "--budget", "--force", "motor_lag", "1", "0.5", "-3", "1e400", "nan", "x, y, z",
+    "--effects", "--force", "motor_lag", "1", "0.5", "-3", "1e400", "nan", "x, y, z",
 ]  # fmt: skip
 
 

@@ -56,11 +56,6 @@ def test_held_out_runs_are_covered(cases):
         poses = [share[horizon, channel] for channel in bands.POSE]
         assert 0.84 < np.mean(poses) < 0.96, horizon
         assert all(0.75 < share[horizon, channel] for channel in bands.CHANNELS), share
-    # Half a second ahead there are enough predictions to check each channel.
-    assert all(0.83 < share[0.5, channel] < 0.96 for channel in bands.CHANNELS), share
-    for row in bands.coverage(found):
-        low, high = row["ci95"]
-        assert low <= row["coverage"] <= high and high - low < 0.3
 
 
 def test_without_the_disturbance_nothing_is_covered(cases):
@@ -90,7 +85,6 @@ def test_a_single_run_is_predicted_by_its_other_quarters(cases):
     starts = [p.times[0] for p in found.predictions]
     assert starts == sorted(starts) and len(set(starts)) == len(starts)
     assert starts[0] < alone[0].times[0] + 1 and starts[-1] > alone[0].times[-1] - 2
-    assert all(row["ci95"] is None for row in bands.coverage([found]))
 
 
 def test_predictions_follow_each_other_and_end_at_gaps(cases):

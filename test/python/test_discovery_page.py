@@ -39,7 +39,7 @@ def text_of(browser):
 
 def test_the_page_tells_the_whole_story(whole, browser):
     names = open_page(browser, whole)
-    assert len(names) == 2 + 4  # errors, beliefs; a figure of each flight
+    assert len(names) == 1 + 4  # errors; a figure of each flight
     assert_sound(browser, names)
     text = text_of(browser)
     for part in (
@@ -72,7 +72,7 @@ def test_the_error_falls_from_flight_to_flight_in_the_figure(whole, browser):
 def test_a_flight_is_drawn_as_planned_and_as_flown(whole, browser):
     open_page(browser, whole)
     names, count = browser.execute_script(
-        "const t = document.getElementById('figure2').data;"
+        "const t = document.getElementById('figure1').data;"
         "return [t.map(t => t.name), t.find(t => t.name === 'planned').y.length]"
     )
     assert names[:4] == ["walls", "planned", "flown", "start"] and count > 100
@@ -200,7 +200,7 @@ def test_figures_are_those_that_plotly_knows():
     drawn = figures.flight(
         story.flights[0].flight, story.flights[0], np.array(inputs, float), ["left", "right"], ROOM
     )
-    for figure in (figures.errors(story), figures.beliefs(story), drawn):
+    for figure in (figures.errors(story), drawn):
         graph_objects.Figure(data=figure["data"], layout=figure["layout"])
 
 

@@ -6,9 +6,9 @@ import pytest
 from conftest import MODEL, ROOT, simulate_run
 from ground import _core
 from ground.analysis import comparison
-from ground.diagnosing import next_experiment
 from ground.fitting import thrust_bench, thrust_curve
 from ground.recordings import repair
+from ground.simulation.designs import designs
 from ground.support.errors import GroundError
 
 
@@ -39,19 +39,13 @@ def run_data(truth=None, duration=12.0, seed=1, noise=1.0, lost=()):
 # --- experiments
 
 
-def test_a_schedule_has_the_levels_and_the_lift_of_its_experiment():
-    spans = []
-    for experiment in next_experiment.choices():
-        rows = experiment.schedule().rows
-        levels = dict(experiment.options)["levels"]
-        assert list(levels) == sorted(set(levels)) and 0 <= levels[0] < levels[-1] <= 1
-        driven = rows[rows[:, 3] > 0]
-        assert set(np.unique(driven[:, 1:3])) <= set(levels) | {0.0}
-        assert rows[:, 3].max() == experiment.lift and (np.diff(rows[:, 0]) >= 0).all()
-        pushes = rows[(rows[:, 1:3] > 0).any(axis=1), 0]
-        assert 0 <= rows[-1, 0] - pushes[-1] <= 4.001 and not rows[-1, 1:].any()
-        spans.append(rows[-1, 0] - pushes[0])
-    assert max(spans) == pytest.approx(8.0) and min(spans) >= 7.0  # eight seconds of thrust
+def test_a_design_plays_the_levels_that_it_names():
+    for design in designs():
+        rows = design.rows(8.0)
+        assert rows[0, 0] == 0 and rows[-1, 0] <= 8.0 and (np.diff(rows[:, 0]) >= 0).all()
+        assert 0 <= rows[:, 1:].min() < rows[:, 1:].max() <= 1 and design.lift in (1.0, 0.6)
+        if "levels" in design.options:
+            assert set(np.unique(rows[:, 1:])) <= {0.0, *design.options["levels"]}
 
 
 # --- comparisons

@@ -92,7 +92,7 @@ def test_a_fit_is_physical_and_holds_on_other_runs(described, tmp_path):
     assert 0.04 < value["k"] < 0.0807  # below that of the bench
     assert value["com_offset.xg"] == pytest.approx(-0.0094, abs=0.001)
     assert 0.03 < value["motor_lag.tau"] < 0.15
-    assert found["error"]["heldout_runs"] < 0.47
+    assert found["error"]["heldout"] < 0.47
 
 
 @slow

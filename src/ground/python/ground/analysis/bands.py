@@ -18,7 +18,6 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import folds, likelihood
-from ground.analysis.distributions import student_limit
 from ground.analysis.likelihood import CAP, call
 from ground.recordings import repair, windows
 from ground.support.annotations import Array, Document, Each, Flags
@@ -27,9 +26,8 @@ from ground.support.errors import GroundError
 PART = 0.9  # probability that a band holds the measurement
 HORIZONS = (0.5, windows.WINDOW, 4.0)  # horizons at which coverage is counted [s]
 CHANNELS = ("x", "y", "psi", "u", "v", "r")
-UNITS = ("m", "m", "rad", "m/s", "m/s", "rad/s")
 POSE = CHANNELS[:3]  # measured; the velocities are smoothed from these
-SHORT = HORIZONS[0]  # time between starts inside a window, and their horizon [s]
+LEARNING = 0.5  # time in which the filter learns the motion at the beginning of a stretch [s]
 DRAWS = 59  # motions drawn; 5% of (DRAWS + 1) is whole, so that quantiles are order statistics
 _Task = Tuple[_core.RunData, likelihood.Fit, List[_core.Window], float]  # ..., expected loudness
 
@@ -38,7 +36,8 @@ TOLERANCE = 0.05  # longest time from the last sample to the horizon [s]
 
 @dataclass(frozen=True)
 class Prediction:
-    """A prediction from one start: a row for each sample, a column for each of CHANNELS (UNITS)."""
+    """A prediction from one start: a row for each sample, a column for each of CHANNELS [m], [rad], [m/s],
+    [rad/s]."""
 
     times: Array  # (n,) on the run's clock; the first is the start [s]
     mean: Array  # (n, 6)
@@ -62,26 +61,24 @@ class Bands:
         """
         tiles, end = [], -np.inf
         for one in self.predictions:
-            is_short = one.times[-1] - one.times[0] < SHORT + TOLERANCE
-            if one.times[0] < end - TOLERANCE or (is_short and horizon > SHORT):
+            if one.times[0] < end - TOLERANCE:
                 continue
             inside = one.times <= one.times[0] + horizon
             tiles.append((one.times[inside], one.low[inside], one.high[inside]))
             end = one.times[inside][-1]
         return tiles
 
-    def at(self, horizon: float) -> Tuple[Array, Flags]:
-        """At a horizon [s]: standard deviations (k, 6), and whether the bands hold the measurements."""
-        deviation, held = np.zeros((0, 6)), np.zeros((0, 6), bool)
+    def at(self, horizon: float) -> Flags:
+        """Whether the bands hold the measurements at a horizon [s], (k, 6)."""
+        held = np.zeros((0, 6), bool)
         for prediction in self.predictions:
             times = prediction.times - prediction.times[0]
             row = int(np.searchsorted(times, horizon, side="right")) - 1
             if times[row] > horizon - TOLERANCE:
                 measured = prediction.measured[row]
                 within = (prediction.low[row] <= measured) & (measured <= prediction.high[row])
-                deviation = np.vstack([deviation, prediction.deviation[row]])
                 held = np.vstack([held, within])
-        return deviation, held
+        return held
 
 
 def of_folds(split: folds.Folds, fit: likelihood.Fit) -> List[Bands]:
@@ -164,21 +161,18 @@ def _predict(task: _Task) -> List[Prediction]:
 
 
 def _starts(times: Array, cut: Sequence[_core.Window]) -> Tuple[List[int], List[float]]:
-    """Samples to predict from, and horizons [s]: the longest at the start of each window, a short
-    one every SHORT seconds inside. None starts at a stretch's first pose: the filter first has to
-    learn the motion."""
-    found = {}
-    for window in cut:
+    """Samples to predict from, one in each window, and horizons [s]. None starts at a stretch's first pose:
+    the filter first has to learn the motion."""
+    starts, horizons = [], []
+    for window in sorted(cut, key=lambda w: int(w.first)):
         first, last = window.first, window.last
-        begins = first == 0 or times[first] - times[first - 1] > repair.MAX_GAP
-        if not begins:
-            found[first] = HORIZONS[-1]
-        for k in range(1, 1 + int((times[last] - times[first] - TOLERANCE) / SHORT)):
-            at = int(np.searchsorted(times, times[first] + k * SHORT))
-            rest = times[last] - times[at]
-            found.setdefault(at, rest if begins and k == 1 else SHORT)
-    starts = sorted(found)
-    return starts, [found[start] for start in starts]
+        if first == 0 or times[first] - times[first - 1] > repair.MAX_GAP:
+            starts.append(int(np.searchsorted(times, times[first] + LEARNING)))
+            horizons.append(times[last] - times[starts[-1]])
+        else:
+            starts.append(first)
+            horizons.append(HORIZONS[-1])
+    return starts, horizons
 
 
 def _measured(run: _core.RunData) -> Array:
@@ -202,33 +196,14 @@ def _smoothed_noise(run: _core.RunData) -> Array:
 def coverage(bands: Sequence[Bands]) -> List[Document]:
     """Share of the measurements that the Bands of runs hold.
 
-    Returns a list of dictionaries, one for each horizon and channel: horizon [s], channel, unit,
-    coverage, ci95, sd (median standard deviation of the predictions), predictions (their number).
-    Predictions of one run are correlated, so that ci95 counts only runs as independent (ratio
-    estimator with Student's t) and is None for one run. Horizons that no run reaches are left out.
+    Returns a list of dictionaries, one for each horizon and channel: horizon [s], channel, coverage,
+    predictions (their number). Horizons that no run reaches are left out.
     """
     rows = []
     for horizon in HORIZONS:
-        found = [one for one in (b.at(horizon) for b in bands) if len(one[0])]
-        if not found:
-            continue
-        deviation = np.median(np.vstack([d for d, _ in found]), axis=0)
-        held = np.array([h.sum(axis=0) for _, h in found])
-        counts, runs = np.array([len(h) for _, h in found]), len(found)
-        share = held.sum(axis=0) / counts.sum()
-        off = np.sqrt(((held - counts[:, None] * share) ** 2).sum(axis=0)) / counts.sum()
-        half = student_limit(0.025, runs - 1) * np.sqrt(runs / (runs - 1)) * off if runs > 1 else None
-        for i, channel in enumerate(CHANNELS):
-            ends = None if half is None else [max(0.0, share[i] - half[i]), min(1.0, share[i] + half[i])]
-            rows.append(
-                {
-                    "horizon": horizon,
-                    "channel": channel,
-                    "unit": UNITS[i],
-                    "coverage": float(share[i]),
-                    "ci95": ends and [float(end) for end in ends],
-                    "sd": float(deviation[i]),
-                    "predictions": int(counts.sum()),
-                }
-            )
+        held = np.vstack([b.at(horizon) for b in bands]) if bands else np.zeros((0, 6), bool)
+        for i, channel in enumerate(CHANNELS if len(held) else ()):
+            share = float(held[:, i].mean())
+            row = {"horizon": horizon, "channel": channel, "coverage": share, "predictions": len(held)}
+            rows.append(row)
     return rows

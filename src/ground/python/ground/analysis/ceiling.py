@@ -75,12 +75,6 @@ class Ceiling:
     # the wrench too
 
     @property
-    def errors(self) -> Dict[str, float]:
-        """Root mean square errors: before, now with the effects, and after with the wrench too."""
-        roots = [float(np.sqrt(square.mean())) for square in self.squares]
-        return dict(zip(("before", "now", "after"), roots))
-
-    @property
     def of_the_past(self) -> bool:
         """Whether most of it depends on the past."""
         shares = list(self.arguments.items())

@@ -10,7 +10,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Dict, FrozenSet, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from ground.analysis.evidence import Dropped
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
-from ground.analysis.search import EXCLUSION, REFITTED, Search
+from ground.analysis.search import EXCLUSION, Search
 from ground.support.progress import Work
 
 # An effect matters if it moves the predicted pose at the horizon by this multiple of the noise of a
@@ -43,6 +43,7 @@ MIN_CHANGE = 5.0
 CERTAIN = 4.0
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 FLOORS = 5  # simulations over which the noise floor is averaged
+SLIGHT = "it is too small to matter"
 MAX_REPEATS = 3  # repetitions of the search because other differences between runs were found
 
 
@@ -58,9 +59,8 @@ class Step:
 class Diagnosis:
     """A model compared with runs, and grown by the missing effects.
 
-    runs: _core.RunData to fit to; candidates: effects to try; budget: how many of them are
-    refitted in a step, best by score test first (None: search.REFITTED); threads: 0 for all
-    cores; work: told of what is done; most: largest number of windows over which the error is taken.
+    runs: _core.RunData to fit to; candidates: effects to try; threads: 0 for all cores; work: told of
+    what is done.
     """
 
     def __init__(
@@ -68,29 +68,25 @@ class Diagnosis:
         runs: Sequence[_core.RunData],
         model: _core.Model,
         candidates: List[Candidate],
-        budget: Optional[int] = None,
         threads: int = 0,
         work: Optional[Work] = None,
-        most: float = window_error.MAX_WINDOWS,
     ) -> None:
         self.runs = runs
         self.given = model
         self.candidates = candidates
-        self.budget = budget
         self.work = work or Work()
         # A fit alone uses all cores; fits beside each other share them.
         self.threads = 1 if threads else 0
         count = threads or len(os.sched_getaffinity(0))
         self.pool = ThreadPoolExecutor(count)
-        self.fitter = window_error.WindowFitter(runs, threads=1, most=most)
+        self.fitter = window_error.WindowFitter(runs, threads=1)
+        self.fitter.check()
         self.cut = self.fitter.windows
         self.samples = 3 * sum(len(run.times) for run in runs)
         self.chosen: List[Candidate] = []  # in the order of their choice
         self.steps: List[Step] = []
         self.dropped: List[Dropped] = []
-        # effect that the likelihood prefers and that is too small to matter
-        self.slight: Optional[evidence.Trial] = None
-        self.slight_sets: Tuple[FrozenSet[str], ...] = ()  # the sets with and without it
+        self.fuller: Dict[FrozenSet[str], FrozenSet[str]] = {}  # sets with an effect too small to matter
         self.tried: List[evidence.Trial] = []  # each effect added to the nominal model, best first
         self.ceilings: Dict[FrozenSet[str], ceiling.Ceiling] = {}  # by set of effects, slight ones too
         self.floors: Dict[FrozenSet[str], float] = {}  # noise floor by set of effects
@@ -110,7 +106,6 @@ class Diagnosis:
         by_name = {candidate.name: candidate for candidate in self.candidates}
         self.search = Search(
             Fitting(self.likelihood, self.given, by_name),
-            REFITTED if self.budget is None else self.budget,
             self.pool.map,
             self.work,
             lambda better, current: self._refuted(better, current) is None,
@@ -153,9 +148,7 @@ class Diagnosis:
         """ceiling.Ceiling of a set of effects that was fitted (default: of the grown model), with an
         effect that is too small to matter."""
         names = self.names if found is None else found
-        fullest = names
-        if self.slight and self.slight_sets[1] == names:
-            fullest = self.slight_sets[0]
+        fullest = self.fuller.get(names, names)
         if fullest not in self.ceilings:
             fit, before = self.search.fits[fullest], self.search.fits[frozenset()].model
             share = self.noise_floor(names) / float(self.judge(names).error.sum())
@@ -175,14 +168,17 @@ class Diagnosis:
             self.floors[names] = float(np.mean(floors))
         return self.floors[names]
 
-    def formula_of(self, names: FrozenSet[str]) -> Optional[naming.Formula]:
-        """naming.Formula of what a set of effects that was fitted leaves; None if nothing has one."""
+    def formula_of(
+        self, names: FrozenSet[str], shows: Callable[[naming.Formula], bool] = lambda made: True
+    ) -> Optional[naming.Formula]:
+        """naming.Formula of what a set of effects that was fitted leaves; None if nothing has one. shows:
+        whether one is worth its simplest form."""
         if names not in self.formulas:
             left = self.ceiling_of(names)
             self.formulas[names] = None
             if left.found is not None:
                 fit, regression = self.search.fits[names], left.found.regression
-                self.formulas[names] = naming.formula(self.likelihood, fit, regression)
+                self.formulas[names] = naming.formula(self.likelihood, fit, regression, shows=shows)
         return self.formulas[names]
 
     def judge(self, names: FrozenSet[str]) -> folds.Judged:
@@ -253,7 +249,7 @@ class Diagnosis:
         why = self._refuted(found, rest)
         self.work.step()
         # on long runs the likelihood detects a millisecond of network latency as a delay
-        return why if why or self._change(found, rest).relative >= MIN_CHANGE else "slight"
+        return why if why or self._change(found, rest).relative >= MIN_CHANGE else SLIGHT
 
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Optional[str]:
         """Reason why held-out data speak against a set and for a smaller one; None if they do not.
@@ -277,16 +273,13 @@ class Diagnosis:
 
     def _drop(self, found: FrozenSet[str], name: str, why: str) -> None:
         self.search.without(found, name)
-        trial = self.trial_in(found, name)
-        if why == "slight":
-            self.slight = replace(trial, change=self._change(found, found - {name}))
-            self.slight_sets = found, found - {name}
-        else:
-            # An effect may be refused several times, in different sets: the last reason counts.
-            self.dropped = [d for d in self.dropped if d.trial.name != name]
-            self.dropped.append(Dropped(trial, why))
-        reason = "it is too small to matter" if why == "slight" else why
-        self.work.note("%s is left out: %s" % (name, reason))
+        change = None
+        if why == SLIGHT:
+            change, self.fuller[found - {name}] = self._change(found, found - {name}), found
+        # An effect may be refused several times, in different sets: the last reason counts.
+        self.dropped = [d for d in self.dropped if d.trial.name != name]
+        self.dropped.append(Dropped(self.trial_in(found, name), why, change))
+        self.work.note("%s is left out: %s" % (name, why))
 
     def _without_stand_ins(self, found: FrozenSet[str]) -> FrozenSet[str]:
         """The set without effects that only imitate what has no name: those that do nothing beside a
@@ -349,11 +342,7 @@ class Diagnosis:
     def _trials(self) -> List[evidence.Trial]:
         """Trials of all effects, each added to the nominal model, best first."""
         tests = self.search.test_beside(frozenset())
-        found = [self._trial(c, tests) for c in self.candidates]
-        if self.budget is not None:
-            found = [t for t in found if t.refitted] or found
-            found = sorted(found, key=lambda t: -t.gain)[: self.budget]
-        return sorted(found, key=lambda t: t.delta_bic)
+        return sorted((self._trial(c, tests) for c in self.candidates), key=lambda t: t.delta_bic)
 
     def _trial(self, candidate: Candidate, tests: ScoreTests) -> evidence.Trial:
         name, names = candidate.name, frozenset([candidate.name])
@@ -363,14 +352,14 @@ class Diagnosis:
         model = candidate.neutral(self.search.fits[frozenset()].model)
         parameters, seen = tests.estimates(model, name, step), tests.seen(name) > UNSEEN
         tried = len(self.candidates)
-        return evidence.trial(name, model, parameters, gain, seen, False, tried, self.samples)
+        return evidence.trial(name, model, parameters, gain, seen, tried, self.samples)
 
     def trial_in(self, found: FrozenSet[str], name: str) -> evidence.Trial:
         """The Trial of an effect of a fitted set against the set without it."""
         fit, gain = self.search.fits[found], self.search.ratio(found, found - {name})
         parameters = [p for p in fit.parameters if p["name"].split(".")[0] == name]
         seen, tried = any(p["identified"] for p in parameters), len(self.candidates)
-        return evidence.trial(name, fit.model, parameters, gain, seen, True, tried, self.samples)
+        return evidence.trial(name, fit.model, parameters, gain, seen, tried, self.samples)
 
     def judged_of(self, trial: evidence.Trial) -> Optional[folds.Judged]:
         """folds.Judged of the nominal model with a Trial's effect; None if it was not refitted."""

@@ -24,9 +24,7 @@ class Trial:
     chance: float  # corrected for it
     delta_bic: float
     seen: bool  # whether it does anything that the other parameters cannot
-    refitted: bool
     equal: bool = False  # whether the data cannot distinguish it from the best one
-    change: Optional[Change] = None  # of predicted poses
 
 
 @dataclass(frozen=True)
@@ -35,6 +33,7 @@ class Dropped:
 
     trial: Trial
     why: str
+    change: Optional[Change] = None  # of predicted poses, where it is too small to matter
 
 
 def trial(
@@ -43,7 +42,6 @@ def trial(
     parameters: Sequence[Document],
     gain: float,
     seen: bool,
-    refitted: bool,
     tried: int,
     samples: int,
 ) -> Trial:
@@ -52,7 +50,7 @@ def trial(
     on_bound = sum(p["neutral"] in (p["lower"], p["upper"]) for p in described)
     alone = p_value(gain, len(described), on_bound)
     bic = float(len(described) * np.log(samples) - gain)
-    return Trial(name, model, parameters, gain, alone, min(1.0, tried * alone), bic, seen, refitted)
+    return Trial(name, model, parameters, gain, alone, min(1.0, tried * alone), bic, seen)
 
 
 def ranked(trials: Iterable[Trial], first: Sequence[str]) -> List[Trial]:

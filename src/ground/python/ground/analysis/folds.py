@@ -2,7 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import List, Mapping, Sequence, Tuple
 
 import numpy as np
 
@@ -13,23 +13,12 @@ from ground.analysis.likelihood import Fit, Likelihood
 from ground.recordings import windows
 from ground.support.annotations import Array, Document, Each, Indices
 from ground.support.errors import GroundError
-from ground.support.progress import Work
 
-BLOCK = 6.0  # length of blocks of time [s]
-BLOCK_FOLDS = 10  # largest number of folds of blocks
-RUN_FOLDS = 20  # largest number of folds of runs, where each run has an error of its own
-BLOCKS, RUNS = "holding out blocks of time", "holding out runs"  # stages
 MOST_SAMPLES = 6000  # poses, thinned, in an excerpt of runs
 STRETCH = 10.0  # length of a stretch of a long run in it [s]
 BETTER, UNDECIDED, WORSE = "better", "undecided", "worse"  # verdicts of a Comparison
 MIN_PARTS = 4  # from which on a t-test over parts has power
 MAX_CHANCE = 0.05  # probability with which a Comparison may say "worse" where nothing differs
-
-# Fits to windows, from the windows' initial states if any are given.
-Refit = Callable[[Sequence[_core.Window], Sequence[Array]], Document]
-
-
-# Fits by likelihood
 
 
 @dataclass(frozen=True)
@@ -229,100 +218,3 @@ def excerpt(
     loudness = tuple(fit.loudness[i] for i in of) if fit.loudness else ()
     trims = tuple(fit.trims[i] for i in of)
     return shorter, dataclasses.replace(fit, loudness=loudness, trims=trims), pieces, windows.cut(pieces)
-
-
-# Fits to windows
-
-
-def leave_runs_out(
-    runs: Sequence[_core.RunData],
-    fit: Refit,
-    whole: Document,
-    length: float = windows.WINDOW,
-    work: Optional[Work] = None,
-) -> List[Tuple[Document, float]]:
-    """Fits without some of the runs, and their errors on those: [(fit's result, error)], one per run.
-
-    Each run is held out once: alone, or, with more than RUN_FOLDS runs, together with every RUN_FOLDS-th
-    other one. `fit(windows, initial)` fits to windows of `length` seconds of `runs` (_core.RunData)
-    from initial states of the windows; `whole` is its result over windows.cut(runs, length).
-    work: told of each fit.
-    """
-    cut = windows.cut(runs, length)
-    results = _refits(cut, [w.run % RUN_FOLDS for w in cut], fit, whole["initial"], work or Work())
-    fits = [results[i % RUN_FOLDS] for i in range(len(runs))]
-    return [(found, windows.error([run], found["model"])) for run, found in zip(runs, fits)]
-
-
-def leave_blocks_out(
-    runs: Sequence[_core.RunData],
-    models: Sequence[_core.Model],
-    fit: Refit,
-    block: float = BLOCK,
-    length: float = windows.WINDOW,
-    most: int = BLOCK_FOLDS,
-    work: Optional[Work] = None,
-) -> Optional[Document]:
-    """Errors on blocks of time: of models as they are, and of fits without the blocks.
-
-    Up to `most` blocks are held out one by one; of more blocks, every `most`-th one together. `fit`,
-    `length` and `work` as in leave_runs_out; without initial states fits begin at measured ones.
-    Returns {"models": one error per model, "heldout": error, "blocks", "folds": how many}, all
-    errors over the same windows; None when a fit without some fold would have no data.
-    """
-    blocks = _time_blocks(runs, block, length)
-    to_fit = [w for fitted, _ in blocks for w in fitted]
-    of_fit = [number % most for number, (fitted, _) in enumerate(blocks) for _ in fitted]
-    if len(set(of_fit)) < 2:
-        return None
-    whole = fit(to_fit, ())
-    results = _refits(to_fit, of_fit, fit, whole["initial"], work or Work())
-    errors, samples = [], []
-    for fold in range(min(most, len(blocks))):
-        inside = [w for _, held in blocks[fold::most] for w in held]
-        errors.append(windows.error(runs, results.get(fold, whole)["model"], inside))
-        samples.append(sum(w.last - w.first + 1 for w in inside))
-    every = [w for _, held in blocks for w in held]
-    return {
-        "models": [windows.error(runs, model, every) for model in models],
-        "heldout": float(np.average(errors, weights=samples)),
-        "blocks": len(blocks),
-        "folds": len(errors),
-    }
-
-
-def _time_blocks(
-    runs: Sequence[_core.RunData], duration: float, length: float
-) -> List[Tuple[List[_core.Window], List[_core.Window]]]:
-    """Windows to fit to and windows to test on, of each block that has windows to test on."""
-    blocks = []
-    for i, run in enumerate(runs):
-        start, end = run.times[0], run.times[-1]
-        edges = np.linspace(start, end, max(1, int(round((end - start) / duration))) + 1)
-        for a, b in zip(edges[:-1], edges[1:]):
-            held = windows.cut_part(run, i, a, b)
-            if held:
-                blocks.append((windows.cut_part(run, i, a, b, length), held))
-    return blocks
-
-
-def _refits(
-    cut: Sequence[_core.Window], folds: Sequence[int], fit: Refit, initial: Sequence[Array], work: Work
-) -> Dict[int, Document]:
-    """Results of fits without each fold, by fold; folds, initial: fold and state of each window."""
-    results: Dict[int, Document] = {}
-    work.more(len(set(folds)))
-    for fold in work.each(sorted(set(folds))):
-        rest = [k for k, f in enumerate(folds) if f != fold]
-        results[fold] = fit([cut[k] for k in rest], [initial[k] for k in rest])
-    return results
-
-
-def disagreements(fitted: Document, others: Document, most: float = 3.0) -> List[str]:
-    """Parameters whose estimate from one run and from the others differ by `most` deviations."""
-    names = []
-    for a, b in zip(fitted["parameters"], others["parameters"]):
-        if a["identified"] and b["identified"]:
-            if abs(a["value"] - b["value"]) > most * np.hypot(a["deviation"], b["deviation"]):
-                names.append(a["name"])
-    return names

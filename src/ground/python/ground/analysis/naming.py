@@ -6,7 +6,7 @@ likelihood fits all of them in the model. A formula is an effect as model files 
 """
 
 from dataclasses import dataclass, replace
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ground.analysis.distributions import chi_squared_above
 from ground.analysis.formula_words import Piece
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.regression import LEVEL, Regression, Term
-from ground.support.annotations import Document, Flags
+from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
 NAME = "proposed"
@@ -38,11 +38,6 @@ class Formula:
     ratio: float  # of the likelihoods with and without it, 2 ln
     pieces: Tuple[Piece, ...] = ()
 
-    @property
-    def value(self) -> float:
-        """Value by which formulas are compared: the ratio, minus the threshold of each piece."""
-        return self.ratio - MIN_RATIO * len(self.pieces)
-
     def in_words(self, model: _core.Model, name: str) -> str:
         """What it means at the values of a model that has it by this name."""
         values = {n: model.value("%s.%s" % (name, n)) for piece in self.pieces for n in piece.parameters}
@@ -50,39 +45,36 @@ class Formula:
 
 
 def formula(
-    likelihood: Likelihood, fit: Fit, regression: Regression, begun: Optional[Formula] = None
+    likelihood: Likelihood,
+    fit: Fit,
+    regression: Regression,
+    begun: Optional[Formula] = None,
+    shows: Callable[[Formula], bool] = lambda made: True,
 ) -> Optional[Formula]:
     """The Formula of what a regression finds beside a Fit; None if nothing is significant. begun: a formula
-    beside which it was found, to be made longer."""
+    beside which it was found, to be made longer; shows: whether one is worth its simplest form."""
     kept = begun.pieces if begun else ()
-    pieces = new_pieces(regression, chosen_features(regression)[: LONGEST - len(kept)], begun)
-    return of_pieces(likelihood, fit, [*kept, *pieces], begun) if pieces else None
+    pieces = _new_pieces(regression, _chosen_features(regression)[: LONGEST - len(kept)], begun)
+    return _of_pieces(likelihood, fit, [*kept, *pieces], begun, shows) if pieces else None
 
 
-def chosen_features(
-    regression: Regression, among: Optional[Flags] = None, beside: Sequence[Term] = ()
-) -> List[Term]:
-    """Significant single features that mean something, each beside those before it and beside other
-    terms. among: features that may be chosen, by default all."""
+def _chosen_features(regression: Regression) -> List[Term]:
+    """Significant single features that mean something, each beside those before it."""
     allowed = np.array([f.family.named for f in regression.features])
-    if among is not None:
-        allowed &= among
     terms: List[Term] = []
     while len(terms) < MOST:
-        z = np.where(allowed, regression.significance([*beside, *terms]), 0.0)
+        z = np.where(allowed, regression.significance(terms), 0.0)
         j = regression.plainest(int(np.argmax(np.where(z > 0, z - 2 * np.log(regression.tried), -np.inf))), z)
         if chi_squared_above(float(z[j]), 1) * regression.tried[j] > LEVEL:
             break
-        term = regression.test(np.array([j]), [*beside, *terms], "feature %d" % j)
+        term = regression.test(np.array([j]), terms, "feature %d" % j)
         if term.ratio < max(MIN_RATIO, (1 - EXPLAINED) * sum(t.ratio for t in terms)):
             break
         terms.append(term)
     return terms
 
 
-def new_pieces(
-    regression: Regression, chosen: Sequence[Term], begun: Optional[Formula] = None
-) -> List[Piece]:
+def _new_pieces(regression: Regression, chosen: Sequence[Term], begun: Optional[Formula]) -> List[Piece]:
     """The pieces of chosen features, numbered on from those of a formula."""
     if not chosen:
         return []
@@ -94,12 +86,18 @@ def new_pieces(
     ]
 
 
-def of_pieces(
-    likelihood: Likelihood, fit: Fit, pieces: Sequence[Piece], begun: Optional[Formula] = None
+def _of_pieces(
+    likelihood: Likelihood,
+    fit: Fit,
+    pieces: Sequence[Piece],
+    begun: Optional[Formula],
+    shows: Callable[[Formula], bool],
 ) -> Optional[Formula]:
-    """The Formula of those pieces that earn their place, in their simplest form that is as likely; begun: one
-    that is nearly as good, whose form is kept."""
+    """The Formula of those pieces that earn their place, in their simplest form that is as likely; begun: a
+    shorter one, whose form is kept."""
     made = _fitted(likelihood, fit, pieces, begun.fit if begun else fit)
+    if made is not None and not shows(made):
+        return None
     while made is not None and len(made.pieces) > 1:
         worth = [_worth(made.fit, piece) for piece in made.pieces]
         if min(worth) > MIN_RATIO:

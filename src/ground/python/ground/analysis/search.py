@@ -43,21 +43,20 @@ EXCLUSION = 7.0
 
 
 class Search:
-    """Sets of effects added to a model, on the runs of a Likelihood. refitted: number of effects that are
-    refitted in a step; each: maps pieces of work over items, in parallel if it can; work: told of what is
-    done; holds(better, current): whether a grown set does better on held-out data, too."""
+    """Sets of effects added to a model, on the runs of a Likelihood. each: maps pieces of work over items, in
+    parallel if it can; work: told of what is done; holds(better, current): whether a grown set does better on
+    held-out data, too."""
 
     def __init__(
         self,
         fitting: Fitting,
-        refitted: int = REFITTED,
         each: Each = map,
         work: Optional[Work] = None,
         holds: Callable[[FrozenSet[str], FrozenSet[str]], bool] = lambda better, current: True,
     ) -> None:
         self.fitting = fitting
         self.likelihood, self.given = fitting.likelihood, fitting.given
-        self.candidates, self.refitted = fitting.candidates, refitted
+        self.candidates = fitting.candidates
         self._sizes: Dict[str, int] = {}  # parameters of an effect
         self._thresholds: Dict[int, float] = {}  # by number of parameters
         self.each = each
@@ -141,10 +140,7 @@ class Search:
     def _promising_first(
         self, current: FrozenSet[str], proposals: Sequence[Tuple[str, ...]]
     ) -> List[List[Tuple[str, ...]]]:
-        """Proposals in two parts: those that may be the best by their score tests, and the others. All
-        in one part beside no effect, because a diagnosis shows what single effects do."""
-        if not current:
-            return [list(proposals)]
+        """Proposals in two parts: those that may be the best by their score tests, and the others."""
         tests = self.test_beside(current)
         gains = {proposal: tests.test(proposal)[0] for proposal in proposals}
         least = MIN_BEST_GAIN * max(gains.values(), default=0.0)
@@ -161,7 +157,7 @@ class Search:
         gains: Dict[Tuple[str, ...], float] = {(n,): tests.test((n,))[0] - self._size(n) for n in rest}
         singles = sorted(gains, key=gains.__getitem__, reverse=True)
         promising = [s for s in singles if gains[s] + self._size(s[0]) > MIN_GAIN * self._size(s[0])]
-        chosen = promising[: self.refitted]
+        chosen = promising[:REFITTED]
         base = self.fits[current]
         unseen: List[Tuple[str, ...]] = [  # by score tests
             (n,)

@@ -1,8 +1,9 @@
 """The verdict of a diagnosis, the improved model, and how well it predicts."""
 
+import contextlib
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import Dict, List, Mapping, Optional, Sequence, Union
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from ground.analysis import (
     folds,
     horizon,
     naming,
-    rivals,
     run_differences,
     stages,
     window_error,
@@ -22,7 +22,6 @@ from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
 from ground.analysis.diagnosis import EXPLAINED, Diagnosis
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.search import EXCLUSION
 from ground.recordings import windows
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
@@ -34,9 +33,6 @@ NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave somethi
 SAID = ("unexplained", "memory")  # ... of which runs show that it is there
 # Largest share of the error that a smooth function of one kind may have beside `complete`
 SMALL = 0.35
-# Largest log-likelihood ratio by which a rival is behind that a part of the data may prefer, in
-# multiples of the one from which it is excluded.
-CLOSE = 5.0
 LIKELIHOOD, SIMULATION = "likelihood", "simulation"  # what a refit maximises or minimises
 
 
@@ -69,42 +65,27 @@ class Conclusion:
     improved: _core.Model  # refitted
     parameters: List[Document]  # the improved model's: name, unit, value, ci95, ...
     noise_floor: float
-    refits: Tuple[Refit, ...]  # the model as it is
-    steps: List[float]  # error on held-out runs after each step
+    before: Refit
+    steps: List[float]  # error on held-out runs of the model as it is by likelihood, then after each step
     judgements: Mapping[str, Judgement]  # by effect
     heldout_floor: float  # noise floor of the runs on which steps are measured
     varies: List[Document]  # what differs between runs
     ceiling: Ceiling
     agreement: Agreement
     formula: Optional[naming.Formula]  # for what is learnable and has no name
+    judged: Optional[folds.Judged]  # the model with the formula
     poses: Optional[horizon.Poses]  # errors of predicted poses; None where runs are too short
     diagnosis: Diagnosis  # its basis
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
     @property
-    def before(self) -> Refit:
-        """The refit that predicts best without further effects."""
-        return min(self.refits, key=lambda refit: refit.heldout)
-
-    @property
     def heldout(self) -> List[float]:
         """Error on held-out runs: the best without further effects, then after each step."""
-        return [self.before.heldout, *self.steps]
-
-    # The verdict does not need these: they are computed on first use.
-
-    @cached_property
-    def rivals(self) -> List[naming.Formula]:
-        """Formulas by other features that explain nearly as much as the formula, the best first."""
-        found, left = self.diagnosis, self.ceiling.found
-        if self.formula is None or left is None:
-            return []
-        close = CLOSE * EXCLUSION
-        return rivals.rivals(found.likelihood, found.fit, left, self.formula, close)
+        return [self.before.heldout, *self.steps[1:]]
 
     @cached_property
     def bands(self) -> List[bands.Bands]:
-        """bands.Bands of the grown model, one for each run held out."""
+        """bands.Bands of the grown model, one for each run held out; the verdict does not need them."""
         found = self.diagnosis
         if self.tested:
             return bands.of_others(self.tested, found.fit, len(found.cut), found.pool.map)
@@ -122,6 +103,12 @@ class HeldOut:
         """Error of a Fit; differences between runs are estimated from the poses before each window."""
         each = window_error.calibrated_errors(self.runs, self.cut, self.likelihood, fit)
         return float(window_error.mean(self.cut, each).sum())
+
+    def error_before(self, found: Diagnosis, before: Refit) -> float:
+        """Error of the model as it is."""
+        if before.by == LIKELIHOOD:
+            return self.error(found.search.nominal())
+        return float(window_error.channel_errors(self.runs, self.cut, before.model).sum())
 
     def tested(self, fit: Fit) -> folds.Tested:
         """Errors and log-likelihood of a Fit."""
@@ -144,29 +131,33 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
     if not agrees.holds and not left.said:
         left = left.unbounded()
-    floor, varies, refitted = found.noise_floor(found.names), _varies(found), refits(found)
-    explained = found.explains(found.names)
-    after, before = float(found.best.heldout.sum()), min(refit.heldout for refit in refitted)
-    trusted = agrees.holds or not found.chosen or after < before
+    floor, varies, refits = found.noise_floor(found.names), _varies(found), _refits(found)
+    explained, after = found.explains(found.names), float(found.best.heldout.sum())
+    trusted = agrees.holds or not found.chosen or after < min(refit.heldout for refit in refits)
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, trusted)
-    formula = None
-    if verdict in NAMELESS or (verdict == "missing" and left.is_open):
-        formula = _name(found)
-    if formula is not None:
-        reached = left.reached_by(formula.fit.model, found.runs, found.cut)
-        if verdict in SAID or (reached.said and _is_confirmed(found, formula.fit)):
+    named = None
+    if verdict in NAMELESS:
+        named = _name(found)
+    elif verdict == "missing" and left.is_open:
+        named = _name(found, left)
+    if named is not None:
+        reached = left.reached_by(named.formula.fit.model, found.runs, found.cut)
+        if verdict in SAID or (reached.said and named.is_confirmed(found)):
             left = reached
             verdict = _verdict(found, explained, varies, left, agrees, trusted)
         elif verdict == "missing":
-            formula = None
+            named = None
+    formula = named.formula if named else None
     models = [found.search.nominal().model, found.model, formula.fit.model if formula else found.model]
     by_user = HeldOut(found, heldout) if heldout else None
+    if by_user:
+        refits = [replace(refit, heldout=by_user.error_before(found, refit)) for refit in refits]
     return Conclusion(
         verdict,
         found.model,
         found.likelihood.intervals(found.fit),
         floor,
-        refitted if by_user is None else _on_others(found, refitted, by_user),
+        min(refits, key=lambda refit: refit.heldout),
         _steps(found, by_user),
         _judgements(found, by_user),
         float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor,
@@ -174,22 +165,22 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         left,
         agrees,
         formula,
+        named.judged if named else None,
         horizon.poses(found.runs, models),
         found,
         heldout,
     )
 
 
-def refits(found: Diagnosis) -> Tuple[Refit, ...]:
-    """The model as it is, refitted by likelihood and, where it can be simulated, by simulation error.
-    Errors are over the windows and folds of a Diagnosis."""
-    judged, given = found.nominal, found.given
-    by_likelihood = _refit(LIKELIHOOD, judged)
-    try:
-        free = window_error.free_parameters(given)
-        return by_likelihood, _refit(SIMULATION, found.fitter.fit(given, free, also=[judged.model]))
-    except GroundError:  # the simulation diverges
-        return (by_likelihood,)
+def _refits(found: Diagnosis) -> List[Refit]:
+    """The model as it is, refitted by likelihood and, where it can be simulated, by simulation error. Errors
+    are over the windows and folds of a Diagnosis."""
+    refits = [_refit(LIKELIHOOD, found.nominal)]
+    with contextlib.suppress(GroundError):  # the simulation diverges
+        free = window_error.free_parameters(found.given)
+        fitted = found.fitter.fit(found.given, free, also=[found.nominal.model])
+        refits.append(_refit(SIMULATION, fitted))
+    return refits
 
 
 def _refit(by: str, fit: Union[folds.Judged, window_error.WindowFit]) -> Refit:
@@ -197,21 +188,12 @@ def _refit(by: str, fit: Union[folds.Judged, window_error.WindowFit]) -> Refit:
     return Refit(by, fit.model, known, float(fit.error.sum()), float(fit.heldout.sum()))
 
 
-def _on_others(found: Diagnosis, refitted: Sequence[Refit], others: HeldOut) -> Tuple[Refit, ...]:
-    """Refits with their errors on runs that the user held out."""
-    known = {LIKELIHOOD: others.error(found.search.nominal())}
-    for refit in refitted[1:]:
-        errors = window_error.channel_errors(others.runs, others.cut, refit.model)
-        known[refit.by] = float(errors.sum())
-    return tuple(replace(refit, heldout=known[refit.by]) for refit in refitted)
-
-
 def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
-    """Error on runs held out after each step."""
+    """Error on runs held out of the model as it is by likelihood, and after each step."""
     if others is None:
-        return [float(step.fit.heldout.sum()) for step in found.steps]
+        return [float(judged.heldout.sum()) for judged in (found.nominal, *(s.fit for s in found.steps))]
     names = [step.added for step in found.steps]
-    return [others.error(found.search.fits[frozenset(names[: i + 1])]) for i in range(len(names))]
+    return [others.error(found.search.fits[frozenset(names[:i])]) for i in range(len(names) + 1)]
 
 
 def _judgements(found: Diagnosis, others: Optional[HeldOut]) -> Dict[str, Judgement]:
@@ -242,19 +224,40 @@ def _varies(found: Diagnosis) -> List[Document]:
     ]
 
 
-def _name(found: Diagnosis) -> Optional[naming.Formula]:
+@dataclass(frozen=True)
+class _Named:
+    """A formula, and the errors of the model with it."""
+
+    formula: naming.Formula
+    judged: folds.Judged
+
+    def is_confirmed(self, found: Diagnosis) -> bool:
+        """Whether it makes parts of the runs likelier that it was not fitted to."""
+        return folds.compared(self.judged.tested, found.best.tested).verdict == folds.BETTER
+
+
+def _name(found: Diagnosis, doubted: Optional[Ceiling] = None) -> Optional[_Named]:
     """A formula for what is learnable, made longer while the cross-validated error falls and is more than
     the noise explains. The first may raise the error: a function of the commands does without the
-    constant that it needs."""
+    constant that it needs. doubted: a Ceiling that does not say that something is left; None unless the first
+    formula shows it, and is confirmed."""
     best, least = None, float(found.best.heldout.sum())
-    made = found.formula_of(found.names)
+
+    def shows(made: naming.Formula) -> bool:
+        """Whether runs show that a formula is learnable."""
+        return doubted is None or doubted.reached_by(made.fit.model, found.runs, found.cut).said
+
+    made = found.formula_of(found.names, shows)
     for number in range(LENGTHENED):
-        after = np.inf if made is None else _crossed(found, made.fit)
+        named = None if made is None else _judged(found, made)
+        after = np.inf if named is None else float(named.judged.heldout.sum())
         if made is None or (after >= least and number > 0):
+            break
+        if doubted and (named is None or not named.is_confirmed(found)):
             break
         is_done = after < EXPLAINED * found.noise_floor(found.names) or BETTER * least < after < least
         if after < least:
-            best, least = made, after
+            best, least = named, after
         if is_done:
             break
         beside = ceiling.found_beside(found.likelihood, made.fit, found.runs, found.cut)
@@ -264,18 +267,12 @@ def _name(found: Diagnosis) -> Optional[naming.Formula]:
     return best
 
 
-def _is_confirmed(found: Diagnosis, fit: Fit) -> bool:
-    """Whether a Fit makes parts of the runs likelier that it was not fitted to."""
-    judged = found.folds.judge(fit)
-    return folds.compared(judged.tested, found.best.tested).verdict == folds.BETTER
-
-
-def _crossed(found: Diagnosis, fit: Fit) -> float:
-    """Cross-validated error of a Fit; infinite where its motion is not finite."""
+def _judged(found: Diagnosis, made: naming.Formula) -> Optional[_Named]:
+    """A formula with its errors; None where its motion is not finite."""
     try:
-        return float(found.folds.judge(fit).heldout.sum())
+        return _Named(made, found.folds.judge(made.fit))
     except GroundError:
-        return float("inf")
+        return None
 
 
 def _verdict(
@@ -293,7 +290,8 @@ def _verdict(
     if varies:
         return "varies"
     # An effect that the likelihood prefers and held-out parts refute leaves open what is missing.
-    open_still = bool(found.dropped) or left.found is not None or not agrees.holds
+    refuted = any(dropped.change is None for dropped in found.dropped)
+    open_still = refuted or left.found is not None or not agrees.holds
     if not explained and (open_still or left.bound > SMALL):
         return "undecided"
     return "complete"

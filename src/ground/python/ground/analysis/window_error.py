@@ -1,7 +1,7 @@
 """The error of models over windows: fits to it, errors on held-out data, and what noise alone would leave."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, List, Mapping, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -17,10 +17,6 @@ if TYPE_CHECKING:
 
 PARTS = 4  # most parts of runs that are held out one after the other; quarters of a single run
 MAX_WINDOWS = 160  # four minutes, far more than it takes to distinguish the effects that matter
-# Lengths of the windows that models are fitted to [s]. Longer windows contain more information, but
-# disturbances add up along them.
-LENGTHS = (windows.WINDOW, windows.WINDOW / 3)
-MAX_ERROR_RATIO = 0.99  # largest ratio of held-out errors for which another length is taken
 NOMINAL = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
 
 
@@ -28,32 +24,51 @@ NOMINAL = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal mod
 class WindowFit:
     """A model fitted to windows."""
 
-    model: _core.Model
-    parameters: Mapping[str, Document]  # by name
+    result: Document  # of the core
     error: Array  # (3,) mean |e|/s of u, v, r over the windows fitted to
-    heldout: Array  # (3,) the same over all windows, each by a fit to the other parts
+    heldout: Array  # (3,) the same, each window by a fit to the other parts
     by_window: Array  # (windows,) sum of the held-out errors of u, v, r in each window
+    others: Mapping[int, Document]  # results without each part
+
+    @property
+    def model(self) -> _core.Model:
+        """The fitted model."""
+        model: _core.Model = self.result["model"]
+        return model
+
+    @property
+    def parameters(self) -> Dict[str, Document]:
+        """The fitted parameters, by name."""
+        return {p["name"]: p for p in self.result["parameters"]}
 
 
 class WindowFitter:
     """Fits models to windows of runs (_core.RunData), and again without each part of them.
 
     Of long runs about `most` windows are used, spread evenly, so that the work does not grow with them.
-    threads: 0 for all cores; with one thread results are reproducible. Raises GroundError when runs are
-    too short.
+    threads: 0 for all cores; with one thread results are reproducible; most_parts: parts that several runs
+    are held out in; length: of the windows fitted to [s]; target, options: what is simulated, and of the
+    core's fit. Raises GroundError when runs are too short.
     """
 
-    def __init__(self, runs: Sequence[_core.RunData], threads: int = 0, most: float = MAX_WINDOWS) -> None:
-        self.runs, self.threads = runs, threads
+    def __init__(
+        self,
+        runs: Sequence[_core.RunData],
+        threads: int = 0,
+        most: float = MAX_WINDOWS,
+        most_parts: int = PARTS,
+        length: float = windows.WINDOW,
+        target: _core.Target = _core.Target.velocities,
+        **options: Any,
+    ) -> None:
+        self.runs, self.target, self.options = runs, target, {"threads": threads, **options}
         every = windows.cut(runs)
-        self.windows = windows.spread(every, most)
+        self.windows = windows.spread(every, most)  # whose errors are taken
         self.available = len(every)  # number of windows before thinning
-        self.part_of = parts_of(runs, self.windows)
-        if len(set(self.part_of.tolist())) < 2:
-            raise GroundError(
-                "%s: too short to hold a part of it out; at least two windows of %.1f s are needed"
-                % (runs[0].name, windows.WINDOW)
-            )
+        is_usual = length == windows.WINDOW
+        self.fitted = self.windows if is_usual else windows.spread(windows.cut(runs, length), most)
+        self.part_of = parts_of(runs, self.windows, most_parts)
+        self.part_of_fitted = parts_of(runs, self.fitted, most_parts)
 
     def fit(
         self,
@@ -65,77 +80,69 @@ class WindowFitter:
         """Fits the free parameters, and again without each part in turn.
 
         The fit starts from the model's values and from those of the models in `also`, and keeps the
-        best: parameters fitted without an effect may be far from the right ones with it. It chooses
-        the length of windows whose fits have the least held-out error. work: told of each of
-        len(LENGTHS) + 1 parts.
+        best: parameters fitted without an effect may be far from the right ones with it. Held-out errors
+        are not a number where there is a single part. work: told of each fit.
         """
-        told, found, failure = work or Work(), [], GroundError("there is no model to start from")
+        told, parts = work or Work(), self.parts
+        result = self.whole(model, free, also)
+        told.step()
+        heldout, others = np.full((len(self.windows), 3), np.nan), {}
+        for part in told.each(parts if len(parts) > 1 else []):
+            rest = np.flatnonzero(self.part_of_fitted != part).tolist()
+            others[part] = self._again(result, free, rest)
+            inside = np.flatnonzero(self.part_of == part)
+            tested = [self.windows[i] for i in inside]
+            heldout[inside] = window_errors(self.runs, tested, others[part]["model"])
+        error = channel_errors(self.runs, self.windows, result["model"])
+        return WindowFit(result, error, mean(self.windows, heldout), heldout.sum(axis=1), others)
+
+    @property
+    def parts(self) -> List[int]:
+        """Parts that can be held out, if there are two or more."""
+        return sorted(set(self.part_of.tolist()))
+
+    def check(self) -> None:
+        """GroundError when runs are too short to hold a part of them out."""
+        if len(self.parts) < 2:
+            raise GroundError(
+                "%s: too short to hold a part of it out; at least two windows of %.1f s are needed"
+                % (self.runs[0].name, windows.WINDOW)
+            )
+
+    def whole(self, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()) -> Document:
+        """The core's result of the best fit to all windows. See fit."""
+        found, failure = [], GroundError("there is no model to start from")
         for start in [s for given in (model, *also) for s in candidates.turned(given, free)]:
             try:
-                found.append(self._fit(self.windows, start, free, LENGTHS[0]))
+                found.append(self._fit(self.fitted, start, free, **self.options))
             except GroundError as error:
                 failure = error
         if not found:
             raise failure
-        near = min(found, key=lambda result: float(result["objective"]))["model"]
-        told.step()
-        fits = []
-        for length in LENGTHS:
-            fits.append(self._judged(near, free, length))
-            told.step()
-        long, short = fits
-        return short if short.heldout.sum() < MAX_ERROR_RATIO * long.heldout.sum() else long
+        return min(found, key=lambda result: float(result["objective"]))
 
-    def _judged(self, near: _core.Model, free: Sequence[str], length: float) -> WindowFit:
-        """The fit from a model near the best, to windows of a length, and its errors."""
-        result = self._fit(self.windows, near, free, length, warm=True)
-        # the fits without a part have its robust loss, of a width in standard deviations, and its states
+    def _again(self, result: Document, free: Sequence[str], rest: Sequence[int]) -> Document:
+        """The fit to some of the windows, from a result and with its outliers and states, so that it takes a
+        few steps only."""
         width = result["width"] if np.isfinite(result["width"]) else 0.0
-        initial = iter(result["initial"])
-        states = [[next(initial) for _ in self._pieces(w, length)] for w in self.windows]
-        heldout = np.zeros((len(self.windows), 3))
-        for part in np.unique(self.part_of).tolist():
-            rest = np.flatnonzero(self.part_of != part)
-            known = [state for i in rest for state in states[i]]
-            other = self._fit(
-                [self.windows[i] for i in rest], result["model"], free, length,
-                warm=True, width=width, initial=known,
-            )  # fmt: skip
-            inside = np.flatnonzero(self.part_of == part)
-            tested = [self.windows[i] for i in inside]
-            heldout[inside] = window_errors(self.runs, tested, other["model"])
-        return WindowFit(
-            result["model"],
-            {p["name"]: p for p in result["parameters"]},
-            channel_errors(self.runs, self.windows, result["model"]),
-            mean(self.windows, heldout),
-            heldout.sum(axis=1),
-        )
-
-    def _pieces(self, window: _core.Window, length: float) -> List[_core.Window]:
-        """The shorter windows that a window is cut into for a fit."""
-        return windows.cut_again(self.runs, window, length)
+        known = [result["initial"][i] for i in rest]
+        options = {**self.options, "starts": 1, "warm": True, "width": width, "initial": known}
+        return self._fit([self.fitted[i] for i in rest], result["model"], free, **options)
 
     def _fit(
-        self,
-        chosen: Sequence[_core.Window],
-        model: _core.Model,
-        free: Sequence[str],
-        length: float,
-        **options: Any,
+        self, chosen: Sequence[_core.Window], model: _core.Model, free: Sequence[str], **options: Any
     ) -> Document:
-        pieces = [piece for w in chosen for piece in self._pieces(w, length)]
         try:
-            return windows.problem(self.runs, pieces).fit(model, free, threads=self.threads, **options)
+            return windows.problem(self.runs, chosen, self.target).fit(model, list(free), **options)
         except (ValueError, RuntimeError) as error:
             raise GroundError(str(error))
 
 
-def parts_of(runs: Sequence[_core.RunData], cut: Sequence[_core.Window]) -> Indices:
-    """The part (windows,) that each window is in: its run, of more than PARTS runs every PARTS-th one
+def parts_of(runs: Sequence[_core.RunData], cut: Sequence[_core.Window], most: int = PARTS) -> Indices:
+    """The part (windows,) that each window is in: its run, of more than `most` runs every `most`-th one
     together; or the quarter of a single run that its middle is in."""
     if len(runs) > 1:
-        return np.array([w.run % PARTS for w in cut])
+        return np.array([w.run % most for w in cut])
     count = len(runs[0].times)
     return np.array([PARTS * ((w.first + w.last) // 2) // count for w in cut])
 

@@ -4,7 +4,7 @@ compare.json, schema ground/compare/1 (SI units; null for a value that is not a 
 
 models    by label: file, effects, fitted_to (names of bags, from its provenance)
 runs      name, bag, models: by label
-  role              fit or held_out, by the digests of recordings in the model's provenance; unknown where
+  role              fit or held_out, by the digests of recordings in the model's provenance; fit where
                     its file has names only
   error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of 1.5 s; error_by_channel
   prediction_error  the same with initial velocities from the first 0.4 s, of the rest
@@ -18,9 +18,9 @@ runs      name, bag, models: by label
                     sigma (median standard deviation of the estimate), full_scale (what full thrust
                     gives). Over time in the CSV.
   files, summary    series of the wrench; the sentences of the terminal
-pooled    by label: the numbers over all, fit, held_out and unknown runs
+pooled    by label: the numbers over all, fit and held_out runs
 ranking   errors by label, the least first, over runs: those that no model was fitted to (role held_out),
-          or all where there are none (role fit or unknown; fitted: by which models)
+          or all where there are none (role fit; fitted: by which models)
 noise_floor  error that the noise of the poses alone would leave there, if the best model were true
 """
 
@@ -116,9 +116,8 @@ def _label(model: Model) -> str:
 def _role(model: Model, recording: Recording) -> str:
     """One of ROLES."""
     provenance = model.core.provenance
-    if provenance.bags and not provenance.digests:
-        return "unknown"  # the file is older than digests
-    return "fit" if recording.identity in provenance.digests else "held_out"
+    may_be_any = provenance.bags and not provenance.digests
+    return "fit" if may_be_any or recording.identity in provenance.digests else "held_out"
 
 
 def _each_run(
@@ -182,12 +181,12 @@ def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
         studies = _studies(runs, label)
         errors[label] = float(comparison.numbers([s["evaluation"] for s in studies])["error"])
         roles[label] = {s["role"] for s in studies}
-    worst = next(role for role in ("fit", "unknown", "held_out") if any(role in r for r in roles.values()))
+    fitted = [label for label in labels if "fit" in roles[label]]
     return Ranking(
-        role=worst,
+        role="fit" if fitted else "held_out",
         runs=[run.name for run in runs],
         errors={label: errors[label] for label in sorted(errors, key=errors.__getitem__)},
-        fitted=[label for label in labels if worst != "held_out" and worst in roles[label]],
+        fitted=fitted,
     )
 
 

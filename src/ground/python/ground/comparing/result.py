@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     import pandas
 
 SCHEMA = "ground/compare/1"
-# Whether a model was fitted to a run: it was, it was not, or its file does not tell
-ROLES = ("fit", "held_out", "unknown")
+ROLES = ("fit", "held_out")  # a model was fitted to a run, or was not
 WRENCH = "t [s],X [N],Y [N],N [N m],sigma X [N],sigma Y [N],sigma N [N m]"
 COLUMNS = "%9s %7s %10s %9s %14s %15s"
 HEAD = COLUMNS % ("runs", "error", "prediction", "(3.4) 4 s", "fit u,v,r [%]", "off after 1 s")
@@ -111,10 +110,10 @@ class Ranking:
     """Models by their error, the least first. It says which one predicts best only where no model was
     fitted to the runs."""
 
-    role: str  #: "held_out": no model was fitted to the runs; "fit": one was; "unknown"
+    role: str  #: "held_out": no model was fitted to the runs; "fit": one was
     runs: List[str]  #: all that no model was fitted to; where there are none, all runs
     errors: Dict[str, float]  #: by label, over these runs
-    fitted: List[str]  #: labels of models that were fitted to any of them, or that may have been
+    fitted: List[str]  #: labels of models that were fitted to any of them
 
 
 @dataclass(frozen=True, repr=False)
@@ -123,7 +122,7 @@ class Comparison(_Frame):
 
     models: Dict[str, Model]  #: by label
     runs: List[RunComparison]
-    pooled: Dict[str, Document]  #: by label: error numbers over all, fit, held_out and unknown runs
+    pooled: Dict[str, Document]  #: by label: error numbers over all, fit and held_out runs
     ranking: Ranking
     noise_floor: float  #: error that the noise of the poses alone would leave on the ranking's runs
 

@@ -24,10 +24,5 @@ def comparison(ranking: Document, noise_floor: float) -> str:
 def _used(ranking: Document) -> str:
     """What errors on runs that models were fitted to do not say."""
     names = listed(ranking["fitted"])
-    if ranking["role"] == "unknown":
-        return (
-            "Whether %s was fitted to these data is not known, because the file of an older version has only "
-            "names of recordings: fit again, or compare on new recordings." % names
-        )
     what = "which model predicts better" if len(ranking["errors"]) > 1 else "how well it predicts"
     return "%s was fitted to these runs: compare on other recordings to learn %s." % (names, what)

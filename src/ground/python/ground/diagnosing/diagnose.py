@@ -1,7 +1,6 @@
 """diagnose: which physical effect is missing in a model."""
 
 import argparse
-import math
 import os
 import shlex
 from dataclasses import dataclass
@@ -9,7 +8,7 @@ from typing import Callable, Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
-from ground.analysis import candidates, diagnosis, search, window_error
+from ground.analysis import candidates, diagnosis
 from ground.analysis.verdict import MISREAD, Conclusion, conclude
 from ground.data import bag_arguments
 from ground.data.measured import Recordings, held_out, measured
@@ -19,7 +18,7 @@ from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parame
 from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Array, Document, Path
-from ground.support.command_line import count, option
+from ground.support.command_line import option
 from ground.support.errors import GroundError
 from ground.support.progress import Progress, Work
 
@@ -29,7 +28,7 @@ WRITING = "writing the page"  # stage
 
 @dataclass(frozen=True)
 class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
-    """What is looked for, and with how much work."""
+    """What is looked for."""
 
     only: Optional[Sequence[str]] = option(
         None,
@@ -44,17 +43,6 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
         "of the library that are not tried by default (%s)" % ON_REQUEST,
         metavar="EFFECT",
         nargs="+",
-    )
-    budget: Optional[int] = option(
-        None,
-        "number of effects to refit in each step, the most promising by a score test (%d)" % search.REFITTED,
-        type=count,
-        metavar="N",
-    )
-    thorough: bool = option(
-        False,
-        "use all data, however long it takes: all windows, held-out errors of all effects, all runs for the "
-        "next experiment and in the pictures",
     )
     room: Optional[RoomLike] = option(
         None,
@@ -93,12 +81,11 @@ def diagnose(
     work = Work.of(progress)
     problem = _problem(model, recordings, holdout, work, options)
     room = problem.room()
-    most = math.inf if options.thorough else window_error.MAX_WINDOWS
 
     def begun() -> diagnosis.Diagnosis:
         """The model as it is, refitted."""
         seen, given = problem.seen.data, problem.model.core
-        return diagnosis.Diagnosis(seen, given, problem.tried, options.budget, work=work, most=most)
+        return diagnosis.Diagnosis(seen, given, problem.tried, work=work)
 
     found, misread = begun(), problem.misread
     if not misread:
@@ -113,7 +100,7 @@ def diagnose(
     for line in words.concluded(report):
         told(line)
     walls = room.core if room else None
-    report = document.completed(report, found, conclusion, options.thorough, walls)
+    report = document.completed(report, found, conclusion, walls)
     return _result(problem, found, conclusion, report)
 
 
@@ -132,7 +119,7 @@ def _problem(
     seen = measured(recordings, given, options, work)
     held = held_out(holdout, given, options, work, seen)
     files = [effect for effect in own if effect not in candidates.on_request()]
-    return Problem(given, tried, seen, held, files, options.thorough, room, options.as_recorded)
+    return Problem(given, tried, seen, held, files, room, options.as_recorded)
 
 
 def effects_to_try(

@@ -1,8 +1,7 @@
 """What a diagnosis found, as the dictionary of diagnosis.json (schema ground/diagnosis/1)."""
 
-import contextlib
 import dataclasses
-from typing import Iterable, List, Mapping, Optional, Sequence
+from typing import Iterable, List, Optional, Sequence
 
 from ground import _core
 from ground.analysis import bands, candidates, indistinguishable, stages
@@ -12,13 +11,12 @@ from ground.analysis.evidence import Trial
 from ground.analysis.verdict import MISREAD, Conclusion
 from ground.diagnosing import next_experiment
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
 
 SCHEMA = "ground/diagnosis/1"
 # What a held-out error is of: parts of the runs fitted to, each by a fit to the others, or runs that the
 # user held out.
 CROSSED, HOLDOUT = "cross-validation", "holdout"
-MIN_JUDGED = 3  # best effects whose errors are always in the report
+MAX_JUDGED = 3  # best effects whose errors are in the report, beside those found
 MAX_PLANNED_RUNS = 6  # runs that the next experiment is planned with
 
 
@@ -34,7 +32,7 @@ def begun(
     before = conclusion.before
     names = [run.name for run in diagnosis.runs]
     by = HOLDOUT if heldout else CROSSED
-    after = conclusion.steps[-1] if conclusion.steps else conclusion.refits[0].heldout
+    after = conclusion.steps[-1]
     return {
         "schema": SCHEMA,
         "model": model_name,
@@ -48,7 +46,6 @@ def begun(
             "error": _error(before.error, before.heldout, by),
             "cross_validated": float(diagnosis.nominal.heldout.sum()),
             "by": before.by,
-            "refits": {r.by: _error(r.error, r.heldout, by) for r in conclusion.refits},
         },
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
@@ -64,13 +61,20 @@ def begun(
                 "group": list(step.group),
                 "judged": dataclasses.asdict(conclusion.judgements[step.added]),
             }
-            for step, error in zip(diagnosis.steps, conclusion.steps)
+            for step, error in zip(diagnosis.steps, conclusion.steps[1:])
         ],
-        "slight": _slight(diagnosis.slight),
-        "dropped": [{**_tried(d.trial), "why": d.why, "p_value": d.trial.p_value} for d in diagnosis.dropped],
+        "dropped": [
+            {
+                **_tried(dropped.trial),
+                "why": dropped.why,
+                "p_value": dropped.trial.p_value,
+                "change": dropped.change and dataclasses.asdict(dropped.change),
+            }
+            for dropped in diagnosis.dropped
+        ],
         "varies": conclusion.varies,
         **_left(conclusion),
-        "disturbance": _disturbance(diagnosis.fit.levels),
+        "disturbance": dict(diagnosis.fit.levels),
     }
 
 
@@ -78,22 +82,20 @@ def completed(
     report: Document,
     diagnosis: Diagnosis,
     conclusion: Conclusion,
-    thorough: bool = False,
     room: Optional[_core.RoomPlan] = None,
 ) -> Document:
     """The whole report, from what `begun` returned.
 
-    thorough: gives the errors of all effects in the table, and plans the next experiment with all
-    runs; otherwise the errors of low-ranked effects are None. room: the _core.RoomPlan in which the
-    next experiment has to stay (4 x 4 m).
+    The errors of low-ranked effects are None. room: the _core.RoomPlan in which the next experiment has to
+    stay (4 x 4 m).
     """
     with diagnosis.work.stage(stages.ERRORS):
         alike = [] if conclusion.verdict == MISREAD else diagnosis.unseen()
-        described, banded = _candidates(diagnosis, alike, thorough), bands.coverage(conclusion.bands)
-    proposed = _next_experiment(diagnosis, alike, thorough, room)
+        described, banded = _candidates(diagnosis, alike), bands.coverage(conclusion.bands)
+    proposed = _next_experiment(diagnosis, alike, room)
     left: Document = {"where": [], "proposal": None}
     if conclusion.verdict in ("unexplained", "memory", "undecided"):
-        left = _unexplained(diagnosis, conclusion)
+        left = _unexplained(conclusion)
     return {
         **report,
         "candidates": described,
@@ -132,34 +134,17 @@ def _left(conclusion: Conclusion) -> Document:
             "named": _share(left.named),
             "learnable": _share(left.learnable),
             "chance": _share(left.chance),
-            "of_left": _share(left.left),
             "bound": left.bound,
             "said": left.said,
             "arguments": left.arguments,
             "terms": [] if left.found is None else [term.name for term in left.found.terms],
-            "error": left.errors,
             "named_as": conclusion.formula and conclusion.formula.means,
             "poses": conclusion.poses and dataclasses.asdict(conclusion.poses),
         },
         "agreement": {
             "error": {"measured": agrees.error, "expected": agrees.expected, "noise": agrees.noise},
-            "deviations": agrees.deviations,
             "holds": agrees.holds,
         },
-    }
-
-
-def _disturbance(levels: Mapping[str, float]) -> Document:
-    """The fitted levels: of the wrench in the body's frame, of the force in the room's, of the poses,
-    and between runs."""
-    channels = {
-        kind: {c: levels["%s_%s" % (kind, c)] for c in "XYN"} for kind in ("sigma", "time", "white", "trim")
-    }
-    channels["trim"]["thrust"] = levels["thrust"]
-    return {
-        **channels,
-        "room": {"sigma": levels["sigma_room"], "time": levels["time_room"]},
-        "noise": {"position": levels["position"], "heading": levels["heading"]},
     }
 
 
@@ -168,19 +153,10 @@ def _tried(trial: Trial) -> Document:
     return {"effect": trial.name, "parameters": _parameters(trial.parameters, trial.name + ".")}
 
 
-def _slight(trial: Optional[Trial]) -> Optional[Document]:
-    """The effect that is detected but too small to matter; None without one."""
-    if trial is None or trial.change is None:
-        return None
-    return {**_tried(trial), "p_value": trial.chance, "change": dataclasses.asdict(trial.change)}
-
-
-def _candidates(
-    diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlike], thorough: bool
-) -> List[Document]:
+def _candidates(diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlike]) -> List[Document]:
     """The effects, each tried with the refitted nominal model, best first."""
     tried, chosen = diagnosis.tried, {c.name for c in diagnosis.chosen}
-    judged = {t.name for i, t in enumerate(tried) if thorough or i < MIN_JUDGED} | chosen
+    judged = {t.name for i, t in enumerate(tried) if i < MAX_JUDGED} | chosen
     taken_over = {a.name: list(a.moved) for a in alike}
     groups = {step.added: list(step.group) for step in diagnosis.steps}
     first = [t.name for t in tried if t.equal]
@@ -206,13 +182,12 @@ def _candidates(
 def _next_experiment(
     diagnosis: Diagnosis,
     alike: Sequence[indistinguishable.LookAlike],
-    thorough: bool,
     room: Optional[_core.RoomPlan],
 ) -> Optional[Document]:
     """The experiment that would distinguish the effects of the first group. Without a group, the
     experiment that would show an effect which these runs cannot; None if there is none."""
     each, runs = diagnosis.pool.map, list(diagnosis.runs)
-    if len(runs) > MAX_PLANNED_RUNS and not thorough:
+    if len(runs) > MAX_PLANNED_RUNS:
         runs = [runs[i * len(runs) // MAX_PLANNED_RUNS] for i in range(MAX_PLANNED_RUNS)]
     for step in diagnosis.steps:
         rivals = []
@@ -233,15 +208,12 @@ def _next_experiment(
     return None
 
 
-def _unexplained(diagnosis: Diagnosis, conclusion: Conclusion) -> Document:
+def _unexplained(conclusion: Conclusion) -> Document:
     """What the error depends on, and an effect that would lower it on held-out runs."""
-    proposal, formula = None, conclusion.formula
-    if formula:
-        with contextlib.suppress(GroundError):  # the simulation diverges
-            judged = diagnosis.folds.judge(formula.fit)
-            if judged.heldout.sum() < diagnosis.best.heldout.sum():
-                error = _error(judged.error.sum(), judged.heldout.sum())
-                proposal = dict(formula.entry, means=formula.means, error=error)
+    proposal, formula, judged = None, conclusion.formula, conclusion.judged
+    if formula and judged:
+        error = _error(judged.error.sum(), judged.heldout.sum())
+        proposal = dict(formula.entry, means=formula.means, error=error)
     return {
         "where": [{"variable": name, "share": share} for name, share in conclusion.ceiling.arguments.items()],
         "proposal": proposal,

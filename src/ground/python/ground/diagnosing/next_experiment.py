@@ -2,10 +2,9 @@
 
 import contextlib
 import dataclasses
-import itertools
 import math
 from dataclasses import dataclass
-from typing import Any, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
+from typing import List, Optional, Sequence, Union
 
 import numpy as np
 
@@ -13,16 +12,13 @@ from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood, call
 from ground.analysis.thinning import thinned
 from ground.simulation import experiments
+from ground.simulation.designs import Design, designs
 from ground.support.annotations import Array, Document, Each
 from ground.support.errors import GroundError
 from ground.support.progress import Work
 
 DURATION = 8.0  # duration of the thrust [s]
 IN_ROOM = 16.0  # duration in a room, where returns take about half of it [s]
-HOLD = 1.0  # time for which a pattern holds a level [s]
-CLOCKS = (2, 5, 10, 20, 40)  # clocks of the PRBS [Hz]
-LEVELS = ((0.0, 1.0), (0.0, 0.5), (0.4, 1.0))
-LIFTS = (1.0, 0.6)
 RATE = 120.0  # rate of the mocap [Hz]
 MAX_REFITTED = 4  # experiments that are refitted
 MIN_DISAGREEMENT = 1.0  # standard deviations between rivals that an experiment needs to be proposed
@@ -30,8 +26,6 @@ CLEAR_DISAGREEMENT = 6.0  # standard deviations that distinguish rivals in nearl
 
 CHOOSING = "choosing the next experiment"  # stage; unit: an experiment
 REFITTING = "refitting to the best experiments"  # stage; unit: an experiment
-
-Options = Tuple[Tuple[str, Any], ...]  # (name, value) of _core.DesignParams
 
 
 @dataclass
@@ -42,49 +36,38 @@ class Rival:
     fit: Fit  # the fit to the recorded runs
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """An input design that a lab can play."""
-
-    input: str  # in words
-    design: str  # its name (_core.design_table)
-    options: Options
-    lift: float = 1.0
-
-    def arguments(self) -> str:
-        """Arguments of identify simulate that play it, without a room."""
-        options = ["--%s %s" % (name, _listed(value)) for name, value in self.options]
-        lift = [] if self.lift == 1.0 else ["--lift %g" % self.lift]
-        return " ".join(["--input %s" % self.design] + options + lift)
-
-    def launch(self) -> str:
-        """The command line that flies it with the real craft in its room."""
-        options = ["%s:='%s'" % (name, _listed(value)) for name, value in self.options]
-        options.append("lift:=%g duration:=%g" % (self.lift, IN_ROOM))
-        return "roslaunch ground room_prbs.launch design:=%s %s" % (self.design, " ".join(options))
-
-    def schedule(self) -> experiments.Schedule:
-        """The Schedule of it played open loop."""
-        rows = experiments.rows(self.design, DURATION, **dict(self.options))
-        return experiments.with_lift(rows, DURATION, self.lift)
-
-    def schedule_in(self, room: _core.RoomPlan, model: _core.Model) -> experiments.Schedule:
-        """The Schedule of commands to a craft that moves by `model`, in a _core.RoomPlan: bursts and
-        returns. Raises ValueError when ModelPredictive cannot use the model, GroundError when the
-        motion is not finite."""
-        params = _core.ExcitationParams()
-        params.design = experiments.design_params(self.design, **dict(self.options))
-        params.room, params.duration, params.life.lift = room, IN_ROOM, self.lift
-        params.start, params.tail = experiments.LEAD, experiments.TAIL
-        try:
-            log = _core.excite(model, model, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1)
-        except RuntimeError as error:
-            raise GroundError(str(error))
-        return experiments.Schedule(log["commands"], log["frames"][-1, 0])
+def _arguments(design: Design) -> str:
+    """Arguments of identify simulate that play a design, without a room."""
+    options = ["--%s %s" % (name, _listed(value)) for name, value in design.options.items()]
+    lift = [] if design.lift == 1.0 else ["--lift %g" % design.lift]
+    return " ".join(["--input %s" % design.kind] + options + lift)
 
 
-def _listed(value: Union[float, Tuple[float, ...]]) -> str:
-    return " ".join("%g" % v for v in value) if isinstance(value, tuple) else "%g" % value
+def _launch(design: Design) -> str:
+    """The command line that flies a design with the real craft in its room."""
+    options = ["%s:='%s'" % (name, _listed(value)) for name, value in design.options.items()]
+    options.append("lift:=%g duration:=%g" % (design.lift, IN_ROOM))
+    return "roslaunch ground room_prbs.launch design:=%s %s" % (design.kind, " ".join(options))
+
+
+def _listed(value: Union[float, List[float]]) -> str:
+    return " ".join("%g" % v for v in value) if isinstance(value, list) else "%g" % value
+
+
+def _schedule(design: Design) -> experiments.Schedule:
+    """The Schedule of a design played open loop."""
+    return experiments.with_lift(design.rows(DURATION), DURATION, design.lift)
+
+
+def _schedule_in(design: Design, room: _core.RoomPlan, model: _core.Model) -> experiments.Schedule:
+    """The Schedule of commands to a craft that moves by `model`, in a _core.RoomPlan: bursts and
+    returns. GroundError when ModelPredictive cannot use the model or the motion is not finite."""
+    params = _core.ExcitationParams()
+    params.design = experiments.design_params(design.kind, **design.options)
+    params.room, params.duration, params.life.lift = room, IN_ROOM, design.lift
+    params.start, params.tail = experiments.LEAD, experiments.TAIL
+    log = call(_core.excite, model, model, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1)
+    return experiments.Schedule(log["commands"], log["frames"][-1, 0])
 
 
 def propose(
@@ -112,51 +95,31 @@ def propose(
         return None  # the experiments to choose from are those of a left and a right thruster
     place, told = room or _core.RoomPlan(), work or Work()
     noise, runs = runs[0].noise, [thinned(run) for run in runs]  # once for all experiments
-    choice = list(choices())
+    choice = list(designs())
     with told.stage(CHOOSING, len(choice)):
-        apart = list(each(lambda e: _disagreement(rivals, e.schedule(), noise), choice))
+        apart = list(each(lambda e: _disagreement(rivals, _schedule(e), noise), choice))
     order = np.argsort([-a for a in apart], kind="stable")[:MAX_REFITTED]
-    best, proposed, known = 0.0, choice[0], {rival.name: _cost(rival, runs, True) for rival in rivals}
+    best, proposed, known = 0.0, choice[0], _costs(rivals, runs, True)
     with told.stage(REFITTING, len(order)):
         for i in told.each(order.tolist()):
             # A refit brings rivals closer to each other, and clearer than clear is not needed.
             if best < min(apart[i], CLEAR_DISAGREEMENT):
-                with contextlib.suppress(ValueError, GroundError):  # it cannot be flown by this model
-                    schedule = choice[i].schedule_in(place, rivals[0].fit.model)
+                with contextlib.suppress(GroundError):  # it cannot be flown by this model
+                    schedule = _schedule_in(choice[i], place, rivals[0].fit.model)
                     found = _disagreement(rivals, schedule, noise, runs, known)
                     best, proposed = max((best, proposed), (found, choice[i]), key=lambda pair: pair[0])
     if best < MIN_DISAGREEMENT:
         return None
     return {
         "separates": [rival.name for rival in rivals],
-        "input": proposed.input,
-        "arguments": proposed.arguments(),
-        "launch": proposed.launch(),
+        "input": proposed.words,
+        "arguments": _arguments(proposed),
+        "launch": _launch(proposed),
         "room": place.name,
-        "rows": experiments.rows(proposed.design, IN_ROOM, **dict(proposed.options)).tolist(),
+        "rows": proposed.rows(IN_ROOM).tolist(),
         "repeat": math.ceil((CLEAR_DISAGREEMENT / best) ** 2),
         "expected_disagreement": best,
     }
-
-
-def choices() -> Iterator[Experiment]:
-    """All Experiments to choose from."""
-    patterns = {
-        "steps": ("both thrusters in steps from rest to full", (0.0, 0.25, 0.5, 0.75, 1.0)),
-        "coast-down": ("full thrust, then none: coasting down", (0.0, 1.0)),
-        "spin": ("one thruster, then none: spinning down", (0.0, 1.0)),
-        "single-thruster": ("one thruster after the other in steps", (0.0, 0.25, 0.5, 0.75, 1.0)),
-    }
-    for lift in LIFTS:
-        at_lift = "" if lift == 1.0 else ", lift at %g" % lift
-        for clock in CLOCKS:
-            for low, high in LEVELS:
-                words = "PRBS of %g Hz between %g and %g of full thrust" % (clock, low, high)
-                options: Options = (("clock", float(clock)), ("levels", (low, high)))
-                yield Experiment(words + at_lift, "prbs", options, lift)
-        for name, (words, levels) in patterns.items():
-            options = (("hold", HOLD), ("levels", levels))
-            yield Experiment(words + at_lift, name, options, lift)
 
 
 def _disagreement(
@@ -164,24 +127,20 @@ def _disagreement(
     schedule: experiments.Schedule,
     noise: Array,
     runs: Sequence[_core.RunData] = (),
-    known: Optional[Mapping[str, float]] = None,
+    known: Union[Array, float] = 0.0,
 ) -> float:
     """Standard deviations that a new run puts between the two rivals that it distinguishes least.
     noise: of its poses; known: the rivals' costs of the runs, to refit them to these and the new run.
     0 when a rival's motion is not finite."""
-    worst = np.inf
+    apart = []
     try:
-        for true, other in itertools.permutations(rivals, 2):
-            new = [_run(true.fit.model, schedule, noise)]
-            if known is None:
-                apart = _cost(other, new, False) - _cost(true, new, False)
-            else:
-                apart = _cost(other, [*runs, *new], True) - known[other.name]
-                apart -= _cost(true, [*runs, *new], True) - known[true.name]
-            worst = min(worst, float(np.sqrt(2 * max(0.0, apart))))
+        for i, true in enumerate(rivals):
+            new = _run(true.fit.model, schedule, noise)
+            costs = _costs(rivals, [*runs, new], bool(runs)) - known
+            apart.append(np.delete(costs, i).min() - costs[i])
     except GroundError:
         return 0.0
-    return worst
+    return float(np.sqrt(2 * max(0.0, min(apart))))
 
 
 def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _core.RunData:
@@ -196,10 +155,13 @@ def _run(model: _core.Model, schedule: experiments.Schedule, noise: Array) -> _c
     return _core.RunData("new", times, found["eta"], found["nu"], inputs, found["eta"], noise)
 
 
-def _cost(rival: Rival, runs: Sequence[_core.RunData], refitted: bool) -> float:
-    """Negative log-likelihood of poses under a rival, as it is or refitted with its levels kept."""
-    on = Likelihood(runs, rival.fit.model)
-    near = dataclasses.replace(rival.fit, loudness=())
-    if refitted:
-        return -on.fit(near.model, near.free, near=near, levels=False).log_posterior
-    return -float(sum(blocks.sum() for blocks in on.blocks(near)))
+def _costs(rivals: Sequence[Rival], runs: Sequence[_core.RunData], refitted: bool) -> Array:
+    """Negative log-likelihood of poses under each rival, as it is or refitted with its levels kept."""
+    on, costs = Likelihood(runs, rivals[0].fit.model), []
+    for rival in rivals:
+        near = dataclasses.replace(rival.fit, loudness=())
+        if refitted:
+            costs.append(-on.fit(near.model, near.free, near=near, levels=False).log_posterior)
+        else:
+            costs.append(-sum(blocks.sum() for blocks in on.blocks(near)))
+    return np.array(costs)

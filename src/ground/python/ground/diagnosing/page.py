@@ -25,16 +25,15 @@ def write(
     held: Sequence[_core.RunData] = (),
     inputs: Sequence[str] = (),
     force: bool = False,
-    thorough: bool = False,
 ) -> None:
     """Writes the page of a diagnosis.
 
     report: as ground.diagnosing.document gives it; found, conclusion: Diagnosis and Conclusion;
     described: findings.describe of all runs; held: _core.RunData of runs that were held out; inputs:
-    files read. At most MAX_DRAWN runs are drawn, unless thorough.
+    files read. At most MAX_DRAWN runs are drawn.
     """
     runs = [(run, "fit") for run in found.runs] + [(run, "held_out") for run in held]
-    most = len(runs) if thorough else min(MAX_DRAWN, len(runs))
+    most = min(MAX_DRAWN, len(runs))
     drawn = [i * len(runs) // most for i in range(most)]
     inspected = _inspected(found, conclusion, [runs[i] for i in drawn])
     banded = {id(band.run): band for band in conclusion.bands}

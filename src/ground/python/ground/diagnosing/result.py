@@ -32,7 +32,6 @@ class Problem:
     seen: Measured  #: recordings to fit to
     held: Measured  #: recordings to test on; empty: parts of `seen` are held out
     own: List[str]  #: files of effects
-    thorough: bool  #: draws all runs
     given_room: Optional[Room]
     as_recorded: bool  #: diagnoses recordings that look misread, too
 
@@ -136,7 +135,6 @@ class Diagnosis(Shown):
                 self.problem.held.data,
                 self.problem.inputs,
                 force,
-                self.problem.thorough,
             )
         return [path for path in paths if os.path.basename(path) in written]
 

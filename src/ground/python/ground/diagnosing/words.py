@@ -111,7 +111,7 @@ def _undecided(report: Document) -> str:
             "What is left acts at some times or places only: record more runs over the same places, or look "
             "for a draught, a cable or a bad patch of floor."
         )
-    if report["dropped"]:
+    if any(dropped["change"] is None for dropped in report["dropped"]):
         return "Effects that fit these runs do not predict the others: record more runs, with other commands."
     return (
         "A random push explains it as well as a smooth function of what was recorded (up to %.0f%% of it): "
@@ -210,22 +210,6 @@ def _part(share: Document) -> str:
     return "%.0f%% (%.0f to %.0f%%)" % (100 * max(0.0, share["share"]), low, high)
 
 
-def slight(report: Document) -> Iterator[str]:
-    """An effect that is visible but too small to be called missing."""
-    found = report["slight"]
-    if found:
-        yield (
-            "%s is visible (%s; p %.1g) and too small to matter: after %.2g s it moves the predicted pose by "
-            "%.2g mm and %.2g deg, %.1f times the noise of a pose."
-            % (
-                capital(effect(report, found["effect"])),
-                "; ".join(parameters(found["parameters"])),
-                found["p_value"],
-                *(found["change"][key] for key in ("seconds", "position_mm", "heading_deg", "relative")),
-            )
-        )
-
-
 def ceiling(report: Document) -> str:
     """How much of the error is named, how much could be learned, and how much is chance."""
     found, agrees, named = report["ceiling"], report["agreement"], bool(report["improved"]["effects"])
@@ -276,25 +260,29 @@ def left(report: Document) -> Iterator[str]:
     for found in report["varies"] if report["verdict"] != "varies" else ():
         yield capital(_varying(found)) + "."
     for found in report["dropped"]:
-        name = capital(effect(report, found["effect"]))
-        yield "%s (p %.1g) was not added: %s." % (name, found["p_value"], found["why"])
+        name, why = capital(effect(report, found["effect"])), found["why"]
+        if found["change"]:
+            why += (
+                ": after %(seconds).2g s it moves the predicted pose by %(position_mm).2g mm and "
+                "%(heading_deg).2g deg, %(relative).1f times the noise of a pose" % found["change"]
+            )
+        yield "%s (p %.1g) was not added: %s." % (name, found["p_value"], why)
     error = report["agreement"]["error"]
     if error["expected"] ** 2 - error["noise"] ** 2 < MIN_SHARE * error["measured"] ** 2:
         return  # levels this low are determined by their priors, not by the data
     levels = report["disturbance"]
-    room, sizes = levels["room"], levels["sigma"]
     pushes = [
-        "%s %.2g %s over %.2g s" % (c, sizes[c], unit, levels["time"][c])
+        "%s %.2g %s over %.2g s" % (c, levels["sigma_" + c], unit, levels["time_" + c])
         for c, unit in (("X", "N"), ("Y", "N"), ("N", "N m"))
     ]
     yield (
         "Beside the model a random wrench acts: %s (standard deviations and correlation times)."
         % ", ".join(pushes)
     )
-    if room["sigma"] > MIN_ROOM * max(sizes["X"], sizes["Y"]):
+    if levels["sigma_room"] > MIN_ROOM * max(levels["sigma_X"], levels["sigma_Y"]):
         yield (
             "A random force of %s keeps its direction in the room while the craft turns, for about "
-            "%.2g s, as a draught does." % (quantity(room["sigma"], "N", 2), room["time"])
+            "%.2g s, as a draught does." % (quantity(levels["sigma_room"], "N", 2), levels["time_room"])
         )
 
 
@@ -320,10 +308,7 @@ def extent(report: Document) -> Iterator[str]:
     """How much of the data was used, if not all."""
     count = report["windows"]
     if count["used"] < count["available"]:
-        yield (
-            "used %d of %d windows, spread evenly over the runs; --thorough uses all"
-            % (count["used"], count["available"])
-        )
+        yield ("used %d of %d windows, spread evenly over the runs" % (count["used"], count["available"]))
 
 
 def concluded(report: Document) -> Iterator[str]:
@@ -353,5 +338,5 @@ def described(report: Document) -> Iterator[str]:
     yield "%29.3f noise of the poses alone" % report["noise_floor"]
     if is_held_out(report):
         yield crossed(report)
-    for lines in (extent, slight, left, apart, unexplained):
+    for lines in (extent, left, apart, unexplained):
         yield from lines(report)

@@ -161,7 +161,7 @@ class Analyst:
         offers = self.offers(basis, fit.levels, seed, found.likelihood.varying)
         later = information.mean_rate(offers) * reachable
         noise = conclusion.noise_floor / conclusion.heldout[0]
-        small = {d.trial.name for d in found.dropped} | ({found.slight.name} if found.slight else set())
+        small = {d.trial.name for d in found.dropped}
         state = beliefs.after(groups, small, basis, known, self.sizes, later, noise)
         told = [member for group in groups.values() for member in group.values if member in self.own]
         words = {name: self.own[name].in_words(model) for name in told}
@@ -204,31 +204,27 @@ class Analyst:
         """The Groups of effects that were found and of a formula that is proposed; the fit and the model
         with all of them."""
         groups, formula = beliefs.found_by(found), conclusion.formula
-        proposed = self.propose(found, conclusion)
-        if proposed is None or formula is None:
+        self._propose(found, conclusion)
+        if formula is None:
             return groups, found.fit, found.model
-        name, model = next(iter(proposed.values)), formula.fit.model.copy()
+        name, model = list(self.own)[-1], formula.fit.model.copy()
         model.remove_effect(str(formula.entry["name"]))
-        return {**groups, name: proposed}, formula.fit, self._own(name).add(model)
+        groups[name] = beliefs.Group({name: 0.0}, formula.ratio)
+        return groups, formula.fit, self._own(name).add(model)
 
-    def propose(self, found: diagnosis.Diagnosis, conclusion: Conclusion) -> Optional[beliefs.Group]:
+    def _propose(self, found: diagnosis.Diagnosis, conclusion: Conclusion) -> None:
         """Tries from now on what would explain what the library does not, in the place of earlier
-        proposals that explain nothing. A formula and its rivals are a Group; None without one."""
+        proposals that explain nothing."""
         self.depends = "depends on " + formula_words.in_words(list(conclusion.ceiling.arguments)[:2])
+        formula = conclusion.formula
+        if formula is None:
+            return
+        self.depends += " (%s)" % formula.means
         kept = {name for step in found.steps for name in step.group}
-        own = {name: proposal for name, proposal in self.own.items() if name in kept}
-        best = conclusion.formula
-        if best is None or "expression" not in best.entry:
-            return None
-        self.depends += " (%s)" % best.means
-        values = {}
-        for formula in (best, *conclusion.rivals):
-            name = naming.NAME + ("_%d" % (self.proposals + 1) if self.proposals else "")
-            self.proposals += 1
-            own[name] = Proposal(dict(formula.entry, name=name), formula.means, formula)
-            values[name] = formula.value
-        self.own = own
-        return beliefs.Group(values, best.ratio)
+        self.own = {name: proposal for name, proposal in self.own.items() if name in kept}
+        self.proposals += 1
+        name = naming.NAME + ("_%d" % self.proposals if self.proposals > 1 else "")
+        self.own[name] = Proposal(dict(formula.entry, name=name), formula.means, formula)
 
 
 def sentences(found: Found, formulas: Mapping[str, Mapping[str, str]]) -> List[str]:

@@ -18,9 +18,9 @@ def of(flown: Flown, run: _core.RunData, found: Found, model: _core.Model) -> Co
     model: the final one."""
     varies = bool(found.conclusion.varies)
     expected = analyst.expected_errors(run, found.diagnosis.fit, trimmed=varies)
-    # The given model, fitted to the same flights by simulation error, or by likelihood
-    fitted = [analyst.error(run, refit.model) for refit in found.conclusion.refits]
-    refitted = min((error for error in fitted if error is not None), default=None)
+    refitted = analyst.error(
+        run, found.conclusion.before.model
+    )  # the given model, fitted to the same flights
     given, final = flown.errors.get(GIVEN), analyst.error(run, model)
     most = TOLERANCE * min(e for e in (max(expected), given, refitted) if e is not None)
     holds = final is not None and final <= most

@@ -1,7 +1,7 @@
 """Figures of a discovery (plotly figures, as in ground.reports.figures)."""
 
 import math
-from typing import Dict, List, Mapping, Optional, Sequence
+from typing import List, Mapping, Optional, Sequence
 
 import numpy as np
 
@@ -34,11 +34,6 @@ from ground.support.annotations import Array, Document
 
 ROOM_ABOVE = 1.6  # largest error that the axis has room for, over the largest that is drawn
 MIN_ERROR = 1e-6  # smallest error that is drawn [-]
-SMALL = 0.005  # probability up to which an effect that was always absent is not drawn
-MOST = 8  # latest diagnoses, for which there is room beside each other
-ROW = 26  # height of an effect [pixels]
-STATES = [tale.PRESENT, tale.OPEN, tale.HIDDEN, tale.SLIGHT, tale.ABSENT]  # from top
-CELLS = {tale.PRESENT: "<b>%.0f</b>", tale.OPEN: "%.0f ?", tale.HIDDEN: "×", tale.SLIGHT: "○"}
 
 
 def errors(story: Story) -> Optional[Document]:
@@ -98,63 +93,6 @@ def _add_model(
     trace = curve([f.flight.number for f in predicted], drawn, version.label, model_line(count, 2), True)
     marker = {"size": 9, "symbol": marks, "color": appearance.model_color(count)}
     figure.add(dict(trace, mode="lines+markers", marker=marker, cliponaxis=False, hovertemplate="%{y:.3f}"))
-
-
-def beliefs(story: Story) -> Optional[Document]:
-    """Probability of each effect after each diagnosis, with its state; None without any."""
-    findings = [finding for finding in story.findings if finding.beliefs][-MOST:]
-    if not findings:
-        return None
-    table = [{belief.effect: belief for belief in finding.beliefs} for finding in findings]
-    kept = {n for t in table for n, b in t.items() if b.state != tale.ABSENT or b.probability > SMALL}
-    names = [b.effect for b in ranked(story)]
-    names = [name for name in names if name in kept] or names
-    rows = [[column.get(name) for column in table] for name in names]
-    figure = Panels()
-    figure.add(
-        {
-            "type": "heatmap",
-            "z": [[_percent(belief) for belief in row] for row in rows],
-            "x": ["%d" % finding.after for finding in findings],
-            "y": names,
-            "zmin": 0,
-            "zmax": 100,
-            "colorscale": appearance.ORANGES,
-            "showscale": False,
-            "customdata": [[belief.state if belief else "" for belief in row] for row in rows],
-            "hovertemplate": "%{y} after flight %{x}: %{z:.0f}%, %{customdata}<extra></extra>",
-        }
-    )
-    for name, row in zip(names, rows):
-        for place, belief in enumerate(row):
-            percent = _percent(belief)
-            if belief is not None and percent is not None:
-                text = CELLS.get(belief.state, "%.0f")
-                text = text % percent if "%" in text else text
-                font = {"size": 11, "color": "#ffffff" if percent > 60 else appearance.TEXT}
-                figure.note(text, place, name, inside=False, font=font)
-    figure.update_xaxes(title="after flight", type="category")
-    figure.update_yaxes(autorange="reversed", automargin=True, type="category", tickvals=names)
-    caption = (
-        "Probability [%%] that each effect acts on the craft and matters, after each diagnosis. Bold: "
-        "present; ?: still open; ×: not identifiable, no flight in this room shows it or distinguishes "
-        "it from others; ○: it acts, and is too small to matter; plain: absent. Effects that were never "
-        "above %g%% are not shown, nor more than %d diagnoses." % (100 * SMALL, MOST)
-    )
-    return figure.finish(ROW * len(names) + 90, caption, {"t": 40, "b": 50, "l": 20})
-
-
-def _percent(belief: Optional[tale.Belief]) -> Optional[float]:
-    """Probability that is drawn [%]; 0 for what is too small to matter, None for what is not known."""
-    if belief is None:
-        return None
-    return 0.0 if belief.state == tale.SLIGHT else round(100 * belief.probability, 1)
-
-
-def ranked(story: Story) -> List[tale.Belief]:
-    """The last belief in each effect: by its state, then by probability."""
-    last: Dict[str, tale.Belief] = {b.effect: b for finding in story.findings for b in finding.beliefs}
-    return sorted(last.values(), key=lambda b: (STATES.index(b.state), -b.probability))
 
 
 def flight(

@@ -10,13 +10,28 @@ import numpy as np
 
 from ground import _core
 from ground.discovery import figures, words
-from ground.discovery.story import CONFIRM, PRESENT, SLIGHT, TRACK, Finding, Flight, Flown, Story
+from ground.discovery.story import (
+    ABSENT,
+    CONFIRM,
+    HIDDEN,
+    OPEN,
+    PRESENT,
+    SLIGHT,
+    TRACK,
+    Belief,
+    Finding,
+    Flight,
+    Flown,
+    Story,
+)
 from ground.reports import appearance, page
 from ground.reports.words import number, sentence
 from ground.support.annotations import Array, Document
 
 NAME = "report.html"  # in the folder of a discovery
 MAX_OPEN = 8  # flights that are all shown at once
+MAX_DIAGNOSES = 5  # latest ones, for which a table has room beside each other
+STATES = [PRESENT, OPEN, HIDDEN, SLIGHT, ABSENT]  # from the top
 
 
 def write(story: Story, folder: str, room: Optional[_core.RoomPlan] = None) -> str:
@@ -42,8 +57,6 @@ def write(story: Story, folder: str, room: Optional[_core.RoomPlan] = None) -> s
         words=words,
         given=given,
         errors=figures.errors(story),
-        **_errors(story),
-        beliefs=figures.beliefs(story),
         **_beliefs(story, given),
         flights=_flights(story, folder, given, room),
         versions=_versions(story),
@@ -80,37 +93,33 @@ def _values(model: Optional[_core.Model]) -> Dict[str, str]:
     return {p["name"]: "%.4g" % model.value(p["name"]) for p in model.parameters()} if model else {}
 
 
-def _errors(story: Story) -> Document:
-    """The table of the error of each model on each flight."""
-    shown, rows = figures.shown(story), []
-    for flown in (flown for flown in story.flights if flown.errors):
-        cells: List[object] = [flown.flight.number]
-        for version in shown:
-            known = words.error(flown.errors[version.label]) if version.label in flown.errors else ""
-            cells.append(known + " *" * (known != "" and flown.flight.number <= version.after))
-        rows.append([*cells, number(flown.floor)])
-    heads = ["#%s%s" % (v.label, " (in the controller)" * (v.label == story.in_use)) for v in shown]
-    return {"error_heads": heads, "error_rows": rows}
-
-
 def _beliefs(story: Story, given: Optional[_core.Model]) -> Document:
-    """The table of the belief in each effect."""
-    ranked = figures.ranked(story)
+    """The table of the belief in each effect after each of the latest diagnoses, the likeliest first."""
+    findings = [finding for finding in story.findings if finding.beliefs][-MAX_DIAGNOSES:]
+    after = [{belief.effect: belief for belief in finding.beliefs} for finding in findings]
+    last = {b.effect: b for finding in story.findings for b in finding.beliefs}
+    ranked = sorted(last.values(), key=lambda b: (STATES.index(b.state), -b.probability))
     own = {name: means for finding in story.findings for name, means in finding.words.items()}
     rows = [
         [
             words.in_words(b.effect, own, given),
             b.state,
-            "" if b.state == SLIGHT else "%.1f%%" % (100 * b.probability),
+            *(_percent(known.get(b.effect)) for known in after),
             "" if b.share is None or b.state not in (PRESENT, SLIGHT) else "%.2g%%" % (100 * b.share),
             "%.3g" % b.visibility,
         ]
         for b in ranked
     ]
-    counts = ["%d %s" % (sum(b.state == s for b in ranked), s) for s in figures.STATES]
+    heads = ["effect", "=state", *("#after %d" % finding.after for finding in findings)]
     found = story.findings[-1].effects if story.findings else []
     chosen = [i for i, b in enumerate(ranked) if b.effect in found]
-    return {"belief_rows": rows, "counts": ", ".join(counts), "found": chosen}
+    heads += ["#share of the error", "#visibility"]
+    return {"belief_heads": heads, "belief_rows": rows, "found": chosen}
+
+
+def _percent(belief: Optional[Belief]) -> str:
+    """The probability of a belief; empty where it is not known, or the effect is too small to matter."""
+    return "" if belief is None or belief.state == SLIGHT else "%.1f%%" % (100 * belief.probability)
 
 
 def _flights(

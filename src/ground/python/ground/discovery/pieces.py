@@ -1,27 +1,15 @@
 """Pieces of a few seconds that excitations are put together from."""
 
-import itertools
 from dataclasses import dataclass
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.simulation import experiments
+from ground.simulation.designs import designs
 from ground.support.annotations import Array, Document
 
 SECONDS = 4.0  # length of a piece [s]
-LIFTS = (1.0, 0.6)
-CLOCKS = (5.0, 10.0, 20.0)  # bits of the PRBS per second [Hz]
-LEVELS = ((0.0, 1.0), (0.0, 0.5), (0.4, 1.0))
-HOLDS = (0.25, 1.0)  # how long a pattern holds a level [s]
-PATTERNS = {
-    "multilevel-prbs": "random levels",
-    "steps": "all thrusters in steps",
-    "coast-down": "full thrust, then coasting down",
-    "spin": "one side, then spinning down",
-    "single-thruster": "one thruster after the other",
-}
 REACH = 0.55  # way from home at which a burst is expected to end, as share of the room's clearance
 STOPPING = 0.5  # time for which a craft moves on while it turns back [s]
 RETURN = 1.2  # time that a return is expected to take [s]
@@ -41,27 +29,14 @@ class Piece:
 def pieces(model: _core.Model, seed: int) -> List[Piece]:
     """All Pieces that the thrusters of a model can play; seed: of their random parts."""
     found = []
-    for lift in LIFTS:
-        at_lift = "" if lift == 1.0 else ", lift at %g" % lift
-        for words, kind, options in _designs(seed):
-            try:
-                rows = experiments.rows(kind, SECONDS, model, **options)
-            except ValueError:
-                continue  # a design for other thrusters
-            rows = rows[rows[:, 0] < SECONDS - 1e-9]
-            found.append(Piece(words + at_lift, np.column_stack([rows, np.full(len(rows), lift)])))
+    for design in designs():
+        try:
+            rows = design.rows(SECONDS, model, seed)
+        except ValueError:
+            continue  # a design for other thrusters
+        rows = rows[rows[:, 0] < SECONDS - 1e-9]
+        found.append(Piece(design.words, np.column_stack([rows, np.full(len(rows), design.lift)])))
     return found
-
-
-def _designs(seed: int) -> List[Tuple[str, str, Dict[str, Any]]]:
-    designs: List[Tuple[str, str, Dict[str, Any]]] = []
-    for clock, (low, high) in itertools.product(CLOCKS, LEVELS):
-        words = "PRBS of %g Hz between %g and %g of full thrust" % (clock, low, high)
-        designs.append((words, "prbs", {"clock": clock, "levels": [low, high], "seed": seed}))
-    for hold, (kind, words) in itertools.product(HOLDS, PATTERNS.items()):
-        options = {"clock": 1 / hold, "seed": seed} if "prbs" in kind else {"hold": hold}
-        designs.append(("%s, %g s each" % (words, hold), kind, options))
-    return designs
 
 
 def joined(chosen: Sequence[Piece], lift_time: float) -> Array:

@@ -94,7 +94,7 @@ class Finding:
     label: str  # the improved model's
     sentences: List[str]  # the diagnosis in words
     open: List[str]  # questions that are still open, in words
-    # What effects mean that the library does not have: those found, those proposed, and their rivals
+    # What effects mean that the library does not have: those found and those proposed
     words: Dict[str, str] = field(default_factory=dict)
 
 

@@ -3,11 +3,10 @@
 import argparse
 import os
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Dict, Iterator, List, Tuple
+from typing import TYPE_CHECKING, Dict, Iterator, Tuple
 
 import numpy as np
 
-from ground import _core
 from ground.analysis import candidates, distributions, window_error
 from ground.analysis.window_error import WindowFit
 from ground.data import bag_arguments
@@ -151,8 +150,12 @@ def add(
     if not options.as_recorded:
         seen.refuse_misread()
         held.refuse_misread()
-    with work.stage(FITTING, 2 * (1 + len(window_error.LENGTHS))):
-        before, after = _fits(given.core, extended, seen.data, work)
+    fitter = window_error.WindowFitter(seen.data)
+    fitter.check()
+    with work.stage(FITTING, 2 * (1 + len(fitter.parts))):
+        before = fitter.fit(given.core, window_error.free_parameters(given.core), work=work)
+        refitted = candidates.carried_over(before.model, extended)
+        after = fitter.fit(refitted, window_error.free_parameters(extended), also=[extended], work=work)
     errors = {
         "fit": Change(float(before.error.sum()), float(after.error.sum())),
         "heldout": Change(float(before.heldout.sum()), float(after.heldout.sum())),
@@ -160,17 +163,6 @@ def add(
     if held.data:
         errors["holdout"] = Change(*(windows.error(held.data, fit.model) for fit in (before, after)))
     return _result(candidate.name, seen, before, after, errors)
-
-
-def _fits(
-    model: _core.Model, extended: _core.Model, runs: List[_core.RunData], work: Work
-) -> Tuple[WindowFit, WindowFit]:
-    """The WindowFits of a _core.Model without the effect and with it; work: told of each."""
-    on_runs = window_error.WindowFitter(runs)
-    before = on_runs.fit(model, window_error.free_parameters(model), work=work)
-    refitted = candidates.carried_over(before.model, extended)
-    after = on_runs.fit(refitted, window_error.free_parameters(extended), also=[extended], work=work)
-    return before, after
 
 
 def _result(

@@ -1,28 +1,31 @@
 """fit: a model's parameters from recordings."""
 
 import argparse
-from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from dataclasses import dataclass, replace
+from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.analysis import comparison, folds, window_error
+from ground.analysis import comparison, window_error
+from ground.analysis.window_error import WindowFit, WindowFitter
 from ground.data import bag_arguments
 from ground.data.measured import Measured, Recordings, held_out, measured
-from ground.fitting import identifiability, unit_slips
-from ground.fitting.result import BlockErrors, Change, Errors, Fit, RunFit, ThesisObjective
+from ground.fitting import identifiability
+from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model, parameters_by_name
 from ground.recordings import quality, windows
 from ground.support import command_line
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Document
 from ground.support.command_line import count, option, positive
-from ground.support.errors import GroundError, warn
+from ground.support.errors import warn
 from ground.support.progress import Progress, Work
 
 OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
-FITTING = "fitting"  # stage
+RUNS = 20  # most parts that runs are held out in, where each has an error of its own
+FAR = 3.0  # standard deviations from which two estimates disagree
+FITTING, ALONE = "fitting", "fitting to each run alone"  # stages
 
 
 @dataclass(frozen=True)
@@ -53,51 +56,18 @@ class FitOptions(bag_arguments.Part):
         type=count,
         metavar="N",
     )
-    block: float = option(
-        folds.BLOCK,
-        "length of the blocks of time that are held out, in %d parts at most [s] (%%(default)s)"
-        % folds.BLOCK_FOLDS,
-        type=positive,
-    )
 
-
-@dataclass(frozen=True)
-class _Problem:
-    """The data of a fit, and its options."""
-
-    runs: List[_core.RunData]
-    options: FitOptions
-
-    def cut(self) -> List[_core.Window]:
-        """Windows of all runs."""
-        return windows.cut(self.runs, self.options.window)
-
-    def fit(
-        self, model: _core.Model, cut: Sequence[_core.Window], starts: int = 1, **options: Any
-    ) -> Document:
-        """The core's result of a fit of a _core.Model to windows."""
-        objective = getattr(_core.Objective, self.options.objective.replace("-", "_"))
-        target = getattr(_core.Target, self.options.target)
-        try:
-            problem = windows.problem(self.runs, cut, target)
-            return problem.fit(model, list(self.options.free), objective, starts, **options)
-        except (ValueError, RuntimeError) as error:
-            raise GroundError(str(error))
-
-    def alone(self, index: int, model: _core.Model) -> Document:
-        """The core's result of a fit to one run."""
-        one = _Problem([self.runs[index]], self.options)
-        return one.fit(model, one.cut())
-
-    def refit_near(self, result: Document) -> folds.Refit:
-        """A function of windows and initial states that fits again, starting from a result and with
-        the same outliers, so that a refit takes a few steps only."""
-        width = result["width"] if np.isfinite(result["width"]) else 0.0
-
-        def refit(part: Sequence[_core.Window], initial: Sequence[Array]) -> Document:
-            return self.fit(result["model"], part, warm=True, width=width, initial=initial)
-
-        return refit
+    def fitter(self, runs: Sequence[_core.RunData]) -> WindowFitter:
+        """Fits to runs as these options want it."""
+        return WindowFitter(
+            runs,
+            most=np.inf,
+            most_parts=RUNS,
+            length=self.window,
+            target=getattr(_core.Target, self.target),
+            objective=getattr(_core.Objective, self.objective.replace("-", "_")),
+            starts=self.starts,
+        )
 
 
 @command_line.takes(FitOptions)
@@ -129,67 +99,48 @@ def fit(
     command_line.check(options)
     seen = measured(recordings, given, options, work)
     held = held_out(holdout, given, options, work, seen)
-    problem = _Problem(seen.data, options)
-    with work.stage(FITTING):
-        result = problem.fit(given.core, problem.cut(), options.starts)
-    if not result["converged"]:
-        warn("the fit has not converged after %d iterations" % result["iterations"])
-    refit = problem.refit_near(result)
-    with work.stage(folds.BLOCKS):
-        blocks = _blocks(problem, given.core, result, refit, work)
-    tested = _change(held.data, given.core, result["model"]) if held.data else None
+    fitter = options.fitter(seen.data)
+    with work.stage(FITTING, 1 + len(fitter.parts)):
+        found = fitter.fit(given.core, options.free, work=work)
+    if not found.result["converged"]:
+        warn("the fit has not converged after %d iterations" % found.result["iterations"])
     runs: List[RunFit] = []
     if len(seen.data) > 1:
-        with work.stage(folds.RUNS):
-            runs = _each(problem, result, refit, work)
-    whole = _change(seen.data, given.core, result["model"])
-    errors = Errors(whole.before, whole.after, _pooled(problem, runs), blocks, tested)
-    return _result(given, seen, options.starts, result, errors, runs)
+        with work.stage(ALONE, len(seen.data)):
+            runs = [_alone(fitter, found, i, options) for i in work.each(range(len(seen.data)))]
+    errors = Errors(
+        windows.error(seen.data, given.core),
+        float(found.error.sum()),
+        float(found.heldout.sum()) if found.others else None,
+        Change(*(windows.error(held.data, m) for m in (given.core, found.model))) if held.data else None,
+    )
+    return _result(given, seen, options.starts, found.result, errors, runs)
 
 
-def _change(runs: List[_core.RunData], start: _core.Model, fitted: _core.Model) -> Change:
-    """Errors over runs (_core.RunData) of the start values and of the fit."""
-    return Change(windows.error(runs, start), windows.error(runs, fitted))
+def _alone(fitter: WindowFitter, found: WindowFit, index: int, options: FitOptions) -> RunFit:
+    """A run by itself, and held out."""
+    run = fitter.runs[index]
+    alone = replace(options, starts=1).fitter([run]).whole(found.model, options.free)
+    own = [i for i, window in enumerate(fitter.windows) if window.run == index]
+    sizes = [fitter.windows[i].last - fitter.windows[i].first + 1 for i in own]
+    return RunFit(
+        run.name,
+        {p["name"]: p["value"] for p in alone["parameters"]},
+        {p["name"]: p["ci95"] for p in alone["parameters"]},
+        windows.error([run], alone["model"]),
+        float(np.average(found.by_window[own], weights=sizes)),
+        _disagreements(alone, found.others[fitter.part_of[own[0]]]),
+    )
 
 
-def _blocks(
-    problem: _Problem, start: _core.Model, result: Document, refit: folds.Refit, work: Work
-) -> Optional[BlockErrors]:
-    models, options = (start, result["model"]), problem.options
-    found = folds.leave_blocks_out(problem.runs, models, refit, options.block, options.window, work=work)
-    if found is None:
-        return None
-    before, after = found["models"]
-    return BlockErrors(before, after, found["heldout"], found["blocks"], found["folds"], options.block)
-
-
-def _each(problem: _Problem, result: Document, refit: folds.Refit, work: Work) -> List[RunFit]:
-    """Every run by itself, and held out."""
-    rows = []
-    held = folds.leave_runs_out(problem.runs, refit, result, problem.options.window, work=work)
-    work.more(len(problem.runs))
-    for i, (others, error) in enumerate(held):
-        alone = problem.alone(i, result["model"])
-        rows.append(
-            RunFit(
-                problem.runs[i].name,
-                {p["name"]: p["value"] for p in alone["parameters"]},
-                {p["name"]: p["ci95"] for p in alone["parameters"]},
-                windows.error([problem.runs[i]], alone["model"]),
-                error,
-                folds.disagreements(alone, others),
-            )
-        )
-        work.step()
-    return rows
-
-
-def _pooled(problem: _Problem, runs: List[RunFit]) -> Optional[float]:
-    """Mean error of runs held out, weighted by their number of samples."""
-    if not runs:
-        return None
-    samples = [len(run.times) for run in problem.runs]
-    return float(np.average([run.heldout_error for run in runs], weights=samples))
+def _disagreements(fitted: Document, others: Document) -> List[str]:
+    """Parameters whose estimate from one run and from the others differ by FAR deviations."""
+    return [
+        a["name"]
+        for a, b in zip(fitted["parameters"], others["parameters"])
+        if a["identified"] and b["identified"]
+        if abs(a["value"] - b["value"]) > FAR * np.hypot(a["deviation"], b["deviation"])
+    ]
 
 
 def _result(
@@ -211,20 +162,17 @@ def _result(
         converged=result["converged"],
         runs=runs,
         same_inputs=quality.same_inputs(seen.runs),
-        remarks=[
-            *unit_slips.sentences(given.core, {p.name: p.value for p in parameters.values()}),
-            *identifiability.sentences(result),
-        ],
+        remarks=list(identifiability.sentences(result)),
     )
 
 
 def _by_kind(errors: Errors) -> Tuple[Dict[str, float], Dict[str, float]]:
     """Errors before and after by kind of runs, as model files keep them."""
     before, after = {"fit": errors.before}, {"fit": errors.after}
-    if errors.blocks:
-        before["blocks"], after["blocks"] = errors.blocks.before, errors.blocks.heldout
+    if errors.heldout is not None:
+        before["heldout"], after["heldout"] = errors.before, errors.heldout
     if errors.holdout:
-        before["heldout"], after["heldout"] = errors.holdout.before, errors.holdout.after
+        before["holdout"], after["holdout"] = errors.holdout.before, errors.holdout.after
     return before, after
 
 

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tupl
 
 import numpy as np
 
-from ground.analysis import folds
 from ground.models import Model, Parameter, parameter_frame
 from ground.support.annotations import Document, Path
 from ground.support.results import Shown
@@ -37,25 +36,14 @@ class ThesisObjective:
 
 
 @dataclass(frozen=True)
-class BlockErrors:
-    """Errors on blocks of time."""
-
-    before: float  #: error of the start values
-    after: float  #: error of the fit
-    heldout: float  #: error of fits without the block
-    count: int  #: number of blocks
-    folds: int  #: number of folds of blocks
-    length: float  #: of a block [s]
-
-
-@dataclass(frozen=True)
 class Errors:
     """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r over windows of 1.5 s."""
 
     before: float  #: error of the start values
     after: float  #: error of the fit
-    heldout_runs: Optional[float]  #: each run by a fit to the others; None for a single run
-    blocks: Optional[BlockErrors]  #: None where the runs are too short
+    #: each run by a fit to the others, each quarter of a single run by a fit to the rest; None where it is
+    #: too short
+    heldout: Optional[float]
     holdout: Optional[Change]  #: on runs given to test on
 
 
@@ -86,7 +74,7 @@ class Fit(Shown):
     converged: bool
     runs: List[RunFit]  #: fits to each run; empty for a single run
     same_inputs: List[Tuple[str, str]]  #: runs that were driven by the same commands
-    remarks: List[str]  #: sentences on units that seem wrong and what is not identifiable
+    remarks: List[str]  #: sentences on what is not identifiable
 
     def to_dict(self) -> Document:
         """Plain values, as `identify fit --json` prints them."""
@@ -143,18 +131,10 @@ class Fit(Shown):
     def _errors(self) -> Iterator[Tuple[str, Tuple[Optional[float], ...]]]:
         """Data, and the error there of the start values, of the fit, and held out."""
         errors, thesis = self.error, self.thesis_objective
-        several = "all runs; held out: each by a fit to the others"
-        if len(self.runs) > folds.RUN_FOLDS:
-            several = "all runs; held out: in %d parts" % folds.RUN_FOLDS
-        words = several if self.runs else "the run"
-        yield words, (errors.before, errors.after, errors.heldout_runs)
-        if errors.blocks:
-            blocks = errors.blocks
-            how = ", each by a fit to the rest"
-            if blocks.folds < blocks.count:
-                how = " in %d parts, by fits to the rest" % blocks.folds
-            words = "blocks of %g s%s" % (blocks.length, how)
-            yield words, (blocks.before, blocks.after, blocks.heldout)
+        words = "the run; held out: each quarter by a fit to the rest"
+        if self.runs:
+            words = "all runs; held out: each by a fit to the others"
+        yield words, (errors.before, errors.after, errors.heldout)
         if errors.holdout:
             yield "the held-out runs", (errors.holdout.before, None, errors.holdout.after)
         if thesis.after is not None:

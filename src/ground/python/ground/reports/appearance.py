@@ -3,8 +3,6 @@
 import textwrap
 from typing import List, Tuple
 
-from plotly import colors
-
 from ground import _core
 from ground.analysis import comparison, missing_wrench
 from ground.reports.words import number
@@ -31,7 +29,6 @@ VERDICTS = {  # of a diagnosis or a discovery
 # Not by colour alone: each model has its own dashes and marks.
 DASHES = ["solid", "dash", "dot", "dashdot"]
 MARKS = ["circle", "square", "diamond", "triangle-up"]
-ORANGES = colors.make_colorscale(colors.sequential.Oranges)
 CHANNEL_NAMES = {"u": "surge u", "v": "sway v", "r": "yaw rate r"}
 CHANNELS = [(c, name, comparison.UNITS[c]) for c, name in CHANNEL_NAMES.items()]
 WRENCH = list(missing_wrench.CHANNEL_NAMES.items())
