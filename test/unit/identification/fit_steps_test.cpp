@@ -1,7 +1,7 @@
 // The steps of the fit by simulation error: threads, losses, the minimiser, warm starts, uncertainty.
 #include <gtest/gtest.h>
 
-#include <Eigen/Core>
+#include <Eigen/LU>
 #include <algorithm>
 #include <atomic>
 #include <chrono>

@@ -1,6 +1,7 @@
 // The equations of docs/theory/effects.md, written down once more for plain numbers.
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
 #include <cmath>
 #include <limits>
 #include <map>

@@ -26,6 +26,7 @@ from ground.recordings import windows
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
+LENGTHS = (windows.WINDOW, windows.WINDOW / 3)  # of windows that the model as it is is refitted to [s]
 BETTER = 0.9  # largest ratio of errors at which a longer formula is worth it
 LENGTHENED = 3  # formulas, each longer than the one before
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
@@ -173,13 +174,16 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
 
 
 def _refits(found: Diagnosis) -> List[Refit]:
-    """The model as it is, refitted by likelihood and, where it can be simulated, by simulation error. Errors
-    are over the windows and folds of a Diagnosis."""
+    """The model as it is, refitted by likelihood and, where it can be simulated, by simulation error over
+    long windows and over short ones, on which a disturbance adds up to less. Errors are over the windows
+    and folds of a Diagnosis."""
     refits = [_refit(LIKELIHOOD, found.nominal)]
-    with contextlib.suppress(GroundError):  # the simulation diverges
-        free = window_error.free_parameters(found.given)
-        fitted = found.fitter.fit(found.given, free, also=[found.nominal.model])
-        refits.append(_refit(SIMULATION, fitted))
+    free = window_error.free_parameters(found.given)
+    for length in LENGTHS:
+        with contextlib.suppress(GroundError):  # the simulation diverges
+            fitter = window_error.WindowFitter(found.runs, threads=1, length=length)
+            fitted = fitter.fit(found.given, free, also=[found.nominal.model])
+            refits.append(_refit(SIMULATION, fitted))
     return refits
 
 

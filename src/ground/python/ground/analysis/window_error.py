@@ -66,7 +66,8 @@ class WindowFitter:
         self.windows = windows.spread(every, most)  # whose errors are taken
         self.available = len(every)  # number of windows before thinning
         is_usual = length == windows.WINDOW
-        self.fitted = self.windows if is_usual else windows.spread(windows.cut(runs, length), most)
+        many = most * windows.WINDOW / length  # as long in all
+        self.fitted = self.windows if is_usual else windows.spread(windows.cut(runs, length), many)
         self.part_of = parts_of(runs, self.windows, most_parts)
         self.part_of_fitted = parts_of(runs, self.fitted, most_parts)
 
