@@ -69,9 +69,11 @@ class Search:
         self.tests: Dict[FrozenSet[str], ScoreTests] = {}
 
     def nominal(self, near: Optional[Fit] = None) -> Fit:
-        """The Fit of the model as it is."""
+        """The Fit of the model as it is. near: one by another likelihood, from which it starts: with the
+        levels of one and the values of another the filter may diverge."""
         if frozenset() not in self.fits:
-            self.fits[frozenset()] = self.likelihood.fit(self.given, free_parameters(self.given), near)
+            start = self.given if near is None else near.model
+            self.fits[frozenset()] = self.likelihood.fit(start, free_parameters(start), near)
         return self.fits[frozenset()]
 
     def run(self, near: Optional[Fit] = None) -> FrozenSet[str]:
