@@ -76,7 +76,7 @@ def test_inputs_of_another_craft_are_refused(table):
 def test_a_controller_of_another_craft_is_refused(table):
     params = _core.TrackingParams()
     pair = _core.load_model(PAIR)
-    with pytest.raises(ValueError, match="commands 2 thrusters, and Air-bearing table has 8"):
+    with pytest.raises(ValueError, match="has 8 thrusters .* inputs are for 2"):
         _core.track_reference(table, pair, params, np.zeros(3), np.zeros(3), _core.MocapParams(), 1)
 
 

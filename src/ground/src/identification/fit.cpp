@@ -132,8 +132,8 @@ Fits fitFromStarts(const Linearisation& windows, const SimulationError* pieces, 
       found.initial = initialsAt(found.scaled, windows, free, options);
       for (const double delta : losses) {
         const bool last = delta == losses.back() && std::isfinite(delta);
-        found = minimiseLoss(windows, free, delta, last ? toleranceOf(options) : kCoarse,
-                             options.max_iterations, found);
+        const double tolerance = last ? toleranceOf(options) : options.starts > 1 ? kComparable : kCoarse;
+        found = minimiseLoss(windows, free, delta, tolerance, options.max_iterations, found);
         if (!std::isfinite(found.cost)) throw std::runtime_error("the model's motion is not finite");
       }
     } catch (const std::runtime_error& error) {
