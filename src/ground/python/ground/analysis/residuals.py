@@ -23,7 +23,7 @@ BARTLETT_LAGS = 100  # lags over which residuals widen the band of that correlat
 INPUT_LAGS = np.arange(-0.2, 0.801, 0.04)  # positive: the input precedes the residual [s]
 BAND = 0.99
 SETTLING = 10  # samples for the filter to settle at the start of a stretch
-ITERATIONS = 5  # of the levels, in each part of their fit: more change them little
+ITERATIONS = 5  # at most, in each fit of the levels: further ones change the levels little
 UNITS = {"X": "N", "Y": "N", "N": "N m"}
 CORRELATED = ("sigma", "trim", "thrust")  # levels of what is not white
 

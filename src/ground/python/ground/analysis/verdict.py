@@ -26,7 +26,7 @@ from ground.recordings import windows
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
-LENGTHS = (windows.WINDOW, windows.WINDOW / 3)  # of windows that the model as it is is refitted to [s]
+LENGTHS = (windows.WINDOW, windows.WINDOW / 3)  # [s]: windows of the refits without effects
 BETTER = 0.9  # largest ratio of errors at which a longer formula is worth it
 LENGTHENED = 3  # formulas, each longer than the one before
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks

@@ -24,7 +24,7 @@ NOMINAL = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal mod
 class WindowFit:
     """A model fitted to windows."""
 
-    result: Document  # of the core
+    result: Document  # what the core's fit returns
     error: Array  # (3,) mean |e|/s of u, v, r over the windows fitted to
     heldout: Array  # (3,) the same, each window by a fit to the other parts
     by_window: Array  # (windows,) sum of the held-out errors of u, v, r in each window
@@ -66,7 +66,7 @@ class WindowFitter:
         self.windows = windows.spread(every, most)  # whose errors are taken
         self.available = len(every)  # number of windows before thinning
         is_usual = length == windows.WINDOW
-        many = most * windows.WINDOW / length  # as long in all
+        many = most * windows.WINDOW / length  # the same total length of data
         self.fitted = self.windows if is_usual else windows.spread(windows.cut(runs, length), many)
         self.part_of = parts_of(runs, self.windows, most_parts)
         self.part_of_fitted = parts_of(runs, self.fitted, most_parts)
