@@ -36,6 +36,15 @@ class Parameter:
         """The interval in words."""
         return "[%.4g, %.4g]" % self.ci95 if self.identified else "not identifiable from these data"
 
+    @property
+    def words(self) -> str:
+        """Value and interval in words: "50.02 ms (95%: 49.98 to 50.05 ms)"."""
+        from ground.analysis.formula_words import with_interval
+
+        if not self.identified:
+            return "cannot be identified from these data"
+        return with_interval(self.value, *self.ci95, self.unit)
+
 
 def parameters_by_name(found: Iterable[Document]) -> Dict[str, Parameter]:
     """Parameters, by name, from the dictionaries that a fit of the core returns."""
@@ -168,7 +177,7 @@ class Model(Shown):
         index = pandas.Index([p["name"] for p in described], name="parameter")
         return pandas.DataFrame(rows, index=index, columns=["value", "unit", "meaning"])
 
-    def lines(self) -> Iterator[str]:
+    def lines(self, written: str = "") -> Iterator[str]:
         """Title, effects and parameters."""
         from ground.analysis import candidates
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 import numpy as np
 
 from ground.analysis import comparison
+from ground.analysis.horizon import PredictionError, as_document
 from ground.comparing import words
 from ground.models import Model
 from ground.recordings import findings
@@ -16,6 +17,7 @@ from ground.reports import appearance, result_folder
 from ground.reports.words import number
 from ground.support import files
 from ground.support.annotations import Document, Path
+from ground.support.headline import Line
 from ground.support.results import Shown, distinct_labels
 
 if TYPE_CHECKING:
@@ -69,7 +71,7 @@ class RunComparison(_Frame):
         return {study["label"]: study["numbers"] for study in self.studies}
 
     @property
-    def summary(self) -> Dict[str, List[str]]:
+    def remarks(self) -> Dict[str, List[str]]:
         """Sentences on what stands out, by model."""
         return {study["label"]: study["summary"] for study in self.studies}
 
@@ -96,7 +98,7 @@ class RunComparison(_Frame):
         for s in self.studies:
             yield self.name, s["label"], s["role"], s["numbers"]
 
-    def lines(self) -> Iterator[str]:
+    def table(self) -> Iterator[str]:
         """Errors of the models, and what stands out."""
         yield self.name
         yield from _table([(s["label"], s["role"], s["numbers"]) for s in self.studies])
@@ -114,6 +116,9 @@ class Ranking:
     runs: List[str]  #: all that no model was fitted to; where there are none, all runs
     errors: Dict[str, float]  #: by label, over these runs
     fitted: List[str]  #: labels of models that were fitted to any of them
+    equal: List[
+        str
+    ]  #: labels of models whose errors differ from the least one by no more than chance explains
 
 
 @dataclass(frozen=True, repr=False)
@@ -125,37 +130,32 @@ class Comparison(_Frame):
     pooled: Dict[str, Document]  #: by label: error numbers over all, fit and held_out runs
     ranking: Ranking
     noise_floor: float  #: error that the noise of the poses alone would leave on the ranking's runs
+    prediction: Optional[PredictionError]  #: of poses, on the ranking's runs; None: they are too short
 
     @property
     def best(self) -> str:
         """Label of the model with the least error; `ranking` says whether it was fitted to the runs."""
         return next(iter(self.ranking.errors))
 
-    @property
-    def sentence(self) -> str:
-        """Which model predicts or fits best, in words."""
-        return str(words.comparison(asdict(self.ranking), self.noise_floor))
-
     def rows(self) -> Iterator[Sequence[Any]]:
         """Run, model, role and numbers."""
         for run in self.runs:
             yield from run.rows()
 
-    @property
-    def title(self) -> str:
-        """The comparison in a sentence."""
-        return self.sentence
+    def headline(self, written: str = "") -> List[Line]:
+        """Its first lines: which model predicts best, by how much, and what to do next."""
+        return words.lines(self.to_dict(), written)
 
-    def lines(self) -> Iterator[str]:
-        """What `identify compare` prints."""
+    def table(self) -> Iterator[str]:
+        """Errors of the models over all runs."""
+        yield from _table(
+            [(label, role, of[role]) for label, of in self.pooled.items() for role in ROLES if of[role]]
+        )
+
+    def details(self) -> Iterator[str]:
+        """Errors of the models on each run, and what stands out."""
         for run in self.runs:
-            yield from run.lines()
-        if len(self.runs) > 1:
-            yield "all runs"
-            yield from _table(
-                [(label, role, of[role]) for label, of in self.pooled.items() for role in ROLES if of[role]]
-            )
-        yield self.sentence
+            yield from run.table()
 
     def to_dict(self, files: Optional[Sequence[Optional[Files]]] = None) -> Document:
         """Plain values, as compare.json has them; files: the files of each run."""
@@ -174,6 +174,7 @@ class Comparison(_Frame):
             "pooled": self.pooled,
             "ranking": asdict(self.ranking),
             "noise_floor": self.noise_floor,
+            "prediction": as_document(self.prediction),
         }
 
     def save(self, folder: Path, page: bool = True, force: bool = False) -> str:

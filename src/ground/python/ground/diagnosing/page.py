@@ -2,14 +2,14 @@
 
 import itertools
 import os
-from typing import Any, List, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 from ground import _core
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.verdict import Conclusion
-from ground.diagnosing import words
+from ground.diagnosing import answer, words
 from ground.reports import appearance, figures, inspection, page, studies
-from ground.reports.words import number
+from ground.reports.words import listed, number, off
 from ground.support.annotations import Document
 
 MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
@@ -50,8 +50,9 @@ def write(
         force,
         name=name,
         report=report,
+        head=[line for line in answer.lines(report, os.curdir) if line[0] != "Details"],
         words=words,
-        fall=figures.fall(words.steps(report), report["noise_floor"], words.error_name(report)),
+        predictions=_predictions(report),
         drawn=most,
         count=len(runs),
         runs=studies.shown(inspected, [described[i] for i in drawn], banded),
@@ -80,6 +81,23 @@ def _inspected(
 
     of_all = iter(found.pool.map(inspected, itertools.product(runs, models)))
     return [[next(of_all) for _ in models] for _ in runs]
+
+
+def _predictions(report: Document) -> Optional[Document]:
+    """Bars of how far predicted poses are off; None where runs are too short."""
+    found, effects = report["prediction"], report["improved"]["effects"]
+    if found is None:
+        return None
+    shown = [("given", "the given model")]
+    if effects:
+        shown.append(("refitted", "refitted without " + ("them" if len(effects) > 1 else "it")))
+    shown.append(("improved", "refitted with " + listed(effects) if effects else "refitted"))
+    if "formula" in found["errors"]:
+        shown.append(("formula", "with the formula for what is left"))
+    last, seconds = off(found["errors"][shown[-1][0]]), found["seconds"]
+    before, floor = off(found["errors"][shown[-2][0]]), off(found["mocap"])
+    title = "After %.3g s predictions are off by %s, by %s before; the mocap alone leaves %s"
+    return figures.predictions(found, shown, title % (seconds, last, before, floor))
 
 
 def _candidates(report: Document) -> List[List[Any]]:

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 from ground.analysis import candidates, diagnosis
 from ground.analysis.verdict import MISREAD, Conclusion
 from ground.data.measured import Measured
-from ground.diagnosing import document, words
+from ground.diagnosing import answer, document, words
 from ground.models import Model, Parameter, Room
 from ground.recordings import findings
 from ground.recordings.recording import Recording
 from ground.reports import result_folder
 from ground.support import files
 from ground.support.annotations import Array, Document, Path
+from ground.support.headline import Line
 from ground.support.results import Shown
 
 if TYPE_CHECKING:
@@ -90,10 +91,13 @@ class Diagnosis(Shown):
     found: diagnosis.Diagnosis  #: the search, for the page
     conclusion: Conclusion
 
-    def lines(self) -> Iterator[str]:
-        """What `identify diagnose` prints."""
-        yield from words.concluded(self.report)
-        yield from words.described(self.report)
+    def headline(self, written: str = "") -> List[Line]:
+        """Its first lines: what is missing, how much it matters, and what to do next."""
+        return answer.lines(self.report, written)
+
+    def details(self) -> Iterator[str]:
+        """The evidence: what each effect explains, and what is left."""
+        return words.evidence(self.report)
 
     def to_dict(self) -> Document:
         """Plain values, as diagnosis.json has them."""

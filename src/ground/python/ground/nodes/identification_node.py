@@ -31,7 +31,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from ground.analysis import candidates
-from ground.diagnosing import words
+from ground.diagnosing import answer
 from ground.recordings import messages, readers
 from ground.support import files
 from ground.support.annotations import Document, Message
@@ -297,7 +297,7 @@ def _folder(path: str) -> str:
 def _found(task: str, result: Document) -> str:
     """The result of a task, in a sentence."""
     if task == "diagnose":
-        return words.verdict(result)
+        return answer.title(result)
     error = result["error"]
     if task == "fit":
         return "fitted: the error falls from %(before).3f to %(after).3f" % error
