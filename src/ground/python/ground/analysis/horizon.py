@@ -94,16 +94,16 @@ def _starts_in(run: _core.RunData, index: int, seconds: float) -> List[_core.Win
     return sorted(cut, key=lambda w: int(w.first))
 
 
-def predicted_poses(
+def _paths(
     runs: Sequence[_core.RunData],
     models: Sequence[_core.Model],
     chosen: Sequence[_core.Window],
     seconds: float,
-) -> Array:
-    """Poses x, y [m], psi [rad] that models, one for each of starts(), predict at their ends, (n, 3). The
-    initial velocities are the best for what was measured before each start. GroundError when a motion is
-    not finite."""
-    ends = np.empty((len(chosen), 3))
+) -> List[Tuple[Array, int]]:
+    """Poses (n, 3) that models, one for each of starts(), predict at its samples, and the sample at which the
+    prediction starts. The initial velocities are the best for what was measured before it. GroundError when
+    a motion is not finite."""
+    paths: List[Tuple[Array, int]] = [(np.empty((0, 3)), 0)] * len(chosen)
     groups: Dict[Tuple[int, int], List[int]] = {}
     for k, (window, model) in enumerate(zip(chosen, models)):
         groups.setdefault((window.run, id(model)), []).append(k)
@@ -115,8 +115,9 @@ def predicted_poses(
         warm = [_core.Window(0, window.first, int(split)) for window, split in zip(own, splits)]
         begun = call(windows.problem([run], warm).simulate, model)["nu"]
         ended = call(_core.predict, model, run, own, np.array([nu[0] for nu in begun]))["eta"]
-        ends[at] = [eta[-1] for eta in ended]
-    return ends
+        for k, eta, window, split in zip(at, ended, own, splits):
+            paths[k] = np.asarray(eta), int(split) - window.first
+    return paths
 
 
 def pose_errors(
@@ -125,10 +126,18 @@ def pose_errors(
     chosen: Sequence[_core.Window],
     seconds: float,
 ) -> Array:
-    """Errors of position [mm] and heading [deg] of predicted_poses, (n, 2)."""
-    measured = [np.array(run.poses if len(run.poses) else run.eta) for run in runs]
-    ends = np.array([measured[window.run][window.last] for window in chosen])
-    return _apart(predicted_poses(runs, models, chosen, seconds), ends)
+    """Errors of position [mm] and heading [deg] of the poses that models, one for each of starts(), predict
+    from the measured pose at the start, (n, 2). GroundError when a motion is not finite."""
+    ends, measured = np.empty((len(chosen), 3)), np.empty((len(chosen), 3))
+    for k, (window, (path, start)) in enumerate(zip(chosen, _paths(runs, models, chosen, seconds))):
+        run = runs[window.run]
+        measured[k] = (run.poses if len(run.poses) else run.eta)[window.last]
+        begun = run.eta[window.first + start]
+        turned = begun[2] - path[start, 2]
+        c, s = np.cos(turned), np.sin(turned)
+        moved = path[-1, :2] - path[start, :2]
+        ends[k] = begun + [*(np.array([[c, -s], [s, c]]) @ moved), path[-1, 2] - path[start, 2]]
+    return _apart(ends, measured)
 
 
 @dataclass(frozen=True)
@@ -230,8 +239,11 @@ def change(
     seconds: float,
     models: Tuple[_core.Model, _core.Model],
 ) -> Change:
-    """The Change between the predicted_poses of two models."""
-    a, b = (predicted_poses(runs, [model] * len(chosen), chosen, seconds) for model in models)
+    """The Change between the poses that two models predict from the same pose before the start."""
+    a, b = (
+        np.array([path[-1] for path, _ in _paths(runs, [model] * len(chosen), chosen, seconds)])
+        for model in models
+    )
     position, heading = np.sqrt((_apart(a, b) ** 2).mean(axis=0)).tolist()
     relative = np.array([position, heading]) / pose_noise(runs)
     return Change(seconds, position, heading, float(relative.max()))

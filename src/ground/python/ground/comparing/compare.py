@@ -10,8 +10,8 @@ runs      name, bag, models: by label
   prediction_error  the same with initial velocities from the first 0.4 s, of the rest
   thesis_objective  (3.4) over the first 4 s
   fit_percent, rms  per channel, of the windows
-  horizons          seconds, starts, root mean square errors of predicted poses: position_mm, heading_deg;
-                    the initial velocities are the best for what was measured before each start
+  horizons          seconds, starts, root mean square errors of predicted poses: position_mm, heading_deg,
+                    each started at the measured pose, with the velocities that suit the model best before it
   residuals         kind; noise levels; per channel autocorrelation, input_sum, input_difference:
                     lags, value, band99, how many are outside, accepted; white
   wrench            noise levels; disturbances left out [s]; per channel X, Y, N: mean, rms, std,

@@ -222,7 +222,7 @@ class Discovery(Flights):
         if story.confirmation is not None and story.confirmation.holds:
             story.confirmation = None  # it was another model's
         if misread:
-            story.findings.append(Finding(last, MISREAD, [], {}, [], GIVEN, misread, None, []))
+            story.findings.append(Finding(last, MISREAD, [], {}, [], GIVEN, misread, []))
             return
         found, label = self.found, "after flight %d" % last
         assert found is not None
@@ -237,9 +237,9 @@ class Discovery(Flights):
                 found.state.beliefs,
                 label,
                 analyst.sentences(found, self.analyst.formulas),
-                as_document(found.conclusion.prediction),
                 self._open(),
                 dict(found.words),
+                as_document(found.conclusion.prediction),
             )
         )
         self._judge_flights(found.diagnosis.fit)

@@ -94,11 +94,11 @@ class Finding:
     beliefs: List[Belief]
     label: str  # the improved model's
     sentences: List[str]  # the diagnosis in words
-    # horizon.PredictionError as a dictionary, of the diagnosis; None: not known
-    prediction: Optional[Dict[str, Any]]
     open: List[str]  # questions that are still open, in words
     # What effects mean that the library does not have: those found and those proposed
     words: Dict[str, str] = field(default_factory=dict)
+    # horizon.PredictionError as a dictionary, of the diagnosis; None: not known
+    prediction: Optional[Dict[str, Any]] = None
 
 
 @dataclass(frozen=True)
