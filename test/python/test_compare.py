@@ -80,8 +80,8 @@ def test_a_true_model_leaves_nothing(tmp_path):
 
 
 def test_the_horizon_errors_are_those_of_an_independent_simulation(tmp_path):
-    """The heading error by a missing yaw moment. Its closed form starts at the right rate; the model's rate is
-    the best one before the start, and lags by what the moment adds in half of that time."""
+    """The heading error by a missing yaw moment. Its closed form starts at the right rate; the model's rate
+    is the best one before the start, and lags by what the moment adds in half of that time."""
     one = study(tmp_path, "{name: yaw_bias, n0: 1.0e-4}")
     inertia, damping = 8.8e-5, 4.62e-5
     for horizon in one["horizons"][3:5]:

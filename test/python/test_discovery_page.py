@@ -50,7 +50,8 @@ def test_the_page_tells_the_whole_story(whole, browser):
         "nothing needed - nothing is open that a flight could show",
         "Tells motor_lag from input_delay.",
         "Whether wind or floor_tilt acts.",
-        "After this flight: first-order lag of the thrusters (motor_lag), or dead time between command and thrust",
+        "After this flight: first-order lag of the thrusters (motor_lag), or dead time between command and "
+        "thrust",
         "The newest model (after flight 1) predicted it; after 1 s it was off by 61 mm",
         "after flight 2 (in the controller)",
         "wind.wx",
