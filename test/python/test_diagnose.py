@@ -12,8 +12,7 @@ import ground
 from conftest import MODEL, ROOT, SHARED, identify, slow, write_bag
 from ground import _core
 from ground.analysis import candidates
-from ground.diagnosing import next_experiment
-from ground.diagnosing import words as said_of
+from ground.diagnosing import answer, next_experiment
 from ground.support.errors import GroundError
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
@@ -173,25 +172,29 @@ def test_a_complete_model_is_not_changed(tmp_path, unplanned):
     bag = write_bag(tmp_path / "run.bag", seed=3, duration=12.0)
     result = identify("diagnose", bag, "--model", MODEL, "-o", tmp_path / "out")
     assert result.returncode == 0, result.stderr
-    assert "Nothing is missing" in result.stdout
+    assert "Missing:               nothing" in result.stdout
     report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert report["verdict"] == "complete" and not report["steps"]
+    found = report["prediction"]
+    assert found["seconds"] == 1.0
+    for unit, error in found["errors"]["improved"].items():
+        assert error < 2 * found["mocap"][unit]
     assert report["improved"]["effects"] == [] and report["unexplained"]["proposal"] is None
 
 
 def test_an_effect_too_small_to_matter_is_reported_but_not_called_missing(tmp_path, unplanned):
     truth = with_effect(tmp_path / "truth.yaml", "{name: input_delay, delay: 0.0005}")
     bags = bags_of(tmp_path, truth)
-    result = identify("diagnose", *bags, "--model", MODEL, "-o", tmp_path / "out")
+    result = identify("diagnose", *bags, "--model", MODEL, "-o", tmp_path / "out", "--details")
     assert result.returncode == 0, result.stderr
-    assert "Nothing is missing" in result.stdout
+    assert "Missing:               nothing" in result.stdout
     report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert report["verdict"] == "complete" and report["improved"]["effects"] == []
     (slight,) = [dropped for dropped in report["dropped"] if dropped["change"]]
     assert slight["effect"] in ("input_delay", "motor_lag") and slight["p_value"] < 0.01
     assert slight["change"]["seconds"] == 1.0 and 0.1 < slight["change"]["position_mm"] < 2
     for text in (result.stdout, (tmp_path / "out" / "report.html").read_text()):
-        assert "(%s) (p" % slight["effect"] in text and "too small to matter" in text
+        assert "(%s) was not added: it is too small to matter" % slight["effect"] in text
 
 
 @slow
@@ -322,10 +325,11 @@ def test_runs_that_are_held_out_judge_and_do_not_choose(tmp_path, lagging, unpla
     assert found["tested"]["dropped"] == found["alone"]["dropped"]
     errors = [found["tested"][kind]["error"]["heldout"] for kind in ("nominal", "improved")]
     assert errors[0] < errors[1]
-    said = said_of.verdict(found["tested"])
-    assert "falls" not in said and "motor_lag" in said.split("contradict")[1]
-    assert said in html.unescape((tmp_path / "tested" / "report.html").read_text())
-    assert "contradict" not in said_of.verdict(found["alone"])
+    said = answer.title(found["tested"])
+    assert "motor_lag" in said.split("Contradicted")[0]
+    shown = html.unescape((tmp_path / "tested" / "report.html").read_text())
+    assert said.partition(": ")[2] in " ".join(shown.split())
+    assert "Contradicted" not in answer.title(found["alone"])
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from ground.data import bag_arguments
 from ground.data import measured as api
 from ground.models import Model
 from ground.recordings import drafts, findings, layouts, mapping, readers
-from ground.reports.words import listed
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
@@ -76,7 +75,7 @@ def _headline(described: Sequence[Document]) -> Iterator[Line]:
         "%.4g Hz or more; noise up to %.2g mm, %.2g deg" % (rate, 1e3 * position, math.degrees(heading)),
     )
     if doubtful:
-        yield "Next", "look at %s: %s" % (listed(doubtful), odd[doubtful[0]][0])
+        yield "Next", "look at %s: %s" % (", ".join(doubtful), odd[doubtful[0]][0])
     else:
         yield "Next", "nothing to mend"
 

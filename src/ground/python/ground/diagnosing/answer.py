@@ -104,7 +104,9 @@ def _rest(report: Document) -> str:
     kind, found = report["verdict"], report["improved"]["effects"]
     explained = report["improved"]["error"]["heldout"] < EXPLAINED * report["noise_floor"]
     if kind == "complete" and explained:
-        return "nothing - the model predicts these runs as well as the mocap can measure them."
+        small = [words.effect(report, one["effect"]) for one in report["dropped"] if one["change"]]
+        acts = " A trace of %s can be seen, too small to matter." % listed(small) if small else ""
+        return "nothing - the model predicts these runs as well as the mocap can measure them." + acts
     if kind == "complete":
         return (
             "nothing that these runs show - what the model leaves is a random disturbance, which nothing "
