@@ -1,4 +1,4 @@
-"""The first lines of every verb and verdict: the answer, its size with units, the file, and what to do next."""
+"""The first lines of every verb and verdict: answer, size with units, file, and what to do next."""
 
 import copy
 import json
@@ -43,7 +43,7 @@ def said_by(*arguments):
 
 
 def without_units(text):
-    """Numbers without a unit, but for those in names of files and commands, and the lower ends of intervals."""
+    """Numbers without a unit, but for those in names of files and the lower ends of intervals."""
     prose = re.sub(r"\S*(/|\.(yaml|bag|html|json|csv))\S*|95%:|Prediction after", "", text)
     return re.findall(r"(?<![\w.])\d[\d.]*(?![\w.]| ?(?:ms|mm|m|deg|s)\b|%| to )", prose)
 

@@ -177,7 +177,7 @@ class Discovery(Flights):
         flown = self._excite(
             CONFIRM,
             choice.confirming(self.given, self._seed(len(self.story.flights))),
-            "Neither fit nor choice has seen it: both models predict it beforehand.",
+            "A test flight, which decides nothing: both models predict it beforehand.",
         )
         if flown is None:
             self._end("no time of flight is left for a confirming flight")

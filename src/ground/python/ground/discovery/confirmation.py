@@ -1,4 +1,4 @@
-"""Whether the final model predicts a flight that neither fit nor choice has seen."""
+"""Whether the final model predicts a test flight, which neither fit nor choice of flights has used."""
 
 from typing import Optional
 

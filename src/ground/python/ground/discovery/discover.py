@@ -30,8 +30,8 @@ REST = 2.0  # length of a simulation that checks the conditions [s]
 DETAILS = """
 The craft flies bursts of inputs in a room, without ROS and faster than real time. All flights so far
 are diagnosed, the controllers take the improved model, and the next flight is the one that is
-expected to tell most about the effects that are still open. When no question is left, a flight that
-neither fit nor choice has seen confirms the result.
+expected to tell most about the effects that are still open. When no question is left, a test flight
+checks the result, which decides nothing.
 
 DIR keeps recordings, inputs, models, journal.json and, after each step, the page report.html. When
 DIR has a discovery of the same model, it is continued. A disturbance in the file of the true model
@@ -72,7 +72,7 @@ class Discovery(Shown):
     groups: Dict[str, List[str]]  #: effects that cannot be distinguished from a found one, itself first
     model: Model  #: the model with them, fitted to the flights
     sure: bool  #: whether nothing is open that a flight could show
-    confirmed: bool  #: whether it has predicted a flight that neither fit nor choice has seen
+    confirmed: bool  #: whether it has predicted a test flight, which decided nothing
     seconds: float  #: time of flight [s]
     story: Story  #: everything, flight by flight
     page: str  #: path of report.html; empty without a folder
