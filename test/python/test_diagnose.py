@@ -103,11 +103,11 @@ def test_a_lag_is_found_and_its_model_can_be_used(tmp_path, lagging):
     assert {c["effect"] for c in report["candidates"]} == tried_by_default()
     assert [c["rank"] for c in report["candidates"]] == list(range(1, len(tried_by_default()) + 1))
     page = (out / "report.html").read_text()
-    assert "(motor_lag) is missing" in page
+    assert "motor_lag - first-order lag" in page
     bands = {(b["horizon"], b["channel"]): b for b in report["bands"]}
     assert set(bands) == {(h, c) for h in (0.5, 1.5, 4.0) for c in ("x", "y", "psi", "u", "v", "r")}
     assert 0.75 < bands[0.5, "psi"]["coverage"] <= 1
-    assert "90% prediction bands hold on held-out runs" in page
+    assert "90% prediction bands contain" in page
     # The simulator accepts the model.
     simulated = identify(
         "simulate",
@@ -133,8 +133,9 @@ def test_an_improvement_is_that_over_what_a_fit_reaches(tmp_path, lagging, unpla
     report = json.loads(result.stdout)
     before, after = (report[name]["error"]["heldout"] for name in ("nominal", "improved"))
     assert after < before <= ground.fit(MODEL, lagging).error.heldout * 1.001
-    fall = "falls from %.3f to %.3f" % (before, after)
-    assert fall in (out / "report.html").read_text()
+    errors = report["prediction"]["errors"]
+    for unit in ("position_mm", "heading_deg"):
+        assert 3 * errors["improved"][unit] < min(errors["given"][unit], errors["refitted"][unit])
     improved = yaml.safe_load((out / "improved.yaml").read_text())["provenance"]
     for name, error in (("error_before", "nominal"), ("error_after", "improved")):
         assert improved[name].items() <= report[error]["error"].items()
@@ -421,7 +422,7 @@ def test_misread_recordings_are_not_diagnosed_as_missing_effects(change, kind, o
     (finding,) = report["findings"]
     assert finding["kind"] == kind and finding["misread"] and finding["runs"] == ["run"]
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "The recordings look misread, so no effect is blamed" in page
+    assert "not searched" in page
     assert finding["evidence"] in html.unescape(page)
     assert "distinguish all effects" not in page and "Parts of its squared error" not in page
     assert not (tmp_path / "out" / "improved.yaml").exists()
