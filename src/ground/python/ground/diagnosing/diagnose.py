@@ -19,7 +19,7 @@ from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Array, Document, Path
 from ground.support.command_line import option
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, did_you_mean
 from ground.support.headline import formatted
 from ground.support.progress import Progress, Work
 
@@ -156,7 +156,8 @@ def _check_known(named: Iterable[str], by_default: List[str]) -> None:
     known = by_default + [name for name in candidates.on_request() if name not in by_default]
     for name in named:
         if name not in known:
-            raise GroundError("there is no effect %s; there are %s" % (name, ", ".join(known)))
+            hint = did_you_mean(name, known)
+            raise GroundError("there is no effect %s%s; there are %s" % (name, hint, ", ".join(known)))
 
 
 def _result(
