@@ -132,7 +132,9 @@ class _Options(Acting, Mocap):
         "order N of a sequence of 2^N - 1 bits (9)", type=int, range=(2, 20), metavar="2..20"
     )
     rows_per_bit: Optional[int] = _input(
-        "FILE.csv of bits: lines per bit (found from the file)", type=count, metavar="N"
+        "FILE.csv of a bit sequence: number of equal lines that make one bit (found from the file)",
+        type=count,
+        metavar="N",
     )
     levels: Optional[Sequence[float]] = _input(
         "inputs, 0..1, or -1..1 if a thruster can be reversed: low and high; any number for steps, "
