@@ -326,7 +326,9 @@ class RoughAnalyst:
         before = types.SimpleNamespace(model=model)
         conclusion = types.SimpleNamespace(varies=[], prediction=None, before=before)
         fit = types.SimpleNamespace(expected=10.0 if len(recordings) > 4 else 1e-3)
-        found = types.SimpleNamespace(fit=fit, chosen=[types.SimpleNamespace(name="yaw_bias")], steps=[])
+        found = types.SimpleNamespace(
+            fit=fit, given=given(), chosen=[types.SimpleNamespace(name="yaw_bias")], steps=[]
+        )
         state = types.SimpleNamespace(open=[], beliefs=[])
         return types.SimpleNamespace(
             diagnosis=found, conclusion=conclusion, state=state, offers=[], model=model,
@@ -353,6 +355,7 @@ def swift(monkeypatch):
     monkeypatch.setattr(flights.readers, "read", read_once)
     monkeypatch.setattr(campaign.analyst, "Analyst", RoughAnalyst)
     monkeypatch.setattr(campaign.analyst, "expected_errors", lambda _, fit, *__, **___: [fit.expected])
+    monkeypatch.setattr(campaign.analyst, "expected_off", lambda *_: (1.0, 0.1))
 
     def begin(folder, settings=None, told=None, kind=SwiftLaboratory):
         folder.mkdir(exist_ok=True)
