@@ -1,9 +1,9 @@
 """Identification, diagnosis and control of a miniature hovercraft.
 
-`ground.read`, `fit`, `compare`, `diagnose`, `discover`, `add`, `simulate` and `track` do what the programs of
-the same names do and give frozen results. SI units; poses x, y [m], psi [rad] in world_ned;
-velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs 0..1. A
-wrong file or argument raises `GroundError` with one line that says what, where and why. What is
+`ground.read`, `fit`, `predict`, `compare`, `diagnose`, `discover`, `add`, `simulate` and `track` give
+frozen results, most of them those of the programs of the same names. SI units; poses x, y [m], psi [rad]
+in world_ned; velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs
+0..1. A wrong file or argument raises `GroundError` with one line that says what, where and why. What is
 valid but probably a mistake gives a `GroundWarning`.
 """
 
@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, List
 
 # Public names by their module. A module is loaded on first use: those that a fit needs take a second.
 _PUBLIC = {
+    "analysis.effects": "Effect EffectParameter Effects effects",
+    "comparing.predict": "Prediction predict",
     "fitting.add": "Addition add",
     "discovery.discover": "Discovery discover",
     "data.measured": "read",
@@ -29,7 +31,9 @@ _PUBLIC = {
 }
 _HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
 if TYPE_CHECKING:
+    from ground.analysis.effects import Effect, EffectParameter, Effects, effects
     from ground.comparing.compare import compare
+    from ground.comparing.predict import Prediction, predict
     from ground.comparing.result import Comparison, RunComparison
     from ground.control.track import Tracking, track
     from ground.data.measured import read
@@ -50,12 +54,16 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "Comparison",
     "Diagnosis",
     "Discovery",
+    "Effect",
+    "EffectParameter",
+    "Effects",
     "Fit",
     "GroundError",
     "GroundWarning",
     "Model",
     "OptionError",
     "Parameter",
+    "Prediction",
     "Recording",
     "Room",
     "RunComparison",
@@ -65,7 +73,9 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "compare",
     "diagnose",
     "discover",
+    "effects",
     "fit",
+    "predict",
     "read",
     "simulate",
     "track",

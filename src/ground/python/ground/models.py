@@ -1,5 +1,6 @@
 """Models of crafts, and rooms."""
 
+import functools
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Dict, Iterable, Iterator, Mapping, Optional, Sequence, Tuple, Union
@@ -7,6 +8,8 @@ from typing import TYPE_CHECKING, Dict, Iterable, Iterator, Mapping, Optional, S
 import numpy as np
 
 from ground import _core
+from ground.analysis import candidates
+from ground.analysis.effects import Effect, EffectLike
 from ground.support import errors, files, origin
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
@@ -15,6 +18,7 @@ from ground.support.results import Shown
 if TYPE_CHECKING:
     import pandas
 
+    from ground import Prediction
     from ground.recordings.recording import Recording
 
 
@@ -93,6 +97,17 @@ class Model(Shown):
         """The model, loaded if it is a path."""
         return model if isinstance(model, Model) else cls.load(model)
 
+    def __eq__(self, other: object) -> bool:
+        """Whether it has the same body, effects and values, wherever it comes from."""
+        return isinstance(other, Model) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    @functools.cached_property
+    def _content(self) -> str:
+        return _changed(self.core.copy()).format()
+
     @property
     def name(self) -> str:
         """Its title."""
@@ -130,22 +145,34 @@ class Model(Shown):
             raise GroundError(str(error)) from error
         return _changed(core)
 
-    def with_effect(self, effect: Path, **values: float) -> "Model":
-        """A copy with an effect: a name of the library, or a YAML file with one effect; values: those
-        of its parameters. GroundError when there is no such effect, or the model has it already."""
-        from ground.analysis import candidates
-
-        candidate = candidates.named(os.fspath(effect), self.core)
+    def with_effect(self, effect: EffectLike, **values: float) -> "Model":
+        """A copy with an effect: an Effect, a name of the library, a YAML file with one effect, or its
+        entry in a model file; values: those of its parameters. Also `model + effect`. GroundError when
+        there is no such effect, or the model has it already."""
+        candidate = Effect.of(effect).candidate(self.core)
         extended = _changed(candidate.add(self.core))
         return extended.with_values({"%s.%s" % (candidate.name, n): v for n, v in values.items()})
 
+    def __add__(self, effect: EffectLike) -> "Model":
+        return self.with_effect(effect)
+
+    def __sub__(self, effect: Union[Effect, str]) -> "Model":
+        return self.without_effect(effect.name if isinstance(effect, Effect) else effect)
+
     def without_effect(self, name: str) -> "Model":
-        """A copy without an effect. GroundError when the model has none of that name."""
+        """A copy without an effect; also `model - name`. GroundError when the model has none of that
+        name."""
         if name not in self.effects:
             raise GroundError("%s has no effect %s" % (self.name, name))
         core = self.core.copy()
         core.remove_effect(name)
         return _changed(core)
+
+    def predict(self, recording: "Union[Recording, Path]", horizon: float = 1.5) -> "Prediction":
+        """What it predicts of a recording, sample by sample; see ground.predict."""
+        import ground
+
+        return ground.predict(self, recording, horizon)
 
     def format(self) -> str:
         """The text of its file."""
@@ -170,8 +197,6 @@ class Model(Shown):
 
     def lines(self) -> Iterator[str]:
         """Title, effects and parameters."""
-        from ground.analysis import candidates
-
         yield "%s, effects: %s" % (self.name, candidates.listed(self.core) or "none")
         for p in self.core.parameters():
             yield "%-24s %12.4g %s" % (p["name"], self.core.value(p["name"]), p["unit"])

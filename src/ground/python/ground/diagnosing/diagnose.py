@@ -9,6 +9,7 @@ from typing import Callable, Dict, Iterable, List, Optional, Sequence
 import numpy as np
 
 from ground.analysis import candidates, diagnosis
+from ground.analysis.effects import Effect, EffectLike
 from ground.analysis.verdict import MISREAD, Conclusion, conclude
 from ground.data import bag_arguments
 from ground.data.measured import Recordings, held_out, measured
@@ -17,7 +18,7 @@ from ground.diagnosing.result import Diagnosis, Problem, prepare
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
 from ground.reports import result_folder
 from ground.support import command_line
-from ground.support.annotations import Array, Document, Path
+from ground.support.annotations import Array, Document
 from ground.support.command_line import option
 from ground.support.errors import GroundError
 from ground.support.progress import Progress, Work
@@ -37,7 +38,7 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
         nargs="+",
     )
     exclude: Sequence[str] = option((), "effects not to try", metavar="EFFECT", nargs="+")
-    effects: Sequence[Path] = option(
+    effects: Sequence[EffectLike] = option(
         (),
         "effects to try as well: your own, one in each FILE.yaml, as model files list them, or by name those "
         "of the library that are not tried by default (%s)" % ON_REQUEST,
@@ -113,12 +114,12 @@ def _problem(
 ) -> Problem:
     """Reads all that a diagnosis needs."""
     given = Model.of(model)
-    own = [os.fspath(effect) for effect in options.effects]
+    own = [Effect.of(effect) for effect in options.effects]
     tried = effects_to_try(given, options.only, options.exclude, own)
     room = None if options.room is None else Room.of(options.room)
     seen = measured(recordings, given, options, work)
     held = held_out(holdout, given, options, work, seen)
-    files = [effect for effect in own if effect not in candidates.on_request()]
+    files = [effect.path for effect in own if effect.path]
     return Problem(given, tried, seen, held, files, room, options.as_recorded)
 
 
@@ -126,20 +127,20 @@ def effects_to_try(
     model: Model,
     only: Optional[Sequence[str]] = None,
     exclude: Sequence[str] = (),
-    effects: Sequence[str] = (),
+    effects: Sequence[Effect] = (),
 ) -> List[candidates.Candidate]:
     """Effects of the library and of `effects`, selected by `only` and `exclude`. Those of `effects`
     are tried in addition to the library's in `only`, unless `only` names one of them; they replace
     those of the library with the same names. GroundError when one does not exist or does not fit
     the model."""
-    own = [candidates.named(effect, model.core) for effect in effects]
+    own = [effect.candidate(model.core) for effect in effects]
     names = [c.name for c in own]
     library = [c for c in candidates.library(model.core, only or ()) if c.name not in names]
     by_default = [c.name for c in library] + names + list(model.effects)
     _check_known([*(only or ()), *exclude], by_default)
-    for path, name in zip(effects, names):
+    for effect, name in zip(effects, names):
         if names.count(name) > 1:
-            raise GroundError("%s: --effects has another effect %s" % (path, name))
+            raise GroundError("%s: --effects has another effect %s" % (effect.path or name, name))
     wanted = set(only or by_default)
     if not wanted & set(names):
         wanted |= set(names)

@@ -1,13 +1,13 @@
 """add: adds a physical effect to a model and refits it, with the error before and after."""
 
 import argparse
-import os
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Dict, Iterator, Tuple
 
 import numpy as np
 
 from ground.analysis import candidates, distributions, window_error
+from ground.analysis.effects import Effect, EffectLike
 from ground.analysis.window_error import WindowFit
 from ground.data import bag_arguments
 from ground.data.measured import Measured, Recordings, held_out, measured
@@ -119,7 +119,7 @@ class AddOptions(bag_arguments.AsRecorded, bag_arguments.Part):
 @command_line.takes(AddOptions)
 def add(
     model: ModelLike,
-    effect: Path,
+    effect: EffectLike,
     recordings: Recordings,
     *,
     holdout: Recordings = (),
@@ -129,7 +129,7 @@ def add(
     """Adds an effect to a model. The models with and without it are fitted to the recordings, and to
     all but a part of them.
 
-    effect: a name of the library, or a YAML file with one effect as model files have it.
+    effect: an Effect, a name of the library, or a YAML file with one effect as model files have it.
     recordings, holdout: recordings or bags to fit to and to test on. progress: called with a
     ground.support.progress.Report at each step. GroundError when there is no such effect, or the
     recordings are too short or look misread (swapped channels, wrong signs, units or clocks). Options:
@@ -143,7 +143,7 @@ def add(
     """
     work = Work.of(progress)
     given, part = Model.of(model), options
-    candidate = candidates.named(os.fspath(effect), given.core)
+    candidate = Effect.of(effect).candidate(given.core)
     extended = candidate.add(given.core)
     seen = measured(recordings, given, part, work)
     held = held_out(holdout, given, part, work, seen)
