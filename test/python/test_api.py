@@ -24,7 +24,8 @@ HIDDEN = 2e-5  # constant yaw moment of the simulated craft [N m]
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_hold(name, flown):
+def test_examples_hold(name, flown, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     module = importlib.import_module(name)
     files = {
         "ground": ground,
@@ -39,6 +40,13 @@ def test_examples_hold(name, flown):
     public = [n for n in ground.__all__ if ground._HOMES[n] == name]
     verbs = [n for n in public if n.islower()]
     assert found.attempted >= 2 * len(verbs), "a public function has no example"
+
+
+def test_every_public_name_has_an_example():
+    shown = "".join(path.read_text() for path in sorted((ROOT / "docs" / "gallery").glob("*.py")))
+    for name in ground.__all__:
+        is_shown = ">>>" in (getattr(ground, name).__doc__ or "") or "ground." + name in shown
+        assert is_shown, name
 
 
 def test_every_public_name_is_described_and_has_a_home():

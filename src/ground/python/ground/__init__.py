@@ -7,7 +7,11 @@ in world_ned; velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in t
 valid but probably a mistake gives a `GroundWarning`.
 """
 
+from pkgutil import extend_path as _extend_path
 from typing import TYPE_CHECKING, Any, List
+
+# In catkin's devel space the compiled core is in another folder; a new process may find the sources first.
+__path__ = _extend_path(__path__, __name__)
 
 # Public names by their module. A module is loaded on first use: those that a fit needs take a second.
 _PUBLIC = {
@@ -24,8 +28,10 @@ _PUBLIC = {
     "support.errors": "GroundError GroundWarning OptionError",
     "fitting.fit": "fit",
     "fitting.result": "Fit",
-    "models": "Model Parameter Room",
+    "models": "Fitted Model Parameter Room",
     "recordings.recording": "Recording",
+    "results.load": "load",
+    "results.plot": "Figures plot",
     "simulation.simulate": "simulate",
     "simulation.simulated_run": "SimulatedRun",
 }
@@ -43,8 +49,10 @@ if TYPE_CHECKING:
     from ground.fitting.add import Addition, add
     from ground.fitting.fit import fit
     from ground.fitting.result import Fit
-    from ground.models import Model, Parameter, Room
+    from ground.models import Fitted, Model, Parameter, Room
     from ground.recordings.recording import Recording
+    from ground.results.load import load
+    from ground.results.plot import Figures, plot
     from ground.simulation.simulate import simulate
     from ground.simulation.simulated_run import SimulatedRun
     from ground.support.errors import GroundError, GroundWarning, OptionError
@@ -57,7 +65,9 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "Effect",
     "EffectParameter",
     "Effects",
+    "Figures",
     "Fit",
+    "Fitted",
     "GroundError",
     "GroundWarning",
     "Model",
@@ -75,6 +85,8 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "discover",
     "effects",
     "fit",
+    "load",
+    "plot",
     "predict",
     "read",
     "simulate",

@@ -24,7 +24,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Parameter:
-    """An estimated parameter."""
+    """An estimated parameter.
+
+    >>> k = ground.fit(model_file, bag, free=["k"]).parameters["k"]
+    >>> k.unit, k.identified, k.ci95[0] < k.value < k.ci95[1]
+    ('N', True, True)
+    """
 
     name: str  #: "k", or "EFFECT.PARAMETER"
     unit: str
@@ -54,6 +59,23 @@ def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
     index = pandas.Index(list(parameters), name="parameter")
     columns = ["start", "value", "low", "high", "identified", "unit"]
     return pandas.DataFrame(rows, index=index, columns=columns)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """How a model was fitted, as its file says.
+
+    >>> ground.fit(model_file, bag, free=["k"]).model.fitted.recordings
+    ('run.bag',)
+    """
+
+    date: str  #: UTC, ISO 8601
+    command: str
+    recordings: Tuple[str, ...]  #: names of the files fitted to
+    error_before: Dict[str, float]  #: by kind of runs: fit, heldout, holdout
+    error_after: Dict[str, float]
+    ci95: Dict[str, Tuple[float, float]]  #: 95% intervals by parameter
+    not_identified: Tuple[str, ...]  #: parameters that the recordings did not determine
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,6 +144,15 @@ class Model(Shown):
     def label(self) -> str:
         """Its file's name without the extension, or its title."""
         return os.path.splitext(os.path.basename(self.path))[0] or self.name
+
+    @property
+    def fitted(self) -> Optional[Fitted]:
+        """How it was fitted; None if it was not, or was changed since."""
+        p = self.core.provenance
+        if not p.bags:
+            return None
+        bags, unknown, ci95 = tuple(p.bags), tuple(p.not_identified), dict(p.confidence_95)
+        return Fitted(p.date, p.command, bags, dict(p.error_before), dict(p.error_after), ci95, unknown)
 
     @property
     def values(self) -> Dict[str, float]:

@@ -23,7 +23,11 @@ PARAMETER = ("value", "unit", "lower", "upper")  # of a tuple
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """A parameter of an effect."""
+    """A parameter of an effect.
+
+    >>> ground.Effect("wind", wx=0.1).parameters["wx"]
+    EffectParameter(unit='m/s', value=0.1, neutral=0.0, meaning='velocity along world x')
+    """
 
     unit: str
     value: float  #: at which a fit begins
@@ -195,7 +199,12 @@ EffectLike = Union[Effect, Mapping[str, Any], Path]
 
 
 class Effects(Shown, List[Effect]):
-    """Effects as a list that shows as a table."""
+    """Effects as a list that shows as a table.
+
+    >>> print(ground.effects()[-1])
+    yaw_bias: constant yaw moment
+      n0 0 N m  moment
+    """
 
     def to_frame(self) -> "pandas.DataFrame":
         """A row for each, indexed by name: meaning, and parameters with their units."""

@@ -143,7 +143,7 @@ def _each_run(
         with work.stage(COMPARING, sum(lengths)):
             for length, (recording, studies) in zip(lengths, results):
                 work.step(length)
-                yield RunComparison(recording, studies)
+                yield RunComparison(recording.name, recording.bag, studies, recording)
 
 
 def _inspect(task: Sequence[Tuple[Any, ...]]) -> List[Document]:

@@ -27,7 +27,14 @@ COLUMNS = (*POSE, *VELOCITY)
 class Prediction(Shown, Plotted):
     """What a model predicts of a run: it starts again and again from what was measured until then, and goes
     on for the horizon by the commands alone. Arrays have a row for each predicted sample and columns x, y
-    [m], psi [rad] (world_ned), u, v [m/s], r [rad/s] (body)."""
+    [m], psi [rad] (world_ned), u, v [m/s], r [rad/s] (body).
+
+    >>> made = ground.predict(model_file, bag, horizon=1.0)
+    >>> made.horizon, made.to_frame().attrs["units"]["psi_residual"]
+    (1.0, 'rad')
+    >>> bool(made.ahead.max() < 1.01 and made.position_mm > made.noise_mm)
+    True
+    """
 
     name: str  #: of the run
     model: Model

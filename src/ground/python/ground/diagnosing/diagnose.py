@@ -14,8 +14,10 @@ from ground.analysis.verdict import MISREAD, Conclusion, conclude
 from ground.data import bag_arguments
 from ground.data.measured import Recordings, held_out, measured
 from ground.diagnosing import document, words
+from ground.diagnosing.drawn import IMPROVED, NOMINAL, Drawn
 from ground.diagnosing.result import Diagnosis, Problem, prepare
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
+from ground.recordings import findings
 from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Array, Document
@@ -183,10 +185,17 @@ def _result(
         noise_floor=conclusion.heldout_floor,
         next_inputs=_next_inputs(problem, report["next_experiment"]),
         report=report,
-        problem=problem,
-        found=found,
-        conclusion=conclusion,
+        drawn=_drawn(problem, found, conclusion),
     )
+
+
+def _drawn(problem: Problem, found: diagnosis.Diagnosis, conclusion: Conclusion) -> Drawn:
+    """What the page draws."""
+    models = {NOMINAL: conclusion.before.model}
+    if found.chosen:
+        models[IMPROVED] = conclusion.improved
+    described = findings.describe(problem.seen.runs + problem.held.runs)
+    return Drawn(found.runs, problem.held.data, models, conclusion.bands, described, problem.inputs)
 
 
 def _errors(error: Document) -> Dict[str, float]:

@@ -52,7 +52,12 @@ class Verdict:
 
 @dataclass(frozen=True, repr=False)
 class Addition(Shown):
-    """A model with an added effect. The models with and without it are refitted."""
+    """A model with an added effect. The models with and without it are refitted.
+
+    >>> found = ground.add(model_file, "yaw_bias", bag)
+    >>> found.effect, found.model.effects, found.verdict.helps
+    ('yaw_bias', ('yaw_bias',), True)
+    """
 
     effect: str
     model: Model  #: with the effect

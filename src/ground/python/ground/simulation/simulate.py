@@ -189,8 +189,8 @@ def simulate(
     bits or timed rows. inputs: in its place, rows of time [s] and a command for each channel of the model
     (n, 1 + channels), each held until the next, the last row ends it; without the lift's column, lift and
     lift_time say it. A DataFrame has columns t and the channels by name. OptionError when an option does
-    not go with the input, GroundError when nothing can be recorded. Options, as keyword arguments or as SimulateOptions;
-    disturbance may be True for that of the model:
+    not go with the input, GroundError when nothing can be recorded. Options, as keyword arguments or as
+    SimulateOptions; disturbance may be True for that of the model:
 
     >>> run = ground.simulate(model_file, "prbs", duration=5, seed=3)
     >>> run
