@@ -102,7 +102,8 @@ def test_what_a_function_does_is_what_its_formula_does():
     def force(state, inputs, a):
         drag = -np.clip(state.u, -0.2, 0.2) * abs(state.v) ** 1.5 + np.arctan2(state.y, 1.0)
         push = (inputs.left - inputs.right) / (1 + state.r**2) - np.hypot(state.x, 0.5 * inputs.lift)
-        return a * push, a * drag, -a * np.tanh(state.psi) * np.exp(-state.t)
+        table = np.interp(state.psi, [-1.0, -0.2, 0.3, 0.9], [0.5, -0.1, 0.0, 2.0])
+        return a * push, a * drag, -a * table * np.tanh(state.psi) * np.exp(-state.t)
 
     effect = ground.Effect("mine", force=force, a=(1.0, "N"))
     known = {"min": min, "max": max, "atan2": np.arctan2, "tanh": np.tanh, "exp": np.exp, "sqrt": np.sqrt}
@@ -144,7 +145,8 @@ def takes_numbers(state, inputs):
         (lambda state, inputs: (state.x, 0), "must return X, Y, N"),
         (lambda state, inputs: state.x, "effect mine"),
         (lambda state, inputs: (np.sum(state.x), 0, 0), "numpy.sum|numpy.add.reduce"),
-        (lambda state, inputs: (np.interp(state.x, [0, 1], [0, 1]), 0, 0), "effect mine"),
+        (lambda state, inputs: (np.interp(state.x, [1, 0], [0, 1]), 0, 0), "points that ascend"),
+        (lambda state, inputs: (np.cumsum(state.x), 0, 0), "effect mine"),
         (lambda state, inputs: ("a", None, 0), "effect mine|not NoneType"),
         (lambda state: (0, 0, 0), "effect mine"),
         (lambda state, inputs: (0, 0, 0), "no force"),

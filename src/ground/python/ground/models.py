@@ -142,8 +142,9 @@ class Model(Shown):
 
     @property
     def label(self) -> str:
-        """Its file's name without the extension, or its title."""
-        return os.path.splitext(os.path.basename(self.path))[0] or self.name
+        """Its file's name without the extension, or its title with its effects."""
+        titled = " with ".join(filter(None, (self.name, ", ".join(self.effects))))
+        return os.path.splitext(os.path.basename(self.path))[0] or titled
 
     @property
     def fitted(self) -> Optional[Fitted]:

@@ -48,9 +48,10 @@ class Effect(Shown):
 
     force: a Python function in place of formulas, of `state` (u, v, r, x, y, psi, t and the effect's
     states), `inputs` (left, right, lift, or u_NAME of a thruster) and the parameters by name; it
-    returns X, Y, N. It is called once, with symbols, and becomes a formula; so everything works with it that
-    works with formulas. It may use arithmetic, comparisons, numpy.where and numpy's functions, and
-    must not use `if`, `math` or tables. GroundError says what is wrong.
+    returns X, Y, N, or a dict of components. It is called once, with symbols, and becomes a formula; so
+    everything works with it that works with formulas. It may use arithmetic, comparisons, numpy's
+    functions of numbers, numpy.where and numpy.interp, and must not use `if` or `math`. GroundError
+    says what is wrong.
 
     >>> waves = ground.Effect("washboard", X="a*sin(2*pi*x/0.3)", a=(0.01, "N"))
     >>> craft = ground.Model.load(model_file) + waves + ground.Effect("wind", wx=0.1)
@@ -143,7 +144,9 @@ class Effect(Shown):
         if "expression" in self.entry:
             given: Document = self.entry.get("parameters", {})
             return {
-                key: EffectParameter(str(p["unit"]), p["value"], p.get("neutral", 0.0), p.get("doc", ""))
+                key: EffectParameter(
+                    str(p.get("unit", "")), p.get("value", 0.0), p.get("neutral", 0.0), p.get("doc", "")
+                )
                 for key, p in given.items()
             }
         return {

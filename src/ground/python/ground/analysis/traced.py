@@ -20,7 +20,7 @@ OPERATORS = {
     "less": "<", "less_equal": "<=", "greater": ">", "greater_equal": ">=", "equal": "==",
     "not_equal": "!=", "logical_and": "&&", "logical_or": "||", "bitwise_and": "&&", "bitwise_or": "||",
 }  # fmt: skip
-ONLY = "a force is made of + - * / **, comparisons, numpy.where and numpy's %s" % ", ".join(
+ONLY = "a force is made of + - * / **, comparisons, numpy.where, clip, interp and numpy's %s" % ", ".join(
     sorted(name for name in CALLS if not name.startswith(("f", "arc")))
 )
 
@@ -45,6 +45,8 @@ class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
         return Symbol(forms[name] % tuple(texts))
 
     def __array_function__(self, function: Any, kinds: Any, given: Any, options: Any) -> "Symbol":
+        if function is np.interp and len(given) == 3 and not options:
+            return _interpolated(*given)
         texts = [formula(one) for one in given]
         if function is np.where and len(texts) == 3:
             return Symbol("(%s ? %s : %s)" % tuple(texts))
@@ -62,6 +64,16 @@ class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
         raise GroundError("a force must not take numbers out of its arguments (math.sin does): %s" % ONLY)
 
     __index__ = __int__ = __len__ = __iter__ = __float__
+
+
+def _interpolated(at: Any, points: Any, values: Any) -> Symbol:
+    """numpy.interp: constant outside the points, so that slopes begin and end with 0."""
+    x, y = np.asarray(points, float), np.asarray(values, float)
+    if x.ndim != 1 or x.shape != y.shape or not len(x) or (np.diff(x) <= 0).any():
+        raise GroundError("numpy.interp needs as many values as points, and points that ascend")
+    kinks = np.diff(np.concatenate([[0.0], np.diff(y) / np.diff(x), [0.0]]))
+    terms = ["%s*max(%s-%s,0)" % (formula(k), formula(at), formula(p)) for k, p in zip(kinks, x) if k]
+    return Symbol("(%s)" % "+".join([formula(y[0]), *terms]))
 
 
 def formula(value: Any) -> str:

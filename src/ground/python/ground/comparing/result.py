@@ -1,7 +1,7 @@
 """A comparison: its numbers, its lines of text, and the folder in which it is kept."""
 
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence
 
 import numpy as np
@@ -179,6 +179,7 @@ class Comparison(_Frame, Plotted):
             "models": {
                 label: {
                     "file": model.path or None,
+                    "text": model.format(),
                     "effects": model.core.effects,
                     "fitted_to": model.core.provenance.bags,
                 }
@@ -192,18 +193,16 @@ class Comparison(_Frame, Plotted):
 
     @classmethod
     def load(cls, folder: Path) -> "Comparison":
-        """The comparison that `save` wrote into a folder: all numbers and sentences. Models are read from
-        their files; those that had none, or whose files are gone, are left out of `models`. GroundError
-        when there is none."""
+        """The comparison that `save` wrote into a folder: models, numbers and sentences. GroundError when
+        there is none."""
         document = result_folder.read(folder, "compare.json", SCHEMA)
-        files_of = {label: m["file"] for label, m in document["models"].items()}
-        return cls(
-            {label: Model.load(file) for label, file in files_of.items() if file and os.path.isfile(file)},
-            [_run_of(run) for run in document["runs"]],
-            document["pooled"],
-            Ranking(**document["ranking"]),
-            document["noise_floor"],
-        )
+        models = {
+            label: replace(Model.parse(m["text"], label), path=m["file"] or "")
+            for label, m in document["models"].items()
+        }
+        runs = [_run_of(run) for run in document["runs"]]
+        ranking = Ranking(**document["ranking"])
+        return cls(models, runs, document["pooled"], ranking, document["noise_floor"])
 
     def save(self, folder: Path, page: bool = True, force: bool = False) -> str:
         """Writes compare.json and, for every run, the missing wrench as CSV; with `page` also

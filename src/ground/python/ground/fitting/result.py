@@ -59,8 +59,8 @@ class RunFit:
     """One run fitted by itself, and held out of a fit to the others (the thesis's table 3.2)."""
 
     run: str
-    parameters: Dict[str, float]
-    ci95: Dict[str, Tuple[float, float]]
+    parameters: Dict[str, float]  #: estimates by name, in the units of Fit.parameters
+    ci95: Dict[str, Tuple[float, float]]  #: their 95% intervals
     error: float
     heldout_error: float
     disagrees_in: List[str]  #: parameters whose estimate differs from that of the other runs
