@@ -61,7 +61,7 @@ class Figures(Mapping[str, Any]):
 
     def _repr_html_(self) -> str:
         parts = [
-            "<h4>%s</h4>%s" % (html.escape(name), self[name].to_html(False, include_plotlyjs=not i and "cdn"))
+            "<h4>%s</h4>%s" % (html.escape(name), self[name].to_html(full_html=False, include_plotlyjs=not i))
             for i, name in enumerate(self)
         ]
         return "".join(parts)
