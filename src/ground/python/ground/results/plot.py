@@ -111,8 +111,14 @@ def _of_recording(result: Recording) -> Makers:
 
 @_makers.register(Prediction)
 def _of_prediction(result: Prediction) -> Makers:
+
+    def motion() -> Document:
+        made = figures.motion([_study(result.run, result.model.core, result.model.label, result)])
+        made["layout"]["meta"] = "Predicted again and again for %g s. %s" % (result.horizon, result)
+        return made
+
     return {
-        "motion": lambda: figures.motion([_study(result.run, result.model.core, result.model.label, result)]),
+        "motion": motion,
         "residuals": lambda: run_figures.residuals(result.times, result.residuals, str(result)),
     }
 
