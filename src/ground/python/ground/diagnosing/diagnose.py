@@ -129,18 +129,19 @@ def effects_to_try(
     model: Model,
     only: Optional[Sequence[str]] = None,
     exclude: Sequence[str] = (),
-    effects: Sequence[Effect] = (),
+    effects: Sequence[EffectLike] = (),
 ) -> List[candidates.Candidate]:
     """Effects of the library and of `effects`, selected by `only` and `exclude`. Those of `effects`
     are tried in addition to the library's in `only`, unless `only` names one of them; they replace
     those of the library with the same names. GroundError when one does not exist or does not fit
     the model."""
-    own = [effect.candidate(model.core) for effect in effects]
+    given = [Effect.of(effect) for effect in effects]
+    own = [effect.candidate(model.core) for effect in given]
     names = [c.name for c in own]
     library = [c for c in candidates.library(model.core, only or ()) if c.name not in names]
     by_default = [c.name for c in library] + names + list(model.effects)
     _check_known([*(only or ()), *exclude], by_default)
-    for effect, name in zip(effects, names):
+    for effect, name in zip(given, names):
         if names.count(name) > 1:
             raise GroundError("%s: --effects has another effect %s" % (effect.path or name, name))
     wanted = set(only or by_default)
