@@ -25,6 +25,7 @@ def begun():
         craft="Tiny Whoover",
         room="4 x 4 m",
         budget=180.0,
+        horizon=1.0,
         versions=[Version(tale.GIVEN, "model-00.yaml", [], 0)],
         activity="chooses the first flight",
     )
@@ -88,8 +89,8 @@ def whole():
                 11.8,
                 labels[len(errors) - 1],
                 path=[(t, x + 0.03, 0.97 * y) for t, x, y in path(number)],
-                errors=dict(zip(labels, errors)),
-                floor=0.21,
+                errors={label: (100 * e, 20 * e) for label, e in zip(labels, errors)},
+                floor=(21.0, 4.0),
             )
         )
     track = flight(4, tale.TRACK, inputs="", reference="rhodonea", size=1.2, why="")

@@ -69,7 +69,7 @@ def test_results_are_frozen_and_show_themselves(flown):
     found = ground.fit(MODEL, flown, free=["k"])
     with pytest.raises(AttributeError):
         found.objective = 0.0
-    assert "95% interval" in repr(found) and "held out" in str(found)
+    assert "95% interval" in repr(found) and "held out" in found.summary()
     page = found._repr_html_()
     assert "<table" in page and "low" in page
     frame = found.to_frame()

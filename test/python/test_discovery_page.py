@@ -43,18 +43,18 @@ def test_the_page_tells_the_whole_story(whole, browser):
     assert_sound(browser, names)
     text = text_of(browser)
     for part in (
-        "First-order lag of the thrusters (motor_lag) and air that moves over the floor (wind) are missing.",
-        "This took 55 s of flight in 4 flights, of at most 180 s.",
+        "first-order lag of the thrusters (motor_lag) and air that moves over the floor (wind). Confirmed",
+        "4 flights, 55 of at most 180 s",
         "confirms it: 1.750 falls to 0.221.",
         "The error on a rhodonea falls from 31.0 to 12.0 mm.",
-        "The result is sure: nothing is open that a flight could show.",
+        "nothing needed - nothing is open that a flight could show",
         "Tells motor_lag from input_delay.",
         "Whether wind or floor_tilt acts.",
-        "these flights do not distinguish motor_lag and input_delay",
-        "The newest model (after flight 1) predicted it with an error of 0.610",
+        "After this flight: first-order lag of the thrusters (motor_lag), or dead time between command and "
+        "thrust",
+        "The newest model (after flight 1) predicted it; after 1 s it was off by 61 mm",
         "after flight 2 (in the controller)",
         "wind.wx",
-        "Nothing is needed",
     ):
         assert part in text, part
 
@@ -65,8 +65,8 @@ def test_the_error_falls_from_flight_to_flight_in_the_figure(whole, browser):
         "return document.getElementById('figure0').data.map(t => [t.name, t.x, t.y])"
     )
     by_name = {name: (x, y) for name, x, y in traces}
-    assert by_name["given"] == ([1, 2, 3], [1.92, 2.1, 1.75])
-    assert by_name["floor of noise and disturbance"][1][:2] == [0.21, 0.21]
+    assert by_name["given"] == ([1, 2, 3], [192, 210, 175])
+    assert by_name["floor of noise and disturbance"][1][:2] == [21, 21]
 
 
 def test_a_flight_is_drawn_as_planned_and_as_flown(whole, browser):
@@ -124,7 +124,7 @@ def long():
         label = "after flight %d" % number
         made.versions.append(tale.Version(label, "model-02.yaml", ["motor_lag", "wind"], number))
         plan = dataclasses.replace(first.flight, number=number)
-        errors = {v.label: 0.22 for v in made.versions[:-1]}
+        errors = {v.label: (22.0, 4.0) for v in made.versions[:-1]}
         made.flights.append(dataclasses.replace(first, flight=plan, errors=errors))
         made.findings.append(dataclasses.replace(made.findings[1], after=number, label=label))
     return made
@@ -138,13 +138,12 @@ SAYS = {
     empty: ["No flight has been diagnosed yet.", "Nothing has been flown yet."],
     planned: ["Now: chooses the first flight.", "Next: flight 1"],
     stopped: ["Stopped early: no pose for 0.5 s.", "It was not recorded.", "looks at everything"],
-    unfinished: ["So far: first-order lag", "not finite", "Now: diagnoses", "Next: flight 5"],
+    unfinished: ["Missing, so far\nfirst-order lag", "not finite", "Now: diagnoses", "Next: flight 5"],
     long: ["Open a flight to see it", "the newest of all"],
     unconfirmed: [
-        "something is missing that no effect tried explains",
-        "The result was not confirmed by a flight of its own.",
-        "The result is not sure: 180 s of flight are over.",
-        "Needed: flights of 60 s more.",
+        "which none of the effects tried explains",
+        "Not confirmed by a flight of its own.",
+        "180 s of flight are over; needed: flights of 60 s more",
     ],
 }
 
@@ -188,8 +187,8 @@ def test_a_motion_that_is_not_finite_is_marked_above_all_errors():
     story.flights[1].errors["after flight 1"] = None
     figure = figures.errors(story)
     model = next(trace for trace in figure["data"] if trace["name"] == "after flight 1")
-    assert model["marker"]["symbol"][0] == "x-open" and model["y"][0] > 2.1
-    assert "not finite" in figure["layout"]["meta"]
+    assert model["marker"]["symbol"][0] == "x-open" and model["y"][0] > 210
+    assert "not finite" in figure["layout"]["meta"]["caption"]
 
 
 def test_figures_are_those_that_plotly_knows():
@@ -216,7 +215,9 @@ def test_the_teller_tells_each_step_once():
     assert told == ["Flight 1 (look, 12 s): tells motor_lag from input_delay."]
     story.planned, story.flights = None, whole.flights[:1]
     teller(story)
-    assert told[1:] == ["   Flown 11.8 s; error of prediction: given 1.920, floor 0.210."]
+    assert told[1:] == [
+        "   Flown 11.8 s; predictions are off by: given 192 mm, 38 deg (noise and disturbance: 21 mm, 4 deg)."
+    ]
     story.findings = whole.findings[:1]
     teller(story)
     assert "motor_lag" in told[2] and told[3] == "   Open: Whether wind or floor_tilt acts."

@@ -66,8 +66,10 @@ def test_the_horizon_suits_the_runs():
 def test_predictions_of_the_true_model_are_as_good_as_the_poses():
     for craft, noise in ((hovercraft, (3e-4, 3e-4, 5e-3)), (free_flyer, (2e-5, 2e-5, 1e-4))):
         run = run_of(craft, 40.0, noise=noise)
-        seconds = horizon.horizon([run], craft())
-        errors = horizon.pose_errors([run], craft(), horizon.starts([run], seconds), seconds)
+        model = craft()
+        seconds = horizon.horizon([run], model)
+        starts = horizon.starts([run], seconds)
+        errors = horizon.pose_errors([run], [model] * len(starts), starts, seconds)
         rms = np.sqrt((errors**2).mean(axis=0))
         assert np.all(rms < 8 * horizon.pose_noise([run])), (craft, rms)
 
@@ -87,3 +89,20 @@ def test_the_change_between_models_is_that_of_their_predictions():
 def test_runs_that_are_too_short_are_refused():
     with pytest.raises(GroundError, match="long enough"):
         horizon.starts([run_of()], 20.0)
+
+
+def test_what_the_mocap_leaves_is_what_the_true_model_leaves():
+    """On recordings of the true model; the wrong one is off by more, and so are predictions under a push."""
+    runs, model, seconds = [run_of(duration=60.0, noise=(3e-4, 3e-4, 5e-3))], hovercraft(), 1.0
+    wrong = model.copy()
+    wrong.set_value("k", 1.2 * model.value("k"))
+    models = {"true": horizon.same(model), "wrong": horizon.same(wrong)}
+    found = horizon.prediction_error(runs, seconds, models, model)
+    assert found.errors["true"].position_mm == pytest.approx(found.mocap.position_mm, rel=0.4)
+    assert found.errors["true"].heading_deg == pytest.approx(found.mocap.heading_deg, rel=0.4)
+    assert found.errors["wrong"].position_mm > 5 * found.mocap.position_mm and found.disturbed is None
+
+
+def test_runs_that_are_too_short_have_no_prediction_error():
+    run = run_of(duration=1.0)
+    assert horizon.prediction_error([run], 5.0, {"a": horizon.same(hovercraft())}, hovercraft()) is None

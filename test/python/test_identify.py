@@ -121,7 +121,7 @@ def test_fit_reports_agreement_of_runs_and_held_out_errors(tmp_path, guess):
     mixed = identify("fit", *bags, other, "--model", guess, "-o", out, "--force", "--json")
     runs = {r["run"]: r for r in json.loads(mixed.stdout)["runs"]}
     assert "I_z" in runs["other"]["disagrees_in"]
-    text = identify("fit", *bags, other, "--model", guess, "-o", out, "--force").stdout
+    text = identify("fit", *bags, other, "--model", guess, "-o", out, "--force", "--details").stdout
     assert "other disagrees with the others in" in text and "spread" in text
 
 

@@ -51,7 +51,7 @@ def test_a_bar_is_drawn_on_a_terminal_and_removed(tmp_path):
         located("identify"), list(arguments), encoding="utf-8", timeout=120, dimensions=(24, 100)
     )
     child.expect(r"writing the bag \(thousands of messages\): +\d+%")
-    child.expect(r"\r *\r[^\r\n]*run\.bag: 402\.00 s, ")
+    child.expect(r"\r *\r[^\r\n]*Simulated: +402\.00 s, ")
     child.expect(pexpect.EOF)
     child.close()
     assert child.exitstatus == 0

@@ -58,7 +58,7 @@ def has_data(figure):
 
 
 def test_a_fit_has_the_numbers_that_a_statistician_wants(fitted):
-    summary, interval = fitted.summary(), fitted.conf_int()
+    summary, interval = fitted.to_frame(), fitted.conf_int()
     for name, p in fitted.parameters.items():
         assert np.allclose(interval.loc[name], p.ci95)
         assert summary.loc[name, "std_error"] == p.deviation

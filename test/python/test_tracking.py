@@ -52,17 +52,17 @@ def test_a_run_without_decisions_has_no_numbers_on_them(driven, tmp_path):
                 bag.write(topic, message, time)
     (drive,) = tracking(path, "--picture", tmp_path / "old.html")["runs"][0]["drives"]
     assert drive["wanted_outside"] is None and drive["compute_ms"] is None
-    text = identify("tracking", path).stdout
+    text = identify("tracking", path, "--details").stdout
     assert "saturated" in text and "wanted" not in text and "computing" not in text
 
 
 def test_track_and_tracking_print_the_same_numbers(driven):
     options = ["--reference", "circle", "--size", "1", "--settled", "5", "--end-time", "15"]
     options += ["--controller", "ModelPredictive", "--noise", "--model", MODEL]
-    simulated = program("track", *options)
+    simulated = program("track", *options, "--details")
     assert simulated.returncode == 0, simulated.stderr
-    recorded = identify("tracking", driven[0], "--settled", "5").stdout
-    for word in ("error", "saturated", "effort", "wanted", "computing"):
+    recorded = identify("tracking", driven[0], "--settled", "5", "--details").stdout
+    for word in ("Distance:", "saturated", "effort", "wanted", "computing"):
         assert "\n%s " % word in simulated.stdout, word
         assert "\n%s " % word in recorded, word
 

@@ -48,7 +48,7 @@ class IdentificationTest(unittest.TestCase):
         answer = self.find_the_slope()
         answer = self.fit(bags=[answer.folder], model=answer.model)  # a folder of bags
         self.assertTrue(answer.success, answer.message)
-        self.assertIn("the error falls", answer.message)
+        self.assertIn("Prediction after 1 s", answer.message)
         self.assertTrue(os.path.isfile(os.path.join(answer.folder, "fit.json")))
 
     def assert_first_model(self):

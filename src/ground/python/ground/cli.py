@@ -44,6 +44,13 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     completion.answer(_parser)
     given = sys.argv[1:] if argv is None else argv
     words = [word for word in given if not word.startswith("-")]
+    verbs = [verb.name for verb in VERBS]
+    if not given:
+        _parser([]).print_help(sys.stderr)
+        return 2
+    if words[:1] and words[0] not in verbs and given[0] == words[0]:
+        hint = errors.did_you_mean(words[0], verbs)
+        _parser([]).error("there is no verb %s%s; there are %s" % (words[0], hint, ", ".join(verbs)))
     arguments, unknown = _parser(words[:1]).parse_known_args(argv)
     if unknown:  # prints the verb's usage, not that of all verbs
         arguments.refuse("unrecognized arguments: %s" % " ".join(unknown))

@@ -45,6 +45,15 @@ class Parameter:
         """The interval in words."""
         return "[%.4g, %.4g]" % self.ci95 if self.identified else "not identifiable from these data"
 
+    @property
+    def words(self) -> str:
+        """Value and interval in words: "50.02 ms (95%: 49.98 to 50.05 ms)"."""
+        from ground.analysis.formula_words import with_interval
+
+        if not self.identified:
+            return "cannot be identified from these data"
+        return with_interval(self.value, *self.ci95, self.unit)
+
 
 def parameters_by_name(found: Iterable[Document]) -> Dict[str, Parameter]:
     """Parameters, by name, from the dictionaries that a fit of the core returns."""
@@ -52,12 +61,16 @@ def parameters_by_name(found: Iterable[Document]) -> Dict[str, Parameter]:
 
 
 def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
-    """Parameters as a table, indexed by name: start, value, low, high (95%), identified, unit."""
+    """Parameters as a table, indexed by name: start, value, std_error, low, high (95%), identified, at_bound,
+    unit."""
     import pandas
 
-    rows = [[p.start, p.value, *p.ci95, p.identified, p.unit] for p in parameters.values()]
+    rows = [
+        [p.start, p.value, p.deviation, *p.ci95, p.identified, p.at_bound, p.unit]
+        for p in parameters.values()
+    ]
     index = pandas.Index(list(parameters), name="parameter")
-    columns = ["start", "value", "low", "high", "identified", "unit"]
+    columns = ["start", "value", "std_error", "low", "high", "identified", "at_bound", "unit"]
     return pandas.DataFrame(rows, index=index, columns=columns)
 
 
@@ -227,7 +240,7 @@ class Model(Shown):
         index = pandas.Index([p["name"] for p in described], name="parameter")
         return pandas.DataFrame(rows, index=index, columns=["value", "unit", "meaning"])
 
-    def lines(self) -> Iterator[str]:
+    def lines(self, written: str = "") -> Iterator[str]:
         """Title, effects and parameters."""
         yield "%s, effects: %s" % (self.name, candidates.listed(self.core) or "none")
         for p in self.core.parameters():

@@ -8,6 +8,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "ground/model/did_you_mean.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/shortened.h"
 
@@ -94,13 +95,15 @@ EffectPtr makeEffect(const std::string& name, const ThrusterLayout& layout) {
   const std::lock_guard<std::mutex> lock(all.mutex);
   const auto found = all.effects.find(name);
   if (found != all.effects.end()) return found->second;
-  std::ostringstream text;
-  text << "unknown effect '" << shortened(name) << "'; known are";
-  for (const auto& entry : all.effects) text << ' ' << entry.first;
+  std::vector<std::string> known;
+  for (const auto& entry : all.effects) known.push_back(entry.first);
   for (EffectPtr& effect : ofThrusters(all, layout)) {
     if (effect->info().name == name) return std::move(effect);
-    text << ' ' << effect->info().name;
+    known.push_back(effect->info().name);
   }
+  std::ostringstream text;
+  text << "unknown effect '" << shortened(name) << "'" << didYouMean(name, known) << "; known are";
+  for (const std::string& one : known) text << ' ' << one;
   text << " (those of other packages: " << kLibraries << " lists their libraries)";
   throw std::invalid_argument(text.str());
 }

@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <sstream>
 
+#include "ground/model/did_you_mean.h"
 #include "ground/model/shortened.h"
 
 namespace ground {
@@ -86,12 +87,15 @@ void YamlKeys::read(const YAML::Node& node) const {
   std::map<std::string, YAML::Node> given;
   reader_.each(node, what_, [&](const std::string& name, const YAML::Node& value) {
     std::string known;
+    std::vector<std::string> names;
     for (const YamlKey& key : keys_) {
       if (key.name == name) given[name] = value;
       known += (known.empty() ? "" : ", ") + key.name;
+      names.push_back(key.name);
     }
     if (!given.count(name))
-      reader_.fail(value, "unknown key '" + shortened(name) + "' in " + what_ + "; allowed are " + known);
+      reader_.fail(value, "unknown key '" + shortened(name) + "' in " + what_ + didYouMean(name, names) +
+                              "; allowed are " + known);
   });
   for (const YamlKey& key : keys_) {
     const auto found = given.find(key.name);

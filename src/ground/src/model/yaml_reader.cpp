@@ -15,7 +15,8 @@ YAML::Node YamlReader::parse(const std::string& yaml) const {
   try {
     root = YAML::Load(yaml);
   } catch (const YAML::ParserException& error) {
-    throw std::runtime_error(source_ + ", line " + std::to_string(error.mark.line + 1) + ": " + error.msg);
+    throw std::runtime_error(source_ + ", line " + std::to_string(error.mark.line + 1) + ": " + error.msg +
+                             " (a tab, or a missing colon or bracket, in this line or above it?)");
   }
   if (root.IsNull()) throw std::runtime_error(source_ + ": it is empty");
   return root;
@@ -49,7 +50,10 @@ void YamlReader::each(const YAML::Node& map, const std::string& what, const Visi
 
 double YamlReader::number(const YAML::Node& node, const std::string& key) const {
   double value = 0;
-  if (!node.IsScalar() || !YAML::convert<double>::decode(node, value)) fail(node, key + " must be a number");
+  if (!node.IsScalar() || !YAML::convert<double>::decode(node, value)) {
+    const bool comma = node.IsScalar() && node.Scalar().find(',') != std::string::npos;
+    fail(node, key + " must be a number" + (comma ? ", with a point in place of the comma" : ""));
+  }
   if (std::isnan(value)) fail(node, key + " must not be NaN");
   return value;
 }

@@ -1,18 +1,20 @@
 """Model against measurement: error numbers, as docs/theory/identification.md defines them."""
 
+import contextlib
 from dataclasses import dataclass
 from typing import Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
 from ground import _core
-from ground.recordings import repair, windows
+from ground.analysis import horizon
+from ground.recordings import windows
 from ground.support.annotations import Array, Document, Indices
+from ground.support.errors import GroundError
 
 START = 0.4  # part of a window that gives the initial velocities of the pure prediction [s]
 THESIS_SPAN = 4.0  # length of the thesis's objective [s]
 HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # [s]
-START_STEP = 0.1  # time between starts of the horizon errors [s]
 CHANNELS = ("u", "v", "r")
 UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s"}
 
@@ -43,7 +45,14 @@ class Evaluation:
     sigma: Array  # (3,) standard deviations of u, v, r in the run
     predicted: Array  # (m, 3) errors of the pure prediction [standard deviations]
     thesis: Optional[float]
-    horizons: List[Document]  # per horizon: seconds, errors (k, 5): u, v, r [sigma], [mm], [deg]
+    horizons: List[Document]  # per horizon: seconds, errors (k, 2) [mm], [deg]
+
+    @property
+    def by_window(self) -> Array:
+        """Sum of the errors of u, v, r in each window, (windows,)."""
+        return np.array(
+            [np.abs((p["measured"] - p["nu"]) / self.sigma).mean(axis=0).sum() for p in self.pieces]
+        )
 
     @property
     def residual(self) -> Array:
@@ -84,7 +93,7 @@ def evaluate(run: _core.RunData, model: _core.Model) -> Evaluation:
         sigma,
         _predict(run, model, cut, sigma),
         thesis_objective(run, model),
-        _predict_horizons(run, model, sigma),
+        _predict_horizons(run, model),
     )
 
 
@@ -108,37 +117,15 @@ def _predict(run: _core.RunData, model: _core.Model, cut: Sequence[_core.Window]
     return np.vstack(errors)
 
 
-def _predict_horizons(run: _core.RunData, model: _core.Model, sigma: Array) -> List[Document]:
-    """Errors after one sample and after HORIZONS, from many starts at the measured state."""
-    times, eta, nu = np.array(run.times), np.array(run.eta), np.array(run.nu)
-    breaks = np.flatnonzero(np.diff(times) > repair.MAX_GAP)
-    ends = np.append(breaks, len(times) - 1)[np.searchsorted(breaks, np.arange(len(times)))]
-    spans, free_from = [], times[0]
-    for first, (time, end) in enumerate(zip(times, ends)):
-        if time < free_from or end == first:
-            continue
-        last = min(end, np.searchsorted(times, time + HORIZONS[-1]))
-        spans.append(_core.Window(0, first, int(last)))
-        free_from = time + START_STEP
-    found = _core.predict(model, run, spans, nu[[w.first for w in spans]])
-    step = float(np.median(np.diff(times)))
+def _predict_horizons(run: _core.RunData, model: _core.Model) -> List[Document]:
+    """Errors of poses predicted over HORIZONS."""
     rows = []
-    for horizon in (step,) + HORIZONS:
-        errors = []
-        for window, eta_end, nu_end in zip(spans, found["eta"], found["nu"]):
-            target = times[window.first] + horizon
-            at = window.first + 1 if horizon == step else np.searchsorted(times, target)
-            if at > window.last:
-                continue
-            steps = at - window.first
-            off = eta_end[steps] - eta[at]
-            errors.append(
-                np.append(
-                    np.abs(nu_end[steps] - nu[at]) / sigma,
-                    [1e3 * np.hypot(off[0], off[1]), np.degrees(np.abs(repair.wrap(off[2])))],
-                )
-            )
-        rows.append({"seconds": horizon, "errors": np.array(errors).reshape(-1, 5)})
+    for seconds in HORIZONS:
+        errors = np.empty((0, 2))
+        with contextlib.suppress(GroundError):  # the run is too short
+            chosen = horizon.starts([run], seconds)
+            errors = horizon.pose_errors([run], [model] * len(chosen), chosen, seconds)
+        rows.append({"seconds": seconds, "errors": errors})
     return rows
 
 
@@ -176,12 +163,7 @@ def _by_channel(values: Iterable[float]) -> Dict[str, float]:
 
 def _horizon_numbers(rows: Sequence[Document]) -> Document:
     errors = np.vstack([r["errors"] for r in rows])
-    seconds = float(np.median([r["seconds"] for r in rows]))
-    found: Document = {"seconds": seconds, "starts": len(errors)}
-    for column, name in enumerate(("u_sigma", "v_sigma", "r_sigma", "position_mm", "heading_deg")):
-        values = errors[:, column]
-        found[name] = {
-            "median": float(np.median(values)) if len(values) else None,
-            "rms": float(np.sqrt(np.mean(values**2))) if len(values) else None,
-        }
+    found: Document = {"seconds": rows[0]["seconds"], "starts": len(errors)}
+    for values, name in zip(errors.T, ("position_mm", "heading_deg")):
+        found[name] = float(np.sqrt(np.mean(values**2))) if len(values) else None
     return found

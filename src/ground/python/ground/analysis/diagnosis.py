@@ -256,11 +256,11 @@ class Diagnosis:
         Effects that are certain without them need not be confirmed by them."""
         verdict = self.confirmed(found, rest).verdict
         if verdict == folds.WORSE:
-            return "it makes predictions of runs that it was not fitted to worse"
+            return "it makes predictions of held-out runs worse"
         enough = CERTAIN * sum(self.search.threshold(name) for name in found - rest)
         if verdict == folds.BETTER or self.search.ratio(found, rest) >= enough:
             return None
-        return "it does not make runs that it was not fitted to likelier"
+        return "it does not improve predictions of held-out runs"
 
     def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> folds.Comparison:
         """A set compared with a smaller one on parts of the runs that neither was fitted to."""

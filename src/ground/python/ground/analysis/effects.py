@@ -183,7 +183,7 @@ class Effect(Shown):
         index = pandas.Index(list(own), name="parameter")
         return pandas.DataFrame(rows, index, ["value", "unit", "neutral", "meaning"])
 
-    def lines(self) -> Iterator[str]:
+    def lines(self, written: str = "") -> Iterator[str]:
         """Name, meaning, formulas and parameters."""
         yield "%s: %s" % (self.name, self.meaning) if self.meaning else self.name
         for key, text in self.formulas.items():
@@ -217,7 +217,7 @@ class Effects(Shown, List[Effect]):
         index = pandas.Index([one.name for one in self], name="effect")
         return pandas.DataFrame(rows, index, ["meaning", "parameters"])
 
-    def lines(self) -> Iterator[str]:
+    def lines(self, written: str = "") -> Iterator[str]:
         """A line for each."""
         for name, row in self.to_frame().iterrows():
             yield "%-24s %s: %s" % (name, row["meaning"], row["parameters"])

@@ -40,6 +40,7 @@ class Judged:
     heldout: Array  # (3,) the same, each window by a fit to the other parts; differences between
     # runs are estimated from the run's poses before the window (window_error.calibrated_errors)
     tested: Tested  # by the fits to the other parts
+    others: Tuple[Fit, ...]  # the fits to all but each part
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,15 @@ class Folds:
             window_error.channel_errors(self.runs, self.cut, fit.model),
             window_error.mean(self.cut, heldout),
             Tested(heldout.sum(axis=1), self.fold_of, tuple(blocks)),
+            tuple(refitted),
         )
+
+    def models_at(self, judged: Judged, chosen: Sequence[_core.Window]) -> List[_core.Model]:
+        """The model for each of some windows that was not fitted to it, as window_error.calibrated_models."""
+        models = []
+        for window, fold in zip(chosen, window_error.parts_of(self.runs, chosen)):
+            models += window_error.calibrated_models(self.runs, [window], self.whole, judged.others[fold])
+        return models
 
     def _errors(self, fits: Sequence[Fit]) -> Array:
         """Errors (windows, 3), each window by the Fit to the parts without it."""

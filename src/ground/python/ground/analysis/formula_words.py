@@ -1,8 +1,11 @@
 """Formulas of what has no name, in words, and numbers with their units."""
 
+import math
 import re
 from dataclasses import dataclass, field
 from typing import Dict, Mapping, Sequence, Tuple
+
+import numpy as np
 
 from ground.analysis.dictionary import Feature
 
@@ -73,7 +76,23 @@ def _told(piece: Piece, values: Mapping[str, float]) -> str:
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
     """A number with its unit; a small one has the prefix milli if the unit allows it."""
+    factor, unit = _scale(value, unit)
+    return ("%.*g %s" % (digits, factor * value, unit)).rstrip(" -")
+
+
+def with_interval(value: float, low: float, high: float, unit: str) -> str:
+    """A number with its 95% interval, as precise as the interval: "50.02 ms (95%: 49.98 to 50.05 ms)"."""
+    factor, unit = _scale(value, unit)
+    half = factor * max(high - value, value - low)
+    places = 3 if not 0 < half < math.inf else int(np.clip(-math.floor(math.log10(half)), 0, 9))
+    told = ["%.*f" % (places, factor * number) for number in (value, low, high)]
+    unit = " " + unit if unit not in ("", "-") else ""
+    return "%s%s (95%%: %s to %s%s)" % (told[0], unit, told[1], told[2], unit)
+
+
+def _scale(value: float, unit: str) -> Tuple[float, str]:
+    """The factor and the unit with which a value is easy to read: the prefix milli if it is small."""
     unit = re.sub(r"/\((.*)\)$", r" per \1", unit)
     if 0 < abs(value) < 0.1 and (unit in ("s", "m", "rad") or unit.startswith("N")):
-        return "%.*g m%s" % (digits, 1e3 * value, unit)
-    return ("%.*g %s" % (digits, value, unit)).rstrip(" -")
+        return 1e3, "m" + unit
+    return 1.0, unit

@@ -1,15 +1,16 @@
 """Predicted poses at the horizon that suits a craft: the size of an error, or of an effect, as a
 person sees it."""
 
-from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from dataclasses import asdict, dataclass
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
+from ground.analysis import window_error
 from ground.analysis.likelihood import call
 from ground.recordings import repair, windows
-from ground.support.annotations import Array
+from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
 LENGTHS = 20.0  # travelled at full thrust within the horizon [radii of gyration]; some five lengths
@@ -20,6 +21,14 @@ WARM_UP = 0.5  # time before a start that its initial velocities are fitted to [
 MIN_STARTS = 4  # in all runs
 MAX_STARTS = 160
 SHOWN = 40  # predictions for a report
+DRAWS = 4  # artificial recordings of each run
+
+ModelsAt = Callable[[Sequence[_core.Window]], Sequence[_core.Model]]  # a model for each of some windows
+
+
+def same(model: _core.Model) -> ModelsAt:
+    """The same model for all windows."""
+    return lambda chosen: [model] * len(chosen)
 
 
 def horizon(runs: Sequence[_core.RunData], model: _core.Model) -> float:
@@ -85,57 +94,133 @@ def _starts_in(run: _core.RunData, index: int, seconds: float) -> List[_core.Win
     return sorted(cut, key=lambda w: int(w.first))
 
 
-def predicted_poses(
-    runs: Sequence[_core.RunData], model: _core.Model, chosen: Sequence[_core.Window], seconds: float
-) -> Array:
-    """Poses x, y [m], psi [rad] that a model predicts at the ends of starts(), (n, 3). The initial
-    velocities are the best for what was measured before each start. GroundError when a motion is not
-    finite."""
-    ends = np.empty((len(chosen), 3))
-    for i, run in enumerate(runs):
-        at = [k for k, window in enumerate(chosen) if window.run == i]
-        if not at:
-            continue
+def _paths(
+    runs: Sequence[_core.RunData],
+    models: Sequence[_core.Model],
+    chosen: Sequence[_core.Window],
+    seconds: float,
+) -> List[Tuple[Array, int]]:
+    """Poses (n, 3) that models, one for each of starts(), predict at its samples, and the sample at which the
+    prediction starts. The initial velocities are the best for what was measured before it. GroundError when
+    a motion is not finite."""
+    paths: List[Tuple[Array, int]] = [(np.empty((0, 3)), 0)] * len(chosen)
+    groups: Dict[Tuple[int, int], List[int]] = {}
+    for k, (window, model) in enumerate(zip(chosen, models)):
+        groups.setdefault((window.run, id(model)), []).append(k)
+    for (i, _), at in groups.items():
+        run, model, times = runs[i], models[at[0]], np.array(runs[i].times)
         own = [_core.Window(0, chosen[k].first, chosen[k].last) for k in at]
-        begins = np.array(run.times)[[window.first for window in own]] + WARM_UP * seconds
-        splits = np.searchsorted(np.array(run.times), begins)
+        begins = times[[window.first for window in own]] + WARM_UP * seconds
+        splits = np.searchsorted(times, begins)
         warm = [_core.Window(0, window.first, int(split)) for window, split in zip(own, splits)]
         begun = call(windows.problem([run], warm).simulate, model)["nu"]
         ended = call(_core.predict, model, run, own, np.array([nu[0] for nu in begun]))["eta"]
-        ends[at] = [eta[-1] for eta in ended]
-    return ends
+        for k, eta, window, split in zip(at, ended, own, splits):
+            paths[k] = np.asarray(eta), int(split) - window.first
+    return paths
 
 
 def pose_errors(
-    runs: Sequence[_core.RunData], model: _core.Model, chosen: Sequence[_core.Window], seconds: float
+    runs: Sequence[_core.RunData],
+    models: Sequence[_core.Model],
+    chosen: Sequence[_core.Window],
+    seconds: float,
 ) -> Array:
-    """Errors of position [mm] and heading [deg] of predicted_poses, (n, 2)."""
-    measured = [np.array(run.poses if len(run.poses) else run.eta) for run in runs]
-    ends = np.array([measured[window.run][window.last] for window in chosen])
-    return _apart(predicted_poses(runs, model, chosen, seconds), ends)
+    """Errors of position [mm] and heading [deg] of the poses that models, one for each of starts(), predict
+    from the measured pose at the start, (n, 2). GroundError when a motion is not finite."""
+    ends, measured = np.empty((len(chosen), 3)), np.empty((len(chosen), 3))
+    for k, (window, (path, start)) in enumerate(zip(chosen, _paths(runs, models, chosen, seconds))):
+        run = runs[window.run]
+        measured[k] = (run.poses if len(run.poses) else run.eta)[window.last]
+        begun = run.eta[window.first + start]
+        turned = begun[2] - path[start, 2]
+        c, s = np.cos(turned), np.sin(turned)
+        moved = path[-1, :2] - path[start, :2]
+        ends[k] = begun + [*(np.array([[c, -s], [s, c]]) @ moved), path[-1, 2] - path[start, 2]]
+    return _apart(ends, measured)
 
 
 @dataclass(frozen=True)
-class Poses:
-    """Root mean square errors of predicted position [mm] and heading [deg] at a horizon."""
+class PoseError:
+    """How far predicted poses are off: root mean square over starts. Infinite where a motion is not
+    finite."""
 
-    seconds: float  # the horizon
-    before: Tuple[float, ...]  # of the model without the effects found
-    now: Tuple[float, ...]  # with them
-    after: Tuple[float, ...]  # with the formula for what is left, too
-    noise: Tuple[float, ...]  # of a pose alone
+    position_mm: float
+    heading_deg: float
+
+    @classmethod
+    def of(cls, errors: Array) -> "PoseError":
+        """That of pose_errors."""
+        return cls(*np.sqrt((errors**2).mean(axis=0)).tolist())
 
 
-def poses(runs: Sequence[_core.RunData], models: Sequence[_core.Model]) -> Optional[Poses]:
-    """The Poses of models before, now and after; None where runs are too short or a motion is not finite."""
-    seconds = horizon(runs, models[0])
+@dataclass(frozen=True)
+class PredictionError:
+    """How far the poses that models predict are off after some time, on data that they were not fitted to."""
+
+    seconds: float  #: the time
+    errors: Dict[str, PoseError]  #: by model
+    mocap: PoseError  #: what the true model would leave, because of the noise of the poses
+    disturbed: Optional[PoseError] = None  #: ... and of the random disturbance; None: not known
+
+
+def as_document(found: Optional[PredictionError]) -> Optional[Document]:
+    """A PredictionError as a dictionary."""
+    return None if found is None else asdict(found)
+
+
+def prediction_error(
+    runs: Sequence[_core.RunData],
+    seconds: float,
+    models: Mapping[str, ModelsAt],
+    truth: _core.Model,
+    levels: Optional[Mapping[str, float]] = None,
+) -> Optional[PredictionError]:
+    """The PredictionError of models by name, over starts() of runs; None where runs are too short.
+
+    truth: the model that makes the artificial recordings which show what noise leaves; levels: of the
+    disturbance of a likelihood, if they are known.
+    """
     try:
         chosen = starts(runs, seconds, SHOWN)
-        errors = [np.sqrt((pose_errors(runs, m, chosen, seconds) ** 2).mean(axis=0)) for m in models]
     except GroundError:
         return None
-    before, now, after, noise = (tuple(e.tolist()) for e in [*errors, pose_noise(runs)])
-    return Poses(seconds, before, now, after, noise)
+
+    def error_of(at: ModelsAt) -> PoseError:
+        return _or_not_finite(lambda: pose_errors(runs, at(chosen), chosen, seconds))
+
+    def floor_of(pushed: Optional[Mapping[str, float]]) -> PoseError:
+        return _or_not_finite(lambda: artificial_errors(runs, chosen, seconds, truth, pushed))
+
+    errors = {name: error_of(at) for name, at in models.items()}
+    return PredictionError(seconds, errors, floor_of(None), floor_of(levels) if levels else None)
+
+
+def _or_not_finite(errors: Callable[[], Array]) -> PoseError:
+    try:
+        return PoseError.of(errors())
+    except GroundError:
+        return PoseError(np.inf, np.inf)
+
+
+def artificial_errors(
+    runs: Sequence[_core.RunData],
+    chosen: Sequence[_core.Window],
+    seconds: float,
+    model: _core.Model,
+    levels: Optional[Mapping[str, float]],
+) -> Array:
+    """pose_errors of a model on recordings of runs that it made, with noise and a disturbance of some
+    levels."""
+    errors = []
+    for seed in range(DRAWS):
+        made = []
+        for i, run in enumerate(runs):
+            random = np.random.default_rng((seed, i))
+            wrench, room = window_error.pushes(run, levels, random) if levels else (None, None)
+            made.append(window_error.recorded(run, model, random, wrench, room=room))
+        errors.append(pose_errors(made, [model] * len(chosen), chosen, seconds))
+    return np.concatenate(errors)
 
 
 @dataclass(frozen=True)
@@ -154,8 +239,11 @@ def change(
     seconds: float,
     models: Tuple[_core.Model, _core.Model],
 ) -> Change:
-    """The Change between the predicted_poses of two models."""
-    a, b = (predicted_poses(runs, model, chosen, seconds) for model in models)
+    """The Change between the poses that two models predict from the same pose before the start."""
+    a, b = (
+        np.array([path[-1] for path, _ in _paths(runs, [model] * len(chosen), chosen, seconds)])
+        for model in models
+    )
     position, heading = np.sqrt((_apart(a, b) ** 2).mean(axis=0)).tolist()
     relative = np.array([position, heading]) / pose_noise(runs)
     return Change(seconds, position, heading, float(relative.max()))

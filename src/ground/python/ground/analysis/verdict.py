@@ -1,9 +1,10 @@
 """The verdict of a diagnosis, the improved model, and how well it predicts."""
 
 import contextlib
+import functools
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Dict, List, Mapping, Optional, Sequence, Union
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from ground.analysis import (
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
 from ground.analysis.diagnosis import EXPLAINED, Diagnosis
+from ground.analysis.horizon import ModelsAt, PredictionError
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.recordings import windows
 from ground.support.annotations import Document
@@ -75,7 +77,9 @@ class Conclusion:
     agreement: Agreement
     formula: Optional[naming.Formula]  # for what is learnable and has no name
     judged: Optional[folds.Judged]  # the model with the formula
-    poses: Optional[horizon.Poses]  # errors of predicted poses; None where runs are too short
+    # how far predicted poses are off on held-out data, of the models given, refitted, improved and formula;
+    # None where runs are too short
+    prediction: Optional[PredictionError]
     diagnosis: Diagnosis  # its basis
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
@@ -111,6 +115,10 @@ class HeldOut:
             return self.error(found.search.nominal())
         return float(window_error.channel_errors(self.runs, self.cut, before.model).sum())
 
+    def models(self, fit: Fit, chosen: Sequence[_core.Window]) -> List[_core.Model]:
+        """The model of a Fit for each of some windows; see window_error.calibrated_models."""
+        return window_error.calibrated_models(self.runs, chosen, self.likelihood, fit)
+
     def tested(self, fit: Fit) -> folds.Tested:
         """Errors and log-likelihood of a Fit."""
         return folds.tested(self.runs, self.cut, self.likelihood, fit)
@@ -132,7 +140,8 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
     if not agrees.holds and not left.said:
         left = left.unbounded()
-    floor, varies, refits = found.noise_floor(found.names), _varies(found), _refits(found)
+    floor, varies, fitters = found.noise_floor(found.names), _varies(found), _refits(found)
+    refits = [refit for refit, _ in fitters]
     explained, after = found.explains(found.names), float(found.best.heldout.sum())
     trusted = agrees.holds or not found.chosen or after < min(refit.heldout for refit in refits)
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, trusted)
@@ -149,16 +158,16 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         elif verdict == "missing":
             named = None
     formula = named.formula if named else None
-    models = [found.search.nominal().model, found.model, formula.fit.model if formula else found.model]
     by_user = HeldOut(found, heldout) if heldout else None
     if by_user:
         refits = [replace(refit, heldout=by_user.error_before(found, refit)) for refit in refits]
+    best = min(range(len(refits)), key=lambda i: refits[i].heldout)
     return Conclusion(
         verdict,
         found.model,
         found.likelihood.intervals(found.fit),
         floor,
-        min(refits, key=lambda refit: refit.heldout),
+        refits[best],
         _steps(found, by_user),
         _judgements(found, by_user),
         float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor,
@@ -167,24 +176,50 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         agrees,
         formula,
         named.judged if named else None,
-        horizon.poses(found.runs, models),
+        _prediction(found, by_user, fitters[best], named),
         found,
         heldout,
     )
 
 
-def _refits(found: Diagnosis) -> List[Refit]:
+def _refits(found: Diagnosis) -> List[Tuple[Refit, ModelsAt]]:
     """The model as it is, refitted by likelihood and, where it can be simulated, by simulation error over
-    long windows and over short ones, on which a disturbance adds up to less. Errors are over the windows
-    and folds of a Diagnosis."""
-    refits = [_refit(LIKELIHOOD, found.nominal)]
+    long windows and over short ones, on which a disturbance adds up to less; beside it, models that were
+    not fitted to a window. Errors are over the windows and folds of a Diagnosis."""
+    nominal = found.nominal
+    refits: List[Tuple[Refit, ModelsAt]] = [
+        (_refit(LIKELIHOOD, nominal), functools.partial(found.folds.models_at, nominal))
+    ]
     free = window_error.free_parameters(found.given)
     for length in LENGTHS:
         with contextlib.suppress(GroundError):  # the simulation diverges
             fitter = window_error.WindowFitter(found.runs, threads=1, length=length)
             fitted = fitter.fit(found.given, free, also=[found.nominal.model])
-            refits.append(_refit(SIMULATION, fitted))
+            refits.append((_refit(SIMULATION, fitted), functools.partial(fitter.models_at, fitted)))
     return refits
+
+
+def _prediction(
+    found: Diagnosis, by_user: Optional[HeldOut], before: Tuple[Refit, ModelsAt], named: Optional["_Named"]
+) -> Optional[PredictionError]:
+    """How far predicted poses are off, on the runs that the user held out or on the folds."""
+    refit, others = before
+
+    def held_out(fit: Fit, judged: folds.Judged) -> ModelsAt:
+        if by_user:
+            return functools.partial(by_user.models, fit)
+        return functools.partial(found.folds.models_at, judged)
+
+    models = {"given": horizon.same(found.given), "improved": held_out(found.fit, found.best)}
+    if refit.by == LIKELIHOOD:
+        models["refitted"] = held_out(found.search.nominal(), found.nominal)
+    else:
+        models["refitted"] = horizon.same(refit.model) if by_user else others
+    if named:
+        models["formula"] = held_out(named.formula.fit, named.judged)
+    runs = by_user.runs if by_user else found.runs
+    seconds = found.prediction_time
+    return horizon.prediction_error(runs, seconds, models, found.model, found.fit.levels)
 
 
 def _refit(by: str, fit: Union[folds.Judged, window_error.WindowFit]) -> Refit:

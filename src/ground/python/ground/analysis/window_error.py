@@ -62,6 +62,7 @@ class WindowFitter:
         **options: Any,
     ) -> None:
         self.runs, self.target, self.options = runs, target, {"threads": threads, **options}
+        self.most_parts = most_parts
         every = windows.cut(runs)
         self.windows = windows.spread(every, most)  # whose errors are taken
         self.available = len(every)  # number of windows before thinning
@@ -96,6 +97,12 @@ class WindowFitter:
             heldout[inside] = window_errors(self.runs, tested, others[part]["model"])
         error = channel_errors(self.runs, self.windows, result["model"])
         return WindowFit(result, error, mean(self.windows, heldout), heldout.sum(axis=1), others)
+
+    def models_at(self, found: WindowFit, chosen: Sequence[_core.Window]) -> List[_core.Model]:
+        """The model for each of some windows that was not fitted to it; the model fitted to all where no
+        part can be held out."""
+        parts = parts_of(self.runs, chosen, self.most_parts)
+        return [found.others[p]["model"] if p in found.others else found.model for p in parts]
 
     @property
     def parts(self) -> List[int]:
@@ -201,15 +208,28 @@ def calibrated_errors(
     from a run's poses before each window. likelihood: a Likelihood of the runs."""
     if not likelihood.varying:
         return window_errors(runs, chosen, fit.model)
-    errors, known = np.empty((len(chosen), 3)), {}
-    for i, window in enumerate(chosen):
+    models = calibrated_models(runs, chosen, likelihood, fit)
+    return np.array([window_errors(runs, [window], m)[0] for window, m in zip(chosen, models)])
+
+
+def calibrated_models(
+    runs: Sequence[_core.RunData],
+    chosen: Sequence[_core.Window],
+    likelihood: "Likelihood",
+    fit: "Fit",
+) -> List[_core.Model]:
+    """The model of a Fit for each window, with the differences between runs that are estimated from the
+    run's poses before it. likelihood: a Likelihood of the runs."""
+    if not likelihood.varying:
+        return [fit.model] * len(chosen)
+    models, known = [], {}
+    for window in chosen:
         if window.run not in known:
             known[window.run] = likelihood.constants(fit, window.run)
         times, constants = known[window.run]
         last = np.searchsorted(times, runs[window.run].times[window.first], side="right") - 1
-        model = trimmed(fit.model, constants[max(0, last)])
-        errors[i] = window_errors(runs, [window], model)[0]
-    return errors
+        models.append(trimmed(fit.model, constants[max(0, last)]))
+    return models
 
 
 def squared_errors(

@@ -10,8 +10,8 @@ runs      name, bag, models: by label
   prediction_error  the same with initial velocities from the first 0.4 s, of the rest
   thesis_objective  (3.4) over the first 4 s
   fit_percent, rms  per channel, of the windows
-  horizons          seconds (first: one sample), starts, median and rms of the errors of u, v, r
-                    [sigma], position [mm] and heading [deg], each started at the measured state
+  horizons          seconds, starts, root mean square errors of predicted poses: position_mm, heading_deg,
+                    each started at the measured pose, with the velocities that suit the model best before it
   residuals         kind; noise levels; per channel autocorrelation, input_sum, input_difference:
                     lags, value, band99, how many are outside, accepted; white
   wrench            noise levels; disturbances left out [s]; per channel X, Y, N: mean, rms, std,
@@ -20,7 +20,10 @@ runs      name, bag, models: by label
   files, summary    series of the wrench; the sentences of the terminal
 pooled    by label: the numbers over all, fit and held_out runs
 ranking   errors by label, the least first, over runs: those that no model was fitted to (role held_out),
-          or all where there are none (role fit; fitted: by which models)
+          or all where there are none (role fit; fitted: by which models); equal: models that chance alone
+          may set apart from the first one
+prediction  how far predicted poses are off on these runs: seconds, errors by label and of the mocap alone
+          (position_mm, heading_deg, root mean squares)
 noise_floor  error that the noise of the poses alone would leave there, if the best model were true
 """
 
@@ -29,7 +32,10 @@ import json
 import os
 from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
-from ground.analysis import comparison
+import numpy as np
+
+from ground.analysis import comparison, horizon
+from ground.analysis.distributions import mean_not_above_zero
 from ground.analysis.window_error import noise_floor
 from ground.comparing.result import ROLES, Comparison, Ranking, RunComparison, prepare
 from ground.data import bag_arguments
@@ -53,6 +59,7 @@ from ground.support.results import distinct_labels
 
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
 WRITING = "writing the page"  # stage
+CHANCE = 0.05  # probability by chance from which models are equally good
 Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
 
 
@@ -161,7 +168,10 @@ def _conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison
     best = next(iter(ranking.errors))
     data = [s["run"] for s in _studies(ranked, best)]
     floor = float(noise_floor(data, models[best].core).sum())
-    return Comparison(models, runs, pooled, ranking, floor)
+    seconds = horizon.horizon(data, models[best].core)
+    each = {label: horizon.same(model.core) for label, model in models.items()}
+    prediction = horizon.prediction_error(data, seconds, each, models[best].core)
+    return Comparison(models, runs, pooled, ranking, floor, prediction)
 
 
 def _studies(runs: Sequence[RunComparison], label: str) -> List[Document]:
@@ -171,17 +181,20 @@ def _studies(runs: Sequence[RunComparison], label: str) -> List[Document]:
 
 def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
     """Models by their error over runs."""
-    errors, roles = {}, {}
+    errors, roles, by_window = {}, {}, {}
     for label in labels:
         studies = _studies(runs, label)
+        by_window[label] = np.concatenate([s["evaluation"].by_window for s in studies])
         errors[label] = float(comparison.numbers([s["evaluation"] for s in studies])["error"])
         roles[label] = {s["role"] for s in studies}
     fitted = [label for label in labels if "fit" in roles[label]]
+    best, *others = sorted(errors, key=errors.__getitem__)
     return Ranking(
         role="fit" if fitted else "held_out",
         runs=[run.name for run in runs],
-        errors={label: errors[label] for label in sorted(errors, key=errors.__getitem__)},
+        errors={label: errors[label] for label in [best, *others]},
         fitted=fitted,
+        equal=[label for label in others if mean_not_above_zero(by_window[label] - by_window[best]) > CHANCE],
     )
 
 
@@ -193,6 +206,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     command_line.add_output(parser, "DIR", "folder for results")
     command_line.add_options(parser, bag_arguments.Part)
+    command_line.add_details(parser)
     parser.add_argument("--numbers", action="store_true", help="compare.json and CSV only: no page")
 
 
@@ -204,10 +218,9 @@ def run(arguments: argparse.Namespace) -> Document:
         _, numbers = prepare(arguments.output, arguments.force)
         chosen = command_line.options(arguments, bag_arguments.Part)
         found = compare(models, recordings, options=chosen, progress=arguments.work)
-    command_line.say(arguments, str(found))
     with arguments.work.stage(WRITING):
         place = found.save(arguments.output, not arguments.numbers, arguments.force)
-    command_line.say(arguments, "written to %s" % place)
+    command_line.say_result(arguments, found, place)
     with open(numbers) as file:
         result: Document = json.load(file)
     return result

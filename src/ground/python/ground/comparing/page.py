@@ -1,9 +1,10 @@
 """report.html of compare: the verdict first, then the evidence."""
 
-from typing import Sequence
+from typing import Optional, Sequence
 
 from ground.comparing import words
 from ground.reports import appearance, figures, page, studies
+from ground.reports.words import off
 from ground.support.annotations import Document
 
 
@@ -20,9 +21,7 @@ def write(
     result: contents of compare.json; inspected: for every run, the results of ground.reports.inspection
     for each model; described: findings.describe of all runs; inputs: files read.
     """
-    ranking, pooled = result["ranking"], result["pooled"]
-    errors = [(label, ranking["errors"][label]) for label in pooled]
-    runs = {"held_out": "held-out runs", "fit": "runs used for fitting"}.get(ranking["role"], "all runs")
+    pooled = result["pooled"]
     page.write(
         path,
         "comparing/comparison.html",
@@ -30,8 +29,8 @@ def write(
         appearance.MODELS[1],
         force,
         result=result,
-        verdict=words.comparison(ranking, result["noise_floor"]),
-        fall=figures.fall(errors, result["noise_floor"], "error on " + runs),
+        head=words.lines(result),
+        predictions=predictions(result),
         pooled=[
             appearance.numbers_row(label, role, numbers)
             for label, groups in pooled.items()
@@ -42,3 +41,14 @@ def write(
         described=studies.quality(described),
         inputs=inputs,
     )
+
+
+def predictions(result: Document) -> Optional[Document]:
+    """Bars of how far predicted poses are off, the best model last; None where runs are too short."""
+    found = result["prediction"]
+    if found is None:
+        return None
+    labels = list(reversed(result["ranking"]["errors"]))
+    told = off(found["errors"][labels[-1]]), labels[-1], off(found["mocap"])
+    title = "Predictions are off by %s with %s; the mocap alone leaves %s" % told
+    return figures.predictions(found, [(label, label) for label in labels], title)

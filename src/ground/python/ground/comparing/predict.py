@@ -1,7 +1,7 @@
 """predict: a model's prediction of a run, sample by sample."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Iterator, List, Tuple
+from typing import TYPE_CHECKING, List, Tuple
 
 import numpy as np
 
@@ -12,9 +12,11 @@ from ground.data.measured import Part, Recordings, taken
 from ground.models import Model, ModelLike
 from ground.recordings import quality, repair, windows
 from ground.recordings.recording import POSE, PREDICTED, RESIDUAL, SAME_INSTANT, VELOCITY, unit
+from ground.reports.words import after, off
 from ground.support import command_line
 from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import GroundError
+from ground.support.headline import Line
 from ground.support.results import Plotted, Shown, with_units
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ class Prediction(Shown, Plotted):
     horizon: float  #: how far each prediction goes [s]
     position_mm: float  #: rms error of the position at the horizon, over all starts [mm]
     heading_deg: float  #: rms error of the heading there [deg]
-    noise_mm: float  #: what the noise of a pose alone would leave of these [mm]
+    noise_mm: float  #: what the true model would leave, because of the noise of the poses [mm]
     noise_deg: float  #: ... [deg]
     starts: int  #: number of starts that the errors are over
     times: Array  #: (n,) on the run's clock [s]
@@ -55,9 +57,9 @@ class Prediction(Shown, Plotted):
     @property
     def residuals(self) -> Array:
         """Measured minus predicted (n, 6), psi within a half turn."""
-        off = self.measured - self.predicted
-        off[:, 2] = repair.wrap(off[:, 2])
-        return off
+        left = self.measured - self.predicted
+        left[:, 2] = repair.wrap(left[:, 2])
+        return left
 
     @property
     def pieces(self) -> List[Document]:
@@ -85,12 +87,14 @@ class Prediction(Shown, Plotted):
         names = ("horizon", "position_mm", "heading_deg", "noise_mm", "noise_deg", "starts")
         return {"run": self.name, "model": self.model.label, **{name: getattr(self, name) for name in names}}
 
-    def lines(self) -> Iterator[str]:
-        """The errors at the horizon, and what the noise leaves."""
-        yield "%s predicts %s after %g s: %.3g mm, %.2g deg rms over %d starts" % (
-            self.model.label, self.name, self.horizon, self.position_mm, self.heading_deg, self.starts,
-        )  # fmt: skip
-        yield "noise of a pose alone: %.2g mm, %.2g deg" % (self.noise_mm, self.noise_deg)
+    def headline(self, written: str = "") -> List[Line]:
+        """Its first lines: how far it is off at the horizon, and what the mocap leaves."""
+        found, noise = ({"position_mm": mm, "heading_deg": deg} for mm, deg in (
+            (self.position_mm, self.heading_deg), (self.noise_mm, self.noise_deg)
+        ))  # fmt: skip
+        told = "%s (the mocap alone: %s)" % (off(found), off(noise))
+        what = "%s by %s, from %d starts" % (self.name, self.model.label, self.starts)
+        return [("Predicted", what), (after({"seconds": self.horizon}), told)]
 
 
 @command_line.takes(Part)
@@ -121,10 +125,10 @@ def predict(model: ModelLike, recording: Recordings, horizon: float = 1.5, *, op
 
 def prediction(model: Model, run: _core.RunData, seconds: float, zero: float = 0.0) -> Prediction:
     """The Prediction of a _core.RunData; see predict."""
-    starts = horizons.starts([run], seconds)
-    errors = horizons.pose_errors([run], model.core, starts, seconds)
-    position_mm, heading_deg = np.sqrt((errors**2).mean(axis=0)).tolist()
-    noise_mm, noise_deg = horizons.pose_noise([run]).tolist()
+    core, starts = model.core, horizons.starts([run], seconds, horizons.SHOWN)
+    errors = horizons.pose_errors([run], horizons.same(core)(starts), starts, seconds)
+    error = horizons.PoseError.of(errors)
+    least = horizons.PoseError.of(horizons.artificial_errors([run], starts, seconds, core, None))
     tiles, splits = _tiles(run, seconds)
     index = [np.arange(split + 1, tile.last + 1) for tile, split in zip(tiles, splits)]
     at, times = np.concatenate(index), np.array(run.times)
@@ -134,10 +138,10 @@ def prediction(model: Model, run: _core.RunData, seconds: float, zero: float = 0
         name=run.name,
         model=model,
         horizon=seconds,
-        position_mm=position_mm,
-        heading_deg=heading_deg,
-        noise_mm=noise_mm,
-        noise_deg=noise_deg,
+        position_mm=error.position_mm,
+        heading_deg=error.heading_deg,
+        noise_mm=least.position_mm,
+        noise_deg=least.heading_deg,
         starts=len(starts),
         times=times[at],
         start=np.repeat(np.arange(1, len(tiles) + 1), [len(own) for own in index]),
@@ -165,10 +169,16 @@ def _tiles(run: _core.RunData, seconds: float) -> Tuple[List[_core.Window], List
 
 
 def _simulated(run: _core.RunData, model: _core.Model, tiles: List[_core.Window], splits: List[int]) -> Array:
-    """Poses and velocities of windows after the samples at which predictions begin, (n, 6). The velocity at
-    the start of a window is the best for what was measured before."""
+    """Poses and velocities of windows after the samples at which predictions begin, (n, 6). They begin at the
+    measured pose, with the velocity that is the best for what was measured before."""
     warm = [_core.Window(0, window.first, split) for window, split in zip(tiles, splits)]
     begun = call(windows.problem([run], warm).simulate, model)["nu"]
     found = call(_core.predict, model, run, tiles, np.array([nu[0] for nu in begun]))
-    rows = [np.column_stack(pair) for pair in zip(found["eta"], found["nu"])]
-    return np.vstack([r[split + 1 - w.first :] for r, w, split in zip(rows, tiles, splits)])
+    measured, rows = np.array(run.eta), []
+    for eta, nu, window, split in zip(found["eta"], found["nu"], tiles, splits):
+        path, start = np.array(eta), split - window.first
+        turned = measured[split, 2] - path[start, 2]
+        turn = np.array([[np.cos(turned), np.sin(turned)], [-np.sin(turned), np.cos(turned)]])
+        place = measured[split, :2] + (path[:, :2] - path[start, :2]) @ turn
+        rows.append(np.column_stack([place, path[:, 2] + turned, nu])[start + 1 :])
+    return np.vstack(rows)

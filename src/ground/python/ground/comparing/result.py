@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 import numpy as np
 
 from ground.analysis import comparison
+from ground.analysis.horizon import PoseError, PredictionError, as_document
 from ground.comparing import words
 from ground.models import Model
 from ground.recordings import findings
@@ -17,6 +18,7 @@ from ground.reports.words import number
 from ground.support import files
 from ground.support.annotations import Document, Path
 from ground.support.errors import GroundError
+from ground.support.headline import Line
 from ground.support.results import Plotted, Shown, distinct_labels
 
 if TYPE_CHECKING:
@@ -76,7 +78,7 @@ class RunComparison(_Frame):
         return {study["label"]: study["numbers"] for study in self.studies}
 
     @property
-    def summary(self) -> Dict[str, List[str]]:
+    def remarks(self) -> Dict[str, List[str]]:
         """Sentences on what stands out, by model."""
         return {study["label"]: study["summary"] for study in self.studies}
 
@@ -103,7 +105,7 @@ class RunComparison(_Frame):
         for s in self.studies:
             yield self.name, s["label"], s["role"], s["numbers"]
 
-    def lines(self) -> Iterator[str]:
+    def table(self) -> Iterator[str]:
         """Errors of the models, and what stands out."""
         yield self.name
         yield from _table([(s["label"], s["role"], s["numbers"]) for s in self.studies])
@@ -121,6 +123,9 @@ class Ranking:
     runs: List[str]  #: all that no model was fitted to; where there are none, all runs
     errors: Dict[str, float]  #: by label, over these runs
     fitted: List[str]  #: labels of models that were fitted to any of them
+    equal: List[
+        str
+    ]  #: labels of models whose errors differ from the least one by no more than chance explains
 
 
 @dataclass(frozen=True, repr=False)
@@ -139,37 +144,32 @@ class Comparison(_Frame, Plotted):
     pooled: Dict[str, Document]
     ranking: Ranking
     noise_floor: float  #: error that the noise of the poses alone would leave on the ranking's runs
+    prediction: Optional[PredictionError]  #: of poses, on the ranking's runs; None: they are too short
 
     @property
     def best(self) -> str:
         """Label of the model with the least error; `ranking` says whether it was fitted to the runs."""
         return next(iter(self.ranking.errors))
 
-    @property
-    def sentence(self) -> str:
-        """Which model predicts or fits best, in words."""
-        return str(words.comparison(asdict(self.ranking), self.noise_floor))
-
     def rows(self) -> Iterator[Sequence[Any]]:
         """Run, model, role and numbers."""
         for run in self.runs:
             yield from run.rows()
 
-    @property
-    def title(self) -> str:
-        """The comparison in a sentence."""
-        return self.sentence
+    def headline(self, written: str = "") -> List[Line]:
+        """Its first lines: which model predicts best, by how much, and what to do next."""
+        return words.lines(self.to_dict(), written)
 
-    def lines(self) -> Iterator[str]:
-        """What `identify compare` prints."""
+    def table(self) -> Iterator[str]:
+        """Errors of the models over all runs."""
+        yield from _table(
+            [(label, role, of[role]) for label, of in self.pooled.items() for role in ROLES if of[role]]
+        )
+
+    def details(self) -> Iterator[str]:
+        """Errors of the models on each run, and what stands out."""
         for run in self.runs:
-            yield from run.lines()
-        if len(self.runs) > 1:
-            yield "all runs"
-            yield from _table(
-                [(label, role, of[role]) for label, of in self.pooled.items() for role in ROLES if of[role]]
-            )
-        yield self.sentence
+            yield from run.table()
 
     def to_dict(self, files: Optional[Sequence[Optional[Files]]] = None) -> Document:
         """Plain values, as compare.json has them; files: the files of each run."""
@@ -189,6 +189,7 @@ class Comparison(_Frame, Plotted):
             "pooled": self.pooled,
             "ranking": asdict(self.ranking),
             "noise_floor": self.noise_floor,
+            "prediction": as_document(self.prediction),
         }
 
     @classmethod
@@ -202,7 +203,8 @@ class Comparison(_Frame, Plotted):
         }
         runs = [_run_of(run) for run in document["runs"]]
         ranking = Ranking(**document["ranking"])
-        return cls(models, runs, document["pooled"], ranking, document["noise_floor"])
+        off = _prediction_of(document["prediction"])
+        return cls(models, runs, document["pooled"], ranking, document["noise_floor"], off)
 
     def save(self, folder: Path, page: bool = True, force: bool = False) -> str:
         """Writes compare.json and, for every run, the missing wrench as CSV; with `page` also
@@ -258,6 +260,19 @@ class _Wrench:
     """The numbers of a missing wrench."""
 
     numbers: Document
+
+
+def _prediction_of(document: Optional[Document]) -> Optional[PredictionError]:
+    """A PredictionError of compare.json, where null is what is not finite."""
+
+    def error(found: Document) -> PoseError:
+        return PoseError(**{k: np.inf if value is None else value for k, value in found.items()})
+
+    if document is None:
+        return None
+    errors = {label: error(found) for label, found in document["errors"].items()}
+    disturbed = document["disturbed"] and error(document["disturbed"])
+    return PredictionError(document["seconds"], errors, error(document["mocap"]), disturbed)
 
 
 def _run_of(document: Document) -> RunComparison:

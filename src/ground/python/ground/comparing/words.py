@@ -1,28 +1,62 @@
-"""The result of a comparison in a sentence."""
+"""The first lines of a comparison: which model predicts best, by how much, and what to do next."""
 
-from ground.reports.words import listed
+from typing import List
+
+from ground.reports import words
+from ground.reports.words import listed, off
 from ground.support.annotations import Document
+from ground.support.headline import Line
+
+SLIGHTLY = 1.1  # ratio of the errors of two models below which one is slightly better
+MISSING = 1.5  # least ratio to what the mocap alone leaves from which something is missing
 
 
-def comparison(ranking: Document, noise_floor: float) -> str:
-    """One sentence on the error of the models compared: which predicts best, or that errors do not say so
-    because models were fitted to the runs."""
-    errors, held_out = ranking["errors"], ranking["role"] == "held_out"
-    (best, least), *others = errors.items()
-    text = "%s has an error of %.3f" % (best, least)
-    if others:
-        text = "%s %s best: its error is %.3f, that of %s" % (
-            best,
-            "predicts" if held_out else "fits",
-            least,
-            listed(["%s %.3f" % other for other in others]),
+def lines(result: Document, page: str = "") -> List[Line]:
+    """All first lines; result: contents of compare.json; page: its file; empty: it is not written."""
+    ranking, found = result["ranking"], result["prediction"]
+    best = next(iter(ranking["errors"]))
+    head = [("Best" if len(ranking["errors"]) > 1 else "Model", _best(ranking, best, found))]
+    if found:
+        shown = ["%s %s" % (label, off(error)) for label, error in found["errors"].items()]
+        told = "%s (the mocap alone: %s)" % ("; ".join(shown), off(found["mocap"]))
+        head.append((words.after(found), told))
+    head.append(("Next", _next(ranking, best, result["models"][best]["file"], found)))
+    return head + [("Details", page)] * bool(page)
+
+
+def _best(ranking: Document, best: str, found: Document) -> str:
+    errors, equal = ranking["errors"], ranking["equal"]
+    does = "predicts" if ranking["role"] == "held_out" else "fits"
+    if equal:
+        return "cannot be decided - %s are equally good within the scatter of these runs." % listed(
+            [best, *equal]
         )
-    floor = "the noise of the poses alone would leave %.3f." % noise_floor
-    return "%s; %s%s" % (text, floor, "" if held_out else " " + _used(ranking))
+    others = [label for label in errors if label != best]
+    if not others:
+        held = "were not" if ranking["role"] == "held_out" else "were"
+        return "%s - these runs %s used to fit it." % (best, held)
+    second = others[0]
+    if not found:
+        return "%s - it %s these runs better than %s." % (best, does, listed(others))
+    ratio = words.ratio(found["errors"][second], found["errors"][best])
+    if ratio < SLIGHTLY:
+        return "%s - it %s these runs slightly better than %s." % (best, does, listed(others))
+    return "%s - it %s these runs %.2g times as well as %s." % (best, does, ratio, second)
 
 
-def _used(ranking: Document) -> str:
-    """What errors on runs that models were fitted to do not say."""
-    names = listed(ranking["fitted"])
-    what = "which model predicts better" if len(ranking["errors"]) > 1 else "how well it predicts"
-    return "%s was fitted to these runs: compare on other recordings to learn %s." % (names, what)
+def _next(ranking: Document, best: str, file: str, found: Document) -> str:
+    """What to do next."""
+    many = len(ranking["errors"]) > 1
+    if ranking["role"] == "fit":
+        asked = "which model predicts better" if many else "how well it predicts"
+        used = listed(ranking["fitted"])
+        return "record other runs to learn %s: these were used to fit %s" % (asked, used)
+    if words.times_the_mocap(found, best) > MISSING:
+        return (
+            "something is missing in %s: its predictions are off by %.2g times what the mocap explains. "
+            "This finds it:\nrosrun ground identify diagnose BAGS --model %s -o diagnosis"
+            % (best, words.times_the_mocap(found, best), file or "MODEL")
+        )
+    if ranking["equal"]:
+        return "record more runs to decide, or use the simplest model"
+    return "use %s: it predicts these runs as well as the mocap can measure them" % best

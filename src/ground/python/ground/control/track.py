@@ -17,6 +17,7 @@ from ground.support import command_line, files
 from ground.support.annotations import Document, Path
 from ground.support.command_line import count, option, positive, seconds, seed
 from ground.support.errors import GroundError
+from ground.support.headline import Line
 from ground.support.progress import Progress, Work
 from ground.support.results import Plotted, Shown
 
@@ -136,27 +137,42 @@ class Tracking(Shown, Plotted):
         columns = ["run", "t", "x", "y", "psi", "x_reference", "y_reference", "error"]
         return pandas.DataFrame(np.vstack(rows), columns=columns).astype({"run": int})
 
-    def lines(self) -> Iterator[str]:
-        """What `track` prints."""
+    def headline(self, written: str = "") -> List[Line]:
+        """Its first lines: how well the controller follows, and what to do next."""
         numbers, many = self.numbers, len(self.runs) > 1
-        if self.remark:
-            yield "model      %s" % self.remark
-        if self.caution:
-            yield "note: %s" % self.caution
         starts = ", medians of %d starts" % len(self.runs) if many else ""
-        yield "%s on %s, %g to %g s%s" % (self.controller, self.reference, *self.window, starts)
-        yield "error      %s rms, %s at most" % (metres(numbers["rms"]), metres(numbers["max"]))
+        error = "%s rms, %s at most" % (metres(numbers["rms"]), metres(numbers["max"]))
         if many:
-            ends = [metres(numbers["rms_quantiles"][q]) for q in ("p05", "p95")]
-            yield "           5 to 95%% of the starts: %s to %s rms" % tuple(ends)
+            ends = tuple(metres(numbers["rms_quantiles"][q]) for q in ("p05", "p95"))
+            error += " (%s to %s rms from 5 to 95%% of the starts)" % ends
+        followed = "%s on %s, %g to %g s%s" % (self.controller, self.reference, *self.window, starts)
+        return [
+            ("Followed", followed),
+            ("Distance", error),
+            ("Next", self._next()),
+            *[("Picture", written)] * bool(written),
+        ]
+
+    def _next(self) -> str:
+        """What to do next."""
+        if self.numbers["stopped"]:
+            stop = self.stops[0]
+            return (
+                "%d of %d runs ended early, the first at %.2f s: %s; give other gains (rosrun ground tune) "
+                "or an easier reference"
+                % (self.numbers["stopped"], len(self.runs), stop["time"], stop["reason"])
+            )
+        return "; ".join(filter(None, (self.caution, self.remark))) or "nothing needed"
+
+    def details(self) -> Iterator[str]:
+        """Inputs, computing time, and runs that ended early."""
+        numbers = self.numbers
         if numbers.get("after_stop_max") is not None:
             after = metres(numbers["after_stop_max"]), tracking.AFTER_STOP
             yield "after stop %s at most, from %g s after the end on" % after
         yield from effort_lines(numbers)
-        if numbers["stopped"]:
-            yield "stopped    %d of %d runs ended early" % (numbers["stopped"], len(self.runs))
         for stop in self.stops[:MAX_STOPS]:
-            yield "           run %(run)d at %(time).2f s: %(reason)s" % stop
+            yield "stopped    run %(run)d at %(time).2f s: %(reason)s" % stop
         if len(self.stops) > MAX_STOPS:
             yield "           and %d more" % (len(self.stops) - MAX_STOPS)
 
@@ -286,6 +302,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_model(parser, "the controller's model")
     parser.add_argument("--reference", default="circle", metavar="KIND", help="see below (%(default)s)")
     command_line.add_options(parser, TrackOptions)
+    command_line.add_details(parser)
     add_picture(parser, "path, error and inputs of the run")
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
@@ -311,7 +328,7 @@ def run(arguments: argparse.Namespace) -> Document:
         return tracking_figures.driven(found.runs[0], caption, found.window)
 
     draw(arguments, figure, result)
-    command_line.say(arguments, str(found))
+    command_line.say_result(arguments, found, arguments.picture or "")
     if found.stopped:
         raise GroundError("the controller stopped: at %(time).2f s: %(reason)s" % found.stops[0])
     return result

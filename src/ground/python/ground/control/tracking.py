@@ -10,6 +10,7 @@ from ground.recordings import tracks
 from ground.recordings.recording import Recording
 from ground.support import command_line
 from ground.support.annotations import Document
+from ground.support.headline import Line, formatted
 
 FOLLOWING = "comparing paths with references"  # stage; unit: a recording
 
@@ -25,6 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="time after the start of the reference from which errors count [s] (%(default)g)",
     )
     parser.add_argument("--room", metavar="ROOM.yaml", help="room whose walls are drawn (that of the run)")
+    command_line.add_details(parser)
     add_picture(parser, "path, error, inputs and computing time of the longest drive")
     parser.add_argument("--force", action="store_true", help="overwrite the picture")
 
@@ -42,8 +44,10 @@ def run(arguments: argparse.Namespace) -> Document:
         drives = [dict(tracks.numbers(track, arguments.settled), kind=kind) for track in read]
         drawn += [(track, drive, recording) for track, drive in zip(read, drives)]
         runs.append({"run": recording.name, "drives": drives, "changes": len(recording.changes)})
-        for line in _lines(runs[-1]):
+        for line in formatted(_headline(runs[-1])):
             command_line.say(arguments, line)
+        for drive in drives:
+            command_line.say_details(arguments, effort_lines(drive))
     result: Document = {"settled": arguments.settled, "runs": runs}
 
     def figure() -> Document:
@@ -57,16 +61,17 @@ def run(arguments: argparse.Namespace) -> Document:
 
     draw(arguments, figure, result)
     if arguments.picture:
-        command_line.say(arguments, "written to %s" % arguments.picture)
+        for line in formatted([("Picture", arguments.picture)]):
+            command_line.say(arguments, line)
     return result
 
 
-def _lines(run: Document) -> Iterator[str]:
+def _headline(run: Document) -> Iterator[Line]:
+    """The first lines on a run: how well each of its drives followed the reference."""
     for drive in run["drives"]:
         driver = drive["kind"] or drive["controller"] or "controller unknown"
-        yield "%s: %s, %.1f s" % (run["run"], driver, drive["duration"])
+        yield "Followed", "%s: %s, %.1f s" % (run["run"], driver, drive["duration"])
         errors = tuple(metres(drive[name]) for name in ("rms", "max", "final"))
-        yield "error      %s rms, %s at most, %s at the end" % errors
-        yield from effort_lines(drive)
-    if run["changes"]:
-        yield "parameters changed %d times while it ran: identify info lists them" % run["changes"]
+        yield "Distance", "%s rms, %s at most, %s at the end" % errors
+    changed = "parameters changed %d times while it ran: identify info lists them" % run["changes"]
+    yield "Next", changed if run["changes"] else "nothing needed"

@@ -14,6 +14,7 @@ from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.command_line import count, option, seed
 from ground.support.errors import GroundError
+from ground.support.headline import formatted
 from ground.support.progress import Work
 from ground.support.workers import Workers
 
@@ -77,6 +78,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_model(parser, "model of the craft")
     command_line.add_output(parser, "GAINS.yaml")
     command_line.add_options(parser, TuneOptions)
+    command_line.add_details(parser)
 
 
 def run(arguments: argparse.Namespace) -> Document:
@@ -113,7 +115,18 @@ def run(arguments: argparse.Namespace) -> Document:
     ]
     choice = gains.choice(options.controller, tuned.gains)
     gains.write(arguments.output, choice, comments, arguments.force)
-    command_line.say(arguments, "\n".join(_lines(result)))
+    own = [float(np.median(tuned.errors[c.name])) for c in seen + unseen if c.condition == "nominal"]
+    gained = ", ".join("%s %.4g" % (name, float(value)) for name, value in tuned.gains.items())
+    tested = "%s to %s rms on %d references, nominal (medians of %d fresh starts)"
+    head = [
+        ("Tuned", "%s: %s." % (options.controller, gained)),
+        ("Distance", tested % (metres(min(own)), metres(max(own)), len(own), options.test_starts)),
+        ("Gains", arguments.output),
+        ("Next", "try them: rosrun ground track --gains %s" % arguments.output),
+    ]
+    for line in formatted(head):
+        command_line.say(arguments, line)
+    command_line.say_details(arguments, _lines(result))
     return result
 
 
@@ -202,5 +215,3 @@ def _lines(result: Document) -> Iterator[str]:
     yield form % ("saturated", *("%.1f%%" % (100 * result["saturated"][n]) for n in names))
     yield form % ("effort", *("%.3f" % result["effort"][n] for n in names))
     yield "* not used by the search"
-    gained = ", ".join("%s %.4g" % item for item in result["gains"].items())
-    yield "%s: %s" % (result["output"], gained)

@@ -1,6 +1,7 @@
 """Numbers of drives in words, and their pictures."""
 
 import argparse
+import math
 from typing import Callable, Iterator
 
 from ground.support import files
@@ -26,6 +27,8 @@ def effort_lines(numbers: Document) -> Iterator[str]:
 
 def metres(value: float) -> str:
     """A length in mm below 0.1 m, else in m."""
+    if not math.isfinite(value):
+        return "not finite"
     return "%.2f mm" % (1e3 * value) if value < 0.1 else "%.3f m" % value
 
 

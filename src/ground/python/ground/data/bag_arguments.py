@@ -87,6 +87,7 @@ def configure_fit(parser: argparse.ArgumentParser, model: str, output: str, kind
     command_line.add_output(parser, output)
     add_holdout_argument(parser)
     command_line.add_options(parser, kind)
+    command_line.add_details(parser)
 
 
 def run_fit(arguments: argparse.Namespace, fit: Callable[..., Any], kind: Type[Any], *given: str) -> Document:
@@ -101,6 +102,5 @@ def run_fit(arguments: argparse.Namespace, fit: Callable[..., Any], kind: Type[A
         progress=arguments.work,
     )
     found.save(arguments.output, arguments.force)
-    command_line.say(arguments, "written to %s" % arguments.output)
-    command_line.say(arguments, str(found))
+    command_line.say_result(arguments, found, arguments.output)
     return {"model": arguments.output, **found.to_dict()}

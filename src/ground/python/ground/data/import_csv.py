@@ -11,6 +11,7 @@ from ground.recordings.recording import checked
 from ground.support import command_line, files
 from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import GroundError
+from ground.support.headline import formatted
 from ground.support.progress import Work
 
 RECEIVED = "%time"
@@ -32,7 +33,13 @@ def run(arguments: argparse.Namespace) -> Document:
     output = arguments.output
     files.refuse_existing(output, arguments.force)
     counts = write_bag(arguments.controls, arguments.pose, output, arguments.force, arguments.work)
-    command_line.say(arguments, "%s: %d poses, %d commands" % (output, counts["pose"], counts["controls"]))
+    head = [
+        ("Imported", "%d poses and %d commands." % (counts["pose"], counts["controls"])),
+        ("Recording", output),
+        ("Next", "look at it:\nrosrun ground identify info %s" % output),
+    ]
+    for line in formatted(head):
+        command_line.say(arguments, line)
     return {"bag": output, "messages": counts}
 
 

@@ -1,8 +1,9 @@
 """identify info: contents, oddities and repairs of recordings."""
 
 import argparse
+import math
 import os
-from typing import List
+from typing import Iterator, List, Sequence
 
 from ground.data import bag_arguments
 from ground.data import measured as api
@@ -11,6 +12,7 @@ from ground.recordings import drafts, findings, layouts, mapping, readers
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
+from ground.support.headline import Line, formatted
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +41,10 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     if model:
         recordings = [recording.with_lift_of(model) for recording in recordings]
     described = findings.describe(api.repaired(recordings, arguments.work))
+    for line in formatted(_headline(described)):
+        command_line.say(arguments, line)
     for d in described:
+        command_line.say(arguments)
         command_line.say(arguments, d["name"])
         for name, value in findings.facts(d):
             command_line.say(arguments, "  %-11s %s" % (name, value))
@@ -51,6 +56,28 @@ def run(arguments: argparse.Namespace) -> List[Document]:
         command_line.say(arguments, layouts.sentence(verdict))
         described = [dict(d, layout=verdict.describe()) for d in described]
     return described
+
+
+def _headline(described: Sequence[Document]) -> Iterator[Line]:
+    """The first lines: how much is usable, how good the poses are, and what to do next."""
+    usable = sum(float(d["usable"]["duration"]) for d in described)
+    whole = sum(float(d["duration"]) for d in described)
+    odd = {d["name"]: list(findings.grave(d)) for d in described}
+    doubtful = [name for name, sentences in odd.items() if sentences]
+    count = "%d recording%s" % (len(described), "" if len(described) == 1 else "s")
+    yield "Usable", "%.1f of %.1f s in %s." % (usable, whole, count)
+    position, heading = (
+        max(float(d["poses"]["noise"][k]) for d in described) for k in ("position", "heading")
+    )
+    rate = min(float(d["poses"]["rate"]) for d in described)
+    yield (
+        "Poses",
+        "%.4g Hz or more; noise up to %.2g mm, %.2g deg" % (rate, 1e3 * position, math.degrees(heading)),
+    )
+    if doubtful:
+        yield "Next", "look at %s: %s" % (", ".join(doubtful), odd[doubtful[0]][0])
+    else:
+        yield "Next", "nothing to mend"
 
 
 def _write_mapping(arguments: argparse.Namespace) -> List[Document]:

@@ -13,7 +13,7 @@ from ground.analysis.effects import Effect, EffectLike
 from ground.analysis.verdict import MISREAD, Conclusion, conclude
 from ground.data import bag_arguments
 from ground.data.measured import Recordings, held_out, measured
-from ground.diagnosing import document, words
+from ground.diagnosing import answer, document
 from ground.diagnosing.drawn import IMPROVED, NOMINAL, Drawn
 from ground.diagnosing.result import Diagnosis, Problem, prepare
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
@@ -22,7 +22,8 @@ from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Array, Document
 from ground.support.command_line import option
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, did_you_mean
+from ground.support.headline import formatted
 from ground.support.progress import Progress, Work
 
 ON_REQUEST = ", ".join(candidates.on_request())
@@ -100,7 +101,7 @@ def diagnose(
     conclusion = conclude(found, held, misread)
     name = problem.model.path or problem.model.name
     report = document.begun(found, conclusion, name, held, problem.findings)
-    for line in words.concluded(report):
+    for line in formatted(answer.known_first(report)):
         told(line)
     walls = room.core if room else None
     report = document.completed(report, found, conclusion, walls)
@@ -159,7 +160,8 @@ def _check_known(named: Iterable[str], by_default: List[str]) -> None:
     known = by_default + [name for name in candidates.on_request() if name not in by_default]
     for name in named:
         if name not in known:
-            raise GroundError("there is no effect %s; there are %s" % (name, ", ".join(known)))
+            hint = did_you_mean(name, known)
+            raise GroundError("there is no effect %s%s; there are %s" % (name, hint, ", ".join(known)))
 
 
 def _result(
@@ -221,6 +223,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_output(parser, "DIR", "folder for results")
     bag_arguments.add_holdout_argument(parser)
     command_line.add_options(parser, DiagnoseOptions)
+    command_line.add_details(parser)
 
 
 def run(arguments: argparse.Namespace) -> Document:
@@ -239,10 +242,9 @@ def run(arguments: argparse.Namespace) -> Document:
             options=command_line.options(arguments, DiagnoseOptions),
             progress=arguments.work,
         )
-    for line in words.described(found.report):
+    for line in formatted(answer.known_last(found.report, arguments.output)):
         say(line)
+    command_line.say_details(arguments, found.details())
     with arguments.work.stage(WRITING):
-        written = found.save(arguments.output, arguments.force)
-    for path in ["", *written]:
-        say("written to %s" % path if path else "")
+        found.save(arguments.output, arguments.force)
     return found.to_dict()

@@ -4,7 +4,7 @@ import dataclasses
 from typing import Iterable, List, Optional, Sequence
 
 from ground import _core
-from ground.analysis import bands, candidates, indistinguishable, stages
+from ground.analysis import bands, candidates, horizon, indistinguishable, stages
 from ground.analysis.ceiling import Share
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
@@ -54,11 +54,13 @@ def begun(
             "cross_validated": float(diagnosis.best.heldout.sum()),
         },
         "noise_floor": conclusion.heldout_floor,
+        "prediction": horizon.as_document(conclusion.prediction),
         "steps": [
             {
                 "added": step.added,
                 "error": _error(step.fit.error.sum(), error, by),
                 "group": list(step.group),
+                "p_value": diagnosis.trial_in(diagnosis.names, step.added).p_value,
                 "judged": dataclasses.asdict(conclusion.judgements[step.added]),
             }
             for step, error in zip(diagnosis.steps, conclusion.steps[1:])
@@ -140,7 +142,6 @@ def _left(conclusion: Conclusion) -> Document:
             "arguments": left.arguments,
             "terms": [] if left.found is None else [term.name for term in left.found.terms],
             "named_as": conclusion.formula and conclusion.formula.means,
-            "poses": conclusion.poses and dataclasses.asdict(conclusion.poses),
         },
         "agreement": {
             "error": {"measured": agrees.error, "expected": agrees.expected, "noise": agrees.noise},

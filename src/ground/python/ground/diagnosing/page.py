@@ -1,12 +1,12 @@
 """report.html of diagnose: the verdict first, then the evidence."""
 
 import os
-from typing import Any, List
+from typing import Any, List, Optional
 
-from ground.diagnosing import words
+from ground.diagnosing import answer, words
 from ground.diagnosing.drawn import Drawn
 from ground.reports import appearance, figures, page, studies
-from ground.reports.words import number
+from ground.reports.words import listed, number, off
 from ground.support.annotations import Document
 
 
@@ -27,8 +27,9 @@ def write(path: str, report: Document, found: Drawn, force: bool = False) -> Non
         force,
         name=name,
         report=report,
+        head=[line for line in answer.lines(report, os.curdir) if line[0] != "Details"],
         words=words,
-        fall=figures.fall(words.steps(report), report["noise_floor"], words.error_name(report)),
+        predictions=predictions(report),
         drawn=len(drawn),
         count=len(described),
         runs=studies.shown(found.inspected(drawn), [described[i] for i in drawn], found.banded),
@@ -40,6 +41,23 @@ def write(path: str, report: Document, found: Drawn, force: bool = False) -> Non
         inputs=found.inputs,
         tested=tested,
     )
+
+
+def predictions(report: Document) -> Optional[Document]:
+    """Bars of how far predicted poses are off; None where runs are too short."""
+    found, effects = report["prediction"], report["improved"]["effects"]
+    if found is None:
+        return None
+    shown = [("given", "the given model")]
+    if effects:
+        shown.append(("refitted", "refitted without " + ("them" if len(effects) > 1 else "it")))
+    shown.append(("improved", "refitted with " + listed(effects) if effects else "refitted"))
+    if "formula" in found["errors"]:
+        shown.append(("formula", "with the formula for what is left"))
+    last, seconds = off(found["errors"][shown[-1][0]]), found["seconds"]
+    before, floor = off(found["errors"][shown[-2][0]]), off(found["mocap"])
+    title = "After %.3g s predictions are off by %s, by %s before; the mocap alone leaves %s"
+    return figures.predictions(found, shown, title % (seconds, last, before, floor))
 
 
 def _candidates(report: Document) -> List[List[Any]]:

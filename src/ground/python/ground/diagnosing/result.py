@@ -10,7 +10,7 @@ import numpy as np
 from ground.analysis import candidates
 from ground.analysis.verdict import MISREAD
 from ground.data.measured import Measured
-from ground.diagnosing import document, words
+from ground.diagnosing import answer, document, words
 from ground.diagnosing.drawn import Drawn
 from ground.models import Model, Parameter, Room
 from ground.recordings.recording import Recording
@@ -18,6 +18,7 @@ from ground.reports import result_folder
 from ground.support import files
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
+from ground.support.headline import Line
 from ground.support.results import Plotted, Shown
 
 if TYPE_CHECKING:
@@ -101,10 +102,13 @@ class Diagnosis(Shown, Plotted):
     report: Document
     drawn: Optional[Drawn]  #: what its page draws; None when it was loaded
 
-    def lines(self) -> Iterator[str]:
-        """What `identify diagnose` prints."""
-        yield from words.concluded(self.report)
-        yield from words.described(self.report)
+    def headline(self, written: str = "") -> List[Line]:
+        """Its first lines: what is missing, how much it matters, and what to do next."""
+        return answer.lines(self.report, written)
+
+    def details(self) -> Iterator[str]:
+        """The evidence: what each effect explains, and what is left."""
+        return words.evidence(self.report)
 
     def to_dict(self) -> Document:
         """Plain values, as diagnosis.json has them."""

@@ -6,15 +6,18 @@ from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates, diagnosis, formula_words, naming, window_error
+from ground.analysis import candidates, diagnosis, formula_words, horizon, naming, window_error
+from ground.analysis.horizon import PoseError, as_document
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.verdict import Conclusion, conclude
 from ground.discovery import beliefs, information, pieces
 from ground.discovery.beliefs import State
 from ground.discovery.information import Offer, Question
+from ground.discovery.story import Off
 from ground.recordings import suspicions, windows
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
+from ground.reports.words import prediction
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
@@ -230,7 +233,6 @@ class Analyst:
 def sentences(found: Found, formulas: Mapping[str, Mapping[str, str]]) -> List[str]:
     """What a diagnosis says, in a few sentences. formulas: of effects that the library does not have."""
     chosen = [c.name for c in found.diagnosis.chosen]
-    errors = found.conclusion.heldout
     said = []
     for name in found.words:
         parts = ["%s = %s" % part for part in sorted(formulas[name].items())]
@@ -238,11 +240,10 @@ def sentences(found: Found, formulas: Mapping[str, Mapping[str, str]]) -> List[s
     if found.conclusion.varies:
         names = [str(v["parameter"]) for v in found.conclusion.varies]
         said.append("Differs from flight to flight: %s." % ", ".join(names))
-    if chosen:
-        said.append(
-            "The error on held-out flights is %.3f with what was found, and %.3f with the given model, "
-            "refitted." % (errors[-1], errors[0])
-        )
+    for label, text in (
+        prediction(as_document(found.conclusion.prediction), "refitted", "improved") if chosen else ()
+    ):
+        said.append("%s, without the effects and with them: %s." % (label, text))
     return said
 
 
@@ -253,6 +254,23 @@ def error(run: _core.RunData, model: _core.Model) -> Optional[float]:
     except GroundError:
         return None
     return found if np.isfinite(found) else None
+
+
+def off(run: _core.RunData, model: _core.Model, seconds: float) -> Optional[Off]:
+    """How far the poses are off that a model predicts along a run; None where its motion is not finite."""
+    chosen = horizon.starts([run], seconds, horizon.SHOWN)
+    try:
+        error = PoseError.of(horizon.pose_errors([run], [model] * len(chosen), chosen, seconds))
+    except GroundError:
+        return None
+    return error.position_mm, error.heading_deg
+
+
+def expected_off(run: _core.RunData, fit: Fit, seconds: float) -> Off:
+    """How far the poses would be off if the model of a Fit were true, with noise and disturbance."""
+    chosen = horizon.starts([run], seconds, horizon.SHOWN)
+    error = PoseError.of(horizon.artificial_errors([run], chosen, seconds, fit.model, fit.levels))
+    return error.position_mm, error.heading_deg
 
 
 def expected_errors(

@@ -15,6 +15,7 @@ import itertools
 from typing import Callable, List, Optional
 
 from ground import _core
+from ground.analysis.horizon import as_document
 from ground.analysis.verdict import MISREAD
 from ground.discovery import analyst, choice, confirmation, tracking
 from ground.discovery.analyst import Found
@@ -90,19 +91,19 @@ class Discovery(Flights):
         elif waiting > self._diagnosed:
             self._diagnose(waiting)
         elif story.verdict == MISREAD:
-            self._end("the recordings look misread: %s" % story.findings[-1].sentences[0])
+            self._end("the recordings seem to be misread: %s" % story.findings[-1].sentences[0])
         elif not self._sure():
             self._look()
         elif self.settings.track and tracking.is_due(story):
             self._compare_tracking()
         elif story.verdict in LEAVES:  # nothing is confirmed while something is left
-            reason = "flights go on to show something that no effect of the library explains"
+            reason = "the flights show something that no effect of the library explains"
             self._end(reason, needed="an effect that %s" % self.analyst.depends)
         elif story.confirmation is None or not story.confirmation.holds:
             self._confirm()
         else:
-            reason = "no question is open that a flight in this room could decide, and a flight has "
-            self._end(reason + "confirmed it", sure=True)
+            reason = "no flight in this room would change the result, and a test flight confirmed it"
+            self._end(reason, sure=True)
 
     def _excitations(self) -> List[int]:
         """Numbers of the excitations that are fitted to: not the flight that confirms the result."""
@@ -176,7 +177,7 @@ class Discovery(Flights):
         flown = self._excite(
             CONFIRM,
             choice.confirming(self.given, self._seed(len(self.story.flights))),
-            "Neither fit nor choice has seen it: both models predict it beforehand.",
+            "A test flight, which decides nothing: both models predict it beforehand.",
         )
         if flown is None:
             self._end("no time of flight is left for a confirming flight")
@@ -185,7 +186,6 @@ class Discovery(Flights):
         if recording is not None:
             run, model = repaired(recording).data(self.given), self.models[self.story.findings[-1].label]
             self.story.confirmation = confirmation.of(flown, run, self.found, model)
-            flown.floor = self.story.confirmation.floor
 
     def _compare_tracking(self) -> None:
         """Flies the reference with the model in use, then decides whether the controllers keep it: only if
@@ -239,6 +239,7 @@ class Discovery(Flights):
                 analyst.sentences(found, self.analyst.formulas),
                 self._open(),
                 dict(found.words),
+                as_document(found.conclusion.prediction),
             )
         )
         self._judge_flights(found.diagnosis.fit)

@@ -1,4 +1,4 @@
-"""Whether the final model predicts a flight that neither fit nor choice has seen."""
+"""Whether the final model predicts a test flight, which neither fit nor choice of flights has used."""
 
 from typing import Optional
 
@@ -8,7 +8,7 @@ from ground import _core
 from ground.analysis import window_error
 from ground.discovery import analyst
 from ground.discovery.analyst import Found
-from ground.discovery.story import GIVEN, Confirmation, Flown
+from ground.discovery.story import Confirmation, Flown
 
 TOLERANCE = 1.1  # largest ratio of a final model's error to those that are expected of it
 
@@ -21,13 +21,14 @@ def of(flown: Flown, run: _core.RunData, found: Found, model: _core.Model) -> Co
     refitted = analyst.error(
         run, found.conclusion.before.model
     )  # the given model, fitted to the same flights
-    given, final = flown.errors.get(GIVEN), analyst.error(run, model)
+    given, final = analyst.error(run, found.diagnosis.given), analyst.error(run, model)
     most = TOLERANCE * min(e for e in (max(expected), given, refitted) if e is not None)
     holds = final is not None and final <= most
     noise = float(window_error.noise_floor([run], model).sum())
     sentence = (
-        "The final model %s the flight: its error is %s, and at most %.3f confirms it; the noise of the "
-        "poses alone leaves %.3f. The given model's is %s, refitted to the same flights %s."
+        "The final model %s the test flight: its error is %s, where at most %.3f was allowed and a perfect "
+        "model would reach %.3f because of measurement noise. The given model's error is %s, refitted to "
+        "the same flights %s."
         % (
             "predicts" if holds else "does not predict",
             _number(final), most, noise, _number(given), _number(refitted),

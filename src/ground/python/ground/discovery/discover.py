@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Callable, Dict, Iterator, List, Optional, Tupl
 import numpy as np
 
 from ground import _core
-from ground.discovery import campaign, flights, journal
+from ground.discovery import answer, campaign, flights, journal, words
 from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import Story
 from ground.models import Model, ModelLike, Room, RoomLike
@@ -18,6 +18,7 @@ from ground.support import command_line
 from ground.support.annotations import Document, Path
 from ground.support.command_line import option, seed
 from ground.support.errors import GroundError, OptionError
+from ground.support.headline import Line
 from ground.support.progress import Progress, Work
 from ground.support.results import Plotted, Shown
 
@@ -29,8 +30,8 @@ REST = 2.0  # length of a simulation that checks the conditions [s]
 DETAILS = """
 The craft flies bursts of inputs in a room, without ROS and faster than real time. All flights so far
 are diagnosed, the controllers take the improved model, and the next flight is the one that is
-expected to tell most about the effects that are still open. When no question is left, a flight that
-neither fit nor choice has seen confirms the result.
+expected to tell most about the effects that are still open. When no question is left, a test flight
+checks the result, which decides nothing.
 
 DIR keeps recordings, inputs, models, journal.json and, after each step, the page report.html. When
 DIR has a discovery of the same model, it is continued. A disturbance in the file of the true model
@@ -77,7 +78,7 @@ class Discovery(Shown, Plotted):
     groups: Dict[str, List[str]]  #: effects that cannot be distinguished from a found one, itself first
     model: Model  #: the model with them, fitted to the flights
     sure: bool  #: whether nothing is open that a flight could show
-    confirmed: bool  #: whether it has predicted a flight that neither fit nor choice has seen
+    confirmed: bool  #: whether it has predicted a test flight, which decided nothing
     seconds: float  #: time of flight [s]
     story: Story  #: everything, flight by flight
     page: str  #: path of report.html; empty without a folder
@@ -107,30 +108,30 @@ class Discovery(Shown, Plotted):
         page = os.path.join(place, "report.html")
         return cls.of(story, model, page if os.path.isfile(page) else "")
 
-    @property
-    def sentences(self) -> List[str]:
-        """What `identify discover` prints at its end."""
-        from ground.discovery import words
-
-        return words.summary(self.story, self.model.core)
-
     def to_dict(self) -> Document:
         """Plain values, as journal.json has them."""
         return self.story.to_dict()
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Error of each model (columns) on each flight that it predicted, and the floor, indexed by
-        the number of the flight; NaN where a model was not there or is not finite."""
+        """How far the position is off [mm] that each model (columns) predicts on each flight, and the
+        floor, indexed by the number of the flight; NaN where a model was not there or is not finite."""
         import pandas
 
         labels = [version.label for version in self.story.versions]
-        rows = [[*(flown.errors.get(label) for label in labels), flown.floor] for flown in self.story.flights]
+        rows = [
+            [off and off[0] for off in [*(flown.errors.get(label) for label in labels), flown.floor]]
+            for flown in self.story.flights
+        ]
         index = pandas.Index([f.flight.number for f in self.story.flights], name="flight")
         return pandas.DataFrame(rows, index, [*labels, "floor"], dtype=float)
 
-    def lines(self) -> Iterator[str]:
-        """What `identify discover` prints at its end."""
-        yield from self.sentences
+    def headline(self, written: str = "") -> List[Line]:
+        """Its first lines: what is missing, how much it matters, and what to do next."""
+        return answer.lines(self.story, self.model.core, self.model.path, self.page)
+
+    def details(self) -> Iterator[str]:
+        """The confirmation, and how much better the model tracks."""
+        yield from words.details(self.story)
 
 
 @command_line.takes(DiscoverOptions)
@@ -207,11 +208,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--truth", metavar="T.yaml", required=True, help="true model of the craft")
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="folder of the discovery")
     command_line.add_options(parser, DiscoverOptions)
+    command_line.add_details(parser)
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs identify discover; returns what --json prints."""
-    from ground.discovery import words
 
     def say(text: str) -> None:
         command_line.say(arguments, text)
@@ -228,9 +229,6 @@ def run(arguments: argparse.Namespace) -> Document:
         )
     except KeyboardInterrupt:
         raise GroundError("interrupted; the same command continues %s" % arguments.output)
-    for text in ["", *found.sentences]:
-        say(text)
-    if found.story.needed:
-        say("Needed: %s" % found.story.needed)
-    say("written to %s" % found.page)
+    say("")
+    command_line.say_result(arguments, found, arguments.output)
     return found.to_dict()

@@ -33,7 +33,7 @@ from ground.reports.panels import Panels
 from ground.support.annotations import Array, Document
 
 ROOM_ABOVE = 1.6  # largest error that the axis has room for, over the largest that is drawn
-MIN_ERROR = 1e-6  # smallest error that is drawn [-]
+MIN_ERROR = 1e-3  # smallest error that is drawn [mm]
 
 
 def errors(story: Story) -> Optional[Document]:
@@ -42,13 +42,13 @@ def errors(story: Story) -> Optional[Document]:
     flights = [flown for flown in story.flights if flown.errors]
     if not flights:
         return None
-    known = [e for flown in flights for e in flown.errors.values() if e is not None]
-    known += [flown.floor for flown in flights if flown.floor]
+    known = [e[0] for flown in flights for e in flown.errors.values() if e is not None]
+    known += [flown.floor[0] for flown in flights if flown.floor]
     low, top = max(MIN_ERROR, 0.75 * min(known, default=1.0)), ROOM_ABOVE * max(known, default=1.0)
     figure = Panels()
     for count, version in enumerate(shown(story)):
         _add_model(figure, flights, count, version, top)
-    floors = [(flown.flight.number, flown.floor) for flown in flights if flown.floor]
+    floors = [(flown.flight.number, flown.floor[0]) for flown in flights if flown.floor]
     if floors:
         at = [n + step for n, _ in floors for step in (-0.4, 0.4, math.nan)]
         levels = [level for _, level in floors for _ in range(3)]
@@ -58,18 +58,34 @@ def errors(story: Story) -> Optional[Document]:
     figure.update_xaxes(title="flight", range=[min(numbers) - 0.6, max(numbers) + 0.6], tickformat="d")
     span = [math.log10(low), math.log10(top)]
     figure.update_yaxes(
-        title="error of the prediction [-]", type="log", range=span, tickformat="~g", dtick="D2"
+        title="position off after %.3g s [mm]" % story.horizon,
+        type="log",
+        range=span,
+        tickformat="~g",
+        dtick="D2",
     )
     caption = (
-        "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s; logarithmic. "
-        "Each model predicts the flights after those that it was fitted to, which have open marks. Floor: "
-        "what noise of the poses and the disturbance leave to a true model."
+        "Distance of the predicted from the measured position, root mean square; logarithmic. Each model "
+        "predicts the flights after those that it was fitted to, which have open marks. Floor: what noise "
+        "of the poses and the disturbance leave to a true model."
     )
     if any(None in flown.errors.values() for flown in flights):
         caption += " Cross at the top: the predicted motion is not finite."
     if len(shown(story)) < len(story.versions):
         caption += " Of models with the same effects the first is drawn, and the newest of all."
-    return figure.finish(400, caption, {"t": 70})
+    return figure.finish(400, caption, {"t": 70}, title=_errors_title(story, flights))
+
+
+def _errors_title(story: Story, flights: Sequence[Flown]) -> str:
+    """What the errors show: how far they fall."""
+    known = [off[0] for off in flights[-1].errors.values() if off]
+    if len(known) < 2:
+        return "How far the given model's predictions are off"
+    told = flights[-1].flight.number, known[0], known[-1]
+    return (
+        "On flight %d predictions are off by %.2g mm with the given model, by %.2g mm with what was found"
+        % told
+    )
 
 
 def shown(story: Story) -> List[tale.Version]:
@@ -84,7 +100,7 @@ def _add_model(
 ) -> None:
     """The errors of a model: filled marks where it predicted, open ones where it was fitted."""
     kind, predicted = MARKS[count % len(MARKS)], [f for f in flights if version.label in f.errors]
-    values = [f.errors[version.label] for f in predicted]
+    values = [e and e[0] for e in (f.errors[version.label] for f in predicted)]
     if not predicted:
         return
     fitted = [f.flight.number <= version.after for f in predicted]
@@ -92,7 +108,9 @@ def _add_model(
     drawn = [top / 1.15 if v is None else max(v, MIN_ERROR) for v in values]
     trace = curve([f.flight.number for f in predicted], drawn, version.label, model_line(count, 2), True)
     marker = {"size": 9, "symbol": marks, "color": appearance.model_color(count)}
-    figure.add(dict(trace, mode="lines+markers", marker=marker, cliponaxis=False, hovertemplate="%{y:.3f}"))
+    figure.add(
+        dict(trace, mode="lines+markers", marker=marker, cliponaxis=False, hovertemplate="%{y:.3g} mm")
+    )
 
 
 def flight(

@@ -7,11 +7,12 @@ from typing import Callable, Dict, List, Optional
 import numpy as np
 
 from ground import _core
+from ground.analysis import horizon
 from ground.analysis.likelihood import Fit
 from ground.discovery import analyst, pieces, tracking
 from ground.discovery.journal import FIRST, Journal
 from ground.discovery.laboratory import Laboratory
-from ground.discovery.story import CONFIRM, GIVEN, TRACK, Flight, Flown, Point, Story, Version
+from ground.discovery.story import CONFIRM, GIVEN, TRACK, Flight, Flown, Off, Point, Story, Version
 from ground.recordings import readers, windows
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
@@ -97,7 +98,8 @@ class Flights:
         flown.tracking_error = tracking.overall(flown.tracking_parts)
         if landed.recording is not None and self._take(flown, landed.recording):
             run = repaired(self._recordings[flight.number]).data(self.given)
-            flown.errors = {label: analyst.error(run, m) for label, m in self.models.items()}
+            story.horizon = story.horizon or horizon.horizon([run], self.given)
+            flown.errors = {label: self._off(run, m) for label, m in self.models.items()}
         story.flights.append(flown)
         story.planned = None
         return flown
@@ -124,8 +126,14 @@ class Flights:
             recording = self._recordings.get(flown.flight.number)
             if recording is not None and flown.flight.purpose != CONFIRM:
                 run = repaired(recording).data(self.given)
-                expected = analyst.expected_errors(run, fit, 3)
-                flown.floor = float(np.mean(expected))
+                with contextlib.suppress(GroundError):  # too short, or a motion is not finite
+                    flown.floor = analyst.expected_off(run, fit, self.story.horizon)
+
+    def _off(self, run: _core.RunData, model: _core.Model) -> Optional[Off]:
+        """How far the poses are off that a model predicts along a run."""
+        with contextlib.suppress(GroundError):  # the run is too short
+            return analyst.off(run, model, self.story.horizon)
+        return None
 
     def _load(self, label: str) -> str:
         """Gives the controllers a model; returns why they refused it."""

@@ -9,7 +9,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.discovery import figures, words
+from ground.discovery import answer, figures, words
 from ground.discovery.story import (
     ABSENT,
     CONFIRM,
@@ -25,7 +25,7 @@ from ground.discovery.story import (
     Story,
 )
 from ground.reports import appearance, page
-from ground.reports.words import number, sentence
+from ground.reports.words import sentence
 from ground.support.annotations import Array, Document
 
 NAME = "report.html"  # in the folder of a discovery
@@ -54,6 +54,7 @@ def write(story: Story, folder: str, room: Optional[_core.RoomPlan] = None) -> s
         appearance.VERDICTS.get(story.verdict, appearance.LESS),
         force=True,
         story=story,
+        head=answer.lines(story, given, os.path.basename(final)),
         words=words,
         given=given,
         errors=figures.errors(story),
@@ -156,9 +157,9 @@ def _flight(story: Story, flown: Flown, finding: Optional[Finding]) -> Document:
         lines.append(sentence("stopped early: %s" % flown.stopped))
     before = [v.label for v in story.versions if v.label in flown.errors and v.after < plan.number]
     if before:
-        floor = "" if flown.floor is None else "; noise and disturbance leave %s" % number(flown.floor)
-        error = words.error(flown.errors[before[-1]])
-        lines.append("The newest model (%s) predicted it with an error of %s%s." % (before[-1], error, floor))
+        error, floor = words.off(flown.errors[before[-1]]), words.floor(flown)
+        told = "The newest model (%s) predicted it; after %.3g s it was off by %s%s."
+        lines.append(told % (before[-1], story.horizon, error, floor))
     if not flown.recording:
         lines.append("It was not recorded.")
     known = [other.effects for other in story.findings if other.after < plan.number]

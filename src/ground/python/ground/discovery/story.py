@@ -14,7 +14,7 @@ SCHEMA = "ground/discovery/1"
 # Purposes of a flight
 LOOK = "look"  # at everything that the library could explain
 DECIDE = "decide"  # between what is still open
-CONFIRM = "confirm"  # the result, on a flight that neither fit nor choice has seen
+CONFIRM = "confirm"  # the result, by a test flight that decides nothing
 TRACK = "track"  # a reference, to see whether a model makes tracking better
 
 # States of the belief in an effect
@@ -26,6 +26,7 @@ LEFT = "what is left"  # the question what no effect explains
 GIVEN = "given"  # label of the model that a discovery begins with
 
 Point = Tuple[float, float, float]  # time since the flight began [s], x, y [m], world_ned
+Off = Tuple[float, float]  # root mean square error of predicted poses: position [mm], heading [deg]
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,9 @@ class Flown:
     controlled_by: str  # label of the model in the controller
     stopped: str = ""  # why it ended early; empty if it did not
     path: List[Point] = field(default_factory=list)  # measured
-    # Mean |e|/s of the models that were there before the flight, by label; None: not finite
-    errors: Dict[str, Optional[float]] = field(default_factory=dict)
-    floor: Optional[float] = None  # the error that noise of poses and disturbance leave
+    # Errors of the models that were there before the flight, by label; None: not finite
+    errors: Dict[str, Optional[Off]] = field(default_factory=dict)
+    floor: Optional[Off] = None  # the error that noise of poses and disturbance leave
     tracking_error: Optional[float] = None  # root mean square, when tracking [m]; None: not measured
     tracking_parts: List[float] = field(default_factory=list)  # the same in parts of the reference
     rest: List[float] = field(default_factory=list)  # as in Landed
@@ -96,6 +97,8 @@ class Finding:
     open: List[str]  # questions that are still open, in words
     # What effects mean that the library does not have: those found and those proposed
     words: Dict[str, str] = field(default_factory=dict)
+    # horizon.PredictionError as a dictionary, of the diagnosis; None: not known
+    prediction: Optional[Dict[str, Any]] = None
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,7 @@ class Story:
     craft: str  # name of the given model
     room: str
     budget: float  # longest time of flight [s]
+    horizon: float = 0.0  # time after which predicted poses are compared [s]; 0: no flight has shown it yet
     versions: List[Version] = field(default_factory=list)
     flights: List[Flown] = field(default_factory=list)
     findings: List[Finding] = field(default_factory=list)

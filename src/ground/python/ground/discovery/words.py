@@ -6,68 +6,61 @@ from ground import _core
 from ground.analysis import candidates
 from ground.discovery import story as tale
 from ground.discovery.story import Finding, Flight, Flown, Story
+from ground.reports import words
 from ground.reports.words import listed, number, sentence
 
 PURPOSES = {
     tale.LOOK: "looks at everything that the library could explain",
     tale.DECIDE: "decides between what is still open",
-    tale.CONFIRM: "confirms the result on a flight that neither fit nor choice has seen",
+    tale.CONFIRM: "tests the result by a flight that decided nothing",
     tale.TRACK: "follows a reference, to see whether the model makes tracking better",
 }
 VERDICTS = {  # for a finding without effects
     "complete": "nothing is missing",
     "missing": "nothing is missing",  # as long as no effect is named
     "varies": "no effect is missing, but a trim or the thrust differs between flights",
-    "memory": "something is missing that depends on the past",
-    "unexplained": "something is missing that no effect tried explains",
+    "memory": "something without a name is missing, which depends on the past",
+    "unexplained": "something without a name is missing, which none of the effects tried explains",
     "undecided": "these flights cannot decide whether something is missing",
-    "misread": "the recordings look misread, so no effect is blamed",
+    "misread": "these recordings seem to be read with wrong units, axes, channels or clocks, so that no "
+    "effect was searched for",
 }
 RESTS = ("varies", "memory", "unexplained", "undecided")  # verdicts that say something beside the effects
 
 
-def summary(story: Story, model: Optional[_core.Model] = None) -> List[str]:
-    """Sentences: the verdict, the time of flight, the confirmation, tracking, why it ended. model: the
-    given one, which knows effects of single thrusters in words."""
-    found = [verdict(story, model)] + [effort(story)] * bool(story.flights)
-    if story.confirmation:
-        found.append(story.confirmation.sentence)
-    elif story.ended:
-        found.append("the result was not confirmed by a flight of its own")
-    if story.tracking:
-        found.append(story.tracking.sentence)
-    if story.ended:
-        found.append(end(story))
-    return [sentence(text) for text in found]
-
-
-def verdict(story: Story, model: Optional[_core.Model] = None) -> str:
-    """The verdict of the last finding."""
-    if not story.findings:
-        return "no flight has been diagnosed" + ("" if story.ended else " yet")
-    return ("" if story.ended else "so far: ") + verdict_of(story.findings[-1], model)
+def details(story: Story) -> List[str]:
+    """Sentences on the confirmation and on tracking."""
+    return [sentence(check.sentence) for check in (story.confirmation, story.tracking) if check]
 
 
 def verdict_of(finding: Finding, model: Optional[_core.Model] = None) -> str:
     """The verdict of a finding, its effects in words with their names beside."""
-    groups = [[n] + [o for o in finding.groups.get(n, []) if o != n] for n in finding.effects]
-    rest, is_left = VERDICTS.get(finding.verdict, finding.verdict), tale.LEFT in finding.open
-    if is_left and finding.verdict not in RESTS:
-        rest = "something is left that is not shown to be chance"
-    known = [name for group in groups for name in group]
-    proposed = [in_words(name, finding.words) for name in finding.words if name not in known]
-    if proposed:
-        rest += ": it may be " + ", or ".join(proposed)
-    if not finding.effects or finding.verdict == "misread":
+    named, rest = effects_of(finding, model), rest_of(finding)
+    if not named:
         return rest
-    named = [", or ".join(in_words(n, finding.words, model) for n in group) for group in groups]
     text = "%s %s missing" % (listed(named), "is" if len(named) == 1 else "are")
-    if any(len(group) > 1 for group in groups):
-        alike = [" and ".join(group) for group in groups if len(group) > 1]
-        text += "; these flights do not distinguish " + ", nor ".join(alike)
-    if finding.verdict in RESTS or is_left:
-        text += "; beside that, " + rest
-    return text
+    return text + ("; beside that, " + rest if rest else "")
+
+
+def effects_of(finding: Finding, model: Optional[_core.Model] = None) -> List[str]:
+    """The effects that were found, each with those that the flights do not distinguish from it."""
+    if finding.verdict == "misread":
+        return []
+    groups = [[n] + [o for o in finding.groups.get(n, []) if o != n] for n in finding.effects]
+    return [", or ".join(in_words(n, finding.words, model) for n in group) for group in groups]
+
+
+def rest_of(finding: Finding) -> str:
+    """What is said beside the effects that were found; empty if nothing is."""
+    is_left = tale.LEFT in finding.open
+    if finding.effects and finding.verdict not in (*RESTS, "misread") and not is_left:
+        return ""
+    rest = VERDICTS.get(finding.verdict, finding.verdict)
+    if is_left and finding.verdict not in RESTS:
+        rest = "something may be left that is not random"
+    known = [*finding.effects, *(o for n in finding.effects for o in finding.groups.get(n, []))]
+    proposed = [in_words(name, finding.words) for name in finding.words if name not in known]
+    return rest + (": it may be " + ", or ".join(proposed) if proposed else "")
 
 
 def in_words(name: str, own: Mapping[str, str], model: Optional[_core.Model] = None) -> str:
@@ -79,18 +72,12 @@ def in_words(name: str, own: Mapping[str, str], model: Optional[_core.Model] = N
 def effort(story: Story) -> str:
     """The time of flight."""
     count = len(story.flights)
-    return "this took %.0f s of flight in %d flight%s, of at most %.0f s" % (
-        story.flown,
+    return "%d flight%s, %.0f of at most %.0f s" % (
         count,
         "" if count == 1 else "s",
+        story.flown,
         story.budget,
     )
-
-
-def end(story: Story) -> str:
-    """Why it ended, and whether the result is sure."""
-    sure = "the result is sure" if story.sure else "the result is not sure"
-    return "%s: %s" % (sure, story.reason) if story.reason else sure
 
 
 def planned(flight: Flight) -> str:
@@ -110,9 +97,8 @@ def outcome(flight: Flown) -> str:
         parts.append("stopped: %s" % flight.stopped)
     if flight.errors:
         labels = list(dict.fromkeys([*flight.errors][:1] + [*flight.errors][-1:]))
-        errors = ["%s %s" % (label, error(flight.errors[label])) for label in labels]
-        floor = "" if flight.floor is None else ", floor %s" % number(flight.floor)
-        parts.append("error of prediction: %s%s" % (", ".join(errors), floor))
+        errors = ["%s %s" % (label, off(flight.errors[label])) for label in labels]
+        parts.append("predictions are off by: %s%s" % ("; ".join(errors), floor(flight)))
     if flight.tracking_error is not None:
         parts.append("tracking error %s" % millimetres(flight.tracking_error))
     return "; ".join(parts)
@@ -121,6 +107,17 @@ def outcome(flight: Flown) -> str:
 def error(value: Optional[float]) -> str:
     """An error of prediction; None: the motion is not finite."""
     return "not finite" if value is None else number(value)
+
+
+def off(found: Optional[tale.Off]) -> str:
+    """How far predicted poses are off: "56 mm, 16 deg"; None: the motion is not finite."""
+    position, heading = found or (None, None)
+    return words.off({"position_mm": position, "heading_deg": heading})
+
+
+def floor(flight: Flown) -> str:
+    """What noise and disturbance leave on a flight, in parentheses; empty if it is not known."""
+    return " (noise and disturbance: %s)" % off(flight.floor) if flight.floor else ""
 
 
 def millimetres(metres: Optional[float]) -> str:

@@ -1,13 +1,15 @@
 """add: adds a physical effect to a model and refits it, with the error before and after."""
 
 import argparse
+import functools
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Dict, Iterator, Tuple
+from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
-from ground.analysis import candidates, distributions, window_error
+from ground.analysis import candidates, distributions, horizon, window_error
 from ground.analysis.effects import Effect, EffectLike
+from ground.analysis.horizon import ModelsAt, PredictionError, as_document
 from ground.analysis.window_error import WindowFit
 from ground.data import bag_arguments
 from ground.data.measured import Measured, Recordings, held_out, measured
@@ -21,8 +23,10 @@ from ground.models import (
     parameters_by_name,
 )
 from ground.recordings import windows
+from ground.reports import words
 from ground.support import command_line
 from ground.support.annotations import Array, Document, Path
+from ground.support.headline import Line
 from ground.support.progress import Progress, Work
 from ground.support.results import Shown
 
@@ -43,12 +47,6 @@ class Verdict:
     ci95: Tuple[float, float]  #: 95% interval of that change, from window to window
     reason: str
 
-    @property
-    def sentence(self) -> str:
-        """The verdict in words."""
-        advice = "it helps" if self.helps else "it does not help: keep the model without it"
-        return "%s (%s)" % (advice, self.reason)
-
 
 @dataclass(frozen=True, repr=False)
 class Addition(Shown):
@@ -64,6 +62,9 @@ class Addition(Shown):
     parameters: Dict[str, Parameter]  #: parameters of the model with the effect, by name
     parameters_before: Dict[str, Parameter]  #: parameters of the model without it
     error: Dict[str, Change]  #: by kind of runs: fit, heldout, and holdout where some were given
+    prediction: Optional[
+        PredictionError
+    ]  #: without the effect and with it, on held-out data; None: too short
     noise_floor: float  #: error that the noise of the poses alone would leave
     folds: str  #: what was held out
     verdict: Verdict
@@ -74,13 +75,14 @@ class Addition(Shown):
             "effect": self.effect,
             "parameters": {name: asdict(p) for name, p in self.parameters.items()},
             "error": {name: asdict(change) for name, change in self.error.items()},
+            "prediction": as_document(self.prediction),
             "noise_floor": self.noise_floor,
-            "verdict": {**asdict(self.verdict), "sentence": self.verdict.sentence},
+            "verdict": asdict(self.verdict),
         }
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Parameters, indexed by name: before (NaN without the effect), start, value, low, high
-        (95%), identified, unit."""
+        """Parameters, indexed by name: before (NaN without the effect), start, value, std_error, low, high
+        (95%), identified, at_bound, unit."""
         before = [
             self.parameters_before[name].value if name in self.parameters_before else np.nan
             for name in self.parameters
@@ -93,27 +95,34 @@ class Addition(Shown):
         """Writes the model with the effect; see Model.save."""
         return self.model.save(path, force)
 
-    @property
-    def title(self) -> str:
-        """The verdict in a line."""
-        return "%s with %s: %s" % (self.model.name, self.effect, self.verdict.sentence)
+    def headline(self, written: str = "") -> List[Line]:
+        """Its first lines: whether the effect helps, by how much, and what to do next."""
+        own = [p for name, p in self.parameters.items() if name.split(".")[0] == self.effect]
+        values = ", ".join("%s %s" % (p.name.split(".", 1)[1], p.words) for p in own)
+        answer = "yes" if self.verdict.helps else "no"
+        do = "use the model with it" if self.verdict.helps else "keep the model without it"
+        return [
+            ("Does it help", "%s - %s: %s; %s." % (answer, self.effect, values, self.verdict.reason)),
+            *words.prediction(as_document(self.prediction), "without", "with"),
+            ("Model with it", written or "not saved yet"),
+            ("Next", do),
+        ]
 
-    def lines(self) -> Iterator[str]:
-        """What `identify add` prints."""
+    def details(self) -> Iterator[str]:
+        """Parameters and errors without the effect and with it."""
         yield "%-28s %12s %12s   %s" % ("parameter", "without", "with", "95% interval")
         for name, p in self.parameters.items():
             was = self.parameters_before.get(name)
             before, unit = "" if was is None else "%.4g" % was.value, p.unit if p.identified else ""
             yield ("%-28s %12s %12.4g   %s %s" % (name, before, p.value, p.interval, unit)).rstrip()
-        words = {"fit": "the runs fitted to", "heldout": "held out: " + self.folds}
+        kinds = {"fit": "the runs fitted to", "heldout": "held out: " + self.folds}
         yield ""
         yield "%-48s %8s %8s %8s" % ("error over windows of 1.5 s", "before", "after", "change")
         for kind, error in self.error.items():
-            name = words.get(kind, "the held-out runs")
+            name = kinds.get(kind, "the held-out runs")
             percent = "%+.0f%%" % (100 * error.change)
             yield "  %-46s %8.3f %8.3f %8s" % (name, error.before, error.after, percent)
         yield "  %-46s %17.3f" % ("noise of the poses alone", self.noise_floor)
-        yield self.verdict.sentence
 
 
 @dataclass(frozen=True)
@@ -167,11 +176,22 @@ def add(
     }
     if held.data:
         errors["holdout"] = Change(*(windows.error(held.data, fit.model) for fit in (before, after)))
-    return _result(candidate.name, seen, before, after, errors)
+    fits = {"without": before, "with": after}
+    seconds, tested = horizon.horizon(seen.data, given.core), held.data or seen.data
+    models: Dict[str, ModelsAt] = {name: horizon.same(one.model) for name, one in fits.items()}
+    if not held.data:
+        models = {name: functools.partial(fitter.models_at, one) for name, one in fits.items()}
+    prediction = horizon.prediction_error(tested, seconds, models, after.model)
+    return _result(candidate.name, seen, before, after, errors, prediction)
 
 
 def _result(
-    effect: str, seen: Measured, before: WindowFit, after: WindowFit, errors: Dict[str, Change]
+    effect: str,
+    seen: Measured,
+    before: WindowFit,
+    after: WindowFit,
+    errors: Dict[str, Change],
+    prediction: Optional[PredictionError],
 ) -> Addition:
     parameters = parameters_by_name(after.parameters.values())
     model = fitted_model(
@@ -189,6 +209,7 @@ def _result(
         parameters=parameters,
         parameters_before=parameters_by_name(before.parameters.values()),
         error=errors,
+        prediction=prediction,
         noise_floor=float(window_error.noise_floor(seen.data, after.model).sum()),
         folds="each run by a fit to the others" if several else "each quarter by a fit to the rest",
         verdict=_verdict(parameters, {p["name"]: p["neutral"] for p in own}, before, after, errors),

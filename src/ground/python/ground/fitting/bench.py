@@ -2,13 +2,14 @@
 
 import argparse
 import os
-from typing import Any, Dict, Iterator, Tuple
+from typing import Any, Dict, Iterator, Sequence, Tuple
 
 import numpy as np
 import yaml
 
 from ground import _core
 from ground.analysis import candidates
+from ground.analysis.formula_words import quantity, with_interval
 from ground.data import bag_arguments
 from ground.fitting import thrust_bench
 from ground.fitting.fit import fit
@@ -17,6 +18,7 @@ from ground.models import Model, with_provenance
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
+from ground.support.headline import Line, formatted
 from ground.support.origin import digest_of_files
 
 NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
@@ -63,6 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     bag_arguments.add_reading_arguments(parser)
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
+    command_line.add_details(parser)
 
 
 def run(arguments: argparse.Namespace) -> Document:
@@ -92,11 +95,10 @@ def run(arguments: argparse.Namespace) -> Document:
         runs = bag_arguments.reading(arguments, arguments.runs)
         motion = fit(fitted, runs, progress=arguments.work)
     fitted.save(arguments.output, arguments.force)
-    for line in _lines(found):
+    agrees = list(_agreement(fitted.core, found, motion)) if motion else []
+    for line in formatted(_headline(found, arguments, agrees)):
         command_line.say(arguments, line)
-    for line in _agreement(fitted.core, found, motion) if motion else ():
-        command_line.say(arguments, line)
-    command_line.say(arguments, "written to %s" % arguments.output)
+    command_line.say_details(arguments, [*_lines(found), *agrees])
     return {
         "model": arguments.output,
         "curve": found.curve.kind,
@@ -211,8 +213,28 @@ def _agreement(model: _core.Model, found: thrust_bench.Thrust, motion: Fit) -> I
         yield "the intervals of bench and motion meet"
 
 
+def _headline(
+    found: thrust_bench.Thrust, arguments: argparse.Namespace, agrees: Sequence[str]
+) -> Iterator[Line]:
+    """The first lines: the curve, how well it fits, and what to do next."""
+    curve = found.curve
+    values = [
+        "%s %s" % (name, with_interval(value, *found.intervals[name], "N" if name == "k" else ""))
+        for name, value in found.values.items()
+    ]
+    yield "Thrust", "%s: %s." % (curve.words, ", ".join(values))
+    yield "Misfit", "%s (standard deviation)" % quantity(found.residual, "N", 2)
+    yield "Model", arguments.output
+    if curve.power is not None and curve.largest < REACH:
+        yield "Next", "measure at inputs above %.2g: k at full input is an extrapolation" % curve.largest
+    elif agrees:
+        yield "Next", agrees[-1]
+    else:
+        yield "Next", "compare with motion: the same command with --runs BAG"
+
+
 def _lines(found: thrust_bench.Thrust) -> Iterator[str]:
-    """Lines to print: curve, parameters, misfit and reach."""
+    """The evidence: curve, parameters, misfit and reach."""
     curve = found.curve
     yield "curve: %s" % curve.words
     for words, p_value in found.rejected:

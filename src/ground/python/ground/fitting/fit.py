@@ -1,13 +1,15 @@
 """fit: a model's parameters from recordings."""
 
 import argparse
+import functools
 from dataclasses import dataclass, replace
-from typing import Dict, List, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.analysis import comparison, window_error
+from ground.analysis import comparison, horizon, window_error
+from ground.analysis.horizon import ModelsAt, PredictionError
 from ground.analysis.window_error import WindowFit, WindowFitter
 from ground.data import bag_arguments
 from ground.data.measured import Measured, Recordings, held_out, measured
@@ -114,7 +116,12 @@ def fit(
         float(found.heldout.sum()) if found.others else None,
         Change(*(windows.error(held.data, m) for m in (given.core, found.model))) if held.data else None,
     )
-    return _result(given, seen, options.starts, found.result, errors, runs)
+    models: Dict[str, ModelsAt] = {"given": horizon.same(given.core), "fitted": horizon.same(found.model)}
+    if not held.data:
+        models["fitted"] = functools.partial(fitter.models_at, found)
+    tested, seconds = held.data or seen.data, horizon.horizon(seen.data, given.core)
+    prediction = horizon.prediction_error(tested, seconds, models, found.model)
+    return _result(given, seen, options.starts, found.result, errors, prediction, runs)
 
 
 def _alone(fitter: WindowFitter, found: WindowFit, index: int, options: FitOptions) -> RunFit:
@@ -144,13 +151,20 @@ def _disagreements(fitted: Document, others: Document) -> List[str]:
 
 
 def _result(
-    given: Model, seen: Measured, starts: int, result: Document, errors: Errors, runs: List[RunFit]
+    given: Model,
+    seen: Measured,
+    starts: int,
+    result: Document,
+    errors: Errors,
+    prediction: Optional[PredictionError],
+    runs: List[RunFit],
 ) -> Fit:
     core, parameters = result["model"], parameters_by_name(result["parameters"])
     return Fit(
         model=fitted_model(core, seen.recordings, *_by_kind(errors), parameters),
         parameters=parameters,
         error=errors,
+        prediction=prediction,
         thesis_objective=ThesisObjective(
             comparison.mean_thesis_objective(seen.data, given.core),
             comparison.mean_thesis_objective(seen.data, core),

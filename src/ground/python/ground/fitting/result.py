@@ -8,16 +8,21 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tupl
 import numpy as np
 
 from ground import _core
+from ground.analysis.horizon import PredictionError, as_document
 from ground.models import Model, Parameter, parameter_frame
 from ground.recordings import windows
+from ground.reports import words
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
+from ground.support.headline import Line
 from ground.support.results import Plotted, Shown, with_units
 
 if TYPE_CHECKING:
     import pandas
 
     from ground import Prediction, Recording
+
+MISSING = 1.5  # least ratio to what the mocap alone leaves from which something is missing
 
 
 @dataclass(frozen=True)
@@ -74,8 +79,10 @@ class Fit(Shown, Plotted):
     >>> narrow, wide = found.conf_int(0.5), found.conf_int(0.99)
     >>> wide.loc["k", "low"] < narrow.loc["k", "low"] < found.model["k"]
     True
-    >>> found.correlation.loc["k", "k"], list(found.summary())
-    (1.0, ['start', 'value', 'std_error', 'low', 'high', 'unit', 'identified', 'at_bound'])
+    >>> found.correlation.loc["k", "k"], list(found.to_frame())
+    (1.0, ['start', 'value', 'std_error', 'low', 'high', 'identified', 'at_bound', 'unit'])
+    >>> "95% interval" in found.summary()
+    True
     >>> found.predict(bag).position_mm < 100  # after 1.5 s
     True
     """
@@ -83,6 +90,9 @@ class Fit(Shown, Plotted):
     model: Model  #: fitted
     parameters: Dict[str, Parameter]  #: the free parameters, by name
     error: Errors
+    prediction: Optional[
+        PredictionError
+    ]  #: of the models given and fitted, on held-out data; None: too short
     thesis_objective: ThesisObjective
     objective: float  #: the minimised value
     starts: Dict[str, int]  #: number of starts tried, and that reached this optimum (at_best)
@@ -101,15 +111,6 @@ class Fit(Shown, Plotted):
     def predict(self, recording: "Union[Recording, Path]", horizon: float = 1.5) -> "Prediction":
         """What the fitted model predicts of a recording; see ground.predict."""
         return self.model.predict(recording, horizon)
-
-    def summary(self) -> "pandas.DataFrame":
-        """Parameters, indexed by name: start, value, std_error, low, high (95%), unit, identified,
-        at_bound. Errors and remarks are in print(fit)."""
-        frame = self.to_frame()
-        frame.insert(2, "std_error", [p.deviation for p in self.parameters.values()])
-        frame["at_bound"] = [p.at_bound for p in self.parameters.values()]
-        columns = ["start", "value", "std_error", "low", "high", "unit", "identified", "at_bound"]
-        return frame[columns]
 
     def conf_int(self, level: float = 0.95) -> "pandas.DataFrame":
         """Confidence intervals of the parameters, indexed by name: low, high. GroundError when level is
@@ -164,6 +165,7 @@ class Fit(Shown, Plotted):
         return {
             "parameters": parameters,
             "error": asdict(self.error),
+            "prediction": as_document(self.prediction),
             "thesis_objective": asdict(self.thesis_objective),
             "objective": self.objective,
             "starts": self.starts,
@@ -175,46 +177,71 @@ class Fit(Shown, Plotted):
         }
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Parameters, indexed by name: start, value, low, high (95%), identified, unit."""
+        """Parameters, indexed by name: start, value, std_error, low, high (95%), identified, at_bound,
+        unit."""
         return parameter_frame(self.parameters)
 
     def save(self, path: Path, force: bool = False) -> Model:
         """Writes the fitted model; see Model.save."""
         return self.model.save(path, force)
 
-    @property
-    def title(self) -> str:
-        """The fit in a line."""
-        errors = self.model.name, self.error.after, self.error.before
-        return "Fit of %s: error %.3f, %.3f before" % errors
+    def headline(self, written: str = "") -> List[Line]:
+        """Its first lines: what was fitted, how well it predicts, and what to do next."""
+        prediction = words.prediction(as_document(self.prediction), "given", "fitted")
+        unknown = [p.name for p in self.parameters.values() if not p.identified]
+        told = "%s of %s" % (words.listed(list(self.parameters)), self.model.name)
+        if unknown:
+            told += "; %s cannot be identified from these runs" % words.listed(unknown)
+        if not self.converged:
+            told += "; the fit has not converged"
+        return [
+            ("Fitted", told + "."),
+            *prediction,
+            ("Model", written or "not saved yet"),
+            ("Next", self._next(unknown, written)),
+        ]
 
-    def lines(self) -> Iterator[str]:
-        """What `identify fit` prints: parameters, errors, each run, and what is not identifiable."""
+    def _next(self, unknown: Sequence[str], written: str) -> str:
+        ratio = words.times_the_mocap(as_document(self.prediction), "fitted")
+        if unknown:
+            return "fix %s, or record runs with other commands" % words.listed(list(unknown))
+        if ratio > MISSING:
+            return (
+                "something is missing: predictions are off by %.2g times what the mocap explains. This "
+                "finds it:\nrosrun ground identify diagnose BAGS --model %s -o diagnosis"
+                % (ratio, written or "MODEL")
+            )
+        return "nothing needed"
+
+    def table(self) -> Iterator[str]:
+        """The fitted parameters."""
         yield "%-18s %12s %12s   %s" % ("parameter", "start", "estimate", "95% interval")
         for p in self.parameters.values():
             unit = p.unit if p.identified else ""
             yield "%-18s %12.4g %12.4g   %s %s" % (p.name, p.start, p.value, p.interval, unit)
-        yield ""
+        yield from self.remarks
+
+    def details(self) -> Iterator[str]:
+        """Errors, each run, and how many starts agree."""
         yield "%-50s %8s %8s %9s" % ("error over windows of 1.5 s", "start", "fitted", "held out")
-        for words, values in self._errors():
-            yield "  %-48s %8s %8s %9s" % ((words,) + tuple("" if v is None else "%.3f" % v for v in values))
+        for what, values in self._errors():
+            yield "  %-48s %8s %8s %9s" % ((what,) + tuple("" if v is None else "%.3f" % v for v in values))
         if self.runs:
             yield ""
             yield from _table(list(self.parameters), self.runs)
         same = sorted({name for pair in self.same_inputs for name in pair})
         if same:
-            yield "the same inputs drove %s: validating one on the other is optimistic" % ", ".join(same)
-        yield from self.remarks
+            yield "the same commands drove %s: to test one on the others is optimistic" % ", ".join(same)
         if self.starts["tried"] > 1:
             yield "%(at_best)d of %(tried)d starts reached this optimum" % self.starts
 
     def _errors(self) -> Iterator[Tuple[str, Tuple[Optional[float], ...]]]:
         """Data, and the error there of the start values, of the fit, and held out."""
         errors, thesis = self.error, self.thesis_objective
-        words = "the run; held out: each quarter by a fit to the rest"
+        what = "the run; held out: each quarter by a fit to the rest"
         if self.runs:
-            words = "all runs; held out: each by a fit to the others"
-        yield words, (errors.before, errors.after, errors.heldout)
+            what = "all runs; held out: each by a fit to the others"
+        yield what, (errors.before, errors.after, errors.heldout)
         if errors.holdout:
             yield "the held-out runs", (errors.holdout.before, None, errors.holdout.after)
         if thesis.after is not None:

@@ -8,7 +8,7 @@ from geometry_msgs.msg import PoseStamped
 from ground_msgs.msg import DiscoveryStatus
 from nav_msgs.msg import Path
 
-from ground.discovery.story import Flight, Story
+from ground.discovery.story import Flight, Off, Story
 from ground.support.annotations import Message
 
 ABOVE = -0.01  # z of paths, which lies above the floor, world_ned [m]
@@ -33,8 +33,8 @@ def status(story: Story, folder: str, waits: str = "") -> Message:
         belief_states=[belief.state for belief in beliefs],
         models=labels,
         flights=len(story.flights),
-        errors=[_number(f.errors.get(label)) for label in labels for f in story.flights],
-        floors=[_number(flown.floor) for flown in story.flights],
+        errors=[_position(f.errors.get(label)) for label in labels for f in story.flights],
+        floors=[_position(flown.floor) for flown in story.flights],
         ended=story.ended,
         sure=story.sure,
         reason=story.reason,
@@ -57,5 +57,5 @@ def planned(flight: Optional[Flight], stamp: rospy.Time) -> Message:
     return path
 
 
-def _number(value: Optional[float]) -> float:
-    return math.nan if value is None else value
+def _position(off: Optional[Off]) -> float:
+    return math.nan if off is None else off[0]

@@ -30,9 +30,9 @@ from ground_msgs.srv import (
 from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
-from ground.analysis import candidates
-from ground.diagnosing import words
+from ground.diagnosing import answer
 from ground.recordings import messages, readers
+from ground.reports.words import prediction
 from ground.support import files
 from ground.support.annotations import Document, Message
 from ground.support.errors import GroundError, sentence
@@ -297,10 +297,8 @@ def _folder(path: str) -> str:
 def _found(task: str, result: Document) -> str:
     """The result of a task, in a sentence."""
     if task == "diagnose":
-        return words.verdict(result)
-    error = result["error"]
-    if task == "fit":
-        return "fitted: the error falls from %(before).3f to %(after).3f" % error
-    name = candidates.in_words(result["effect"])
-    text = "the error on what was held out goes from %(before).3f to %(after).3f" % error["heldout"]
-    return "with %s %s" % (name, text)
+        return answer.title(result)
+    names = ("given", "fitted") if task == "fit" else ("without", "with")
+    lines = prediction(result["prediction"], *names)
+    measured = "; ".join("%s: %s" % line for line in lines) or "too short to predict poses"
+    return "fitted. " + measured if task == "fit" else "%s added. %s" % (result["effect"], measured)

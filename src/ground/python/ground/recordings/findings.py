@@ -167,7 +167,7 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     )
     yield "drive", ", ".join(starts) + DRIVES_BY.get(d["drives"]["by"], "")
     if d["reply"]:
-        yield "reply", "the craft's motion follows the commands by %.0f ms" % (1e3 * d["reply"]["lag"])
+        yield "reply", "the craft reacts %.0f ms after a command" % (1e3 * d["reply"]["lag"])
     if d["authority"]:
         yield "thrusters", "; ".join(_does(*item) for item in d["authority"].items())
 
@@ -180,7 +180,7 @@ def _does(name: str, authority: Document) -> str:
         value = authority[key]
         if abs(value) > CERTAIN * error and (key == "turn" or abs(value) > least):
             parts.append("%s (%.2g +- %.1g %s)" % (words[value < 0], abs(value), error, unit))
-    return "%s %s" % (name, ", ".join(parts) or "does nothing that is certain")
+    return "%s %s" % (name, ", ".join(parts) or "has no clear effect")
 
 
 def _measured(settings: Document) -> str:
@@ -216,9 +216,9 @@ def findings(d: Document) -> Iterator[str]:
     yield from _poses(d["poses"])
     yield from _overlap(d["controls"])
     if d["rest"] > 0.2:
-        yield "the craft rests for %.2f s at the start, left out (--all takes it in)" % d["rest"]
+        yield "the first %.2f s are left out, because the craft does not move (--all keeps them)" % d["rest"]
     if d["rest_at_end"] > 0.2:
-        text = "no lift, or the craft rests, for %.2f s at the end, left out (--all takes it in)"
+        text = "the last %.2f s are left out, without lift or motion (--all keeps them)"
         yield text % d["rest_at_end"]
     for spans, what in (
         (d["without_lift"], "no lift, left out"),
@@ -271,7 +271,7 @@ def _overlap(controls: Document) -> Iterator[str]:
     """Where poses and commands do not begin or end together."""
     begin, end = controls["start_after_poses"], controls["end_after_poses"]
     for apart, least, text in (
-        (-begin, 0.01, "commands start %.2f s before the poses"),
+        (-begin, 0.01, "the commands start %.2f s before the poses"),
         (begin, 0.2, "poses start %.2f s before the commands, left out"),
         (end, 0.01, "poses end %.2f s before the commands"),
         (-end, 0.2, "commands end %.2f s before the poses, left out"),

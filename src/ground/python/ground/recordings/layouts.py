@@ -405,12 +405,12 @@ def evidence(verdict: Verdict) -> str:
     """What speaks for a verdict's best hypothesis."""
     best, as_is = verdict.best, verdict.recorded
     shares = 100 * best.force, 100 * best.turn
-    text = "the commands explain %.0f%% of the forces and %.0f%% of the turns" % shares
     if verdict.is_as_recorded:
-        return text
+        return "the commands explain %.0f%% of the forces and %.0f%% of the turns" % shares
     return (
-        text + " then, %.0f%% and %.0f%% as they are, which leaves %.2f times the accelerations unexplained "
-        "(95%%: %.2f to %.2f)" % (100 * as_is.force, 100 * as_is.turn, as_is.ratio, *as_is.ratio95)
+        "the commands would then explain %.0f%% of the forces and %.0f%% of the turns; as recorded they "
+        "explain %.0f%% and %.0f%%, and leave %.2f times as much unexplained (95%%: %.2f to %.2f)"
+        % (*shares, 100 * as_is.force, 100 * as_is.turn, as_is.ratio, *as_is.ratio95)
     )
 
 

@@ -109,19 +109,20 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
         if drifts:
             yield Suspicion(
                 "drift",
-                "the motion falls behind its commands by %.1f ms a second: the stamps seem to be of two "
-                "computers' clocks that run at different rates" % (1e3 * clock.rate),
+                "poses and commands drift apart by %.1f ms per second: their clocks probably belong to two "
+                "computers" % (1e3 * clock.rate),
                 "clock_drift: %.5f in a mapping" % -clock.rate,
             )
             return
         late = DELAYED < lag <= LATEST
         yield Suspicion(
             "delay" if late else "clock",
-            "the motion comes %.0f ms %s its commands%s: the stamps seem to be of two computers' clocks"
+            "the craft moves %.0f ms %s its commands%s: the clocks of poses and commands probably belong "
+            "to two computers"
             % (
                 1e3 * abs(lag),
                 "BEFORE" if lag < 0 else "after",
-                " and all at once, as no motor's lag explains" if late else "",
+                " and at once, unlike a craft with a motor lag" if late else "",
             ),
             "clock_offset: %.2f in a mapping, which leaves the craft's own delay open" % -lag,
         )
@@ -133,7 +134,7 @@ def forces(recording: Recording) -> Iterator[Suspicion]:
     if repaired(recording).reply and most < MIN_COMMAND:
         yield Suspicion(
             "command",
-            "the craft is driven, but no command exceeds %.2g of full thrust: commands seem to be in newtons "
+            "the craft moves, but no command exceeds %.2g of full thrust: commands are probably in newtons "
             "or another unit" % most,
             "full: the value that is full thrust, for each channel under commands.channels in a mapping",
         )

@@ -5,7 +5,7 @@ from typing import List, Tuple
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench
-from ground.reports.words import number
+from ground.reports.words import number, off
 from ground.support.annotations import Document
 
 MEASURED = _core.palette["measured"]
@@ -84,8 +84,6 @@ def numbers_row(label: str, role: str, numbers: Document) -> List[str]:
 
 
 def off_after_a_second(numbers: Document) -> str:
-    """Median error of a prediction after a second; "-" where no run is that long."""
+    """Error of a prediction after a second; "-" where no run is that long."""
     after = next(h for h in numbers["horizons"] if h["seconds"] == 1.0)
-    if not after["starts"]:
-        return "-"
-    return "%.0f mm %.0f deg" % (after["position_mm"]["median"], after["heading_deg"]["median"])
+    return off(after) if after["starts"] else "-"

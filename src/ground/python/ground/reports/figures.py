@@ -38,43 +38,50 @@ from ground.reports.figure_parts import (
     with_gaps,
 )
 from ground.reports.panels import Panels
-from ground.reports.words import number
+from ground.reports.words import listed
 from ground.support.annotations import Array, Document
 
-ERROR = (
-    "Error: mean over samples of |e_u|/σ_u + |e_v|/σ_v + |e_r|/σ_r, windows of 1.5 s, each from "
-    "its own initial velocities; σ are the run's standard deviations."
-)
 LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 
 
-def fall(steps: Sequence[Tuple[str, float]], floor: Optional[float], title: str) -> Document:
-    """Bars of the error (pairs of label and error, from top), and the noise floor or None; title: of the
-    axis."""
-    labels = [wrapped(label, LABEL_WIDTH) for label, _ in steps]
-    errors = [error for _, error in steps]
-    bar = {
-        "type": "bar",
-        "x": short(errors),
-        "y": labels,
-        "orientation": "h",
-        "text": [number(e) for e in errors],
-        "textposition": "outside",
-        "cliponaxis": False,
-        "marker": {"color": [MODELS[0]] + [MODELS[1]] * (len(steps) - 1)},
-        "hovertemplate": "%{y}: %{x:.3f}<extra></extra>",
-    }
-    figure = Panels()
-    figure.add(bar)
-    if floor is not None:
-        text = "noise of the poses alone %s" % number(floor)
-        figure.span(floor, floor, line={"color": FLOOR, "dash": "dash", "width": 2})
-        figure.note(text, floor, 1, xref="x", yanchor="bottom", font={"color": FLOOR})
-    figure.update_xaxes(title=title + " [-]", range=[0, 1.3 * max(errors)])
+def predictions(found: Document, shown: Sequence[Tuple[str, str]], title: str) -> Document:
+    """Bars of how far predicted poses are off, and what the mocap alone leaves.
+
+    found: horizon.PredictionError as a dictionary; shown: names and labels of its models, from the top.
+    """
+    labels = [wrapped(label, LABEL_WIDTH) for _, label in shown]
+    figure = Panels(2, 1, gaps=(0.0, 0.3))
+    for row, (key, unit) in enumerate((("position_mm", "mm"), ("heading_deg", "deg")), 1):
+        values = [found["errors"][name][key] for name, _ in shown]
+        known = [v for v in values if v is not None and np.isfinite(v)]
+        floor, most = found["mocap"][key] or 0.0, max(known, default=1.0)
+        bar = {
+            "type": "bar",
+            "x": short([min(v, most) if v is not None else most for v in values]),
+            "y": labels,
+            "orientation": "h",
+            "text": ["%.2g %s" % (v, unit) if v in known else "not finite" for v in values],
+            "textposition": "outside",
+            "cliponaxis": False,
+            "marker": {"color": [MODELS[0]] * (len(shown) - 1) + [MODELS[1]]},
+            "showlegend": False,
+            "hovertemplate": "%{y}: %{text}<extra></extra>",
+        }
+        figure.add(bar, row, 1)
+        figure.span(floor, floor, row, 1, line={"color": FLOOR, "dash": "dash", "width": 2})
+        text = "the mocap alone: %.2g %s" % (floor, unit)
+        style: Document = {"yanchor": "bottom", "xanchor": "left"}
+        figure.note(text, floor, 1, row, 1, xref=figure.axis("x", 1, row), font={"color": FLOOR}, **style)
+        figure.update_xaxes(row, 1, range=[0, 1.35 * max(most, floor)], ticksuffix=" " + unit)
     figure.update_yaxes(autorange="reversed", automargin=True)
     lines = sum(1 + label.count("<br>") for label in labels)
-    height = 100 + 14 * len(steps) + 23 * lines
-    return figure.finish(height, ERROR, {"t": 40, "b": 50, "l": 20, "r": 20})
+    caption = (
+        "Root mean square distance between predicted and measured pose, on data that the models were not "
+        "fitted to. Each prediction starts at the measured pose, "
+        "with the velocities that suit the model best in the time before it."
+    )
+    height = 130 + 12 * len(shown) + 36 * lines
+    return figure.finish(height, caption, {"t": 30, "b": 30, "l": 20, "r": 20}, title=title)
 
 
 def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) -> Document:
@@ -104,7 +111,23 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
     figure.update_xaxes(title=Y_AXIS, row=1, col=2)
     figure.update_yaxes(title=X_AXIS, scaleanchor="x2", row=1, col=2)
     figure.layout["hovermode"] = "x"
-    return figure.finish(713, _motion_caption(run, every.step, bands))
+    return figure.finish(713, _motion_caption(run, every.step, bands), title=motion_title(studies))
+
+
+def motion_title(studies: Sequence[Document]) -> str:
+    """What the velocities show: which model follows them, and where the first one fails."""
+    first, last = studies[0], studies[-1]
+    by_channel = first["numbers"]["error_by_channel"]
+    name = max(by_channel, key=by_channel.__getitem__)
+    share = 100 * by_channel[name] / max(1e-300, sum(by_channel.values()))
+    channel = {c: label for c, label, _ in CHANNELS}[name]
+    fails = "%.0f%% of the error of %s is in the %s" % (share, first["label"], channel)
+    if first is last:
+        return fails
+    ratio = first["numbers"]["error"] / max(last["numbers"]["error"], 1e-300)
+    if ratio < 1:
+        return "%s; %s is no better" % (fails, last["label"])
+    return "%s; %s follows the motion %.2g times as well" % (fails, last["label"], ratio)
 
 
 def _pieces(study: Document) -> List[Document]:
@@ -178,7 +201,17 @@ def residual_correlation(studies: Sequence[Document]) -> Document:
         "Run %s: residuals from one pose to the next (Kalman filter around the model). Shaded: "
         "%.0f%% band, where those of a true model stay." % (studies[0]["run"].name, 100 * residuals.BAND)
     )
-    return figure.finish(560, caption, {"t": 65}, 1.06)
+    return figure.finish(560, caption, {"t": 65}, 1.06, title=residuals_title(studies))
+
+
+def residuals_title(studies: Sequence[Document]) -> str:
+    """What the residuals show: of each model, whether they follow something."""
+    white = [s["label"] for s in studies if s["residuals"]["white"]]
+    if len(white) == len(studies):
+        return "The residuals are random: they follow neither the commands nor their own past"
+    others = [s["label"] for s in studies if s["label"] not in white]
+    told = "The residuals of %s are not random: something drives them" % listed(others)
+    return told + ("; those of %s are" % listed(white) if white else "")
 
 
 def _add_correlation(

@@ -1,14 +1,17 @@
 """Inspection of one model on one run: its numbers, and what stands out in sentences."""
 
-from typing import Dict, List, Mapping, Optional
+from typing import Dict, List, Mapping, NamedTuple, Optional
 
 from ground import _core
 from ground.analysis import comparison, missing_wrench, residuals
+from ground.analysis.formula_words import quantity
 from ground.reports import appearance
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
 PLACES = {"ahead": "ahead", "starboard": "to starboard", "heading": "in heading"}
+CHANNELS = {"ahead": "X", "starboard": "Y", "heading": "N"}  # of the wrench, by channel of the residuals
+FORCES = {"X": "surge force", "Y": "side force", "N": "yaw moment"}
 
 
 def inspect(run: _core.RunData, model: _core.Model, label: str, role: str = "fit") -> Document:
@@ -26,8 +29,9 @@ def inspect(run: _core.RunData, model: _core.Model, label: str, role: str = "fit
     except (ValueError, RuntimeError) as error:
         raise GroundError("%s with %s: %s" % (run.name, label, error))
     numbers = comparison.numbers([evaluation])
+    left_out = _left_out(missing.numbers["disturbances"])
     said = [
-        _left_out(missing.numbers["disturbances"]),
+        left_out,
         _largest_missing(missing.numbers["channels"]),
         _followed_input(correlation["channels"], residuals.commands(model)),
         _worst(numbers["error_by_channel"]),
@@ -41,8 +45,23 @@ def inspect(run: _core.RunData, model: _core.Model, label: str, role: str = "fit
         "numbers": numbers,
         "residuals": correlation,
         "missing": missing,
+        "left_out": left_out,
         "summary": [sentence for sentence in said if sentence],
     }
+
+
+def lacks(study: Document) -> str:
+    """What the model of a study lacks: "nominal lacks a yaw moment of 0.7 mN m rms (18% of full thrust),
+    which follows u_L-u_R"."""
+    channels = study["missing"].numbers["channels"]
+    name = _largest(channels)
+    if missing_wrench.is_negligible(channels[name]):
+        return "%s lacks no force: what is missing is smaller than its uncertainty" % study["label"]
+    told = "%s lacks a %s of %s" % (study["label"], FORCES[name], _size(channels[name]))
+    followed = _followed(study["residuals"]["channels"], residuals.commands(study["model"]))
+    if followed and CHANNELS[followed.channel] == name:
+        told += ", which follows %s%s" % (followed.command, followed.later)
+    return told
 
 
 def _left_out(events: List[Document]) -> str:
@@ -51,40 +70,66 @@ def _left_out(events: List[Document]) -> str:
     return why % spans if spans else ""
 
 
-def _largest_missing(channels: Document) -> str:
+def _largest(channels: Document) -> str:
     """The channel with the largest missing wrench, relative to full thrust."""
-    name = max(channels, key=lambda c: float(channels[c]["rms"] / channels[c]["full_scale"]))
-    channel = channels[name]
-    if missing_wrench.is_negligible(channel):
-        return "the missing force and moment are smaller than their uncertainty"
+    return max(channels, key=lambda c: float(channels[c]["rms"] / channels[c]["full_scale"]))
+
+
+def _size(channel: Document) -> str:
     ratio = channel["rms"] / channel["full_scale"]
-    return "the largest missing part is %s: %.3g %s rms (%s full thrust), mean %.3g %s" % (
-        missing_wrench.CHANNEL_NAMES[name],
-        channel["rms"],
-        channel["unit"],
-        "%.0f%% of" % (100 * ratio) if ratio < 10 else "far above",
-        channel["mean"],
-        channel["unit"],
-    )
+    part = "%.0f%% of" % (100 * ratio) if ratio < 10 else "far above"
+    return "%s rms (%s full thrust)" % (quantity(channel["rms"], channel["unit"], 2), part)
+
+
+def _largest_missing(channels: Document) -> str:
+    """The largest missing part of the wrench, in a sentence."""
+    name = _largest(channels)
+    if missing_wrench.is_negligible(channels[name]):
+        return "the missing force and moment are smaller than their uncertainty"
+    mean = quantity(channels[name]["mean"], channels[name]["unit"], 2)
+    return "the largest missing part is the %s: %s, mean %s" % (FORCES[name], _size(channels[name]), mean)
+
+
+class _Followed(NamedTuple):
+    """The command that residuals follow most."""
+
+    channel: str  # of the residuals
+    command: str
+    late: float  # [ms]
+    correlation: float
+
+    @property
+    def later(self) -> str:
+        return " %.0f ms later" % self.late if self.late >= 1 else ""
+
+
+def _followed(channels: Document, commands: Mapping[str, str]) -> Optional[_Followed]:
+    """The command that the residuals follow most; None without one."""
+    strongest, found = 0.0, None
+    for channel, entry in channels.items():
+        for kind, name in commands.items():
+            of = entry[kind]
+            if of is None or of["accepted"]:
+                continue
+            after = [i for i, lag in enumerate(of["lag_seconds"]) if lag > -1e-9]
+            at = max(after, key=lambda i: float(abs(of["value"][i])))
+            value, late = of["value"][at], 1e3 * of["lag_seconds"][at]
+            if abs(value) > max(strongest, of["band99"][at]):
+                strongest, found = abs(value), _Followed(channel, name, late, value)
+    return found
 
 
 def _followed_input(channels: Document, commands: Mapping[str, str]) -> Optional[str]:
-    """The command that the residuals follow most, and with which delay; None without one."""
-    strongest, text = 0.0, None
-    for channel, entry in channels.items():
-        for kind, name in commands.items():
-            found = entry[kind]
-            if found is None or found["accepted"]:
-                continue
-            after = [i for i, lag in enumerate(found["lag_seconds"]) if lag > -1e-9]
-            at = max(after, key=lambda i: float(abs(found["value"][i])))
-            value, late = found["value"][at], 1e3 * found["lag_seconds"][at]
-            if abs(value) > max(strongest, found["band99"][at]):
-                strongest = abs(value)
-                text = "residuals %s still follow %s, most %.0f ms after it (correlation %.2f)" % (
-                    PLACES[channel], name, late, value,
-                )  # fmt: skip
-    return text
+    """The same in a sentence."""
+    found = _followed(channels, commands)
+    if found is None:
+        return None
+    return "the motion %s reacts to %s%s in a way that the model lacks (correlation %.2f)" % (
+        PLACES[found.channel],
+        found.command,
+        found.later,
+        found.correlation,
+    )
 
 
 def _worst(by_channel: Dict[str, float]) -> str:

@@ -71,32 +71,39 @@ class Panels:
     ) -> None:
         """Adds a text. inside: x and y are shares of the panel, not values of its axes."""
         end = " domain" * inside
-        place: Document = {"x": x, "y": y, "xref": self._name("x", row, col) + end}
-        place.update(yref=self._name("y", row, col) + end, text=text, showarrow=False)
+        place: Document = {"x": x, "y": y, "xref": self.axis("x", col, row) + end}
+        place.update(yref=self.axis("y", col, row) + end, text=text, showarrow=False)
         self.layout["annotations"].append({**place, **style})
 
     def span(self, start: float, end: float, row: int = 1, col: int = 1, **style: Any) -> None:
         """Adds a rectangle, or a line if start is end, from one value of x to another."""
-        place: Document = {"x0": start, "x1": end, "y0": 0, "y1": 1, "xref": self._name("x", row, col)}
-        place.update(yref=self._name("y", row, col) + " domain", line={"width": 0})
+        place: Document = {"x0": start, "x1": end, "y0": 0, "y1": 1, "xref": self.axis("x", col, row)}
+        place.update(yref=self.axis("y", col, row) + " domain", line={"width": 0})
         kind = "line" if start == end else "rect"
         self.layout["shapes"].append({"type": kind, **place, **style})
 
     def finish(
-        self, height: int, caption: str, margin: Mapping[str, int] = {}, legend_y: float = 1.02
+        self,
+        height: int,
+        caption: str,
+        margin: Mapping[str, int] = {},
+        legend_y: float = 1.02,
+        title: str = "",
     ) -> Document:
-        """The figure with its height [pixels], its caption (in layout.meta), margins and legend."""
+        """The figure with its height [pixels], its caption and its title (in layout.meta), margins and
+        legend."""
         self.layout.update(
             template=_template(),
             height=height,
-            meta=caption,
+            meta={"caption": caption, "title": title},
             margin={"t": 50, "b": 50, "l": 70, "r": 10, **margin},
             legend={"orientation": "h", "y": legend_y, "yanchor": "bottom", "x": 0},
         )
         return {"data": self.data, "layout": self.layout}
 
-    def _name(self, axis: str, row: int, col: int) -> str:
-        return axis + self._numbers[row, col]
+    def axis(self, name: str, col: int, row: int = 1) -> str:
+        """The name of an axis, "x" or "y", of a panel."""
+        return name + self._numbers[row, col]
 
     def _update(self, name: str, row: int, col: int, properties: Document) -> None:
         if isinstance(properties.get("title"), str):

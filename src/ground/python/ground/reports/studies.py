@@ -31,7 +31,7 @@ def _run(studies: Sequence[Document], about: Document, banded: Mapping[int, band
         "beside": "%s; error: %s" % (findings.when(about), errors),
         "motion": figures.motion(studies, banded.get(id(run))),
         "rows": [appearance.numbers_row(s["label"], s["role"], s["numbers"]) for s in studies],
-        "points": ["%s: %s." % (s["label"], line) for s in studies for line in s["summary"]],
+        "points": ["%s: %s." % (s["label"], s["left_out"]) for s in studies if s["left_out"]],
         "wrench": wrench_figures.wrench_over_time(studies),
         "residuals": figures.residual_correlation(studies),
     }

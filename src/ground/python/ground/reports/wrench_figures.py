@@ -5,6 +5,7 @@ from typing import Sequence
 import numpy as np
 
 from ground.analysis import missing_wrench
+from ground.reports import inspection
 from ground.reports.appearance import MEASURED, WRENCH, model_color, model_line, scaled
 from ground.reports.figure_parts import (
     X_AXIS,
@@ -19,6 +20,7 @@ from ground.reports.figure_parts import (
     with_gaps,
 )
 from ground.reports.panels import Panels
+from ground.reports.words import capital
 from ground.support.annotations import Document
 
 
@@ -60,7 +62,7 @@ def wrench_over_time(studies: Sequence[Document]) -> Document:
         "estimate. Grey: left out, because no input explains the motion (contact, hand, wrong poses). "
         "Map: mean missing force in the axes of world_ned, place by place." % run.name
     )
-    return figure.finish(540, caption)
+    return figure.finish(540, caption, title=capital(inspection.lacks(studies[0])))
 
 
 def _add_force_map(figure: Panels, studies: Sequence[Document]) -> None:

@@ -3,16 +3,17 @@
 import functools
 import html
 import os
-from typing import Any, Callable, Dict, Iterator, List, Mapping
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import comparison
+from ground.comparing import page as comparing_page
 from ground.comparing.predict import Prediction
 from ground.comparing.result import Comparison
 from ground.control.track import Tracking
-from ground.diagnosing import words as diagnosis_words
+from ground.diagnosing import page as diagnosing_page
 from ground.diagnosing.drawn import Drawn
 from ground.diagnosing.result import Diagnosis
 from ground.discovery import figures as discovery_figures
@@ -32,8 +33,8 @@ class Figures(Mapping[str, Any]):
     >>> drawn = ground.compare(model_file, bag).plot()
     >>> list(drawn)
     ['errors', 'motion run', 'wrench run', 'residuals run']
-    >>> drawn["errors"].layout.xaxis.title.text[:5]
-    'error'
+    >>> len(drawn["errors"].data)  # position and heading
+    2
     """
 
     def __init__(self, makers: Makers) -> None:
@@ -113,7 +114,10 @@ def _of_recording(result: Recording) -> Makers:
 def _of_prediction(result: Prediction) -> Makers:
 
     def motion() -> Document:
-        made = figures.motion([_study(result.run, result.model.core, result.model.label, result)])
+        study = _study(result.run, result.model.core, result.model.label, result)
+        sizes = np.abs(result.residuals[:, 3:]).mean(axis=0) / np.array(result.run.nu).std(axis=0)
+        study["numbers"] = {"error": sizes.sum(), "error_by_channel": dict(zip(comparison.CHANNELS, sizes))}
+        made = figures.motion([study])
         made["layout"]["meta"] = "Predicted again and again for %g s. %s" % (result.horizon, result)
         return made
 
@@ -128,7 +132,9 @@ def _of_fit(result: Fit) -> Makers:
     core, names = result.model.core, list(result.parameters)
 
     def motion(run: _core.RunData) -> Document:
-        return figures.motion([_study(run, core, "fitted", comparison.evaluate(run, core))])
+        evaluated = comparison.evaluate(run, core)
+        study = _study(run, core, "the fitted model", evaluated)
+        return figures.motion([{**study, "numbers": comparison.numbers([evaluated])}])
 
     rows = [(run.run, run.parameters, run.ci95) for run in result.runs]
     values = {name: p.value for name, p in result.parameters.items()}
@@ -143,8 +149,7 @@ def _of_fit(result: Fit) -> Makers:
 
 @_makers.register(Comparison)
 def _of_comparison(result: Comparison) -> Makers:
-    errors = list(result.ranking.errors.items())
-    made: Makers = {"errors": lambda: figures.fall(errors, result.noise_floor, "error")}
+    made = _errors(comparing_page.predictions(result.to_dict()))
     for run in result.runs:
         if run.recording is not None:
             made.update(_of_studies(run.name, functools.partial(getattr, run, "studies")))
@@ -153,9 +158,8 @@ def _of_comparison(result: Comparison) -> Makers:
 
 @_makers.register(Diagnosis)
 def _of_diagnosis(result: Diagnosis) -> Makers:
-    report, drawn = result.report, result.drawn
-    steps, title = diagnosis_words.steps(report), diagnosis_words.error_name(report)
-    made: Makers = {"errors": lambda: figures.fall(steps, result.noise_floor, title)}
+    drawn = result.drawn
+    made = _errors(diagnosing_page.predictions(result.report))
     if drawn is not None:
         for number, run in enumerate([*drawn.runs, *drawn.held]):
             inspected = functools.lru_cache(maxsize=None)(functools.partial(_inspected, drawn, number))
@@ -190,6 +194,14 @@ def _of_discovery(result: Discovery) -> Makers:
         drawn = functools.partial(discovery_figures.flight, flown.flight, flown, rows, names)
         made["flight %d" % flown.flight.number] = functools.partial(_given, drawn)
     return made
+
+
+def _errors(found: Optional[Document]) -> Makers:
+    """The figure of how far predicted poses are off, where runs are long enough."""
+    if found is None:
+        return {}
+    drawn: Document = found
+    return {"errors": lambda: drawn}
 
 
 def _inspected(drawn: Drawn, number: int) -> List[Document]:

@@ -23,6 +23,7 @@ from ground.support import command_line, files
 from ground.support.annotations import Array, Document, Path
 from ground.support.command_line import count, number, option, seed
 from ground.support.errors import GroundError, OptionError
+from ground.support.headline import Line, formatted
 from ground.support.progress import say
 
 DESIGNS = {info.name: info for info in _core.design_table()}
@@ -132,7 +133,9 @@ class _Options(Acting, Mocap):
         "order N of a sequence of 2^N - 1 bits (9)", type=int, range=(2, 20), metavar="2..20"
     )
     rows_per_bit: Optional[int] = _input(
-        "FILE.csv of bits: lines per bit (found from the file)", type=count, metavar="N"
+        "FILE.csv of a bit sequence: number of equal lines that make one bit (found from the file)",
+        type=count,
+        metavar="N",
     )
     levels: Optional[Sequence[float]] = _input(
         "inputs, 0..1, or -1..1 if a thruster can be reversed: low and high; any number for steps, "
@@ -439,7 +442,7 @@ def run(arguments: argparse.Namespace) -> Document:
             options=command_line.options(arguments, SimulateOptions),
         )
     counts = made.save(arguments.output, arguments.force, arguments.work)
-    for line in _lines(arguments, model, made):
+    for line in formatted(_headline(arguments, model, made)):
         command_line.say(arguments, line)
     if made.stopped:
         say("identify simulate: the controller stopped: %s" % made.stopped, sys.stderr)
@@ -458,22 +461,26 @@ def run(arguments: argparse.Namespace) -> Document:
     }
 
 
-def _lines(arguments: argparse.Namespace, model: Model, run: SimulatedRun) -> Iterator[str]:
-    yield "%s: %.2f s, %d poses (%d frames not delivered), %d commands" % (
-        arguments.output,
-        run.length,
-        len(run.pose_times),
-        run.frames_not_delivered,
-        len(run.control_times),
-    )
+def _headline(arguments: argparse.Namespace, model: Model, run: SimulatedRun) -> Iterator[Line]:
+    """The first lines: what was recorded, and what to do next."""
+    counts = run.length, len(run.pose_times), run.frames_not_delivered, len(run.control_times)
+    yield "Simulated", "%.2f s, %d poses (%d frames not delivered), %d commands." % counts
     if run.sequence:
-        yield "%s: %s" % (arguments.input, run.sequence)
+        yield "Input", "%s: %s" % (arguments.input, run.sequence)
     if run.marks:
-        yield _bursts(run)
-    if run.disturbance is None and not model.core.disturbance.empty():
-        yield "%s has a disturbance, which did not act: --disturbance applies it" % arguments.model
+        yield "Bursts", _bursts(run)
     if run.tracking_error is not None:
-        yield "tracking error: %.3f m rms" % run.tracking_error
+        yield "Distance", "%.3f m rms from the reference" % run.tracking_error
+    yield "Recording", arguments.output
+    if run.disturbance is None and not model.core.disturbance.empty():
+        text = "the disturbance of %s did not act: --disturbance applies it" % arguments.model
+        yield "Next", text
+    else:
+        yield (
+            "Next",
+            "fit or diagnose it:\nrosrun ground identify diagnose %s --model MODEL -o diagnosis"
+            % arguments.output,
+        )
 
 
 def _described(disturbance: Optional[_core.Disturbance]) -> Optional[Document]:
@@ -485,7 +492,7 @@ def _described(disturbance: Optional[_core.Disturbance]) -> Optional[Document]:
 
 
 def _bursts(run: SimulatedRun) -> str:
-    """One line on the bursts of an excitation."""
+    """The bursts of an excitation in words."""
     times = [mark[0] for mark in run.marks] + [run.control_times[run.controls[:, -1] > 0][-1]]
     driven = sum(b - a for a, b, mark in zip(times, times[1:], run.marks) if mark[2])
     return "%d bursts, %.1f s of %.1f s; between them the craft returned home" % (

@@ -9,6 +9,7 @@ from typing import Any, Callable, Dict, Iterable, List, Type, TypeVar
 
 from ground.support import progress
 from ground.support.errors import OptionError
+from ground.support.results import Shown
 
 _T = TypeVar("_T")
 _O = TypeVar("_O")
@@ -142,6 +143,24 @@ def add_output(parser: argparse.ArgumentParser, metavar: str, help: str = "file 
 def add_model(parser: argparse.ArgumentParser, help: str) -> None:
     """Adds --model."""
     parser.add_argument("--model", metavar="M.yaml", required=True, help=help)
+
+
+def add_details(parser: argparse.ArgumentParser) -> None:
+    """Adds --details."""
+    parser.add_argument("--details", action="store_true", help="print the evidence, too")
+
+
+def say_details(arguments: argparse.Namespace, details: Iterable[str]) -> None:
+    """Prints the evidence of a result if it was asked for."""
+    for line in ["", *details] if arguments.details else ():
+        say(arguments, line)
+
+
+def say_result(arguments: argparse.Namespace, found: Shown, written: str) -> None:
+    """Prints a result that was written to a file or folder, and its evidence if that was asked for."""
+    for line in found.lines(written):
+        say(arguments, line)
+    say_details(arguments, found.details())
 
 
 def say(arguments: argparse.Namespace, text: str = "") -> None:

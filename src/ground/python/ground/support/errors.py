@@ -2,12 +2,13 @@
 
 import argparse
 import contextlib
+import difflib
 import errno
 import os
 import sys
 import traceback
 import warnings
-from typing import Any, Callable, Iterator, TextIO, Type
+from typing import Any, Callable, Iterable, Iterator, TextIO, Type
 
 from ground.support.progress import say
 
@@ -162,3 +163,9 @@ def warn(text: str, category: Type[GroundWarning] = GroundWarning) -> None:
     while frame.f_back and frame.f_globals.get("__name__", "").startswith("ground."):
         frame, level = frame.f_back, level + 1
     warnings.warn(text, category, stacklevel=level)
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """ " (did you mean motor_lag?)" for a word that is nearly one of the known ones, else nothing."""
+    near = difflib.get_close_matches(word, list(known), 1, 0.6)
+    return " (did you mean %s?)" % near[0] if near else ""

@@ -42,7 +42,7 @@ def refuse_existing(path: str, force: bool) -> None:
     or cannot be written. Call it before long work starts."""
     if os.path.lexists(path):
         if _place(path) in _inputs:
-            text = "%s is read by this command: it is not overwritten, --force or not; name another output"
+            text = "cannot write to %s: it is an input of this command; choose another output name"
             raise GroundError(text % path)
         if os.path.isdir(path):
             raise GroundError("%s is a folder; name a file" % path)

@@ -5,6 +5,9 @@ import os
 from collections import Counter
 from typing import TYPE_CHECKING, Any, Collection, Iterator, List, Mapping, Sequence
 
+from ground.support import headline
+from ground.support.headline import Line
+
 if TYPE_CHECKING:
     import pandas
 
@@ -22,9 +25,28 @@ class Plotted:
 class Shown:
     """A result. Printed, it is what the command line prints; a notebook shows its title and its table."""
 
-    def lines(self) -> Iterator[str]:
+    def headline(self, written: str = "") -> Sequence[Line]:
+        """Its first lines: the answer, its size, the file or folder that it was written to, and what to do
+        next."""
+        return []
+
+    def table(self) -> Iterator[str]:
+        """The numbers that stand below them."""
+        yield from ()
+
+    def details(self) -> Iterator[str]:
+        """The evidence, in lines."""
+        yield from ()
+
+    def lines(self, written: str = "") -> Iterator[str]:
         """The lines that the command line prints."""
-        raise NotImplementedError
+        yield from headline.formatted(self.headline(written))
+        for i, line in enumerate(self.table()):
+            yield from [""] * (i == 0) + [line]
+
+    def summary(self) -> str:
+        """All of it, as --details prints it."""
+        return "\n".join([*self.lines(), "", *self.details()])
 
     def to_frame(self) -> "pandas.DataFrame":
         """Its numbers as a table."""

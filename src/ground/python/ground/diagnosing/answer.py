@@ -1,0 +1,197 @@
+"""The first lines of a diagnosis (contents of diagnosis.json): what is missing, how much it matters, where
+the model with it is, and what to do next."""
+
+import os
+from typing import Iterator, List
+
+from ground.analysis.diagnosis import EXPLAINED
+from ground.diagnosing import words
+from ground.reports.words import listed, prediction
+from ground.support.annotations import Document
+from ground.support.headline import Line
+
+VERY_CERTAIN, CERTAIN = 1e-6, 1e-3  # largest probabilities of as much evidence without the effect
+MISSING = "Missing"
+
+
+def lines(report: Document, folder: str = "") -> List[Line]:
+    """All first lines; folder: of the results; empty: they are not written."""
+    return [*known_first(report), *known_last(report, folder)]
+
+
+def known_first(report: Document) -> List[Line]:
+    """The lines that need the verdict only."""
+    answers = list(_answers(report))
+    head = [(MISSING if i == 0 else "", text) for i, text in enumerate(answers)]
+    if report["verdict"] == "misread":
+        return head
+    effects = report["improved"]["effects"]
+    better = "improved" if effects else "refitted"
+    without = "without %s, refitted" % ("the effect" if len(effects) == 1 else "the effects")
+    beside = {"refitted": without} if effects else {}
+    if report["ceiling"]["named_as"]:
+        beside["formula"] = "with the formula for what is left"
+    return head + prediction(report["prediction"], "given", better, **beside)
+
+
+def known_last(report: Document, folder: str) -> Iterator[Line]:
+    """The other lines: files, and what to do next."""
+    found = report["improved"]["effects"]
+    if report["verdict"] != "misread":
+        saved = _in(folder, "improved.yaml") if folder else "not saved yet"
+        yield "Model with %s" % ("it" if len(found) == 1 else "them") if found else "Model, refitted", saved
+    yield "Next", _next(report, folder)
+    if folder:
+        yield "Details", _in(folder, "report.html")
+
+
+def _in(folder: str, name: str) -> str:
+    """A file of a folder."""
+    return os.path.normpath(os.path.join(folder, name))
+
+
+def title(report: Document) -> str:
+    """The answer in a sentence."""
+    return "%s: %s" % (MISSING, " ".join(_answers(report)))
+
+
+def _answers(report: Document) -> Iterator[str]:
+    kind = report["verdict"]
+    if kind == "misread":
+        yield (
+            "not searched - these recordings seem to be read with wrong units, axes, channels or clocks, "
+            "so that effects found in them would be wrong."
+        )
+        for sentence in words.findings(report):
+            yield sentence
+        return
+    for step in report["steps"]:
+        yield _effect(report, step)
+    rest = _rest(report)
+    if rest:
+        yield rest
+
+
+def _effect(report: Document, step: Document) -> str:
+    """An effect that was found: "motor_lag - first-order lag of the thrusters: tau 50 ms (95%: 48 to 52 ms).
+    Very certain."."""
+    name, values = step["added"], report["improved"]["parameters"]
+    own = {key.split(".", 1)[1]: p for key, p in values.items() if key.startswith(name + ".")}
+    told = "%s - %s: " % (name, report["means"][name]) if name in report["means"] else name + ": "
+    told += ", ".join(words.parameter(key, p) for key, p in own.items())
+    others = [other for other in step["group"] if other != name]
+    if others:
+        told += ". These runs do not distinguish it from %s" % words.effects(report, others)
+    return "%s. %s." % (told, _certainty(step))
+
+
+def _certainty(step: Document) -> str:
+    """How certain an effect is, and what speaks against it."""
+    judged, chance = step["judged"], step["p_value"]
+    sure = "Very certain" if chance < VERY_CERTAIN else "Certain" if chance < CERTAIN else "Likely"
+    held, fitted = judged["holdout"], judged["fitted"]
+    if held and held["verdict"] == "worse":
+        return "Contradicted by the runs that you held out: they are predicted worse with it"
+    if held and held["verdict"] != "better":
+        return "%s in the runs fitted to; the runs that you held out cannot confirm it" % sure
+    if fitted["verdict"] != "better":
+        return "%s by its likelihood; parts of the runs that were held out cannot confirm it" % sure
+    return sure
+
+
+def _rest(report: Document) -> str:
+    """What is missing beside the effects found; empty if nothing is."""
+    kind, found = report["verdict"], report["improved"]["effects"]
+    explained = report["improved"]["error"]["heldout"] < EXPLAINED * report["noise_floor"]
+    if kind == "complete" and explained:
+        small = [words.effect(report, one["effect"]) for one in report["dropped"] if one["change"]]
+        acts = " A trace of %s can be seen, too small to matter." % listed(small) if small else ""
+        return "nothing - the model predicts these runs as well as the mocap can measure them." + acts
+    if kind == "complete":
+        return (
+            "nothing that these runs show - what the model leaves is a random disturbance, which nothing "
+            "that was recorded predicts."
+        )
+    if kind == "varies":
+        return "no effect, but %s." % listed([words.varying(found) for found in report["varies"]])
+    if kind == "missing":
+        return "" if explained else _more(report)
+    if kind == "undecided":
+        if found:
+            return (
+                "Whether this is right cannot be decided: what is left acts at some times or places only, "
+                "unlike a random disturbance."
+            )
+        return "cannot be decided, because " + undecided(report)
+    what = "%s that has no name in the library and depends on %s%s." % (
+        "something else" if found else "an effect",
+        words.arguments(report),
+        ": " + report["ceiling"]["named_as"] if report["ceiling"]["named_as"] else "",
+    )
+    return what
+
+
+def _more(report: Document) -> str:
+    """That more may be missing beside effects that were found; empty if nothing says so."""
+    if report["ceiling"]["terms"]:
+        told = "More may be missing that depends on %s; these runs cannot decide it."
+        return told % words.arguments(report)
+    if not report["agreement"]["holds"]:
+        return "More may be missing: what is left acts at some times or places only."
+    return ""
+
+
+def undecided(report: Document) -> str:
+    """Why runs cannot decide whether something is missing."""
+    found = report["ceiling"]
+    if found["terms"]:
+        return "what they show about %s does not predict the other runs." % words.arguments(report)
+    if not report["agreement"]["holds"]:
+        return (
+            "what is left acts at some times or places only, as a draught, a cable or a bad patch of "
+            "floor do."
+        )
+    if any(dropped["change"] is None for dropped in report["dropped"]):
+        return "effects that fit some of these runs do not predict the others."
+    return (
+        "a random disturbance explains what is left as well as an effect would (of up to %.0f%% of it)."
+        % (100 * found["bound"])
+    )
+
+
+def _next(report: Document, folder: str) -> str:
+    """What to do next; commands stand on lines of their own."""
+    kind, proposed = report["verdict"], report["next_experiment"]
+    if kind == "misread":
+        return "correct the mapping or the settings as told above, or add --as-recorded to diagnose anyway"
+    open_still = any(len(step["group"]) > 1 for step in report["steps"])
+    if proposed and (open_still or kind == "undecided"):
+        return "fly this to distinguish %s:\n%s" % (
+            words.effects(report, proposed["separates"]),
+            proposed["launch"],
+        )
+    if kind in ("unexplained", "memory") and report["unexplained"]["proposal"]:
+        return (
+            "the formula is an effect in %s: try it with identify add, or diagnose again with --effects"
+            % _in(folder, "proposal.yaml")
+        )
+    if kind in ("unexplained", "memory"):
+        return "record more runs over the same places with other commands, so that a formula can be found"
+    if kind == "undecided":
+        return "record more and longer runs, over the same places, with other commands"
+    if kind == "varies":
+        return "find what changed between the runs (battery, trim, floor), or accept it as their spread"
+    if any(_doubted(step) for step in report["steps"]):
+        return "record more runs and diagnose all of them together, to confirm or refute it"
+    if kind == "missing" and _rest(report):
+        return "record more and longer runs to see whether more is missing; the model is usable now"
+    if proposed:
+        told = "nothing needed. These runs cannot show %s; this would:\n%s"
+        return told % (words.effects(report, proposed["separates"][:1]), proposed["launch"])
+    return "nothing needed"
+
+
+def _doubted(step: Document) -> bool:
+    """Whether data that were held out do not confirm an effect."""
+    held, fitted = step["judged"]["holdout"], step["judged"]["fitted"]
+    return any(one is not None and one["verdict"] != "better" for one in (held, fitted))

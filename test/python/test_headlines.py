@@ -1,0 +1,174 @@
+"""The first lines of every verb and verdict: answer, size with units, file, and what to do next."""
+
+import copy
+import json
+import re
+
+import pytest
+
+from conftest import MODEL, identify, program, write_bag
+from ground.diagnosing import answer
+from ground.support.headline import formatted
+from test_diagnose import with_effect
+
+ERROR = r"(\d+(\.\d+)? (mm|m), \d+(\.\d+)? deg|not finite)"
+PREDICTION = r"Prediction after [\d.]+ s: +%s -> %s \(the mocap alone: %s" % (ERROR, ERROR, ERROR)
+LABEL = r"^([A-Z][^:]{2,21}): +\S"
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    """Bags of a craft with a motor lag; its model truth.yaml is in the same folder."""
+    folder = tmp_path_factory.mktemp("lagging")
+    truth = with_effect(folder / "truth.yaml", "{name: motor_lag, tau: 0.06}")
+    return [write_bag(folder / ("run%d.bag" % s), seed=s, model=truth, duration=8.0) for s in (1, 2, 3)]
+
+
+def first_lines(text):
+    """Labels and texts of the lines above the first empty one; continued lines are joined."""
+    found = []
+    for line in text.split("\n\n")[0].splitlines():
+        label = re.match(LABEL, line)
+        if label:
+            found.append([label.group(1), line])
+        else:
+            found[-1][1] += " " + line.strip()
+    return dict(found)
+
+
+def said_by(*arguments):
+    result = identify(*arguments)
+    assert result.returncode == 0, result.stderr
+    return first_lines(result.stdout)
+
+
+def without_units(text):
+    """Numbers without a unit, but for those in names of files and the lower ends of intervals."""
+    prose = re.sub(r"\S*(/|\.(yaml|bag|html|json|csv))\S*|95%:|Prediction after", "", text)
+    return re.findall(r"(?<![\w.])\d[\d.]*(?![\w.]| ?(?:ms|mm|m|deg|s)\b|%| to )", prose)
+
+
+def test_a_diagnosis(bags, tmp_path):
+    options = ["--model", MODEL, "--only", "motor_lag", "input_delay", "-o", tmp_path / "out"]
+    found = said_by("diagnose", *bags, *options)
+    assert list(found)[:3] == ["Missing", "Prediction after 1 s", "Model with it"]
+    assert re.search(r"motor_lag - .* tau \d+\.\d+ ms \(95%: [\d.]+ to [\d.]+ ms\)", found["Missing"])
+    assert found["Missing"].endswith("Very certain.")
+    text = found["Prediction after 1 s"]
+    assert re.match(PREDICTION, text) and "without the effect, refitted" in text
+    assert found["Model with it"].split()[-1] == str(tmp_path / "out" / "improved.yaml")
+    assert found["Details"].split()[-1] == str(tmp_path / "out" / "report.html")
+    assert not without_units(found["Missing"] + text), found
+
+
+def test_a_fit_a_comparison_and_an_added_effect(bags, tmp_path):
+    fitted, added = tmp_path / "fitted.yaml", tmp_path / "added.yaml"
+    fit = said_by("fit", *bags, "--model", MODEL, "-o", fitted)
+    assert re.match(PREDICTION, fit["Prediction after 1 s"])
+    assert "something is missing" in fit["Next"] and "identify diagnose" in fit["Next"]
+    add = said_by("add", "motor_lag", *bags, "--model", fitted, "-o", added)
+    assert "yes - motor_lag: tau" in add["Does it help"] and "use the model with it" in add["Next"]
+    assert re.match(PREDICTION, add["Prediction after 1 s"])
+    other = write_bag(tmp_path / "other.bag", seed=9, model=bags[0].parent / "truth.yaml")
+    compared = said_by(
+        "compare", other, "--model", fitted, "--model", added, "-o", tmp_path / "out", "--numbers"
+    )
+    assert compared["Best"].split()[1] == "added" and "use added" in compared["Next"]
+    assert len(re.findall(ERROR, compared["Prediction after 1 s"])) == 3
+    alone = said_by("compare", bags[0], "--model", fitted, "-o", tmp_path / "one", "--numbers")
+    assert "record other runs" in alone["Next"]
+
+
+def test_recordings(bags, tmp_path):
+    info = said_by("info", *bags)
+    assert list(info) == ["Usable", "Poses", "Next"] and "nothing to mend" in info["Next"]
+    made = tmp_path / "made.bag"
+    simulated = said_by("simulate", "--model", MODEL, "--input", "prbs", "--duration", "4", "-o", made)
+    assert list(simulated) == ["Simulated", "Recording", "Next"] and str(made) in simulated["Recording"]
+
+
+def test_a_controller(tmp_path):
+    gains = MODEL.parents[1] / "gains" / "tiny_whoover.yaml"
+    options = ["--model", MODEL, "--reference", "circle", "--gains", gains, "--end-time", "30"]
+    result = program("track", *options)
+    assert result.returncode == 0, result.stderr
+    found = first_lines(result.stdout)
+    assert list(found) == ["Followed", "Distance", "Next"]
+    assert re.search(r"[\d.]+ mm rms, [\d.]+ mm at most", found["Distance"])
+
+
+@pytest.fixture(scope="module")
+def report(bags, tmp_path_factory):
+    """diagnosis.json of a craft with a lag."""
+    out = tmp_path_factory.mktemp("diagnosed") / "out"
+    options = ["--model", MODEL, "--only", "motor_lag", "input_delay", "-o", out]
+    assert identify("diagnose", *bags, *options).returncode == 0
+    return json.loads((out / "diagnosis.json").read_text())
+
+
+def changed(report, verdict, **changes):
+    """The report with another verdict."""
+    other = copy.deepcopy(report)
+    other["verdict"] = verdict
+    for key, value in changes.items():
+        other[key].update(value) if isinstance(value, dict) else other.update({key: value})
+    return other
+
+
+NOTHING = {"effects": []}
+OPEN = {
+    "terms": ["c1"],
+    "named_as": "a yaw moment of 2 mN m that depends on the heading",
+    "arguments": {"heading": 0.4},
+}
+VERDICTS = {
+    "nothing": ("complete", dict(improved=NOTHING, steps=[]), ["nothing - "], "nothing needed"),
+    "differences": (
+        "varies",
+        dict(
+            improved=NOTHING,
+            steps=[],
+            varies=[
+                {"parameter": "yaw moment", "unit": "N m", "deviation": 9e-5, "p_value": 0, "by_run": [0, 0]}
+            ],
+        ),
+        ["no effect, but the yaw moment differs between runs"],
+        "find what changed between the runs",
+    ),
+    "no name": (
+        "unexplained",
+        dict(ceiling=OPEN),
+        ["motor_lag - ", "no name in the library"],
+        "record more runs",
+    ),
+    "undecided": (
+        "undecided",
+        dict(improved=NOTHING, steps=[], ceiling={"terms": [], "bound": 0.4}),
+        ["cannot be decided, because"],
+        "record more and longer runs",
+    ),
+    "misread": ("misread", dict(improved=NOTHING, steps=[]), ["not searched"], "correct the mapping"),
+}
+
+
+@pytest.mark.parametrize("name", VERDICTS)
+def test_every_verdict_has_its_answer_and_what_to_do(report, name):
+    verdict, changes, answers, advice = VERDICTS[name]
+    found = changed(report, verdict, next_experiment=None, **changes)
+    lines = answer.lines(found, "out")
+    labels = [label for label, _ in lines if label]
+    assert labels[0] == "Missing" and labels[-2:] == ["Next", "Details"]
+    assert ("Prediction after 1 s" in labels) == (verdict != "misread")
+    text = " ".join("\n".join(formatted(lines)).split())
+    for part in [*answers, advice]:
+        assert part in text, part
+    assert all(len(line) <= 100 for line in formatted(lines) if not line.startswith("    r"))
+
+
+def test_runs_that_do_not_tell_effects_apart_name_the_experiment(report):
+    found = copy.deepcopy(report)
+    found["steps"][0]["group"] = ["motor_lag", "input_delay"]
+    launch = "roslaunch ground room_prbs.launch design:=prbs"
+    found["next_experiment"] = {"separates": ["motor_lag", "input_delay"], "launch": launch}
+    lines = dict(line for line in answer.lines(found) if line[0])
+    assert "do not distinguish it from" in lines["Missing"] and lines["Next"].splitlines()[-1] == launch
