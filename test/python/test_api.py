@@ -24,10 +24,12 @@ HIDDEN = 2e-5  # constant yaw moment of the simulated craft [N m]
 
 
 @pytest.mark.parametrize("name", MODULES)
-def test_examples_hold(name, flown):
+def test_examples_hold(name, flown, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     module = importlib.import_module(name)
     files = {
         "ground": ground,
+        "np": np,
         "bag": str(flown),
         "model_file": str(MODEL),
         "room_file": str(ROOM),
@@ -38,6 +40,13 @@ def test_examples_hold(name, flown):
     public = [n for n in ground.__all__ if ground._HOMES[n] == name]
     verbs = [n for n in public if n.islower()]
     assert found.attempted >= 2 * len(verbs), "a public function has no example"
+
+
+def test_every_public_name_has_an_example():
+    shown = "".join(path.read_text() for path in sorted((ROOT / "docs" / "gallery").glob("*.py")))
+    for name in ground.__all__:
+        is_shown = ">>>" in (getattr(ground, name).__doc__ or "") or "ground." + name in shown
+        assert is_shown, name
 
 
 def test_every_public_name_is_described_and_has_a_home():
@@ -109,6 +118,29 @@ def test_a_model_never_changes():
     ):
         with pytest.raises(ground.GroundError):
             wrong()
+
+
+def test_arrays_and_tables_drive_a_craft():
+    times = np.arange(0, 5, 0.5)
+    rows = np.column_stack([times, 0.5 + 0.5 * np.sin(times), times < 2])
+    without = ground.simulate(MODEL, inputs=rows, lift=0.8)
+    assert set(np.unique(without.lift)) == {0.0, 0.8}
+    lifted = ground.simulate(MODEL, inputs=np.column_stack([rows, np.ones(len(times))]))
+    frame = lifted.to_frame()
+    again = ground.simulate(MODEL, inputs=frame)
+    assert np.abs(again.truth_eta[-1] - lifted.truth_eta[-1]).max() < 0.2
+    assert set(lifted.controls[:, 0]) == {0.0, *rows[:-1, 1]}  # the last row ends it
+    for wrong, words in (
+        (rows[:, :2], "shape"),
+        (2 * rows, "reach"),
+        (rows[::-1], "ascend"),
+        ("prbs", "not numbers"),
+        (frame.drop(columns="left"), "no column left"),
+    ):
+        with pytest.raises(ground.GroundError, match=words):
+            ground.simulate(MODEL, inputs=wrong)
+    with pytest.raises(ground.OptionError, match="lift does not go with input array"):
+        ground.simulate(MODEL, inputs=frame, lift=0.5)
 
 
 def test_errors_name_arguments_as_python_has_them(flown):

@@ -90,6 +90,102 @@ def test_a_frame_has_the_repaired_motion_and_its_velocities(two_clocks):
     assert np.corrcoef(turn, frame.r)[0, 1] > 0.9
 
 
+# --- recordings of arrays and tables
+
+
+def arrays(duration=8.0):
+    """Times, poses, times of commands and commands of a simulated run."""
+    times, eta, inputs = truth(duration)
+    return times, eta, inputs[:, 0], inputs[:, 1:]
+
+
+def test_a_recording_of_arrays_is_fitted_like_that_of_a_bag(tmp_path):
+    times, eta, sent, commands = arrays()
+    run = ground.Recording.from_arrays(times, eta, commands, sent, name="mine")
+    assert run.name == "mine" and run.duration == pytest.approx(times[-1])
+    found = ground.fit(ground.Model.load(MODEL).with_values({"k": 0.08}), run, free=["k"])
+    low, high = found.parameters["k"].ci95
+    assert low < 0.062 < high
+    held = commands[np.searchsorted(sent, times, side="right") - 1]
+    on_one_clock = ground.Recording.from_arrays(times, eta, held)
+    assert ground.fit(MODEL, on_one_clock, free=["k"]).model["k"] == pytest.approx(0.062, rel=0.01)
+
+
+def test_a_recording_of_a_frame_has_what_the_frame_has():
+    run = ground.simulate(MODEL, "prbs", duration=6, seed=4)
+    frame = run.to_frame()
+    again = ground.Recording.from_frame(frame, "again")
+    assert again.channels == run.channels and again.name == "again"
+    other = again.to_frame()
+    for column in ("x", "y", "left", "right", "lift"):
+        assert np.allclose(other[column], frame[column], atol=2e-3, equal_nan=True)
+    predicted = run.to_frame(model=MODEL)
+    assert ground.Recording.from_frame(predicted).channels == run.channels
+    with pytest.raises(ground.GroundError, match="no column psi"):
+        ground.Recording.from_frame(frame.drop(columns="psi"))
+
+
+@pytest.mark.parametrize(
+    "change,words",
+    [
+        (dict(poses=np.zeros((3, 2))), "poses have the shape"),
+        (dict(commands=np.zeros((3, 3))), "commands have the shape"),
+        (dict(times=["a"] * 800), "poses: not numbers"),
+        (dict(times=[]), "poses have the shape"),
+        (dict(commands=50.0), "commands of left reach"),
+        (dict(poses=np.nan), "not finite"),
+        (dict(poses=1e5), "degrees"),
+        (dict(channels=("a", "b")), "commands have the shape"),
+    ],
+)
+def test_wrong_arrays_are_named(change, words):
+    times, eta, sent, commands = arrays()
+    given = dict(times=times, poses=eta, commands=commands, command_times=sent)
+    for name, value in change.items():
+        given[name] = given[name] * value if isinstance(value, float) else value
+    with pytest.raises(ground.GroundError, match=words):
+        ground.Recording.from_arrays(**given)
+
+
+def test_runs_are_renamed_found_by_patterns_and_told_apart(tmp_path):
+    for seed in (1, 2):
+        ground.simulate(MODEL, "prbs", duration=6, seed=seed).save(tmp_path / ("run%d.bag" % seed))
+    runs = ground.read(tmp_path / "run*.bag")
+    assert [run.name for run in runs] == ["run1", "run2"]
+    assert ground.read(str(tmp_path / "*[2].bag"))[0].rename("second").name == "second"
+    same = [run.rename("run") for run in runs]
+    names = [run.run for run in ground.fit(MODEL, same, free=["k"]).runs]
+    assert len(set(names)) == 2
+    with pytest.raises(ground.GroundError, match="no file matches"):
+        ground.read(tmp_path / "flight*.bag")
+
+
+def test_a_frame_has_units_and_what_a_model_predicts():
+    craft = ground.Model.load(MODEL)
+    run = ground.simulate(craft.with_effect("yaw_bias", n0=2e-5), duration=10, seed=5)
+    frame = run.to_frame(model=craft, horizon=1.0)
+    units = frame.attrs["units"]
+    assert set(units) == set(frame.columns)
+    assert (units["v"], units["psi_predicted"], units["r_residual"]) == ("m/s", "rad", "rad/s")
+    known = frame.dropna()
+    assert len(known) > 0.6 * len(frame)
+    assert np.allclose(known.u, known.u_predicted + known.u_residual)
+    right = run.to_frame(model=craft.with_effect("yaw_bias", n0=2e-5), horizon=1.0).dropna()
+    assert right.psi_residual.abs().mean() < 0.5 * known.psi_residual.abs().mean()
+
+
+def test_a_recording_is_a_dataset_of_xarray_where_that_is_installed():
+    run = ground.simulate(MODEL, "prbs", duration=6)
+    try:
+        import xarray  # noqa: F401
+    except ImportError:
+        with pytest.raises(ground.GroundError, match="pip install xarray"):
+            run.to_xarray()
+        return
+    found = run.to_xarray()
+    assert found.u.attrs["units"] == "m/s" and found.sizes["t"] == len(run.to_frame())
+
+
 # --- copies in other processes
 
 

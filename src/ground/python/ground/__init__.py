@@ -1,16 +1,22 @@
 """Identification, diagnosis and control of a miniature hovercraft.
 
-`ground.read`, `fit`, `compare`, `diagnose`, `discover`, `add`, `simulate` and `track` do what the programs of
-the same names do and give frozen results. SI units; poses x, y [m], psi [rad] in world_ned;
-velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs 0..1. A
-wrong file or argument raises `GroundError` with one line that says what, where and why. What is
+`ground.read`, `fit`, `predict`, `compare`, `diagnose`, `discover`, `add`, `simulate` and `track` give
+frozen results, most of them those of the programs of the same names. SI units; poses x, y [m], psi [rad]
+in world_ned; velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs
+0..1. A wrong file or argument raises `GroundError` with one line that says what, where and why. What is
 valid but probably a mistake gives a `GroundWarning`.
 """
 
+from pkgutil import extend_path as _extend_path
 from typing import TYPE_CHECKING, Any, List
+
+# In catkin's devel space the compiled core is in another folder; a new process may find the sources first.
+__path__ = _extend_path(__path__, __name__)
 
 # Public names by their module. A module is loaded on first use: those that a fit needs take a second.
 _PUBLIC = {
+    "analysis.effects": "Effect EffectParameter Effects effects",
+    "comparing.predict": "Prediction predict",
     "fitting.add": "Addition add",
     "discovery.discover": "Discovery discover",
     "data.measured": "read",
@@ -22,14 +28,18 @@ _PUBLIC = {
     "support.errors": "GroundError GroundWarning OptionError",
     "fitting.fit": "fit",
     "fitting.result": "Fit",
-    "models": "Model Parameter Room",
+    "models": "Fitted Model Parameter Room",
     "recordings.recording": "Recording",
+    "results.load": "load",
+    "results.plot": "Figures plot",
     "simulation.simulate": "simulate",
     "simulation.simulated_run": "SimulatedRun",
 }
 _HOMES = {name: "ground." + module for module, names in _PUBLIC.items() for name in names.split()}
 if TYPE_CHECKING:
+    from ground.analysis.effects import Effect, EffectParameter, Effects, effects
     from ground.comparing.compare import compare
+    from ground.comparing.predict import Prediction, predict
     from ground.comparing.result import Comparison, RunComparison
     from ground.control.track import Tracking, track
     from ground.data.measured import read
@@ -39,8 +49,10 @@ if TYPE_CHECKING:
     from ground.fitting.add import Addition, add
     from ground.fitting.fit import fit
     from ground.fitting.result import Fit
-    from ground.models import Model, Parameter, Room
+    from ground.models import Fitted, Model, Parameter, Room
     from ground.recordings.recording import Recording
+    from ground.results.load import load
+    from ground.results.plot import Figures, plot
     from ground.simulation.simulate import simulate
     from ground.simulation.simulated_run import SimulatedRun
     from ground.support.errors import GroundError, GroundWarning, OptionError
@@ -50,12 +62,18 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "Comparison",
     "Diagnosis",
     "Discovery",
+    "Effect",
+    "EffectParameter",
+    "Effects",
+    "Figures",
     "Fit",
+    "Fitted",
     "GroundError",
     "GroundWarning",
     "Model",
     "OptionError",
     "Parameter",
+    "Prediction",
     "Recording",
     "Room",
     "RunComparison",
@@ -65,7 +83,11 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "compare",
     "diagnose",
     "discover",
+    "effects",
     "fit",
+    "load",
+    "plot",
+    "predict",
     "read",
     "simulate",
     "track",

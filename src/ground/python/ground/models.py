@@ -1,5 +1,6 @@
 """Models of crafts, and rooms."""
 
+import functools
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Dict, Iterable, Iterator, Mapping, Optional, Sequence, Tuple, Union
@@ -7,6 +8,8 @@ from typing import TYPE_CHECKING, Dict, Iterable, Iterator, Mapping, Optional, S
 import numpy as np
 
 from ground import _core
+from ground.analysis import candidates
+from ground.analysis.effects import Effect, EffectLike
 from ground.support import errors, files, origin
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
@@ -15,12 +18,18 @@ from ground.support.results import Shown
 if TYPE_CHECKING:
     import pandas
 
+    from ground import Prediction
     from ground.recordings.recording import Recording
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """An estimated parameter."""
+    """An estimated parameter.
+
+    >>> k = ground.fit(model_file, bag, free=["k"]).parameters["k"]
+    >>> k.unit, k.identified, k.ci95[0] < k.value < k.ci95[1]
+    ('N', True, True)
+    """
 
     name: str  #: "k", or "EFFECT.PARAMETER"
     unit: str
@@ -52,13 +61,34 @@ def parameters_by_name(found: Iterable[Document]) -> Dict[str, Parameter]:
 
 
 def parameter_frame(parameters: Mapping[str, Parameter]) -> "pandas.DataFrame":
-    """Parameters as a table, indexed by name: start, value, low, high (95%), identified, unit."""
+    """Parameters as a table, indexed by name: start, value, std_error, low, high (95%), identified, at_bound,
+    unit."""
     import pandas
 
-    rows = [[p.start, p.value, *p.ci95, p.identified, p.unit] for p in parameters.values()]
+    rows = [
+        [p.start, p.value, p.deviation, *p.ci95, p.identified, p.at_bound, p.unit]
+        for p in parameters.values()
+    ]
     index = pandas.Index(list(parameters), name="parameter")
-    columns = ["start", "value", "low", "high", "identified", "unit"]
+    columns = ["start", "value", "std_error", "low", "high", "identified", "at_bound", "unit"]
     return pandas.DataFrame(rows, index=index, columns=columns)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """How a model was fitted, as its file says.
+
+    >>> ground.fit(model_file, bag, free=["k"]).model.fitted.recordings
+    ('run.bag',)
+    """
+
+    date: str  #: UTC, ISO 8601
+    command: str
+    recordings: Tuple[str, ...]  #: names of the files fitted to
+    error_before: Dict[str, float]  #: by kind of runs: fit, heldout, holdout
+    error_after: Dict[str, float]
+    ci95: Dict[str, Tuple[float, float]]  #: 95% intervals by parameter
+    not_identified: Tuple[str, ...]  #: parameters that the recordings did not determine
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,6 +132,17 @@ class Model(Shown):
         """The model, loaded if it is a path."""
         return model if isinstance(model, Model) else cls.load(model)
 
+    def __eq__(self, other: object) -> bool:
+        """Whether it has the same body, effects and values, wherever it comes from."""
+        return isinstance(other, Model) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    @functools.cached_property
+    def _content(self) -> str:
+        return _changed(self.core.copy()).format()
+
     @property
     def name(self) -> str:
         """Its title."""
@@ -114,8 +155,18 @@ class Model(Shown):
 
     @property
     def label(self) -> str:
-        """Its file's name without the extension, or its title."""
-        return os.path.splitext(os.path.basename(self.path))[0] or self.name
+        """Its file's name without the extension, or its title with its effects."""
+        titled = " with ".join(filter(None, (self.name, ", ".join(self.effects))))
+        return os.path.splitext(os.path.basename(self.path))[0] or titled
+
+    @property
+    def fitted(self) -> Optional[Fitted]:
+        """How it was fitted; None if it was not, or was changed since."""
+        p = self.core.provenance
+        if not p.bags:
+            return None
+        bags, unknown, ci95 = tuple(p.bags), tuple(p.not_identified), dict(p.confidence_95)
+        return Fitted(p.date, p.command, bags, dict(p.error_before), dict(p.error_after), ci95, unknown)
 
     @property
     def values(self) -> Dict[str, float]:
@@ -139,22 +190,34 @@ class Model(Shown):
             raise GroundError(str(error)) from error
         return _changed(core)
 
-    def with_effect(self, effect: Path, **values: float) -> "Model":
-        """A copy with an effect: a name of the library, or a YAML file with one effect; values: those
-        of its parameters. GroundError when there is no such effect, or the model has it already."""
-        from ground.analysis import candidates
-
-        candidate = candidates.named(os.fspath(effect), self.core)
+    def with_effect(self, effect: EffectLike, **values: float) -> "Model":
+        """A copy with an effect: an Effect, a name of the library, a YAML file with one effect, or its
+        entry in a model file; values: those of its parameters. Also `model + effect`. GroundError when
+        there is no such effect, or the model has it already."""
+        candidate = Effect.of(effect).candidate(self.core)
         extended = _changed(candidate.add(self.core))
         return extended.with_values({"%s.%s" % (candidate.name, n): v for n, v in values.items()})
 
+    def __add__(self, effect: EffectLike) -> "Model":
+        return self.with_effect(effect)
+
+    def __sub__(self, effect: Union[Effect, str]) -> "Model":
+        return self.without_effect(effect.name if isinstance(effect, Effect) else effect)
+
     def without_effect(self, name: str) -> "Model":
-        """A copy without an effect. GroundError when the model has none of that name."""
+        """A copy without an effect; also `model - name`. GroundError when the model has none of that
+        name."""
         if name not in self.effects:
             raise GroundError("%s has no effect %s" % (self.name, name))
         core = self.core.copy()
         core.remove_effect(name)
         return _changed(core)
+
+    def predict(self, recording: "Union[Recording, Path]", horizon: float = 1.5) -> "Prediction":
+        """What it predicts of a recording, sample by sample; see ground.predict."""
+        import ground
+
+        return ground.predict(self, recording, horizon)
 
     def format(self) -> str:
         """The text of its file."""
@@ -179,8 +242,6 @@ class Model(Shown):
 
     def lines(self, written: str = "") -> Iterator[str]:
         """Title, effects and parameters."""
-        from ground.analysis import candidates
-
         yield "%s, effects: %s" % (self.name, candidates.listed(self.core) or "none")
         for p in self.core.parameters():
             yield "%-24s %12.4g %s" % (p["name"], self.core.value(p["name"]), p["unit"])

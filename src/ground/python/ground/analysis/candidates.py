@@ -2,7 +2,6 @@
 
 import functools
 import math
-import os
 from dataclasses import dataclass
 from typing import Callable, Dict, Iterator, List, Optional, Sequence
 
@@ -101,12 +100,10 @@ def library(model: _core.Model, wanted: Sequence[str] = ()) -> List[Candidate]:
     ]
 
 
-def from_file(path: str, model: Optional[_core.Model] = None) -> Candidate:
-    """The Candidate of a YAML file with one effect as model files list it, for crafts with
-    the thrusters of a model (default: left and right). A wrong file raises GroundError with file and
-    line."""
+def text_of(path: str) -> str:
+    """The text of a file with one effect; GroundError when it cannot be read."""
     try:
-        return _from_text(_core.read_effect_file(path), path, model)
+        return str(_core.read_effect_file(path))
     except RuntimeError as error:
         raise GroundError(str(error))
     except UnicodeDecodeError as error:
@@ -114,12 +111,13 @@ def from_file(path: str, model: Optional[_core.Model] = None) -> Candidate:
 
 
 def from_entry(entry: Document, source: str, model: Optional[_core.Model] = None) -> Candidate:
-    """The Candidate of an effect as a model file lists it, for crafts as in from_file; error messages
-    name `source`."""
-    return _from_text(yaml.safe_dump(entry, sort_keys=False), source, model)
+    """The Candidate of an effect as a model file lists it; see from_text."""
+    return from_text(yaml.safe_dump(entry, sort_keys=False), source, model)
 
 
-def _from_text(text: str, source: str, model: Optional[_core.Model]) -> Candidate:
+def from_text(text: str, source: str, model: Optional[_core.Model] = None) -> Candidate:
+    """The Candidate of the text of a file with one effect as model files list it, for crafts with the
+    thrusters of a model (default: left and right). GroundError names `source` and the line."""
     add = functools.partial(_with_text, text, source)
     bare = _core.Model() if model is None else model.copy()
     for effect in bare.effects:
@@ -132,12 +130,6 @@ def _with_text(text: str, source: str, model: _core.Model) -> _core.Model:
         return _core.with_effect(model, text, source)
     except RuntimeError as error:
         raise GroundError(str(error))
-
-
-def named(effect: str, model: _core.Model) -> Candidate:
-    """The Candidate of a name in the library or of a YAML file, for crafts as of from_file."""
-    is_file = os.path.splitext(effect)[1] in (".yaml", ".yml")
-    return from_file(effect, model) if is_file else of_library(effect)
 
 
 def turned(model: _core.Model, free: Sequence[str]) -> Iterator[_core.Model]:

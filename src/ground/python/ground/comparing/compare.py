@@ -2,7 +2,7 @@
 
 compare.json, schema ground/compare/1 (SI units; null for a value that is not a number or does not exist):
 
-models    by label: file, effects, fitted_to (names of bags, from its provenance)
+models    by label: file, text (of a model file), effects, fitted_to (names of bags, from its provenance)
 runs      name, bag, models: by label
   role              fit or held_out, by the digests of recordings in the model's provenance; fit where
                     its file has names only
@@ -102,7 +102,7 @@ def labelled(models: Models) -> Dict[str, Model]:
     else:
         given = [models] if isinstance(models, (Model, str, os.PathLike)) else list(models)
         loaded = [Model.of(model) for model in given]
-        labels = distinct_labels([_label(m) for m in loaded], [m.path for m in loaded])
+        labels = distinct_labels([m.label for m in loaded], [m.path for m in loaded])
         named = dict(zip(labels, loaded))
     if not named:
         raise GroundError("no models are given")
@@ -113,11 +113,6 @@ def labelled(models: Models) -> Dict[str, Model]:
             names = dict.fromkeys(named[one].path or one for one in (other, label))
             raise GroundError("the same model is given twice: %s" % " and ".join(names))
     return named
-
-
-def _label(model: Model) -> str:
-    """A model's name in tables, which others may share."""
-    return model.label if model.path else " with ".join(filter(None, (model.name, ", ".join(model.effects))))
 
 
 def _role(model: Model, recording: Recording) -> str:
@@ -150,7 +145,7 @@ def _each_run(
         with work.stage(COMPARING, sum(lengths)):
             for length, (recording, studies) in zip(lengths, results):
                 work.step(length)
-                yield RunComparison(recording, studies)
+                yield RunComparison(recording.name, recording.bag, studies, recording)
 
 
 def _inspect(task: Sequence[Tuple[Any, ...]]) -> List[Document]:

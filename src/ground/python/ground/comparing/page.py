@@ -30,7 +30,7 @@ def write(
         force,
         result=result,
         head=words.lines(result),
-        predictions=_predictions(result),
+        predictions=predictions(result),
         pooled=[
             appearance.numbers_row(label, role, numbers)
             for label, groups in pooled.items()
@@ -43,7 +43,7 @@ def write(
     )
 
 
-def _predictions(result: Document) -> Optional[Document]:
+def predictions(result: Document) -> Optional[Document]:
     """Bars of how far predicted poses are off, the best model last; None where runs are too short."""
     found = result["prediction"]
     if found is None:

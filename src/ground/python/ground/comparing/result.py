@@ -1,13 +1,13 @@
 """A comparison: its numbers, its lines of text, and the folder in which it is kept."""
 
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence
 
 import numpy as np
 
 from ground.analysis import comparison
-from ground.analysis.horizon import PredictionError, as_document
+from ground.analysis.horizon import PoseError, PredictionError, as_document
 from ground.comparing import words
 from ground.models import Model
 from ground.recordings import findings
@@ -17,8 +17,9 @@ from ground.reports import appearance, result_folder
 from ground.reports.words import number
 from ground.support import files
 from ground.support.annotations import Document, Path
+from ground.support.errors import GroundError
 from ground.support.headline import Line
-from ground.support.results import Shown, distinct_labels
+from ground.support.results import Plotted, Shown, distinct_labels
 
 if TYPE_CHECKING:
     import pandas
@@ -55,19 +56,25 @@ class _Frame(Shown):
 
 @dataclass(frozen=True, repr=False)
 class RunComparison(_Frame):
-    """All models against one run."""
+    """All models against one run.
 
-    recording: Recording
-    studies: List[Document]  #: one for each model, from ground.reports.inspection.inspect
+    >>> (run,) = ground.compare(model_file, bag).runs
+    >>> run.name, sorted(run.numbers) == sorted(run.summary), run.to_frame().index[0][0]
+    ('run', True, 'run')
+    """
 
-    @property
-    def name(self) -> str:
-        """Name of the run."""
-        return self.recording.name
+    name: str  #: of the run
+    bag: str  #: name of its file
+    #: one for each model: label, role ("fit" or "held_out"), numbers (of comparison.numbers), summary
+    #: (sentences), residuals and missing (as in compare.json); and run, model, evaluation, which a
+    #: loaded comparison does not have
+    studies: List[Document]
+    recording: Optional[Recording]  #: None when it was loaded
 
     @property
     def numbers(self) -> Document:
-        """Error numbers by model (keys of comparison.numbers)."""
+        """Error numbers by model: error, error_by_channel, prediction_error, thesis_objective, fit_percent,
+        rms, rms_units and horizons, as compare.json explains them (ground.comparing.compare)."""
         return {study["label"]: study["numbers"] for study in self.studies}
 
     @property
@@ -79,7 +86,7 @@ class RunComparison(_Frame):
         """Plain values, as compare.json has them; files: the run's files."""
         return {
             "name": self.name,
-            "bag": self.recording.bag,
+            "bag": self.bag,
             "models": {
                 study["label"]: dict(
                     study["numbers"],
@@ -122,12 +129,19 @@ class Ranking:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(_Frame):
-    """Models against recordings."""
+class Comparison(_Frame, Plotted):
+    """Models against recordings.
+
+    >>> craft = ground.Model.load(model_file)
+    >>> found = ground.compare({"given": craft, "turning": craft.with_effect("yaw_bias", n0=2e-5)}, bag)
+    >>> found.best, found.to_frame().loc[("run", "given"), "error"] > found.noise_floor
+    ('turning', True)
+    """
 
     models: Dict[str, Model]  #: by label
     runs: List[RunComparison]
-    pooled: Dict[str, Document]  #: by label: error numbers over all, fit and held_out runs
+    #: by label, then by runs (all, fit, held_out): error numbers, with the keys of RunComparison.numbers
+    pooled: Dict[str, Document]
     ranking: Ranking
     noise_floor: float  #: error that the noise of the poses alone would leave on the ranking's runs
     prediction: Optional[PredictionError]  #: of poses, on the ranking's runs; None: they are too short
@@ -165,6 +179,7 @@ class Comparison(_Frame):
             "models": {
                 label: {
                     "file": model.path or None,
+                    "text": model.format(),
                     "effects": model.core.effects,
                     "fitted_to": model.core.provenance.bags,
                 }
@@ -177,10 +192,27 @@ class Comparison(_Frame):
             "prediction": as_document(self.prediction),
         }
 
+    @classmethod
+    def load(cls, folder: Path) -> "Comparison":
+        """The comparison that `save` wrote into a folder: models, numbers and sentences. GroundError when
+        there is none."""
+        document = result_folder.read(folder, "compare.json", SCHEMA)
+        models = {
+            label: replace(Model.parse(m["text"], label), path=m["file"] or "")
+            for label, m in document["models"].items()
+        }
+        runs = [_run_of(run) for run in document["runs"]]
+        ranking = Ranking(**document["ranking"])
+        off = _prediction_of(document["prediction"])
+        return cls(models, runs, document["pooled"], ranking, document["noise_floor"], off)
+
     def save(self, folder: Path, page: bool = True, force: bool = False) -> str:
         """Writes compare.json and, for every run, the missing wrench as CSV; with `page` also
         report.html. Returns the path of the page, or of the JSON. Files of an older comparison in the
         folder go. GroundError when a file cannot be written, or exists and `force` is not set."""
+        recordings = [run.recording for run in self.runs if run.recording is not None]
+        if len(recordings) < len(self.runs):
+            raise GroundError("this comparison was loaded: the folder that it was saved in has all of it")
         place = os.fspath(folder)
         report_file, numbers = prepare(place, force)
         runs = distinct_labels([_stem(run.name) for run in self.runs], [""] * len(self.runs))
@@ -206,18 +238,55 @@ class Comparison(_Frame):
             return numbers
         from ground.comparing import page as report
 
-        inputs = [run.recording.path for run in self.runs]
+        inputs = [recording.path for recording in recordings]
         inputs += [model.path for model in self.models.values()]
         with result_folder.page(report_file, numbers):
             report.write(
                 report_file,
                 result,
                 [run.studies for run in self.runs],
-                findings.describe([repaired(run.recording) for run in self.runs]),
+                findings.describe([repaired(recording) for recording in recordings]),
                 [path for path in inputs if path],
                 force,
             )
         return report_file
+
+
+NUMBERS = ("role", "residuals", "wrench", "files", "summary")  # what is no error number of a model
+
+
+@dataclass(frozen=True)
+class _Wrench:
+    """The numbers of a missing wrench."""
+
+    numbers: Document
+
+
+def _prediction_of(document: Optional[Document]) -> Optional[PredictionError]:
+    """A PredictionError of compare.json, where null is what is not finite."""
+
+    def error(found: Document) -> PoseError:
+        return PoseError(**{k: np.inf if value is None else value for k, value in found.items()})
+
+    if document is None:
+        return None
+    errors = {label: error(found) for label, found in document["errors"].items()}
+    disturbed = document["disturbed"] and error(document["disturbed"])
+    return PredictionError(document["seconds"], errors, error(document["mocap"]), disturbed)
+
+
+def _run_of(document: Document) -> RunComparison:
+    """A run of compare.json."""
+    studies = [
+        {
+            "label": label,
+            "numbers": {name: value for name, value in of_model.items() if name not in NUMBERS},
+            "missing": _Wrench(of_model["wrench"]),
+            **{name: of_model[name] for name in ("role", "residuals", "summary")},
+        }
+        for label, of_model in document["models"].items()
+    ]
+    return RunComparison(document["name"], document["bag"], studies, None)
 
 
 def prepare(folder: str, force: bool) -> Sequence[str]:

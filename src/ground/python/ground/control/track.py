@@ -1,6 +1,7 @@
 """track: a controller in closed loop with a simulated craft."""
 
 import argparse
+import os
 from dataclasses import dataclass, make_dataclass
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
@@ -9,19 +10,23 @@ import numpy as np
 from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
 from ground.models import Model, ModelLike
 from ground.recordings.tracks import Track
+from ground.reports import result_folder
 from ground.simulation import gains as gain_files
 from ground.simulation import listing, tracking
-from ground.support import command_line
-from ground.support.annotations import Document
+from ground.support import command_line, files
+from ground.support.annotations import Document, Path
 from ground.support.command_line import count, option, positive, seconds, seed
 from ground.support.errors import GroundError
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
-from ground.support.results import Shown
+from ground.support.results import Plotted, Shown
 
 if TYPE_CHECKING:
     import pandas
 
+SCHEMA = "ground/tracking/1"
+# Arrays of a Track and their columns; 0: one for each thruster, and the time
+COLUMNS = {"times": 1, "eta": 3, "reference": 2, "inputs": 0, "wanted": 0, "computing": 2}
 DRIVING = "simulating drives"  # stage; unit: a drive
 MAX_STOPS = 5  # stops that are printed
 DETAILS = (
@@ -41,19 +46,29 @@ medians are printed. As on the floor, a controller stops when the error has been
 
 
 @dataclass(frozen=True, repr=False)
-class Tracking(Shown):
-    """How a controller followed a reference, from one start or several."""
+class Tracking(Shown, Plotted):
+    """How a controller followed a reference, from one start or several.
+
+    >>> found = ground.track(model_file, "circle", gains=gains_file, end_time=30, settled=20)
+    >>> found.save("tracking.json")
+    'tracking.json'
+    >>> ground.load("tracking.json").rms == found.rms
+    True
+    """
 
     controller: str
     reference: str
     runs: List[Track]  #: a run from each start
-    numbers: Dict[str, Any]  #: medians over the runs: rms, max, final [m], saturated_fraction, effort, ...
+    #: medians over the runs: rms, max, final, after_stop_max [m], saturated_fraction, effort,
+    #: wanted_outside, wanted_largest, compute_ms (median, p999, max), rms_quantiles (p05, p95); stopped
+    #: (number of runs) and stops
+    numbers: Dict[str, Any]
     window: Tuple[float, float]  #: start and end of what errors count, since the reference began [s]
     max_error: float  #: error at which a controller stops itself [m]
     caution: str  #: why the craft cannot follow the reference exactly; empty when it can
     remark: str  #: how the controller uses the model's effects; empty when nothing is odd
     effects: Dict[str, List[str]]  #: effects that the controller has used and unused
-    gains: Document
+    gains: Document  #: parameters of the controller by name
     seed: Optional[int]
 
     @property
@@ -83,6 +98,32 @@ class Tracking(Shown):
             "gains": self.gains,
             **self.numbers,
         }
+
+    def save(self, path: Path, force: bool = False) -> str:
+        """Writes a JSON file, which `load` reads; returns its path. GroundError when it exists and `force` is
+        not set."""
+        place = os.fspath(path)
+        runs = [{k: v.tolist() if k in COLUMNS else v for k, v in vars(run).items()} for run in self.runs]
+        files.write_json(place, {"schema": SCHEMA, **vars(self), "runs": runs}, force)
+        return place
+
+    @classmethod
+    def load(cls, path: Path) -> "Tracking":
+        """The result that `save` wrote. GroundError when it cannot be read."""
+        folder, name = os.path.split(os.path.abspath(os.fspath(path)))
+        document = result_folder.read(folder, name, SCHEMA)
+        del document["schema"]
+        runs = []
+        for run in document["runs"]:
+            width = len(run["inputs"][0]) if run["inputs"] else 3
+            rows: Document = {
+                k: np.array(run[k], float).reshape(-1, count or width) for k, count in COLUMNS.items()
+            }
+            rows.update(times=rows["times"][:, 0], numbers=_endless(run["numbers"]))
+            runs.append(Track(**{**run, **rows}))
+        document.update(runs=runs, numbers=_endless(document["numbers"]), window=tuple(document["window"]))
+        document["max_error"] = np.inf if document["max_error"] is None else document["max_error"]
+        return cls(**document)
 
     def to_frame(self) -> "pandas.DataFrame":
         """Every frame of every run: run, t [s] since the reference began, x, y [m], psi [rad],
@@ -134,6 +175,14 @@ class Tracking(Shown):
             yield "stopped    run %(run)d at %(time).2f s: %(reason)s" % stop
         if len(self.stops) > MAX_STOPS:
             yield "           and %d more" % (len(self.stops) - MAX_STOPS)
+
+
+def _endless(numbers: Document) -> Document:
+    """Numbers from JSON, which has null for the infinite errors of a controller that stopped."""
+    found = {k: np.inf if v is None and k in ("rms", "max", "final") else v for k, v in numbers.items()}
+    for name, value in found.get("rms_quantiles", {}).items():
+        found["rms_quantiles"][name] = np.inf if value is None else value
+    return found
 
 
 def _factor(text: str) -> Tuple[str, float]:

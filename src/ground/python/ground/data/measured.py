@@ -1,5 +1,6 @@
 """Recordings: reading them, and choosing the part that models are compared with."""
 
+import glob
 import os
 from dataclasses import dataclass, fields, replace
 from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
@@ -33,12 +34,12 @@ def read(
 ) -> Tuple[Recording, ...]:
     """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
-    bags: a path or several; a folder stands for the bags in it. axes: world_ned x, y, z in the
-    mocap's axes ("x, z, -y"); heading_offset: measured minus true heading [rad]; both replace what
-    was recorded with the run. mapping: a mapping file, or its content; pose_topic, command_topic and
-    body (child frame, or part of the topic's name) replace its own. Runs of the same name get the names
-    of their folders in front. GroundError when a bag cannot be read or is given twice, also as a copy;
-    anything odd in a bag gives a GroundWarning.
+    bags: a path or several; a folder stands for the bags in it, and a pattern (``flights/*.bag``) for those
+    that match it. axes: world_ned x, y, z in the mocap's axes ("x, z, -y"); heading_offset: measured
+    minus true heading [rad]; both replace what was recorded with the run. mapping: a mapping file, or its
+    content; pose_topic, command_topic and body (child frame, or part of the topic's name) replace its
+    own. Runs of the same name get the names of their folders in front. GroundError when a bag cannot be
+    read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -46,13 +47,24 @@ def read(
     >>> list(run.to_frame().columns)
     ['t', 'x', 'y', 'psi', 'u', 'v', 'r', 'left', 'right', 'lift']
     """
-    paths = [bags] if isinstance(bags, (str, os.PathLike)) else list(bags)
+    given_paths = [bags] if isinstance(bags, (str, os.PathLike)) else bags
+    paths = [found for path in given_paths for found in _matching(os.fspath(path))]
     if mapping is None:
         mapping = FieldMapping()
     elif not isinstance(mapping, FieldMapping):
         mapping = load(os.fspath(mapping))
     given = mapping.with_options(pose_topic, command_topic, body, axes, heading_offset)
-    return tuple(reading([os.fspath(path) for path in paths], given))
+    return tuple(reading(paths, given))
+
+
+def _matching(path: str) -> List[str]:
+    """The files that match a pattern, by name; the path itself if it is none. GroundError without any."""
+    if os.path.exists(path) or not glob.has_magic(path):
+        return [path]
+    found = sorted(glob.glob(path, recursive=True))
+    if not found:
+        raise GroundError("%s: no file matches this pattern" % path)
+    return found
 
 
 READING = "reading recordings (kB)"  # stage; unit: a kilobyte

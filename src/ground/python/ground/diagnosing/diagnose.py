@@ -9,15 +9,18 @@ from typing import Callable, Dict, Iterable, List, Optional, Sequence
 import numpy as np
 
 from ground.analysis import candidates, diagnosis
+from ground.analysis.effects import Effect, EffectLike
 from ground.analysis.verdict import MISREAD, Conclusion, conclude
 from ground.data import bag_arguments
 from ground.data.measured import Recordings, held_out, measured
 from ground.diagnosing import answer, document
+from ground.diagnosing.drawn import IMPROVED, NOMINAL, Drawn
 from ground.diagnosing.result import Diagnosis, Problem, prepare
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
+from ground.recordings import findings
 from ground.reports import result_folder
 from ground.support import command_line
-from ground.support.annotations import Array, Document, Path
+from ground.support.annotations import Array, Document
 from ground.support.command_line import option
 from ground.support.errors import GroundError, did_you_mean
 from ground.support.headline import formatted
@@ -38,7 +41,7 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
         nargs="+",
     )
     exclude: Sequence[str] = option((), "effects not to try", metavar="EFFECT", nargs="+")
-    effects: Sequence[Path] = option(
+    effects: Sequence[EffectLike] = option(
         (),
         "effects to try as well: your own, one in each FILE.yaml, as model files list them, or by name those "
         "of the library that are not tried by default (%s)" % ON_REQUEST,
@@ -114,12 +117,12 @@ def _problem(
 ) -> Problem:
     """Reads all that a diagnosis needs."""
     given = Model.of(model)
-    own = [os.fspath(effect) for effect in options.effects]
+    own = [Effect.of(effect) for effect in options.effects]
     tried = effects_to_try(given, options.only, options.exclude, own)
     room = None if options.room is None else Room.of(options.room)
     seen = measured(recordings, given, options, work)
     held = held_out(holdout, given, options, work, seen)
-    files = [effect for effect in own if effect not in candidates.on_request()]
+    files = [effect.path for effect in own if effect.path]
     return Problem(given, tried, seen, held, files, room, options.as_recorded)
 
 
@@ -127,20 +130,21 @@ def effects_to_try(
     model: Model,
     only: Optional[Sequence[str]] = None,
     exclude: Sequence[str] = (),
-    effects: Sequence[str] = (),
+    effects: Sequence[EffectLike] = (),
 ) -> List[candidates.Candidate]:
     """Effects of the library and of `effects`, selected by `only` and `exclude`. Those of `effects`
     are tried in addition to the library's in `only`, unless `only` names one of them; they replace
     those of the library with the same names. GroundError when one does not exist or does not fit
     the model."""
-    own = [candidates.named(effect, model.core) for effect in effects]
+    given = [Effect.of(effect) for effect in effects]
+    own = [effect.candidate(model.core) for effect in given]
     names = [c.name for c in own]
     library = [c for c in candidates.library(model.core, only or ()) if c.name not in names]
     by_default = [c.name for c in library] + names + list(model.effects)
     _check_known([*(only or ()), *exclude], by_default)
-    for path, name in zip(effects, names):
+    for effect, name in zip(given, names):
         if names.count(name) > 1:
-            raise GroundError("%s: --effects has another effect %s" % (path, name))
+            raise GroundError("%s: --effects has another effect %s" % (effect.path or name, name))
     wanted = set(only or by_default)
     if not wanted & set(names):
         wanted |= set(names)
@@ -184,10 +188,17 @@ def _result(
         noise_floor=conclusion.heldout_floor,
         next_inputs=_next_inputs(problem, report["next_experiment"]),
         report=report,
-        problem=problem,
-        found=found,
-        conclusion=conclusion,
+        drawn=_drawn(problem, found, conclusion),
     )
+
+
+def _drawn(problem: Problem, found: diagnosis.Diagnosis, conclusion: Conclusion) -> Drawn:
+    """What the page draws."""
+    models = {NOMINAL: conclusion.before.model}
+    if found.chosen:
+        models[IMPROVED] = conclusion.improved
+    described = findings.describe(problem.seen.runs + problem.held.runs)
+    return Drawn(found.runs, problem.held.data, models, conclusion.bands, described, problem.inputs)
 
 
 def _errors(error: Document) -> Dict[str, float]:

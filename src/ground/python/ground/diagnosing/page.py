@@ -1,42 +1,19 @@
 """report.html of diagnose: the verdict first, then the evidence."""
 
-import itertools
 import os
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, List, Optional
 
-from ground import _core
-from ground.analysis.diagnosis import Diagnosis
-from ground.analysis.verdict import Conclusion
 from ground.diagnosing import answer, words
-from ground.reports import appearance, figures, inspection, page, studies
+from ground.diagnosing.drawn import Drawn
+from ground.reports import appearance, figures, page, studies
 from ground.reports.words import listed, number, off
 from ground.support.annotations import Document
 
-MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
-NOMINAL, IMPROVED = "nominal, refitted", "improved"
 
-
-def write(
-    path: str,
-    report: Document,
-    found: Diagnosis,
-    conclusion: Conclusion,
-    described: Sequence[Document],
-    held: Sequence[_core.RunData] = (),
-    inputs: Sequence[str] = (),
-    force: bool = False,
-) -> None:
-    """Writes the page of a diagnosis.
-
-    report: as ground.diagnosing.document gives it; found, conclusion: Diagnosis and Conclusion;
-    described: findings.describe of all runs; held: _core.RunData of runs that were held out; inputs:
-    files read. At most MAX_DRAWN runs are drawn.
-    """
-    runs = [(run, "fit") for run in found.runs] + [(run, "held_out") for run in held]
-    most = min(MAX_DRAWN, len(runs))
-    drawn = [i * len(runs) // most for i in range(most)]
-    inspected = _inspected(found, conclusion, [runs[i] for i in drawn])
-    banded = {id(band.run): band for band in conclusion.bands}
+def write(path: str, report: Document, found: Drawn, force: bool = False) -> None:
+    """Writes the page of a diagnosis. report: as ground.diagnosing.document gives it. At most
+    drawn.MAX_DRAWN runs are drawn."""
+    drawn, described = found.chosen, found.described
     tested = "cross-validated: each run (or quarter of a single one), by a fit to the others"
     if words.is_held_out(report):
         tested = "held out: " + ", ".join(report["runs"]["heldout"])
@@ -52,38 +29,21 @@ def write(
         report=report,
         head=[line for line in answer.lines(report, os.curdir) if line[0] != "Details"],
         words=words,
-        predictions=_predictions(report),
-        drawn=most,
-        count=len(runs),
-        runs=studies.shown(inspected, [described[i] for i in drawn], banded),
+        predictions=predictions(report),
+        drawn=len(drawn),
+        count=len(described),
+        runs=studies.shown(found.inspected(drawn), [described[i] for i in drawn], found.banded),
         candidates=_candidates(report),
         chosen=[i for i, c in enumerate(report["candidates"]) if c["selected"]],
         parameters=_parameters(report),
         new=[i for i, name in enumerate(improved) if name not in nominal],
         described=studies.quality(described),
-        inputs=inputs,
+        inputs=found.inputs,
         tested=tested,
     )
 
 
-def _inspected(
-    found: Diagnosis, conclusion: Conclusion, runs: Sequence[Tuple[_core.RunData, str]]
-) -> List[List[Document]]:
-    """Studies of each run: the nominal model as its best refit and, where effects were added, the improved
-    one."""
-    models = [(conclusion.before.model, NOMINAL)]
-    if found.chosen:
-        models.append((conclusion.improved, IMPROVED))
-
-    def inspected(task: Tuple[Tuple[_core.RunData, str], Any]) -> Document:
-        (run, role), (model, label) = task
-        return inspection.inspect(run, model, label, role)
-
-    of_all = iter(found.pool.map(inspected, itertools.product(runs, models)))
-    return [[next(of_all) for _ in models] for _ in runs]
-
-
-def _predictions(report: Document) -> Optional[Document]:
+def predictions(report: Document) -> Optional[Document]:
     """Bars of how far predicted poses are off; None where runs are too short."""
     found, effects = report["prediction"], report["improved"]["effects"]
     if found is None:

@@ -1,21 +1,25 @@
 """A diagnosis: its numbers, its lines of text, and the folder in which it is kept."""
 
+import math
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 
-from ground.analysis import candidates, diagnosis
-from ground.analysis.verdict import MISREAD, Conclusion
+import numpy as np
+
+from ground.analysis import candidates
+from ground.analysis.verdict import MISREAD
 from ground.data.measured import Measured
 from ground.diagnosing import answer, document, words
+from ground.diagnosing.drawn import Drawn
 from ground.models import Model, Parameter, Room
-from ground.recordings import findings
 from ground.recordings.recording import Recording
 from ground.reports import result_folder
 from ground.support import files
 from ground.support.annotations import Array, Document, Path
+from ground.support.errors import GroundError
 from ground.support.headline import Line
-from ground.support.results import Shown
+from ground.support.results import Plotted, Shown
 
 if TYPE_CHECKING:
     import pandas
@@ -75,8 +79,16 @@ class Problem:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Shown):
-    """Which effects are missing in a model, by how much they improve it, and the model with them."""
+class Diagnosis(Shown, Plotted):
+    """Which effects are missing in a model, by how much they improve it, and the model with them.
+
+    >>> found = ground.diagnose(model_file, bag, only=["yaw_bias", "wind"])
+    >>> found.save("diagnosis")[0]
+    'diagnosis/diagnosis.json'
+    >>> again = ground.load("diagnosis")
+    >>> again.effects, again.improved == found.improved, again.error == found.error
+    (('yaw_bias',), True, True)
+    """
 
     verdict: str  #: complete, missing, varies, memory, unexplained, undecided or misread
     effects: Tuple[str, ...]  #: effects that were added, in the order in which the error falls
@@ -86,10 +98,9 @@ class Diagnosis(Shown):
     error: Tuple[float, ...]
     noise_floor: float  #: error there that the noise of the poses alone would leave
     next_inputs: Optional[Array]  #: (n, 3) time [s], left, right: the proposed experiment
-    report: Document  #: everything, as diagnosis.json has it
-    problem: Problem  #: what was diagnosed
-    found: diagnosis.Diagnosis  #: the search, for the page
-    conclusion: Conclusion
+    #: everything, as diagnosis.json has it; docs/schemas/diagnosis.schema.json explains the keys
+    report: Document
+    drawn: Optional[Drawn]  #: what its page draws; None when it was loaded
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: what is missing, how much it matters, and what to do next."""
@@ -117,12 +128,35 @@ class Diagnosis(Shown):
             frame.insert(place, "error_" + kind, pandas.array(errors, dtype="Float64"))
         return frame
 
+    @classmethod
+    def load(cls, folder: Path) -> "Diagnosis":
+        """The diagnosis that `save` wrote into a folder, but for what its page draws. GroundError when there
+        is none."""
+        numbers, _, improved, _, experiment = (os.path.join(os.fspath(folder), name) for name in FILES)
+        report = result_folder.read(folder, FILES[0], document.SCHEMA)
+        found = report["improved"]
+        parameters = {name: _parameter(name, p) for name, p in found["parameters"].items()}
+        rows = np.loadtxt(experiment, delimiter=",", skiprows=1) if os.path.isfile(experiment) else None
+        return cls(
+            verdict=report["verdict"],
+            effects=tuple(found["effects"]),
+            improved=Model.load(improved if os.path.isfile(improved) else report["model"]),
+            parameters=parameters,
+            error=(report["nominal"]["error"]["heldout"], *(s["error"]["heldout"] for s in report["steps"])),
+            noise_floor=report["noise_floor"],
+            next_inputs=rows,
+            report=report,
+            drawn=None,
+        )
+
     def save(self, folder: Path, force: bool = False) -> List[str]:
         """Writes diagnosis.json, improved.yaml, the page report.html and, where there are any,
         proposal.yaml and next_experiment.csv. Returns their paths. Files of an older diagnosis in the
         folder go. GroundError when a file cannot be written, or exists and `force` is not set."""
         from ground.diagnosing import page
 
+        if self.drawn is None:
+            raise GroundError("this diagnosis was loaded: the folder that it was saved in has all of it")
         place = os.fspath(folder)
         paths = prepare(place, force)
         stale = FILES if result_folder.is_of(paths[0], document.SCHEMA) else ()
@@ -130,16 +164,7 @@ class Diagnosis(Shown):
             self._write(new)
             written = {*os.listdir(new), os.path.basename(paths[1])}
         with result_folder.page(paths[1], paths[0]):
-            page.write(
-                paths[1],
-                self.report,
-                self.found,
-                self.conclusion,
-                findings.describe(self.problem.seen.runs + self.problem.held.runs),
-                self.problem.held.data,
-                self.problem.inputs,
-                force,
-            )
+            page.write(paths[1], self.report, self.drawn, force)
         return [path for path in paths if os.path.basename(path) in written]
 
     def _write(self, folder: str) -> None:
@@ -153,6 +178,14 @@ class Diagnosis(Shown):
             files.write_yaml(proposal, entry)
         if self.next_inputs is not None:
             files.write_csv(experiment, "time,left,right", self.next_inputs)
+
+
+def _parameter(name: str, p: Document) -> Parameter:
+    """A parameter of diagnosis.json, where null is what is not finite."""
+    start, value, deviation = (math.nan if p[k] is None else p[k] for k in ("start", "value", "deviation"))
+    low, high = p["ci95"] or (None, None)
+    interval = -math.inf if low is None else low, math.inf if high is None else high
+    return Parameter(name, p["unit"], start, value, interval, deviation, p["at_bound"], p["identified"])
 
 
 def prepare(folder: str, force: bool) -> List[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Callable, Dict, Iterator, List, Optional, Tupl
 import numpy as np
 
 from ground import _core
-from ground.discovery import answer, campaign, flights, words
+from ground.discovery import answer, campaign, flights, journal, words
 from ground.discovery.simulated import SimulatedLaboratory
 from ground.discovery.story import Story
 from ground.models import Model, ModelLike, Room, RoomLike
@@ -20,7 +20,7 @@ from ground.support.command_line import option, seed
 from ground.support.errors import GroundError, OptionError
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
-from ground.support.results import Shown
+from ground.support.results import Plotted, Shown
 
 if TYPE_CHECKING:
     import pandas
@@ -64,8 +64,14 @@ class DiscoverOptions(simulating.Acting, simulating.Mocap):
 
 
 @dataclass(frozen=True, repr=False)
-class Discovery(Shown):
-    """What a craft has found out about its own physics."""
+class Discovery(Shown, Plotted):
+    """What a craft has found out about its own physics.
+
+    >>> craft = ground.Model.load(model_file).with_effect("yaw_bias", n0=1e-4)
+    >>> found = ground.discover(model_file, craft, "discovered", budget=30, track=False)
+    >>> ground.load("discovered").effects == found.effects
+    True
+    """
 
     verdict: str  #: as of a Diagnosis; empty if no flight was diagnosed
     effects: Tuple[str, ...]  #: effects that the given model misses
@@ -76,6 +82,31 @@ class Discovery(Shown):
     seconds: float  #: time of flight [s]
     story: Story  #: everything, flight by flight
     page: str  #: path of report.html; empty without a folder
+
+    @classmethod
+    def of(cls, story: Story, model: Model, page: str = "") -> "Discovery":
+        """The result of a story; model: its newest; page: path of report.html."""
+        last = story.findings[-1] if story.findings else None
+        return cls(
+            verdict=story.verdict,
+            effects=tuple(last.effects) if last else (),
+            groups=dict(last.groups) if last else {},
+            model=model,
+            sure=story.sure,
+            confirmed=story.confirmation is not None and story.confirmation.holds,
+            seconds=story.flown,
+            story=story,
+            page=page,
+        )
+
+    @classmethod
+    def load(cls, folder: Path) -> "Discovery":
+        """What the discovery of a folder has found so far. GroundError when there is none."""
+        place = os.path.abspath(os.fspath(folder))
+        story = journal.read(os.path.join(place, journal.STORY))
+        model = Model.load(os.path.join(place, story.versions[-1].file))
+        page = os.path.join(place, "report.html")
+        return cls.of(story, model, page if os.path.isfile(page) else "")
 
     def to_dict(self) -> Document:
         """Plain values, as journal.json has them."""
@@ -155,19 +186,9 @@ def discover(
         flying = campaign.Discovery(given.core, laboratory, settings, kept, listen)
         listen(flying.story)
         story = flying.run()
-    last = story.findings[-1] if story.findings else None
     final = story.versions[-1]
-    return Discovery(
-        verdict=story.verdict,
-        effects=tuple(last.effects) if last else (),
-        groups=dict(last.groups) if last else {},
-        model=Model(flying.models[final.label], os.path.join(kept, final.file) if kept else ""),
-        sure=story.sure,
-        confirmed=story.confirmation is not None and story.confirmation.holds,
-        seconds=story.flown,
-        story=story,
-        page=os.path.join(kept, page.NAME) if kept else "",
-    )
+    model = Model(flying.models[final.label], os.path.join(kept, final.file) if kept else "")
+    return Discovery.of(story, model, os.path.join(kept, page.NAME) if kept else "")
 
 
 def _check(truth: _core.Model, mocap: _core.MocapParams, acting: Optional[_core.Disturbance]) -> None:

@@ -61,16 +61,7 @@ class Journal:
         """The story that the folder keeps; None when there is none. GroundError when it cannot be
         read."""
         path = self.path(STORY)
-        if not path or not os.path.exists(path):
-            return None
-        try:
-            with open(path) as file:
-                document = json.load(file)
-            if document.get("schema") != SCHEMA:
-                raise ValueError("its schema is %s, not %s" % (document.get("schema"), SCHEMA))
-            return Story.from_dict(document)
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise GroundError("%s is not the story of a discovery (%s)" % (path, error))
+        return read(path) if path and os.path.exists(path) else None
 
     def keep(self, story: Story) -> None:
         """Replaces the story."""
@@ -95,3 +86,15 @@ class Journal:
             with files.new_file(self.path(name), force=True) as temporary:
                 with open(temporary, "w") as file:
                     file.write(model.format())
+
+
+def read(path: str) -> Story:
+    """The story in a file. GroundError when it cannot be read."""
+    try:
+        with open(path) as file:
+            document = json.load(file)
+        if document.get("schema") != SCHEMA:
+            raise ValueError("its schema is %s, not %s" % (document.get("schema"), SCHEMA))
+        return Story.from_dict(document)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise GroundError("%s is not the story of a discovery (%s)" % (path, error))

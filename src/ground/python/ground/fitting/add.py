@@ -2,13 +2,13 @@
 
 import argparse
 import functools
-import os
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
 from ground.analysis import candidates, distributions, horizon, window_error
+from ground.analysis.effects import Effect, EffectLike
 from ground.analysis.horizon import ModelsAt, PredictionError, as_document
 from ground.analysis.window_error import WindowFit
 from ground.data import bag_arguments
@@ -50,7 +50,12 @@ class Verdict:
 
 @dataclass(frozen=True, repr=False)
 class Addition(Shown):
-    """A model with an added effect. The models with and without it are refitted."""
+    """A model with an added effect. The models with and without it are refitted.
+
+    >>> found = ground.add(model_file, "yaw_bias", bag)
+    >>> found.effect, found.model.effects, found.verdict.helps
+    ('yaw_bias', ('yaw_bias',), True)
+    """
 
     effect: str
     model: Model  #: with the effect
@@ -76,8 +81,8 @@ class Addition(Shown):
         }
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Parameters, indexed by name: before (NaN without the effect), start, value, low, high
-        (95%), identified, unit."""
+        """Parameters, indexed by name: before (NaN without the effect), start, value, std_error, low, high
+        (95%), identified, at_bound, unit."""
         before = [
             self.parameters_before[name].value if name in self.parameters_before else np.nan
             for name in self.parameters
@@ -128,7 +133,7 @@ class AddOptions(bag_arguments.AsRecorded, bag_arguments.Part):
 @command_line.takes(AddOptions)
 def add(
     model: ModelLike,
-    effect: Path,
+    effect: EffectLike,
     recordings: Recordings,
     *,
     holdout: Recordings = (),
@@ -138,7 +143,7 @@ def add(
     """Adds an effect to a model. The models with and without it are fitted to the recordings, and to
     all but a part of them.
 
-    effect: a name of the library, or a YAML file with one effect as model files have it.
+    effect: an Effect, a name of the library, or a YAML file with one effect as model files have it.
     recordings, holdout: recordings or bags to fit to and to test on. progress: called with a
     ground.support.progress.Report at each step. GroundError when there is no such effect, or the
     recordings are too short or look misread (swapped channels, wrong signs, units or clocks). Options:
@@ -152,7 +157,7 @@ def add(
     """
     work = Work.of(progress)
     given, part = Model.of(model), options
-    candidate = candidates.named(os.fspath(effect), given.core)
+    candidate = Effect.of(effect).candidate(given.core)
     extended = candidate.add(given.core)
     seen = measured(recordings, given, part, work)
     held = held_out(holdout, given, part, work, seen)

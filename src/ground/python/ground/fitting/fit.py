@@ -177,6 +177,8 @@ def _result(
         runs=runs,
         same_inputs=quality.same_inputs(seen.runs),
         remarks=list(identifiability.sentences(result)),
+        correlations=np.array(result["correlation"]),
+        data=seen.data,
     )
 
 

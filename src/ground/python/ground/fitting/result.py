@@ -1,19 +1,26 @@
 """A fit, and its lines of text."""
 
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tuple
+import math
+from dataclasses import asdict, dataclass, field
+from statistics import NormalDist
+from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from ground import _core
 from ground.analysis.horizon import PredictionError, as_document
 from ground.models import Model, Parameter, parameter_frame
+from ground.recordings import windows
 from ground.reports import words
-from ground.support.annotations import Document, Path
+from ground.support.annotations import Array, Document, Path
+from ground.support.errors import GroundError
 from ground.support.headline import Line
-from ground.support.results import Shown
+from ground.support.results import Plotted, Shown, with_units
 
 if TYPE_CHECKING:
     import pandas
+
+    from ground import Prediction, Recording
 
 MISSING = 1.5  # least ratio to what the mocap alone leaves from which something is missing
 
@@ -57,16 +64,28 @@ class RunFit:
     """One run fitted by itself, and held out of a fit to the others (the thesis's table 3.2)."""
 
     run: str
-    parameters: Dict[str, float]
-    ci95: Dict[str, Tuple[float, float]]
+    parameters: Dict[str, float]  #: estimates by name, in the units of Fit.parameters
+    ci95: Dict[str, Tuple[float, float]]  #: their 95% intervals
     error: float
     heldout_error: float
     disagrees_in: List[str]  #: parameters whose estimate differs from that of the other runs
 
 
 @dataclass(frozen=True, repr=False)
-class Fit(Shown):
-    """A model fitted to recordings."""
+class Fit(Shown, Plotted):
+    """A model fitted to recordings.
+
+    >>> found = ground.fit(model_file, bag, free=["k", "N_r"])
+    >>> narrow, wide = found.conf_int(0.5), found.conf_int(0.99)
+    >>> wide.loc["k", "low"] < narrow.loc["k", "low"] < found.model["k"]
+    True
+    >>> found.correlation.loc["k", "k"], list(found.to_frame())
+    (1.0, ['start', 'value', 'std_error', 'low', 'high', 'identified', 'at_bound', 'unit'])
+    >>> "95% interval" in found.summary()
+    True
+    >>> found.predict(bag).position_mm < 100  # after 1.5 s
+    True
+    """
 
     model: Model  #: fitted
     parameters: Dict[str, Parameter]  #: the free parameters, by name
@@ -78,11 +97,65 @@ class Fit(Shown):
     objective: float  #: the minimised value
     starts: Dict[str, int]  #: number of starts tried, and that reached this optimum (at_best)
     condition: float  #: condition number of the scaled information matrix
-    weak: List[Document]  #: combinations of parameters that are known better than their parts
+    #: combinations of parameters that are known better than their parts: parameters (two names), known_as
+    #: ("a/b"), deviation of that and deviations of the two, relative, and their ratio, strength
+    weak: List[Document]
     converged: bool
     runs: List[RunFit]  #: fits to each run; empty for a single run
     same_inputs: List[Tuple[str, str]]  #: runs that were driven by the same commands
     remarks: List[str]  #: sentences on what is not identifiable
+    #: (n, n) correlation of the estimates, in the order of parameters
+    correlations: Array = field(compare=False)
+    data: List[_core.RunData] = field(compare=False)  #: the parts of the runs fitted to
+
+    def predict(self, recording: "Union[Recording, Path]", horizon: float = 1.5) -> "Prediction":
+        """What the fitted model predicts of a recording; see ground.predict."""
+        return self.model.predict(recording, horizon)
+
+    def conf_int(self, level: float = 0.95) -> "pandas.DataFrame":
+        """Confidence intervals of the parameters, indexed by name: low, high. GroundError when level is
+        not between 0 and 1."""
+        if not 0 < level < 1:
+            raise GroundError("a level of confidence is between 0 and 1, not %g" % level)
+        factor = NormalDist().inv_cdf(0.5 + level / 2) / NormalDist().inv_cdf(0.975)
+        frame = self.to_frame()
+        for end in ("low", "high"):
+            frame[end] = frame.value + factor * (frame[end] - frame.value)
+        return frame[["low", "high"]]
+
+    @property
+    def correlation(self) -> "pandas.DataFrame":
+        """Correlation of the estimates, indexed by the names of parameters."""
+        import pandas
+
+        names = list(self.parameters)
+        return pandas.DataFrame(self.correlations, names, names)
+
+    @property
+    def covariance(self) -> "pandas.DataFrame":
+        """Covariance of the estimates, in their units; NaN for parameters that are not identified."""
+        deviations = np.array([p.deviation for p in self.parameters.values()])
+        deviations[~np.isfinite(deviations)] = math.nan
+        return self.correlation * np.outer(deviations, deviations)
+
+    @property
+    def residuals(self) -> "pandas.DataFrame":
+        """Measured minus simulated velocities of the runs fitted to, in windows of 1.5 s: run, t [s], u, v
+        [m/s], r [rad/s]."""
+        import pandas
+
+        frames = []
+        for run in self.data:
+            cut = windows.cut([run])
+            simulated = windows.problem([run], cut).simulate(self.model.core)["nu"]
+            index = np.concatenate([np.arange(w.first, w.last + 1) for w in cut])
+            off = np.array(run.nu)[index] - np.vstack(simulated)
+            frame = pandas.DataFrame(off, columns=["u", "v", "r"])
+            frame.insert(0, "t", np.array(run.times)[index])
+            frame.insert(0, "run", run.name)
+            frames.append(frame)
+        units = {"t": "s", "u": "m/s", "v": "m/s", "r": "rad/s"}
+        return with_units(pandas.concat(frames, ignore_index=True), units)
 
     def to_dict(self) -> Document:
         """Plain values, as `identify fit --json` prints them."""
@@ -104,7 +177,8 @@ class Fit(Shown):
         }
 
     def to_frame(self) -> "pandas.DataFrame":
-        """Parameters, indexed by name: start, value, low, high (95%), identified, unit."""
+        """Parameters, indexed by name: start, value, std_error, low, high (95%), identified, at_bound,
+        unit."""
         return parameter_frame(self.parameters)
 
     def save(self, path: Path, force: bool = False) -> Model:

@@ -13,6 +13,7 @@ from typing import (
     Sequence,
     Tuple,
     TypeVar,
+    Union,
     cast,
 )
 
@@ -23,21 +24,44 @@ from ground.recordings import repair, units
 from ground.recordings.commands import CHANNELS
 from ground.recordings.mapping import LIFT, RANGE
 from ground.recordings.run_settings import LiveChange, RunFile, Settings
-from ground.support.annotations import Array, ArrayLike
+from ground.support.annotations import Array, ArrayLike, Path
 from ground.support.errors import GroundError
 from ground.support.origin import digest
+from ground.support.results import Plotted, with_units
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
+
+    from ground import Model
 
 _T = TypeVar("_T")
 
 JUMP_BACK = 0.5  # largest lateness of a message [s]
+SAME_INSTANT = 1e-5  # instants differ by less after rounding [s]
+POSE = ("x", "y", "psi")
+VELOCITY = ("u", "v", "r")
+UNITS = {"t": "s", "x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
+COMMAND = "command."  # before the name of a channel that is also the name of another column
+PREDICTED, RESIDUAL = "_predicted", "_residual"  # ends of the names of columns
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recording:
-    """One run as it was recorded, on the clock of its header stamps."""
+class Recording(Plotted):
+    """One run as it was recorded, on the clock of its header stamps.
+
+    >>> times = np.arange(0, 5, 0.01)  # [s]
+    >>> poses = np.column_stack([0.1 * times, 0 * times, 0 * times])  # it goes north
+    >>> commands = np.column_stack([times > 1, times > 1, times > 0])  # left, right, lift
+    >>> run = Recording.from_arrays(times, poses, commands, name="north")
+    >>> run
+    <Recording north: 4.99 s, 500 poses, 500 commands>
+    >>> frame = run.to_frame()
+    >>> frame.attrs["units"]["u"], round(frame.u.median(), 2)
+    ('m/s', 0.1)
+    >>> Recording.from_frame(frame, name="again").rename("north 2")
+    <Recording north 2: 4.99 s, 500 poses, 500 commands>
+    """
 
     name: str
     pose_times: Array  #: (n,) [s], in the order of arrival
@@ -58,6 +82,61 @@ class Recording:
     channels: Tuple[str, ...] = CHANNELS  #: names of the commands
     lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
     digest: str = ""  #: of the content of the files that it was read from; empty: none
+
+    @staticmethod
+    def from_arrays(
+        times: ArrayLike,
+        poses: ArrayLike,
+        commands: ArrayLike,
+        command_times: Optional[ArrayLike] = None,
+        channels: Sequence[str] = CHANNELS,
+        name: str = "recording",
+    ) -> "Recording":
+        """A recording of arrays.
+
+        times: (n,) of the poses [s], in any order of arrival. poses: (n, 3) x, y [m], psi [rad],
+        world_ned. commands: (m, c) by channels, 0 to 1; those of thrusters with other names than left and
+        right may reach from -1. Each is held until the next. command_times: (m,) on the same clock [s];
+        by default those of the poses. channels: names as the model has them, that of the lift last.
+        GroundError says which array is wrong.
+        """
+        stamps = times if command_times is None else command_times
+        rows = _rows("poses", times, poses, POSE)
+        sent = _rows("commands", stamps, commands, channels)
+        if len(rows) > 1 and np.isfinite(rows).all() and units.in_degrees(rows[:, 0], rows[:, 3]):
+            raise GroundError("%s: headings seem to be in degrees: numpy.deg2rad makes them radians" % name)
+        ranges = {one: RANGE if one in CHANNELS else (-1.0, 1.0) for one in channels[:-1]}
+        for one, values in zip(channels, sent[:, 1:].T):
+            low, high = ranges.get(one, RANGE)
+            if np.min(values, initial=low) < low or np.max(values, initial=high) > high:
+                reach = one, values.min(), values.max(), low, high
+                raise GroundError("%s: commands of %s reach from %g to %g, not %g to %g" % (name, *reach))
+        found = checked(name, rows, sent, "arrays", [], channels, ranges)
+        return replace(found, name=name, lift_channel=channels[-1])
+
+    @staticmethod
+    def from_frame(frame: "pandas.DataFrame", name: str = "recording") -> "Recording":
+        """A recording of a table as `to_frame` gives it: columns t, x, y, psi and one for each channel, that
+        of the lift last; a row for each pose. Velocities are not taken: they are smoothed from the poses.
+        Rows without a command (NaN) have none. GroundError when a column is missing."""
+        missing = [column for column in ("t", *POSE) if column not in frame]
+        if missing:
+            raise GroundError("%s: the table has no column %s" % (name, ", ".join(missing)))
+        columns = [c for c in frame if unit(c) == "1"]
+        commands = frame[columns].to_numpy(float)
+        given, times = np.isfinite(commands).any(axis=1), frame["t"].to_numpy(float)
+        return Recording.from_arrays(
+            times,
+            frame[list(POSE)].to_numpy(float),
+            commands[given],
+            times[given],
+            [c[len(COMMAND) :] if c.startswith(COMMAND) else c for c in columns],
+            name,
+        )
+
+    def rename(self, name: str) -> "Recording":
+        """The same run under another name, by which tables and files call it."""
+        return replace(self, name=name)
 
     @functools.cached_property
     def identity(self) -> str:
@@ -124,32 +203,82 @@ class Recording:
         found[at < 0] = 0
         return found
 
-    def to_frame(self, raw: bool = False) -> "pandas.DataFrame":
+    def to_frame(
+        self, raw: bool = False, model: "Union[Model, Path, None]" = None, horizon: float = 1.5
+    ) -> "pandas.DataFrame":
         """The repaired motion and the commands held at its times: columns t [s] since the first pose, x,
         y [m], psi [rad], u, v [m/s], r [rad/s], and a column for each channel (NaN before the first
-        command; named command.r where a channel is named r). raw: the poses as they were measured, in
-        order of time and without velocities. Both are on the clock of the commands. GroundError when
+        command; named command.r where a channel is named r). Units are in attrs["units"].
+
+        raw: the poses as they were measured, in order of time and without velocities. Both are on the
+        clock of the commands. model: adds columns NAME_predicted and NAME_residual (measured minus
+        predicted), of `predict` with that horizon [s]; NaN where it predicts nothing. GroundError when
         poses cannot be repaired."""
         import pandas
 
         if raw:
             times = repair.on_commands_clock(self.pose_times, self.clock_offset)
             order = np.argsort(times, kind="stable")
-            times, motion, names = times[order], self.eta[order], ["x", "y", "psi"]
+            times, motion, names = times[order], self.eta[order], list(POSE)
         else:
-            times, names = self.motion.times, ["x", "y", "psi", "u", "v", "r"]
+            times, names = self.motion.times, [*POSE, *VELOCITY]
             eta = np.where(self.motion.spikes[:, None], self.motion.eta, self.motion.measured)
             motion = np.column_stack([eta[:, :2], repair.wrap(eta[:, 2]), self.motion.nu])
         commands = self.held(self.controls, times)
         commands[times < self.control_times[0]] = np.nan
         taken = ["t", *names]
-        channels = ["command." + name if name in taken else name for name in self.channels]
+        channels = [COMMAND + name if name in taken else name for name in self.channels]
         rows = np.column_stack([times - times[0], motion, commands])
-        return pandas.DataFrame(rows, columns=taken + channels)
+        frame = pandas.DataFrame(rows, columns=taken + channels)
+        if model is not None:
+            import ground
+
+            made = ground.predict(model, self, horizon)
+            at = np.searchsorted(times, made.times + made.zero - SAME_INSTANT)
+            for i, name in enumerate((*POSE, *VELOCITY)):
+                for end, values in ((PREDICTED, made.predicted), (RESIDUAL, made.residuals)):
+                    frame[name + end] = np.nan
+                    frame.iloc[at, -1] = values[:, i]
+        return with_units(frame, {name: unit(name) for name in frame})
+
+    def to_xarray(self, raw: bool = False, model: "Union[Model, Path, None]" = None) -> "xarray.Dataset":
+        """The columns of `to_frame` as variables over t, each with its units. GroundError where xarray is
+        not installed."""
+        try:
+            import xarray
+        except ImportError:
+            raise GroundError("to_xarray needs the package xarray: pip install xarray")
+        frame = self.to_frame(raw, model).set_index("t")
+        found = xarray.Dataset.from_dataframe(frame)
+        for name, values in found.variables.items():
+            values.attrs["units"] = unit(str(name))
+        return found
 
     def __repr__(self) -> str:
         counts = self.duration, len(self.pose_times), len(self.control_times)
         return "<%s %s: %.2f s, %d poses, %d commands>" % (type(self).__name__, self.name, *counts)
+
+
+def _rows(what: str, times: ArrayLike, values: ArrayLike, names: Sequence[str]) -> Array:
+    """Rows of time and values. GroundError when their shapes do not fit."""
+    try:
+        stamps, rows = np.asarray(times, float), np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise GroundError("%s: not numbers (%s)" % (what, error))
+    if stamps.ndim != 1 or rows.shape != (len(stamps), len(names)):
+        shapes = what, rows.shape, stamps.shape, len(names), ", ".join(names)
+        raise GroundError(
+            "%s have the shape %s and their times %s; they need (n, %d) for %s, and (n,)" % shapes
+        )
+    return np.column_stack([stamps, rows])
+
+
+def unit(column: str) -> str:
+    """Unit of a column of a table of a run; "1" of a command."""
+    for end in (PREDICTED, RESIDUAL):
+        if column.endswith(end):
+            column = column[: -len(end)]
+    return UNITS.get(column, "1")
 
 
 def once(function: Callable[[Recording], _T]) -> Callable[[Recording], _T]:

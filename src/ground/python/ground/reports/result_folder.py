@@ -8,6 +8,7 @@ import tempfile
 from typing import Iterable, Iterator
 
 from ground.support import files
+from ground.support.annotations import Document, Path
 from ground.support.errors import GroundError, reason, sentence
 
 
@@ -42,6 +43,21 @@ def is_of(path: str, schema: str) -> bool:
             found = json.load(file)
         return isinstance(found, dict) and found.get("schema") == schema
     return False
+
+
+def read(folder: Path, name: str, schema: str) -> Document:
+    """The numbers that a result has in its folder. GroundError when they cannot be read."""
+    path = os.path.join(os.fspath(folder), name)
+    try:
+        with open(path) as file:
+            found = json.load(file)
+    except OSError as error:
+        raise GroundError("%s: cannot be read (%s)" % (path, reason(error)))
+    except ValueError as error:
+        raise GroundError("%s: not JSON (%s)" % (path, error))
+    if not isinstance(found, dict) or found.get("schema") != schema:
+        raise GroundError("%s: its schema is not %s" % (path, schema))
+    return found
 
 
 @contextlib.contextmanager

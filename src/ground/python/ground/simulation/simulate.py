@@ -16,11 +16,11 @@ from ground import _core
 from ground.models import Model, ModelLike, Room, RoomLike
 from ground.recordings import run_settings
 from ground.recordings.run_settings import AXES
-from ground.simulation import experiments, gains, listing
+from ground.simulation import array_inputs, experiments, gains, listing
 from ground.simulation import tracking as loop
 from ground.simulation.simulated_run import SimulatedRun
 from ground.support import command_line, files
-from ground.support.annotations import Document, Path
+from ground.support.annotations import Array, Document, Path
 from ground.support.command_line import count, number, option, seed
 from ground.support.errors import GroundError, OptionError
 from ground.support.headline import Line, formatted
@@ -29,6 +29,7 @@ from ground.support.progress import say
 DESIGNS = {info.name: info for info in _core.design_table()}
 KINDS = [name for name in DESIGNS if name != "file"] + ["tracking"]
 DURATION = 20.0  # [s]
+ARRAY = "array"  # rows of inputs that a caller gives
 WITH_RETURNS = 4  # longest experiment with bursts and returns, in lengths of the timed rows
 SIMULATING = "simulating"  # stage
 
@@ -180,6 +181,7 @@ def simulate(
     model: ModelLike,
     input: Path = "prbs",
     *,
+    inputs: Optional[array_inputs.Inputs] = None,
     name: str = "simulated",
     options: _Options,
 ) -> SimulatedRun:
@@ -187,15 +189,20 @@ def simulate(
 
     model: the true model of the craft. input: a design ("prbs", "multilevel-prbs", "spin", ...:
     `identify simulate --help` lists them), "tracking" for a controller in the loop, or a CSV file of
-    bits or timed rows. OptionError when an option does not go with the input,
-    GroundError when nothing can be recorded. Options, as keyword arguments or as SimulateOptions;
-    disturbance may be True for that of the model:
+    bits or timed rows. inputs: in its place, rows of time [s] and a command for each channel of the model
+    (n, 1 + channels), each held until the next, the last row ends it; without the lift's column, lift and
+    lift_time say it. A DataFrame has columns t and the channels by name. OptionError when an option does
+    not go with the input, GroundError when nothing can be recorded. Options, as keyword arguments or as
+    SimulateOptions; disturbance may be True for that of the model:
 
     >>> run = ground.simulate(model_file, "prbs", duration=5, seed=3)
     >>> run
     <SimulatedRun simulated: 6.99 s, 700 poses, 401 commands>
     >>> run.truth_wrench.any()  # no disturbance acted
     False
+    >>> turning = ground.simulate(model_file, inputs=[[0, 1, 0], [2, 0, 0]])  # left alone for 2 s
+    >>> turning.to_frame().psi.max() > 1  # [rad]
+    True
     >>> ground.simulate(model_file, "prbs", burst=2)
     Traceback (most recent call last):
     ...
@@ -203,7 +210,8 @@ def simulate(
     """
     command_line.check(options)
     mover = Model.of(model)
-    drive = _Drive(os.fspath(input), options, mover.core)
+    rows = None if inputs is None else array_inputs.rows_of(inputs, mover.core)
+    drive = _Drive(os.fspath(input), options, mover.core, rows)
     acting = disturbance_on(mover, options.disturbance, options.trim)
     try:
         _core.AxisMapping(options.axes, options.heading_offset)
@@ -236,8 +244,12 @@ class _Drive:
     played (else empty). OptionError when an option does not go with the input.
     """
 
-    def __init__(self, kind: str, options: _Options, craft: _core.Model) -> None:
-        if kind not in KINDS and not kind.lower().endswith(".csv"):
+    def __init__(
+        self, kind: str, options: _Options, craft: _core.Model, rows: Optional[Array] = None
+    ) -> None:
+        if rows is not None:
+            kind = ARRAY
+        elif kind not in KINDS and not kind.lower().endswith(".csv"):
             known = ", ".join(KINDS)
             raise OptionError("'{kind}' is neither one of {known} nor a .csv file", kind=kind, known=known)
         self.kind, self._craft, self._all = kind, craft, options
@@ -246,11 +258,21 @@ class _Drive:
         self.room = None if room is None else Room.of(room)
         self.sequence = ""
         self.params: experiments.Drive
-        if kind == "tracking":
+        if rows is not None:
+            self.params = self._given_rows(rows, options.duration or rows[-1, 0])
+        elif kind == "tracking":
             self._refuse_unused(kind)
             self.params = self._tracking(options.duration or DURATION)
         else:
             self._play(options.seed, options.duration)
+
+    def _given_rows(self, rows: Array, duration: float) -> experiments.Schedule:
+        """Rows of time, commands."""
+        has_lift = rows.shape[1] == 1 + len(self._craft.channels)
+        self._refuse_unused(ARRAY if has_lift else "array without lift")
+        if has_lift:
+            return experiments.as_given(rows, duration)
+        return experiments.with_lift(rows, duration, **self._given(LIFT))
 
     def _play(self, seed: int, duration: Optional[float]) -> None:
         """A design or a file, open loop or in bursts."""
@@ -341,6 +363,8 @@ def _takes(kind: str) -> List[str]:
     with a column lift as well."""
     if kind == "tracking":
         return [*TRACKING, *LIFT, "room"]
+    if kind.startswith(ARRAY):
+        return [] if kind == ARRAY else list(LIFT)
     if kind in ("timed", "lifted"):
         return [*BURSTS, *(LIFT if kind == "timed" else ())]
     return [*(name for name in DESIGNS[kind].takes if name in PATTERN), *LIFT, *BURSTS]

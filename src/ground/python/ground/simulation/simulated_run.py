@@ -51,7 +51,12 @@ def _rows(*shape: int) -> Any:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedRun(Recording):
-    """A recording and the simulator's truth about it; all times on the recording's clock."""
+    """A recording and the simulator's truth about it; all times on the recording's clock.
+
+    >>> run = ground.simulate(model_file, "spin", duration=3)
+    >>> run.truth_nu[:, 2].max() > 3  # yaw rate [rad/s]
+    True
+    """
 
     delivered: Array = _rows(0)  # (n,) when the poses were delivered [s]
     truth_times: Array = _rows(0)  # (k,) [s] of every frame, including lost ones

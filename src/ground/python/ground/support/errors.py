@@ -25,7 +25,14 @@ ADVICE = {
 
 
 class GroundError(Exception):
-    """Something is wrong with the user's files or arguments; the message says what, where and why."""
+    """Something is wrong with the user's files or arguments; the message says what, where and why.
+
+    >>> try:
+    ...     ground.fit(model_file, bag, free=["mass"])
+    ... except ground.GroundError as error:
+    ...     print(error)
+    the model has no parameter 'mass'; it has m l I_z X_u Y_v N_r k
+    """
 
 
 class OptionError(GroundError):
@@ -33,6 +40,12 @@ class OptionError(GroundError):
 
     text: with {0}, {1} for the names of arguments, and {name} for `values`. The message names
     arguments as Python does; `as_options` names them as the command line does.
+
+    >>> try:
+    ...     ground.simulate(model_file, "prbs", burst=2)
+    ... except ground.OptionError as error:
+    ...     print(error, "|", error.as_options)
+    burst needs room | --burst needs --room
     """
 
     def __init__(self, text: str, *names: str, **values: object) -> None:
@@ -42,7 +55,17 @@ class OptionError(GroundError):
 
 
 class GroundWarning(UserWarning):
-    """Something that is valid but probably a mistake."""
+    """Something that is valid but probably a mistake.
+
+    >>> import warnings
+    >>> heavy = ground.Model.load(model_file).with_values({"m": 58.3})
+    >>> _ = heavy.save("heavy.yaml")
+    >>> with warnings.catch_warnings(record=True) as said:
+    ...     warnings.simplefilter("always", ground.GroundWarning)
+    ...     _ = ground.Model.load("heavy.yaml")
+    >>> "58.3" in str(said[0].message)
+    True
+    """
 
     PREFIX = "warning: "  # prefix on the command line
 

@@ -3,13 +3,23 @@
 import html
 import os
 from collections import Counter
-from typing import TYPE_CHECKING, Collection, Iterator, List, Sequence
+from typing import TYPE_CHECKING, Any, Collection, Iterator, List, Mapping, Sequence
 
 from ground.support import headline
 from ground.support.headline import Line
 
 if TYPE_CHECKING:
     import pandas
+
+
+class Plotted:
+    """What has figures."""
+
+    def plot(self, name: str = "") -> Any:
+        """The figure of that name (plotly), or all of them by name; see ground.plot."""
+        import ground
+
+        return ground.plot(self, name)
 
 
 class Shown:
@@ -52,6 +62,13 @@ class Shown:
 
     def _repr_html_(self) -> str:
         return "<p>%s</p>%s" % (html.escape(self.title), self.to_frame().to_html(max_rows=20))
+
+
+def with_units(frame: "pandas.DataFrame", units: Mapping[str, str]) -> "pandas.DataFrame":
+    """The table with units of its columns in attrs["units"]; pandas before 1.0 has no attrs."""
+    if hasattr(frame, "attrs"):
+        frame.attrs["units"] = dict(units)
+    return frame
 
 
 def distinct_labels(

@@ -1,0 +1,125 @@
+"""Python functions as formulas: a function is called once with symbols, and what it does with them is the
+formula. So an effect that is written in Python runs in the core as fast as one in YAML."""
+
+from typing import Any, Callable, Dict, Iterable, Mapping, Tuple
+
+import numpy as np
+
+from ground.support.errors import GroundError
+
+Names = Mapping[str, str]
+# Functions of numpy and their names in formulas
+CALLS = {
+    "arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2", "arcsinh": "asinh",
+    "arccosh": "acosh", "arctanh": "atanh", "log": "ln", "absolute": "abs", "fabs": "abs",
+    "minimum": "min", "maximum": "max", "fmin": "min", "fmax": "max",
+    **{name: name for name in "sin cos tan sinh cosh tanh exp log2 log10 sqrt sign rint".split()},
+}  # fmt: skip
+OPERATORS = {
+    "add": "+", "subtract": "-", "multiply": "*", "divide": "/", "true_divide": "/", "power": "^",
+    "less": "<", "less_equal": "<=", "greater": ">", "greater_equal": ">=", "equal": "==",
+    "not_equal": "!=", "logical_and": "&&", "logical_or": "||", "bitwise_and": "&&", "bitwise_or": "||",
+}  # fmt: skip
+ONLY = "a force is made of + - * / **, comparisons, numpy.where, clip, interp and numpy's %s" % ", ".join(
+    sorted(name for name in CALLS if not name.startswith(("f", "arc")))
+)
+
+
+class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
+    """A number that is known when the formula is evaluated."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __array_ufunc__(self, ufunc: Any, method: Any, *inputs: Any, **kwargs: Any) -> "Symbol":
+        name, texts = ufunc.__name__, [formula(one) for one in inputs]
+        if method != "__call__" or kwargs:
+            raise GroundError("numpy.%s.%s is no formula: %s" % (name, method, ONLY))
+        if name in OPERATORS:
+            return Symbol("(%s)" % OPERATORS[name].join(texts))
+        if name in CALLS:
+            return Symbol("%s(%s)" % (CALLS[name], ",".join(texts)))
+        forms = {"negative": "(-%s)", "positive": "%s", "square": "(%s)^2", "hypot": "sqrt(%s^2+%s^2)"}
+        if name not in forms:
+            raise GroundError("numpy.%s is no formula: %s" % (name, ONLY))
+        return Symbol(forms[name] % tuple(texts))
+
+    def __array_function__(self, function: Any, kinds: Any, given: Any, options: Any) -> "Symbol":
+        if function is np.interp and len(given) == 3 and not options:
+            return _interpolated(*given)
+        texts = [formula(one) for one in given]
+        if function is np.where and len(texts) == 3:
+            return Symbol("(%s ? %s : %s)" % tuple(texts))
+        if function is np.clip and len(texts) == 3:
+            return Symbol("min(max(%s,%s),%s)" % tuple(texts))
+        raise GroundError("numpy.%s is no formula: %s" % (function.__name__, ONLY))
+
+    def __abs__(self) -> "Symbol":
+        return Symbol("abs(%s)" % self.text)
+
+    def __bool__(self) -> bool:
+        raise GroundError("a force must not decide by if, and, or, min, max: numpy.where does, in a formula")
+
+    def __float__(self) -> float:
+        raise GroundError("a force must not take numbers out of its arguments (math.sin does): %s" % ONLY)
+
+    __index__ = __int__ = __len__ = __iter__ = __float__
+
+
+def _interpolated(at: Any, points: Any, values: Any) -> Symbol:
+    """numpy.interp: constant outside the points, so that slopes begin and end with 0."""
+    x, y = np.asarray(points, float), np.asarray(values, float)
+    if x.ndim != 1 or x.shape != y.shape or not len(x) or (np.diff(x) <= 0).any():
+        raise GroundError("numpy.interp needs as many values as points, and points that ascend")
+    kinks = np.diff(np.concatenate([[0.0], np.diff(y) / np.diff(x), [0.0]]))
+    terms = ["%s*max(%s-%s,0)" % (formula(k), formula(at), formula(p)) for k, p in zip(kinks, x) if k]
+    return Symbol("(%s)" % "+".join([formula(y[0]), *terms]))
+
+
+def formula(value: Any) -> str:
+    """The text of a formula: of a symbol, a number or a text."""
+    if isinstance(value, (Symbol, str)):
+        return value.text if isinstance(value, Symbol) else value
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise GroundError("a force has numbers, not %s" % type(value).__name__)
+    if not np.isfinite(number):
+        raise GroundError("a force must be finite, not %g" % number)
+    return repr(number) if number >= 0 else "(%r)" % number
+
+
+class Symbols:
+    """Symbols by name, as attributes. what: they are of; names: in formulas, by attribute; more: whether
+    other attributes are names in formulas, too."""
+
+    def __init__(self, what: str, names: Names, more: bool = False) -> None:
+        self._what, self._names, self._more = what, names, more
+
+    def __getattr__(self, name: str) -> Symbol:
+        if name.startswith("_") or not (self._more or name in self._names):
+            raise GroundError("%s has no %s; it has %s" % (self._what, name, ", ".join(self._names)))
+        return Symbol(self._names.get(name, name))
+
+
+def traced(
+    name: str, force: Callable[..., Any], states: Iterable[str], parameters: Iterable[str]
+) -> Dict[str, str]:
+    """The formulas X, Y, N of a function of state, inputs and parameters; see Effect. GroundError when it is
+    none."""
+    own = {one: one for one in ("u", "v", "r", "x", "y", "psi", "t", *states)}
+    inputs = Symbols("inputs", {"left": "u_L", "right": "u_R", "lift": "lift"}, more=True)
+    arguments = Symbols("state", own), inputs
+    try:
+        found = force(*arguments, **{one: Symbol(one) for one in parameters})
+        if isinstance(found, Mapping):
+            return {key: formula(value) for key, value in found.items()}
+        rows: Tuple[Any, ...] = tuple(found)
+    except GroundError as error:
+        raise GroundError("effect %s: %s" % (name, error))
+    except TypeError as error:
+        raise GroundError("effect %s: its force cannot be a formula (%s): %s" % (name, error, ONLY))
+    if len(rows) != 3:
+        raise GroundError("effect %s: its force must return X, Y, N, not %d values" % (name, len(rows)))
+    texts = {key: formula(value) for key, value in zip("XYN", rows)}
+    return {key: text for key, text in texts.items() if text not in ("0.0", "(-0.0)")}

@@ -1,0 +1,53 @@
+"""What the page of a diagnosis draws: runs, models and prediction bands."""
+
+import itertools
+from dataclasses import dataclass
+from typing import Dict, List, Sequence, Tuple
+
+from ground import _core
+from ground.analysis.bands import Bands
+from ground.reports import inspection
+from ground.support.annotations import Document
+from ground.support.workers import Workers
+
+NOMINAL, IMPROVED = "nominal, refitted", "improved"  # labels of models
+MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What is drawn; it can be pickled."""
+
+    runs: Sequence[_core.RunData]  #: runs fitted to
+    held: Sequence[_core.RunData]  #: runs that were held out
+    models: Dict[
+        str, _core.Model
+    ]  #: by label: the nominal one, refitted, and, with effects, the improved one
+    bands: List[Bands]  #: prediction bands of the improved model
+    described: List[Document]  #: findings.describe of all runs
+    inputs: List[str]  #: paths of all that was read
+
+    @property
+    def chosen(self) -> List[int]:
+        """Numbers of the runs that are drawn, of those fitted to and then those held out."""
+        count = len(self.runs) + len(self.held)
+        most = min(MAX_DRAWN, count)
+        return [i * count // most for i in range(most)]
+
+    @property
+    def banded(self) -> Dict[int, Bands]:
+        """The bands by the id of their run."""
+        return {id(band.run): band for band in self.bands}
+
+    def inspected(self, chosen: Sequence[int]) -> List[List[Document]]:
+        """For runs by their numbers, the results of ground.reports.inspection for each model."""
+        runs = [(run, "fit") for run in self.runs] + [(run, "held_out") for run in self.held]
+
+        def inspect(task: Tuple[int, Tuple[str, _core.Model]]) -> Document:
+            number, (label, model) = task
+            run, role = runs[number]
+            return inspection.inspect(run, model, label, role)
+
+        with Workers() as team:
+            each = iter(list(team.map(inspect, itertools.product(chosen, self.models.items()))))
+        return [[next(each) for _ in self.models] for _ in chosen]

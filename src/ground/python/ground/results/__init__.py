@@ -1,0 +1,1 @@
+"""What all results have: figures, and files from which they are read."""

@@ -1,0 +1,78 @@
+"""load: results that were saved, models and recordings."""
+
+import json
+import os
+from typing import Any, Callable, Dict
+
+from ground.comparing.result import Comparison
+from ground.control.track import SCHEMA as TRACKING
+from ground.control.track import Tracking
+from ground.data.measured import read
+from ground.diagnosing.result import Diagnosis
+from ground.discovery.discover import Discovery
+from ground.models import Model, Room
+from ground.support.annotations import Path
+from ground.support.errors import GroundError
+
+FOLDERS: Dict[str, Callable[[str], Any]] = {
+    "diagnosis.json": Diagnosis.load,
+    "compare.json": Comparison.load,
+    "journal.json": Discovery.load,
+}
+
+
+def load(path: Path) -> Any:
+    """What is in a file or folder that the package wrote.
+
+    path: the folder of a diagnosis, a comparison or a discovery; a model file, also that of a fit or an
+    addition (a Model, whose `fitted` says how it was fitted); a room file; the file of a Tracking;
+    a recording. GroundError when it is none of these.
+
+    Numbers, sentences and models of a loaded result are those of the saved one. A loaded diagnosis or
+    comparison has no recordings: it does not draw runs, and is not saved again.
+
+    >>> ground.load(model_file)["m"]
+    0.0583
+    >>> ground.load(bag).name, ground.load(room_file).name
+    ('run', '4 x 4 m')
+    >>> ground.load("nowhere")
+    Traceback (most recent call last):
+    ...
+    ground.support.errors.GroundError: nowhere: no such file or folder
+    """
+    place = os.fspath(path)
+    if not os.path.exists(place):
+        raise GroundError("%s: no such file or folder" % place)
+    if os.path.isdir(place):
+        for name, reader in FOLDERS.items():
+            if os.path.isfile(os.path.join(place, name)):
+                return reader(place)
+    elif os.path.basename(place) in FOLDERS:
+        return FOLDERS[os.path.basename(place)](os.path.dirname(place) or ".")
+    elif place.endswith((".yaml", ".yml")):
+        return _of_yaml(place)
+    elif place.endswith(".json"):
+        return _of_json(place)
+    found = read(place)
+    if len(found) > 1:
+        raise GroundError("%s: it has %d recordings; ground.read gives all" % (place, len(found)))
+    return found[0]
+
+
+def _of_yaml(path: str) -> Any:
+    """A model or a room."""
+    with open(path, encoding="utf-8", errors="replace") as file:
+        is_room = "ground/room/" in file.read(1000)
+    return Room.load(path) if is_room else Model.load(path)
+
+
+def _of_json(path: str) -> Any:
+    """A Tracking."""
+    try:
+        with open(path) as file:
+            schema = json.load(file).get("schema")
+    except (OSError, ValueError, AttributeError) as error:
+        raise GroundError("%s: not the file of a result (%s)" % (path, error))
+    if schema != TRACKING:
+        raise GroundError("%s: not the file of a result; load the folder that it is in" % path)
+    return Tracking.load(path)
