@@ -75,7 +75,7 @@ def drive(
             "controls/wanted": Controls(left=-0.4, right=0.5, lift=1.0),
             "reference": Reference(p=[x + 0.03, y]),
             "model_error": error,
-            "model_error2": ModelError(model="improved_model_<2>", nu=[0.3, -0.4, y]),
+            "model_error2": ModelError(model="improved_model_<2>", nu=[0.3, -0.4, y], excited=excited),
         }
         for topic in topics:
             messages[topic].header.stamp = genpy.Time.from_sec(t)
