@@ -19,6 +19,7 @@ _PUBLIC = {
     "control.track": "Tracking track",
     "diagnosing.diagnose": "diagnose",
     "diagnosing.result": "Diagnosis",
+    "equations.written": "ExportedModel",
     "support.errors": "GroundError GroundWarning OptionError",
     "fitting.fit": "fit",
     "fitting.result": "Fit",
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from ground.diagnosing.diagnose import diagnose
     from ground.diagnosing.result import Diagnosis
     from ground.discovery.discover import Discovery, discover
+    from ground.equations.written import ExportedModel
     from ground.fitting.add import Addition, add
     from ground.fitting.fit import fit
     from ground.fitting.result import Fit
@@ -50,6 +52,7 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "Comparison",
     "Diagnosis",
     "Discovery",
+    "ExportedModel",
     "Fit",
     "GroundError",
     "GroundWarning",

@@ -38,6 +38,7 @@ PYBIND11_MODULE(_core, module) {
   module.attr("palette") = palette();
 
   ground::bindModel(module);
+  ground::bindEquations(module);
   ground::bindEstimation(module);
   ground::bindControl(module);
   ground::bindSimulation(module);

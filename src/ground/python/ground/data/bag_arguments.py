@@ -102,5 +102,7 @@ def run_fit(arguments: argparse.Namespace, fit: Callable[..., Any], kind: Type[A
     )
     found.save(arguments.output, arguments.force)
     command_line.say(arguments, "written to %s" % arguments.output)
+    if "mat" in arguments:
+        command_line.write_mat(arguments, found)
     command_line.say(arguments, str(found))
     return {"model": arguments.output, **found.to_dict()}

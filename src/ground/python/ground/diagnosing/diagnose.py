@@ -210,6 +210,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_output(parser, "DIR", "folder for results")
     bag_arguments.add_holdout_argument(parser)
     command_line.add_options(parser, DiagnoseOptions)
+    command_line.add_mat(parser)
 
 
 def run(arguments: argparse.Namespace) -> Document:
@@ -218,6 +219,7 @@ def run(arguments: argparse.Namespace) -> Document:
     def say(line: str) -> None:
         command_line.say(arguments, line)
 
+    command_line.check_mat(arguments)
     with result_folder.kept_if_used(arguments.output):
         prepare(arguments.output, arguments.force)
         found = diagnose(
@@ -234,4 +236,5 @@ def run(arguments: argparse.Namespace) -> Document:
         written = found.save(arguments.output, arguments.force)
     for path in ["", *written]:
         say("written to %s" % path if path else "")
+    command_line.write_mat(arguments, found)
     return found.to_dict()

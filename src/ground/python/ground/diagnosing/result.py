@@ -11,7 +11,7 @@ from ground.diagnosing import document, words
 from ground.models import Model, Parameter, Room
 from ground.recordings import findings
 from ground.recordings.recording import Recording
-from ground.reports import result_folder
+from ground.reports import matlab, result_folder
 from ground.support import files
 from ground.support.annotations import Array, Document, Path
 from ground.support.results import Shown
@@ -112,6 +112,16 @@ class Diagnosis(Shown):
             errors = [row["error"][kind] for row in rows]
             frame.insert(place, "error_" + kind, pandas.array(errors, dtype="Float64"))
         return frame
+
+    def to_mat(self, path: Path, force: bool = False) -> None:
+        """Writes a file for MATLAB and Octave: structs `models`, `parameters` and `runs` with what was
+        measured and what the models "given" and "improved" predict, and `effects` with those tried; its
+        text `about` has units and frames. GroundError when the file cannot be written."""
+        models = {"given": self.problem.model, "improved": self.improved}
+        studied = matlab.studies(models, self.problem.seen.data + self.problem.held.data)
+        effects = self.to_frame().reset_index().rename(columns={"effect": "name"})
+        rows = effects.astype({name: float for name in ("error_fit", "error_heldout")}).to_dict("records")
+        matlab.write(path, models, studied, force, verdict=self.verdict, effects=rows)
 
     def save(self, folder: Path, force: bool = False) -> List[str]:
         """Writes diagnosis.json, improved.yaml, the page report.html and, where there are any,

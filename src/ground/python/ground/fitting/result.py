@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tupl
 
 import numpy as np
 
+from ground import _core
 from ground.models import Model, Parameter, parameter_frame
 from ground.support.annotations import Document, Path
 from ground.support.results import Shown
@@ -75,6 +76,8 @@ class Fit(Shown):
     runs: List[RunFit]  #: fits to each run; empty for a single run
     same_inputs: List[Tuple[str, str]]  #: runs that were driven by the same commands
     remarks: List[str]  #: sentences on what is not identifiable
+    given: Model  #: with the start values
+    data: List[_core.RunData]  #: the runs fitted to, as fits use them
 
     def to_dict(self) -> Document:
         """Plain values, as `identify fit --json` prints them."""
@@ -97,6 +100,15 @@ class Fit(Shown):
     def to_frame(self) -> "pandas.DataFrame":
         """Parameters, indexed by name: start, value, low, high (95%), identified, unit."""
         return parameter_frame(self.parameters)
+
+    def to_mat(self, path: Path, force: bool = False) -> None:
+        """Writes a file for MATLAB and Octave: structs `models`, `parameters` and `runs` with what was
+        measured and what the models "start" and "fitted" predict; its text `about` has units and frames.
+        GroundError when the file cannot be written."""
+        from ground.reports import matlab
+
+        models = {"start": self.given, "fitted": self.model}
+        matlab.write(path, models, matlab.studies(models, self.data), force)
 
     def save(self, path: Path, force: bool = False) -> Model:
         """Writes the fitted model; see Model.save."""
