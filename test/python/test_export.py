@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, identify
+from conftest import MODEL, ROOT, identify, located
 from ground import _core
 
 JETS = ROOT / "cfg" / "craft" / "air_table.yaml"
@@ -343,6 +344,55 @@ def test_what_cannot_be_exported_is_said_in_a_line(tmp_path):
     with pytest.raises(ground.GroundError, match="fortran"):
         ground.Model.load(MODEL).export(tmp_path / "craft.py", "fortran")
     assert not (tmp_path / "craft.py").exists()
+
+
+EFFECT = """
+#include "ground/model/effect_registry.h"
+namespace ground {
+struct Own {
+  static EffectInfo info() {
+    return {"own", "drag ahead", {{"c", "N s/m", "drag", 0, 0, 1, [](const Body<double>&) { return 0.1; }}}};
+  }
+  template <typename T>
+  static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
+    const T& u = point.nu.x();
+    %s
+  }
+};
+GROUND_REGISTER_EFFECT(Own)
+}  // namespace ground
+"""
+
+
+@pytest.mark.parametrize(
+    "line, works",
+    [
+        ("wrench(0) -= select(u > 0.1, T(p[0] * u * point.lift), T(0.0));", True),
+        ("if (u > 0.1) wrench(0) -= p[0] * u * point.lift;", False),
+    ],
+)
+def test_an_effect_of_another_library_is_exported_or_named(line, works, tmp_path):
+    libraries = Path(_core.__file__).parents[3]
+    (tmp_path / "own.cpp").write_text(EFFECT % line)
+    include = ["-I", str(ROOT / "src" / "ground" / "include"), "-isystem", "/usr/include/eigen3"]
+    link = ["-L", str(libraries), "-lground_model", "-Wl,-rpath," + str(libraries)]
+    options = ["-std=c++17", "-shared", "-fPIC", *include, "own.cpp", *link, "-o", "libown.so"]
+    subprocess.run(["g++", *options], cwd=str(tmp_path), check=True)
+    entry = "\n  - {name: own, c: 0.01}\n  - {name: yaw_bias, n0: 1.0e-5}\n"
+    text = ground.Model.load(MODEL).format().replace("effects:\n  []", "effects:" + entry)
+    (tmp_path / "craft.yaml").write_text(text)
+    said = subprocess.run(
+        [located("identify"), "export", "craft.yaml", "-o", "craft.py"],
+        cwd=str(tmp_path),
+        env=dict(os.environ, GROUND_EFFECT_LIBRARIES=str(tmp_path / "libown.so")),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        universal_newlines=True,
+    )
+    assert said.returncode == (0 if works else 1), said.stderr
+    assert (tmp_path / "craft.py").exists() == works
+    if not works:
+        assert re.match("identify export: effect own .*select", said.stderr) and said.stderr.count("\n") == 1
 
 
 def test_c_without_a_compiler_is_written_and_says_so(tmp_path, monkeypatch):

@@ -24,8 +24,10 @@ T calculation(const T& x, const T& y) {
   const T sum = x * y - 0.5 / (1.0 + x * x) + (-y) * 3.0;
   const T smooth = exp(-x) * sin(y) + cos(x * y) + log(2.0 + sum * sum) + tanh(sum) - sqrt(1.5 + sin(x));
   const T branch = select(x < y, abs(sum), notBelowZero(sum));
-  const T lazy = choose(x > 0.5 && y <= 2.0, [&] { return T(pow(x, 2.5)); }, [&] { return T(smooth * y); });
-  const T guarded = whereAbove(0.0, sum, [](const T& s) { return T(sqrt(s)); }, T(0.0));
+  const T lazy = choose(
+      x > 0.5 && y <= 2.0, [&] { return T(pow(x, 2.5)); }, [&] { return T(smooth * y); });
+  const T guarded = whereAbove(
+      0.0, sum, [](const T& s) { return T(sqrt(s)); }, T(0.0));
   return smooth + branch * lazy - guarded;
 }
 
@@ -63,6 +65,9 @@ TEST(Symbol, LeavesOutWhatChangesNothing) {
   EXPECT_EQ((-1.0 * x).place, (-x).place);
   EXPECT_EQ((y + -x).place, (y - x).place);
   EXPECT_EQ((y - -x).place, (y + x).place);
+  EXPECT_EQ((y - -2.0).place, (y + 2.0).place);
+  EXPECT_EQ((y + -2.0).place, (y - 2.0).place);
+  EXPECT_TRUE((x * y - x * y).isConstant());
   EXPECT_TRUE((sin(Symbol(1.0)) + 2.0).isConstant());
 }
 

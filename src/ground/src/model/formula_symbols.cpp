@@ -46,15 +46,17 @@ int readNumber(const char* text, int* position, double* place) {
   double number = 0;
   stream >> number;
   if (stream.fail()) return 0;
-  *position += static_cast<int>(stream.eof() ? stream.str().size() : static_cast<std::size_t>(stream.tellg()));
+  *position +=
+      static_cast<int>(stream.eof() ? stream.str().size() : static_cast<std::size_t>(stream.tellg()));
   *place = placeOf(number);
   return 1;
 }
 
-#define GROUND_UNARY(expression) [](double x_) { return one([](const Symbol& x) { return Symbol(expression); }, x_); }
-#define GROUND_BINARY(expression)                                                                       \
-  [](double x_, double y_) {                                                                            \
-    return two([](const Symbol& x, const Symbol& y) { return Symbol(expression); }, x_, y_);            \
+#define GROUND_UNARY(expression) \
+  [](double x_) { return one([](const Symbol& x) { return Symbol(expression); }, x_); }
+#define GROUND_BINARY(expression)                                                            \
+  [](double x_, double y_) {                                                                 \
+    return two([](const Symbol& x, const Symbol& y) { return Symbol(expression); }, x_, y_); \
   }
 
 /// The grammar and the functions of formulas, where each value is a place in the Trace.
@@ -90,8 +92,10 @@ class Tracer final : public mu::ParserBase {
     DefineOprt("&&", GROUND_BINARY(numberOf(holds(x) && holds(y))), mu::prLAND);
     DefineOprt("||", GROUND_BINARY(numberOf(holds(x) || holds(y))), mu::prLOR);
     // a ? b : c is a ? (b : c), two operators of the lowest precedence; the pair (b : c) has no value.
-    DefineOprt("?", [](double condition, double pair) { return chosen(condition, pair); }, 0, mu::oaRIGHT);
-    DefineOprt(":", [](double a, double b) { return paired(a, b); }, 0, mu::oaRIGHT);
+    DefineOprt(
+        "?", [](double condition, double pair) { return chosen(condition, pair); }, 0, mu::oaRIGHT);
+    DefineOprt(
+        ":", [](double a, double b) { return paired(a, b); }, 0, mu::oaRIGHT);
   }
   void InitFun() override {
 #define GROUND_FUNCTION(name) \
@@ -167,8 +171,8 @@ Symbol symbolOf(const std::string& formula, const NamedSymbols& variables) {
     parser.SetExpr(formula);
     return symbolAt(parser.Eval());
   } catch (const mu::ParserError& error) {
-    throw std::invalid_argument("its formula '" + shortened(formula) + "' cannot be written down: " +
-                                error.GetMsg());
+    throw std::invalid_argument("its formula '" + shortened(formula) +
+                                "' cannot be written down: " + error.GetMsg());
   }
 }
 

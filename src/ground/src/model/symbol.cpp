@@ -14,8 +14,14 @@ using Function = double (*)(const double*);
 
 /// What each operation computes from its arguments.
 const std::map<std::string, Function>& functions() {
-#define GROUND_OF_ONE(name, function) {name, [](const double* x) { return double(function(x[0])); }}
-#define GROUND_OF_TWO(name, expression) {name, [](const double* x) { return double(expression); }}
+#define GROUND_OF_ONE(name, function)                            \
+  {                                                              \
+    name, [](const double* x) { return double(function(x[0])); } \
+  }
+#define GROUND_OF_TWO(name, expression)                      \
+  {                                                          \
+    name, [](const double* x) { return double(expression); } \
+  }
   static const std::map<std::string, Function> all = {
       GROUND_OF_ONE("neg", -),
       GROUND_OF_ONE("!", !),
@@ -73,8 +79,10 @@ using Rule = Symbol (*)(const Symbol& y, const Symbols& a, const Symbols& d);
 
 /// The derivative of y, an operation with arguments a whose derivatives are d.
 const std::map<std::string, Rule>& rules() {
-#define GROUND_RULE(expression) \
-  []([[maybe_unused]] const Symbol& y, [[maybe_unused]] const Symbols& a, const Symbols& d) { return expression; }
+#define GROUND_RULE(expression)                                                               \
+  []([[maybe_unused]] const Symbol& y, [[maybe_unused]] const Symbols& a, const Symbols& d) { \
+    return expression;                                                                        \
+  }
   static const std::map<std::string, Rule> all = {
       {"+", GROUND_RULE(d[0] + d[1])},
       {"-", GROUND_RULE(d[0] - d[1])},
@@ -131,7 +139,8 @@ Symbol Trace::of(const std::string& name, const std::vector<Symbol>& arguments) 
   if (const std::optional<Symbol> known = shorter(name, arguments)) return *known;
   double values[3] = {0, 0, 0};
   std::transform(arguments.begin(), arguments.end(), values, [&](const Symbol& x) { return valueOf(x); });
-  const bool fixed = std::all_of(arguments.begin(), arguments.end(), [&](const Symbol& x) { return isFixed(x); });
+  const bool fixed =
+      std::all_of(arguments.begin(), arguments.end(), [&](const Symbol& x) { return isFixed(x); });
   const double value = functions().at(name)(values);
   if (std::all_of(arguments.begin(), arguments.end(), [](const Symbol& x) { return x.isConstant(); }))
     return value;
@@ -158,6 +167,7 @@ std::optional<Symbol> Trace::shorter(const std::string& name, const std::vector<
 std::optional<Symbol> Trace::shorterSum(const Symbol& a, const Symbol& b) const {
   if (isNumber(a, 0)) return b;
   if (isNumber(b, 0)) return a;
+  if (b.isConstant() && b.value < 0) return a - Symbol(-b.value);
   if (is(b, "neg")) return a - argument(b, 0);
   if (is(b, "-") && areSame(argument(b, 1), a)) return argument(b, 0);
   return std::nullopt;
@@ -166,6 +176,8 @@ std::optional<Symbol> Trace::shorterSum(const Symbol& a, const Symbol& b) const 
 std::optional<Symbol> Trace::shorterDifference(const Symbol& a, const Symbol& b) const {
   if (isNumber(a, 0)) return -b;
   if (isNumber(b, 0)) return a;
+  if (areSame(a, b)) return 0.0;
+  if (b.isConstant() && b.value < 0) return a + Symbol(-b.value);
   if (is(b, "neg")) return a + argument(b, 0);
   return std::nullopt;
 }
@@ -238,7 +250,9 @@ Symbol Trace::replaced(const Symbol& y, const Symbol& x, double number, Known& k
   const auto found = known.find(y.place);
   if (found != known.end()) return found->second;
   const Operation operation = operations_[index(y.place)];
-  const auto part = [&](std::size_t i) { return replaced(symbolAt(operation.arguments[i]), x, number, known); };
+  const auto part = [&](std::size_t i) {
+    return replaced(symbolAt(operation.arguments[i]), x, number, known);
+  };
   const auto again = [&]() -> Symbol {
     if (operation.arguments.empty() || operation.name == "bells" || operation.name == "item") return y;
     std::vector<Symbol> arguments{part(0)};

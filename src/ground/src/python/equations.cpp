@@ -35,8 +35,9 @@ std::vector<std::string> stateNames(const Model& model) {
     const EffectInfo& info = entry.effect->info();
     const ExpressionDefinition* const formulas = expressionDefinition(*entry.effect);
     for (int i = 0; i < info.states; ++i)
-      names.push_back(info.name + "." +
-                      (formulas ? formulas->states[static_cast<std::size_t>(i)].name : std::to_string(i + 1)));
+      names.push_back(
+          info.name + "." +
+          (formulas ? formulas->states[static_cast<std::size_t>(i)].name : std::to_string(i + 1)));
     for (int k = 0; k < info.states_per_thruster; ++k)
       for (const Thruster& one : model.thrusters->thrusters())
         names.push_back(info.name + "." + one.name + (k ? std::to_string(k + 1) : ""));
@@ -237,16 +238,18 @@ py::dict evaluate(const Model& given, const Eigen::MatrixXd& states, const Eigen
 }  // namespace
 
 void bindEquations(py::module_& module) {
-  module.def("equations", &equations, py::arg("model"),
-             "The equations of a model, effect by effect, as straight-line code. `operations`: name, label, places "
-             "of the arguments, value (ground/model/symbol.h); `outputs`: places of what the equations give; "
-             "`tables` of bells; `states`: names of the effects' states, and their `initial` values; `model`: with "
-             "the effects that act. Raises ValueError for an effect that cannot be written down.");
-  module.def("evaluate", &evaluate, py::arg("model"), py::arg("states"), py::arg("inputs"), py::arg("t"),
-             py::arg("dt"),
-             "What equations() describes, computed by the core: `derivative` and `step` (n, 6 + k), `measure` "
-             "(n, 6), `delay` [s]. A row of `states` has x, y, psi, u, v, r and the states of the effects that "
-             "act; one of `inputs` the thrusters and the lift.");
+  module.def(
+      "equations", &equations, py::arg("model"),
+      "The equations of a model, effect by effect, as straight-line code. `operations`: name, label, places "
+      "of the arguments, value (ground/model/symbol.h); `outputs`: places of what the equations give; "
+      "`tables` of bells; `states`: names of the effects' states, and their `initial` values; `model`: with "
+      "the effects that act. Raises ValueError for an effect that cannot be written down.");
+  module.def(
+      "evaluate", &evaluate, py::arg("model"), py::arg("states"), py::arg("inputs"), py::arg("t"),
+      py::arg("dt"),
+      "What equations() describes, computed by the core: `derivative` and `step` (n, 6 + k), `measure` "
+      "(n, 6), `delay` [s]. A row of `states` has x, y, psi, u, v, r and the states of the effects that "
+      "act; one of `inputs` the thrusters and the lift.");
 }
 
 }  // namespace ground

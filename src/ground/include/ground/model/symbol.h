@@ -109,7 +109,9 @@ class Trace {
 
   static std::size_t index(int place) { return static_cast<std::size_t>(place); }
   Symbol add(const Operation& operation);
-  bool is(const Symbol& x, const char* name) const { return x.place && operations_[index(x.place)].name == name; }
+  bool is(const Symbol& x, const char* name) const {
+    return x.place && operations_[index(x.place)].name == name;
+  }
   Symbol argument(const Symbol& x, std::size_t i) const {
     return symbolAt(operations_[index(x.place)].arguments[i]);
   }

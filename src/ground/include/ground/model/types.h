@@ -66,7 +66,7 @@ template <typename T, class F>
 GROUND_INLINE T whereAbove(double number, const T& x, const F& f, const T& otherwise) {
   if constexpr (std::is_same_v<T, Symbol>) {
     const Condition above = x > number;
-    return select(above, f(select(above, x, T(number + 1))), otherwise);
+    return select(above, f(select(above, x, T(std::floor(number) + 1))), otherwise);
   } else {
     return x > number ? f(x) : otherwise;
   }
