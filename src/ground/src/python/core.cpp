@@ -41,6 +41,7 @@ PYBIND11_MODULE(_core, module) {
              "Width of a line of text in rviz, relative to the height of its letters.");
 
   ground::bindModel(module);
+  ground::bindEquations(module);
   ground::bindEstimation(module);
   ground::bindControl(module);
   ground::bindSimulation(module);
