@@ -1,4 +1,4 @@
-# make demo: finds a hidden effect; make test: runs all tests.
+# make demo: finds a hidden effect (SEED=2: another one; EFFECT=motor_lag: that one); make test: runs all tests.
 # Both first install missing packages (as root or through sudo) and build what has changed.
 # make test SLOW=1: also those that build the wheel and another package, and run the commands of pages
 SHELL := /bin/bash
@@ -25,7 +25,7 @@ build: $(configured)
 	@.ci/build build
 
 demo: build
-	@$(in_workspace) rosrun ground demo --out build/demo --seed $(SEED)
+	@$(in_workspace) rosrun ground demo --out build/demo --seed $(SEED) $(if $(EFFECT),--effect $(EFFECT))
 
 test: $(configured)
 	@.ci/build build

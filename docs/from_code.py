@@ -25,7 +25,7 @@ from sphinx.errors import ExtensionError
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 PACKAGE = os.path.join(ROOT, "src", "ground")
 MESSAGES = os.path.join(ROOT, "src", "ground_msgs")
-PROGRAMS = ["demo", "record", "plot", "parameters", "prove_stop"]  # beside identify, track, tune
+PROGRAMS = ["demo", "record", "view", "plot", "parameters", "prove_stop"]  # beside identify, track, tune
 
 
 def core():

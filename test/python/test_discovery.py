@@ -319,7 +319,7 @@ class RoughAnalyst:
     def misread(self, _):
         return self.misreads
 
-    def diagnose(self, recordings, reachable, seed):
+    def diagnose(self, recordings, reachable, seed, work=None):
         moved = sum(float(np.ptp(recording.eta[:, 0])) for recording in recordings)
         self.past = 0.5 * self.past + moved
         model = craft(yaw_bias={"n0": 1e-6 * self.past + 1e-8 * reachable + 1e-9 * seed})

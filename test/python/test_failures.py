@@ -181,7 +181,7 @@ def script(monkeypatch, name, *arguments):
     return ended.value.code or 0
 
 
-@pytest.mark.parametrize("name", ["identification", "parameters", "record", "demo", "track", "tune"])
+@pytest.mark.parametrize("name", ["identification", "parameters", "record", "demo", "view", "track", "tune"])
 def test_every_program_takes_debug(monkeypatch, capsys, name):
     assert script(monkeypatch, name, "--help") == 0
     assert "--debug" in capsys.readouterr().out
@@ -189,13 +189,16 @@ def test_every_program_takes_debug(monkeypatch, capsys, name):
 
 def test_programs_fail_in_one_line(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("ROS_MASTER_URI", "http://localhost:%d" % free_port())
+    monkeypatch.setenv("DISPLAY", ":1")
     (tmp_path / "file").write_text("")
     for arguments in (
         ("record", "--dir", tmp_path / "file"),
         ("record", "--dir", "/proc/nowhere"),
         ("record", "--dir", tmp_path / ("x" * 300)),
         ("demo", "--out", tmp_path / "file"),
+        ("demo", "--effect", "motor_lags"),
         ("parameters",),
+        ("view",),
         ("identify", "info", tmp_path),
         ("track", "--model", tmp_path),
         ("tune", "--model", tmp_path, "-o", tmp_path / "g.yaml"),

@@ -51,29 +51,51 @@ def window(application):
     window.close()
 
 
-def drive(feed, start, seconds, topics=("state", "model_error", "controls"), valid=True, rate=100.0):
+def drive(
+    feed, start, seconds, topics=("state", "model_error", "controls"), valid=True, rate=100.0, excited=True
+):
     """Feeds messages of a turning craft, 30 mm beside its reference."""
     for i in range(int(rate * seconds)):
         t = start + i / rate
         x, y = math.cos(t), math.sin(t)
-        error = ModelError(model="tiny_whoover", horizon=0.5, nu=[0.45, -0.5, x], error=2 + y)
+        error = ModelError(
+            model="tiny_whoover",
+            horizon=0.5,
+            nu=[0.45, -0.5, x],
+            eta_error=[0.03, 0.04, -0.1],
+            position_error=0.056,
+            heading_error=math.radians(16),
+            position_noise=0.003,
+            heading_noise=math.radians(1),
+            excited=excited,
+        )
         messages = {
             "state": State(eta=[x, y, t], nu=[0.4, -0.5, 0.6 + y], valid=valid, status="no pose & more"),
             "controls": Controls(left=0.2, right=0.5, lift=1.0),
             "controls/wanted": Controls(left=-0.4, right=0.5, lift=1.0),
             "reference": Reference(p=[x + 0.03, y]),
             "model_error": error,
-            "model_error2": ModelError(model="improved_model_<2>", nu=[0.3, -0.4, y], error=1.0),
+            "model_error2": ModelError(model="improved_model_<2>", nu=[0.3, -0.4, y], excited=excited),
         }
         for topic in topics:
             messages[topic].header.stamp = genpy.Time.from_sec(t)
             feed.take(messages[topic], topic)
 
 
-def curves(window, number):
+def curves(window, title):
     """(times, values) of the curves of a diagram that have samples."""
-    lines = [item.getOriginalDataset() for item in window.diagrams[number].plot.listDataItems()]
+    lines = [item.getOriginalDataset() for item in diagram(window, title).plot.listDataItems()]
     return [(x, y) for x, y in lines if x is not None and len(x)]
+
+
+def diagram(window, title):
+    (found,) = [one for one in window.diagrams if one.panel.title.startswith(title)]
+    return found
+
+
+def of_size(values, size):
+    """Whether all values but those at the ends are of a size."""
+    return np.allclose(np.abs(values[20:-20]), size, rtol=1e-3)
 
 
 def told(window):
@@ -84,37 +106,93 @@ def told(window):
 def test_curves_show_the_last_seconds_at_any_rate(window, rate):
     drive(window.feed, 1000, 2.2 * DURATION, ["state"], rate=rate)
     window.redraw()
-    ((times, values),) = curves(window, 2)
+    (times, values), (_, smooth) = curves(window, "yaw rate")
     assert times[-1] == 0 and times[0] == pytest.approx(-DURATION, abs=2 / rate)
     assert len(times) == pytest.approx(DURATION * rate, abs=2)
     stamps = 1000 + 2.2 * DURATION - 1 / rate + times
     np.testing.assert_allclose(values, 0.6 + np.sin(stamps), atol=1e-6)
+    np.testing.assert_allclose(smooth, values, atol=0.1)
+
+
+def test_a_smoothed_line_shows_what_noise_hides():
+    times = np.arange(0, 20, 0.01)
+    motion = 0.6 * np.sin(times)
+    noisy = motion + np.random.default_rng(1).normal(scale=0.6, size=len(times))
+    noisy[1000:1010] = math.nan
+    smooth = live_feed.smoothed(times, noisy, live_plot.SMOOTH)
+    assert (np.isnan(smooth) == np.isnan(noisy)).all()
+    left = np.nanstd(smooth - motion), np.nanstd(noisy - motion)
+    assert left[0] < 0.35 * left[1]
 
 
 def test_the_window_says_what_it_waits_for(window):
     assert told(window) == [
         "controller no message yet on controller/status",
         "sender no message yet on sender/status",
+        "",
         "Waiting for messages on state, model_error, controls.",
     ]
     drive(window.feed, 1000, 1, ["state"])
     window.redraw()
-    assert told(window)[2] == "Waiting for messages on model_error, controls."
+    assert told(window)[3] == "Waiting for messages on model_error, controls."
 
 
 def test_diagrams_have_curves_units_and_the_names_of_models(window):
     drive(window.feed, 1000, 10, list(live_feed.TOPICS))
     window.redraw()
-    assert [len(curves(window, i)) for i in range(10)] == [3, 3, 3, 2, 1, 2, 2, 2, 2, 1]
     assert "by tiny_whoover" in window.diagrams[0].title
     assert "improved_model_…" in window.diagrams[0].title, "a long name is shortened"
-    assert "missing in tiny_whoover" in window.diagrams[8].title
-    np.testing.assert_allclose(curves(window, 4)[0][1], 30, atol=0.01, err_msg="tracking error [mm]")
-    for diagram in window.diagrams:
-        assert re.search(r"\[.+\]|spread", diagram.plot.getAxis("left").labelText)
-        low, high = diagram.plot.vb.viewRange()[1]
-        for _, values in (line.getOriginalDataset() for line in diagram.plot.listDataItems()):
-            assert low <= np.nanmin(values) and np.nanmax(values) <= high
+    assert "missing in tiny_whoover" in diagram(window, "force").title
+    assert of_size(curves(window, "distance from the reference")[0][1], 30)
+    for one in window.diagrams:
+        assert curves(window, one.panel.title)
+        assert re.search(r"\[.+\]", one.plot.getAxis("left").labelText)
+        low, high = one.plot.vb.viewRange()[1]
+        of_panel = curves(window, one.panel.title)
+        for _, values in of_panel[:1] if "thruster" in one.panel.title else of_panel:
+            assert low <= np.nanmedian(values) <= high, "what is wanted may be beyond what is possible"
+
+
+def test_predictions_are_off_in_millimetres_and_degrees_beside_the_noise(window):
+    drive(window.feed, 1000, 10)
+    window.redraw()
+    for title, sizes in (
+        ("prediction off in position", (50, 3, 56)),
+        ("prediction off in heading", (5.73, 1, 16)),
+    ):
+        found = [values for _, values in curves(window, title)]
+        assert len(found) == 3
+        for values, size in zip(found, sizes):
+            assert of_size(values, size)
+    assert told(window)[2] == "tiny_whoover: 56 mm, 16 deg after 0.5 s (noise alone: 3.0 mm, 1.0 deg)"
+    drive(window.feed, 1010, 1, excited=False)
+    window.redraw()
+    assert "no excitation" in told(window)[2]
+
+
+def test_a_pause_keeps_the_curves_and_the_cursor_shows_their_values(window):
+    drive(window.feed, 1000, 10)
+    window.redraw()
+    kept = curves(window, "prediction off in position")
+    QTest = pytest.importorskip("PyQt5.QtTest").QTest
+    QTest.keyClick(window, live_plot.QtCore.Qt.Key_Space)
+    drive(window.feed, 1010, 1)
+    window.redraw()
+    assert told(window)[3].startswith("Paused")
+    np.testing.assert_array_equal(curves(window, "prediction off in position")[0], kept[0])
+    under = diagram(window, "yaw rate").plot.vb
+    window._point(under.mapViewToScene(live_plot.QtCore.QPointF(-5.0, 0.6)))
+    title = re.sub("<[^>]*>", "", diagram(window, "prediction off in position").title)
+    assert "noise alone 3 " in title and title.endswith("tiny_whoover 56")
+    QTest.keyClick(window, live_plot.QtCore.Qt.Key_Space)
+    assert curves(window, "prediction off in position")[0][0][0] < kept[0][0][0]
+
+
+def test_the_window_is_not_larger_than_the_screen(application, monkeypatch):
+    screen = application.primaryScreen().availableGeometry()
+    monkeypatch.setattr(live_plot.QtGui.QGuiApplication, "platformName", lambda: "xcb")
+    window = live_plot.LivePlot(live_feed.Feed(DURATION))
+    assert window.width() <= screen.width() and window.height() <= screen.height()
 
 
 def test_no_line_is_drawn_across_a_gap_or_an_invalid_state(window):
@@ -122,22 +200,22 @@ def test_no_line_is_drawn_across_a_gap_or_an_invalid_state(window):
     drive(window.feed, 1002, 1)
     drive(window.feed, 1003, 1, valid=False)
     window.redraw()
-    times, values = curves(window, 2)[0]
+    times, values = curves(window, "yaw rate")[0]
     missing = times[np.isnan(values)]
     assert ((missing > -2.99) & (missing < -1.99)).sum() == 1, "the gap"
     assert (missing > -1).sum() == 100, "the invalid state"
-    assert told(window)[2] == "The state is invalid: no pose &amp; more"
+    assert told(window)[3] == "The state is invalid: no pose &amp; more"
 
 
 def test_a_restarted_bag_clears_the_curves(window):
     drive(window.feed, 1000, 10, list(live_feed.TOPICS))
     drive(window.feed, 1009.8, 0.01, ["controls"])
     window.redraw()
-    assert len(curves(window, 0)) == 3, "a message in wrong order clears nothing"
+    assert len(curves(window, "surge")) == 6, "a message in wrong order clears nothing"
     drive(window.feed, 900, 0.5, ["controls"])
     window.redraw()
-    assert told(window)[2] == "Waiting for messages on state, model_error."
-    assert not curves(window, 0) and len(curves(window, 6)) == 1
+    assert told(window)[3] == "Waiting for messages on state, model_error."
+    assert not curves(window, "surge") and len(curves(window, "right thruster")) == 1
 
 
 def test_statuses_are_shown_until_a_node_falls_silent(window, monkeypatch):
@@ -147,16 +225,13 @@ def test_statuses_are_shown_until_a_node_falls_silent(window, monkeypatch):
     window.feed.take_status(fault, "sender/status")
     drive(window.feed, 1000, 1)
     window.redraw()
-    assert told(window) == [
-        "controller RUNNING driving &lt;on&gt;",
-        "sender FAULT stale command",
-        "Newest message: 1001 s. Predictions are 0.5 s ahead.",
-    ]
+    assert told(window)[:2] == ["controller RUNNING driving &lt;on&gt;", "sender FAULT stale command"]
+    assert told(window)[3].startswith("Newest message: 1001 s. Predictions are 0.5 s ahead.")
     later = live_plot.time.monotonic() + 7
     monkeypatch.setattr(live_plot.time, "monotonic", lambda: later)
     window.redraw()
     assert told(window)[1].endswith("(no message for 7 s)")
-    assert told(window)[2] == "No new message for 7 s; the newest has stamp 1001 s."
+    assert told(window)[3] == "No new message for 7 s; the newest has stamp 1001 s."
 
 
 def test_a_picture_is_saved_and_not_overwritten(window, tmp_path):
@@ -166,7 +241,7 @@ def test_a_picture_is_saved_and_not_overwritten(window, tmp_path):
     path = tmp_path / "plot.png"
     window.save(str(path))
     picture = Image.open(str(path)).convert("RGB")
-    assert picture.size == live_plot.SIZE
+    assert picture.size == (window.width(), window.height())
     seen = {"#%02x%02x%02x" % color for _, color in picture.getcolors(1 << 20)}
     assert {live_plot.appearance.MEASURED, *live_plot.appearance.MODELS[:2]} <= seen
     with pytest.raises(GroundError, match="plot.png exists"):
@@ -246,7 +321,8 @@ def test_plotjuggler_draws_the_same_curves():
     root = xml.etree.ElementTree.parse(str(LAYOUT)).getroot()
     computed = {snippet.get("name") for snippet in root.iter("snippet")}
     shown = [curve for panels in live_plot.COLUMNS for panel in panels for curve in panel.curves]
-    wanted = {"/%s/%s" % (c.topic, c.field) for c in shown if c.topic != live_plot.TRACKING}
+    recorded = [c for c in shown if c.topic != live_plot.TRACKING and c.field not in live_feed.COMPUTED]
+    wanted = {"/%s/%s" % (c.topic, c.field) for c in recorded}
     assert {curve.get("name") for curve in root.iter("curve")} == wanted | computed
     assert computed == {"tracking error [m]"}
     for plugin in root.find("Plugins"):

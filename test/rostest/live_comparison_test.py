@@ -94,6 +94,7 @@ class LiveComparisonTest(unittest.TestCase):
         self.load_the_true_model()
         by_stamp = self.check_errors()
         self.check_missing_force(by_stamp)
+        self.check_sizes()
         self.check_displays()
         self.check_time_of_the_drive()
 
@@ -114,8 +115,18 @@ class LiveComparisonTest(unittest.TestCase):
         self.assertEqual(list(comparison.message.models), ["tiny_whoover", "tilted_craft"])
         self.assertEqual(comparison.message.better, "tilted_craft")
         self.assertGreater(comparison.message.difference, 0)
-        self.assertLess(second.message.error, 0.7 * first.message.error)
+        self.assertLess(second.message.position_error, 0.7 * first.message.position_error)
         self.assertEqual(second.message.model, "tilted_craft")
+
+    def check_sizes(self):
+        """A tilt of the floor pushes the craft by a known way; the true model shows its noise."""
+        first, second = self.first.message, self.second.message
+        pushed = 0.5 * 9.81 * math.hypot(*SLOPES)  # without damping [m]
+        self.assertTrue(first.excited)
+        self.assertLess(0.6 * pushed, first.position_error)
+        self.assertLess(first.position_error, 1.2 * pushed)
+        self.assertLess(second.position_error, 2 * second.position_noise)
+        self.assertLess(second.heading_error, 2 * second.heading_noise)
 
     def check_errors(self):
         """Each state has an error with its stamp. Returns the states by stamp."""
@@ -161,7 +172,8 @@ class LiveComparisonTest(unittest.TestCase):
         self.check_legend()
 
     def check_legend(self):
-        """Each line has the colour of what it explains; arrows of thrust have the stated scale."""
+        """Each line has the colour of what it explains, and all begin at the left; arrows of thrust have the
+        stated scale."""
         model = _core.load_model(MODEL)
         better = lambda: any(m.text.endswith("better") for m in self.legend.message.markers)  # noqa: E731
         harness.wait_for(better, 10, "a legend that says which model is better")
@@ -169,14 +181,18 @@ class LiveComparisonTest(unittest.TestCase):
         self.assertEqual(first.action, Marker.DELETEALL)
         for line in lines:
             self.assertEqual((line.type, line.header.frame_id), (Marker.TEXT_VIEW_FACING, "view"))
-        entries = {line.text.split(":")[0].split(",")[0]: line for line in lines}
+            edge = line.pose.position.y - 0.5 * line.scale.z * _core.text_width(line.text)
+            self.assertAlmostEqual(edge, rospy.get_param("visualizer/legend_aside"), places=6)
+        entries = {line.text.split(":")[0]: line for line in lines}
         line = entries["tilted_craft"]
-        self.assertRegex(line.text, r"1 s ahead: error [\d.]+ \[-\], better")
+        self.assertRegex(line.text, r"^tilted_craft: [\d.]+ mm, [\d.]+ deg after 1 s, better$")
+        self.assertRegex(lines[lines.index(line) + 1].text, r"noise alone: [\d.]+ mm, [\d.]+ deg$")
+        self.assertNotIn("reference", [line.text for line in lines], "there is none")
         color = [round(255 * c) for c in (line.color.r, line.color.g, line.color.b)]
         self.assertEqual("#%02x%02x%02x" % tuple(color), _core.palette["models"][1])
         length = rospy.get_param("visualizer/thrust_length")
         full = model.value("k") * model.input_max
-        self.assertIn("%.2g m is %.2g mN" % (length, 1e3 * full), entries["thrust of each thruster"].text)
+        self.assertIn("%.2f m is %.0f mN" % (length, 1e3 * full), entries["thrust of each thruster"].text)
         sent = {u for _, m in self.controls.all for u in (m.left, m.right)}
         harness.wait_for(self.arrows_of_thrust, 10, "arrows of thrust")
         for drawn in self.arrows_of_thrust():  # its colour and place say of which thruster
@@ -214,7 +230,7 @@ class LiveComparisonTest(unittest.TestCase):
                     error.message
                     and error.message.model == "sagging_craft"
                     and error.message.window > 3
-                    and error.message.error < 0.8
+                    and error.message.position_error < 3 * error.message.position_noise
                 ),
                 20,
                 lambda error=error: "small errors of the sagging craft, not %s" % error.message,

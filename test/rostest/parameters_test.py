@@ -67,7 +67,7 @@ class ParametersTest(unittest.TestCase):
         for line in (
             r"^/controller$",
             r"^    k_e .* Position error \[kg/s\] \(1e-06 to 100\)$",
-            r"^    reference +circle  Kind of reference \(circle, line, .*\)$",
+            r"^    reference +circle  Kind of reference \(circle, line, ",
             r"^/sender$",
             r"^/mocap_state$",
             r"^/live_comparison$",
@@ -76,7 +76,9 @@ class ParametersTest(unittest.TestCase):
         ):
             self.assertIsNotNone(re.search(line, listed.stdout, re.M), line)
 
+        self.assertLess(max(map(len, listed.stdout.splitlines())), 80)
         self.check_changes()
+        self.check_undo()
         self.check_refusals()
         self.assertEqual(rospy.get_param("/controller/k_e"), 0.125)
 
@@ -114,11 +116,25 @@ class ParametersTest(unittest.TestCase):
         self.assertEqual(rospy.get_param("/controller/k_e"), 0.125)
         self.assertEqual(rospy.get_param("/controller/reference"), "line")
 
+    def check_undo(self):
+        """Changes are undone one by one, the last first."""
+        was = rospy.get_param("/visualizer/rate")
+        for value in (7.0, 8.0):
+            self.assertEqual(parameters("visualizer", "rate=%g" % value).returncode, 0)
+        for value in (7.0, was):
+            undone = parameters("visualizer", "--undo")
+            self.assertIn("/visualizer rate = %g" % value, undone.stdout, undone.stderr)
+            self.assertEqual(rospy.get_param("/visualizer/rate"), value)
+        undone = parameters("visualizer", "--undo")
+        self.assertEqual(undone.returncode, 1)
+        self.assertIn("no change to undo", undone.stderr)
+
     def check_refusals(self):
         for arguments, reason in (
             (("controller", "k_e=-1"), "k_e must be between 1e-06 and 100 kg/s, not -1"),
             (("controller", "k_e=fast"), "is not a number"),
-            (("controller", "wings=2"), "has no parameter wings; it has k_e"),
+            (("controller", "wings=2"), "has no parameter wings; rosrun ground parameters controller"),
+            (("controller", "sise=2"), "did you mean size"),
             (("nobody", "k_e=1"), "no node of this name.*/controller"),
             (("controller", "reference=file"), "refused"),
         ):

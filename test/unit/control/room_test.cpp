@@ -287,5 +287,24 @@ TEST(LeavesRoom, NeedsSpaceToStopAfterALossOfTheMocap) {
   }
 }
 
+TEST(LeavesRoom, SaysTheLargestSizeThatFits) {
+  for (const char* kind : {"circle", "rhodonea", "sinusoid"}) {
+    ReferenceParams params;
+    params.kind = kind;
+    params.size = 2;
+    params.speed = 0.001;
+    const std::string message = leavesRoom(params, *makeReference(params), square());
+    ASSERT_NE(message.find("largest size"), std::string::npos) << message;
+    params.size = numberBefore("m", message.substr(message.find("largest size")));
+    EXPECT_EQ(leavesRoom(params, *makeReference(params), square()), "") << message;
+    params.size += 0.02;
+    EXPECT_NE(leavesRoom(params, *makeReference(params), square()), "");
+  }
+  ReferenceParams line;
+  line.kind = "line";
+  line.end_x = 5;
+  EXPECT_EQ(leavesRoom(line, *makeReference(line), square()), leavesRoom(*makeReference(line), square()));
+}
+
 }  // namespace room_test
 }  // namespace ground

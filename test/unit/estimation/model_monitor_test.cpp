@@ -29,14 +29,19 @@ Model with(const std::string& effect, const std::map<std::string, double>& value
 /// states.
 class Experiment {
  public:
-  explicit Experiment(const Model& truth) : dynamics_(truth), bits_(makePrbs(9, 1)) {}
+  /// rows: inputs of left and right, 15 a second, again and again; a PRBS if there are none.
+  explicit Experiment(const Model& truth, std::vector<std::array<double, 2>> rows = {})
+      : dynamics_(truth), rows_(std::move(rows)) {
+    if (rows_.empty())
+      for (const auto& [left, right] : makePrbs(9, 1)) rows_.push_back({double(left), double(right)});
+  }
 
   template <class Each>
   void run(double from, double until, std::vector<ModelMonitor*> monitors, Each each) {
     InputSequence inputs;
     for (double t = 0; t < until; t += 1 / 15.0) {
-      const auto& bit = bits_[static_cast<std::size_t>(t * 15.0 + 0.5) % bits_.size()];
-      inputs.add(t, bit[0], bit[1], 1);
+      const auto& row = rows_[static_cast<std::size_t>(t * 15.0 + 0.5) % rows_.size()];
+      inputs.add(t, row[0], row[1], 1);
     }
     Simulation<double> simulation(dynamics_, inputs, {}, 0);
     std::size_t next = 0;
@@ -57,12 +62,21 @@ class Experiment {
 
  private:
   Dynamics<double> dynamics_;
-  PrbsBits bits_;
+  std::vector<std::array<double, 2>> rows_;
   std::mt19937 random_{1};
   std::normal_distribution<double> normal_;
 };
 
-TEST(ModelMonitor, ATrueModelHasTheErrorOfTheMeasurement) {
+/// Whether a root mean square of few independent predictions is what the noise leaves.
+void expectNoise(const PoseError& rms, const PoseError& noise) {
+  for (const auto& [found, expected] :
+       {std::pair(rms.position, noise.position), {rms.heading, noise.heading}}) {
+    EXPECT_GT(found, 0.6 * expected);
+    EXPECT_LT(found, 1.6 * expected);
+  }
+}
+
+TEST(ModelMonitor, ATrueModelShowsWhatTheNoiseLeaves) {
   for (const Model& truth :
        {craft(), with("motor_lag", {{"tau", 0.06}}), with("input_delay", {{"delay", 0.05}}),
         with("heading_offset", {{"psi0", 1.2}}), with("marker_offset", {{"dx", 0.03}, {"dy", 0.01}})}) {
@@ -78,17 +92,68 @@ TEST(ModelMonitor, ATrueModelHasTheErrorOfTheMeasurement) {
     EXPECT_NEAR(first, 1.0, 0.011);
     EXPECT_NEAR(last->horizon, 1.0, 0.011);
     EXPECT_NEAR(last->covered, 10.0, 0.011);
-    EXPECT_LT(last->mean.x(), 0.04);
-    EXPECT_LT(last->mean.y(), 0.04);
-    EXPECT_LT(last->mean.z(), 0.07);
-    EXPECT_LT(last->error, 0.09);
+    EXPECT_TRUE(last->excited);
+    expectNoise(last->rms, last->noise);
+    EXPECT_LT(last->noise.position, 0.02);
+    EXPECT_LT(last->noise.heading, 0.1);
   }
+}
+
+/// The error at the end of 40 s of constant inputs, by which a craft comes to a steady circle.
+std::optional<ModelMonitor::Error> onACircle(const Model& truth, const Model& model) {
+  ModelMonitor monitor(model, {});
+  std::optional<ModelMonitor::Error> last;
+  Experiment(truth, {{0.2, 0.22}}).run(0, 40, {&monitor}, [&](double t, const RigidState<double>& s) {
+    if (const auto found = monitor.measure(t, s)) last = found;
+  });
+  return last;
+}
+
+TEST(ModelMonitor, ARightModelOnASteadyCircleShowsItsNoiseAndAWrongOneHowWrongItIs) {
+  const auto right = onACircle(craft(), craft());
+  ASSERT_TRUE(right);
+  EXPECT_TRUE(right->excited);
+  expectNoise(right->rms, right->noise);
+  // 0.02 N on 0.0583 kg is 170 mm after 1 s.
+  const auto wrong = onACircle(with("body_force_bias", {{"x0", 0.02}, {"y0", 0}}), craft());
+  ASSERT_TRUE(wrong);
+  EXPECT_GT(wrong->rms.position, 0.08);
+  EXPECT_LT(wrong->rms.position, 0.25);
+}
+
+TEST(ModelMonitor, ACraftAtRestTellsNothing) {
+  ModelMonitor monitor(craft(), {});
+  std::mt19937 random{1};
+  std::normal_distribution<double> normal;
+  std::optional<ModelMonitor::Error> last;
+  monitor.command(0, {0, 0}, 1);
+  for (int i = 0; i < 1000; ++i) {
+    const double x = 3e-4 * normal(random), y = 3e-4 * normal(random), psi = 5e-3 * normal(random);
+    if (const auto found = monitor.measure(0.01 * i, {{x, y, psi}, {0, 0, 0}})) last = found;
+  }
+  ASSERT_TRUE(last);
+  EXPECT_FALSE(last->excited);
+  expectNoise(last->rms, last->noise);
+}
+
+TEST(ModelMonitor, OnTheFloorNothingIsPooled) {
+  ModelMonitor monitor(craft(), {});
+  std::optional<ModelMonitor::Error> flying, landed;
+  Experiment(craft()).run(0, 5, {&monitor}, [&](double t, const RigidState<double>& s) {
+    if (const auto found = monitor.measure(t, s)) flying = found;
+  });
+  monitor.command(5, {0, 0}, 0);
+  for (int i = 0; i < 200; ++i) landed = monitor.measure(5 + 0.01 * i, {{0, 0, 0}, {0, 0, 0}});
+  ASSERT_TRUE(flying && landed);
+  EXPECT_TRUE(flying->excited);
+  EXPECT_FALSE(landed->excited);
+  EXPECT_NEAR(landed->rms.position, flying->rms.position, 0.1 * flying->rms.position);
 }
 
 TEST(ModelMonitor, TheMissingWrenchIsThatOfTheHiddenEffect) {
   const Model truth = with("body_force_bias", {{"x0", 0.02}, {"y0", -0.01}});
   ModelMonitor nominal(craft(), {}), right(truth, {});
-  Vector3<double> missing = Vector3<double>::Zero(), rest = missing;
+  Vector3<double> missing = Vector3<double>::Zero(), rest = missing, off = missing;
   int count = 0;
   double errors[2] = {0, 0};
   Experiment(truth).run(0, 15, {&nominal, &right}, [&](double t, const RigidState<double>& s) {
@@ -96,9 +161,10 @@ TEST(ModelMonitor, TheMissingWrenchIsThatOfTheHiddenEffect) {
     if (!a || !b || t < 3) return;
     missing += a->wrench;
     rest += b->wrench;
+    off += b->wrench.cwiseQuotient(b->wrench_noise).cwiseAbs2();
     ++count;
-    errors[0] = a->error;
-    errors[1] = b->error;
+    errors[0] = a->rms.position;
+    errors[1] = b->rms.position;
   });
   EXPECT_NEAR(missing.x() / count, 0.02, 0.002);
   EXPECT_NEAR(missing.y() / count, -0.01, 0.002);
@@ -106,6 +172,7 @@ TEST(ModelMonitor, TheMissingWrenchIsThatOfTheHiddenEffect) {
   EXPECT_NEAR(rest.x() / count, 0, 1e-3);
   EXPECT_NEAR(rest.y() / count, 0, 1e-3);
   EXPECT_GT(errors[0], 2 * errors[1]);
+  for (int i = 0; i < 3; ++i) EXPECT_NEAR(off(i) / count, 1, 0.4) << "what the noise of the poses explains";
 }
 
 TEST(ModelMonitor, ResetsWhenTimeJumpsBack) {

@@ -183,7 +183,7 @@ TEST(OneOriginOfTime, ALiveComparisonStartedDuringADrivePredictsTheSimulatedCraf
       if (found && run.times[i] > 5) wrench = std::max(wrench, std::abs(found->wrench.x()));
     }
     ASSERT_TRUE(last);
-    EXPECT_LT(last->error, 0.01);
+    EXPECT_LT(last->rms.position, 1e-3);
     EXPECT_LT(wrench, 2e-3);  // 0.06 N with a wrong origin
   }
 }

@@ -25,6 +25,7 @@ _PUBLIC = {
     "control.track": "Tracking track",
     "diagnosing.diagnose": "diagnose",
     "diagnosing.result": "Diagnosis",
+    "equations.written": "ExportedModel",
     "support.errors": "GroundError GroundWarning OptionError",
     "fitting.fit": "fit",
     "fitting.result": "Fit",
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from ground.diagnosing.diagnose import diagnose
     from ground.diagnosing.result import Diagnosis
     from ground.discovery.discover import Discovery, discover
+    from ground.equations.written import ExportedModel
     from ground.fitting.add import Addition, add
     from ground.fitting.fit import fit
     from ground.fitting.result import Fit
@@ -66,6 +68,7 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "EffectParameter",
     "Effects",
     "Figures",
+    "ExportedModel",
     "Fit",
     "Fitted",
     "GroundError",

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import pandas
 
     from ground import Prediction
+    from ground.equations.written import ExportedModel
     from ground.recordings.recording import Recording
 
 
@@ -230,6 +231,25 @@ class Model(Shown):
             with open(temporary, "w") as file:
                 file.write(self.format())
         return Model(self.core, os.fspath(path))
+
+    def export(self, path: Path, to: Optional[str] = None, force: bool = False) -> "ExportedModel":
+        """Writes the model as code that needs no ground: a controller of your own can run it.
+
+        to: "numpy", "casadi" or "c"; by default NumPy for a path that ends in .py, C for .h and .c. The
+        code is compared with this model at 1000 random states. GroundError when it differs, an effect
+        cannot be written as formulas, or the file cannot be written; force: overwrites an existing one.
+
+        >>> import tempfile
+        >>> craft = Model.load(model_file).with_effect("motor_lag", tau=0.05)
+        >>> written = craft.export(tempfile.mkdtemp() + "/craft.py")
+        >>> written.states[6:], written.inputs
+        (['motor_lag.left', 'motor_lag.right'], ['left', 'right', 'lift'])
+        >>> written.difference < 1e-9
+        True
+        """
+        from ground.equations import written
+
+        return written.write(self.core, path, to, force)
 
     def to_frame(self) -> "pandas.DataFrame":
         """Parameters as a table, indexed by name: value, unit, meaning."""

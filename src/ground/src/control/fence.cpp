@@ -82,4 +82,26 @@ std::string leavesRoom(const ReferenceTrajectory& reference, const Room& room) {
   return text;
 }
 
+std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference,
+                       const Room& room) {
+  std::string problem = leavesRoom(reference, room);
+  const auto& kinds = referenceTable();
+  const auto kind = std::find_if(kinds.begin(), kinds.end(),
+                                 [&](const ReferenceInfo& info) { return info.name == params.kind; });
+  const std::vector<std::string> takes = kind == kinds.end() ? std::vector<std::string>() : kind->takes;
+  if (problem.empty() || std::find(takes.begin(), takes.end(), "size") == takes.end()) return problem;
+  constexpr double kStep = 0.01;  // [m]
+  int fits = 0, fails = static_cast<int>(std::ceil(params.size / kStep));
+  while (fails - fits > 1) {
+    const int middle = (fits + fails) / 2;
+    ReferenceParams smaller = params;
+    smaller.size = middle * kStep;
+    (leavesRoom(*makeReference(smaller), room).empty() ? fits : fails) = middle;
+  }
+  if (fits == 0) return problem + "; no size fits here at this rate and speed";
+  char text[60];
+  std::snprintf(text, sizeof text, "; the largest size that fits is %.2f m", fits * kStep);
+  return problem + text;
+}
+
 }  // namespace ground

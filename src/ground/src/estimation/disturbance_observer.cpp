@@ -29,6 +29,8 @@ DisturbanceObserver::DisturbanceObserver(const Model& model, const ObserverParam
 void DisturbanceObserver::reset() {
   started_ = false;
   estimate_ = Estimate();
+  noise_.setZero();
+  transition_.setIdentity();
 }
 
 void DisturbanceObserver::command(double time, const Thrusters<double>& thrusters, double lift) {
@@ -85,6 +87,9 @@ void DisturbanceObserver::begin(double time, const RigidState<double>& measured)
   deviation << params_.position_noise, params_.position_noise, params_.heading_noise, 0.05, 0.05, 0.2,
       params_.push_drift, params_.push_drift, params_.twist_drift;
   covariance_ = deviation.array().square().matrix().asDiagonal();
+  deviation.tail<3>().setZero();
+  noise_ = deviation.array().square().matrix().asDiagonal();
+  transition_.setIdentity();
 }
 
 void DisturbanceObserver::measure(double time, const RigidState<double>& measured) {
@@ -127,6 +132,8 @@ void DisturbanceObserver::predict(double until) {
   Vector9 noise = Vector9::Zero();
   noise.segment<6>(3) << params_.push, params_.push, params_.twist, params_.push_drift, params_.push_drift,
       params_.twist_drift;
+  transition_ = F.topLeftCorner<6, 6>();
+  noise_ = (F * noise_ * F.transpose()).eval();
   covariance_ = (F * covariance_ * F.transpose()).eval();
   covariance_.diagonal() += h * noise.array().square().matrix();
 }
@@ -153,9 +160,9 @@ void DisturbanceObserver::correct(const Vector3<double>& eta) {
   estimate_.missing += change.tail<3>();
   // Joseph form: keeps the covariance symmetric and positive.
   const Matrix9 rest = Matrix9::Identity() - K * H;
-  covariance_ = (rest * covariance_ * rest.transpose() +
-                 K * noise.array().square().matrix().asDiagonal() * K.transpose())
-                    .eval();
+  const Matrix9 by_pose = K * noise.array().square().matrix().asDiagonal() * K.transpose();
+  covariance_ = (rest * covariance_ * rest.transpose() + by_pose).eval();
+  noise_ = (rest * noise_ * rest.transpose() + by_pose).eval();
 }
 
 DisturbanceObserver::Estimate DisturbanceObserver::at(double time) const {

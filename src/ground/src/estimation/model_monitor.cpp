@@ -10,8 +10,15 @@ namespace {
 
 constexpr double kInputMemory = 12;  // commands kept before a prediction, for delay and lag [s]
 constexpr double kSlack = 1.5;       // longest prediction, relative to the horizon
-/// Smallest spread by which errors are divided, that of a craft at rest [m/s], [m/s], [rad/s].
-const Vector3<double> kMinSpread(0.01, 0.01, 0.05);
+constexpr double kExcited = 10;      // least motion within a horizon, relative to noise
+
+/// Squares of the change of position and of heading.
+Vector2<double> squares(const Vector3<double>& change) {
+  const double turned = wrapAngle(change.z());
+  return {change.head<2>().squaredNorm(), turned * turned};
+}
+
+PoseError root(const Vector2<double>& squares) { return {std::sqrt(squares.x()), std::sqrt(squares.y())}; }
 
 }  // namespace
 
@@ -51,17 +58,27 @@ void ModelMonitor::command(double time, const Thrusters<double>& thrusters, doub
   inputs_.dropBefore(time - params_.horizon * kSlack - kInputMemory);
 }
 
-/// The newest state that is at least one horizon old, or nullptr.
-const ModelMonitor::Sample* ModelMonitor::start(double time) const {
+/// The newest state that is at least one horizon old, or the end.
+ModelMonitor::Samples::const_iterator ModelMonitor::start(double time) const {
   const auto after = std::upper_bound(samples_.begin(), samples_.end(), time - params_.horizon + 1e-6,
                                       [](double t, const Sample& s) { return t < s.time; });
-  if (after == samples_.begin()) return nullptr;
-  const Sample& found = *(after - 1);
-  return time - found.time > kSlack * params_.horizon ? nullptr : &found;
+  if (after == samples_.begin()) return samples_.end();
+  const auto found = after - 1;
+  return time - found->time > kSlack * params_.horizon ? samples_.end() : found;
 }
 
 Simulation<double> ModelMonitor::simulate(const Sample& from) const {
   return Simulation<double>(dynamics_, inputs_, from.state, from.time);
+}
+
+/// Variances of position and heading between the newest pose and the one that a right model predicts from
+/// an earlier estimate: both have the noise of poses, the estimate through the filter and the motion since.
+Vector2<double> ModelMonitor::noiseAfter(Samples::const_iterator from) const {
+  Matrix6 noise = from->noise;
+  for (auto next = from + 1; next != samples_.end(); ++next)
+    noise = (next->transition * noise * next->transition.transpose()).eval();
+  const double position = params_.observer.position_noise, heading = params_.observer.heading_noise;
+  return {noise(0, 0) + noise(1, 1) + 2 * position * position, noise(2, 2) + heading * heading};
 }
 
 std::optional<ModelMonitor::Error> ModelMonitor::measure(double time, const RigidState<double>& measured) {
@@ -70,10 +87,11 @@ std::optional<ModelMonitor::Error> ModelMonitor::measure(double time, const Rigi
   observer_.countFrom(inputs_.drive.origin(time));
   observer_.measure(time, measured);
   const DisturbanceObserver::Estimate estimate = observer_.at(time);
-  samples_.push_back({time, estimate.state});
+  samples_.push_back(
+      {time, estimate.state, measured.eta, observer_.noise().topLeftCorner<6, 6>(), observer_.transition()});
   while (time - samples_.front().time > kSlack * params_.horizon) samples_.pop_front();
-  const Sample* from = start(time);
-  if (!from) return std::nullopt;
+  const auto from = start(time);
+  if (from == samples_.end()) return std::nullopt;
   Error error;
   error.horizon = time - from->time;
   Simulation<double> simulation = simulate(*from);
@@ -81,36 +99,50 @@ std::optional<ModelMonitor::Error> ModelMonitor::measure(double time, const Rigi
   error.predicted = simulation.measure();
   error.eta = measured.eta - error.predicted.eta;
   error.eta.z() = wrapAngle(error.eta.z());
-  error.nu = measured.nu - error.predicted.nu;
-  error.wrench = dynamics_.mass() * estimate.missing;
-  if (!error.eta.allFinite() || !error.nu.allFinite() || !error.wrench.allFinite()) return std::nullopt;
-  add({time, error.nu.cwiseAbs(), measured.nu});
-  const double count = static_cast<double>(scores_.size());
-  Vector3<double> mean_error = Vector3<double>::Zero(), mean = mean_error, square = mean_error;
-  for (const Score& s : scores_) {
-    mean_error += s.error / count;
-    mean += s.nu / count;
-  }
-  for (const Score& s : scores_) square += (s.nu - mean).cwiseAbs2() / count;
-  error.mean = mean_error;
-  error.spread = square.cwiseSqrt().cwiseMax(kMinSpread);
-  error.error = error.mean.cwiseQuotient(error.spread).sum();
-  error.error_now = error.nu.cwiseAbs().cwiseQuotient(error.spread).sum();
-  error.covered = time - scores_.front().time;
+  const Matrix3<double> mass = dynamics_.mass();
+  error.wrench = mass * estimate.missing;
+  error.wrench_noise =
+      (mass * observer_.noise().bottomRightCorner<3, 3>() * mass.transpose()).diagonal().cwiseSqrt();
+  if (!error.eta.allFinite() || !error.wrench.allFinite()) return std::nullopt;
+  error.now = root(squares(error.eta));
+  const Vector2<double> motion =
+      squares(measured.eta - from->measured).cwiseMax(squares(error.predicted.eta - from->measured));
+  if (hasLift(from->time)) scores_.push_back({time, squares(error.eta), noiseAfter(from), motion});
+  pool(time, error);
   return error;
 }
 
-void ModelMonitor::add(const Score& score) {
-  scores_.push_back(score);
-  while (score.time - scores_.front().time > params_.window) scores_.pop_front();
+/// Whether the craft has had lift since a time; without it, it lies on the floor, which models leave out.
+bool ModelMonitor::hasLift(double since) const {
+  const auto next = std::upper_bound(inputs_.times.begin(), inputs_.times.end(), since);
+  if (next == inputs_.times.begin()) return false;
+  const auto acting = inputs_.lift.begin() + (next - inputs_.times.begin() - 1);
+  return std::all_of(acting, inputs_.lift.end(), [](double lift) { return lift > 0; });
+}
+
+/// Reports the means over the window that ends at a time.
+void ModelMonitor::pool(double time, Error& error) {
+  while (!scores_.empty() && time - scores_.front().time > params_.window) scores_.pop_front();
+  const double count = static_cast<double>(scores_.size());
+  Score sum{0, Vector2<double>::Zero(), Vector2<double>::Zero(), Vector2<double>::Zero()};
+  for (const Score& s : scores_) {
+    sum.error += s.error / count;
+    sum.noise += s.noise / count;
+    sum.motion += s.motion / count;
+  }
+  error.rms = root(sum.error);
+  error.noise = root(sum.noise);
+  const bool is_newest = !scores_.empty() && scores_.back().time == time;
+  error.excited = is_newest && (sum.motion.array() > kExcited * kExcited * sum.noise.array()).any();
+  error.covered = scores_.empty() ? 0 : time - scores_.front().time;
 }
 
 std::vector<Vector3<double>> ModelMonitor::path(double step) const {
   std::vector<Vector3<double>> poses;
   if (samples_.empty()) return poses;
   const double end = samples_.back().time;
-  const Sample* from = start(end);
-  if (!from) return poses;
+  const auto from = start(end);
+  if (from == samples_.end()) return poses;
   Simulation<double> simulation = simulate(*from);
   const int steps = std::max(1, static_cast<int>(std::lround((end - from->time) / step)));
   for (int i = 0; i <= steps; ++i) {
@@ -124,7 +156,12 @@ std::vector<Vector3<double>> ModelMonitor::path(double step) const {
 
 void ModelContest::add(double time, const ModelMonitor::Error& first, const ModelMonitor::Error& second) {
   if (!differences_.empty() && time < differences_.back().first) differences_.clear();
-  differences_.emplace_back(time, first.error_now - second.error_now);
+  const double position = std::min(first.noise.position, second.noise.position);
+  const double heading = std::min(first.noise.heading, second.noise.heading);
+  const auto relative = [&](const PoseError& e) {
+    return std::hypot(e.position / position, e.heading / heading);
+  };
+  differences_.emplace_back(time, relative(first.now) - relative(second.now));
   while (time - differences_.front().first > window_) differences_.pop_front();
 }
 

@@ -38,6 +38,18 @@ bool couples(const Matrix3<T>& mass) {
   return !isZero(T(mass(0, 0) - mass(1, 1)));
 }
 
+template <typename T>
+Matrix3<T> inverseOf(const Matrix3<T>& mass) {
+  return mass.inverse();
+}
+/// Short where the matrix is diagonal, as it is without effects.
+Matrix3<Symbol> inverseOf(const Matrix3<Symbol>& mass) {
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j)
+      if (i != j && !isZero(mass(i, j))) return mass.inverse();
+  return mass.diagonal().cwiseInverse().asDiagonal();
+}
+
 }  // namespace
 
 template <typename T>
@@ -48,7 +60,7 @@ struct Dynamics<T>::Instant {
   Point<T> point;
 
   Instant(const Dynamics& d, const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
-          const Vector3<T>& nu, const Drive& drive, double lift, const T* states)
+          const Vector3<T>& nu, const Drive& drive, Given<T> lift, const T* states)
       : since(notBelowZero(t)),
         point{since,
               eta,
@@ -109,7 +121,7 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
     add(entry, p);
     p += entry.effect->info().parameters.size();
   }
-  mass_inverse_ = mass_.inverse();
+  mass_inverse_ = inverseOf(mass_);
   is_alone_ = !couples(mass_) && !has_air_ && !layout_->sways() && thrust_.empty() && wrench_.empty() &&
               rates_.empty();
   stages_ = {initial_, initial_, std::vector<T>(initial_.size(), T(0.0))};
@@ -153,7 +165,7 @@ void Dynamics<T>::requireThrusters(int count) const {
 }
 
 template <typename T>
-StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, double lift, const T& h, T* states) const {
+StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, Given<T> lift, const T& h, T* states) const {
   StepInputs<T> inputs{{command}, lift, actuators_.empty(), states};
   if (!inputs.held) inputs.thrusters[1] = inputs.thrusters[2] = command;
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
@@ -169,7 +181,7 @@ Settling Dynamics<T>::settling() const {
 }
 
 template <typename T>
-void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command, double lift,
+void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command, Given<T> lift,
                          const T& h, T* states) const {
   const StepInputs<T> inputs = actuate(command, lift, h, states);
   if (rates_.empty()) return;
@@ -200,7 +212,7 @@ void Dynamics<T>::rates(Instant& instant, const T* states, T* rates) const {
 }
 
 template <typename T>
-void Dynamics<T>::derive(const T& t, const RigidState<T>& state, const Drive& drive, double lift,
+void Dynamics<T>::derive(const T& t, const RigidState<T>& state, const Drive& drive, Given<T> lift,
                          const T* states, T* rates, bool pose, RigidState<T>& dot) const {
   const T &u = state.nu.x(), &v = state.nu.y(), &r = state.nu.z();
   Rotation<T> heading;
@@ -224,9 +236,9 @@ void Dynamics<T>::derive(const T& t, const RigidState<T>& state, const Drive& dr
 
 template <typename T>
 RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state, const Thrusters<T>& input,
-                                      double lift, const T* states) const {
+                                      Given<T> lift, const T* states, T* rates) const {
   RigidState<T> dot;
-  derive(t, state, Drive(*this, input), lift, states ? states : initial_.data(), nullptr, true, dot);
+  derive(t, state, Drive(*this, input), lift, states ? states : initial_.data(), rates, true, dot);
   return dot;
 }
 
@@ -315,6 +327,7 @@ Measurement<T> Dynamics<T>::measure(const RigidState<T>& state) const {
 
 template class Dynamics<double>;
 template class Dynamics<Jet>;
+template class Dynamics<Symbol>;
 
 template void Dynamics<double>::step(double&, RigidState<double>&, const StepInputs<double>&, const double&,
                                      int, bool) const;

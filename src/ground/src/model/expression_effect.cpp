@@ -10,6 +10,7 @@
 #include <stdexcept>
 
 #include "arguments.h"
+#include "formula_symbols.h"
 #include "ground/model/shortened.h"
 
 namespace ground {
@@ -77,6 +78,7 @@ class ExpressionEffect final : public Effect {
   }
   GROUND_HOOKS_OF(double)
   GROUND_HOOKS_OF(Jet)
+  GROUND_HOOKS_OF(Symbol)
 #undef GROUND_HOOKS_OF
 
   /// Throws std::invalid_argument if the derivative of a state is not finite at these values of the
@@ -109,6 +111,21 @@ class ExpressionEffect final : public Effect {
           if (!isConstant(at)) sums[i].v += derivative(formulas[i], j) * at.v;
         }
     }
+  }
+  void add(const Symbol* p, const Point<Symbol>& point, const Formula* formulas, int count,
+           Symbol* sums) const {
+    NamedSymbols names;
+    for (int j = 0; j < static_cast<int>(values_.size()); ++j) {
+      const Symbol at = argument(p, point, j);
+      if (j < variableCount())
+        for (const std::string& name : variables_[static_cast<std::size_t>(j)]) names.emplace_back(name, at);
+      else if (j < firstParameter())
+        names.emplace_back(definition_.states[static_cast<std::size_t>(j - variableCount())].name, at);
+      else
+        names.emplace_back(info_.parameters[static_cast<std::size_t>(j - firstParameter())].name, at);
+    }
+    for (int i = 0; i < count; ++i)
+      if (!formulas[i].text.empty()) sums[i] += symbolOf(formulas[i].text, names);
   }
   template <typename T>
   T argument(const T* p, const Point<T>& point, int j) const {

@@ -55,22 +55,7 @@ class Bells {
     std::array<T, kMaxCoordinates> at;
     coordinates<T>([&](int i) { return argumentOf(point, arguments_[static_cast<std::size_t>(i)]); },
                    [&](int) { return Vector2<T>(point.heading.c, point.heading.s); }, at.data());
-    Place place(count_);
-    for (int i = 0; i < count_; ++i) place(i) = valueOf(at[static_cast<std::size_t>(i)]);
-    Vector3<double> value = Vector3<double>::Zero();
-    Slopes slopes = Slopes::Zero(3, count_);
-    for (Eigen::Index bell = 0; bell < centres_.cols(); ++bell) {
-      const Place away = place - centres_.col(bell);
-      const double base = 1 - kOverReach2 * away.squaredNorm();
-      if (base <= 0) continue;
-      value += std::pow(base, 4) * weights_.col(bell);
-      if constexpr (!std::is_same_v<T, double>)
-        slopes += (-8 * kOverReach2 * std::pow(base, 3)) * weights_.col(bell) * away.transpose();
-    }
-    Vector3<T> term = value.cast<T>();
-    if constexpr (!std::is_same_v<T, double>)
-      for (int c = 0; c < 3; ++c)
-        for (int i = 0; i < count_; ++i) term(c).v += slopes(c, i) * at[static_cast<std::size_t>(i)].v;
+    Vector3<T> term = sum(at.data());
     term *= scale;
     addInBody(term, world_, point, wrench);
   }
@@ -84,6 +69,36 @@ class Bells {
  private:
   using Place = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxCoordinates, 1>;
   using Slopes = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxCoordinates>;
+
+  /// The sum of all bells at some coordinates.
+  template <typename T>
+  Vector3<T> sum(const T* at) const {
+    Place place(count_);
+    for (int i = 0; i < count_; ++i) place(i) = valueOf(at[i]);
+    Vector3<double> value = Vector3<double>::Zero();
+    Slopes slopes = Slopes::Zero(3, count_);
+    for (Eigen::Index bell = 0; bell < centres_.cols(); ++bell) {
+      const Place away = place - centres_.col(bell);
+      const double base = 1 - kOverReach2 * away.squaredNorm();
+      if (base <= 0) continue;
+      value += std::pow(base, 4) * weights_.col(bell);
+      if constexpr (!std::is_same_v<T, double>)
+        slopes += (-8 * kOverReach2 * std::pow(base, 3)) * weights_.col(bell) * away.transpose();
+    }
+    Vector3<T> term = value.cast<T>();
+    if constexpr (!std::is_same_v<T, double>)
+      for (int c = 0; c < 3; ++c)
+        for (int i = 0; i < count_; ++i) term(c).v += slopes(c, i) * at[i].v;
+    return term;
+  }
+  Vector3<Symbol> sum(const Symbol* at) const {
+    Eigen::MatrixXd table(centres_.cols(), count_ + 3);
+    table << centres_.transpose() / kReach, weights_.transpose();
+    std::vector<Symbol> scaled;
+    for (int i = 0; i < count_; ++i) scaled.push_back(at[i] * (1 / kReach));
+    const std::vector<Symbol> sums = Trace::current().bells(table, scaled);
+    return {sums[0], sums[1], sums[2]};
+  }
 
   /// Coordinates from functions that give argument i of the term, and cosine and sine of the heading.
   template <typename T, class Argument, class Heading>
@@ -140,6 +155,7 @@ class LearnedWrenchEffect final : public Effect, public std::enable_shared_from_
   }
   GROUND_HOOK_OF(double)
   GROUND_HOOK_OF(Jet)
+  GROUND_HOOK_OF(Symbol)
 #undef GROUND_HOOK_OF
 
  private:

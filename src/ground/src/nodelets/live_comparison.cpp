@@ -161,12 +161,13 @@ class LiveComparison : public Shell {
       errors[i] = c.monitor->measure(time, state);
       if (errors[i]) publishError(c, message->header, *errors[i]);
     }
-    if (errors[0] && errors[1]) contest_.add(time, *errors[0], *errors[1]);
+    const bool is_tried = errors[0] && errors[1] && errors[0]->excited && errors[1]->excited;
+    if (is_tried) contest_.add(time, *errors[0], *errors[1]);
     if (time - last_paths_ < 1 / config_.rate) return;
     last_paths_ = time;
     for (Contestant& c : contestants_)
       if (c.monitor) publishPath(c, message->header.stamp);
-    if (errors[0] && errors[1]) publishComparison(message->header, *errors[0], *errors[1]);
+    if (errors[0] && errors[1]) publishComparison(message->header);
   }
 
   static void publishError(Contestant& c, const std_msgs::Header& header, const ModelMonitor::Error& e) {
@@ -175,16 +176,17 @@ class LiveComparison : public Shell {
     message->model = c.name;
     message->horizon = e.horizon;
     message->window = e.covered;
-    message->error = e.error;
-    message->error_now = e.error_now;
+    message->position_error = e.rms.position;
+    message->heading_error = e.rms.heading;
+    message->position_noise = e.noise.position;
+    message->heading_noise = e.noise.heading;
+    message->excited = e.excited;
     for (int i = 0; i < 3; ++i) {
       message->eta[i] = e.predicted.eta(i);
       message->nu[i] = e.predicted.nu(i);
       message->eta_error[i] = e.eta(i);
-      message->nu_error[i] = e.nu(i);
       message->wrench[i] = e.wrench(i);
-      message->mean_error[i] = e.mean(i);
-      message->spread[i] = e.spread(i);
+      message->wrench_noise[i] = e.wrench_noise(i);
     }
     c.error.publish(message);
   }
@@ -196,11 +198,9 @@ class LiveComparison : public Shell {
     if (!path->poses.empty()) c.path.publish(path);
   }
 
-  void publishComparison(const std_msgs::Header& header, const ModelMonitor::Error& first,
-                         const ModelMonitor::Error& second) {
+  void publishComparison(const std_msgs::Header& header) {
     auto message = boost::make_shared<ground_msgs::ModelComparison>();
     message->header = header;
-    message->error = {first.error, second.error};
     for (std::size_t i = 0; i < kModels; ++i) message->models[i] = contestants_[i].name;
     if (const auto found = contest_.preference()) {
       message->difference = found->difference;

@@ -2,6 +2,7 @@
 #include <ground_msgs/Controls.h>
 #include <ground_msgs/ModelComparison.h>
 #include <ground_msgs/ModelError.h>
+#include <ground_msgs/Reference.h>
 #include <ground_msgs/State.h>
 #include <nav_msgs/Path.h>
 #include <tf2_ros/transform_broadcaster.h>
@@ -11,9 +12,9 @@
 #include <array>
 #include <cmath>
 #include <deque>
+#include <limits>
 #include <mutex>
 #include <pluginlib/class_list_macros.hpp>
-#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -28,23 +29,23 @@
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/shell.h"
 #include "ground/nodelets/time.h"
+#include "legend.h"
 
 namespace ground {
 
-/// Shows the craft in rviz: its path, the force of each thruster, the missing force, a map of a
-/// model's prediction errors on the floor, and a legend in the colours of what it explains, with units,
-/// scales and the errors of models.
+/// Shows the craft in rviz: its path, the force of each thruster, the missing force where it is more than
+/// noise, a map of a model's prediction errors on the floor, and a legend in the colours of what it
+/// explains, with units, scales and how far models are off.
 ///
 /// Parameters: model (model file, required), room (file of a room, whose walls are shown;
 /// empty: none) and those of Visualizer.cfg, which can be changed at run time.
-/// Subscribes: state, controls, model_error, model_error2, model_comparison. Publishes:
-/// path/measured, markers, legend, floor_map, room (latched). Broadcasts the frame "view": at the
-/// craft, or at the home of the room (follow), with the axes of world_ned; views and the legend are
-/// in it.
+/// Subscribes: state, controls, reference, model_error, model_error2, model_comparison. Publishes:
+/// path/measured, markers, legend, floor_map, room (latched). Broadcasts the frame "view" with the axes of
+/// world_ned: at the home of the room, or at the craft if there is no room or by `follow`; views and the
+/// legend are in it.
 class Visualizer : public Shell {
  private:
   using Config = VisualizerConfig;
-  using LegendLines = std::vector<std::pair<std::string, std::string>>;  ///< text and colour
 
   void start(ros::NodeHandle& nh, ros::NodeHandle& topics) override {
     model_ = loadModelAndWarn(requiredParameter<std::string>(nh, "model"));
@@ -65,6 +66,7 @@ class Visualizer : public Shell {
         keep(topics, "model_error2", errors_[1])};
     comparison_subscriber_ = keep(topics, "model_comparison", comparison_);
     controls_subscriber_ = keep(topics, "controls", controls_);
+    reference_subscriber_ = keep(topics, "reference", reference_);
     state_subscriber_ = topics.subscribe("state", 50, &Visualizer::onState, this);
   }
 
@@ -81,8 +83,9 @@ class Visualizer : public Shell {
   void onError(const ground_msgs::ModelError::ConstPtr& error) {
     const std::lock_guard<std::mutex> lock(mutex_);
     errors_[0] = error;
-    if (error->window < kMinWindow) return;
-    floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1], error->error_now);
+    if (error->window < kMinWindow || !error->excited) return;
+    floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1],
+               std::hypot(error->eta_error[0], error->eta_error[1]));
   }
 
   void onState(const ground_msgs::State::ConstPtr& state) {
@@ -92,6 +95,7 @@ class Visualizer : public Shell {
       floor_ = FloorMap(config_.cell);
       errors_ = {};
       comparison_.reset();
+      reference_.reset();
       last_update_ = last_floor_ = last_legend_ = ros::Time();
     }
     if (state->valid) {
@@ -123,11 +127,13 @@ class Visualizer : public Shell {
     view.header.stamp = state.header.stamp;
     view.header.frame_id = "world_ned";
     view.child_frame_id = kView;
-    view.transform.translation.x = config_.follow ? state.eta[0] : home_.x();
-    view.transform.translation.y = config_.follow ? state.eta[1] : home_.y();
+    view.transform.translation.x = follows() ? state.eta[0] : home_.x();
+    view.transform.translation.y = follows() ? state.eta[1] : home_.y();
     view.transform.rotation.w = 1;
     broadcaster_.sendTransform(view);
   }
+
+  bool follows() const { return config_.follow || !has_room_; }
 
   /// Stamp of the first message minus stamp of the second [s]. Computed as a difference, because
   /// ROS does not allow times before zero.
@@ -237,92 +243,79 @@ class Visualizer : public Shell {
     }
   }
 
-  bool isRecent(const ground_msgs::ModelError::ConstPtr& error) const {
-    return error && !states_.empty() && std::abs(age(*states_.back(), *error)) < kRecent;
+  template <class Message>
+  bool isRecent(const boost::shared_ptr<const Message>& message) const {
+    return message && !states_.empty() && std::abs(age(*states_.back(), *message)) < kRecent;
   }
 
   /// Adds arrows for the missing force of the first model, at the craft, and its moment as a
-  /// lateral force at the bow.
+  /// lateral force at the bow, where they are more than noise. Their length is limited.
   template <class At>
   void addMissing(visualization_msgs::MarkerArray& array, const ros::Time& stamp, At at) {
     using visualization_msgs::Marker;
-    const bool known = isRecent(errors_[0]);
-    const double l = model_.body.l, full = typical::force(model_.body);
-    const std::array<double, 3> w =
-        known ? std::array<double, 3>{errors_[0]->wrench[0], errors_[0]->wrench[1], errors_[0]->wrench[2]}
-              : std::array<double, 3>{};
-    const double per_newton = config_.missing_length / full;
-    const auto arrow = [&](int id, double from, double forward, double starboard) {
+    const double l = model_.body.l, per_newton = config_.missing_length / typical::force(model_.body);
+    const auto arrow = [&](int id, double from, Vector2<double> force, bool is_sure) {
+      Vector2<double> along = per_newton * force;
+      if (along.norm() > kLongest) along *= kLongest / along.norm();
       Marker m = marker(stamp, id, Marker::ARROW, palette::kMissing);
-      m.points = {at(from, 0, -3 * l), at(from + per_newton * forward, per_newton * starboard, -3 * l)};
+      m.points = {at(from, 0, -3 * l), at(from + along.x(), along.y(), -3 * l)};
       m.scale.x = 1.5 * kArrowWidth;
       m.scale.y = 3.5 * kArrowWidth;
-      if (!known || std::hypot(forward, starboard) < kMinPart * full) m.action = Marker::DELETE;
+      if (!is_sure || along.norm() < kShortest) m.action = Marker::DELETE;
       array.markers.push_back(m);
     };
-    arrow(kMissing, 0, w[0], w[1]);
-    arrow(kMissing + 1, 2.5 * l, 0, w[2] / l);
+    const bool known = isRecent(errors_[0]);
+    const ground_msgs::ModelError error = known ? *errors_[0] : ground_msgs::ModelError();
+    const auto is_sure = [&](int i) { return std::abs(error.wrench[i]) > kSure * error.wrench_noise[i]; };
+    const auto& w = error.wrench;
+    arrow(kMissing, 0, {w[0], w[1]}, known && (is_sure(0) || is_sure(1)));
+    arrow(kMissing + 1, 2.5 * l, {0, w[2] / l}, known && is_sure(2));
   }
 
-  /// Publishes the legend when it changes: lines one below the other as seen from above with x upwards.
+  /// Publishes the legend when it changes, left of the room's walls.
   void publishLegend() {
-    using visualization_msgs::Marker;
     const LegendLines lines = config_.legend ? legendLines() : LegendLines();
     if (lines == legend_) return;
     legend_ = lines;
-    auto array = boost::make_shared<visualization_msgs::MarkerArray>();
-    array->markers.push_back(makeMarker(kView, "legend", 0, Marker::CUBE, markerColor(palette::kBlack)));
-    array->markers.back().action = Marker::DELETEALL;
-    double x = config_.legend_ahead;
-    for (const auto& [text, color] : lines) {
-      const int id = static_cast<int>(array->markers.size());
-      array->markers.push_back(makeMarker(kView, "legend", id, Marker::TEXT_VIEW_FACING, markerColor(color)));
-      Marker& line = array->markers.back();
-      line.frame_locked = true;
-      line.text = text;
-      line.scale.z = kTextHeight;
-      line.pose.position = markerPoint(x, config_.legend_aside, kLegendZ);
-      x -= 1.6 * kTextHeight;
-    }
-    legend_publisher_.publish(array);
+    const double right = follows() ? std::numeric_limits<double>::infinity() : left_wall_ - home_.y() - kGap;
+    legend_publisher_.publish(legendMarkers(lines, kView, config_.legend_ahead, config_.legend_aside, right));
   }
 
-  /// What each line, arrow and colour is, with its unit and scale; the error of each model.
+  /// What each line, arrow and colour is, with its unit and scale; how far each model is off.
   LegendLines legendLines() const {
-    LegendLines lines = {{"measured path", palette::kMeasured}, {"reference", palette::kReference}};
+    LegendLines lines = {{"measured path", palette::kMeasured}};
+    if (isRecent(reference_)) lines.push_back({"reference", palette::kReference});
     for (std::size_t i = 0; i < errors_.size(); ++i) {
       if (!isRecent(errors_[i])) continue;
-      const ground_msgs::ModelError& error = *errors_[i];
-      const bool better = isRecent(errors_[1]) && comparison_ && comparison_->better == error.model;
-      lines.emplace_back(error.model + ", " + rounded(error.horizon) + " s ahead: error " +
-                             rounded(error.error) + (better ? " [-], better" : " [-]"),
-                         palette::kModels[i]);
+      const bool is_better = isRecent(errors_[1]) && comparison_ && comparison_->better == errors_[i]->model;
+      addModel(lines, *errors_[i], is_better, palette::kModels[i]);
     }
-    const double per_meter = 1e3 * typical::force(model_.body) / config_.missing_length;
-    lines.emplace_back("thrust of each thruster: " + rounded(config_.thrust_length) + " m is " +
-                           rounded(1e3 * fullThrust()) + " mN",
-                       palette::kThrusters[0]);
-    if (isRecent(errors_[0]))
-      lines.emplace_back("force missing in " + errors_[0]->model + ": 1 m is " + rounded(per_meter) + " mN",
-                         palette::kMissing);
+    lines.push_back(
+        {"thrust of each thruster: " + rounded(config_.thrust_length) + " m is " + newtons(fullThrust()),
+         palette::kThrusters[0]});
+    if (!isRecent(errors_[0])) return lines;
+    lines.push_back({"missing force, if more than noise: 1 m is " +
+                         newtons(typical::force(model_.body) / config_.missing_length),
+                     palette::kMissing});
     if (config_.floor_map && !floor_.cells().empty())
-      lines.emplace_back("error by place: from 0 (dark) to " + rounded(floor_.large()) + " [-]",
-                         palette::kBlack);
+      lines.push_back({"floor: off by " + rounded(1e3 * errors_[0]->position_noise) +
+                           " mm (dark, noise) to " + rounded(1e3 * floorTop()) + " mm",
+                       palette::kBlack});
     return lines;
   }
 
-  /// Two digits, as in "0.45", "62".
-  static std::string rounded(double value) {
-    std::ostringstream text;
-    text.precision(2);
-    text << value;
-    return text.str();
+  /// Error of the brightest colour of the floor [m].
+  double floorTop() const {
+    const double noise = errors_[0] ? errors_[0]->position_noise : 0;
+    return std::max(floor_.large(), kFloorSpan * noise);
   }
 
   /// Publishes the walls and the home of a room.
   void showRoom(const Room& room) {
     using visualization_msgs::Marker;
     home_ = room.home;
+    has_room_ = true;
+    for (const Vector2<double>& corner : room.corners) left_wall_ = std::min(left_wall_, corner.y());
     auto array = boost::make_shared<visualization_msgs::MarkerArray>();
     const auto draw = [&array](double width, const std::string& color,
                                const std::vector<Vector2<double>>& ends) {
@@ -341,7 +334,7 @@ class Visualizer : public Shell {
     room_publisher_.publish(array);
   }
 
-  /// Publishes the mean error of the first model in each cell of the floor.
+  /// Publishes how far the first model is off in each cell of the floor, over what noise leaves.
   void publishFloor() {
     using visualization_msgs::Marker;
     auto m = boost::make_shared<Marker>(
@@ -350,24 +343,26 @@ class Visualizer : public Shell {
     m->action = config_.floor_map ? Marker::ADD : Marker::DELETE;
     m->scale.x = m->scale.y = 0.96 * config_.cell;
     m->scale.z = 0.002;
-    const double most = floor_.large();
+    const double noise = errors_[0] ? errors_[0]->position_noise : 0, span = floorTop() - noise;
     for (const auto& cell : floor_.cells()) {
       m->points.push_back(markerPoint(cell.x, cell.y, 0.01));  // below the paths
-      m->colors.push_back(scaleColor(cell.mean / most, kFloorOpacity));
+      m->colors.push_back(scaleColor((cell.mean - noise) / span, kFloorOpacity));
     }
     if (m->points.empty()) m->action = Marker::DELETE;
     floor_publisher_.publish(m);
   }
 
-  static constexpr double kRecent = 1.0;        // largest age of an error that is shown [s]
-  static constexpr double kMinWindow = 2.0;     // shortest window with well normalised errors [s]
-  static constexpr double kFloorPeriod = 1.0;   // interval of floor maps [s]
-  static constexpr double kMinPart = 0.01;      // smallest force shown, relative to full thrust
-  static constexpr double kLegendPeriod = 1.0;  // interval of legends [s]
-  static constexpr double kArrowWidth = 0.03;   // shaft of an arrow of thrust [m]
-  static constexpr double kAboveGrid = -0.01, kLegendZ = -0.4;  // z points down [m]
-  static constexpr double kTextHeight = 0.13;                   // of the legend [m]
-  static constexpr const char* kView = "view";                  // frame that views and the legend follow
+  static constexpr double kRecent = 1.0;       // largest age of an error that is shown [s]
+  static constexpr double kMinWindow = 2.0;    // shortest window after which a model has settled [s]
+  static constexpr double kFloorPeriod = 1.0;  // interval of floor maps [s]
+  static constexpr double kFloorSpan = 5;      // least error of the brightest floor, relative to noise
+  static constexpr double kSure = 4;           // least missing force that is shown, relative to noise
+  static constexpr double kShortest = 0.02, kLongest = 0.8;  // arrow of a missing force [m]
+  static constexpr double kGap = 0.2;                        // between legend and wall [m]
+  static constexpr double kLegendPeriod = 1.0;               // interval of legends [s]
+  static constexpr double kArrowWidth = 0.03;                // shaft of an arrow of thrust [m]
+  static constexpr double kAboveGrid = -0.01;                // z points down [m]
+  static constexpr const char* kView = "view";               // frame that views and the legend follow
   static constexpr const char *kHullColor = "#c8c8c8", *kBowColor = "#404040";
   /// First numbers of the markers of the craft.
   enum { kHull = 0, kBow = 1, kMissing = 2, kThrusters = 10, kThrust = kThrusters + kMaxThrusters };
@@ -377,17 +372,20 @@ class Visualizer : public Shell {
   Model model_;
   std::deque<ground_msgs::State::ConstPtr> states_;
   ground_msgs::Controls::ConstPtr controls_;
+  ground_msgs::Reference::ConstPtr reference_;
   std::array<ground_msgs::ModelError::ConstPtr, 2> errors_;
   ground_msgs::ModelComparison::ConstPtr comparison_;
   FloorMap floor_{0.25};
   ros::Time last_update_, last_floor_, last_legend_;
   bool shown_ = false;
-  Vector2<double> home_{0, 0};  ///< of the room, world_ned [m]
+  bool has_room_ = false;
+  Vector2<double> home_{0, 0};                                  ///< of the room, world_ned [m]
+  double left_wall_ = std::numeric_limits<double>::infinity();  ///< smallest y of its corners [m]
   LegendLines legend_;
   tf2_ros::TransformBroadcaster broadcaster_;
   ros::Publisher measured_publisher_, markers_publisher_, legend_publisher_, floor_publisher_,
       room_publisher_;
-  ros::Subscriber state_subscriber_, controls_subscriber_, comparison_subscriber_;
+  ros::Subscriber state_subscriber_, controls_subscriber_, comparison_subscriber_, reference_subscriber_;
   std::array<ros::Subscriber, 2> error_subscribers_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
 };

@@ -18,6 +18,7 @@ namespace ground {
 /// Each adds the classes and functions of a library to the module. Call them in this order, because
 /// libraries use classes of earlier ones.
 void bindModel(pybind11::module_& module);
+void bindEquations(pybind11::module_& module);
 void bindEstimation(pybind11::module_& module);
 void bindControl(pybind11::module_& module);
 void bindSimulation(pybind11::module_& module);

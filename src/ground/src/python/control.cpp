@@ -135,7 +135,7 @@ void defRoom(py::module_& module) {
   module.def(
       "leaves_room",
       [](const ReferenceParams& params, const Room& room) {
-        return leavesRoom(*makeReference(params), room);
+        return leavesRoom(params, *makeReference(params), room);
       },
       py::arg("reference"), py::arg("room"), "Why a reference does not fit into a room; empty if it fits.");
 }

@@ -6,6 +6,7 @@
 
 #include "bindings.h"
 #include "ground/palette.h"
+#include "ground/text_width.h"
 
 namespace {
 
@@ -36,8 +37,11 @@ PYBIND11_MODULE(_core, module) {
                                  std::to_string(EIGEN_MINOR_VERSION);
 
   module.attr("palette") = palette();
+  module.def("text_width", &ground::textWidth, pybind11::arg("text"),
+             "Width of a line of text in rviz, relative to the height of its letters.");
 
   ground::bindModel(module);
+  ground::bindEquations(module);
   ground::bindEstimation(module);
   ground::bindControl(module);
   ground::bindSimulation(module);

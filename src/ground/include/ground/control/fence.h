@@ -49,4 +49,6 @@ struct PlanWalls {
 /// Why a craft on a reference could not be stopped inside a room, with its margin, if the mocap
 /// were lost for Fence::kLoss; empty if it could. Throws std::invalid_argument on an invalid room.
 std::string leavesRoom(const ReferenceTrajectory& reference, const Room& room);
+/// The same for a reference by its parameters, with the largest size that fits if its kind has one.
+std::string leavesRoom(const ReferenceParams& params, const ReferenceTrajectory& reference, const Room& room);
 }  // namespace ground

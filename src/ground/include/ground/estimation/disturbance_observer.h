@@ -41,6 +41,11 @@ class DisturbanceObserver {
   void measure(double time, const RigidState<double>& measured);
   /// The estimate at `time`, which must not be before the last measurement.
   Estimate at(double time) const;
+  /// Covariance of the last estimate's eta, nu and missing acceleration that the noise of the poses alone
+  /// causes when the model is right.
+  const Eigen::Matrix<double, 9, 9>& noise() const { return noise_; }
+  /// Derivatives of eta, nu at the last measurement by those at the one before; the identity after a restart.
+  const Eigen::Matrix<double, 6, 6>& transition() const { return transition_; }
   /// Input delay of the model [s].
   double delay() const { return dynamics_.inputDelay(); }
 
@@ -73,6 +78,8 @@ class DisturbanceObserver {
   double origin_ = std::numeric_limits<double>::infinity();  ///< start of the drive [s]
   Estimate estimate_;
   Matrix9 covariance_;  ///< covariance of eta, nu, missing
+  Matrix9 noise_;       ///< its part that the noise of the poses causes
+  Eigen::Matrix<double, 6, 6> transition_;
 };
 
 }  // namespace ground

@@ -12,28 +12,35 @@ namespace ground {
 
 struct MonitorParams {
   double horizon = 1.0;  ///< how far ahead the model predicts [s]
-  double window = 10.0;  ///< time over which errors are averaged [s]
+  double window = 10.0;  ///< time over which errors are pooled [s]
   ObserverParams observer;
 
   /// Error message, or an empty string if all values are valid.
   std::string validate() const;
 };
 
-/// Compares a model with a running experiment: its prediction error and the missing wrench. The
-/// prediction starts one horizon ago at the state that a disturbance observer estimated then, and
-/// uses the commands since.
+/// Distance between two poses, or its root mean square.
+struct PoseError {
+  double position = 0;  ///< [m]
+  double heading = 0;   ///< [rad]
+};
+
+/// Compares a model with a running experiment: how far its prediction is off, what the noise of the poses
+/// alone would leave of a right model, and the missing wrench. The prediction starts one horizon ago at the
+/// state that a disturbance observer estimated then, and uses the commands since.
 class ModelMonitor {
  public:
   /// Prediction error at one instant.
   struct Error {
     double horizon;                 ///< length of the prediction [s]
     Measurement<double> predicted;  ///< measurement predicted by the model
-    Vector3<double> eta, nu;        ///< measured minus predicted; heading difference wrapped
+    Vector3<double> eta;            ///< measured minus predicted; heading difference wrapped
     Vector3<double> wrench;         ///< missing wrench: X, Y [N], N [N m], body
-    Vector3<double> mean;           ///< mean of |nu| over the window
-    Vector3<double> spread;         ///< standard deviations of the measured nu in the window
-    double error;                   ///< sum of mean / spread
-    double error_now;               ///< sum of |nu| / spread
+    Vector3<double> wrench_noise;   ///< its standard deviations by the noise of the poses
+    PoseError now;                  ///< size of eta
+    PoseError rms;                  ///< root mean square over the window, while the craft has lift
+    PoseError noise;                ///< the same for a right model, by the noise of the poses alone
+    bool excited;                   ///< with lift, it moves or should move by far more than noise
     double covered;                 ///< time in the window covered by errors [s]
   };
 
@@ -56,37 +63,44 @@ class ModelMonitor {
   const Model& model() const { return model_; }
 
  private:
+  using Matrix6 = Eigen::Matrix<double, 6, 6>;
   struct Sample {
     double time;
     RigidState<double> state;  ///< the observer's estimate, which is less noisy than measurements
+    Vector3<double> measured;  ///< pose
+    Matrix6 noise;             ///< covariance of the estimate by the noise of the poses
+    Matrix6 transition;        ///< derivatives of the estimate by the one before
   };
-  /// Terms of the averages.
+  /// Squares of position and heading, whose means over the window are reported.
   struct Score {
     double time;
-    Vector3<double> error, nu;
+    Vector2<double> error, noise, motion;
   };
+  using Samples = std::deque<Sample>;
 
-  const Sample* start(double time) const;
+  Samples::const_iterator start(double time) const;
+  Vector2<double> noiseAfter(Samples::const_iterator from) const;
   Simulation<double> simulate(const Sample& from) const;
-  void add(const Score& score);
+  bool hasLift(double since) const;
+  void pool(double time, Error& error);
 
   Model model_;
   MonitorParams params_;
   Dynamics<double> dynamics_;
   DisturbanceObserver observer_;
   InputSequence inputs_;  ///< on a clock that starts at the first state
-  std::deque<Sample> samples_;
+  Samples samples_;
   std::deque<Score> scores_;
 };
 
 /// Which of two models currently predicts better.
 struct Preference {
-  double difference = 0;      ///< error of the first minus error of the second model
+  double difference = 0;      ///< error of the first minus that of the second model [noise alone is 1]
   double standard_error = 0;  ///< standard error of the difference, by blocks of one horizon
   bool clear() const { return std::abs(difference) > 2 * standard_error && standard_error > 0; }
 };
 
-/// Compares normalised errors of two models at the same instants over a window.
+/// Compares the errors of two models at the same instants over a window.
 class ModelContest {
  public:
   ModelContest(double horizon, double window) : horizon_(horizon), window_(window) {}

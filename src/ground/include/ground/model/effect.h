@@ -59,7 +59,7 @@ struct EffectInfo {
 template <typename T>
 struct StepInputs {
   std::array<Thrusters<T>, 3> thrusters;
-  double lift = 0;    ///< held over the step
+  Given<T> lift{};    ///< held over the step
   bool held = false;  ///< the thruster inputs are also held over the step
   /// States of all effects, integrated over the step with the motion. If null, the states stay at
   /// their initial values.
@@ -77,7 +77,7 @@ struct Point {
   const Thrusters<T>& input;     ///< what reaches the thrusters
   const Thrusters<T>& thrust;    ///< force of the thrusters [N]
   const ThrusterLayout& layout;  ///< where they are
-  double lift;                   ///< 0..1
+  Given<T> lift;                 ///< 0..1
   const Body<T>& body;           ///< nominal parameters
   const Matrix3<T>& mass;        ///< mass matrix with all effects inside
   const T* states;               ///< states of the effect that is called
@@ -119,7 +119,7 @@ class EffectHooks {
 };
 
 /// A physical effect. A model is a rigid body with a list of effects.
-class Effect : public EffectHooks<double>, public EffectHooks<Jet> {
+class Effect : public EffectHooks<double>, public EffectHooks<Jet>, public EffectHooks<Symbol> {
  public:
   enum Hook : unsigned {
     kDelay = 1u << 0,

@@ -120,7 +120,7 @@ class HooksOf : public Base {
 };
 
 template <class E>
-class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, Effect>>,
+class EffectFrom final : public HooksOf<E, double, HooksOf<E, Jet, HooksOf<E, Symbol, Effect>>>,
                          public std::enable_shared_from_this<EffectFrom<E>> {
  public:
   const EffectInfo& info() const override {
@@ -153,8 +153,9 @@ class OfThruster : public Effect {
 };
 
 template <class E>
-class ThrusterEffect final : public ThrusterHooks<E, double, ThrusterHooks<E, Jet, OfThruster>>,
-                             public std::enable_shared_from_this<ThrusterEffect<E>> {
+class ThrusterEffect final
+    : public ThrusterHooks<E, double, ThrusterHooks<E, Jet, ThrusterHooks<E, Symbol, OfThruster>>>,
+      public std::enable_shared_from_this<ThrusterEffect<E>> {
  public:
   ThrusterEffect(int thruster, const ThrusterLayout& layout) : info_(E::info()) {
     this->thruster_ = thruster;

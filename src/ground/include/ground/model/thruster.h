@@ -30,7 +30,8 @@ struct ForceCurve {
     using std::abs;
     using std::pow;
     const T size = abs(input);
-    return size > kMinInput ? T(input * pow(size, power - 1)) : input;
+    return whereAbove(
+        kMinInput, size, [&](const T& x) { return T(input * pow(x, power - 1)); }, input);
   }
 
  private:

@@ -1,17 +1,23 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cmath>
+#include <type_traits>
 
 #include "ground/model/jet.h"
+#include "ground/model/symbol.h"
 
 namespace ground {
 
-/// The model is instantiated for double and for Jet. More derivatives than these take several passes.
+/// The model is instantiated for double, for Jet and for Symbol. More derivatives than these take several
+/// passes.
 constexpr int kDerivatives = 8;
 
 inline double valueOf(double x) { return x; }
 inline double valueOf(const Jet& x) { return x.a; }
+/// With the values of the parameters; does not depend on anything else.
+inline double valueOf(const Symbol& x) { return x.isConstant() ? x.value : Trace::current().valueOf(x); }
 
 /// Sets the value and keeps the derivatives.
 inline void setValue(double& x, double value) { x = value; }
@@ -23,6 +29,47 @@ inline bool isConstant(const Jet& x) {
   for (int i = 0; i < kDerivatives; ++i)
     if (x.v[i] != 0) return false;
   return true;
+}
+
+inline bool isConstant(const Symbol& x) { return x.isConstant(); }
+
+/// A number without derivatives that is given to a model, such as the input of the lift fan.
+template <typename T>
+using Given = std::conditional_t<std::is_same_v<T, Symbol>, Symbol, double>;
+
+/// `a` where the condition holds, else `b`.
+template <typename T>
+const T& select(bool condition, const T& a, const T& b) {
+  return condition ? a : b;
+}
+template <std::size_t count>
+std::array<Symbol, count> select(const Condition& condition, const std::array<Symbol, count>& a,
+                                 const std::array<Symbol, count>& b) {
+  std::array<Symbol, count> chosen;
+  for (std::size_t i = 0; i < count; ++i) chosen[i] = select(condition, a[i], b[i]);
+  return chosen;
+}
+
+/// a() where the condition holds, else b(). Numbers compute only one of them.
+template <class A, class B>
+GROUND_INLINE auto choose(bool condition, const A& a, const B& b) {
+  return condition ? a() : b();
+}
+template <class A, class B>
+auto choose(const Condition& condition, const A& a, const B& b) {
+  return select(condition, a(), b());
+}
+
+/// f(x) where x is above a number, else `otherwise`: f may have no derivative at that number, such as
+/// a root or a power at 0. A formula of symbols computes f at another number there.
+template <typename T, class F>
+GROUND_INLINE T whereAbove(double number, const T& x, const F& f, const T& otherwise) {
+  if constexpr (std::is_same_v<T, Symbol>) {
+    const Condition above = x > number;
+    return select(above, f(select(above, x, T(std::floor(number) + 1))), otherwise);
+  } else {
+    return x > number ? f(x) : otherwise;
+  }
 }
 
 template <typename T>
@@ -76,7 +123,7 @@ Vector2<T> worldToBody(const T& psi, const Vector2<T>& a) {
 /// max(x, 0); its derivatives are 0 where x is not positive.
 template <typename T>
 T notBelowZero(const T& x) {
-  return x > 0.0 ? x : T(0.0);
+  return select(x > 0.0, x, T(0.0));
 }
 
 /// Angle wrapped to (-pi, pi] [rad].

@@ -108,7 +108,7 @@ class ReferenceTracking : public Controller {
     params.kind = c.reference;
     const bool changed = !pilot_.reference() || !(params == reference_);
     ReferencePtr reference = changed ? makeReference(params) : pilot_.reference();
-    const std::string leaves = changed && room() ? leavesRoom(*reference, *room()) : "";
+    const std::string leaves = changed && room() ? leavesRoom(params, *reference, *room()) : "";
     if (!leaves.empty()) throw std::invalid_argument("reference " + c.reference + ": " + leaves);
     std::unique_ptr<TrackingController> first = pilot_.controller() ? nullptr : made(model_, c);
     const std::string caution = changed ? judge(model_, *reference, c.reference) : pilot_.caution();

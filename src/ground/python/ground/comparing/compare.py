@@ -207,11 +207,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     command_line.add_output(parser, "DIR", "folder for results")
     command_line.add_options(parser, bag_arguments.Part)
     command_line.add_details(parser)
+    command_line.add_mat(parser)
     parser.add_argument("--numbers", action="store_true", help="compare.json and CSV only: no page")
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs identify compare; returns what --json prints."""
+    command_line.check_mat(arguments)
     models = labelled(arguments.model)
     recordings = list(bag_arguments.reading(arguments, arguments.bags))
     with result_folder.kept_if_used(arguments.output):
@@ -221,6 +223,7 @@ def run(arguments: argparse.Namespace) -> Document:
     with arguments.work.stage(WRITING):
         place = found.save(arguments.output, not arguments.numbers, arguments.force)
     command_line.say_result(arguments, found, place)
+    command_line.write_mat(arguments, found)
     with open(numbers) as file:
         result: Document = json.load(file)
     return result

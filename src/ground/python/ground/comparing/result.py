@@ -13,7 +13,7 @@ from ground.models import Model
 from ground.recordings import findings
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
-from ground.reports import appearance, result_folder
+from ground.reports import appearance, matlab, result_folder
 from ground.reports.words import number
 from ground.support import files
 from ground.support.annotations import Document, Path
@@ -205,6 +205,16 @@ class Comparison(_Frame, Plotted):
         ranking = Ranking(**document["ranking"])
         off = _prediction_of(document["prediction"])
         return cls(models, runs, document["pooled"], ranking, document["noise_floor"], off)
+
+    def to_mat(self, path: Path, force: bool = False) -> None:
+        """Writes a file for MATLAB and Octave: structs `models`, `parameters` and `runs` with what was
+        measured and what each model predicts; its text `about` has units and frames. GroundError when the
+        file cannot be written."""
+        studied = [
+            matlab.Study(run.studies[0]["run"], {s["label"]: s["evaluation"] for s in run.studies})
+            for run in self.runs
+        ]
+        matlab.write(path, self.models, studied, force)
 
     def save(self, folder: Path, page: bool = True, force: bool = False) -> str:
         """Writes compare.json and, for every run, the missing wrench as CSV; with `page` also

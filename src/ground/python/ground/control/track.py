@@ -35,12 +35,14 @@ DETAILS = (
     + "\n"
     + listing.controllers(tracking.CONTROLLERS)
     + """
-Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file: all of it). Without
---noise the controller knows the true state at its rate; with it, mocap_state estimates the state from
-a mocap of 100 Hz with noise of 0.3 mm and 5 mrad. --delay is the time from measurement to command.
-The craft starts at rest at the origin; with --seed near it, and with --starts N from N places, and
-medians are printed. As on the floor, a controller stops when the error has been larger than
---max-error for a second, or when the craft never arrives; its errors then count as infinite.
+Errors [m] count from --settled to --end-time (20 to 60 s; a line and a file:
+all of it). Without --noise the controller knows the true state at its rate;
+with it, mocap_state estimates the state from a mocap of 100 Hz with noise of
+0.3 mm and 5 mrad. --delay is the time from measurement to command. The craft
+starts at rest at the origin; with --seed near it, and with --starts N from N
+places, and medians are printed. As on the floor, a controller stops when the
+error has been larger than --max-error for a second, or when the craft never
+arrives; its errors then count as infinite.
 """
 )
 
@@ -200,7 +202,9 @@ def _factor(text: str) -> Tuple[str, float]:
 class _Options:
     """A controller, a craft, and the conditions of the loop."""
 
-    controller: str = option("TrajectoryTracking", "(%(default)s)", choices=list(tracking.CONTROLLERS))
+    controller: str = option(
+        "TrajectoryTracking", "control law (%(default)s)", choices=list(tracking.CONTROLLERS)
+    )
     truth: Optional[ModelLike] = option(None, "true model of the craft (--model)", metavar="T.yaml")
     gains: Optional[gain_files.Gains] = option(
         None, "gains of the controller, as tune writes them", metavar="G.yaml"
@@ -214,11 +218,13 @@ class _Options:
     )
     noise: bool = option(False, "mocap noise, and the estimator")
     delay: float = option(0.0, "time from measurement to command [s]", type=seconds, metavar="S")
-    rate: float = option(50.0, "(50)", type=positive, metavar="HZ")
-    seed: Optional[int] = option(None, "for noise and start (start: the origin)", type=seed)
+    rate: float = option(50.0, "decisions per second (%(default)g)", type=positive, metavar="HZ")
+    seed: Optional[int] = option(
+        None, "number that chooses noise and start (without: starts at the origin)", type=seed
+    )
     smooth: bool = option(False, "line, waypoints: start and stop gently")
-    settled: Optional[float] = option(None, "errors count from here [s]", type=seconds, metavar="S")
-    end_time: Optional[float] = option(None, "errors count to here [s]", type=positive, metavar="S")
+    settled: Optional[float] = option(None, "time from which errors count [s]", type=seconds, metavar="S")
+    end_time: Optional[float] = option(None, "time to which errors count [s]", type=positive, metavar="S")
     max_error: float = option(
         0.0,
         "error at which it stops, inf for never (a quarter of the reference's half-width, 0.05 to 0.5)",

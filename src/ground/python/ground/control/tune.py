@@ -20,10 +20,12 @@ from ground.support.workers import Workers
 
 DETAILS = (
     """
-Every candidate follows the references from several starts: with the model as it is, with mocap noise
-and 20 ms of delay, and with a craft whose thrust is 15% lower, whose damping is 30% higher and whose
-inertia is 15% higher than in the model. The score is the error (median and worst start) plus weighted
-saturation and effort. The search starts from the gains of the thesis, among others.
+Every candidate follows the references from several starts: with the model as
+it is, with mocap noise and 20 ms of delay, and with a craft whose thrust is
+15% lower, whose damping is 30% higher and whose inertia is 15% higher than in
+the model. The score is the error (median and worst start) plus weighted
+saturation and effort. The search starts from the gains of the thesis, among
+others.
 The table shows starts and references that the search has not used (--holdout).
 
 A reference is one of those below, if wanted with other parameters, as in

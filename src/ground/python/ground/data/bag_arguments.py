@@ -103,4 +103,6 @@ def run_fit(arguments: argparse.Namespace, fit: Callable[..., Any], kind: Type[A
     )
     found.save(arguments.output, arguments.force)
     command_line.say_result(arguments, found, arguments.output)
+    if "mat" in arguments:
+        command_line.write_mat(arguments, found)
     return {"model": arguments.output, **found.to_dict()}

@@ -224,6 +224,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     bag_arguments.add_holdout_argument(parser)
     command_line.add_options(parser, DiagnoseOptions)
     command_line.add_details(parser)
+    command_line.add_mat(parser)
 
 
 def run(arguments: argparse.Namespace) -> Document:
@@ -232,6 +233,7 @@ def run(arguments: argparse.Namespace) -> Document:
     def say(line: str) -> None:
         command_line.say(arguments, line)
 
+    command_line.check_mat(arguments)
     with result_folder.kept_if_used(arguments.output):
         prepare(arguments.output, arguments.force)
         found = diagnose(
@@ -247,4 +249,5 @@ def run(arguments: argparse.Namespace) -> Document:
     command_line.say_details(arguments, found.details())
     with arguments.work.stage(WRITING):
         found.save(arguments.output, arguments.force)
+    command_line.write_mat(arguments, found)
     return found.to_dict()

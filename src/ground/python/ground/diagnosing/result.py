@@ -11,10 +11,10 @@ from ground.analysis import candidates
 from ground.analysis.verdict import MISREAD
 from ground.data.measured import Measured
 from ground.diagnosing import answer, document, words
-from ground.diagnosing.drawn import Drawn
+from ground.diagnosing.drawn import NOMINAL, Drawn
 from ground.models import Model, Parameter, Room
 from ground.recordings.recording import Recording
-from ground.reports import result_folder
+from ground.reports import matlab, result_folder
 from ground.support import files
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
@@ -148,6 +148,19 @@ class Diagnosis(Shown, Plotted):
             report=report,
             drawn=None,
         )
+
+    def to_mat(self, path: Path, force: bool = False) -> None:
+        """Writes a file for MATLAB and Octave: structs `models`, `parameters` and `runs` with what was
+        measured and what the models "refitted" (without the effects) and "improved" predict, and `effects`
+        with those tried; its text `about` has units and frames. GroundError when the file cannot be written,
+        or the diagnosis was loaded."""
+        if self.drawn is None:
+            raise GroundError("a diagnosis that was loaded has no runs to write: diagnose again with --mat")
+        models = {"refitted": Model(self.drawn.models[NOMINAL]), "improved": self.improved}
+        studied = matlab.studies(models, [*self.drawn.runs, *self.drawn.held])
+        effects = self.to_frame().reset_index().rename(columns={"effect": "name"})
+        rows = effects.astype({name: float for name in ("error_fit", "error_heldout")}).to_dict("records")
+        matlab.write(path, models, studied, force, verdict=self.verdict, effects=rows)
 
     def save(self, folder: Path, force: bool = False) -> List[str]:
         """Writes diagnosis.json, improved.yaml, the page report.html and, where there are any,

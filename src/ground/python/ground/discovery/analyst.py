@@ -20,6 +20,7 @@ from ground.recordings.recording import Recording
 from ground.reports.words import prediction
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
+from ground.support.progress import Work
 
 # Expected before the first flight: noise of the poses and random wrench
 NOISE = np.array([3e-4, 3e-4, 5e-3])  # [m], [m], [rad]
@@ -149,19 +150,22 @@ class Analyst:
         doubts = suspicions.about(recordings, self.given)
         return [doubt.sentence for doubt in doubts if doubt.misread]
 
-    def diagnose(self, recordings: Sequence[Recording], reachable: float, seed: int) -> Found:
+    def diagnose(
+        self, recordings: Sequence[Recording], reachable: float, seed: int, work: Optional[Work] = None
+    ) -> Found:
         """Diagnoses recordings. reachable: time that is left for flights [s]; seed: of what is offered
-        for the next one. GroundError when they are too short."""
+        for the next one; work: is told what is done. GroundError when they are too short."""
+        work = work or Work()
         runs = [repaired(recording).data(self.given) for recording in recordings]
         effects = [*candidates.library(self.given), *map(self._own, self.own)]
-        found = diagnosis.Diagnosis(runs, self.given, effects, threads=self.threads)
+        found = diagnosis.Diagnosis(runs, self.given, effects, threads=self.threads, work=work)
         found.grow()
         conclusion = conclude(found)
         groups, fit, model = self._hypotheses(found, conclusion)
         basis = self.basis(model)
         known = information.of_runs(basis, found.likelihood, fit.levels, fit.loudness)
         self.measure(basis, known)
-        offers = self.offers(basis, fit.levels, seed, found.likelihood.varying)
+        offers = self.offers(basis, fit.levels, seed, found.likelihood.varying, work)
         later = information.mean_rate(offers) * reachable
         noise = conclusion.noise_floor / conclusion.heldout[0]
         small = {d.trial.name for d in found.dropped}
@@ -176,16 +180,19 @@ class Analyst:
         levels: Mapping[str, float],
         seed: int,
         varying: Iterable[str] = (),
+        work: Optional[Work] = None,
     ) -> List[Offer]:
         """What can be flown next; seed: of random inputs; varying: levels of what differs from flight
-        to flight, which leave less information on forces that are always the same."""
-        found = []
-        for piece in pieces.pieces(basis.model, seed):
-            try:
-                motion = pieces.motion(piece, basis.model, self.room, 0.0, NOISE)
-                found.append(self._offer(piece, motion, basis, levels, varying))
-            except GroundError:
-                continue  # by this model its motion is not finite
+        to flight, which leave less information on forces that are always the same; work: is told how many
+        flights were simulated."""
+        found, work, all_pieces = [], work or Work(), pieces.pieces(basis.model, seed)
+        with work.stage("simulating flights to choose from", len(all_pieces)):
+            for piece in work.each(all_pieces):
+                try:
+                    motion = pieces.motion(piece, basis.model, self.room, 0.0, NOISE)
+                    found.append(self._offer(piece, motion, basis, levels, varying))
+                except GroundError:
+                    continue  # by this model its motion is not finite
         return found
 
     def _offer(

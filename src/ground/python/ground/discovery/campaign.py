@@ -23,6 +23,7 @@ from ground.discovery.flights import Flights, Settings
 from ground.discovery.laboratory import Laboratory
 from ground.discovery.story import CONFIRM, DECIDE, GIVEN, LEFT, LOOK, TRACK, Finding, Story
 from ground.recordings.quality import repaired
+from ground.support.progress import Work
 
 LEAVES = ("unexplained", "memory")  # verdicts that leave something to explain
 SHORTEST = 6.0  # shortest flight of an excitation [s]
@@ -37,7 +38,8 @@ class Discovery(Flights):
     """Finds the physics that a model of a craft in a Laboratory misses.
 
     folder: keeps all and is gone on from; empty: nothing is kept. told: called with the story at each
-    change. threads: 0 for all cores. GroundError when the folder is that of another model.
+    change. threads: 0 for all cores. work: is told what a diagnosis does. GroundError when the folder is
+    that of another model.
     """
 
     def __init__(
@@ -49,10 +51,11 @@ class Discovery(Flights):
         told: Optional[Callable[[Story], None]] = None,
         choose: choice.Chooser = choice.informed,
         threads: int = 0,
+        work: Optional[Work] = None,
     ) -> None:
         super().__init__(model, laboratory, settings or Settings(), folder, told)
         self.found: Optional[Found] = None  # by all flights up to self._diagnosed
-        self._choose, self._threads = choose, threads
+        self._choose, self._threads, self._work = choose, threads, work
         self._diagnosed = 0
         self._stop = ""
 
@@ -215,7 +218,8 @@ class Discovery(Flights):
         if not misread:
             flown = [f.seconds for f in story.flights if f.flight.number <= last]
             reachable = max(0.0, story.budget - sum(flown) - RESERVED)
-            self.found = self.analyst.diagnose(recordings, reachable, self._seed(len(flown)))
+            seed = self._seed(len(flown))
+            self.found = self.analyst.diagnose(recordings, reachable, seed, self._work)
         self._diagnosed = last
         if is_known:
             return

@@ -183,7 +183,7 @@ def discover(
             told(story)
 
     with work.stage(FLYING, round(options.budget)):
-        flying = campaign.Discovery(given.core, laboratory, settings, kept, listen)
+        flying = campaign.Discovery(given.core, laboratory, settings, kept, listen, work=work.quiet())
         listen(flying.story)
         story = flying.run()
     final = story.versions[-1]

@@ -178,6 +178,7 @@ def _result(
         same_inputs=quality.same_inputs(seen.runs),
         remarks=list(identifiability.sentences(result)),
         correlations=np.array(result["correlation"]),
+        given=given,
         data=seen.data,
     )
 
@@ -195,8 +196,10 @@ def _by_kind(errors: Errors) -> Tuple[Dict[str, float], Dict[str, float]]:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify fit."""
     bag_arguments.configure_fit(parser, "model, with the start values", "FITTED.yaml", FitOptions)
+    command_line.add_mat(parser)
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs identify fit; returns what --json prints."""
+    command_line.check_mat(arguments)
     return bag_arguments.run_fit(arguments, fit, FitOptions)

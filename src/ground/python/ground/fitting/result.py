@@ -104,6 +104,7 @@ class Fit(Shown, Plotted):
     runs: List[RunFit]  #: fits to each run; empty for a single run
     same_inputs: List[Tuple[str, str]]  #: runs that were driven by the same commands
     remarks: List[str]  #: sentences on what is not identifiable
+    given: Model  #: with the start values
     #: (n, n) correlation of the estimates, in the order of parameters
     correlations: Array = field(compare=False)
     data: List[_core.RunData] = field(compare=False)  #: the parts of the runs fitted to
@@ -180,6 +181,15 @@ class Fit(Shown, Plotted):
         """Parameters, indexed by name: start, value, std_error, low, high (95%), identified, at_bound,
         unit."""
         return parameter_frame(self.parameters)
+
+    def to_mat(self, path: Path, force: bool = False) -> None:
+        """Writes a file for MATLAB and Octave: structs `models`, `parameters` and `runs` with what was
+        measured and what the models "start" and "fitted" predict; its text `about` has units and frames.
+        GroundError when the file cannot be written."""
+        from ground.reports import matlab
+
+        models = {"start": self.given, "fitted": self.model}
+        matlab.write(path, models, matlab.studies(models, self.data), force)
 
     def save(self, path: Path, force: bool = False) -> Model:
         """Writes the fitted model; see Model.save."""

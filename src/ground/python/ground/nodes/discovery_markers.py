@@ -19,7 +19,6 @@ from ground.support.annotations import Message
 GAP = 0.35  # between the room and the markers [m]
 ABOVE_ROOM = 0.85  # how far the markers reach over the room's upper wall [m]
 LETTER = 0.11  # height of letters [m]
-WIDTH = 0.46  # usual width of a letter, by its height
 ROW = 0.165  # height of a row [m]
 MOST_ROWS = 35  # most beliefs that are shown
 LETTERS = 62  # longest line over the room
@@ -46,8 +45,8 @@ def markers(status: Message, room: _core.RoomPlan) -> Message:
             marker.header.frame_id = "world_ned"
             marker.pose.orientation.w, marker.scale.z = 1.0, LETTER
             marker.color = ColorRGBA(*(int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)), 1.0)
-            # rviz centres a text, so its width is estimated.
-            marker.pose.position = Point(top - row * ROW, y + 0.5 * LETTER * WIDTH * len(text), HEIGHT)
+            # rviz centres a text.
+            marker.pose.position = Point(top - row * ROW, y + 0.5 * LETTER * _core.text_width(text), HEIGHT)
             array.markers.append(marker)
     return array
 

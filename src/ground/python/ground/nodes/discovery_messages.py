@@ -14,14 +14,14 @@ from ground.support.annotations import Message
 ABOVE = -0.01  # z of paths, which lies above the floor, world_ned [m]
 
 
-def status(story: Story, folder: str, waits: str = "") -> Message:
-    """The DiscoveryStatus of a story. waits: what it waits for; in place of the activity if not
-    empty."""
+def status(story: Story, folder: str, does: str = "") -> Message:
+    """The DiscoveryStatus of a story. does: what it does now or waits for; in place of the activity if
+    not empty."""
     flight = story.planned or (story.flights[-1].flight if story.flights else None)
     beliefs = story.findings[-1].beliefs if story.findings else []
     labels = [version.label for version in story.versions]
     message = DiscoveryStatus(
-        activity=waits or story.activity,
+        activity=does or story.activity,
         flight=flight.number if flight else 0,
         purpose=flight.purpose if flight else "",
         flown=story.flown,

@@ -22,9 +22,11 @@ from ground.discovery.story import Story
 from ground.nodes import discovery_markers, discovery_messages
 from ground.nodes.flying_laboratory import Ended, FlyingLaboratory
 from ground.support.errors import GroundError, sentence
+from ground.support.progress import Report, Work
 
 STOPPED = "stopped by hand"
 PREPARES = "prepares: simulates what flights could show"
+QUIET = 5.0  # longest time without a word on a diagnosis that goes on [s]
 NICE = 5  # niceness: other busy nodes get three times the time of the diagnosis
 
 
@@ -62,6 +64,8 @@ class DiscoveryNode:
         self._teller = words.Teller(_log, self._model)
         self._story = Story(self._model.name, room.name, self._settings.budget, activity=PREPARES)
         self._waits = ""  # what the laboratory waits for
+        self._does = ""  # what a diagnosis does now
+        self._said = time.monotonic()  # when the last word was said [s]
         self._failure = ""
         self._keeps = False  # whether a flight is not in the journal yet
         self._closed = False  # nothing is published any more
@@ -88,7 +92,12 @@ class DiscoveryNode:
         _yield_to_other_nodes()
         try:
             self._discovery = Discovery(
-                self._model, self._laboratory, self._settings, self._folder, self._tell
+                self._model,
+                self._laboratory,
+                self._settings,
+                self._folder,
+                self._tell,
+                work=Work(self._report),
             )
             self._tell(self._discovery.story)
             self._discovery.run()
@@ -124,6 +133,7 @@ class DiscoveryNode:
     def _tell(self, story: Story) -> None:
         """Shows a change of the story, which is in the journal."""
         self._story, self._keeps = story, story.planned is not None
+        self._does, self._said = "", time.monotonic()
         try:
             page.write(story, self._folder, self._laboratory.room)
         except (GroundError, OSError) as error:
@@ -133,11 +143,18 @@ class DiscoveryNode:
             _log(story.reason)
         self._publish()
 
+    def _report(self, report: Report) -> None:
+        """Says from time to time what a diagnosis does, and how much of it is done."""
+        if time.monotonic() - self._said > QUIET and not report.note:
+            self._said, self._does = time.monotonic(), "%s: %s" % (self._story.activity, report)
+            _log(self._does)
+            self._publish()
+
     def _publish(self) -> None:
         with self._publishing:
             if self._closed:
                 return
-            message = discovery_messages.status(self._story, self._folder, self._waits)
+            message = discovery_messages.status(self._story, self._folder, self._waits or self._does)
             message.header.stamp = self._laboratory.now()
             if self._failure:
                 message.ended, message.reason = True, self._failure

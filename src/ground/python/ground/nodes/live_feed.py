@@ -3,7 +3,7 @@
 import math
 import threading
 import time
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -20,12 +20,19 @@ from ground.support.annotations import Array, Message
 
 JUMP = 0.5  # jump back in time that clears the samples, more than disorder of messages [s]
 GAP = 0.3  # longest gap between samples across which a line is drawn [s]
-_PREDICTED = ["nu[0]", "nu[1]", "nu[2]", "error", "wrench[0]", "wrench[1]", "wrench[2]"]
+_PREDICTED = ["nu[0]", "nu[1]", "nu[2]", "position_error", "heading_error", "position_noise", "heading_noise"]
+_PREDICTED += ["%s[%d]" % (name, i) for name in ("wrench", "wrench_noise") for i in range(3)]
+# Fields that messages do not have: how far a prediction is off in position [m] and heading [rad]; NaN where
+# any model would do.
+COMPUTED: Dict[str, Callable[[Message], float]] = {
+    "off": lambda error: math.hypot(*error.eta_error[:2]) if error.excited else math.nan,
+    "turned": lambda error: math.fabs(error.eta_error[2]) if error.excited else math.nan,
+}
 _INPUTS = ["left", "right", "lift"]
 TOPICS: Dict[str, Tuple[Any, List[str]]] = {  # type, and the fields that are drawn
     "state": (State, ["eta[0]", "eta[1]", "nu[0]", "nu[1]", "nu[2]"]),
-    "model_error": (ModelError, _PREDICTED),
-    "model_error2": (ModelError, _PREDICTED),
+    "model_error": (ModelError, [*_PREDICTED, *COMPUTED]),
+    "model_error2": (ModelError, [*_PREDICTED, *COMPUTED]),
     "controls": (Controls, _INPUTS),
     "controls/wanted": (Controls, _INPUTS),
     "reference": (Reference, ["p[0]", "p[1]"]),
@@ -125,6 +132,8 @@ class Feed:
 
 
 def _number(message: Message, field: str) -> float:
+    if field in COMPUTED:
+        return COMPUTED[field](message)
     name, _, index = field.rstrip("]").partition("[")
     value = getattr(message, name)
     return float(value[int(index)] if index else value)
@@ -139,3 +148,16 @@ def tracking_error(state: Array, reference: Array) -> Array:
     times, *p = reference[:, reference[0] <= state[0, -1]]
     at = [np.interp(times, state[0], row, left=math.nan) for row in state[1:3]]
     return np.array([times, np.hypot(at[0] - p[0], at[1] - p[1])])
+
+
+def smoothed(times: Array, values: Array, width: float) -> Array:
+    """Means of values, (n,), by triangular weights that reach `width` [s] to both sides; NaN stays NaN."""
+    known = np.isfinite(values)
+    counts = np.concatenate([[0], np.cumsum(known)])
+    first = np.searchsorted(times, times - width / 2, "left")
+    last = np.searchsorted(times, times + width / 2, "right")
+    for _ in range(2):
+        sums = np.concatenate([[0.0], np.cumsum(np.where(known, values, 0.0))])
+        means = (sums[last] - sums[first]) / np.maximum(counts[last] - counts[first], 1)
+        values = np.where(known, means, math.nan)
+    return values

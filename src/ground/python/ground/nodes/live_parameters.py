@@ -1,6 +1,7 @@
 """Parameters of running nodes that dynamic_reconfigure can change: describing and setting them."""
 
 import ast
+import difflib
 import threading
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Mapping, Optional, Union
@@ -14,6 +15,8 @@ from ground.support.errors import GroundError
 
 ANSWER_TIMEOUT = 3.0  # timeout of a node's answer [s]
 REASON_TIMEOUT = 0.5  # timeout of the reason of a refusal, which comes by /rosout [s]
+UNDO = "/undo"  # parameter with what changes by hand have replaced, by node: the last change at the end
+MOST_UNDONE = 50  # changes of a node that are kept
 Value = Union[bool, int, float, str]
 
 KINDS: Dict[str, Callable[[str], Value]] = {"double": float, "int": int, "str": str}
@@ -66,9 +69,11 @@ class Node:
         for p in self.parameters:
             if p.name == name:
                 return p
+        near = difflib.get_close_matches(name, [p.name for p in self.parameters], 1)
+        hint = "did you mean %s? " % near[0] if near else ""
         raise GroundError(
-            "%s has no parameter %s; it has %s"
-            % (self.name, name, ", ".join(p.name for p in self.parameters))
+            "%s has no parameter %s; %srosrun ground parameters %s lists those that it has"
+            % (self.name, name, hint, self.name.lstrip("/"))
         )
 
     def set(self, values: Mapping[str, Value]) -> None:
@@ -81,6 +86,27 @@ class Node:
         if any(now[name] != value for name, value in values.items()):
             self._refused.wait(REASON_TIMEOUT)
             raise GroundError(self._refusal or "%s refused it" % self.name)
+
+    def change(self, values: Mapping[str, Value]) -> None:
+        """Sets parameters as set() does, so that undo() can restore what they were."""
+        before = {name: self.values[name] for name in values}
+        self.set(values)
+        changes = self._changes()
+        rospy.set_param(UNDO + self.name, [*changes, before][-MOST_UNDONE:])
+
+    def undo(self) -> Dict[str, Value]:
+        """Restores what the last change() replaced that is not undone yet; returns it. GroundError when there
+        is none."""
+        changes = self._changes()
+        if not changes:
+            raise GroundError("%s: there is no change to undo" % self.name)
+        *earlier, last = changes
+        self.set(last)
+        rospy.set_param(UNDO + self.name, earlier)
+        return dict(last)
+
+    def _changes(self) -> List[Dict[str, Value]]:
+        return list(rospy.get_param(UNDO + self.name, []))
 
     def _listen(self, log: Log) -> None:
         if log.level >= Log.ERROR and log.msg.startswith(self.name + ":") and "refused" in log.msg:

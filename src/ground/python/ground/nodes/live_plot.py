@@ -5,19 +5,19 @@ import math
 import os
 import signal
 import time
-from dataclasses import dataclass
-from typing import Dict, List, Sequence, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 import PyQt5  # noqa: F401  before pyqtgraph, which uses the binding that it finds imported
 import pyqtgraph as pg
 import rospy
-from PyQt5 import QtWidgets
+from PyQt5 import QtCore, QtGui, QtWidgets
 
-from ground.nodes.live_feed import EXPECTED, MODELS, STATUSES, TOPICS, Feed, tracking_error
+from ground.nodes.live_feed import EXPECTED, MODELS, STATUSES, TOPICS, Feed, smoothed, tracking_error
+from ground.nodes.live_panels import COLUMNS, PALE, TRACKING, Curve, Panel
 from ground.reports import appearance
 from ground.support import files
-from ground.support.annotations import Array
+from ground.support.annotations import Array, Message
 from ground.support.errors import GroundError
 
 REDRAW = 0.05  # period [s]
@@ -26,8 +26,14 @@ SILENCE = 3.0  # silence of a node or of all topics after which the window says 
 WIDEST = 2.5  # an axis this many times longer than its curves need is shortened
 LONGEST_NAME = 16  # characters; longer names of models are cut off in titles
 NOTE, BAD = appearance.LESS, appearance.WARNING
-WANTED = "#a8a8a8"
-TRACKING = "tracking error"  # computed from state and reference
+SMOOTH = 0.15  # reach of the smoothed line's weights [s]
+PAUSED = "<b>Paused.</b> Space goes on."
+SIZES = ("error", "noise")
+HELP = (
+    "Space pauses; the mouse shows values, its wheel zooms and dragging moves; Home shows all.<br>Normal: "
+    "predictions lie on the measured curve, errors near the noise alone, missing forces between its lines; "
+    "what is wanted is sent."
+)
 STATUS_COLORS = {
     **dict.fromkeys(["RUNNING", "ARMED"], appearance.GOOD),
     **dict.fromkeys(["WAITING", "LIFTING", "RECOVERING"], appearance.BUSY),
@@ -35,93 +41,15 @@ STATUS_COLORS = {
 }
 
 
-@dataclass(frozen=True)
-class Curve:
-    """A field of a topic, or the tracking error."""
-
-    topic: str
-    field: str
-    label: str  # {model} stands for the name of the model file
-    color: str
-
-
-@dataclass(frozen=True)
-class Panel:
-    """A diagram; its curves share an axis. Later curves are drawn over earlier ones."""
-
-    title: str
-    axis: str  # quantity and unit
-    curves: Sequence[Curve]
-    shown: Tuple[float, float] = (0.0, 0.0)  # what the axis always shows, in its unit
-    scale: float = 1.0  # from the messages' unit to the axis's
-    least: float = 0.0  # smallest span of the axis, in its unit
-
-
-def _by_models(field: str, *labels: str) -> List[Curve]:
-    return [
-        Curve(topic, field, label, appearance.model_color(i))
-        for i, (topic, label) in enumerate(zip(MODELS, labels))
-    ]
-
-
-def _velocity(index: int, least: float) -> Panel:
-    _, name, unit = appearance.CHANNELS[index]
-    field = "nu[%d]" % index
-    curves = [Curve("state", field, "measured", appearance.MEASURED)]
-    curves += _by_models(field, "predicted by {model}", "by {model}")
-    shown = (math.inf, -math.inf)
-    return Panel(name, "%s [%s]" % (name.split()[-1], unit), curves, shown, least=least)
-
-
-def _input(field: str, title: str, color: str) -> Panel:
-    curves = [
-        Curve("controls/wanted", field, "wanted by the controller", WANTED),
-        Curve("controls", field, "sent", color),
-    ]
-    return Panel(title, "input [0..1]", curves, (0.0, 1.0))
-
-
-def _missing(title: str, axis: str, most: float, *curves: Curve) -> Panel:
-    return Panel(title + " missing in {model}", axis, curves, (-most, most), 1e3)
-
-
-_ERRORS = _by_models("error", "{model}", "{model}")
-_DISTANCE = [Curve(TRACKING, "", "", appearance.MEASURED)]
-COLUMNS = [
-    [
-        _velocity(0, 0.1),
-        _velocity(1, 0.1),
-        _velocity(2, 0.5),
-        Panel("model error, sum of u, v, r", "|error| / spread", _ERRORS, (0.0, 1.0)),
-        Panel("distance from the reference", "distance [mm]", _DISTANCE, (0.0, 5.0), 1e3),
-    ],
-    [
-        _input("left", "left thruster", appearance.THRUSTERS[0]),
-        _input("right", "right thruster", appearance.THRUSTERS[1]),
-        _input("lift", "lift fan", appearance.MEASURED),
-        _missing(
-            "force", "force [mN]", 2.0,
-            Curve("model_error", "wrench[0]", "ahead X", appearance.MISSING),
-            Curve("model_error", "wrench[1]", "to starboard Y", appearance.REFERENCE),
-        ),
-        _missing(
-            "moment", "moment [mN m]", 0.1,
-            Curve("model_error", "wrench[2]", "clockwise N", appearance.MISSING),
-        ),
-    ],
-]  # fmt: skip
-
-
 class Diagram:
     """A drawn Panel."""
 
     def __init__(self, panel: Panel, plot: pg.PlotItem, duration: float, bottom: bool) -> None:
         """duration: length of the time axis [s]. bottom: whether the time axis is labelled."""
-        self.panel, self.plot = panel, plot
+        self.panel, self.plot, self._duration = panel, plot, duration
         plot.hideButtons()
         plot.setMenuEnabled(False)
         plot.showGrid(x=True, y=True, alpha=0.15)
-        plot.setXRange(-duration, 0.0, padding=0.025)
         plot.setLabel("left", panel.axis)
         left, below = plot.getAxis("left"), plot.getAxis("bottom")
         left.setWidth(62)
@@ -130,31 +58,57 @@ class Diagram:
             plot.setLabel("bottom", "time before the newest message [s]")
         for axis in (left, below):
             axis.enableAutoSIPrefix(False)
-        self._lines = [
-            plot.plot(pen=curve.color, connect="finite", autoDownsample=True, downsampleMethod="peak")
-            for curve in panel.curves
-        ]
+        self._lines = [(self._raw(curve), self._line(curve.color, curve.width)) for curve in panel.curves]
+        self.cursor = pg.InfiniteLine(angle=90, pen=NOTE)
+        self.cursor.hide()
+        plot.addItem(self.cursor, ignoreBounds=True)
         self.title = ""
         self.axis = (0.0, 0.0)  # range that it shows
+        self.home()
+
+    def _line(self, color: str, width: float) -> pg.PlotDataItem:
+        pen = pg.mkPen(color, width=width)
+        return self.plot.plot(pen=pen, connect="finite", autoDownsample=True, downsampleMethod="peak")
+
+    def _raw(self, curve: Curve) -> Optional[pg.PlotDataItem]:
+        return self._line(curve.color + PALE, 1.0) if curve.smooth else None
+
+    def home(self) -> None:
+        """Shows the whole time, and all values at the next draw()."""
+        self.plot.setXRange(-self._duration, 0.0, padding=0.025)
+        self.axis = (0.0, 0.0)
 
     def draw(self, now: float, samples: Dict[str, Array], names: Dict[str, str]) -> None:
         """now: the newest stamp [s]. names: of the models, by topic."""
         words = ["<b>%s</b>" % self.panel.title.format(model=names.get(MODELS[0], "the model"))]
         low, high = self.panel.shown
-        for curve, line in zip(self.panel.curves, self._lines):
+        for curve, (raw, line) in zip(self.panel.curves, self._lines):
             row = 1 if curve.topic == TRACKING else 1 + TOPICS[curve.topic][1].index(curve.field)
-            times, values = samples[curve.topic][0], self.panel.scale * samples[curve.topic][row]
+            times, values = samples[curve.topic][0], samples[curve.topic][row]
+            values = self.panel.scale * curve.factor * values
+            if raw is not None:
+                raw.setData(times - now, values)
+                values = smoothed(times, values, SMOOTH)
             line.setData(times - now, values)
             known = values[np.isfinite(values)]
-            low, high = min(low, known.min(initial=low)), max(high, known.max(initial=high))
+            if curve.fitted:
+                low, high = min(low, known.min(initial=low)), max(high, known.max(initial=high))
             label = curve.label.format(model=names.get(curve.topic, ""))
             if len(times) and label:
+                label += self._value(times - now, values)
                 words.append(colored("&#9644; " + label, curve.color))
         title = " &nbsp; ".join(words)
         if title != self.title:
             self.plot.setTitle(title, size="9pt", justify="left")
             self.title = title
         self._fit(low, high)
+
+    def _value(self, times: Array, values: Array) -> str:
+        """The value at the cursor."""
+        if not self.cursor.isVisible():
+            return ""
+        found = values[np.abs(times - self.cursor.value()).argmin()]
+        return " <b>%.3g</b>" % found if math.isfinite(found) else " -"
 
     def _fit(self, low: float, high: float) -> None:
         """Shows all values; the axis stays while it fits, because one that moves cannot be read."""
@@ -180,13 +134,15 @@ class LivePlot(QtWidgets.QWidget):
         QtWidgets.QApplication.setFont(font)  # axes take it, too
         self.setWindowTitle("ground: live plot")
         self.setStyleSheet("background: white; color: black")
-        self.resize(*SIZE)
+        self.resize(*_size())
         column = QtWidgets.QVBoxLayout(self)
         column.setSpacing(1)
-        self.lines = [QtWidgets.QLabel() for _ in range(3)]
-        for line in self.lines:
+        self.lines = [QtWidgets.QLabel() for _ in range(4)]
+        help = QtWidgets.QLabel(colored(HELP, NOTE))
+        for line in [*self.lines, help]:
             # A long reason is cut off; it does not widen the window.
             line.setSizePolicy(QtWidgets.QSizePolicy.Ignored, QtWidgets.QSizePolicy.Fixed)
+        for line in self.lines:
             column.addWidget(line)
         view = pg.GraphicsLayoutWidget()
         self.diagrams = [
@@ -195,23 +151,56 @@ class LivePlot(QtWidgets.QWidget):
             for j, panel in enumerate(panels)
         ]
         for i in range(len(COLUMNS)):
-            view.ci.layout.setColumnPreferredWidth(i, SIZE[0] / len(COLUMNS))
+            view.ci.layout.setColumnPreferredWidth(i, self.width() / len(COLUMNS))
+        for diagram in self.diagrams[1:]:
+            diagram.plot.setXLink(self.diagrams[0].plot)
+        view.scene().sigMouseMoved.connect(self._point)
         column.addWidget(view, 1)
+        column.addWidget(help)
+        self.paused = False
         self._drawn = math.nan  # newest stamp of the curves [s]
+        self._shown: Tuple[float, Dict[str, Array], Dict[str, str]] = (math.nan, {}, {})
 
     def redraw(self) -> None:
-        """Draws the newest messages."""
+        """Draws the newest messages; while it is paused, only their statuses."""
         feed = self._feed
         now, samples = feed.samples()
-        texts = [status_line(topic, feed) for topic in STATUSES] + [data_line(now, samples, feed)]
+        texts = [status_line(topic, feed) for topic in STATUSES] + [models_line(feed)]
+        texts.append(PAUSED if self.paused else data_line(now, samples, feed))
         for line, text in zip(self.lines, texts):
             line.setText(text)
-        if now != self._drawn:
+        if now != self._drawn and not self.paused:
             self._drawn = now
             samples[TRACKING] = tracking_error(samples["state"], samples["reference"])
             names = {topic: html.escape(short(m.model)) for topic, m in list(feed.models.items())}
+            self._shown = now, samples, names
+            self._draw()
+
+    def _draw(self) -> None:
+        now, samples, names = self._shown
+        for diagram in self.diagrams if samples else ():
+            diagram.draw(now, samples, names)
+
+    def _point(self, position: QtCore.QPointF) -> None:
+        """Shows the values at the time under the mouse."""
+        under = [d for d in self.diagrams if d.plot.vb.sceneBoundingRect().contains(position)]
+        for diagram in self.diagrams:
+            diagram.cursor.setVisible(bool(under))
+            if under:
+                diagram.cursor.setValue(under[0].plot.vb.mapSceneToView(position).x())
+        self._draw()
+
+    def keyPressEvent(self, event: QtGui.QKeyEvent) -> None:
+        """Space pauses, Home shows all."""
+        if event.key() == QtCore.Qt.Key_Space:
+            self.paused = not self.paused
+            self.redraw()
+        elif event.key() == QtCore.Qt.Key_Home:
             for diagram in self.diagrams:
-                diagram.draw(now, samples, names)
+                diagram.home()
+            self._draw()
+        else:
+            super().keyPressEvent(event)
 
     def save(self, path: str, force: bool = False) -> None:
         """Writes a PNG of the window; GroundError when that is not possible."""
@@ -219,6 +208,14 @@ class LivePlot(QtWidgets.QWidget):
         with files.new_file(path, force) as temporary:
             if not self.grab().save(temporary, "PNG"):
                 raise GroundError("%s: the picture cannot be written" % path)
+
+
+def _size() -> Tuple[int, int]:
+    """Width and height of a new window [pixels]: not larger than the screen, if there is one."""
+    if QtGui.QGuiApplication.platformName() == "offscreen":
+        return SIZE
+    screen = QtWidgets.QApplication.primaryScreen().availableGeometry()
+    return min(SIZE[0], screen.width()), min(SIZE[1], screen.height())
 
 
 def short(name: str) -> str:
@@ -246,6 +243,30 @@ def status_line(topic: str, feed: Feed) -> str:
     return line + (colored(" (no message for %.0f s)" % silent, BAD) if silent > SILENCE else "")
 
 
+def models_line(feed: Feed) -> str:
+    """How far each model is off, as rich text."""
+    texts = []
+    for i, topic in enumerate(MODELS):
+        if topic in feed.models:
+            texts.append(colored(html.escape(off_in_words(feed.models[topic])), appearance.model_color(i)))
+    return " &nbsp; ".join(texts)
+
+
+def off_in_words(error: Message) -> str:
+    """How far a model is off, by its ModelError."""
+    name = short(error.model)
+    if not error.excited:
+        return "%s: no excitation, the craft hardly moves" % name
+    sizes = [_pose(getattr(error, "position_" + what), getattr(error, "heading_" + what)) for what in SIZES]
+    return "%s: %s after %.2g s (noise alone: %s)" % (name, sizes[0], error.horizon, sizes[1])
+
+
+def _pose(position: float, heading: float) -> str:
+    """A distance [m] and an angle [rad] in words."""
+    numbers = (1e3 * position, math.degrees(heading))
+    return "%s mm, %s deg" % tuple("%.*f" % (0 if x >= 9.95 else 1, x) for x in numbers)
+
+
 def data_line(now: float, samples: Dict[str, Array], feed: Feed) -> str:
     """What is missing, as rich text: topics or new messages; otherwise the time."""
     missing = [topic for topic in EXPECTED if not samples[topic].shape[1]]
@@ -257,8 +278,10 @@ def data_line(now: float, samples: Dict[str, Array], feed: Feed) -> str:
         return colored("Waiting for messages on %s." % ", ".join(missing), appearance.BUSY)
     if feed.invalid:
         return colored("The state is invalid: %s" % html.escape(feed.invalid), BAD)
+    lift = samples["controls"][1 + TOPICS["controls"][1].index("lift"), -1]
     horizon = feed.models[MODELS[0]].horizon
-    return colored("Newest message: %.0f s. Predictions are %g s ahead." % (now, horizon), NOTE)
+    text = "Newest message: %.0f s. Predictions are %.2g s ahead. Lift fan: %.2g." % (now, horizon, lift)
+    return colored(text, NOTE)
 
 
 def check_display() -> None:

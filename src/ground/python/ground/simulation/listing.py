@@ -1,6 +1,7 @@
 """The core's tables of controllers and references: as options, and as text for --help."""
 
-from typing import Any, Iterable, Iterator, Mapping, Optional, Tuple
+import textwrap
+from typing import Any, Iterable, Iterator, List, Mapping, Optional, Tuple
 
 from ground import _core
 from ground.simulation import gains, tracking, tuning
@@ -11,6 +12,7 @@ from ground.support.command_line import number, option
 NAMES = ("size", "rate_of_turn", "petals", "speed")  # parameters of references that are options
 PLACES = {"origin": ("x", "y"), "end": ("end_x", "end_y")}  # options that set parameters of references
 REFERENCE = (*NAMES, *PLACES)
+WIDTH = 79  # longest line [characters]
 
 
 def controllers(names: Iterable[str]) -> str:
@@ -21,7 +23,7 @@ def controllers(names: Iterable[str]) -> str:
         lines += [
             "    " + _line(p) + (" *" if p.name in tuning.SPACE[info.name] else "") for p in info.parameters
         ]
-    return "\n".join(lines) + "\n"
+    return _wrapped(lines)
 
 
 def references() -> str:
@@ -36,7 +38,12 @@ def references() -> str:
         lines.append("    " + ", ".join("%s %s" % (n, _value(v)) for n, v in values.items()))
     lines.append("parameters of references [unit], range:")
     lines += ["    " + _line(p, "") for p in parameters.values() if p.name != "file"]
-    return "\n".join(lines) + "\n"
+    return _wrapped(lines)
+
+
+def _wrapped(lines: List[str]) -> str:
+    """Lines that fit a terminal; the rest of a longer one stands below its text."""
+    return "".join(textwrap.fill(line, WIDTH, subsequent_indent=" " * 23) + "\n" for line in lines)
 
 
 def reference_fields() -> Iterator[Tuple[str, Any, Any]]:

@@ -7,7 +7,7 @@ import math
 from dataclasses import field, fields, replace
 from typing import Any, Callable, Dict, Iterable, List, Type, TypeVar
 
-from ground.support import progress
+from ground.support import files, progress
 from ground.support.errors import OptionError
 from ground.support.results import Shown
 
@@ -161,6 +161,25 @@ def say_result(arguments: argparse.Namespace, found: Shown, written: str) -> Non
     for line in found.lines(written):
         say(arguments, line)
     say_details(arguments, found.details())
+
+
+def add_mat(parser: argparse.ArgumentParser) -> None:
+    """Adds --mat."""
+    help = "write models, runs and predictions for MATLAB and Octave, too"
+    parser.add_argument("--mat", metavar="FILE.mat", help=help)
+
+
+def check_mat(arguments: argparse.Namespace) -> None:
+    """GroundError when the file of --mat cannot be written. Call it before long work starts."""
+    if arguments.mat:
+        files.refuse_existing(arguments.mat, arguments.force)
+
+
+def write_mat(arguments: argparse.Namespace, found: Any) -> None:
+    """Writes the file of --mat, if it is given. found: a result with to_mat()."""
+    if arguments.mat:
+        found.to_mat(arguments.mat, arguments.force)
+        say(arguments, "written to %s" % arguments.mat)
 
 
 def say(arguments: argparse.Namespace, text: str = "") -> None:

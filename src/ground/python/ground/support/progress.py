@@ -90,6 +90,10 @@ class Work:
         """Tells what was found."""
         self._tell(text)
 
+    def quiet(self) -> "Work":
+        """Work of which this one's listener hears the stages, but no notes."""
+        return Work(lambda report: None if report.note or not self._listener else self._listener(report))
+
     def _tell(self, note: str = "") -> None:
         if self._listener:
             stage = self._open[-1] if self._open else Report("", 0, 1)

@@ -81,8 +81,8 @@ struct FloorFrictionMap {
     std::array<T, kNodes> weights;
     for (int i = 0; i < kNodes; ++i) {
       const T rising = inside - (i - 1.0), falling = (i + 1.0) - inside;
-      const T& nearest = rising < falling ? rising : falling;
-      weights[at(i)] = nearest < 0.0 ? T(0.0) : nearest;
+      const T& nearest = select(rising < falling, rising, falling);
+      weights[at(i)] = select(nearest < 0.0, T(0.0), nearest);
     }
     return weights;
   }

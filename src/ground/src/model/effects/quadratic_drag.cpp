@@ -28,7 +28,8 @@ struct QuadraticDrag {
     using std::sqrt;
     const T &u = point.nu_air.x(), &v = point.nu_air.y(), &r = point.nu.z();
     const T square = u * u + v * v;
-    const T speed = square > 0.0 ? T(sqrt(square)) : T(0.0);  // sqrt has no derivative at 0
+    const T speed = whereAbove(
+        0.0, square, [](const T& x) { return T(sqrt(x)); }, T(0.0));
     wrench(0) -= p[0] * speed * u;
     wrench(1) -= p[1] * speed * v;
     wrench(2) -= p[2] * abs(r) * r;

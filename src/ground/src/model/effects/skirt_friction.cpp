@@ -20,7 +20,7 @@ struct SkirtFriction {
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
-    const double share = 1.0 - point.lift;
+    const Given<T> share = 1.0 - point.lift;
     addDryFriction(point, T(p[0] * share), T(p[1] * share), wrench);
   }
 };

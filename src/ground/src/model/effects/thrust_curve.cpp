@@ -23,7 +23,8 @@ struct ThrustCurve {
       const Thruster& one = point.layout[i];
       const double end = std::max(one.most, -one.least) * point.body.input_max;
       const T w = abs(point.input(i)) / end;
-      if (w > kMinInput) force(i) *= pow(w, T(p[0] - 1.0));
+      force(i) *= whereAbove(
+          kMinInput, w, [&](const T& x) { return T(pow(x, T(p[0] - 1.0))); }, T(1.0));
     }
   }
 

@@ -19,7 +19,7 @@ struct ThrustSpeedLoss {
     for (int i = 0; i < force.size(); ++i) {
       const T along =
           point.layout.forward(i) * point.nu_air.x() + point.layout.starboard(i) * point.nu_air.y();
-      const T inflow = force(i) < 0.0 ? T(-along) : along;
+      const T inflow = select(force(i) < 0.0, T(-along), along);
       force(i) *= notBelowZero(T(1.0 - p[0] * inflow));
     }
   }

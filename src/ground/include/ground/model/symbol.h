@@ -1,0 +1,152 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <map>
+#include <optional>
+#include <string>
+#include <tuple>
+#include <vector>
+
+namespace ground {
+
+/// A number whose value is not known yet: a model with this scalar (Dynamics<Symbol>) writes its
+/// equations into the Trace of this thread instead of computing them. Like a double, a Symbol is not
+/// initialised by default; zeroed memory is the constant 0.
+struct Symbol {
+  double value;  ///< of a constant
+  int place;     ///< of its operation in the Trace; 0 for a constant
+
+  Symbol() = default;
+  Symbol(double constant) : value(constant), place(0) {}  // NOLINT: as numbers do
+
+  bool isConstant() const { return place == 0; }
+  Symbol operator-() const;
+  Symbol& operator+=(const Symbol& y) { return *this = *this + y; }
+  Symbol& operator-=(const Symbol& y) { return *this = *this - y; }
+  Symbol& operator*=(const Symbol& y) { return *this = *this * y; }
+  Symbol& operator/=(const Symbol& y) { return *this = *this / y; }
+  friend Symbol operator+(const Symbol& x, const Symbol& y);
+  friend Symbol operator-(const Symbol& x, const Symbol& y);
+  friend Symbol operator*(const Symbol& x, const Symbol& y);
+  friend Symbol operator/(const Symbol& x, const Symbol& y);
+};
+
+/// Whether a relation of symbols holds. It has no value that code can branch on: select() and choose()
+/// write both branches down.
+class Condition {
+ public:
+  explicit Condition(const Symbol& holds) : holds_(holds) {}
+  const Symbol& symbol() const { return holds_; }
+  /// Throws std::invalid_argument if the relation depends on more than constants.
+  explicit operator bool() const;
+
+ private:
+  Symbol holds_;
+};
+
+Condition operator<(const Symbol& x, const Symbol& y);
+Condition operator>(const Symbol& x, const Symbol& y);
+Condition operator<=(const Symbol& x, const Symbol& y);
+Condition operator>=(const Symbol& x, const Symbol& y);
+Condition operator==(const Symbol& x, const Symbol& y);
+Condition operator!=(const Symbol& x, const Symbol& y);
+Condition operator&&(const Condition& a, const Condition& b);
+Condition operator||(const Condition& a, const Condition& b);
+Condition operator!(const Condition& a);
+
+/// `a` where the condition holds, else `b`.
+Symbol select(const Condition& condition, const Symbol& a, const Symbol& b);
+
+/// One step of a calculation.
+struct Operation {
+  /// "constant", "symbol", an operator of C ("neg": the sign, "select": `?:`), a function of math.h
+  /// ("abs", "min" and "max" for those of doubles), "bells", or "item".
+  std::string name;
+  /// Name of a symbol; number of a table of bells, or of an item of another operation.
+  std::string label;
+  std::vector<int> arguments;  ///< places of earlier operations
+  bool fixed;                  ///< depends on parameters and constants only
+  double value;                ///< with the parameters' values, if it is fixed
+};
+
+/// Calculations that Symbols have written down, each only once. A Trace receives those of its thread
+/// as long as it lives; traces may be nested.
+class Trace {
+ public:
+  Trace();
+  ~Trace();
+  Trace(const Trace&) = delete;
+  Trace& operator=(const Trace&) = delete;
+  /// The innermost Trace of this thread. Throws std::logic_error if there is none.
+  static Trace& current();
+
+  Symbol variable(const std::string& name) { return add({"symbol", name, {}, false, 0}); }
+  Symbol parameter(const std::string& name, double value) { return add({"symbol", name, {}, true, value}); }
+  /// A function or an operator (Operation::name) of some arguments, or what it simplifies to.
+  Symbol of(const std::string& name, const std::vector<Symbol>& arguments);
+  /// Three sums of bells (1 - d^2)^4, where d < 1 is the distance of the arguments from the bell's
+  /// centre. A row of the table has a centre, then the bell's three weights.
+  std::vector<Symbol> bells(const Eigen::MatrixXd& table, const std::vector<Symbol>& arguments);
+
+  /// Derivative of y by a variable x. Throws std::invalid_argument if a function on the way has none
+  /// here.
+  Symbol derivative(const Symbol& y, const Symbol& x);
+  /// y with a number in place of the variable x. Relations between parameters are decided by their
+  /// values.
+  Symbol at(const Symbol& y, const Symbol& x, double number);
+
+  double valueOf(const Symbol& x) const { return x.place ? operations_[index(x.place)].value : x.value; }
+  bool isFixed(const Symbol& x) const { return !x.place || operations_[index(x.place)].fixed; }
+  /// Place of a symbol; a constant gets one.
+  int placeOf(const Symbol& x);
+  Symbol symbolAt(int place) const;
+  /// The first one is not used.
+  const std::vector<Operation>& operations() const { return operations_; }
+  const std::vector<Eigen::MatrixXd>& tables() const { return tables_; }
+
+ private:
+  using Known = std::map<int, Symbol>;
+
+  static std::size_t index(int place) { return static_cast<std::size_t>(place); }
+  Symbol add(const Operation& operation);
+  bool is(const Symbol& x, const char* name) const {
+    return x.place && operations_[index(x.place)].name == name;
+  }
+  Symbol argument(const Symbol& x, std::size_t i) const {
+    return symbolAt(operations_[index(x.place)].arguments[i]);
+  }
+  std::optional<Symbol> shorter(const std::string& name, const std::vector<Symbol>& arguments) const;
+  std::optional<Symbol> shorterSum(const Symbol& a, const Symbol& b) const;
+  std::optional<Symbol> shorterDifference(const Symbol& a, const Symbol& b) const;
+  std::optional<Symbol> shorterProduct(const Symbol& a, const Symbol& b) const;
+  std::optional<Symbol> shorterQuotient(const Symbol& a, const Symbol& b) const;
+  std::optional<Symbol> shorterRelation(const Symbol& number) const;
+  Symbol slope(const Symbol& y, const Symbol& x, Known& known);
+  Symbol replaced(const Symbol& y, const Symbol& x, double number, Known& known);
+
+  Trace* outer_;
+  std::vector<Operation> operations_;
+  std::vector<Eigen::MatrixXd> tables_;
+  std::map<std::tuple<std::string, std::string, std::vector<int>, double>, int> places_;
+};
+
+Symbol abs(const Symbol& x);
+Symbol sqrt(const Symbol& x);
+Symbol exp(const Symbol& x);
+Symbol log(const Symbol& x);
+Symbol sin(const Symbol& x);
+Symbol cos(const Symbol& x);
+Symbol tanh(const Symbol& x);
+Symbol pow(const Symbol& base, const Symbol& exponent);
+
+}  // namespace ground
+
+namespace Eigen {
+template <>
+struct NumTraits<ground::Symbol> : NumTraits<double> {
+  using Real = ground::Symbol;
+  using NonInteger = ground::Symbol;
+  using Nested = ground::Symbol;
+  enum { RequireInitialization = 1 };
+};
+}  // namespace Eigen

@@ -1,0 +1,1 @@
+"""A model's equations as code of other languages."""

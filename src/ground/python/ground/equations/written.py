@@ -1,0 +1,220 @@
+"""A model as code of another language, compared with the core when it is written."""
+
+import os
+import re
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Iterator, List, Optional, Sequence, Tuple
+
+import jinja2
+
+from ground import _core
+from ground.equations import checks, languages
+from ground.equations.statements import Equations, Function, Language, Symbol
+from ground.support import files, origin
+from ground.support.annotations import Document, Path
+from ground.support.errors import GroundError
+from ground.support.headline import Line
+from ground.support.results import Shown
+
+if TYPE_CHECKING:
+    import pandas
+
+SUFFIXES = {".py": "numpy", ".h": "c", ".c": "c"}  # what the end of a file's name asks for
+TARGETS = {"numpy": languages.NUMPY, "casadi": languages.CASADI, "c": languages.C}
+MEANINGS = {
+    "x": " [m], world_ned",
+    "y": " [m], world_ned",
+    "psi": " [rad], world_ned: heading",
+    "u": " [m/s], body: surge",
+    "v": " [m/s], body: sway",
+    "r": " [rad/s]: yaw rate",
+}
+# Names with a meaning in the code, beside keywords
+RESERVED = "np ca collections state inputs parameters t dt p h i rate acting measured at after rates".split()
+
+
+@dataclass(frozen=True, repr=False)
+class ExportedModel(Shown):
+    """A model that was written as code."""
+
+    path: str
+    to: str  #: numpy, casadi or c
+    states: List[str]  #: names of the numbers of a state
+    inputs: List[str]  #: names of its inputs
+    #: largest relative difference of its results from the core's, at random states; None if not compared
+    difference: Optional[float]
+    unchecked: str  #: why it was not compared
+
+    def headline(self, written: str = "") -> List[Line]:
+        """Its first lines: what was written, and whether it does what the model does."""
+        return [
+            ("Exported", "states %s; inputs %s." % (", ".join(self.states), ", ".join(self.inputs))),
+            ("Checked", _checked(self.difference, self.unchecked)),
+            ("File", self.path),
+            ("Next", "nothing needed" if self.difference is not None else "check it where it can be run"),
+        ]
+
+    def to_frame(self) -> "pandas.DataFrame":
+        """Index of each number of a state and of the inputs, indexed by kind and name."""
+        import pandas
+
+        rows = [(kind, *item[::-1]) for kind, names in self._groups() for item in enumerate(names)]
+        return pandas.DataFrame(rows, columns=["kind", "name", "index"]).set_index(["kind", "name"])
+
+    def to_dict(self) -> Document:
+        """Plain values, as `identify export --json` prints them."""
+        return asdict(self)
+
+    def _groups(self) -> Iterator[Tuple[str, List[str]]]:
+        yield "state", self.states
+        yield "input", self.inputs
+
+
+def target(path: str, to: Optional[str]) -> str:
+    """What a file is written as: what is asked for, else what its name says. GroundError when neither is
+    known."""
+    found = to or SUFFIXES.get(os.path.splitext(path)[1])
+    if found in TARGETS:
+        return str(found)
+    ends = ", ".join("%s as %s" % item for item in SUFFIXES.items())
+    raise GroundError(
+        "%s: what it should be is not known; name it %s, or choose one of %s by --to (to= in Python)"
+        % (path, ends, ", ".join(TARGETS))
+        if to is None
+        else "a model is not exported to %s; --to (to= in Python) takes one of %s" % (to, ", ".join(TARGETS))
+    )
+
+
+def write(core: _core.Model, path: Path, to: Optional[str] = None, force: bool = False) -> ExportedModel:
+    """Writes a model as code of its own: `to` is numpy, casadi or c, by default what the file's name says.
+
+    The code is compared with the core at random states first. GroundError when it differs, an effect
+    cannot be written as formulas, or the file cannot be written.
+    """
+    place = os.fspath(path)
+    chosen = target(place, to)
+    prefix = re.sub(r"\W", "_", os.path.splitext(os.path.basename(place))[0], flags=re.ASCII)
+    prefix = prefix if prefix[:1].isalpha() else "model_" + prefix
+    files.refuse_existing(place, force)
+    try:
+        equations = Equations(core, RESERVED)
+    except ValueError as error:
+        raise GroundError(str(error)) from error
+    code = _code(equations, chosen, prefix, place)
+    difference, unchecked = checks.compared(equations, code, chosen, prefix)
+    with files.new_file(place, force) as temporary:
+        with open(temporary, "w", encoding="utf-8") as file:
+            file.write(code.replace(CHECK, _safe(_checked(difference, unchecked))))
+    names = [[symbol.name for symbol in group] for group in (equations.states, equations.inputs)]
+    return ExportedModel(place, chosen, names[0], names[1], difference, unchecked)
+
+
+CHECK = "@CHECK@"  # stands for what is known only when the code has run
+
+
+def _checked(difference: Optional[float], unchecked: str) -> str:
+    """Whether the code was compared with the core."""
+    if difference is None:
+        return "It was not compared with the model: %s" % unchecked
+    text = "It agrees with the model at %d random states: the largest relative difference is %.0e"
+    return text % (checks.COUNT, difference)
+
+
+def _code(equations: Equations, to: str, prefix: str, path: str) -> str:
+    """The file, with CHECK in it."""
+    language, core = TARGETS[to], equations.core
+    loader = jinja2.FileSystemLoader(os.path.dirname(os.path.abspath(__file__)))
+    environment = jinja2.Environment(loader=loader, trim_blocks=True, lstrip_blocks=True)
+    template = environment.get_template("c.jinja" if to == "c" else "python.jinja")
+    described = {p["name"]: p for p in core.parameters()}
+    text = template.render(
+        title=_safe(core.name or "A model"),
+        version=_core.version,
+        date=origin.now(),
+        command=_safe(origin.command()),
+        check=CHECK,
+        casadi=to == "casadi",
+        prefix=prefix,
+        linkage="static inline " if path.endswith(".h") else "",
+        number=language.number,
+        states=equations.states,
+        inputs=equations.inputs,
+        initial=equations.initial,
+        meanings={s.name: MEANINGS.get(s.name, ": state of an effect") for s in equations.states},
+        ranges=_ranges(core),
+        parameters=[
+            {
+                "name": name,
+                "identifier": symbol.identifier,
+                "value": core.value(name),
+                "doc": _safe(described[name]["doc"] or name),
+                "unit": _safe(described[name]["unit"]),
+            }
+            for name, symbol in equations.parameters.items()
+        ],
+        tables=[table.tolist() for table in equations.tables],
+        actuated=equations.is_actuated,
+        delays=equations.delays,
+        **_functions(equations, language),
+    )
+    return checks.named(text, prefix)
+
+
+def _ranges(core: _core.Model) -> List[str]:
+    """Where the inputs are, in words."""
+    ends = ["%g to %g" % tuple(core.input_max * end for end in t["range"]) for t in core.thrusters]
+    return [": thruster, %s" % end for end in ends] + [": lift fan, 0 to 1"]
+
+
+def _functions(equations: Equations, language: Language) -> Document:
+    """The functions of the code, for its template."""
+
+    def written(places: Sequence[int], *arguments: str) -> Document:
+        return _described(equations, equations.function(places, language), arguments)
+
+    outputs = equations.outputs
+    found: Document = {
+        "motion": written(outputs["motion"], "state", "inputs", "t", "p"),
+        "measured": written(outputs["measured"], "state", "p"),
+        "delay": written([outputs["delay"]], "p"),
+    }
+    if equations.is_actuated:
+        nodes, now = outputs["nodes"], outputs["now"]
+        places = [place for node in nodes for place in node]
+        step = written([*places, *outputs["after"]], "state", "inputs", "dt", "p")
+        width = len(nodes[0])
+        step["nodes"] = [step["outputs"][i * width : (i + 1) * width] for i in range(len(nodes))]
+        step["after"] = step["outputs"][len(places) :]
+        at_once = written([*now, *outputs["rates"]], "state", "inputs", "p")
+        at_once["now"] = at_once["outputs"][: len(now)]
+        at_once["rates"] = at_once["outputs"][len(now) :]
+        found.update(step=step, at_once=at_once)
+    return found
+
+
+def _described(equations: Equations, function: Function, arguments: Sequence[str]) -> Document:
+    """A function for a template: its statements, and what they use of its arguments."""
+
+    def used(kind: str, symbols: Sequence[Symbol]) -> List[Document]:
+        return [
+            {"name": symbol.name, "identifier": symbol.identifier, "index": index}
+            for index, symbol in enumerate(symbols)
+            if "%s %s" % (kind, symbol.name) in function.used
+        ]
+
+    found: Document = {
+        "states": used("state", equations.states),
+        "inputs": used("input", equations.inputs),
+        "parameters": used("parameter", list(equations.parameters.values())),
+        "lines": function.lines,
+        "outputs": function.outputs,
+    }
+    found["chooses"] = any("where(" in text for text in [*function.lines, *function.outputs])
+    needed = {"state": found["states"], "inputs": found["inputs"], "p": found["parameters"]}
+    found["unused"] = [a for a in arguments if not needed.get(a, a in function.used)]
+    return found
+
+
+def _safe(text: str) -> str:
+    """A text that cannot end a comment or a docstring."""
+    return " ".join(text.split()).replace("\\", "/").replace('"', "'").replace("*/", "* /")

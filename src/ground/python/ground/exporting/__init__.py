@@ -1,0 +1,1 @@
+"""export: a model in the language of another program."""

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <ground_msgs/ModelError.h>
+#include <visualization_msgs/MarkerArray.h>
+
+#include <string>
+#include <vector>
+
+namespace ground {
+
+/// A line of the legend of rviz, in the colour of what it explains.
+struct LegendLine {
+  std::string text, color;
+  bool operator==(const LegendLine& other) const { return text == other.text && color == other.color; }
+};
+
+using LegendLines = std::vector<LegendLine>;
+
+/// Adds how far a model is off, beside what noise alone leaves.
+void addModel(LegendLines& lines, const ground_msgs::ModelError& error, bool is_better,
+              const std::string& color);
+/// Two digits, as in "0.45", "62", "560".
+std::string rounded(double value);
+/// A force, as in "62 mN", "0.56 N".
+std::string newtons(double value);
+
+/// Markers of lines one below the other in a frame as seen from above with x upwards and y to the right,
+/// left-aligned. They replace earlier ones. top, left: upper and left edge [m]; a line that would reach
+/// beyond `right` [m] moves all lines to the left.
+visualization_msgs::MarkerArray legendMarkers(const LegendLines& lines, const std::string& frame, double top,
+                                              double left, double right);
+
+}  // namespace ground
