@@ -59,7 +59,7 @@ class RunComparison(_Frame):
     """All models against one run.
 
     >>> (run,) = ground.compare(model_file, bag).runs
-    >>> run.name, sorted(run.numbers) == sorted(run.summary), run.to_frame().index[0][0]
+    >>> run.name, sorted(run.numbers) == sorted(run.remarks), run.to_frame().index[0][0]
     ('run', True, 'run')
     """
 
