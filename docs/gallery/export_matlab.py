@@ -11,4 +11,5 @@ ground.fit(craft.with_values({"k": 0.05}), runs).to_mat("fit.mat", force=True)
 found = loadmat("fit.mat", squeeze_me=True, struct_as_record=False)  # in MATLAB: load fit.mat
 for p in filter(lambda p: p.identified, found["parameters"]):
     print("%-4s %10.4g %-6s %s" % (p.name, p.value, p.unit, p.ci95))
-print("off after a second: %.1f mm" % found["runs"][0].predicted[1].after[4].position_mm)
+errors = {one.seconds: one.position_mm for one in found["runs"][0].predicted[1].after}
+print("off after a second: %.1f mm" % errors[1.0])

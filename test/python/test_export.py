@@ -335,7 +335,7 @@ def test_what_cannot_be_exported_is_said_in_a_line(tmp_path):
         ((craft, "-o", tmp_path / "craft.txt"), "--to"),
         ((craft, "-o", tmp_path / "nowhere" / "craft.py"), "there is no folder"),
         ((tmp_path / "none.yaml", "-o", tmp_path / "craft.py"), "none.yaml"),
-        ((craft, "-o", craft, "--to", "c", "--force"), "not overwritten"),
+        ((craft, "-o", craft, "--to", "c", "--force"), "input"),
     ):
         said = identify("export", *arguments)
         assert said.returncode == 1 and words in said.stderr, said.stderr
