@@ -84,6 +84,7 @@ class Visualizer : public Shell {
     const std::lock_guard<std::mutex> lock(mutex_);
     errors_[0] = error;
     if (error->window < kMinWindow || !error->excited) return;
+    floor_noise_ = error->position_noise;
     floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1],
                std::hypot(error->eta_error[0], error->eta_error[1]));
   }
@@ -266,10 +267,9 @@ class Visualizer : public Shell {
     };
     const bool known = isRecent(errors_[0]);
     const ground_msgs::ModelError error = known ? *errors_[0] : ground_msgs::ModelError();
-    const auto is_sure = [&](int i) { return std::abs(error.wrench[i]) > kSure * error.wrench_noise[i]; };
-    const auto& w = error.wrench;
-    arrow(kMissing, 0, {w[0], w[1]}, known && (is_sure(0) || is_sure(1)));
-    arrow(kMissing + 1, 2.5 * l, {0, w[2] / l}, known && is_sure(2));
+    const auto &w = error.wrench, &noise = error.wrench_noise;
+    arrow(kMissing, 0, {w[0], w[1]}, known && std::hypot(w[0] / noise[0], w[1] / noise[1]) > kSure);
+    arrow(kMissing + 1, 2.5 * l, {0, w[2] / l}, known && std::abs(w[2]) > kSure * noise[2]);
   }
 
   /// Publishes the legend when it changes, left of the room's walls.
@@ -298,17 +298,14 @@ class Visualizer : public Shell {
                          newtons(typical::force(model_.body) / config_.missing_length),
                      palette::kMissing});
     if (config_.floor_map && !floor_.cells().empty())
-      lines.push_back({"floor: off by " + rounded(1e3 * errors_[0]->position_noise) +
-                           " mm (dark, noise) to " + rounded(1e3 * floorTop()) + " mm",
+      lines.push_back({"floor: off by " + rounded(1e3 * floor_noise_) + " mm (dark, noise) to " +
+                           rounded(1e3 * floorTop()) + " mm",
                        palette::kBlack});
     return lines;
   }
 
   /// Error of the brightest colour of the floor [m].
-  double floorTop() const {
-    const double noise = errors_[0] ? errors_[0]->position_noise : 0;
-    return std::max(floor_.large(), kFloorSpan * noise);
-  }
+  double floorTop() const { return std::max(floor_.large(), kFloorSpan * floor_noise_); }
 
   /// Publishes the walls and the home of a room.
   void showRoom(const Room& room) {
@@ -343,10 +340,10 @@ class Visualizer : public Shell {
     m->action = config_.floor_map ? Marker::ADD : Marker::DELETE;
     m->scale.x = m->scale.y = 0.96 * config_.cell;
     m->scale.z = 0.002;
-    const double noise = errors_[0] ? errors_[0]->position_noise : 0, span = floorTop() - noise;
+    const double span = floorTop() - floor_noise_;
     for (const auto& cell : floor_.cells()) {
       m->points.push_back(markerPoint(cell.x, cell.y, 0.01));  // below the paths
-      m->colors.push_back(scaleColor((cell.mean - noise) / span, kFloorOpacity));
+      m->colors.push_back(scaleColor((cell.mean - floor_noise_) / span, kFloorOpacity));
     }
     if (m->points.empty()) m->action = Marker::DELETE;
     floor_publisher_.publish(m);
@@ -356,7 +353,7 @@ class Visualizer : public Shell {
   static constexpr double kMinWindow = 2.0;    // shortest window after which a model has settled [s]
   static constexpr double kFloorPeriod = 1.0;  // interval of floor maps [s]
   static constexpr double kFloorSpan = 5;      // least error of the brightest floor, relative to noise
-  static constexpr double kSure = 4;           // least missing force that is shown, relative to noise
+  static constexpr double kSure = 3.5;         // least missing force that is shown, relative to noise
   static constexpr double kShortest = 0.02, kLongest = 0.8;  // arrow of a missing force [m]
   static constexpr double kGap = 0.2;                        // between legend and wall [m]
   static constexpr double kLegendPeriod = 1.0;               // interval of legends [s]
@@ -376,6 +373,7 @@ class Visualizer : public Shell {
   std::array<ground_msgs::ModelError::ConstPtr, 2> errors_;
   ground_msgs::ModelComparison::ConstPtr comparison_;
   FloorMap floor_{0.25};
+  double floor_noise_ = 0;  ///< error of a right model [m]
   ros::Time last_update_, last_floor_, last_legend_;
   bool shown_ = false;
   bool has_room_ = false;

@@ -64,7 +64,7 @@ class DiscoveryNode:
         self._teller = words.Teller(_log, self._model)
         self._story = Story(self._model.name, room.name, self._settings.budget, activity=PREPARES)
         self._waits = ""  # what the laboratory waits for
-        self._does = ""  # what a diagnosis does now
+        self._does, self._since = "", 0.0  # what a diagnosis does now, and since when [s]
         self._said = time.monotonic()  # when the last word was said [s]
         self._failure = ""
         self._keeps = False  # whether a flight is not in the journal yet
@@ -77,6 +77,7 @@ class DiscoveryNode:
         """Begins, or goes on with the story of the folder."""
         rospy.loginfo("discovery: everything is kept in %s", self._folder)
         self._thread.start()
+        threading.Thread(target=self._break_silence, daemon=True).start()
 
     def end(self, patience: float) -> None:
         """Interrupts the discovery, which its folder can go on with: ends a flight at once, and waits
@@ -144,17 +145,28 @@ class DiscoveryNode:
         self._publish()
 
     def _report(self, report: Report) -> None:
-        """Says from time to time what a diagnosis does, and how much of it is done."""
-        if time.monotonic() - self._said > QUIET and not report.note:
-            self._said, self._does = time.monotonic(), "%s: %s" % (self._story.activity, report)
-            _log(self._does)
-            self._publish()
+        """Hears what a diagnosis does, and how much of it is done."""
+        if not report.note and str(report) != self._does:
+            self._does, self._since = str(report), time.monotonic()
+
+    def _break_silence(self) -> None:
+        """Says from time to time what a diagnosis does, and for how long it has done so."""
+        while not self._closed:
+            time.sleep(1.0)
+            now, does = time.monotonic(), self._does
+            if does and now - self._said > QUIET:
+                self._said = now
+                _log("%s: %s (%.0f s)" % (self._story.activity, does, now - self._since))
+                self._publish()
+
+    def _doing(self) -> str:
+        return "%s: %s" % (self._story.activity, self._does) if self._does else ""
 
     def _publish(self) -> None:
         with self._publishing:
             if self._closed:
                 return
-            message = discovery_messages.status(self._story, self._folder, self._waits or self._does)
+            message = discovery_messages.status(self._story, self._folder, self._waits or self._doing())
             message.header.stamp = self._laboratory.now()
             if self._failure:
                 message.ended, message.reason = True, self._failure
