@@ -111,7 +111,7 @@ def test_a_sentence(changed, identify):
     heavier = copy / "heavier.yaml"
     text = re.sub(r"^( *m: *)[\d.]+", r"\g<1>0.08", MODEL.read_text(), flags=re.M)
     heavier.write_text(text)
-    words = ["compare", flown(identify, copy), "--model", MODEL, "--model", heavier, "-o", copy / "out"]
+    words = ["compare", flown(identify, copy, 10), "--model", MODEL, "--model", heavier, "-o", copy / "out"]
     assert "best of all" in identify(copy, *words)
 
 
