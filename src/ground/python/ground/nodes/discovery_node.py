@@ -64,7 +64,7 @@ class DiscoveryNode:
         self._teller = words.Teller(_log, self._model)
         self._story = Story(self._model.name, room.name, self._settings.budget, activity=PREPARES)
         self._waits = ""  # what the laboratory waits for
-        self._does, self._since = "", 0.0  # what a diagnosis does now, and since when [s]
+        self._does, self._since = "", time.monotonic()  # what a diagnosis does now, and since when [s]
         self._said = time.monotonic()  # when the last word was said [s]
         self._failure = ""
         self._keeps = False  # whether a flight is not in the journal yet
@@ -134,7 +134,7 @@ class DiscoveryNode:
     def _tell(self, story: Story) -> None:
         """Shows a change of the story, which is in the journal."""
         self._story, self._keeps = story, story.planned is not None
-        self._does, self._said = "", time.monotonic()
+        self._does, self._since, self._said = "", time.monotonic(), time.monotonic()
         try:
             page.write(story, self._folder, self._laboratory.room)
         except (GroundError, OSError) as error:
@@ -150,17 +150,18 @@ class DiscoveryNode:
             self._does, self._since = str(report), time.monotonic()
 
     def _break_silence(self) -> None:
-        """Says from time to time what a diagnosis does, and for how long it has done so."""
-        while not self._closed:
+        """Says from time to time what is done on the ground, and for how long."""
+        while self._thread.is_alive():
             time.sleep(1.0)
-            now, does = time.monotonic(), self._does
+            now, does = time.monotonic(), "" if self._keeps or self._waits else self._doing()
             if does and now - self._said > QUIET:
                 self._said = now
-                _log("%s: %s (%.0f s)" % (self._story.activity, does, now - self._since))
+                _log("%s, for %.0f s" % (does, now - self._since) if now - self._since > 1 else does)
                 self._publish()
 
     def _doing(self) -> str:
-        return "%s: %s" % (self._story.activity, self._does) if self._does else ""
+        """What is done now, empty after the end."""
+        return "%s: %s" % (self._story.activity, self._does) if self._does else self._story.activity
 
     def _publish(self) -> None:
         with self._publishing:
