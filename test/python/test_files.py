@@ -81,7 +81,7 @@ def test_an_input_is_never_overwritten_even_with_force(here, capsys, arguments):
     (here / "out" / "run.wrench.fit.csv").symlink_to("fit.csv")
     shutil.copy(str(here / "run.bag"), str(here / "out" / "diagnosis.json"))
     before = contents(here), contents(here / "out")
-    fails(capsys, arguments, "is read by this command", "name another output")
+    fails(capsys, arguments, "is an input of this command", "choose another output")
     assert before == (contents(here), contents(here / "out"))
 
 
@@ -90,9 +90,9 @@ def test_programs_refuse_to_overwrite_their_inputs(here, capsys):
     before = contents(here)
     options = ["--model", "model.yaml", "--force"]
     runs = lambda verb: lambda argv: cli.program(verb, argv)  # noqa: E731
-    fails(capsys, options + ["-o", "model.yaml"], "model.yaml is read", run=runs("tune"))
+    fails(capsys, options + ["-o", "model.yaml"], "model.yaml: it is an input", run=runs("tune"))
     more = ["--references", "way.csv:speed=0.5", "-o", "way.csv"]
-    fails(capsys, options + more, "way.csv is read", run=runs("tune"))
+    fails(capsys, options + more, "way.csv: it is an input", run=runs("tune"))
     assert before == contents(here)
 
 

@@ -310,7 +310,7 @@ def test_the_disturbance_of_a_model_acts_on_request(tmp_path):
         return digest(out), result.stdout
 
     still, output = bag("still.bag")
-    assert "windy.yaml has a disturbance, which did not act: --disturbance applies it" in output
+    assert "did not act: --disturbance applies it" in " ".join(output.split())
     plain, _ = simulate(tmp_path, "prbs", "--duration", 2)
     but_model = (SETTINGS,)
     assert digest_of_messages(tmp_path / "still.bag", but_model) == digest_of_messages(plain, but_model)

@@ -35,7 +35,13 @@ RESERVED = "np ca collections state inputs parameters t dt p h i rate acting mea
 
 @dataclass(frozen=True, repr=False)
 class ExportedModel(Shown):
-    """A model that was written as code."""
+    """A model that was written as code.
+
+    >>> import tempfile
+    >>> written = ground.Model.load(model_file).export(tempfile.mkdtemp() + "/craft.py")
+    >>> written.to, written.states
+    ('numpy', ['x', 'y', 'psi', 'u', 'v', 'r'])
+    """
 
     path: str
     to: str  #: numpy, casadi or c
