@@ -102,7 +102,7 @@ class Effect(Shown):
         text = candidates.text_of(place)
         try:
             entry = yaml.safe_load(text)
-        except yaml.YAMLError:
+        except (ValueError, yaml.YAMLError, RecursionError):
             entry = None
         if not isinstance(entry, dict) or "name" not in entry:
             candidates.from_text(text, place)  # says what is wrong, and where
