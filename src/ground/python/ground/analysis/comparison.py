@@ -13,6 +13,7 @@ from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import GroundError
 
 START = 0.4  # part of a window that gives the initial velocities of the pure prediction [s]
+BLOCK = 0.5  # of nearly independent errors, as for intervals of fits [s]
 THESIS_SPAN = 4.0  # length of the thesis's objective [s]
 HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # [s]
 CHANNELS = ("u", "v", "r")
@@ -48,11 +49,13 @@ class Evaluation:
     horizons: List[Document]  # per horizon: seconds, errors (k, 2) [mm], [deg]
 
     @property
-    def by_window(self) -> Array:
-        """Sum of the errors of u, v, r in each window, (windows,)."""
-        return np.array(
-            [np.abs((p["measured"] - p["nu"]) / self.sigma).mean(axis=0).sum() for p in self.pieces]
-        )
+    def by_block(self) -> Array:
+        """Sum of the errors of u, v, r in each block of windows, (blocks,)."""
+        blocks = []
+        for piece in self.pieces:
+            count = max(1, round(np.ptp(piece["times"]) / BLOCK))
+            blocks += np.array_split(np.abs((piece["measured"] - piece["nu"]) / self.sigma), count)
+        return np.array([block.mean(axis=0).sum() for block in blocks])
 
     @property
     def residual(self) -> Array:

@@ -181,10 +181,10 @@ def _studies(runs: Sequence[RunComparison], label: str) -> List[Document]:
 
 def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
     """Models by their error over runs."""
-    errors, roles, by_window = {}, {}, {}
+    errors, roles, by_block = {}, {}, {}
     for label in labels:
         studies = _studies(runs, label)
-        by_window[label] = np.concatenate([s["evaluation"].by_window for s in studies])
+        by_block[label] = np.concatenate([s["evaluation"].by_block for s in studies])
         errors[label] = float(comparison.numbers([s["evaluation"] for s in studies])["error"])
         roles[label] = {s["role"] for s in studies}
     fitted = [label for label in labels if "fit" in roles[label]]
@@ -194,7 +194,7 @@ def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
         runs=[run.name for run in runs],
         errors={label: errors[label] for label in [best, *others]},
         fitted=fitted,
-        equal=[label for label in others if mean_not_above_zero(by_window[label] - by_window[best]) > CHANCE],
+        equal=[label for label in others if mean_not_above_zero(by_block[label] - by_block[best]) > CHANCE],
     )
 
 

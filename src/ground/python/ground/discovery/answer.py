@@ -16,13 +16,14 @@ def lines(story: Story, given: Optional[_core.Model], model: str = "", page: str
     finding = story.findings[-1] if story.findings else None
     head = [("Missing" if story.ended else "Missing, so far", _answer(story, given))]
     if finding:
-        found = "improved" if finding.effects else "refitted"
+        best = "improved" if finding.effects else "refitted"
         beside = {"refitted": "without the effects, refitted"} if finding.effects else {}
-        head += prediction(finding.prediction, "given", found, **beside)
+        head += prediction(finding.prediction, "given", best, **beside)
     if story.flights:
         head.append(("Flown", words.effort(story)))
     if model:
-        head.append(("Model with it" if finding and finding.effects else "Model", model))
+        found = len(finding.effects) if finding else 0
+        head.append(("Model with %s" % ("it" if found == 1 else "them") if found else "Model", model))
     head.append(("Next", _next(story)))
     return head + [("Details", page)] * bool(page)
 

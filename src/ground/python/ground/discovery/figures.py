@@ -30,6 +30,7 @@ from ground.reports.figure_parts import (
     walls,
 )
 from ground.reports.panels import Panels
+from ground.reports.words import millimetres
 from ground.support.annotations import Array, Document
 
 ROOM_ABOVE = 1.6  # largest error that the axis has room for, over the largest that is drawn
@@ -81,11 +82,8 @@ def _errors_title(story: Story, flights: Sequence[Flown]) -> str:
     known = [off[0] for off in flights[-1].errors.values() if off]
     if len(known) < 2:
         return "How far the given model's predictions are off"
-    told = flights[-1].flight.number, known[0], known[-1]
-    return (
-        "On flight %d predictions are off by %.2g mm with the given model, by %.2g mm with what was found"
-        % told
-    )
+    told = flights[-1].flight.number, millimetres(known[0]), millimetres(known[-1])
+    return "On flight %d predictions are off by %s with the given model, by %s with what was found" % told
 
 
 def shown(story: Story) -> List[tale.Version]:

@@ -107,7 +107,7 @@ def _beliefs(story: Story, given: Optional[_core.Model]) -> Document:
             b.state,
             *(_percent(known.get(b.effect)) for known in after),
             "" if b.share is None or b.state not in (PRESENT, SLIGHT) else "%.2g%%" % (100 * b.share),
-            "%.3g" % b.visibility,
+            "%.0f" % b.visibility,
         ]
         for b in ranked
     ]

@@ -38,7 +38,7 @@ from ground.reports.figure_parts import (
     with_gaps,
 )
 from ground.reports.panels import Panels
-from ground.reports.words import listed
+from ground.reports.words import listed, two_digits
 from ground.support.annotations import Array, Document
 
 LABEL_WIDTH = 24  # of a line of a bar's label [characters]
@@ -60,7 +60,7 @@ def predictions(found: Document, shown: Sequence[Tuple[str, str]], title: str) -
             "x": short([min(v, most) if v is not None else most for v in values]),
             "y": labels,
             "orientation": "h",
-            "text": ["%.2g %s" % (v, unit) if v in known else "not finite" for v in values],
+            "text": ["%s %s" % (two_digits(v), unit) if v in known else "not finite" for v in values],
             "textposition": "outside",
             "cliponaxis": False,
             "marker": {"color": [MODELS[0]] * (len(shown) - 1) + [MODELS[1]]},
@@ -69,7 +69,7 @@ def predictions(found: Document, shown: Sequence[Tuple[str, str]], title: str) -
         }
         figure.add(bar, row, 1)
         figure.span(floor, floor, row, 1, line={"color": FLOOR, "dash": "dash", "width": 2})
-        text = "the mocap alone: %.2g %s" % (floor, unit)
+        text = "the mocap alone: %s %s" % (two_digits(floor), unit)
         style: Document = {"yanchor": "bottom", "xanchor": "left"}
         figure.note(text, floor, 1, row, 1, xref=figure.axis("x", 1, row), font={"color": FLOOR}, **style)
         figure.update_xaxes(row, 1, range=[0, 1.35 * max(most, floor)], ticksuffix=" " + unit)

@@ -34,15 +34,15 @@ def off(error: Mapping[str, Optional[float]]) -> str:
     position, heading = error["position_mm"], error["heading_deg"]
     if position is None or heading is None or not math.isfinite(position + heading):
         return "not finite"
-    return "%s, %s deg" % (millimetres(position), _two_digits(heading))
+    return "%s, %s deg" % (millimetres(position), two_digits(heading))
 
 
 def millimetres(value: float) -> str:
     """A length in mm, from 1 m on in m, with two digits."""
-    return _two_digits(value) + " mm" if value < 999.5 else _two_digits(1e-3 * value) + " m"
+    return two_digits(value) + " mm" if value < 999.5 else two_digits(1e-3 * value) + " m"
 
 
-def _two_digits(value: float) -> str:
+def two_digits(value: float) -> str:
     """At least two digits, and all before the point."""
     return "%.0f" % value if value >= 99.5 else "%.2g" % value
 
