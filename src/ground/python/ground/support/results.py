@@ -55,6 +55,8 @@ class Shown:
     @property
     def title(self) -> str:
         """The result in a line."""
+        for label, text in self.headline():
+            return "%s: %s" % (label, text)
         return next(iter(self.lines()), "")
 
     def __repr__(self) -> str:
