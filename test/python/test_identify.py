@@ -245,7 +245,7 @@ def no_overlap(times, eta, inputs):
         (wrapped_degrees, ["degrees"]),
         (clock_set_back, ["jump back by 0.99 s", "301"]),
         (no_stamps, ["all poses have the same stamp"]),
-        (microseconds, ["normalised to 0..1"]),
+        (microseconds, ["looks like microseconds"]),
         (too_short, ["too short"]),
         (no_overlap, ["do not overlap"]),
     ],

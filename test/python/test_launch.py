@@ -326,7 +326,7 @@ def test_the_bench_prints_its_levels_and_writes_a_table_beside_the_bag(tmp_path)
     bag = list(tmp_path.glob("*_bench_0.bag"))[0]
     assert table.name == bag.name.replace("_0.bag", "_thrust.csv")
     assert table.read_text() == "input,left,right\n0.5,,\n1,,\n"
-    assert "without mocap nobody sees where the craft goes; fasten it" in text
+    assert "without mocap there is no fence; tie the craft down" in text
     for line in ("left 0.5, right 0 since 1.0 s", "left 0, right 1 since 7.0 s", "write the for"):
         assert line in text, text
     assert "has died" not in text and "Traceback" not in text, text

@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 CFG = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "cfg")
 MODEL = os.path.join(CFG, "hovercraft", "tiny_whoover.yaml")
 ROOM = os.path.join(CFG, "room", "room_4x4.yaml")
-BENCH = "on the bench: without mocap nobody sees where the craft goes; fasten it"
+BENCH = "bench mode: without mocap there is no fence; tie the craft down"
 HOLD = 0.6  # [s]
 LEVELS = [0.0, 0.3, 0.0, 0.8]
 LEFT, RIGHT = [(x, 0.0, 0.0) for x in LEVELS], [(0.0, x, 0.0) for x in LEVELS]

@@ -74,8 +74,7 @@ class Sender : public Shell {
   static constexpr double kFinalPeriod = 0.005;  // [s]
   static constexpr double kTick = 0.002;         // longest wait for the craft [s]
   static constexpr double kStatusPeriod = 0.5;   // [s]
-  static constexpr const char* kBench =
-      "on the bench: without mocap nobody sees where the craft goes; fasten it";
+  static constexpr const char* kBench = "bench mode: without mocap there is no fence; tie the craft down";
 
   void start(ros::NodeHandle& nh, ros::NodeHandle& topics) override {
     real_time_ = wantsRealTime(nh);

@@ -76,7 +76,7 @@ class Pilot {
 /// simulated experiments use the same class. It reads no clock; the caller serialises the calls.
 ///
 /// States: IDLE, WAITING (for a valid state and an armed sender), LIFTING, RUNNING, then DONE or
-/// STOPPED. RUNNING changes to RECOVERING while the state is lost; LIFTING continues without it.
+/// STOPPED. RUNNING changes to RECOVERING while the state is lost; LIFTING needs no state.
 /// Thrust is sent only in RUNNING, lift in LIFTING, RUNNING and RECOVERING.
 ///
 /// It stops if

@@ -37,7 +37,7 @@ struct ForceCurve {
  private:
   template <typename T>
   T between(const T& input) const {
-    // From input 0 on, so that the force there is exactly 0.
+    // Integrates the slopes from input 0, so that the force there is exactly 0.
     T force(0.0);
     for (std::size_t i = 1; i < table.size(); ++i) {
       const double slope = (table[i][1] - table[i - 1][1]) / (table[i][0] - table[i - 1][0]);

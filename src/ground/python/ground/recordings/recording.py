@@ -359,11 +359,11 @@ def _check_range(path: str, every: Array, values: Array, limits: Tuple[float, fl
         return
     unit = units.command_unit(every[every != 0]) if (every != 0).any() else None
     raise GroundError(
-        "%s: controls reach from %g to %g, but they are normalised to %g..%g;%s give their channels a unit, "
-        "or off and full, in a mapping (identify info --write-mapping drafts one)%s"
+        "%s: commands must be between %g and %g but reach from %g to %g%s; name their unit, or the values "
+        "off and full, in a mapping (identify info --write-mapping drafts one)%s"
         % (
-            path, every.min(), every.max(), *limits,
-            " they seem to be in %s:" % unit if unit in ("percent", "microseconds") else "",
+            path, *limits, every.min(), every.max(),
+            ", which looks like %s" % unit if unit in ("percent", "microseconds") else "",
             "; a thruster that can be reversed has range: [-1, 1], one that cannot and is off at -1 has "
             "off: -1, full: 1" if -1 <= low < 0 else "",
         )
