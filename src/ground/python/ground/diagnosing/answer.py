@@ -165,15 +165,16 @@ def _next(report: Document, folder: str) -> str:
     if kind == "misread":
         return "correct the mapping or the settings as told above, or add --as-recorded to diagnose anyway"
     open_still = any(len(step["group"]) > 1 for step in report["steps"])
-    if proposed and (open_still or kind == "undecided"):
+    if proposed and open_still:
         return "fly this to distinguish %s:\n%s" % (
             words.effects(report, proposed["separates"]),
             proposed["launch"],
         )
     if kind in ("unexplained", "memory") and report["unexplained"]["proposal"]:
         return (
-            "the formula is an effect in %s: try it with identify add, or diagnose again with --effects"
-            % _in(folder, "proposal.yaml")
+            "the formula is an effect of its own; this adds it and fits its size:\n"
+            "rosrun ground identify add %s BAGS --model %s -o proposed.yaml"
+            % (_in(folder, "proposal.yaml"), _in(folder, "improved.yaml"))
         )
     if kind in ("unexplained", "memory"):
         return "record more runs over the same places with other commands, so that a formula can be found"
