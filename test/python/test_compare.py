@@ -80,15 +80,13 @@ def test_a_true_model_leaves_nothing(tmp_path):
 
 
 def test_the_horizon_errors_are_those_of_an_independent_simulation(tmp_path):
-    """The heading error by a missing yaw moment. Its closed form starts at the right rate; the model's rate
-    is the best one before the start, and lags by what the moment adds in half of that time."""
+    """The heading error by a missing yaw moment equals the closed form."""
     one = study(tmp_path, "{name: yaw_bias, n0: 1.0e-4}")
     inertia, damping = 8.8e-5, 4.62e-5
     for horizon in one["horizons"][3:5]:
         t, rate = horizon["seconds"], damping / inertia
         turned = 1e-4 / damping * (t - (1 - np.exp(-rate * t)) / rate)
-        lag = 1e-4 / inertia * 0.25 * t * (1 - np.exp(-rate * t)) / rate
-        assert horizon["heading_deg"] == pytest.approx(np.degrees(turned + lag), rel=0.1)
+        assert horizon["heading_deg"] == pytest.approx(np.degrees(turned), rel=0.1)
 
 
 def test_a_constant_side_force(tmp_path):

@@ -71,7 +71,7 @@ def test_predictions_of_the_true_model_are_as_good_as_the_poses():
         starts = horizon.starts([run], seconds)
         errors = horizon.pose_errors([run], [model] * len(starts), starts, seconds)
         rms = np.sqrt((errors**2).mean(axis=0))
-        assert np.all(rms < 8 * horizon.pose_noise([run])), (craft, rms)
+        assert np.all(rms < 15 * horizon.pose_noise([run])), (craft, rms)
 
 
 def test_the_change_between_models_is_that_of_their_predictions():

@@ -119,14 +119,16 @@ class LiveComparisonTest(unittest.TestCase):
         self.assertEqual(second.message.model, "tilted_craft")
 
     def check_sizes(self):
-        """A tilt of the floor pushes the craft by a known way; the true model shows its noise."""
+        """A tilt of the floor pushes the craft by a known way; the true model shows its noise, and what the
+        delays of a busy computer add."""
+        harness.wait_for(lambda: self.second.message.window > 5, 20, "errors over some seconds")
         first, second = self.first.message, self.second.message
         pushed = 0.5 * 9.81 * math.hypot(*SLOPES)  # without damping [m]
         self.assertTrue(first.excited)
         self.assertLess(0.6 * pushed, first.position_error)
-        self.assertLess(first.position_error, 1.2 * pushed)
-        self.assertLess(second.position_error, 2 * second.position_noise)
-        self.assertLess(second.heading_error, 2 * second.heading_noise)
+        self.assertLess(first.position_error, 1.4 * pushed)
+        self.assertLess(second.position_error, 3 * second.position_noise)
+        self.assertLess(second.heading_error, 3 * second.heading_noise)
 
     def check_errors(self):
         """Each state has an error with its stamp. Returns the states by stamp."""

@@ -94,30 +94,28 @@ def _starts_in(run: _core.RunData, index: int, seconds: float) -> List[_core.Win
     return sorted(cut, key=lambda w: int(w.first))
 
 
-def _paths(
-    runs: Sequence[_core.RunData],
-    models: Sequence[_core.Model],
-    chosen: Sequence[_core.Window],
-    seconds: float,
-) -> List[Tuple[Array, int]]:
-    """Poses (n, 3) that models, one for each of starts(), predict at its samples, and the sample at which the
-    prediction starts. The initial velocities are the best for what was measured before it. GroundError when
-    a motion is not finite."""
-    paths: List[Tuple[Array, int]] = [(np.empty((0, 3)), 0)] * len(chosen)
-    groups: Dict[Tuple[int, int], List[int]] = {}
-    for k, (window, model) in enumerate(zip(chosen, models)):
-        groups.setdefault((window.run, id(model)), []).append(k)
-    for (i, _), at in groups.items():
-        run, model, times = runs[i], models[at[0]], np.array(runs[i].times)
-        own = [_core.Window(0, chosen[k].first, chosen[k].last) for k in at]
-        begins = times[[window.first for window in own]] + WARM_UP * seconds
-        splits = np.searchsorted(times, begins)
-        warm = [_core.Window(0, window.first, int(split)) for window, split in zip(own, splits)]
-        begun = call(windows.problem([run], warm).simulate, model)["nu"]
-        ended = call(_core.predict, model, run, own, np.array([nu[0] for nu in begun]))["eta"]
-        for k, eta, window, split in zip(at, ended, own, splits):
-            paths[k] = np.asarray(eta), int(split) - window.first
-    return paths
+def predicted_poses(
+    runs: Sequence[_core.RunData], model: _core.Model, chosen: Sequence[_core.Window], seconds: float
+) -> Array:
+    """Poses x, y [m], psi [rad] that a model predicts at the ends of starts(), (n, 3). It is simulated from
+    the beginning of each, with the velocities that are the best for what was measured before the start.
+    GroundError when a motion is not finite."""
+    ends = np.empty((len(chosen), 3))
+    for i, run in enumerate(runs):
+        at = [k for k, window in enumerate(chosen) if window.run == i]
+        if at:
+            own = [_core.Window(0, chosen[k].first, chosen[k].last) for k in at]
+            begun = call(windows.problem([run], _warm_ups(run, own, seconds)).simulate, model)["nu"]
+            ended = call(_core.predict, model, run, own, np.array([nu[0] for nu in begun]))["eta"]
+            ends[at] = [eta[-1] for eta in ended]
+    return ends
+
+
+def _warm_ups(run: _core.RunData, chosen: Sequence[_core.Window], seconds: float) -> List[_core.Window]:
+    """What was measured before each start."""
+    begins = np.array(run.times)[[window.first for window in chosen]] + WARM_UP * seconds
+    splits = np.searchsorted(run.times, begins)
+    return [_core.Window(0, window.first, int(split)) for window, split in zip(chosen, splits)]
 
 
 def pose_errors(
@@ -127,17 +125,31 @@ def pose_errors(
     seconds: float,
 ) -> Array:
     """Errors of position [mm] and heading [deg] of the poses that models, one for each of starts(), predict
-    from the measured pose at the start, (n, 2). GroundError when a motion is not finite."""
+    from the measured pose at the start, (n, 2). The velocities there are the model's, moved by what it
+    misses of the measured ones: by a line through the difference in the time before, so that a missing force
+    does not delay them. GroundError when a motion is not finite."""
     ends, measured = np.empty((len(chosen), 3)), np.empty((len(chosen), 3))
-    for k, (window, (path, start)) in enumerate(zip(chosen, _paths(runs, models, chosen, seconds))):
-        run = runs[window.run]
-        measured[k] = (run.poses if len(run.poses) else run.eta)[window.last]
-        begun = run.eta[window.first + start]
-        turned = begun[2] - path[start, 2]
-        c, s = np.cos(turned), np.sin(turned)
-        moved = path[-1, :2] - path[start, :2]
-        ends[k] = begun + [*(np.array([[c, -s], [s, c]]) @ moved), path[-1, 2] - path[start, 2]]
+    groups: Dict[Tuple[int, int], List[int]] = {}
+    for k, (window, model) in enumerate(zip(chosen, models)):
+        groups.setdefault((window.run, id(model)), []).append(k)
+    for (i, _), at in groups.items():
+        run, model = runs[i], models[at[0]]
+        warm = _warm_ups(run, [chosen[k] for k in at], seconds)
+        before = call(windows.problem([run], warm).simulate, model)["nu"]
+        begun = np.array([_velocities(run, *pair) for pair in zip(warm, before)])
+        own = [_core.Window(0, w.last, chosen[k].last) for k, w in zip(at, warm)]
+        ended = call(_core.predict, model, run, own, begun)["eta"]
+        ends[at] = [eta[-1] for eta in ended]
+        measured[at] = np.array(run.poses if len(run.poses) else run.eta)[[w.last for w in own]]
     return _apart(ends, measured)
+
+
+def _velocities(run: _core.RunData, warm: _core.Window, simulated: Array) -> Array:
+    """Velocities u, v [m/s], r [rad/s] at the end of a warm-up."""
+    span = slice(warm.first, warm.last + 1)
+    times = np.array(run.times)[span] - run.times[warm.last]
+    missed = np.polyfit(times, np.array(run.nu)[span] - simulated, 1)
+    return np.asarray(simulated[-1] + missed[1])
 
 
 @dataclass(frozen=True)
@@ -239,11 +251,8 @@ def change(
     seconds: float,
     models: Tuple[_core.Model, _core.Model],
 ) -> Change:
-    """The Change between the poses that two models predict from the same pose before the start."""
-    a, b = (
-        np.array([path[-1] for path, _ in _paths(runs, [model] * len(chosen), chosen, seconds)])
-        for model in models
-    )
+    """The Change between the predicted_poses of two models."""
+    a, b = (predicted_poses(runs, model, chosen, seconds) for model in models)
     position, heading = np.sqrt((_apart(a, b) ** 2).mean(axis=0)).tolist()
     relative = np.array([position, heading]) / pose_noise(runs)
     return Change(seconds, position, heading, float(relative.max()))

@@ -11,7 +11,7 @@ runs      name, bag, models: by label
   thesis_objective  (3.4) over the first 4 s
   fit_percent, rms  per channel, of the windows
   horizons          seconds, starts, root mean square errors of predicted poses: position_mm, heading_deg,
-                    each started at the measured pose, with the velocities that suit the model best before it
+                    each started at the measured pose and at velocities from the time before
   residuals         kind; noise levels; per channel autocorrelation, input_sum, input_difference:
                     lags, value, band99, how many are outside, accepted; white
   wrench            noise levels; disturbances left out [s]; per channel X, Y, N: mean, rms, std,

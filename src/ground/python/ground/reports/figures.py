@@ -77,8 +77,7 @@ def predictions(found: Document, shown: Sequence[Tuple[str, str]], title: str) -
     lines = sum(1 + label.count("<br>") for label in labels)
     caption = (
         "Root mean square distance between predicted and measured pose, on data that the models were not "
-        "fitted to. Each prediction starts at the measured pose, "
-        "with the velocities that suit the model best in the time before it."
+        "fitted to. Each prediction starts at the measured pose, at velocities from the time before."
     )
     height = 130 + 12 * len(shown) + 36 * lines
     return figure.finish(height, caption, {"t": 30, "b": 30, "l": 20, "r": 20}, title=title)
