@@ -8,7 +8,6 @@ from ground.support.annotations import Document
 from ground.support.headline import Line
 
 SLIGHTLY = 1.1  # ratio of the errors of two models below which one is slightly better
-MISSING = 1.5  # least ratio to what the mocap alone leaves from which something is missing
 
 
 def lines(result: Document, page: str = "") -> List[Line]:
@@ -51,7 +50,7 @@ def _next(ranking: Document, best: str, file: str, found: Document) -> str:
         asked = "which model predicts better" if many else "how well it predicts"
         used = listed(ranking["fitted"])
         return "record other runs to learn %s: these were used to fit %s" % (asked, used)
-    if words.times_the_mocap(found, best) > MISSING:
+    if words.times_the_mocap(found, best) > words.MISSING:
         return (
             "something is missing in %s: its predictions are off by %.2g times what the mocap explains. "
             "This finds it:\nrosrun ground identify diagnose BAGS --model %s -o diagnosis"

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from ground import Prediction, Recording
 
-MISSING = 1.5  # least ratio to what the mocap alone leaves from which something is missing
-
 
 @dataclass(frozen=True)
 class Change:
@@ -215,7 +213,7 @@ class Fit(Shown, Plotted):
         ratio = words.times_the_mocap(as_document(self.prediction), "fitted")
         if unknown:
             return "fix %s, or record runs with other commands" % words.listed(list(unknown))
-        if ratio > MISSING:
+        if ratio > words.MISSING:
             return (
                 "something is missing: predictions are off by %.2g times what the mocap explains. This "
                 "finds it:\nrosrun ground identify diagnose BAGS --model %s -o diagnosis"

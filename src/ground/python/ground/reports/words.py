@@ -6,6 +6,9 @@ from typing import List, Mapping, Optional
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
+# Least ratio to what the mocap alone leaves from which something is missing: above the scatter of some seven
+# independent predictions
+MISSING = 2.0
 MATTERS = 1.2  # least ratio to what the mocap alone leaves at which the random disturbance is named
 
 
