@@ -172,3 +172,11 @@ def test_runs_that_do_not_tell_effects_apart_name_the_experiment(report):
     found["next_experiment"] = {"separates": ["motor_lag", "input_delay"], "launch": launch}
     lines = dict(line for line in answer.lines(found) if line[0])
     assert "do not distinguish it from" in lines["Missing"] and lines["Next"].splitlines()[-1] == launch
+
+
+def test_runs_too_short_to_predict_are_not_called_well_predicted():
+    from ground.comparing import words
+
+    ranking = {"role": "held_out", "errors": {"a": 0.1}, "equal": [], "fitted": []}
+    found = dict(words.lines({"ranking": ranking, "prediction": None, "models": {"a": {"file": "a.yaml"}}}))
+    assert "long enough" in found["Next"] and "mocap" not in found["Next"]

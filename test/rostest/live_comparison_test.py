@@ -126,7 +126,7 @@ class LiveComparisonTest(unittest.TestCase):
         pushed = 0.5 * 9.81 * math.hypot(*SLOPES)  # without damping [m]
         self.assertTrue(first.excited)
         self.assertLess(0.6 * pushed, first.position_error)
-        self.assertLess(first.position_error, 1.4 * pushed)
+        self.assertLess(first.position_error, 1.2 * pushed)
         self.assertLess(second.position_error, 3 * second.position_noise)
         self.assertLess(second.heading_error, 3 * second.heading_noise)
 

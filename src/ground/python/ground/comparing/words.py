@@ -58,4 +58,6 @@ def _next(ranking: Document, best: str, file: str, found: Document) -> str:
         )
     if ranking["equal"]:
         return "record more runs to decide, or use the simplest model"
-    return "use %s: it predicts these runs as well as the mocap can measure them" % best
+    if not found:
+        return "use %s; record runs that are long enough to see how far its predictions are off" % best
+    return "use %s: what the mocap cannot measure explains its errors" % best

@@ -219,6 +219,8 @@ class Fit(Shown, Plotted):
                 "finds it:\nrosrun ground identify diagnose BAGS --model %s -o diagnosis"
                 % (ratio, written or "MODEL")
             )
+        if self.prediction is None:
+            return "record longer runs, to see how far predictions are off"
         return "nothing needed"
 
     def table(self) -> Iterator[str]:
