@@ -225,8 +225,8 @@ MISTAKES = [
     case("millimetres", length(1e3), r"unit: mm"),
     case("centimetres", length(1e2), r"unit: cm"),
     case("degrees", degrees, r"unit: deg"),
-    case("percent", commands(100), r"in percent: give their channels a unit"),
-    case("microseconds", commands(1000, 1000), r"in microseconds: give their channels a unit"),
+    case("percent", commands(100), r"looks like percent; name their unit"),
+    case("microseconds", commands(1000, 1000), r"looks like microseconds; name their unit"),
     case("axes", z_up, r'--axes "x, -y, -z" fits 100%'),
     case("swapped", swapped, SWAPPED + ".*exchange the fields of left and right"),
     case("inverted", inverted(1, 2), r"both thrusters seem to be inverted.*off and full of both"),
@@ -285,7 +285,7 @@ HONEST = [
     case("marker offset", nothing, effects={"marker_offset.dx": 0.02, "marker_offset.dy": -0.01}),
     case("side force", nothing, effects={"differential_side_force.c": 0.4}),
 ]
-SUSPECTS = re.compile(r"seem|if so:|do not fit|in percent|in microseconds")
+SUSPECTS = re.compile(r"seem|if so:|do not fit|looks like")
 
 
 def info(run, folder):
