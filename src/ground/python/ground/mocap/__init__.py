@@ -1,0 +1,1 @@
+"""Poses from motion capture systems, while they stream."""
