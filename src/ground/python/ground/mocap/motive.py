@@ -1,98 +1,95 @@
 """Frames of a NatNet server, OptiTrack's Motive, as they arrive."""
 
 import contextlib
+import select
 import socket
 import struct
 import time
-from dataclasses import dataclass
-from typing import Dict, Iterator, Optional, Tuple
+from typing import Dict, Iterator, List, Optional
 
 from ground.mocap import natnet
+from ground.mocap.frames import Frame, Source, pose
 from ground.support.errors import GroundError
 
-ASK = 1.0  # time between questions that were not answered, and between signs of life [s]
+ASK = 1.0  # time between questions to the server, which also show it that somebody listens [s]
+AGAIN = 0.2  # shortest time between questions to a server that seems to be another one [s]
 LARGEST = 65507  # datagram [bytes]
 
 
-@dataclass(frozen=True)
-class Seen:
-    """A body in a frame."""
-
-    name: str
-    number: int  #: of the frame
-    time: float  #: of the mocap's clock [s]
-    received: float  #: when the frame came, by this computer's monotonic clock [s]
-    body: natnet.Body
+@contextlib.contextmanager
+def opened(host: str, command_port: int = natnet.COMMAND_PORT) -> Iterator[Source]:
+    """A source at a host. GroundError when there is no way to it."""
+    motive = Motive(host, command_port)
+    try:
+        yield Source(motive.frames(), motive.told, lambda: sorted(motive.names.values()))
+    finally:
+        motive.close()
 
 
 class Motive:
-    """A connection to a server. Use it in a with statement.
+    """A connection to the server at a host, which may begin, end and begin again at any time."""
 
-    host: of the server; ports: of its commands, and of the multicast group if it has one; address: of this
-    computer's network in which frames come, where there are several. GroundError when a socket cannot be opened.
-    """
-
-    def __init__(self, host: str, command_port: int = natnet.COMMAND_PORT, address: str = "") -> None:
-        self.host, self.address = host, address
+    def __init__(self, host: str, command_port: int = natnet.COMMAND_PORT) -> None:
+        """command_port: of the server. GroundError when there is no way to the host."""
+        self.host = host
         self.server: Optional[natnet.Server] = None
         self.names: Dict[int, str] = {}
-        self.unreadable = 0  #: packets that could not be read
+        self._version = natnet.NEWEST
+        self._problem = ""  # why frames that come cannot be used
         self._asked = -ASK
+        self._newest = -ASK  # when the last frame came
+        self._commands = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._to = (socket.gethostbyname(host), command_port)
-            self._commands = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            self._commands.bind((address, 0))
-        except OSError as error:
-            raise GroundError("%s: %s" % (host, error.strerror or error)) from error
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
+                way.connect(self._to)
+                self._address = way.getsockname()[0]  # of this computer in the network of the server
+            self._commands.bind((self._address, 0))
+        except (OSError, UnicodeError) as error:
+            self._commands.close()
+            raise GroundError("%s: %s" % (host, getattr(error, "strerror", None) or error)) from error
         self._data: Optional[socket.socket] = None
 
-    def __enter__(self) -> "Motive":
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Closes the connection."""
         for one in (self._commands, self._data):
             if one:
                 one.close()
 
-    def frames(self, patience: float) -> Iterator[Optional[Tuple[natnet.Frame, float]]]:
-        """Yields frames with the time of their arrival; None after each time of `patience` [s] without one."""
+    def frames(self) -> Iterator[Optional[Frame]]:
+        """Yields frames; None after each second without one."""
         while True:
-            self._ask()
-            found = self._next(min(patience, ASK))
+            self._ask(ASK)
+            found = self._next(ASK)
+            if found:
+                self._newest, self._problem = found.received, ""
             yield found
 
-    def seen(self, patience: float) -> Iterator[Optional[Seen]]:
-        """Yields the bodies that were seen in each frame; None after each time of `patience` [s] without a
-        frame. A body that was lost is not there."""
-        for found in self.frames(patience):
-            if found is None:
-                yield None
-                continue
-            frame, received = found
-            for body in frame.bodies:
-                if body.number not in self.names:
-                    self._asked = min(self._asked, time.monotonic() - ASK)  # a body was added
-                elif body.valid:
-                    yield Seen(self.names[body.number], frame.number, frame.time, received, body)
+    def told(self) -> str:
+        """Which server it is, or why nothing comes from it."""
+        if self.server is None:
+            return "no NatNet server answers at %s: is Motive's streaming on, at the address of this network?" % self.host
+        who = "%s (NatNet %d.%d) at %s" % (self.server.name, *self._version, self.host)
+        to = "to the group %s" % self.server.multicast if self.server.multicast else "to this computer"
+        if time.monotonic() - self._newest < ASK:
+            return "%s, %s" % (who, to)
+        return "%s sends no frames %s%s" % (who, to, self._problem and ": " + self._problem)
 
-    def _ask(self) -> None:
-        """Asks who the server is and what its bodies are called, until it has said so, and shows that somebody
-        listens."""
+    def _ask(self, interval: float) -> None:
+        """Asks who the server is and what its bodies are called, which may change while frames come."""
         now = time.monotonic()
-        if now - self._asked < ASK:
+        if now - self._asked < interval:
             return
         self._asked = now
+        questions = [natnet.packet(natnet.REQUEST_MODELS), natnet.packet(natnet.KEEP_ALIVE)] if self.server else []
+        if self.server is None or self._problem or now - self._newest > ASK:  # it may be another one
+            questions += [natnet.connect(), natnet.ask_version()]
         with contextlib.suppress(OSError):  # the network is down: asked again
-            if self.server is None:
-                self._commands.sendto(natnet.connect(), self._to)
-            else:
-                self._commands.sendto(natnet.packet(natnet.REQUEST_MODELS), self._to)
-                self._commands.sendto(natnet.packet(natnet.KEEP_ALIVE), self._to)
+            for question in questions:
+                self._commands.sendto(question, self._to)
 
-    def _next(self, patience: float) -> Optional[Tuple[natnet.Frame, float]]:
-        """The next frame; None when none comes in time."""
-        import select
-
+    def _next(self, patience: float) -> Optional[Frame]:
+        """The next frame; None when none comes in time [s]."""
         end = time.monotonic() + patience
         while True:
             sockets = [one for one in (self._data, self._commands) if one]
@@ -100,43 +97,70 @@ class Motive:
             if not ready:
                 return None
             try:
-                data = ready[0].recv(LARGEST)
+                data, (address, _) = ready[0].recvfrom(LARGEST)
             except OSError:  # nothing listens at the server's port
                 continue
             received = time.monotonic()
-            try:
-                frame = self._take(data)
-            except (natnet.PacketError, struct.error):
-                self.unreadable += 1
-                continue
-            if frame:
-                return frame, received
+            if address != self._to[0]:
+                self._problem = "packets come from %s; if that is the mocap, give mocap_host:=%s" % (address, address)
+            else:
+                try:
+                    found = self._take(data, received)
+                except (natnet.PacketError, struct.error) as error:
+                    self._problem = str(error)
+                    found = None
+                    self._ask(AGAIN)  # it may have begun again with another version
+                if found:
+                    return found
+            if received > end:
+                return None
 
-    def _take(self, data: bytes) -> Optional[natnet.Frame]:
+    def _take(self, data: bytes, received: float) -> Optional[Frame]:
         """Takes a packet; a frame if it is one."""
         message, payload = natnet.opened(data)
         if message == natnet.SERVER:
             found = natnet.server(payload)
             if self.server != found:
+                self._version = found.version
+                self._listen(found)
                 self.server = found
                 self._asked = -ASK
-                self._listen(found)
+        elif message == natnet.RESPONSE:
+            self._version = natnet.streamed_version(payload) or self._version
         elif message == natnet.MODELS and self.server:
-            self.names = natnet.models(payload, self.server.version)
+            self.names = natnet.models(payload, self._version)
         elif message == natnet.FRAME and self.server:
-            return natnet.frame(payload, self.server.version)
+            return self._frame(natnet.frame(payload, self._version, self.server.ticks), received)
         return None
 
+    def _frame(self, frame: natnet.Frame, received: float) -> Frame:
+        """What the mocap saw. Bodies that it lost are not there."""
+        poses = {}
+        for body in frame.bodies:
+            name = self.names.get(body.number)
+            measured = pose(body.position, body.rotation) if body.valid and name else None
+            if name is None:
+                self._asked = min(self._asked, received - ASK + AGAIN)  # a body was added
+            elif measured:
+                poses[name] = measured
+        return Frame(received, poses, frame.number, frame.time, frame.delay)
+
     def _listen(self, server: natnet.Server) -> None:
-        """Joins the server's multicast group; with none, frames come to the socket of the commands."""
+        """Listens where the server sends frames: to its multicast group; with none, to its port of data at this
+        computer, or to the socket of the commands."""
         if self._data:
             self._data.close()
         self._data = None
-        if not server.multicast:
+        listening = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listening.bind((server.multicast or self._address, server.data_port))
+            if server.multicast:
+                group = socket.inet_aton(server.multicast) + socket.inet_aton(self._address)
+                listening.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+        except OSError as error:
+            listening.close()
+            if server.multicast:
+                raise natnet.PacketError("this computer cannot join the group: %s" % error.strerror)
             return
-        joined = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        joined.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        joined.bind((server.multicast, server.data_port))
-        group = socket.inet_aton(server.multicast) + socket.inet_aton(self.address or "0.0.0.0")
-        joined.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
-        self._data = joined
+        self._data = listening

@@ -4,17 +4,20 @@ All numbers are little-endian. A packet is a message, a length and a payload. Ve
 client of poses does not need (markers, skeletons, devices) is skipped.
 """
 
+import math
+import re
 import struct
 from dataclasses import dataclass
-from typing import Any, Dict, List, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 Version = Tuple[int, int]
 
 # Messages
-CONNECT, SERVER, REQUEST_MODELS, MODELS, FRAME, KEEP_ALIVE = 0, 1, 4, 5, 7, 10
+CONNECT, SERVER, REQUEST, RESPONSE, REQUEST_MODELS, MODELS, FRAME, KEEP_ALIVE = 0, 1, 2, 3, 4, 5, 7, 10
 COMMAND_PORT, DATA_PORT, MULTICAST = 1510, 1511, "239.255.42.99"
 NEWEST: Version = (4, 1)  # that is asked for
-MOST = 1000  # largest number of things in a packet that is believed
+MAX_REST = 64  # most bytes behind the times of a frame
+MAX_DELAY = 1.0  # longest time from exposure to transmission that is believed [s]
 VALID = 1  # bit of a body's parameters: it was seen in this frame
 
 
@@ -37,7 +40,8 @@ class Frame:
     """What all cameras saw at one instant."""
 
     number: int
-    time: float  #: of the mocap's clock [s]
+    time: float  #: of exposure, by the mocap's clock [s]
+    delay: float  #: from then until the frame was sent [s]; 0 where the server does not say it
     bodies: List[Body]
 
 
@@ -45,10 +49,11 @@ class Frame:
 class Server:
     """What the server says of itself."""
 
-    name: str
+    name: str  #: of the program, with its version
     version: Version  #: of NatNet, in which it streams
     data_port: int
     multicast: str  #: group that frames are sent to; empty: to each client
+    ticks: int  #: of its clock in a second; 0: not said
 
 
 def packet(message: int, payload: bytes = b"") -> bytes:
@@ -58,7 +63,12 @@ def packet(message: int, payload: bytes = b"") -> bytes:
 
 def connect() -> bytes:
     """The packet that asks a server who it is."""
-    return packet(CONNECT, b"Ping".ljust(264, b"\0") + bytes([*NEWEST, 0, 0]) + b"\0\0")
+    return packet(CONNECT, b"Ping".ljust(265, b"\0") + bytes([*NEWEST, 0, 0]) + b"\0\0")
+
+
+def ask_version() -> bytes:
+    """The packet that asks a server for the version in which it streams, which may be older than its own."""
+    return packet(REQUEST, b"Bitstream\0")
 
 
 def opened(data: bytes) -> Tuple[int, bytes]:
@@ -74,14 +84,19 @@ def server(payload: bytes) -> Server:
     """The Server in a payload."""
     reader = _Reader(payload)
     name = reader.take("256s")[0].split(b"\0")[0].decode("utf-8", "replace")
-    reader.skip(4)
+    release = "%d.%d.%d" % reader.take("4B")[:3]
     major, minor, _, _ = reader.take("4B")
-    port, group = DATA_PORT, MULTICAST
+    ticks, port, group = 0, DATA_PORT, MULTICAST
     if (major, minor) >= (3, 0) and reader.left >= 15:
-        reader.skip(8)
-        port, is_multicast, *address = reader.take("<HB4B")
+        ticks, port, is_multicast, *address = reader.take("<QHB4B")
         group = ".".join(map(str, address)) if is_multicast else ""
-    return Server(name, (int(major), int(minor)), int(port), group)
+    return Server("%s %s" % (name, release), (int(major), int(minor)), int(port), group, int(ticks))
+
+
+def streamed_version(payload: bytes) -> Optional[Version]:
+    """The version in an answer to `ask_version`; None if it is another answer."""
+    found = re.match(rb"Bitstream,\s*(\d+)\.(\d+)", payload)
+    return (int(found.group(1)), int(found.group(2))) if found else None
 
 
 def models(payload: bytes, version: Version) -> Dict[int, str]:
@@ -125,8 +140,9 @@ def _rest_of_body(reader: "_Reader", version: Version) -> None:
                 reader.text()
 
 
-def frame(payload: bytes, version: Version) -> Frame:
-    """The Frame in a payload of a version. PacketError when it does not fit."""
+def frame(payload: bytes, version: Version, ticks: int = 0) -> Frame:
+    """The Frame in a payload of a version. ticks: of the server's clock in a second, 0 if it does not say it.
+    PacketError when the payload does not fit the version."""
     reader = _Reader(payload)
     sized = version >= (4, 1)
     number = reader.integer()
@@ -147,10 +163,19 @@ def frame(payload: bytes, version: Version) -> Frame:
             _each(reader, sized, lambda: _channels(reader))
     reader.skip(8)  # time code
     (time,) = reader.take("<d" if version >= (2, 7) else "<f")
-    return Frame(number, float(time), bodies)
+    delay = 0.0
+    if version >= (3, 0) and ticks:
+        exposed, _, sent = reader.take("<3Q")
+        if exposed and 0 <= sent - exposed <= MAX_DELAY * ticks:  # some cameras do not say it
+            time, delay = exposed / ticks, (sent - exposed) / ticks
+    if not math.isfinite(time):
+        raise PacketError("a packet has the time %s" % time)
+    if reader.left > MAX_REST:
+        raise PacketError("a packet has %d bytes too many for NatNet %d.%d" % (reader.left, *version))
+    return Frame(number, float(time), delay, bodies)
 
 
-def _each(reader: "_Reader", sized: bool, skip: Any) -> None:
+def _each(reader: "_Reader", sized: bool, skip: Callable[[], object]) -> None:
     """Skips a section: by its length if it has one, else thing by thing."""
     count = reader.count()
     if sized:
@@ -225,7 +250,7 @@ class _Reader:
     def count(self) -> int:
         """A number of things. PacketError when it cannot be one."""
         found = self.integer()
-        if not 0 <= found <= MOST:
+        if not 0 <= found <= len(self.data):
             raise PacketError("a packet says that it has %d of a kind" % found)
         return found
 

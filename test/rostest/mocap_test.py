@@ -1,0 +1,86 @@
+#!/usr/bin/python3
+"""From Motive to a diagnosis as a user has it: arm, start, drive, stop recording, identify."""
+
+import glob
+import json
+import os
+import shutil
+import subprocess
+import sys
+import unittest
+
+import numpy as np
+import rosbag
+import rosnode
+import rospy
+import rostest
+from geometry_msgs.msg import PoseStamped
+from ground_msgs.msg import ControllerStatus, MocapFrame, SenderStatus, State
+from std_srvs.srv import SetBool, Trigger
+
+FOLDER = os.path.dirname(os.path.abspath(__file__))
+sys.path.insert(0, FOLDER)
+import harness
+from fake_lab import FakeLab
+from fake_motive import FakeMotive
+
+POSE, FRAME = "vrpn_client_node/hovercraft/pose", "vrpn_client_node/hovercraft/frame"
+
+
+class MocapTest(unittest.TestCase):
+    def test_an_experiment_with_motive_ends_in_a_diagnosis(self):
+        motive = FakeMotive(host="127.0.0.3", names={1: "hovercraft", 2: "somebody else"})
+        lab = FakeLab(os.path.join(FOLDER, "asymmetric_craft.yaml"), int(sys.argv[1]), motive)
+        self.addCleanup(lab.close)
+        state = harness.Latest("state", State)
+        sender, status = harness.sender_status(), harness.Latest("controller/status", ControllerStatus)
+        harness.wait_for(lambda: state.message and state.message.valid, 20, "a valid state")
+        harness.wait_for(lambda: sender.message and sender.message.peer, 10, "the craft")
+        poses = harness.Latest(POSE, PoseStamped, keep=True)
+        frames = harness.Latest(FRAME, MocapFrame, keep=True)
+        self.assertTrue(rospy.ServiceProxy("sender/arm", SetBool)(True).success)
+        self.assertTrue(rospy.ServiceProxy("controller/start", Trigger)().success)
+        ended = (ControllerStatus.DONE, ControllerStatus.STOPPED)
+        harness.wait_for(lambda: status.message and status.message.state in ended, 60, "the end")
+        self.assertEqual(status.message.state, ControllerStatus.DONE, status.message.reason)
+        self.check_times(poses.all, frames.all, motive)
+        self.check_recording(rospy.get_param("record/dir"))
+
+    def check_times(self, poses, frames, motive):
+        """Poses have the mocap's time, and no frame is missing."""
+        stamps = np.array([m.header.stamp.to_sec() for _, m in poses])
+        by_stamp = {m.header.stamp: m for _, m in frames}
+        offsets = np.array([by_stamp[m.header.stamp].offset for _, m in poses if m.header.stamp in by_stamp])
+        true = rospy.Time.now().to_sec() - motive.now()
+        times, ages = np.diff([m.time for _, m in frames]), np.array([m.age for _, m in frames])
+        print("frames: largest gap %.0f ms when sent, age at arrival %.1f ms median, %.1f ms at most"
+              % (1e3 * times.max(), 1e3 * np.median(ages), 1e3 * ages.max()))
+        print("offset: %.2f ms off at most" % (1e3 * np.abs(offsets - true).max()))
+        self.assertGreater(len(offsets), 0.95 * len(stamps))
+        self.assertLess(np.abs(offsets - true).max(), 0.005)
+        self.assertEqual(sum(m.missed for _, m in frames), 0)
+        self.assertEqual(set(np.diff([m.number for _, m in frames])), {1})
+        self.assertTrue(all(m.tracked and m.body == "hovercraft" for _, m in frames))
+
+    def check_recording(self, folder):
+        """The bag has what the laboratory did, and a diagnosis finds what the model lacks."""
+        if not os.environ.get('KEEP'): self.addCleanup(shutil.rmtree, folder)
+        rosnode.kill_nodes(["/record"])
+        harness.wait_for(lambda: glob.glob(folder + "/*_0.bag"), 20, "a bag that is closed")
+        (bag,) = glob.glob(folder + "/*_0.bag")
+        with rosbag.Bag(bag) as recorded:
+            topics = recorded.get_type_and_topic_info().topics
+        for topic in (POSE, FRAME, "state", "controls", "drive", "mocap_state/settings"):
+            self.assertGreater(topics["/" + topic].message_count, 0, topic)
+        command = ["rosrun", "ground", "identify", "diagnose", "--json", "--model"]
+        command += [os.path.join(FOLDER, "../../cfg/hovercraft/tiny_whoover.yaml"), bag, "-o", folder + "/found"]
+        told = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True)
+        self.assertEqual(told.returncode, 0, told.stderr)
+        found = json.loads(told.stdout)
+        print("diagnosis:", {key: found[key] for key in ("verdict", "effects") if key in found})
+        self.assertIn("thrust_asymmetry", json.dumps(found.get("effects", found)))
+
+
+if __name__ == "__main__":
+    rospy.init_node("mocap_test")
+    rostest.rosrun("ground", "mocap_test", MocapTest)
