@@ -24,7 +24,7 @@ def main():
     rostest = ["rostest", "--text", "--pkgdir=" + package, "--package=ground"]
     commands = [
         rostest + [os.path.join(ROOT, "test", "rostest", name + ".test")]
-        for name in ("faults_poses", "faults_others", "room_axes")
+        for name in ("faults_poses", "faults_others", "faults_mocap", "room_axes")
     ]
     commands += [
         [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-s", "-q"]

@@ -80,13 +80,29 @@ def test_launch_files_name_no_absolute_path():
             assert '"/home' not in line and '"/work' not in line and '"/opt' not in line, line
 
 
-def test_a_missing_vrpn_client_is_reported():
-    found = subprocess.run(["rospack", "find", "vrpn_client_ros"], stderr=subprocess.DEVNULL)
-    if found.returncode == 0:
-        pytest.skip("vrpn_client_ros is installed")
-    result = subprocess.run([located("vrpn_client")], stderr=subprocess.PIPE, universal_newlines=True)
-    assert result.returncode == 1 and result.stderr.startswith("vrpn_client_ros is not installed")
-    assert len(result.stderr.splitlines()) == 1
+@pytest.mark.parametrize(
+    "body, system", [("hovercraft", "vrpn"), ("craft 3", "optitrack"), ("7", "qualisys")]
+)
+def test_the_mocap_and_the_body_are_chosen_in_every_launch_of_a_real_craft(body, system):
+    given = ["mocap_host:=motive", "mocap:=" + system, "body:=" + body]
+    for name, real in (
+        ("room_prbs", []),
+        ("room_tracking", []),
+        ("own_stop", []),
+        ("discover", ["real:=true"]),
+    ):
+        config = configured(name + ".launch", *given, *real)
+        (client,) = [node for node in config.nodes if node.type == "mocap_client"]
+        wanted = {"mocap": system, "server": "motive", "body": body, "trackers": [body]}
+        for parameter, value in wanted.items():
+            assert config.params["/%s/%s" % (client.name, parameter)].value == value
+        assert client.required
+
+
+def test_poses_of_another_body_of_vrpn_client_ros_reach_the_state():
+    config = configured("room_prbs.launch", "mocap_host:=motive", "body:=teapot")
+    (client,) = [node for node in config.nodes if node.type == "mocap_client"]
+    assert [(a.split("/")[-2], b.split("/")[-2]) for a, b in client.remap_args] == [("teapot", "hovercraft")]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
@@ -220,6 +236,7 @@ MISTAKES = [
     ("sim_prbs.launch", "model2:=fifo", "fifo: it is not a regular file"),
     ("replay.launch", "bag:=fifo", "fifo does not exist, or is not a file"),
     ("own_stop.launch", "mocap_host:=none", "it must be given"),
+    ("own_stop.launch", "mocap:=optitrak", "must be one of: optitrack, vrpn, vicon, qualisys"),
     ("bench.launch", "design:=prbs", "must be one of: single-thruster, steps"),
 ]
 

@@ -1,8 +1,9 @@
 """The mocap's client without ROS: what it makes of packets of a server on loopback, and of their times."""
 
+import contextlib
 import math
-import os
 import random
+import socket
 import struct
 import sys
 import threading
@@ -11,13 +12,12 @@ import time
 import pytest
 
 from conftest import ROOT, free_port
+from ground import GroundError
+from ground.mocap import clock, frames, library, motive, natnet
 
 sys.path.insert(0, str(ROOT / "test" / "rostest"))
 import fake_motive
 from fake_motive import FakeMotive
-from ground import GroundError
-from ground.mocap import clock, frames, library, motive, natnet
-import socket
 
 VERSIONS = [(2, 5), (2, 7), (2, 10), (3, 0), (3, 1), (4, 0), (4, 1), (4, 3)]
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -68,7 +68,9 @@ def test_poses_come_from_a_server_of_any_version(stream, version, multicast):
     if version < (3, 0) and not multicast:
         pytest.skip("such a server does not say where it sends")
     options = {"version": version, "multicast": multicast}
-    _, source = stream(lambda n: [(1, (0.5, 0.04, -1.5), (0, 0.6, 0, 0.8), True), (2, (1, 1, 1), UPRIGHT, True)], **options)
+    _, source = stream(
+        lambda n: [(1, (0.5, 0.04, -1.5), (0, 0.6, 0, 0.8), True), (2, (1, 1, 1), UPRIGHT, True)], **options
+    )
     frame = until(source, lambda found: found.poses)
     assert set(frame.poses) == {"hovercraft"}, "bodies without a name are unknown"
     assert frame.poses["hovercraft"].position == pytest.approx((0.5, 0.04, -1.5))
@@ -78,3 +80,166 @@ def test_poses_come_from_a_server_of_any_version(stream, version, multicast):
     assert "Motive 3.1" in source.told() and source.names() == ["hovercraft"]
     if version >= (3, 0):
         assert frame.delay == pytest.approx(0.004, abs=1e-4)
+
+
+def test_what_a_server_does_not_say_is_said(stream):
+    server, source = stream()
+    until(source, lambda found: found.poses)
+    server.spoil = lambda packet: []
+    while next(source.frames):
+        pass
+    assert "sends no frames to the group" in source.told()
+    server.spoil = lambda packet: [packet[:2] + struct.pack("<H", 30) + packet[4:34]]
+    assert next(source.frames) is None and "in the middle" in source.told()
+
+
+def test_without_a_server_nothing_comes_and_a_name_that_is_none_is_refused():
+    with motive.opened("127.0.0.1", free_port(socket.SOCK_DGRAM)) as source:
+        assert next(source.frames) is None
+        assert "no NatNet server answers at 127.0.0.1" in source.told()
+    with pytest.raises(GroundError, match="^no_such_host.invalid: "), motive.opened("no_such_host.invalid"):
+        pass
+
+
+def test_a_stranger_in_the_same_group_is_not_the_mocap(stream):
+    server, source = stream()
+    other = FakeMotive(host="127.0.0.9", ports=(free_port(socket.SOCK_DGRAM), server.ports[1]))
+    try:
+        until(source, lambda found: found.poses)
+        for _ in range(50):
+            other.send([(1, (-7.0, 0.04, 0.0), UPRIGHT, True)])
+            assert all(p.position[0] != -7.0 for p in next(source.frames).poses.values())
+        server.spoil = lambda packet: []
+        for _ in range(20):
+            other.send([(1, (-7.0, 0.04, 0.0), UPRIGHT, True)])
+        while next(source.frames):
+            pass
+        assert "mocap_host:=127.0.0.9" in source.told()
+    finally:
+        other.close()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_packets_that_are_damaged_are_refused_or_give_numbers(version):
+    """Whatever is cut off or changed: PacketError, or bodies of numbers."""
+    chance = random.Random(7)
+    whole = fake_motive.frame(version, 5, 1.5, [(1, (1, 2, 3), UPRIGHT, True)], 10, 20)
+    described = fake_motive.models(version, {1: "hovercraft"})
+    for _ in range(2000):
+        packet = bytearray(chance.choice([whole, described])[4:])
+        for _ in range(chance.randrange(4)):
+            packet[chance.randrange(len(packet))] = chance.choice(
+                [0, 1, 127, 128, 255, chance.randrange(256)]
+            )
+        if chance.random() < 0.5:
+            del packet[chance.randrange(len(packet)) :]
+        with contextlib.suppress(natnet.PacketError):
+            found = natnet.frame(bytes(packet), version, 100)
+            assert math.isfinite(found.time) and found.delay >= 0
+        with contextlib.suppress(natnet.PacketError):
+            natnet.models(bytes(packet), version)
+    for end in range(len(whole) - 4 - 40):
+        with pytest.raises(natnet.PacketError):
+            natnet.frame(whole[4 : 4 + end], version)
+
+
+@pytest.mark.parametrize("position, rotation", [
+    ((0, 0, 0), UPRIGHT),
+    ((1, 2, math.nan), UPRIGHT),
+    ((1, math.inf, 2), UPRIGHT),
+    ((1, 2, 3), (0, 0, 0, 0)),
+    ((1, 2, 3), (0, math.nan, 0, 1)),
+    ((1, 2, 3), (0, 0, 1, 1)),
+])  # fmt: skip
+def test_what_systems_give_for_a_lost_body_is_no_pose(position, rotation):
+    assert frames.pose(position, rotation) is None
+    assert frames.pose((1, 2, 3), UPRIGHT) == frames.Pose((1, 2, 3), UPRIGHT)
+
+
+def taken(follower, number, moment, arrival, delay=0.0):
+    """What a follower makes of a frame of a body."""
+    pose = frames.Pose((number, 0, 0), UPRIGHT)
+    return follower.take(frames.Frame(arrival, {"craft": pose}, number, moment, delay))
+
+
+@pytest.mark.parametrize("drift", [0.0, 1e-4, -1e-4])
+def test_stamps_are_right_under_delays_and_drift(drift):
+    """The mocap's clock began at another time and drifts; frames are delayed by 0.2 ms or more."""
+    chance, follower, errors = random.Random(3), clock.Follower("craft"), []
+    for number in range(6000):
+        exposed = 1000 + number / 240
+        arrival = exposed + 0.004 + 0.0002 + chance.expovariate(1000) + 0.05 * (chance.random() < 0.02)
+        found = taken(follower, number, (exposed - 1000) * (1 + drift) + 77, arrival, 0.004)
+        if found and exposed > 1001:
+            errors.append(found.captured - exposed)
+    assert max(map(abs, errors)) < 0.0002 + 10 * abs(drift) + 0.0005
+    assert follower.left_out == 0, "each frame came after the one before"
+
+
+def test_late_and_repeated_frames_are_left_out_and_missing_ones_counted():
+    follower = clock.Follower("craft")
+    order = [1, 2, 2, 5, 4, 3, 6, 6, 9]
+    found = [taken(follower, n, n / 100, 50 + i / 100) for i, n in enumerate(order)]
+    assert [f.frame.number for f in found if f] == [1, 2, 5, 6, 9]
+    assert [f.missed for f in found if f] == [0, 0, 2, 0, 2]
+    assert follower.left_out == 4
+
+
+@pytest.mark.parametrize("seconds", [-500.0, -2.0, -0.3, 0.3, 2.0, 500.0])
+@pytest.mark.parametrize("restarts", [False, True])
+def test_a_clock_that_is_set_is_followed_at_once(seconds, restarts):
+    """The mocap's clock jumps, and its numbers begin again if it restarts, which takes two seconds."""
+    follower = clock.Follower("craft")
+    for i in range(400):
+        taken(follower, 5000 + i, 600 + i / 100, 9000 + i / 100)
+    jumps = []
+    for i in range(400, 800):
+        real = i / 100 + 2 * restarts
+        found = taken(follower, i - 399 if restarts else 5000 + i, 600 + real + seconds, 9000 + real)
+        assert found and found.captured == pytest.approx(9000 + real, abs=1e-6)
+        jumps.append(follower.offset.jump)
+    assert jumps[0] == pytest.approx(-seconds) and not any(jumps[1:])
+
+
+def test_frames_without_times_and_numbers_have_the_time_of_arrival():
+    follower = clock.Follower("craft")
+    for arrival in (3.0, 3.1, 3.3):
+        found = follower.take(frames.Frame(arrival, {}))
+        assert found.captured == arrival and found.pose is None and math.isnan(found.offset)
+
+
+def test_a_library_that_is_missing_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "motioncapture", None)
+    with pytest.raises(GroundError, match="pip install motioncapture"), library.opened("vicon", "127.0.0.1"):
+        pass
+
+
+@pytest.mark.parametrize("system", ["vicon", "qualisys"])
+def test_a_server_of_the_library_that_does_not_answer_is_named(system):
+    pytest.importorskip("motioncapture")
+    with library.opened(system, "127.0.0.1") as source:
+        assert next(source.frames) is None
+        assert "%s does not answer at 127.0.0.1, port " % system in source.told()
+
+
+def test_poses_of_the_library_are_those_that_changed():
+    """A body that it lost stays where it was last, or has no numbers."""
+
+    class Body:
+        def __init__(self, x):
+            self.position, self.rotation = (x, 0.1, 0.2), self
+            self.x = self.y = self.z = 0.0
+            self.w = 1.0
+
+    seen = [{"craft": Body(1.0)}, {"craft": Body(1.5)}, {"craft": Body(1.5)}, {}, {"craft": Body(math.nan)}]
+
+    class Library:
+        rigidBodies = None
+
+        def waitForNextFrame(self):
+            self.rigidBodies = seen.pop(0)
+
+    found = library._frames(Library())
+    assert [{n: p.position[0] for n, p in next(found).poses.items()} for _ in range(4)] == [
+        {"craft": 1.0}, {"craft": 1.5}, {}, {},
+    ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""A laboratory without ROS, on the wall's clock: a craft on UDP that moves by a model, and a mocap that sees it."""
+"""A laboratory on the wall's clock: a craft on UDP that moves by a model, and a mocap that sees it."""
 
 import math
 import random
@@ -48,7 +48,7 @@ class FakeLab:
         return [p.time for p in self.packets if start < p.time <= end and (p.left or p.right)]
 
     def body(self):
-        """The craft as the mocap measures it now: number, position, quaternion, whether it is seen. y is up."""
+        """The craft as the mocap measures it now: number, position (y up), quaternion, whether it is seen."""
         x, y = (v + self._random.gauss(0, 0.0003) for v in self.eta[:2])
         half = -0.5 * (self.eta[2] + self._random.gauss(0, 0.005))
         return 1, (x, HEIGHT, y), (0.0, math.sin(half), 0.0, math.cos(half)), True

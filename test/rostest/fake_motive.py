@@ -1,4 +1,4 @@
-"""A NatNet server on loopback, as OptiTrack's Motive is one, packed by the layout that NaturalPoint publishes.
+"""A NatNet server on loopback, as OptiTrack's Motive is one, by the layout that NaturalPoint publishes.
 
 It knows nothing of the client's code. `FakeMotive.spoil` puts faults on the wire.
 """
@@ -51,7 +51,11 @@ def channels(number):
 def frame(version, number, seconds, bodies, exposed=0, sent=0):
     """A frame of data. bodies: (number, position, quaternion x, y, z, w, whether it is seen)."""
     marks = text("all") + struct.pack("<i6f", 2, *range(6))
-    parts = [struct.pack("<i", number), section(version, [marks]), section(version, [struct.pack("<3f", 1, 2, 3)])]
+    parts = [
+        struct.pack("<i", number),
+        section(version, [marks]),
+        section(version, [struct.pack("<3f", 1, 2, 3)]),
+    ]
     parts.append(section(version, [rigid_body(version, *body) for body in bodies]))
     if version >= (2, 1):
         bone = rigid_body(version, 1, (9, 9, 9), (0, 0, 0, 1), True)
@@ -97,7 +101,7 @@ def models(version, names):
 
 
 class FakeMotive:
-    """names: {number: name} of its bodies. spoil(packet): the packets that are sent in its place; None: itself."""
+    """names: {number: name} of its bodies. spoil(packet): the packets that are sent in place of one."""
 
     def __init__(self, version=(4, 1), multicast=True, names=None, host="127.0.0.1", ports=(1510, 1511)):
         self.version, self.multicast, self.host, self.ports = version, multicast, host, ports

@@ -16,8 +16,8 @@ LATE = 1.0  # a frame that is older than this beside the newest shows that the m
 class Offset:
     """This computer's clock minus the mocap's: the running minimum of arrival minus sending.
 
-    Frames are delayed by the network and by busy computers, by different times. The least delay within the last
-    `WINDOW` is taken for none.
+    Frames are delayed by the network and by busy computers, by different times. The least delay within the
+    last `WINDOW` is taken for none.
     """
 
     def __init__(self) -> None:

@@ -18,7 +18,7 @@ SYSTEMS = ("vrpn", "vicon", "qualisys")
 PORTS = {"vicon": 801, "qualisys": 22222}  # at which a server answers; the library would wait without end
 PATIENCE = 1.0  # longest wait for an answer or a frame [s]
 MISSING = (
-    "the Python module motioncapture is not installed, which reads %s: `python3 -m pip install motioncapture` "
+    "the Python module motioncapture, which reads %s, is not installed: python3 -m pip install motioncapture "
     "(Python 3.9 or later)%s"
 )
 ON_OLDER = ", or on Ubuntu 20.04 install ros-noetic-vrpn-client-ros"
@@ -76,8 +76,8 @@ def _unreachable(system: str, host: str) -> str:
 
 
 def _frames(connection: Any) -> Iterator[Frame]:
-    """Frames in which something was seen. The library may give a body that is lost where it was last: a pose of the
-    same bits is not a new one, because measured poses have noise."""
+    """Frames as the library gives them. It may give a body that is lost where it was last: a pose of the same
+    bits is not a new one, because measured poses have noise."""
     before: Dict[str, Optional[Tuple[float, ...]]] = {}
     while True:
         connection.waitForNextFrame()

@@ -5,7 +5,7 @@ import select
 import socket
 import struct
 import time
-from typing import Dict, Iterator, List, Optional
+from typing import Dict, Iterator, Optional
 
 from ground.mocap import natnet
 from ground.mocap.frames import Frame, Source, pose
@@ -68,7 +68,10 @@ class Motive:
     def told(self) -> str:
         """Which server it is, or why nothing comes from it."""
         if self.server is None:
-            return "no NatNet server answers at %s: is Motive's streaming on, at the address of this network?" % self.host
+            return (
+                "no NatNet server answers at %s: is Motive's streaming on, at the address of this network?"
+                % self.host
+            )
         who = "%s (NatNet %d.%d) at %s" % (self.server.name, *self._version, self.host)
         to = "to the group %s" % self.server.multicast if self.server.multicast else "to this computer"
         if time.monotonic() - self._newest < ASK:
@@ -81,7 +84,9 @@ class Motive:
         if now - self._asked < interval:
             return
         self._asked = now
-        questions = [natnet.packet(natnet.REQUEST_MODELS), natnet.packet(natnet.KEEP_ALIVE)] if self.server else []
+        questions = (
+            [natnet.packet(natnet.REQUEST_MODELS), natnet.packet(natnet.KEEP_ALIVE)] if self.server else []
+        )
         if self.server is None or self._problem or now - self._newest > ASK:  # it may be another one
             questions += [natnet.connect(), natnet.ask_version()]
         with contextlib.suppress(OSError):  # the network is down: asked again
@@ -102,7 +107,10 @@ class Motive:
                 continue
             received = time.monotonic()
             if address != self._to[0]:
-                self._problem = "packets come from %s; if that is the mocap, give mocap_host:=%s" % (address, address)
+                self._problem = "packets come from %s; if that is the mocap, give mocap_host:=%s" % (
+                    address,
+                    address,
+                )
             else:
                 try:
                     found = self._take(data, received)
@@ -146,8 +154,8 @@ class Motive:
         return Frame(received, poses, frame.number, frame.time, frame.delay)
 
     def _listen(self, server: natnet.Server) -> None:
-        """Listens where the server sends frames: to its multicast group; with none, to its port of data at this
-        computer, or to the socket of the commands."""
+        """Listens where the server sends frames: to its multicast group; with none, to its port of data at
+        this computer, or to the socket of the commands."""
         if self._data:
             self._data.close()
         self._data = None

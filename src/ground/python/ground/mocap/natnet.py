@@ -1,7 +1,7 @@
 """NatNet, in which OptiTrack's Motive streams: packets, as NaturalPoint's SDK publishes their layout.
 
-All numbers are little-endian. A packet is a message, a length and a payload. Versions 2.0 to 4.x are read; what a
-client of poses does not need (markers, skeletons, devices) is skipped.
+All numbers are little-endian. A packet is a message, a length and a payload. Versions 2.0 to 4.x are read;
+what a client of poses does not need (markers, skeletons, devices) is skipped.
 """
 
 import math
@@ -146,7 +146,7 @@ def frame(payload: bytes, version: Version, ticks: int = 0) -> Frame:
     reader = _Reader(payload)
     sized = version >= (4, 1)
     number = reader.integer()
-    _each(reader, sized, lambda: (reader.text(), reader.skip(12 * reader.count())))  # sets of markers
+    _each(reader, sized, lambda: _set_of_markers(reader))
     _each(reader, sized, lambda: reader.skip(12))  # markers without a label
     count = reader.count()
     reader.skip(4 * sized)
@@ -196,6 +196,11 @@ def _body(reader: "_Reader", version: Version) -> Body:
         valid = bool(reader.take("<h")[0] & VALID)
     x, y, z, qx, qy, qz, qw = map(float, pose)
     return Body(int(number), (x, y, z), (qx, qy, qz, qw), valid)
+
+
+def _set_of_markers(reader: "_Reader") -> None:
+    reader.text()
+    reader.skip(12 * reader.count())
 
 
 def _skeleton(reader: "_Reader", version: Version) -> None:

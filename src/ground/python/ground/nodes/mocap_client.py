@@ -4,6 +4,7 @@ import ctypes
 import gc
 import math
 import os
+import sys
 import time
 from contextlib import ExitStack
 from typing import Callable, ContextManager, Dict, Optional
@@ -23,6 +24,7 @@ PRIORITY = 31  # under SCHED_FIFO: that of what receives poses (link/real_time.h
 LOCK_ALL = 7  # MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT of mlockall(2)
 REPEAT = 5.0  # time after which a problem that lasts is said again [s]
 SETTLED = 2.0  # time after which the offset of the clocks is said [s]
+SWITCH = 1e-4  # longest time for which the thread that sends a pose waits for the one that made it [s]
 QUEUE = 10  # messages that wait for a slow subscriber
 
 
@@ -34,8 +36,8 @@ def opened(system: str, host: str) -> ContextManager[Source]:
 
 
 def ask_for_real_time() -> str:
-    """Gives this process real-time priority and keeps its memory from being swapped out, where the system grants
-    it; returns what it grants. Threads that begin later have the priority, too."""
+    """Gives this process real-time priority and keeps its memory from being swapped out, where the system
+    grants it; returns what it grants. Threads that begin later have the priority, too."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         priority = "priority granted"
@@ -58,7 +60,9 @@ class MocapClient:
         """Raises GroundError when the mocap cannot be opened."""
         host = str(rospy.get_param("~server", ""))
         if not host:
-            raise GroundError("mocap_host must be given: the address of the computer that streams the mocap's data")
+            raise GroundError(
+                "mocap_host must be given: the address of the computer that streams the mocap's data"
+            )
         self._body = str(rospy.get_param("~body", "hovercraft"))
         self._axes = str(rospy.get_param("~frame_id", "mocap"))
         self._closing = ExitStack()
@@ -74,6 +78,7 @@ class MocapClient:
         """Publishes until the node is shut down; returns the exit status."""
         gc.collect()
         gc.freeze()  # what exists by now stays: it need not be searched for garbage
+        sys.setswitchinterval(SWITCH)
         with self._closing:
             for frame in self._source.frames:
                 if rospy.is_shutdown():
@@ -115,7 +120,9 @@ class MocapClient:
             self._say("offset", rospy.loginfo, "its clock + %.3f s is this computer's" % frame.offset)
         if self._follower.offset.jump:
             jump = -self._follower.offset.jump
-            self._say("jump", rospy.logwarn, "its clock was set by %+.3f s beside this computer's" % jump)
+            self._say(
+                "jump", rospy.logwarn, "its clock was set by %+.3f s beside this computer's" % jump, 1.0
+            )
         names = self._source.names()
         if not frame.tracked and self._body not in names:
             listed = ", ".join(names) or "none"
@@ -125,9 +132,9 @@ class MocapClient:
             self._say(what, rospy.loginfo, "%s %s" % (self._body, what))
             self._seen = frame.tracked
 
-    def _say(self, topic: str, log: Callable[[str], None], text: str) -> None:
-        """Logs a text, not more often than each `REPEAT` about a topic."""
+    def _say(self, topic: str, log: Callable[[str], None], text: str, interval: float = REPEAT) -> None:
+        """Logs a text, but about a topic not more often than once an interval [s]."""
         now = time.monotonic()
-        if now - self._said.get(topic, -math.inf) > REPEAT:
+        if now - self._said.get(topic, -math.inf) > interval:
             self._said[topic] = now
             log("mocap: " + text)
