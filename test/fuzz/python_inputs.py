@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Fuzzes the inputs of the identification tool: exports (csv), bags (bag), options (options), definitions
-of messages (definitions).
+"""Fuzzes the inputs of the Python package: exports (csv), bags (bag), options (options), definitions of
+messages (definitions), packets of Motive (packets).
 
 Every defect must be reported as a GroundError or as bad usage; anything else is a crash. The first
 argument chooses the input; the others are libFuzzer's.
@@ -17,6 +17,7 @@ import atheris
 with atheris.instrument_imports(include=["ground"]):
     from ground import cli
     from ground.data import import_csv
+    from ground.mocap import natnet
     from ground.recordings import containers, quality, readers
     from ground.support.errors import GroundError
 
@@ -120,8 +121,22 @@ def definition(data):
         is_watched = False
 
 
+def packets(data):
+    """Reads a packet of Motive as each of its messages, in a version that the first bytes give."""
+    version = (2 + data[0] % 3, data[1] % 12) if len(data) > 1 else natnet.NEWEST
+    for read in (
+        natnet.opened,
+        natnet.server,
+        natnet.streamed_version,
+        lambda payload: natnet.models(payload, version),
+        lambda payload: natnet.frame(payload, version, 10**7),
+    ):
+        with contextlib.suppress(natnet.PacketError):
+            read(data[2:])
+
+
 def main():
-    targets = {"csv": csv, "bag": bag, "options": options, "definitions": definition}
+    targets = {"csv": csv, "bag": bag, "options": options, "definitions": definition, "packets": packets}
     if len(sys.argv) < 2 or sys.argv[1] not in targets:
         sys.exit("python_inputs: name one of %s" % ", ".join(targets))
     target = targets[sys.argv.pop(1)]

@@ -100,9 +100,10 @@ def test_the_mocap_and_the_body_are_chosen_in_every_launch_of_a_real_craft(body,
 
 
 def test_poses_of_another_body_of_vrpn_client_ros_reach_the_state():
-    config = configured("room_prbs.launch", "mocap_host:=motive", "body:=teapot")
-    (client,) = [node for node in config.nodes if node.type == "mocap_client"]
-    assert [(a.split("/")[-2], b.split("/")[-2]) for a, b in client.remap_args] == [("teapot", "hovercraft")]
+    for body, topic in (("teapot", "teapot"), ("3rd craft: red", "rdcraftred")):
+        config = configured("room_prbs.launch", "mocap_host:=motive", "body:=" + body)
+        (client,) = [node for node in config.nodes if node.type == "mocap_client"]
+        assert [(a.split("/")[-2], b.split("/")[-2]) for a, b in client.remap_args] == [(topic, "hovercraft")]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])

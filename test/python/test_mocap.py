@@ -17,6 +17,7 @@ from ground.mocap import clock, frames, library, motive, natnet
 
 sys.path.insert(0, str(ROOT / "test" / "rostest"))
 import fake_motive
+import fake_vrpn
 from fake_motive import FakeMotive
 
 VERSIONS = [(2, 5), (2, 7), (2, 10), (3, 0), (3, 1), (4, 0), (4, 1), (4, 3)]
@@ -231,7 +232,7 @@ def test_poses_of_the_library_are_those_that_changed():
             self.x = self.y = self.z = 0.0
             self.w = 1.0
 
-    seen = [{"craft": Body(1.0)}, {"craft": Body(1.5)}, {"craft": Body(1.5)}, {}, {"craft": Body(math.nan)}]
+    seen = [{"craft": Body(x)} for x in (1.0, 1.5, 1.5, math.nan, 1.6)] + [{}]
 
     class Library:
         rigidBodies = None
@@ -240,6 +241,38 @@ def test_poses_of_the_library_are_those_that_changed():
             self.rigidBodies = seen.pop(0)
 
     found = library._frames(Library())
-    assert [{n: p.position[0] for n, p in next(found).poses.items()} for _ in range(4)] == [
-        {"craft": 1.0}, {"craft": 1.5}, {}, {},
-    ]  # fmt: skip
+    poses = [[p.position[0] for p in next(found).poses.values()] for _ in range(5)]
+    assert poses == [[1.0], [1.5], [], [], [1.6]]
+    assert next(found) is None
+
+
+def test_poses_of_trackers_come_by_vrpn():
+    pytest.importorskip("motioncapture")
+    server = fake_vrpn.FakeVrpn(["craft 1", "craft 2"])
+    ends = threading.Event()
+
+    def send():
+        while not ends.wait(0.01):
+            moment = time.monotonic()
+            server.send("craft 1", (1.0, 0.04, moment), (0.0, 0.6, 0.0, 0.8))
+
+    thread = threading.Thread(target=send, daemon=True)
+    thread.start()
+    try:
+        with library.opened("vrpn", "127.0.0.1") as source:
+            found = until(source, lambda frame: frame.poses)
+            pose = found.poses["craft 1"]
+            assert pose.position[:2] == pytest.approx((1.0, 0.04)) and found.time is None
+            assert pose.rotation == pytest.approx((0.0, 0.6, 0.0, 0.8))
+            late = [
+                f.received - f.poses["craft 1"].position[2] for f in (next(source.frames) for _ in range(50))
+            ]
+            assert source.names() == ["craft 1"] and max(late) < 0.1
+            ends.set()
+            while next(source.frames):
+                pass
+            assert source.told() == "vrpn at 127.0.0.1 sends nothing"
+    finally:
+        ends.set()
+        thread.join()
+        server.close()

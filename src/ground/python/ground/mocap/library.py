@@ -31,37 +31,48 @@ def opened(system: str, host: str) -> Iterator[Source]:
         library = importlib.import_module("motioncapture")
     except ImportError:
         raise GroundError(MISSING % (system, ON_OLDER if system == "vrpn" else ""))
-    told = [""]
+    seen = "%s at %s" % (system, host)
+    silent = seen + " sends nothing"
+    told = [silent]
     names: Set[str] = set()
     arrivals: "queue.Queue[Frame]" = queue.Queue(maxsize=100)
+    ends = threading.Event()
 
     def listen() -> None:
-        """Reads frames for ever: the library cannot be interrupted."""
-        while True:
-            problem = _unreachable(system, host)
-            told[0] = problem or "%s at %s has sent nothing yet" % (system, host)
-            if problem:
-                time.sleep(PATIENCE)
+        """Reads frames until the end; the library cannot be interrupted while it waits for one."""
+        while not ends.is_set():
+            told[0] = _unreachable(system, host) or silent
+            if told[0] != silent:
+                ends.wait(PATIENCE)
                 continue
             try:
                 for frame in _frames(library.connect(system, {"hostname": host})):
-                    told[0] = "%s at %s" % (system, host)
-                    names.update(frame.poses)
-                    with contextlib.suppress(queue.Full):
-                        arrivals.put_nowait(frame)
+                    if ends.is_set():
+                        break
+                    if frame:
+                        told[0] = seen
+                        names.update(frame.poses)
+                        with contextlib.suppress(queue.Full):
+                            arrivals.put_nowait(frame)
             except (RuntimeError, ValueError) as error:  # of the library
-                told[0] = "%s at %s: %s" % (system, host, error)
-                time.sleep(PATIENCE)
+                told[0] = "%s: %s" % (seen, error)
+                ends.wait(PATIENCE)
 
     def frames() -> Iterator[Optional[Frame]]:
         while True:
             try:
                 yield arrivals.get(timeout=PATIENCE)
             except queue.Empty:
+                told[0] = silent if told[0] == seen else told[0]
                 yield None
 
-    threading.Thread(target=listen, daemon=True).start()
-    yield Source(frames(), lambda: told[0], lambda: sorted(names))
+    thread = threading.Thread(target=listen, daemon=True)
+    thread.start()
+    try:
+        yield Source(frames(), lambda: told[0], lambda: sorted(names))
+    finally:
+        ends.set()
+        thread.join(PATIENCE)
 
 
 def _unreachable(system: str, host: str) -> str:
@@ -75,15 +86,16 @@ def _unreachable(system: str, host: str) -> str:
     return ""
 
 
-def _frames(connection: Any) -> Iterator[Frame]:
-    """Frames as the library gives them. It may give a body that is lost where it was last: a pose of the same
-    bits is not a new one, because measured poses have noise."""
+def _frames(connection: Any) -> Iterator[Optional[Frame]]:
+    """Frames as the library gives them; None while nothing comes. It may give a body that is lost where it was
+    last: a pose of the same bits is not a new one, because measured poses have noise."""
     before: Dict[str, Optional[Tuple[float, ...]]] = {}
     while True:
         connection.waitForNextFrame()
         received = time.monotonic()
         bodies = connection.rigidBodies
         if not bodies:  # of VRPN: nothing came since the last look
+            yield None
             continue
         poses: Dict[str, Pose] = {}
         for name, body in bodies.items():

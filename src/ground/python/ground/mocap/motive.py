@@ -3,7 +3,6 @@
 import contextlib
 import select
 import socket
-import struct
 import time
 from typing import Dict, Iterator, Optional
 
@@ -114,7 +113,7 @@ class Motive:
             else:
                 try:
                     found = self._take(data, received)
-                except (natnet.PacketError, struct.error) as error:
+                except natnet.PacketError as error:
                     self._problem = str(error)
                     found = None
                     self._ask(AGAIN)  # it may have begun again with another version
