@@ -174,7 +174,6 @@ def test_stamps_are_right_under_delays_and_drift(drift):
         if found and exposed > 1001:
             errors.append(found.captured - exposed)
     assert max(map(abs, errors)) < 0.0002 + 10 * abs(drift) + 0.0005
-    assert follower.left_out == 0, "each frame came after the one before"
 
 
 def test_late_and_repeated_frames_are_left_out_and_missing_ones_counted():
@@ -183,7 +182,7 @@ def test_late_and_repeated_frames_are_left_out_and_missing_ones_counted():
     found = [taken(follower, n, n / 100, 50 + i / 100) for i, n in enumerate(order)]
     assert [f.frame.number for f in found if f] == [1, 2, 5, 6, 9]
     assert [f.missed for f in found if f] == [0, 0, 2, 0, 2]
-    assert follower.left_out == 4
+    assert [f.late for f in found if f] == [0, 0, 1, 2, 1]
 
 
 @pytest.mark.parametrize("seconds", [-500.0, -2.0, -0.3, 0.3, 2.0, 500.0])

@@ -52,6 +52,7 @@ class Sighting:
     frame: Frame
     offset: float  #: monotonic clock minus the mocap's [s]; nan if the mocap gives no time
     missed: int  #: frames that did not come between the one before and this one
+    late: int  #: frames since the one before that came late or again, and were left out
     pose: Optional[Pose]  #: None: the body was not seen
 
 
@@ -62,7 +63,7 @@ class Follower:
     def __init__(self, body: str) -> None:
         self.body = body
         self.offset = Offset()
-        self.left_out = 0  #: frames that came late, or again
+        self._late = 0
         self._last: Optional[Frame] = None
 
     def take(self, frame: Frame) -> Optional[Sighting]:
@@ -71,12 +72,12 @@ class Follower:
         if last is not None:
             again = _begins_again(last, frame)
             if not again and _is_late(last, frame):
-                self.left_out += 1
+                self._late += 1
                 return None
         missed = 0
         if last is not None and not again and frame.number is not None and last.number is not None:
             missed = frame.number - last.number - 1
-        self._last = frame
+        self._last, late, self._late = frame, self._late, 0
         captured, offset = frame.received, math.nan
         if frame.time is not None:
             if again:
@@ -84,7 +85,7 @@ class Follower:
             self.offset.update(frame.time + frame.delay, frame.received)
             offset = self.offset.value
             captured = frame.time + offset
-        return Sighting(captured, frame, offset, missed, frame.poses.get(self.body))
+        return Sighting(captured, frame, offset, missed, late, frame.poses.get(self.body))
 
 
 def _is_late(last: Frame, frame: Frame) -> bool:

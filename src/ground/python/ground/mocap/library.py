@@ -87,8 +87,8 @@ def _unreachable(system: str, host: str) -> str:
 
 
 def _frames(connection: Any) -> Iterator[Optional[Frame]]:
-    """Frames as the library gives them; None while nothing comes. It may give a body that is lost where it was
-    last: a pose of the same bits is not a new one, because measured poses have noise."""
+    """Frames as the library gives them; None while nothing comes. It may give a body that is lost where it
+    was last: a pose of the same bits is not a new one, because measured poses have noise."""
     before: Dict[str, Optional[Tuple[float, ...]]] = {}
     while True:
         connection.waitForNextFrame()

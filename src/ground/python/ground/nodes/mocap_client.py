@@ -101,7 +101,8 @@ class MocapClient:
             message.pose.position = Point(*pose.position)
             message.pose.orientation = Quaternion(*pose.rotation)
             self._poses.publish(message)
-        message = MocapFrame(body=self._body, tracked=pose is not None, missed=sighting.missed)
+        message = MocapFrame(body=self._body, tracked=pose is not None)
+        message.missed, message.late = sighting.missed, sighting.late
         message.header.stamp, message.header.frame_id = stamp, self._axes
         message.number = -1 if frame.number is None else frame.number
         message.time = math.nan if frame.time is None else frame.time
