@@ -102,6 +102,19 @@ def test_without_a_server_nothing_comes_and_a_name_that_is_none_is_refused():
         pass
 
 
+def test_bodies_of_a_server_that_began_again_are_not_those_of_before(stream):
+    """The number of the craft is that of another body now."""
+    server, source = stream(lambda n: [(1, (n, 0.04, 0.5), UPRIGHT, True)])
+    until(source, lambda found: found.time > 2.5)
+    assert source.names() == ["hovercraft"]
+    server.names = {1: "teapot"}
+    server.restart()
+    again = until(source, lambda found: found.time < 2)
+    while not again.poses:
+        again = next(source.frames)
+    assert set(again.poses) == {"teapot"}
+
+
 def test_a_stranger_in_the_same_group_is_not_the_mocap(stream):
     server, source = stream()
     other = FakeMotive(host="127.0.0.9", ports=(free_port(socket.SOCK_DGRAM), server.ports[1]))

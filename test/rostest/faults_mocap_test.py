@@ -216,8 +216,10 @@ class FaultsMocapTest(unittest.TestCase):
         self.drive()
         numbers = [m.number for at, m in self.frames.all if at > begun]
         self.assertLess(min(numbers), 2 / 0.01)
+        self.stop()
         self.motive.restart((4, 1))
-        harness.wait_for(lambda: self.state.message.valid, 10, "a valid state")
+        since = time.monotonic() + 1
+        harness.wait_for(lambda: self.frames.all[-1][0] > since and self.state.message.valid, 10, "frames")
 
     def clock_is_set(self, name, seconds):
         """The stamps of the poses stay right: nothing else happens."""

@@ -11,6 +11,7 @@ from ground.mocap.frames import Frame, Source, pose
 from ground.support.errors import GroundError
 
 ASK = 1.0  # time between questions to the server, which also show it that somebody listens [s]
+BACK = 1.0  # a server whose clock is set back by more than this began again [s]
 AGAIN = 0.2  # shortest time between questions to a server that seems to be another one [s]
 LARGEST = 65507  # datagram [bytes]
 
@@ -37,6 +38,7 @@ class Motive:
         self._problem = ""  # why frames that come cannot be used
         self._asked = -ASK
         self._newest = -ASK  # when the last frame came
+        self._time = 0.0  # of the last frame, by the server's clock [s]
         self._commands = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._to = (socket.gethostbyname(host), command_port)
@@ -142,6 +144,9 @@ class Motive:
 
     def _frame(self, frame: natnet.Frame, received: float) -> Frame:
         """What the mocap saw. Bodies that it lost are not there."""
+        if frame.time < self._time - BACK:  # bodies may have other numbers now
+            self.names, self._asked = {}, -ASK
+        self._time = frame.time
         poses = {}
         for body in frame.bodies:
             name = self.names.get(body.number)
