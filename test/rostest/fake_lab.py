@@ -22,7 +22,7 @@ LOST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))  # pose of a body that was never 
 
 
 def ask_for_priority():
-    """Gives the calling thread real-time priority, where the system grants it: no real craft waits for tests."""
+    """Gives the calling thread real-time priority, where the system grants it: a real craft does not wait."""
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(20))
 

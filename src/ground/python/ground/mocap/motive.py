@@ -68,16 +68,15 @@ class Motive:
 
     def told(self) -> str:
         """Which server it is, or why nothing comes from it."""
+        why = self._problem and ": " + self._problem
         if self.server is None:
-            return (
-                "no NatNet server answers at %s: is Motive's streaming on, at the address of this network?"
-                % self.host
-            )
+            asked = "is Motive's streaming on, at the address of this network?"
+            return "no NatNet server answers at %s%s" % (self.host, why or ": " + asked)
         who = "%s (NatNet %d.%d) at %s" % (self.server.name, *self._version, self.host)
         to = "to the group %s" % self.server.multicast if self.server.multicast else "to this computer"
         if time.monotonic() - self._newest < ASK:
             return "%s, %s" % (who, to)
-        return "%s sends no frames %s%s" % (who, to, self._problem and ": " + self._problem)
+        return "%s sends no frames %s%s" % (who, to, why)
 
     def _ask(self, interval: float) -> None:
         """Asks who the server is and what its bodies are called, which may change while frames come."""
@@ -85,9 +84,9 @@ class Motive:
         if now - self._asked < interval:
             return
         self._asked = now
-        questions = (
-            [natnet.packet(natnet.REQUEST_MODELS), natnet.packet(natnet.KEEP_ALIVE)] if self.server else []
-        )
+        questions = []
+        if self.server:
+            questions = [natnet.packet(natnet.REQUEST_MODELS), natnet.packet(natnet.KEEP_ALIVE)]
         if self.server is None or self._problem or now - self._newest > ASK:  # it may be another one
             questions += [natnet.connect(), natnet.ask_version()]
         with contextlib.suppress(OSError):  # the network is down: asked again
@@ -108,9 +107,8 @@ class Motive:
                 continue
             received = time.monotonic()
             if address != self._to[0]:
-                self._problem = "packets come from %s; if that is the mocap, give mocap_host:=%s" % (
-                    address,
-                    address,
+                self._problem = "packets come from {0}; if it is the mocap, give mocap_host:={0}".format(
+                    address
                 )
             else:
                 try:
