@@ -103,7 +103,8 @@ def _run(name: str, arguments: argparse.Namespace) -> int:
 
 
 RECORDINGS = (".bag", ".mcap", ".db3", ".csv", ".parquet")  # ends of their names
-OUTPUTS = {"output", "picture", "mat", "mcap"}  # arguments that name files to write; all others name files to read
+# Arguments that name files to write; all others name files to read
+OUTPUTS = {"output", "picture", "mat", "mcap"}
 
 
 def _inputs(arguments: argparse.Namespace) -> Iterator[str]:

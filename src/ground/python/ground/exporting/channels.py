@@ -1,14 +1,14 @@
 """Channels of a view: what each has, in which units, and how a message of it is written.
 
-They are the same live and in MCAP files. Numbers are protobuf messages, which Foxglove, Lichtblick, PlotJuggler
-and rerun read; the names of their fields end with the unit. Scenes, transforms and the log have the schemas of
-Foxglove.
+They are the same live and in MCAP files. Numbers are protobuf messages, which Foxglove, Lichtblick,
+PlotJuggler and rerun read; the names of their fields end with the unit. Scenes, transforms and the log have
+the schemas of Foxglove.
 """
 
 import math
 import re
 import struct
-from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Sequence, Tuple
 
 from ground.support.errors import GroundError
 
@@ -31,7 +31,7 @@ STATUS = ("state", "reason")
 MODELS = ("model", "model2")  # the first and the second model, in topics
 
 PREDICTION = Kind(
-    "pose (world_ned) and velocity (body) that a model predicts; how far the pose is off: measured minus predicted",
+    "pose (world_ned) and velocity (body) that a model predicts; measured minus predicted pose",
     (*MOTION, "off_x_mm", "off_y_mm", "off_heading_deg", "off_mm", "ahead_s"),
     ("model",),
 )
@@ -49,7 +49,9 @@ MISSING = Kind(
 OF_MODEL = {"prediction": PREDICTION, "accuracy": ACCURACY, "missing": MISSING}
 KINDS: Dict[str, Kind] = {
     "/pose": Kind("pose as the mocap measured it (world_ned)", POSE),
-    "/state": Kind("state of the craft (pose world_ned, velocity body)", (*MOTION, "age_ms"), ("status",), ("valid",)),
+    "/state": Kind(
+        "state of the craft (pose world_ned, velocity body)", (*MOTION, "age_ms"), ("status",), ("valid",)
+    ),
     "/reference": Kind("where the craft should be (world_ned)", ("x_m", "y_m", "speed_m_s")),
     **{"/%s/%s" % (model, name): kind for model in MODELS for name, kind in OF_MODEL.items()},
     "/comparison": Kind(
@@ -71,7 +73,10 @@ KINDS: Dict[str, Kind] = {
     ),
 }
 # Channels whose fields depend on the craft or on what was considered
-COMMANDS = {"/commands": "commands to the craft, by channel", "/commands/wanted": "commands before their limits"}
+COMMANDS = {
+    "/commands": "commands to the craft, by channel",
+    "/commands/wanted": "commands before they were limited",
+}
 BELIEFS = "/beliefs"
 ABOUT_BELIEFS = "probability that each effect acts and matters, 0 to 1"
 # Channels of Foxglove's own schemas
@@ -95,10 +100,16 @@ def factor(field: str) -> float:
     return dict(_FACTORS).get(unit, 1.0)
 
 
-def identifier(name: str) -> str:
-    """A name as a field of protobuf can have it."""
-    plain = re.sub(r"\W", "_", name, flags=re.ASCII)
-    return plain if plain[:1].isalpha() else "_" + plain
+def identifiers(names: Iterable[str]) -> Tuple[str, ...]:
+    """Names as fields of protobuf can have them; no two are the same."""
+    found: List[str] = []
+    for name in names:
+        plain = re.sub(r"\W", "_", name, flags=re.ASCII)
+        plain = plain if plain[:1].isalpha() else "_" + plain
+        while plain in found:
+            plain += "_"
+        found.append(plain)
+    return tuple(found)
 
 
 def clean(text: str) -> str:
@@ -112,8 +123,8 @@ def clean(text: str) -> str:
 class Numbers:
     """A channel of numbers, texts and flags.
 
-    A value in SI is written in the unit of its field. Its messages are encoded here: what protobuf makes of Python
-    objects takes five times as long, and there are hundreds a second.
+    A value in SI is written in the unit of its field. Messages are encoded here: the library's objects take
+    five times as long, and there are hundreds of messages a second.
     """
 
     def __init__(self, topic: str, kind: Kind, context: Any) -> None:
@@ -170,7 +181,9 @@ class Beliefs:
         self._write, schema = message_class("Beliefs", [("beliefs", row)])
         self.channel = channel(BELIEFS, ABOUT_BELIEFS, schema, context)
 
-    def log(self, time: int, effects: Sequence[str], probabilities: Sequence[float], states: Sequence[str]) -> None:
+    def log(
+        self, time: int, effects: Sequence[str], probabilities: Sequence[float], states: Sequence[str]
+    ) -> None:
         """Writes a message. time: [ns]; an element of each sequence for every effect."""
         rows = zip(map(clean, effects), probabilities, map(clean, states))
         message = self._write(beliefs=[dict(zip(self._fields, row)) for row in rows])

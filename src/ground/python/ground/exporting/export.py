@@ -2,7 +2,7 @@
 
 import argparse
 import os
-from typing import List
+from typing import TYPE_CHECKING, List, Union
 
 from ground.data import bag_arguments
 from ground.equations import written
@@ -10,19 +10,23 @@ from ground.models import Model, ModelLike
 from ground.support import command_line
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
-from ground.support.results import Shown
+
+if TYPE_CHECKING:
+    from ground import ExportedRun
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify export."""
-    parser.add_argument("source", metavar="MODEL.yaml|RUN", help="model to export; with --mcap: recorded run")
+    parser.add_argument("source", metavar="MODEL.yaml", help="model to export; with --mcap: recorded run")
     parser.add_argument(
         "against",
         nargs="*",
         metavar="DIAGNOSIS",
-        help="with --mcap: folder of a diagnosis, for its given and its proposed model; or up to two model files",
+        help="with --mcap: folder of a diagnosis, for its given and its proposed model, or model files",
     )
-    parser.add_argument("-o", "--output", metavar="FILE", help="file to write; .py and .h or .c say what it is")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="file to write; .py and .h or .c say what it is"
+    )
     parser.add_argument(
         "--to",
         choices=list(written.TARGETS),
@@ -47,17 +51,19 @@ def run(arguments: argparse.Namespace) -> Document:
         arguments.refuse("a model takes -o FILE, a run takes --mcap FILE")
     if arguments.output and arguments.against:
         arguments.refuse("%s is for --mcap FILE" % arguments.against[0])
-    found: Shown = _run(arguments) if arguments.mcap else _model(arguments)
+    found: Union[written.ExportedModel, "ExportedRun"] = (
+        _run(arguments) if arguments.mcap else _model(arguments)
+    )
     command_line.say(arguments, str(found))
     return found.to_dict()
 
 
-def _model(arguments: argparse.Namespace) -> Shown:
+def _model(arguments: argparse.Namespace) -> written.ExportedModel:
     """A model as code."""
     return Model.load(arguments.source).export(arguments.output, arguments.to, arguments.force)
 
 
-def _run(arguments: argparse.Namespace) -> Shown:
+def _run(arguments: argparse.Namespace) -> "ExportedRun":
     """A run as an MCAP file."""
     import ground
 

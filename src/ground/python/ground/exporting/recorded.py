@@ -93,11 +93,16 @@ def to_mcap(
     horizon: float = 1.5,
     force: bool = False,
 ) -> ExportedRun:
-    """Writes a run to an MCAP file: poses as measured, the state, the commands, and of each model what it
-    predicts, how far that is off, and the missing force; the room, and the scene.
+    """Writes a run to an MCAP file, for Foxglove and other viewers: poses as measured, the state, the
+    commands, and of each model what it predicts, how far that is off, and the missing force; the room.
 
-    models: at most two. horizon: how far they predict [s]. GroundError when there are more, a model cannot
-    predict the run, foxglove-sdk is not installed, or the file cannot be written or exists; force: overwrites it.
+    recording: one, or its file. models: at most two. horizon: how far they predict [s]. GroundError when
+    there are more, a model cannot predict the run, foxglove-sdk is not installed, or the file cannot be
+    written; force: overwrites an existing one.
+
+    >>> import tempfile
+    >>> print(ground.to_mcap(bag, tempfile.mkdtemp() + "/run.mcap", [model_file], horizon=1.0).models)
+    ['tiny_whoover']
     """
     viewers.require()
     from ground.exporting.view import View  # needs foxglove-sdk
@@ -136,7 +141,11 @@ def _measured(view: "View", run: Recording) -> List[Source]:
     poses, states = run.eta[order].tolist(), np.column_stack([repaired, motion.nu]).tolist()
     commands = run.controls.tolist()
     return [
-        Source("/commands", _at(run.control_times), lambda at, i: view.commands(at, run.channels, commands[i])),
+        Source(
+            "/commands",
+            _at(run.control_times),
+            lambda at, i: view.commands(at, run.channels, commands[i]),
+        ),
         Source("/pose", _at(stamps[order]), lambda at, i: view.pose(at, poses[i])),
         Source("/state", _at(motion.times), lambda at, i: view.state(at, states[i][:3], states[i][3:])),
     ]
@@ -195,4 +204,4 @@ def _describe(file: Any, run: Recording, models: Sequence[Model]) -> None:
 
 def _at(times: Array) -> Indices:
     """Times [ns] of times [s]."""
-    return np.rint(times * NANOSECONDS).astype(np.int64)
+    return np.asarray(np.rint(times * NANOSECONDS), np.int64)

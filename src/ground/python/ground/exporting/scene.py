@@ -1,4 +1,4 @@
-"""The scene of a view: room, craft, thrust, missing force, paths and floor, drawn at most so many times a second."""
+"""The scene of a view: room, craft, thrust, missing force, paths and floor, drawn at a limited rate."""
 
 import collections
 import math
@@ -10,7 +10,7 @@ from foxglove import messages as fx
 from ground import _core
 from ground.exporting import shapes
 from ground.exporting.channels import MODELS, clean
-from ground.exporting.shapes import CRAFT, NED, WORLD, Point
+from ground.exporting.shapes import CRAFT, WORLD, WORLD_NED, Point
 from ground.models import Model, Room
 
 SECOND = 1_000_000_000  # [ns]
@@ -27,6 +27,7 @@ SURE = 3.5  # least missing force that is drawn, relative to its standard deviat
 THRUST_LENGTH, MISSING_LENGTH = 0.3, 4.0  # arrow of a full thruster, and of a missing full thrust [m]
 LONGEST, SHORTEST = 0.8, 0.02  # arrow of a missing force [m]
 HULL, BOW, WALL, HOME, TEXT = "#c8c8c8", "#404040", "#404040", "#606060", "#808080"
+DARKER = 0.7  # texts, than the colour that they explain
 OPACITY = 0.35  # of what is predicted, and of the floor
 
 
@@ -112,11 +113,11 @@ class Scene:
         self._channels[name].log(fx.SceneUpdate(entities=entities), log_time=time)
 
     def _draw_frames(self, time: int) -> None:
-        frames = [shapes.frame(WORLD, NED, time, 0.0, 0.0, shapes.OVER)]
+        frames = [shapes.frame(WORLD, WORLD_NED, time, 0.0, 0.0, shapes.OVER)]
         for name in (CRAFT, *MODELS):
             at, eta = self._poses.get(name, (0, ()))
             if eta and abs(time - at) <= RECENT:
-                frames.append(shapes.frame(NED, name, time, eta[0], eta[1], shapes.turned(eta[2])))
+                frames.append(shapes.frame(WORLD_NED, name, time, eta[0], eta[1], shapes.turned(eta[2])))
         self._frames.log(fx.FrameTransforms(transforms=frames), log_time=time)
 
     def _draw_craft(self, time: int) -> None:
@@ -157,25 +158,25 @@ class Scene:
         for above, (name, shade) in enumerate(shades.items(), 1):
             pieces: List[List[Point]] = [[]]
             last = None
-            for at, place, begins in self._paths[name]:
+            for at, place, begins in self._paths.get(name, ()):
                 if begins or last is not None and at - last > GAP:
                     pieces.append([])
                 pieces[-1].append(place)
                 last = at
             width, tint = 0.02 if name == CRAFT else 0.012, shapes.color(shade)
             lines = [shapes.line(p, 0.005 * above, width, tint) for p in pieces if len(p) > 1]
-            entities.append(shapes.entity("path of " + name, NED, time, lines=lines))
+            entities.append(shapes.entity("path of " + name, WORLD_NED, time, lines=lines))
         self._draw("paths", entities, time)
 
     def _draw_room(self, time: int) -> None:
         if self._room is None:
             return
         x, y = self._room.home
-        walls = [tuple(corner) for corner in self._room.corners.tolist()]
-        lines = [shapes.line(walls, 0.0, 0.03, shapes.color(WALL), closed=True)]
+        walls: List[Point] = [(a, b) for a, b in self._room.corners.tolist()]
+        lines: List[Any] = [shapes.line(walls, 0.0, 0.03, shapes.color(WALL), closed=True)]
         for ends in (((x - 0.1, y), (x + 0.1, y)), ((x, y - 0.1), (x, y + 0.1))):
             lines.append(shapes.line(ends, 0.0, 0.015, shapes.color(HOME)))
-        self._draw("room", [shapes.entity("room", NED, time, lines=lines)], time)
+        self._draw("room", [shapes.entity("room", WORLD_NED, time, lines=lines)], time)
 
     def _draw_floor(self, time: int) -> None:
         means = {at: total / count for at, (total, count) in self._floor.items() if count >= FEWEST}
@@ -186,7 +187,7 @@ class Scene:
         for (i, j), mean in means.items():
             shade = shapes.scale_color((mean - self._noise) / span, OPACITY)
             tiles.append(shapes.tile(((i + 0.5) * CELL, (j + 0.5) * CELL), 0.96 * CELL, shade))
-        self._draw("floor", [shapes.entity("floor", NED, time, cubes=tiles)], time)
+        self._draw("floor", [shapes.entity("floor", WORLD_NED, time, cubes=tiles)], time)
 
     def _floor_top(self, means: List[float]) -> float:
         """Error of the brightest colour of the floor [m]: 95% of the cells have less."""
@@ -200,17 +201,18 @@ class Scene:
             rows.append(("reference", palette["reference"]))
         rows += [(self._lines[m], palette["models"][i]) for i, m in enumerate(MODELS) if m in self._lines]
         if self._craft:
-            rows.append(("thrust: %g m is %s" % (THRUST_LENGTH, newtons(self._craft.strongest)), palette["thrusters"][0]))
+            told = "thrust: %g m is %s" % (THRUST_LENGTH, newtons(self._craft.strongest))
+            rows.append((told, palette["thrusters"][0]))
             of = newtons(self._craft.full_thrust / MISSING_LENGTH)
             rows.append(("missing force, if more than noise: 1 m is " + of, palette["missing"]))
-        corners = self._room.corners if self._room else [[1.5, 0.0]]
+        corners = self._room.corners.tolist() if self._room else [[1.5, 0.0]]
         top = max(corner[0] for corner in corners) + 0.25 + 1.6 * shapes.LETTER * len(rows)
         middle = sum(corner[1] for corner in corners) / len(corners)
         texts = [
-            shapes.text((top - 1.6 * shapes.LETTER * i, middle), words, shapes.color(shade))
+            shapes.text((top - 1.6 * shapes.LETTER * i, middle), words, shapes.color(shade, darker=DARKER))
             for i, (words, shade) in enumerate(rows)
         ]
-        self._draw("legend", [shapes.entity("legend", NED, time, texts=texts)], time)
+        self._draw("legend", [shapes.entity("legend", WORLD_NED, time, texts=texts)], time)
 
 
 def newtons(force: float) -> str:

@@ -8,13 +8,13 @@ from foxglove import messages as fx
 from ground import _core
 
 Point = Tuple[float, float]  # x, y [m]
-WORLD, NED, CRAFT = "world", "world_ned", "craft"  # frames
+WORLD, WORLD_NED, CRAFT = "world", "world_ned", "craft"  # frames
 LETTER = 0.11  # height of letters [m]
 
 
-def color(text: str, opacity: float = 1.0) -> Any:
-    """A colour "#rrggbb"."""
-    red, green, blue = _channels(text)
+def color(text: str, opacity: float = 1.0, darker: float = 1.0) -> Any:
+    """A colour "#rrggbb", times `darker`."""
+    red, green, blue = (darker * c for c in _channels(text))
     return fx.Color(r=red, g=green, b=blue, a=opacity)
 
 

@@ -15,7 +15,7 @@ from ground.exporting.channels import (
     Kind,
     Numbers,
     clean,
-    identifier,
+    identifiers,
 )
 from ground.exporting.scene import Scene
 from ground.models import Model, Room
@@ -63,14 +63,16 @@ class View:
         if valid:
             self._scene.state(time, eta)
 
-    def commands(self, time: int, names: Sequence[str], values: Sequence[float], wanted: bool = False) -> None:
+    def commands(
+        self, time: int, names: Sequence[str], values: Sequence[float], wanted: bool = False
+    ) -> None:
         """Commands by channel, as sent; wanted: before they were limited."""
         topic = "/commands/wanted" if wanted else "/commands"
         if self._names.get(topic) != tuple(names):  # the first, or those of another craft
             self._names[topic] = tuple(names)
             if topic in self._numbers:
                 self._numbers.pop(topic).channel.close()
-            kind = Kind(COMMANDS[topic], tuple(map(identifier, names)))
+            kind = Kind(COMMANDS[topic], identifiers(names))
             self._numbers[topic] = Numbers(topic, kind, self._context)
         self._numbers[topic].log(time, values)
         if not wanted:
@@ -140,7 +142,9 @@ class View:
         self._beliefs = self._beliefs or Beliefs(self._context)
         self._beliefs.log(time, effects, probabilities, states)
 
-    def numbers(self, topic: str, time: int, numbers: Sequence[float], texts: Sequence[str], *flags: bool) -> None:
+    def numbers(
+        self, topic: str, time: int, numbers: Sequence[float], texts: Sequence[str], *flags: bool
+    ) -> None:
         """A message of another channel of KINDS."""
         self._channel(topic).log(time, numbers, texts, *flags)
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.util
+import logging
 import sys
 from typing import Any, Iterator
 
@@ -9,6 +10,7 @@ from ground.support import files
 from ground.support.errors import GroundError, reason
 
 PORT = 8765  # that viewers try first
+NEEDED = "viewers and MCAP files take the Python module foxglove-sdk"
 OLDEST = (3, 10)  # Python of foxglove-sdk
 
 
@@ -17,9 +19,8 @@ def require() -> None:
     if importlib.util.find_spec("foxglove") is not None:
         return
     if sys.version_info < OLDEST:
-        text = "live views and MCAP files take the Python module foxglove-sdk, which needs Python %d.%d or newer"
-        raise GroundError(text % OLDEST + ", as Debian 12 has")
-    raise GroundError("live views and MCAP files take the Python module foxglove-sdk: pip install foxglove-sdk")
+        raise GroundError(NEEDED + ", which needs Python %d.%d or newer, as Debian 12 has" % OLDEST)
+    raise GroundError(NEEDED + ": pip install foxglove-sdk")
 
 
 def context() -> Any:
@@ -27,6 +28,7 @@ def context() -> Any:
     require()
     import foxglove
 
+    logging.getLogger("foxglove").setLevel(logging.CRITICAL)  # a viewer that goes without a word is no error
     return foxglove.Context()
 
 
@@ -56,7 +58,7 @@ def recorded(shown: Any, path: str) -> Iterator[Any]:
     files.refuse_existing(path, force=False)
     try:
         writer = foxglove.open_mcap(path, context=shown)
-    except (OSError, RuntimeError, ValueError) as error:
+    except OSError as error:
         raise GroundError("%s: cannot be written (%s)" % (path, reason(error)))
     try:
         yield writer

@@ -1,6 +1,7 @@
-"""The topics of what runs, as a live view for Foxglove and Lichtblick: a websocket, and an MCAP file if wanted."""
+"""The topics of what runs, as a live view for Foxglove, Lichtblick and MCAP files."""
 
 import collections
+import gc
 import os
 import time
 from typing import Any, Callable, Deque, Dict, Optional, Tuple
@@ -24,8 +25,9 @@ from ground.support.annotations import Message
 from ground.support.errors import GroundError
 
 PERIOD = 0.05  # between looks at new messages [s]
-# A subscription that has waited for a message rests, so that the next ones come together: to wake up costs most.
-WAITED, REST, REST_OF_STATE = 0.001, 0.1, 0.04  # [s]
+# A subscription that has waited for a message rests, so that the next ones come together: waking up costs
+# most.
+WAITED, REST, REST_OF_STATE = 0.001, 0.15, 0.04  # [s]
 JUMP = 500_000_000  # jump back in time that clears what is drawn, more than disorder of messages [ns]
 NICE = 5  # niceness: the nodes that fly come first
 PARAMETERS = {"model": "visualizer/model", "room": "visualizer/room"}  # files that the launch names
@@ -169,6 +171,7 @@ def run(viewer: LiveViewer, waiting: Callable[[], None], patience: float = 5.0) 
     """Writes what arrives until the node is shut down. waiting: called once if no state has come after a
     time [s]."""
     os.nice(NICE)
+    gc.freeze()  # what was imported stays: it need not be looked at again and again
     viewer.connect()
     deadline: Optional[float] = time.monotonic() + patience
     while not rospy.is_shutdown():
