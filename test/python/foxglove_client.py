@@ -57,12 +57,15 @@ class Client:
     def _run(self):
         self._socket.settimeout(None)
         while True:
-            data = self._socket.recv(1 << 16)
+            try:
+                data = self._socket.recv(1 << 16)
+                self._connection.receive_data(data or None)
+                for event in self._connection.events():
+                    self._take(event)
+            except OSError:
+                return
             if not data:
                 return
-            self._connection.receive_data(data)
-            for event in self._connection.events():
-                self._take(event)
 
     def _take(self, event):
         if isinstance(event, AcceptConnection):

@@ -102,7 +102,7 @@ def test_an_exported_run_has_what_both_models_of_a_diagnosis_predict(run, diagno
         assert_same(off, times, np.c_[made.residuals[:, :3], distance])
         core = model.core
         lacks = missing_wrench.of_wrench(missing_wrench.undisturbed(core, made.run), core)
-        fields = "X_N", "Y_N", "N_Nm", "X_sigma_N", "Y_sigma_N", "N_sigma_Nm"
+        fields = "X_mN", "Y_mN", "N_mNm", "X_sigma_mN", "Y_sigma_mN", "N_sigma_mNm"
         wrench = numbers(messages[topic + "/missing"], *fields)
         assert_same(wrench, lacks.times + made.zero, np.c_[lacks.wrench, lacks.sigma])
         _, found = messages[topic + "/accuracy"][0]
@@ -120,7 +120,7 @@ def test_an_exported_run_is_drawn(run, exported):
     times, places = numbers(messages["/state"], "x_m", "y_m", "heading_deg")
     for at, message in messages["/tf"][:: len(messages["/tf"]) // 20]:
         frames = {f.child_frame_id: f for f in message.transforms}
-        craft = frames["craft"]
+        craft = frames["hovercraft"]
         x, y, psi = places[np.argmin(abs(times - at / 1e9))]
         half = np.array([craft.rotation.w, craft.rotation.z])
         assert np.allclose([craft.translation.x, craft.translation.y], [x, y])
@@ -156,7 +156,7 @@ def test_what_cannot_be_exported_is_said(run, diagnosis, tmp_path, monkeypatch, 
 def test_an_mcap_file_is_replaced_only_by_force(run, tmp_path):
     path = tmp_path / "run.mcap"
     first = ground.to_mcap(run, path)
-    assert sorted(first.counts) == ["/commands", "/pose", "/state"] and not first.models
+    assert sorted(first.counts) == ["/commands", "/log", "/pose", "/state"] and not first.models
     with pytest.raises(ground.GroundError, match="exists"):
         ground.to_mcap(run, path)
     assert ground.to_mcap(run, path, [MODEL], force=True).models == ["tiny_whoover"]
@@ -185,8 +185,15 @@ def test_without_the_library_a_sentence_says_what_to_install(run, tmp_path):
                     ground.to_mcap(run, tmp_path / "run.mcap")
 
 
-UNITS = {"off_mm": 1e3, "age_ms": 1e3, "r_deg_s": math.degrees(1), "heading_noise_deg": math.degrees(1)}
-UNITS.update(dict.fromkeys(["x_m", "u_m_s", "N_sigma_Nm", "left", "elapsed_s"], 1))
+UNITS = {
+    "off_mm": 1e3,
+    "age_ms": 1e3,
+    "X_mN": 1e3,
+    "N_sigma_mNm": 1e3,
+    "r_deg_s": math.degrees(1),
+    "heading_noise_deg": math.degrees(1),
+}
+UNITS.update(dict.fromkeys(["x_m", "u_m_s", "left", "elapsed_s"], 1))
 
 
 @pytest.mark.parametrize("field, unit", UNITS.items())
@@ -324,9 +331,11 @@ def test_numbers_that_are_not_finite_reach_the_viewer_and_stop_nothing():
             viewer.take("model_error", error)
             viewer.take("state", state)
             if i == 30:
-                shown.subscribed("/state", "/scene/craft")
+                shown.subscribed("/state", "/scene/craft", "/tf")
+        viewer.take("state", stamped(msgs.State, 20, eta=[0.5, 0, 0], nu=nan, valid=True))
         assert all(math.isnan(m.u_m_s) for m in shown.messages("/state", 20))
-        assert shown.messages("/scene/craft")
+        (frame,) = [f for f in shown.messages("/tf")[-1].transforms if f.child_frame_id == "hovercraft"]
+        assert frame.translation.x == 0.5 and shown.messages("/scene/craft")
 
 
 def test_time_that_jumps_back_begins_a_new_view():

@@ -58,8 +58,8 @@ def of_prediction(m, shown):
 
 def of_missing(m, shown):
     return [
-        (m.wrench, (shown.X_N, shown.Y_N, shown.N_Nm)),
-        (m.wrench_noise, (shown.X_sigma_N, shown.Y_sigma_N, shown.N_sigma_Nm)),
+        (m.wrench, (shown.X_mN * 1e-3, shown.Y_mN * 1e-3, shown.N_mNm * 1e-3)),
+        (m.wrench_noise, (shown.X_sigma_mN * 1e-3, shown.Y_sigma_mN * 1e-3, shown.N_sigma_mNm * 1e-3)),
     ]
 
 
@@ -109,8 +109,10 @@ class ViewerTest(unittest.TestCase):
         self.assertTrue(os.path.isfile(viewer.stdout.readline().split()[-1]), "the layout that is named")
         client = foxglove_client.Client(port)
         harness.wait_for(lambda: "/scene/floor" in client.messages, 30, "the floor on the websocket")
-        bag = self.start("rosbag", "record", "-O", self.path("run.bag"), *sorted({t for _, t, _ in CHANNELS}))
-        time.sleep(6)
+        topics = sorted({topic for _, topic, _ in CHANNELS})
+        bag = self.start("rosbag", "record", "--chunksize=16", "-O", self.path("run.bag"), *topics)
+        active = self.path("run.bag.active")
+        harness.wait_for(lambda: os.path.isfile(active) and os.path.getsize(active) > 4e5, 60, "a bag")
         bag.send_signal(signal.SIGINT)
         bag.wait(timeout=20)
         sender = harness.Latest("sender/status", SenderStatus)
@@ -151,11 +153,11 @@ class ViewerTest(unittest.TestCase):
     def check_scene(self, live):
         self.assertLessEqual(SCENE - {"/log"}, set(live))
         frames = {f.child_frame_id for _, m in live["/tf"] for f in m.transforms}
-        self.assertEqual(frames, {"world_ned", "craft", "model", "model2"})
+        self.assertEqual(frames, {"world_ned", "hovercraft", "model", "model2"})
         seconds = (live["/state"][-1][0] - live["/state"][0][0]) / 1e9
         self.assertLess(len(live["/tf"]) / seconds, 31, "pictures a second")
         _, craft = live["/scene/craft"][-1]
-        self.assertEqual({e.frame_id for e in craft.entities}, {"craft", "model", "model2"})
+        self.assertEqual({e.frame_id for e in craft.entities}, {"hovercraft", "model", "model2"})
         _, room = live["/scene/room"][-1]
         self.assertEqual(len(room.entities[0].lines[0].points), 4, "corners of the room")
 

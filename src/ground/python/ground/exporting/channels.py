@@ -43,7 +43,7 @@ ACCURACY = Kind(
 )
 MISSING = Kind(
     "force and moment that a model lacks (body), and their standard deviations",
-    ("X_N", "Y_N", "N_Nm", "X_sigma_N", "Y_sigma_N", "N_sigma_Nm"),
+    ("X_mN", "Y_mN", "N_mNm", "X_sigma_mN", "Y_sigma_mN", "N_sigma_mNm"),
     ("model",),
 )
 OF_MODEL = {"prediction": PREDICTION, "accuracy": ACCURACY, "missing": MISSING}
@@ -81,7 +81,7 @@ BELIEFS = "/beliefs"
 ABOUT_BELIEFS = "probability that each effect acts and matters, 0 to 1"
 # Channels of Foxglove's own schemas
 SCENES = {
-    "/tf": "frames world, world_ned (z down), craft and, as predicted, model and model2",
+    "/tf": "frames world (z up), world_ned, hovercraft and, as predicted, model and model2",
     "/scene/room": "walls and home of the room",
     "/scene/craft": "craft, thrust and missing force",
     "/scene/paths": "measured path, reference, and what models predict",
@@ -90,7 +90,7 @@ SCENES = {
     "/log": "changes of state of controller and sender, and their reasons",
 }
 
-_FACTORS = (("deg", 180 / math.pi), ("mm", 1e3), ("ms", 1e3))
+_FACTORS = (("deg", 180 / math.pi), ("mm", 1e3), ("ms", 1e3), ("mN", 1e3), ("mNm", 1e3))
 
 
 def factor(field: str) -> float:
@@ -101,15 +101,15 @@ def factor(field: str) -> float:
 
 
 def identifiers(names: Iterable[str]) -> Tuple[str, ...]:
-    """Names as fields of protobuf can have them; no two are the same."""
-    found: List[str] = []
-    for name in names:
+    """Names as fields of protobuf can have them, which differ by more than case and underscores."""
+    found: Dict[str, str] = {}
+    for number, name in enumerate(names, 1):
         plain = re.sub(r"\W", "_", name, flags=re.ASCII)
-        plain = plain if plain[:1].isalpha() else "_" + plain
-        while plain in found:
-            plain += "_"
-        found.append(plain)
-    return tuple(found)
+        plain = plain if plain[:1].isalpha() else "input_" + plain
+        while plain.replace("_", "").lower() in found:
+            plain += "_%d" % number
+        found[plain.replace("_", "").lower()] = plain
+    return tuple(found.values())
 
 
 def clean(text: str) -> str:

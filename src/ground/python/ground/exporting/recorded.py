@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections import Counter
 from dataclasses import dataclass
 from typing import (
     TYPE_CHECKING,
@@ -47,7 +48,7 @@ class ExportedRun(Shown):
     >>> import tempfile
     >>> written = ground.to_mcap(bag, tempfile.mkdtemp() + "/run.mcap", [model_file])
     >>> sorted(written.counts)[:3], written.models
-    (['/commands', '/model/accuracy', '/model/missing'], ['tiny_whoover'])
+    (['/commands', '/log', '/model/accuracy'], ['tiny_whoover'])
     """
 
     path: str
@@ -123,13 +124,23 @@ def to_mcap(
         context = viewers.context()
         with viewers.recorded(context, temporary) as file:
             view = View(context, given[0] if given else None, Room.of_recording(run))
-            sources = _measured(view, run)
+            sources = [*_measured(view, run), *_changes(view, run)]
             for i, (label, made, lacks) in enumerate(zip(labels, predicted, missing)):
-                sources += [*_predicted(view, i, label, made), _lacking(view, i, label, lacks, made.zero)]
+                sources += _predicted(view, i, label, made)
+                sources += _lacking(view, i, label, lacks, made.zero)
             _write(sources)
             _describe(file, run, given)
-    counts = {source.channel: len(source.times) for source in sources}
-    return ExportedRun(place, run.name, run.duration, labels, horizon, counts)
+    counts: Dict[str, int] = Counter()
+    for source in sources:
+        counts[source.channel] += len(source.times)
+    return ExportedRun(
+        place,
+        run.name,
+        run.duration,
+        labels,
+        horizon,
+        {topic: count for topic, count in counts.items() if count},
+    )
 
 
 def _measured(view: "View", run: Recording) -> List[Source]:
@@ -167,7 +178,14 @@ def _predicted(view: "View", model: int, label: str, made: "Prediction") -> List
         view.accuracy(model, at, label, error, noise, made.horizon)
 
     topic = "/%s/" % MODELS[model]
-    return [Source(topic + "accuracy", times[[0, -1]], summarise), Source(topic + "prediction", times, write)]
+    told = "off by %.3g mm, %.2g deg after %.2g s, the noise of the poses alone by %.2g mm, %.2g deg" % (
+        made.position_mm, made.heading_deg, made.horizon, made.noise_mm, made.noise_deg
+    )  # fmt: skip
+    return [
+        Source("/log", times[:1], lambda at, i: view.say(at, label, told)),
+        Source(topic + "accuracy", times[[0, -1]], summarise),
+        Source(topic + "prediction", times, write),
+    ]
 
 
 def _missing(made: "Prediction") -> missing_wrench.Missing:
@@ -176,12 +194,39 @@ def _missing(made: "Prediction") -> missing_wrench.Missing:
     return missing_wrench.of_wrench(missing_wrench.undisturbed(core, made.run), core)
 
 
-def _lacking(view: "View", model: int, label: str, lacks: missing_wrench.Missing, zero: float) -> Source:
-    """The missing wrench; zero: origin of its times on the recording's clock [s]."""
+def _lacking(
+    view: "View", model: int, label: str, lacks: missing_wrench.Missing, zero: float
+) -> List[Source]:
+    """The missing wrench, and the spans that are left out of it; zero: origin of the times on the recording's
+    clock [s]."""
     wrench, sigma = lacks.wrench.tolist(), lacks.sigma.tolist()
     times = _at(lacks.times + zero)
+    spans = [(one["start"], one["end"] - one["start"]) for one in lacks.numbers["disturbances"]]
+
+    def told(at: int, i: int) -> None:
+        words = "no input explains the motion of the next %.1f s (contact, hand, wrong poses)" % spans[i][1]
+        view.say(at, label, words, "warning")
+
     topic = "/%s/missing" % MODELS[model]
-    return Source(topic, times, lambda at, i: view.missing(model, at, label, wrench[i], sigma[i]))
+    return [
+        Source(topic, times, lambda at, i: view.missing(model, at, label, wrench[i], sigma[i])),
+        Source("/log", _at(np.array([start for start, _ in spans]) + zero), told),
+    ]
+
+
+def _changes(view: "View", run: Recording) -> List[Source]:
+    """Where the run begins, and changes of parameters and models during it."""
+    changes = run.changes
+
+    def change(at: int, i: int) -> None:
+        one = changes[i]
+        view.change(at, one.node, one.name, one.before, one.after)
+
+    begins = _at(run.pose_times.min(keepdims=True))
+    return [
+        Source("/log", begins, lambda at, i: view.say(at, "run", run.name)),
+        Source("/log", _at(np.array([one.time for one in changes])), change),
+    ]
 
 
 def _write(sources: Sequence[Source]) -> None:

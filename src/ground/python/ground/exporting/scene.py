@@ -57,6 +57,8 @@ class Scene:
     def state(self, time: int, eta: Sequence[float]) -> None:
         """The craft is at a pose x, y [m], psi [rad]; draws what is due."""
         self._follow(CRAFT, time, eta)
+        if CRAFT not in self._poses:
+            return
         if self._is_due("craft", time, CRAFT_PERIOD):
             self._draw_frames(time)
             self._draw_craft(time)
@@ -81,7 +83,8 @@ class Scene:
 
     def missing(self, time: int, wrench: Sequence[float], sigma: Sequence[float]) -> None:
         """Wrench that the first model lacks [N, N, N m], and its standard deviations."""
-        self._missing = time, wrench, sigma
+        if math.isfinite(sum(wrench) + sum(sigma)) and min(sigma) > 0:
+            self._missing = time, wrench, sigma
 
     def off(self, place: Point, distance: float, noise: float) -> None:
         """How far a prediction of the first model was off at a place [m], and what noise leaves [m]."""
@@ -96,6 +99,8 @@ class Scene:
         self._lines[line] = clean(words)
 
     def _follow(self, name: str, time: int, eta: Sequence[float], begins: bool = False) -> None:
+        if not math.isfinite(sum(eta)):
+            return
         self._poses[name] = time, eta
         path = self._paths[name]
         if begins or not path or time - path[-1][0] >= SPACING:

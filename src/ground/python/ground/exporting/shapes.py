@@ -8,8 +8,8 @@ from foxglove import messages as fx
 from ground import _core
 
 Point = Tuple[float, float]  # x, y [m]
-WORLD, WORLD_NED, CRAFT = "world", "world_ned", "craft"  # frames
-LETTER = 0.11  # height of letters [m]
+WORLD, WORLD_NED, CRAFT = "world", "world_ned", "hovercraft"  # frames, as tf has them
+LETTER = 0.15  # height of letters [m]
 
 
 def color(text: str, opacity: float = 1.0, darker: float = 1.0) -> Any:

@@ -123,7 +123,7 @@ class View:
         self._accuracy[model] = time
         self._channel("/%s/accuracy" % MODELS[model]).log(time, (*error, *noise, horizon), (label,), excited)
         sizes = [(1e3 * position, math.degrees(heading)) for position, heading in (error, noise)]
-        told = "%.3g mm, %.2g deg after %.2g s (noise alone: %.3g mm, %.2g deg)"
+        told = "%.3g mm, %.2g deg after %.2g s (noise: %.2g mm, %.2g deg)"
         told = told % (*sizes[0], horizon, *sizes[1]) if excited else "no excitation, the craft hardly moves"
         self._scene.legend(MODELS[model], "%s: %s" % (label, told))
 
@@ -152,6 +152,10 @@ class View:
         """A line of the log; name: who says it; level: of LEVELS."""
         stamp, told = shapes.timestamp(time), clean(words)
         self._log.log(fx.Log(timestamp=stamp, level=LEVELS[level], message=told, name=name), log_time=time)
+
+    def change(self, time: int, node: str, name: str, before: str, after: str) -> None:
+        """A parameter or a model file of a node was changed."""
+        self.say(time, node, "%s: %s, was %s" % (name, after, before))
 
     def _channel(self, topic: str) -> Numbers:
         if topic not in self._numbers:

@@ -148,8 +148,7 @@ class LiveViewer:
         self._view.say(at, "discovery", status.activity)
 
     def _change(self, at: int, change: Message) -> None:
-        words = "%s: %s, was %s" % (change.name, change.after, change.before)
-        self._view.say(at, change.node, words)
+        self._view.change(at, change.node, change.name, change.before, change.after)
 
 
 def view_of(context: Any, model: str, room: str) -> View:
