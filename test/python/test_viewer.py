@@ -3,7 +3,9 @@
 import importlib.util
 import json
 import math
+import os
 import re
+import subprocess
 import sys
 import time
 import xml.etree.ElementTree
@@ -13,7 +15,7 @@ import numpy as np
 import pytest
 
 import ground
-from conftest import MODEL, ROOT, identify
+from conftest import MODEL, ROOT, free_port, identify, located
 from ground.analysis import missing_wrench
 from ground.exporting import channels, viewers
 from ground.recordings import repair
@@ -363,3 +365,18 @@ def test_the_server_says_when_a_port_is_taken_and_listens_to_this_computer_only(
                 pass
         listening = {line.split()[1] for line in open("/proc/net/tcp") if line.split()[3] == "0A"}
         assert {a.split(":")[0] for a in listening if int(a.split(":")[1], 16) == shown.port} == {"0100007F"}
+
+
+def viewer(*arguments, **environment):
+    ros_messages()
+    command = [located("viewer"), *map(str, arguments)]
+    env = {**os.environ, "ROS_MASTER_URI": "http://localhost:%d" % free_port(), **environment}
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, env=env)
+
+
+def test_the_program_names_its_layout_and_what_is_missing():
+    named = viewer("--layout")
+    assert named.returncode == 0 and json.loads(open(named.stdout.strip()).read())["configById"]
+    alone = viewer()
+    assert alone.returncode == 1 and re.match("viewer: no ROS master answers.*\n$", alone.stderr)
+    assert viewer("--port", "99999").returncode == 2

@@ -123,7 +123,8 @@ def to_mcap(
         os.unlink(temporary)  # foxglove writes new files only
         context = viewers.context()
         with viewers.recorded(context, temporary) as file:
-            view = View(context, given[0] if given else None, Room.of_recording(run))
+            view = View(context)
+            view.furnish(given[0] if given else None, Room.of_recording(run))
             sources = [*_measured(view, run), *_changes(view, run)]
             for i, (label, made, lacks) in enumerate(zip(labels, predicted, missing)):
                 sources += _predicted(view, i, label, made)

@@ -14,8 +14,8 @@ from ground.exporting.shapes import CRAFT, WORLD, WORLD_NED, Point
 from ground.models import Model, Room
 
 SECOND = 1_000_000_000  # [ns]
-CRAFT_PERIOD = SECOND // 30  # between pictures of the craft
-PATH_PERIOD = SECOND // 5
+CRAFT_PERIOD = SECOND // 15  # between pictures of the craft
+PATH_PERIOD = SECOND // 4
 STILL_PERIOD = SECOND  # of what does not move; a viewer that comes later gets it, too
 SPACING = SECOND // 25  # between points of a path
 HISTORY = 10 * SECOND  # length of the paths
@@ -34,14 +34,19 @@ OPACITY = 0.35  # of what is predicted, and of the floor
 class Scene:
     """Takes what is known and draws it. Times are [ns], all else is in SI and in the frames of ground."""
 
-    def __init__(self, context: Any, model: Optional[Model], room: Optional[Room]) -> None:
-        """context: of foxglove, that the channels belong to; model: whose thrusters are drawn."""
-        self._room, self._craft = room, Body(model) if model else None
+    def __init__(self, context: Any) -> None:
+        """context: of foxglove, that the channels belong to."""
+        self._room: Optional[Room] = None
+        self._craft: Optional[Body] = None
         names = ("room", "craft", "paths", "floor", "legend")
         self._channels = {n: fc.SceneUpdateChannel("/scene/" + n, context=context) for n in names}
         self._frames = fc.FrameTransformsChannel("/tf", context=context)
         self._drawn: Dict[str, int] = {}
         self.clear()
+
+    def furnish(self, model: Optional[Model], room: Optional[Room]) -> None:
+        """Takes the model whose thrusters are drawn, and the room."""
+        self._room, self._craft = room, Body(model) if model else None
 
     def clear(self) -> None:
         """Forgets what was drawn: time began again."""

@@ -29,8 +29,8 @@ class View:
     """Writes what is known to the channels of a foxglove.Context. Times are [ns]; poses are x, y [m], psi
     [rad] in world_ned, velocities u, v [m/s], r [rad/s] and wrenches X, Y [N], N [N m] in the body frame."""
 
-    def __init__(self, context: Any, model: Optional[Model] = None, room: Optional[Room] = None) -> None:
-        """context: of foxglove; model: whose thrusters are drawn."""
+    def __init__(self, context: Any) -> None:
+        """context: of foxglove."""
         self._context = context
         self._numbers: Dict[str, Numbers] = {}
         self._beliefs: Optional[Beliefs] = None
@@ -39,7 +39,11 @@ class View:
         self._accuracy = [-ACCURACY_PERIOD] * len(MODELS)  # when it was written last
         self._noise = 0.0  # what it leaves of the first model's predictions [m]; 0: not known
         self._log = fc.LogChannel("/log", context=context)
-        self._scene = Scene(context, model, room)
+        self._scene = Scene(context)
+
+    def furnish(self, model: Optional[Model], room: Optional[Room]) -> None:
+        """Takes the model whose thrusters are drawn, and the room; both may be unknown."""
+        self._scene.furnish(model, room)
 
     def clear(self) -> None:
         """Time began again: what was drawn is forgotten."""

@@ -24,10 +24,10 @@ from ground.models import Model, Room
 from ground.support.annotations import Message
 from ground.support.errors import GroundError
 
-PERIOD = 0.05  # between looks at new messages [s]
+PERIOD = 0.066  # between looks at new messages, and so between pictures that a viewer shows [s]
 # A subscription that has waited for a message rests, so that the next ones come together: waking up costs
 # most.
-WAITED, REST, REST_OF_STATE = 0.001, 0.15, 0.04  # [s]
+WAITED, REST, REST_OF_STATE = 0.001, 0.15, 0.055  # [s]
 JUMP = 500_000_000  # jump back in time that clears what is drawn, more than disorder of messages [ns]
 NICE = 5  # niceness: the nodes that fly come first
 PARAMETERS = {"model": "visualizer/model", "room": "visualizer/room"}  # files that the launch names
@@ -44,9 +44,12 @@ class LiveViewer:
     controller/status, sender/status, discovery/status, live_changes. Publishes nothing.
     """
 
-    def __init__(self, view: View, restarted: Callable[[], Any]) -> None:
-        """restarted: called when time jumps back."""
-        self._view, self._restarted = view, restarted
+    def __init__(
+        self, view: View, restarted: Callable[[], Any], begins: Callable[[View], None] = lambda view: None
+    ) -> None:
+        """restarted: called when time jumps back. begins: called with the view then, and at the first
+        state."""
+        self._view, self._restarted, self._begins = view, restarted, begins
         self._arrived: Deque[Tuple[str, Message]] = collections.deque()
         self._newest = 0  # stamp of the newest state [ns]
         self._states: Dict[str, Tuple[int, str]] = {}  # last state and reason of nodes
@@ -85,6 +88,8 @@ class LiveViewer:
             if at < self._newest - JUMP:
                 self._view.clear()
                 self._restarted()
+            if not 0 < self._newest <= at + JUMP:
+                self._begins(self._view)
             self._newest = at
         self.counts[topic] += 1
         self._topics[topic][1](at, message)
@@ -151,19 +156,30 @@ class LiveViewer:
         self._view.change(at, change.node, change.name, change.before, change.after)
 
 
-def view_of(context: Any, model: str, room: str) -> View:
-    """The view of what runs. model, room: files; where they are empty, those that the launch file names.
-    GroundError when a given one cannot be read."""
-    found: Dict[str, Any] = {"model": None, "room": None}
-    for name, given, load in (("model", model, Model.load), ("room", room, Room.load)):
-        path = given or str(rospy.get_param(PARAMETERS[name], "") or "")
-        try:
-            found[name] = load(path) if path else None
-        except GroundError as error:
-            if given:
-                raise
-            rospy.logwarn("shown without its %s: %s", name, error)
-    return View(context, found["model"], found["room"])
+class Furniture:
+    """What is drawn beside the messages: the craft and the room."""
+
+    def __init__(self, model: str, room: str) -> None:
+        """model, room: files; where they are empty, those that the launch file names. GroundError when a
+        given one cannot be read."""
+        self._model = Model.load(model) if model else None
+        self._room = Room.load(room) if room else None
+
+    def __call__(self, view: View) -> None:
+        """Gives them to a view."""
+        view.furnish(
+            self._model or _launched("model", Model.load), self._room or _launched("room", Room.load)
+        )
+
+
+def _launched(name: str, load: Callable[[str], Any]) -> Any:
+    """What the launch file names; None without."""
+    path = str(rospy.get_param(PARAMETERS[name], ""))
+    try:
+        return load(path) if path else None
+    except GroundError as error:
+        rospy.logwarn("shown without its %s: %s", name, error)
+        return None
 
 
 def run(viewer: LiveViewer, waiting: Callable[[], None], patience: float = 5.0) -> None:
