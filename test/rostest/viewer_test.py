@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """An experiment in a viewer: what comes through the websocket and into the MCAP file is what a bag has."""
 
+import importlib.util
 import math
 import os
 import re
@@ -14,13 +15,15 @@ import unittest
 import rosbag
 import rospy
 import rostest
-from ground_msgs.msg import ModelError, SenderStatus
+from ground_msgs.msg import ControllerStatus, ModelError, SenderStatus
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "python"))
 import harness
 
-import foxglove_client
+HAS_LIBRARY = importlib.util.find_spec("foxglove") is not None  # not for Python 3.8
+if HAS_LIBRARY:
+    import foxglove_client
 
 DEGREE = math.pi / 180
 SCENE = {"/tf", "/log", "/scene/room", "/scene/craft", "/scene/paths", "/scene/floor", "/scene/legend"}
@@ -82,6 +85,7 @@ CHANNELS = [  # channel, topic, and what has to be equal
 ]
 
 
+@unittest.skipUnless(HAS_LIBRARY, "foxglove-sdk is not installed")
 class ViewerTest(unittest.TestCase):
     def setUp(self):
         self.folder = tempfile.TemporaryDirectory()
@@ -117,7 +121,8 @@ class ViewerTest(unittest.TestCase):
         bag.send_signal(signal.SIGINT)
         bag.wait(timeout=20)
         sender = harness.Latest("sender/status", SenderStatus)
-        time.sleep(1)
+        controller = harness.Latest("controller/status", ControllerStatus)
+        time.sleep(1.5)
         client.close()
         viewer.send_signal(signal.SIGINT)
         self.assertEqual(viewer.wait(timeout=20), 0)
@@ -127,7 +132,7 @@ class ViewerTest(unittest.TestCase):
             for found in (live, written):
                 self.check(channel, recorded[topic], found[channel], compared)
         self.check_scene(live)
-        self.check_states(live, sender.message)
+        self.check_states(live, sender.message, controller.message)
 
     def recorded(self):
         """Messages by topic and stamp."""
@@ -162,11 +167,15 @@ class ViewerTest(unittest.TestCase):
         _, room = live["/scene/room"][-1]
         self.assertEqual(len(room.entities[0].lines[0].points), 4, "corners of the room")
 
-    def check_states(self, live, sender):
+    def check_states(self, live, sender, controller):
         _, shown = live["/sender"][-1]
-        self.assertEqual((shown.state, shown.peer, shown.refused), ("ARMED", sender.peer, sender.refused))
+        self.assertEqual(getattr(SenderStatus, shown.state), sender.state)
+        self.assertEqual(
+            (shown.peer, shown.reason, shown.refused), (sender.peer, sender.reason, sender.refused)
+        )
         _, shown = live["/controller"][-1]
-        self.assertEqual(shown.state, "RUNNING")
+        self.assertEqual(getattr(ControllerStatus, shown.state), controller.state)
+        self.assertEqual(shown.reason, controller.reason)
 
 
 if __name__ == "__main__":

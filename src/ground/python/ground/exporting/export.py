@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify export."""
-    parser.add_argument("source", metavar="MODEL.yaml", help="model to export; with --mcap: recorded run")
+    parser.add_argument("source", metavar="MODEL|RUN", help="model to export; with --mcap: recorded run")
     parser.add_argument(
         "against",
         nargs="*",
