@@ -25,7 +25,8 @@ from sphinx.errors import ExtensionError
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 PACKAGE = os.path.join(ROOT, "src", "ground")
 MESSAGES = os.path.join(ROOT, "src", "ground_msgs")
-PROGRAMS = ["demo", "record", "view", "plot", "parameters", "prove_stop"]  # beside identify, track, tune
+# Programs beside identify, track and tune
+PROGRAMS = ["demo", "record", "view", "viewer", "plot", "parameters", "prove_stop"]
 
 
 def core():
@@ -200,11 +201,29 @@ def designs():
     return table(["design", "what is played", "takes"], rows)
 
 
+def channels():
+    core()
+    from ground.exporting import channels as c
+
+    rows = [
+        [topic, kind.about, ", ".join((*kind.numbers, *kind.texts, *kind.flags))]
+        for topic, kind in c.KINDS.items()
+        if not topic.startswith("/model2")
+    ]
+    rows += [[topic, about, "the names of the channels, 0..1"] for topic, about in c.COMMANDS.items()]
+    rows.append([c.BELIEFS, c.ABOUT_BELIEFS, "beliefs: effect, probability, state"])
+    rows += [[topic, about, "a schema of Foxglove"] for topic, about in c.SCENES.items()]
+    return table(
+        ["channel", "what", "fields"], [["`%s`" % topic, *map(plain, rest)] for topic, *rest in rows]
+    )
+
+
 GENERATORS = {
     "verbs": verbs,
     "nodes": nodes,
     "launch": launch_files,
     "messages": messages,
+    "channels": channels,
     "effects": effects,
     "designs": designs,
 }

@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import xml.etree.ElementTree
 
 import genpy
 import numpy as np
@@ -30,7 +29,6 @@ from ground.nodes import live_feed, live_plot
 from ground.support.errors import GroundError
 
 DURATION = 20.0
-LAYOUT = ROOT / "cfg" / "plotjuggler" / "ground.xml"
 
 
 @pytest.fixture(scope="module")
@@ -315,16 +313,3 @@ def test_the_plot_ends_after_its_picture(tmp_path):
         err = program.communicate(timeout=60)[1]
     assert program.returncode == 0 and "Traceback" not in err
     assert (tmp_path / "plot.png").stat().st_size > 5000
-
-
-def test_plotjuggler_draws_the_same_curves():
-    root = xml.etree.ElementTree.parse(str(LAYOUT)).getroot()
-    computed = {snippet.get("name") for snippet in root.iter("snippet")}
-    shown = [curve for panels in live_plot.COLUMNS for panel in panels for curve in panel.curves]
-    recorded = [c for c in shown if c.topic != live_plot.TRACKING and c.field not in live_feed.COMPUTED]
-    wanted = {"/%s/%s" % (c.topic, c.field) for c in recorded}
-    assert {curve.get("name") for curve in root.iter("curve")} == wanted | computed
-    assert computed == {"tracking error [m]"}
-    for plugin in root.find("Plugins"):
-        selected = plugin.find("selected_topics").get("value").split(";")
-        assert sorted(selected) == sorted("/" + topic for topic in live_feed.TOPICS)

@@ -26,6 +26,7 @@ _PUBLIC = {
     "diagnosing.diagnose": "diagnose",
     "diagnosing.result": "Diagnosis",
     "equations.written": "ExportedModel",
+    "exporting.recorded": "ExportedRun to_mcap",
     "support.errors": "GroundError GroundWarning OptionError",
     "fitting.fit": "fit",
     "fitting.result": "Fit",
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from ground.diagnosing.result import Diagnosis
     from ground.discovery.discover import Discovery, discover
     from ground.equations.written import ExportedModel
+    from ground.exporting.recorded import ExportedRun, to_mcap
     from ground.fitting.add import Addition, add
     from ground.fitting.fit import fit
     from ground.fitting.result import Fit
@@ -69,6 +71,7 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "Effects",
     "Figures",
     "ExportedModel",
+    "ExportedRun",
     "Fit",
     "Fitted",
     "GroundError",
@@ -93,6 +96,7 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "predict",
     "read",
     "simulate",
+    "to_mcap",
     "track",
 ]
 

@@ -32,7 +32,7 @@ VERBS = [
     Verb("diagnose", "diagnosing.diagnose", "which physical effect a model lacks, and the model with it"),
     Verb("discover", "discovery.discover", "a simulated craft flies and finds its own physics"),
     Verb("add", "fitting.add", "adds an effect to a model, refits it, and shows the error before and after"),
-    Verb("export", "exporting.export", "a model as NumPy, CasADi or C code, compared with the model"),
+    Verb("export", "exporting.export", "a model as NumPy, CasADi or C code; a run as MCAP for viewers"),
     Verb("tracking", "control.tracking", "how recorded crafts followed their reference"),
 ]
 TRACK = Verb("track", "control.track", "drives a simulated craft along a reference, without ROS running")
@@ -103,7 +103,8 @@ def _run(name: str, arguments: argparse.Namespace) -> int:
 
 
 RECORDINGS = (".bag", ".mcap", ".db3", ".csv", ".parquet")  # ends of their names
-OUTPUTS = {"output", "picture", "mat"}  # arguments that name files to write; all others name files to read
+# Arguments that name files to write; all others name files to read
+OUTPUTS = {"output", "picture", "mat", "mcap"}
 
 
 def _inputs(arguments: argparse.Namespace) -> Iterator[str]:

@@ -28,7 +28,7 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
 
 
-def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
+def add_reading_arguments(parser: "argparse._ActionsContainer") -> None:
     """Adds how recordings are read, and settings that replace the recorded ones."""
     parser.add_argument(
         "--axes", help="world_ned x, y, z in the mocap's axes (as recorded, else '%s')" % run_settings.AXES

@@ -1,26 +1,88 @@
-"""export: a model as code of another language."""
+"""export: a model as code of another language; a run and what models predict of it as an MCAP file."""
 
 import argparse
+import os
+from typing import TYPE_CHECKING, List, Union
 
+from ground.data import bag_arguments
 from ground.equations import written
-from ground.models import Model
+from ground.models import Model, ModelLike
 from ground.support import command_line
 from ground.support.annotations import Document
+from ground.support.errors import GroundError
+
+if TYPE_CHECKING:
+    from ground import ExportedRun
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify export."""
-    parser.add_argument("source", metavar="MODEL.yaml", help="model to export")
-    command_line.add_output(parser, "FILE", "file to write; .py and .h or .c say what it is")
+    parser.add_argument("source", metavar="MODEL|RUN", help="model to export; with --mcap: recorded run")
+    parser.add_argument(
+        "against",
+        nargs="*",
+        metavar="DIAGNOSIS",
+        help="with --mcap: folder of a diagnosis, for its given and its proposed model, or model files",
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="file to write; .py and .h or .c say what it is"
+    )
     parser.add_argument(
         "--to",
         choices=list(written.TARGETS),
         help="what it is written as (by the end of FILE: numpy for .py, c for .h and .c)",
     )
+    group = parser.add_argument_group("a run for Foxglove, Lichtblick, PlotJuggler and rerun")
+    group.add_argument("--mcap", metavar="FILE", help="file to write the run to")
+    group.add_argument(
+        "--horizon",
+        type=command_line.positive,
+        default=1.5,
+        metavar="S",
+        help="how far models predict (1.5) [s]",
+    )
+    bag_arguments.add_reading_arguments(group)
+    parser.add_argument("--force", action="store_true", help="overwrite what exists")
 
 
 def run(arguments: argparse.Namespace) -> Document:
     """Runs identify export; returns what --json prints."""
-    found = Model.load(arguments.source).export(arguments.output, arguments.to, arguments.force)
+    if bool(arguments.mcap) == bool(arguments.output):
+        arguments.refuse("a model takes -o FILE, a run takes --mcap FILE")
+    if arguments.output and arguments.against:
+        arguments.refuse("%s is for --mcap FILE" % arguments.against[0])
+    found: Union[written.ExportedModel, "ExportedRun"] = (
+        _run(arguments) if arguments.mcap else _model(arguments)
+    )
     command_line.say(arguments, str(found))
     return found.to_dict()
+
+
+def _model(arguments: argparse.Namespace) -> written.ExportedModel:
+    """A model as code."""
+    return Model.load(arguments.source).export(arguments.output, arguments.to, arguments.force)
+
+
+def _run(arguments: argparse.Namespace) -> "ExportedRun":
+    """A run as an MCAP file."""
+    import ground
+
+    runs = list(bag_arguments.reading(arguments, [arguments.source]))
+    if len(runs) != 1:
+        raise GroundError("%s has %d runs; export takes one" % (arguments.source, len(runs)))
+    models = [model for path in arguments.against for model in _models(path)]
+    return ground.to_mcap(runs[0], arguments.mcap, models, arguments.horizon, arguments.force)
+
+
+def _models(path: str) -> List[ModelLike]:
+    """The given and the proposed model of a diagnosis, or a model file."""
+    import ground
+
+    if not os.path.isdir(path):
+        return [path]
+    found = ground.Diagnosis.load(path)
+    given = str(found.report["model"])
+    if not os.path.isfile(given):
+        text = "%s: its model %s is not there any more; give model files in place of the diagnosis"
+        raise GroundError(text % (path, given))
+    return [given, found.improved] if found.effects else [given]
