@@ -1,8 +1,8 @@
 """The runs of one type of craft together: levels, scatters, changes, and crafts that are odd."""
 
-import json
+import itertools
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
@@ -65,7 +65,9 @@ class Analysed:
         return {"value": self.value(parameter, coordinate), "ci95": ends[::-1] if flip else ends}
 
 
-def analyse(model: Model, found: Sequence[Document], crafts: Sequence[str], days: Sequence[str], tolerance: float) -> Analysed:
+def analyse(
+    model: Model, found: Sequence[Document], crafts: Sequence[str], days: Sequence[str], tolerance: float
+) -> Analysed:
     """Analyses the estimates of the runs of a type, in order of time. crafts, days: of each run; tolerance:
     difference between crafts, in scales, that is none."""
     names = sorted(set(crafts))
@@ -80,27 +82,32 @@ def analyse(model: Model, found: Sequence[Document], crafts: Sequence[str], days
     )
     levels = hierarchy.fit(runs)
     each, known = hierarchy.one_by_one(runs, levels)
-    count, p = y.shape
-    tests = TESTS * p * len(names)
-    all_changes, curves, shifts = {}, np.full((count, p), np.nan), np.zeros((count, p))
-    made = Analysed(model, list(found[0]["free"]), np.array(found[0]["scale"]), names, runs, levels, each, known, all_changes, curves, [])
-    for craft in range(len(names)):
-        for i in range(p):
-            at = made.of(craft, i)
-            if not len(at):
-                continue
-            series = Series(each[at, i], 1 / known[at, i], runs.day[at])
-            own = _changes(series, CHANCE / tests)
-            all_changes[craft, i] = own
-            curves[at, i] = changes.curve(series, own)
-            if own:
-                mine = np.flatnonzero(runs.craft == craft)
-                shifts[mine, i] = np.interp(mine, at, curves[at, i] - curves[at[-1], i])
-    if shifts.any():  # all runs as the craft is now
-        runs = Runs(y - shifts, runs.information, runs.craft, runs.day)
-        levels = hierarchy.fit(runs)
-    odd = list(_odd(levels, tolerance))
-    return Analysed(made.model, made.free, made.scale, names, made.runs, levels, each, known, all_changes, curves, odd)
+    free, scale = list(found[0]["free"]), np.array(found[0]["scale"])
+    nothing = np.full(y.shape, np.nan)
+    made = Analysed(model, free, scale, names, runs, levels, each, known, {}, nothing, [])
+    made, shifts = _with_changes(made)
+    if shifts.any():  # the levels are those of all runs as if the craft had always been as it is now
+        levels = hierarchy.fit(replace(runs, y=y - shifts))
+    return replace(made, levels=levels, odd=list(_odd(levels, tolerance)))
+
+
+def _with_changes(made: Analysed) -> Tuple[Analysed, Array]:
+    """The same with the changes of each parameter of each craft, and how far each run (n, p) was from the
+    newest one by them."""
+    found: Dict[Tuple[int, int], List[Change]] = {}
+    curves, shifts = made.curves.copy(), np.zeros(made.curves.shape)
+    level = CHANCE / (TESTS * len(made.free) * len(made.crafts))
+    for craft, i in itertools.product(range(len(made.crafts)), range(len(made.free))):
+        at = made.of(craft, i)
+        if not len(at):
+            continue
+        series = Series(made.each[at, i], 1 / made.known[at, i], made.runs.day[at])
+        found[craft, i] = _changes(series, level)
+        curves[at, i] = changes.curve(series, found[craft, i])
+        if found[craft, i]:
+            own = np.flatnonzero(made.runs.craft == craft)
+            shifts[own, i] = np.interp(own, at, curves[at, i] - curves[at[-1], i])
+    return replace(made, changes=found, curves=curves), shifts
 
 
 def _changes(series: Series, level: float) -> List[Change]:
@@ -111,7 +118,7 @@ def _changes(series: Series, level: float) -> List[Change]:
     found = estimates.kept(path)
     if found is None:
         found = {"content": key, "changes": [asdict(one) for one in changes.find(series, level)]}
-        estimates.keep(path, json.loads(json.dumps(found)))
+        estimates.keep(path, found)
     return [Change(**one) for one in found["changes"]]
 
 

@@ -41,6 +41,15 @@ class Series:
         """Number of runs."""
         return len(self.values)
 
+    @property
+    def base(self) -> Array:
+        """The regressors (n, 1 or 2) without a change: the mean and, with FEWEST days of several runs, the
+        number of the run on its day, because a battery fades and is charged again."""
+        within = np.array([np.sum(self.day[:i] == day) for i, day in enumerate(self.day)], float)
+        if np.sum(np.bincount(self.day) > 1) < FEWEST:
+            return np.ones((self.count, 1))
+        return np.column_stack([np.ones(self.count), within - within.mean()])
+
 
 @dataclass(frozen=True)
 class Change:
@@ -89,12 +98,13 @@ def smoothed(series: Series) -> Series:
 
 
 def find(given: Series, level: float, seed: int = 1) -> List[Change]:
-    """The changes with a chance below `level`, in the order of the runs. Fewer than 2 FEWEST runs have none."""
+    """The changes with a chance below `level`, in the order of the runs; less than 2 FEWEST have none."""
     if given.count < 2 * FEWEST:
         return []
     series, random = smoothed(given), np.random.default_rng(seed)
     line = np.linspace(-0.5, 0.5, series.count)[:, None]
-    base, found = np.ones((series.count, 1)), []
+    base = series.base
+    found: List[_Found] = []
     while len(found) < MOST:
         steps = _steps(series.count, [at for kind, at, _ in found if kind == JUMP])
         tried = [(JUMP, _columns(series.count, steps), steps)] if len(steps) else []
@@ -155,14 +165,17 @@ def curve(series: Series, found: Sequence[Change]) -> Array:
     changed = np.sum(parts, axis=0) if parts else np.zeros(series.count)
     left = smoothed(series).values - changed
     usual = (1.4826 * np.median(np.abs(left - np.median(left)))) ** 2
-    weights = 1 / (series.variance + max(usual, 1e-12))
-    return np.asarray(np.average(left, weights=weights) + changed)
+    weights = 1 / np.sqrt(series.variance + max(usual, 1e-12))
+    fitted = np.linalg.lstsq(series.base * weights[:, None], left * weights, rcond=None)[0]
+    return np.asarray(fitted[0] + changed)
 
 
 def _grid(series: Series, base: Array) -> List[_Whitened]:
     """Covariances of the values for scatters of runs and of days."""
     weight = 1 / np.sqrt(series.variance + np.median(series.variance))
-    left = series.values - base @ np.linalg.lstsq(base * weight[:, None], series.values * weight, rcond=None)[0]
+    left = (
+        series.values - base @ np.linalg.lstsq(base * weight[:, None], series.values * weight, rcond=None)[0]
+    )
     scale = float(np.sqrt(np.mean((left * weight) ** 2) / np.mean(weight**2)))
     same = np.asarray(series.day[:, None] == series.day, float)
     days = GRID if np.bincount(series.day).max() > 1 else GRID[:1]
@@ -207,11 +220,11 @@ def _chance(ratio: float, simulated: Array) -> float:
 
 
 def _needed(series: Series, found: Sequence[_Found]) -> List[_Found]:
-    """The changes that the others do not make needless: the first one found may be explained by later ones."""
+    """The changes without those that later ones make needless."""
     kept = list(found)
     for one in found[:-1]:
         others = [other for other in kept if other is not one]
-        base = np.column_stack([np.ones(series.count), *(column(series.count, o) for o in others)])
+        base = np.column_stack([series.base, *(column(series.count, o) for o in others)])
         tried = column(series.count, one)[:, None]
         if _ratios(series, base, tried, _grid(series, base), series.values[:, None])[0][0, 0] < WORTH:
             kept = others
@@ -221,9 +234,9 @@ def _needed(series: Series, found: Sequence[_Found]) -> List[_Found]:
 def _sized(series: Series, all_found: Sequence[_Found], one: _Found, random: Random) -> Change:
     """A change with the interval of its profile likelihood, at the ratio that chance exceeds in 5%."""
     others = [column(series.count, other) for other in all_found if other is not one]
-    base, own = np.column_stack([np.ones(series.count), *others]), column(series.count, one)[:, None]
+    base, own = np.column_stack([series.base, *others]), column(series.count, one)[:, None]
     grid = _grid(series, np.column_stack([base, own]))
-    fits = []
+    fits: List[Tuple[float, float, float]] = []
     for point in grid:
         basis, tried = point.against(base, own)
         white = point.inverse @ series.values
@@ -231,17 +244,18 @@ def _sized(series: Series, all_found: Sequence[_Found], one: _Found, random: Ran
         information = float(tried[:, 0] @ tried[:, 0])
         size = float(tried[:, 0] @ white) / information
         fits.append((point.logdet + float(white @ white) - size**2 * information, size, information))
-    loss, size, information = np.array(fits).T
-    likeliest = int(np.argmin(loss))
+    losses, sizes, informations = (np.array(row) for row in zip(*fits))
+    likeliest = int(np.argmin(losses))
     artificial = np.linalg.solve(grid[likeliest].inverse, random.standard_normal((series.count, SIMULATED)))
     limit = float(np.quantile(_ratios(series, base, own, grid, artificial)[0], 0.95))
-    reach = np.sqrt(np.maximum(limit - (loss - loss.min()), 0) / information)
-    inside = loss - loss.min() <= limit  # the union of the intervals of all likely scatters
+    left = limit - (losses - losses.min())
+    reach = np.sqrt(np.maximum(left, 0) / informations)
+    inside = left >= 0  # the union of the intervals of all likely scatters
     return Change(
         one[0],
         one[1],
-        float(size[likeliest]),
-        float((size - reach)[inside].min()),
-        float((size + reach)[inside].max()),
+        float(sizes[likeliest]),
+        float((sizes - reach)[inside].min()),
+        float((sizes + reach)[inside].max()),
         one[2],
     )

@@ -13,6 +13,7 @@ from ground.support.annotations import Document
 
 SCHEMA = "ground/history/1"
 WIDE = 2.0  # half length of an interval, in a parameter's size, from which a run tells nothing of use
+SEEN = 1e-3  # least scatter that is said, in a parameter's size
 NORMAL = normal_limit(0.025)
 
 
@@ -59,11 +60,21 @@ def _type(found: Analysed) -> Document:
             "means": described[name]["doc"],
             "relative": relative(name),
             "size": size,
-            "run_scatter": float(factor * np.sqrt(found.levels.run[i])),
-            "day_scatter": float(factor * np.sqrt(found.levels.day[i])),
+            "run_scatter": _scatter(factor, found.levels.run[i]),
+            "day_scatter": _scatter(factor, found.levels.day[i]),
             "days_repeat": found.runs.repeated,
         }
-    return {"name": found.model.name, "file": found.model.path, "text": found.model.format(), "parameters": parameters}
+    return {
+        "name": found.model.name,
+        "file": found.model.path,
+        "text": found.model.format(),
+        "parameters": parameters,
+    }
+
+
+def _scatter(factor: float, variance: float) -> float:
+    """A standard deviation; zero if it is too small to matter."""
+    return float(factor * np.sqrt(variance)) if variance > SEEN**2 else 0.0
 
 
 def relative(parameter: str) -> bool:
@@ -147,5 +158,9 @@ def _runs(found: Analysed, runs: Sequence[Document]) -> Iterator[Document]:
                 values[parameter]["mean"] = None if np.isnan(mean) else found.value(i, float(mean))
             else:
                 values[parameter] = None
-        yield {**run, "craft": found.crafts[found.runs.craft[number]], "type": found.model.name, "parameters": values}
-
+        yield {
+            **run,
+            "craft": found.crafts[found.runs.craft[number]],
+            "type": found.model.name,
+            "parameters": values,
+        }

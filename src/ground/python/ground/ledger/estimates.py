@@ -25,8 +25,9 @@ from ground.support.origin import digest, digest_of_files
 
 ASYMMETRY, LAGS = "thrust_asymmetry", ("motor_lag", "input_delay")  # effects that a craft may get with age
 TRIMS = ("trim_X", "trim_Y", "trim_N")  # what differs between runs and is no parameter
+OFFSET, OFFSET_EFFECT = "offset", "heading_offset"  # a suspicion, and the effect that it may be
 MOST = 60.0  # of longer runs this much is used [s]
-KEPT = 2  # version of what the cache has
+KEPT = 4  # version of what the cache has
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,9 @@ def cache_folder() -> str:
 
 def followed(model: Model, wanted: Optional[Sequence[str]] = None) -> Tuple[Model, Tuple[str, ...]]:
     """The model with the effects that are followed, and the names of the free parameters: those of `fit`, of
-    the model's effects, asymmetry, and a lag (a delay looks alike, so that it shows here, too); of crafts with
-    more than two thrusters the gain of each but the first. GroundError for a wanted one that does not exist."""
+    the model's effects, asymmetry, and a lag (a delay looks alike, so that it shows here, too); of crafts
+    with more than two thrusters the gain of each but the first. GroundError for a wanted one that does not
+    exist."""
     thrusters = [t["name"] for t in model.core.thrusters]
     gains = ["thruster_gain_" + name for name in thrusters[1:]] if len(thrusters) > 2 else []
     lags = [] if set(LAGS) & set(model.effects) else LAGS[:1]
@@ -113,11 +115,14 @@ def _computed(task: Task) -> Document:
                 "model_name": recording.flown_by.get("model"),
                 "model": flown.text if flown else None,
             }
-        for finding in suspicions.of(recording):
-            if finding.misread and not task.as_recorded:
-                raise GroundError("%s; --as-recorded uses it as it is" % finding.sentence)
         model = Model.parse(task.model, "the model of %s" % task.path)
-        run = quality.repaired(recording.with_lift_of(model.core))
+        recording = recording.with_lift_of(model.core)
+        for one in suspicions.about([recording], model.core):
+            # no search asks here whether an offset of the heading is an effect, as a diagnosis does
+            wrong = one.misread or (one.kind == OFFSET and OFFSET_EFFECT not in model.effects)
+            if wrong and not task.as_recorded:
+                raise GroundError("%s; --as-recorded uses it as it is" % one.sentence)
+        run = quality.repaired(recording)
         start = run.spans[0][0] if run.spans else 0.0
         return estimate(run.data(model.core, end=start + MOST), model.core, task.free)
     except GroundError as error:
@@ -147,4 +152,3 @@ def reciprocal(model: _core.Model, names: Sequence[str]) -> Array:
     are neutral at infinity."""
     neutral = {p["name"]: p["neutral"] for p in model.parameters()}
     return np.array([name == "I_z" or bool(np.isposinf(neutral[name])) for name in names])
-

@@ -6,6 +6,7 @@ from ground.ledger import words
 from ground.reports.appearance import LESS, model_color, model_line, model_mark
 from ground.reports.figure_parts import curve, points, short
 from ground.reports.panels import Panels
+from ground.reports.words import listed
 from ground.support.annotations import Document
 
 ROOM = 1.5  # the axis shows intervals up to so many spans of the values
@@ -24,7 +25,10 @@ def by_name(report: Document) -> Dict[str, Document]:
     """The figures' types and parameters, by their names."""
     kinds = report["types"]
     return {
-        (name if len(kinds) == 1 else "%s %s" % (name, kind["name"])): {"type": kind["name"], "parameter": name}
+        (name if len(kinds) == 1 else "%s %s" % (name, kind["name"])): {
+            "type": kind["name"],
+            "parameter": name,
+        }
         for kind in kinds
         for name in kind["parameters"]
     }
@@ -36,7 +40,9 @@ def of(report: Document, kind: str, name: str) -> Document:
     described = next(k for k in report["types"] if k["name"] == kind)["parameters"][name]
     crafts = [craft["name"] for craft in report["crafts"] if craft["type"] == kind]
     for number, craft in enumerate(crafts):
-        runs = [r for r in report["runs"] if r["craft"] == craft and r["type"] == kind and r["parameters"][name]]
+        runs = [
+            r for r in report["runs"] if r["craft"] == craft and r["type"] == kind and r["parameters"][name]
+        ]
         values += [run["parameters"][name]["value"] for run in runs]
         _add_craft(figure, craft, number, runs, name)
     own = [c for c in report["changes"] if c["parameter"] == name and c["type"] == kind]
@@ -47,8 +53,9 @@ def of(report: Document, kind: str, name: str) -> Document:
     figure.update_yaxes(title="%s [%s]" % (name, unit), range=_range(values))
     figure.update_xaxes(title="recorded", type="date")
     caption = (
-        "%s. Each mark is a run by itself, with its 95%% interval, where the other parameters are as usual. Line: "
-        "mean of the craft with its drift and jumps. Grey: between the two runs of a jump. It scatters by %s."
+        "%s. Each mark is a run by itself, with its 95%% interval, where the other parameters are as usual. "
+        "Line: mean of the craft with its drift and jumps. Grey: between the two runs of a jump. "
+        "Scatter: %s."
     )
     told = caption % (words_of(described), words.scatter(described))
     return figure.finish(330, told, {"t": 40}, title=_title(report, own, kind, name))
@@ -64,11 +71,11 @@ def _title(report: Document, own: Sequence[Document], kind: str, name: str) -> s
     """What to see."""
     if own:
         more = " (and %d more)" % (len(own) - 1) if len(own) > 1 else ""
-        return words.change(report, own[0]) + more
+        return "Parameter " + words.change(report, own[0]) + more
     odd = [one["craft"] for one in report["odd"] if one["parameter"] == name and one["type"] == kind]
     if odd:
-        return "%s of %s is not that of the others" % (name, words.listed(odd))
-    return "%s neither drifts nor jumps" % name
+        return "Parameter %s of %s is not that of the others" % (name, listed(odd))
+    return "Parameter %s neither drifts nor jumps" % name
 
 
 def _add_craft(figure: Panels, craft: str, number: int, runs: Sequence[Document], name: str) -> None:
@@ -83,11 +90,21 @@ def _add_craft(figure: Panels, craft: str, number: int, runs: Sequence[Document]
         up.append(None if high is None else high - one["value"])
     far = 10 * max([abs(one["value"]) for one in found])
     bars: Dict[str, Any] = {"type": "data", "symmetric": False, "width": 0, "thickness": 1}
-    bars.update(array=[far if x is None else x for x in up], arrayminus=[far if x is None else x for x in down])
+    bars.update(
+        array=[far if x is None else x for x in up], arrayminus=[far if x is None else x for x in down]
+    )
     bars["color"] = model_color(number)
     marks = points([], [], dict(model_mark(number), size=7), name=craft, legendgroup=craft, error_y=bars)
     hover = "%{text}: %{y:.4g}<extra></extra>"
-    figure.add(dict(marks, x=times, y=short([one["value"] for one in found]), text=[r["name"] for r in runs], hovertemplate=hover))
+    figure.add(
+        dict(
+            marks,
+            x=times,
+            y=short([one["value"] for one in found]),
+            text=[r["name"] for r in runs],
+            hovertemplate=hover,
+        )
+    )
     mean = [(time, one["mean"]) for time, one in zip(times, found) if one["mean"] is not None]
     line = dict(curve([], [], craft, dict(model_line(number, 1.5), shape="linear"), False), hoverinfo="skip")
     del line["hovertemplate"]

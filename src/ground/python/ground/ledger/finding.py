@@ -13,8 +13,8 @@ from ground.support.errors import GroundError, OptionError
 
 EARLIEST = 946684800.0  # 2000-01-01, before which a stamp is no date [s]
 DATE = re.compile(
-    r"(?<!\d)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)(?:[-_T. ]?([01]\d|2[0-3])[-_.:h]?(\d\d)(?:[-_.:m]?(\d\d))?)?"
-    r"(?!\d)"
+    r"(?<!\d)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)"
+    r"(?:[-_T. ]?([01]\d|2[0-3])[-_.:h]?(\d\d)(?:[-_.:m]?(\d\d))?)?(?!\d)"
 )
 STAMPS, NAME, FILE = "stamps", "name", "file"  # where a time is from: messages, a path, the file system
 BY_MODEL, BY_FOLDER, BY_PATTERN = "model", "folder", "pattern"  # how crafts are told apart

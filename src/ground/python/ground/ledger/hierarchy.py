@@ -31,8 +31,10 @@ class Runs:
 
     @property
     def repeated(self) -> bool:
-        """Whether some day has more than one run, so that days differ from runs."""
-        return bool(np.bincount(self.day).max(initial=0) > 1)
+        """Whether some day has more than one run and some craft more than one day, so that days can be told
+        from runs."""
+        days = len(set(self.day.tolist())) > len(set(self.craft.tolist()))
+        return days and bool(np.bincount(self.day).max(initial=0) > 1)
 
 
 @dataclass(frozen=True)

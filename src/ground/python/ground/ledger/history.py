@@ -26,7 +26,12 @@ from ground.support.progress import Progress, Work
 from ground.support.results import distinct_labels
 from ground.support.workers import Workers
 
-LOOKING, FITTING, TOGETHER, WRITING = "looking at runs", "fitting each run", "all runs together", "writing the page"
+LOOKING, FITTING, TOGETHER, WRITING = (
+    "looking at runs",
+    "fitting each run",
+    "all runs together",
+    "writing the page",
+)
 Folders = Union[Path, Iterable[Path]]
 
 
@@ -39,23 +44,21 @@ class HistoryOptions(bag_arguments.AsRecorded):
     )
     craft: Optional[str] = option(
         None,
-        "which craft flew: a level of folders below FOLDER (1 is the first), or a pattern of which the first "
-        "group in a run's path is the craft (the recorded model's file, else the first folder that is no date)",
-        metavar="LEVEL|PATTERN",
+        "which craft flew: a level of folders below FOLDER (1 is the first), or a pattern whose first group in "
+        "a run's path is the craft (the file of the recorded model, else the first folder that is no date)",
+        metavar="HOW",
     )
     free: Optional[Sequence[str]] = option(
         None, "parameters to follow (all that runs of the model may tell)", metavar="NAME", nargs="+"
     )
     tolerance: float = option(
         0.1,
-        "difference between crafts of a type that is none, as a share of a parameter, or of an effect's usual "
-        "size (%(default)g)",
+        "difference between crafts of a type that is none, as a share of a parameter, or of an effect's "
+        "usual size (%(default)g)",
         metavar="SHARE",
         range=(0.0, 10.0),
     )
-    verdicts: bool = option(
-        False, "repeat saved diagnoses that another version made (minutes for each)"
-    )
+    verdicts: bool = option(False, "repeat saved diagnoses that another version made (minutes for each)")
 
 
 @command_line.takes(HistoryOptions)
@@ -82,7 +85,9 @@ def history(
     """
     command_line.check(options)
     work = Work.of(progress)
-    given = [folders] if isinstance(folders, (str, bytes)) or hasattr(folders, "__fspath__") else list(folders)
+    given = (
+        [folders] if isinstance(folders, (str, bytes)) or hasattr(folders, "__fspath__") else list(folders)
+    )
     paths = [str(path) for path in given]
     if mapping is None:
         mapping = DEFAULT

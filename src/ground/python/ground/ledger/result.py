@@ -47,8 +47,8 @@ class History(Shown, Plotted):
 
     @property
     def runs(self) -> List[Document]:
-        """Each run in order of time: name, path, recorded, craft, type, and parameters: value, ci95, mean; None
-        for what it does not tell."""
+        """Each run in order of time: name, path, recorded, craft, type, and parameters: value, ci95, mean;
+        None for what it does not tell."""
         return list(self.report["runs"])
 
     @property
@@ -113,7 +113,9 @@ class History(Shown, Plotted):
         from ground.ledger import page
 
         with result_folder.page(page_file, numbers):
-            page.write(page_file, self.report, [kind["file"] for kind in self.report["types"] if kind["file"]], force)
+            page.write(
+                page_file, self.report, [kind["file"] for kind in self.report["types"] if kind["file"]], force
+            )
         return page_file
 
 

@@ -1,4 +1,4 @@
-"""Saved diagnoses: by which version of the package their verdicts were made, and whether these would change."""
+"""Saved diagnoses: which version of the package made their verdicts, and whether these would change."""
 
 import json
 import os
@@ -41,7 +41,9 @@ def read(paths: Sequence[str]) -> List[Document]:
     return found
 
 
-def again(found: Sequence[Document], runs: Sequence[str], mapping: FieldMapping, work: Work) -> List[Document]:
+def again(
+    found: Sequence[Document], runs: Sequence[str], mapping: FieldMapping, work: Work
+) -> List[Document]:
     """The same with what this version of the package says of those that another one made (`now`: verdict,
     effects, changed; or why it cannot say so). runs: paths of the recordings that are known."""
     stale = [one for one in found if not one["current"]]

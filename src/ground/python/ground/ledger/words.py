@@ -55,31 +55,31 @@ def cause(parameter: str) -> str:
 
 def change(report: Document, one: Document) -> str:
     """A change as a sentence without its end: "k of A fell by 6% (5 to 7%) between ..."."""
-    is_jump, low, high = one["kind"] == "jump", *sorted_ends(one["after_ci95"])
-    rises = one["after"] > one["before"]
-    name = "%s of %s " % (one["parameter"], one["craft"])
-    runs = max(1, one["runs"] - 1)
-    if is_relative(report, one):
-        shares = [_share(one, end) for end in (one["after"], low, high)]
-        size, *ends = [abs(s) if s is not None else None for s in shares]
-        ends = sorted((e for e in ends if e is not None))
-        told = "%s%% (%s)" % (_digits(100 * (size or 0)), " to ".join(_digits(100 * e) for e in ends))
-        each = "%s%% a run, " % _digits(100 * (size or 0) / runs)
-    else:
-        unit = _type(report, one)["parameters"][one["parameter"]]["unit"]
-        ends = [quantity(end, unit, 2) for end in (low, high) if end is not None]
-        told = "from %s to %s (%s)" % (
-            quantity(one["before"], unit, 2), quantity(one["after"], unit, 2), " to ".join(ends),
-        )  # fmt: skip
-        each = ""
-    first, last = (name.rsplit("/", 1)[-1] for name in one["between"])
+    is_jump, rises = one["kind"] == "jump", one["after"] > one["before"]
+    by = "by " if is_relative(report, one) else ""
+    name = "%s of %s" % (one["parameter"], one["craft"])
     days = tuple(day(time) for time in one["times"])
+    told = _sizes(report, one)
     if is_jump:
-        verb = ("rose " if rises else "fell ") + ("by " if is_relative(report, one) else "")
-        return "%s%s%s between %s and %s (%s and %s)" % (name, verb, told, *days, first, last)
-    verb = "rises " if rises else "falls "
-    by = "by %s" % each if each else ""
-    return "%s%s%s%s over %d runs from %s to %s" % (name, verb, by, told, one["runs"], *days)
+        runs = tuple(name.rsplit("/", 1)[-1] for name in one["between"])
+        verb = "rose" if rises else "fell"
+        return "%s %s %s%s between %s and %s (%s and %s)" % (name, verb, by, told, *days, *runs)
+    verb = "rises" if rises else "falls"
+    each = ""
+    if by:
+        each = "%s a run, " % _percent(abs(_share(one, one["after"])) / max(1, one["runs"] - 1))
+    return "%s %s %s%s%s over %d runs from %s to %s" % (name, verb, by, each, told, one["runs"], *days)
+
+
+def _sizes(report: Document, one: Document) -> str:
+    """The size of a change with its interval: a share, or from where to where."""
+    known = [end for end in one["after_ci95"] if end is not None]
+    if is_relative(report, one):
+        ends = sorted(abs(_share(one, end)) for end in known)
+        return "%s (%s)" % (_percent(abs(_share(one, one["after"]))), " to ".join(map(_percent, ends)))
+    unit = _type(report, one)["parameters"][one["parameter"]]["unit"]
+    values = [quantity(value, unit, 2) for value in (one["before"], one["after"], *sorted(known))]
+    return "from %s to %s (%s)" % (values[0], values[1], " to ".join(values[2:]))
 
 
 def sorted_ends(ends: Sequence[Optional[float]]) -> Sequence[Optional[float]]:
@@ -98,13 +98,13 @@ def _type(report: Document, one: Document) -> Document:
     return next(kind for kind in report["types"] if kind["name"] == one["type"])
 
 
-def _share(one: Document, end: Optional[float]) -> Optional[float]:
-    return None if end is None else float(end) / float(one["before"]) - 1
+def _share(one: Document, end: float) -> float:
+    return float(end) / float(one["before"]) - 1
 
 
-def _digits(percent: float) -> str:
-    """A percentage with two digits."""
-    return "%.2g" % percent if percent < 9.95 else "%.0f" % percent
+def _percent(share: float) -> str:
+    """A share in percent, with two digits."""
+    return ("%.2g%%" if share < 0.0995 else "%.0f%%") % (100 * share)
 
 
 def day(time: str) -> str:
@@ -145,8 +145,10 @@ def scatter(parameter: Document) -> str:
     """Standard deviations between runs and days."""
 
     def told(size: float) -> str:
+        if not size:
+            return "none seen"
         if parameter["relative"]:
-            return "%s%%" % _digits(100 * size)
+            return _percent(size)
         return quantity(size, parameter["unit"], 2)
 
     text = "%s from run to run" % told(parameter["run_scatter"])
@@ -164,7 +166,10 @@ def _runs(report: Document) -> str:
     text += "; %d left out" % out if out else ""
     guessed = sum(run["time_from"] == "file" for run in runs)
     if guessed:
-        text += "; the time of %d is that of the file's last change: neither stamps nor names have a date" % guessed
+        text += (
+            "; the time of %d is that of the file's last change: neither stamps nor names have a date"
+            % guessed
+        )
     return text + "."
 
 
@@ -237,7 +242,7 @@ def evidence(report: Document) -> Iterator[str]:
         yield "%s (p = %.1g)." % (change(report, one), one["p_value"])
     for kind in report["types"]:
         for name, parameter in kind["parameters"].items():
-            yield "%s (%s) scatters by %s." % (name, parameter["means"], scatter(parameter))
+            yield "Scatter of %s (%s): %s." % (name, parameter["means"], scatter(parameter))
     yield ""
     width = max(len(run["name"]) for run in report["runs"])
     for run in report["runs"]:

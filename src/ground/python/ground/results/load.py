@@ -26,8 +26,8 @@ FOLDERS: Dict[str, Callable[[str], Any]] = {
 def load(path: Path) -> Any:
     """What is in a file or folder that the package wrote.
 
-    path: the folder of a diagnosis, a comparison, a discovery or a history; a model file, also that of a fit or an
-    addition (a Model, whose `fitted` says how it was fitted); a room file; the file of a Tracking;
+    path: the folder of a diagnosis, a comparison, a discovery or a history; a model file, also that of a fit
+    or an addition (a Model, whose `fitted` says how it was fitted); a room file; the file of a Tracking;
     a recording. GroundError when it is none of these.
 
     Numbers, sentences and models of a loaded result are those of the saved one. A loaded diagnosis or
