@@ -3,7 +3,8 @@
 
 Runs are flown by hidden_craft, whose equations are not those of the estimator, with the scatter of a
 laboratory: a disturbance of 0.5 to 2% of full thrust, wrenches that differ from run to run by 3%, thrust by
-the state of the battery (1% from charge to charge, 2% lower at the end of a day), drives of all kinds.
+the state of the battery (anywhere in 3.5% at each run, and 2% lower at the end of a day) and by day (0.3%), drives of all
+kinds.
 
 pool     each run is estimated once, from its poses. A history is 30 of these runs, 3 a day, with thrust
          that falls by 5% from the first to the last, or does not. The fall acts on the estimate of k.
@@ -15,6 +16,7 @@ Prints a line for each, with 95% intervals (Wilson 1927). Cases follow from thei
 
 import argparse
 import csv
+import json
 import os
 import subprocess
 import tempfile
@@ -36,7 +38,7 @@ from ground.recordings.recording import Recording
 from ground.simulation import experiments
 
 RUNS, A_DAY, FALL = 30, 3, 0.05  # of a history
-CHARGE, FADE = 0.01, 0.02  # of thrust: standard deviation from charge to charge; fall over a day
+CHARGE, FADE, DAY = 0.035, 0.02, 0.003  # of thrust: range by charge; fall over a day; deviation between days
 TOLERANCE = 0.1
 CRAFT = hidden_cases.plain("history bench", 0).body
 MAPPING = {
@@ -87,7 +89,9 @@ def estimated(number):
 
 def thrusts(random, fall):
     """Factors on k of the runs of a history."""
-    charge = np.repeat(CHARGE * random.normal(size=RUNS // A_DAY), A_DAY)
+    charge = CHARGE * (random.uniform(size=RUNS) - 0.5) + np.repeat(
+        DAY * random.normal(size=RUNS // A_DAY), A_DAY
+    )
     fade = np.tile(np.linspace(0, -FADE, A_DAY), RUNS // A_DAY)
     return (1 + charge + fade) * np.linspace(1, 1 - fall, RUNS)
 
@@ -111,23 +115,23 @@ def found_in(pool, seed, fall):
     ]
 
 
-def whole(folder, seed, fall):
+def whole(team, folder, seed, fall):
     """The changes of a history that went through files."""
     factors = thrusts(hidden_cases.random_of("whole", seed, fall), fall)
-    write(folder, [1000 * (seed + 1) + i for i in range(RUNS)], factors)
+    write(team, folder, [1000 * (seed + 1) + i for i in range(RUNS)], factors)
     made = ground.history(folder, model=hidden_effects.MODEL, mapping=os.path.join(folder, "mapping.yaml"))
     return [(c["parameter"], c["kind"], c["after"] < c["before"], c["after_ci95"]) for c in made.changes]
 
 
-def write(folder, numbers, factors):
+def write(team, folder, numbers, factors):
     """Runs as CSV files, A_DAY a day, and the mapping."""
     with open(os.path.join(folder, "mapping.yaml"), "w") as file:
         yaml.safe_dump(MAPPING, file)
-    for i, (number, factor) in enumerate(zip(numbers, factors)):
+    for i, run in enumerate(team.map(flown, numbers, factors)):
         date = np.datetime64("2025-03-01T10:00") + np.timedelta64(
             24 * 60 * (i // A_DAY) + 9 * (i % A_DAY), "m"
         )
-        run, stem = flown(number, factor), str(date).replace(":", "-").replace("T", "-")
+        stem = str(date).replace(":", "-").replace("T", "-")
         table(folder, stem + ".poses.csv", "t x y psi", np.column_stack([run.pose_times, run.eta]))
         commands = np.column_stack([run.control_times, run.controls])
         table(folder, stem + ".commands.csv", "t left right lift", commands)
@@ -168,9 +172,9 @@ def report(name, falling, flat):
     print("%s: any change said of flat ones: %s" % (name, wilson(sum(map(bool, flat)), max(1, len(flat)))))
 
 
-def speed(folder, count):
+def speed(team, folder, count):
     """Seconds of the verb on runs, without a cache and again."""
-    write(folder, range(5000, 5000 + count), np.ones(count))
+    write(team, folder, range(5000, 5000 + count), np.ones(count))
     mapping = os.path.join(folder, "mapping.yaml")
     command = ["rosrun", "ground", "identify", "history", folder, "--mapping", mapping]
     command += ["--model", str(hidden_effects.MODEL), "--force", "-o", os.path.join(folder, "out")]
@@ -180,17 +184,30 @@ def speed(folder, count):
         print("speed: %d runs %s: %.1f s" % (count, name, time.monotonic() - begun))
 
 
+def _pool(team, given):
+    """The estimates of the pool, from its file where it is there."""
+    if given.pool and os.path.exists(given.pool):
+        with open(given.pool) as file:
+            return json.load(file)
+    pool = list(team.map(estimated, range(given.runs)))
+    if given.pool:
+        with open(given.pool, "w") as file:
+            json.dump(pool, file)
+    return pool
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--histories", type=int, default=100)
     parser.add_argument("--runs", type=int, default=300, help="in the pool")
+    parser.add_argument("--pool", metavar="FILE.json", help="keeps the pool's estimates")
     parser.add_argument("--whole", type=int, default=10, help="histories of each kind through files")
     parser.add_argument("--speed", type=int, default=200, help="runs")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as cache, ProcessPoolExecutor() as team:
         os.environ["XDG_CACHE_HOME"] = cache
         if given.histories:
-            pool = list(team.map(estimated, range(given.runs)))
+            pool = _pool(team, given)
             every = [[found_in(pool, seed, fall) for seed in range(given.histories)] for fall in (FALL, 0.0)]
             report("pool", *every)
         if given.whole:
@@ -199,11 +216,11 @@ def main():
                 every.append([])
                 for seed in range(given.whole):
                     with tempfile.TemporaryDirectory() as folder:
-                        every[-1].append(whole(folder, seed, fall))
+                        every[-1].append(whole(team, folder, seed, fall))
             report("whole", *every)
         if given.speed:
             with tempfile.TemporaryDirectory() as folder:
-                speed(folder, given.speed)
+                speed(team, folder, given.speed)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from ground.support.origin import digest
 
 CHANCE = 0.02  # of any false change, or any false odd craft, in all parameters and crafts of a type
 TESTS = 2  # for each parameter and craft: does it drift, does it jump
+THRUST = ("k", "thruster_gain_")  # begins of the names of thrusts, which age first: they get half of CHANCE
 FAR = 3.0  # an odd craft is this many times as far off as the others are apart
 
 
@@ -50,6 +51,13 @@ class Analysed:
         """The runs of a craft that tell anything about a parameter."""
         own = np.flatnonzero(self.runs.craft == craft)
         return own[changes.informative(1 / np.maximum(self.known[own, parameter], 1e-300))]
+
+    def level(self, parameter: int) -> float:
+        """The chance below which a change of a parameter of one craft is said."""
+        are_thrust = [name.startswith(THRUST) for name in self.free]
+        alike = sum(one == are_thrust[parameter] for one in are_thrust)
+        share = 1.0 if all(are_thrust) or not any(are_thrust) else 0.5
+        return CHANCE * share / (alike * TESTS * len(self.crafts))
 
     def value(self, parameter: int, coordinate: float) -> float:
         """A coordinate in scales as a value of the parameter, in its bounds."""
@@ -96,13 +104,12 @@ def _with_changes(made: Analysed) -> Tuple[Analysed, Array]:
     newest one by them."""
     found: Dict[Tuple[int, int], List[Change]] = {}
     curves, shifts = made.curves.copy(), np.zeros(made.curves.shape)
-    level = CHANCE / (TESTS * len(made.free) * len(made.crafts))
     for craft, i in itertools.product(range(len(made.crafts)), range(len(made.free))):
         at = made.of(craft, i)
         if not len(at):
             continue
         series = Series(made.each[at, i], 1 / made.known[at, i], made.runs.day[at])
-        found[craft, i] = _changes(series, level)
+        found[craft, i] = _changes(series, made.level(i))
         curves[at, i] = changes.curve(series, found[craft, i])
         if found[craft, i]:
             own = np.flatnonzero(made.runs.craft == craft)

@@ -5,7 +5,7 @@ change is a line over the number of the run, or a step between two runs. Each is
 likelihoods with the two scatters fitted anew on both sides (on a grid). Its distribution without a change
 is simulated with the same numbers of runs and days: so it allows for the search over all steps, for the
 scatters that are estimated, and for few runs. Its tail is exponential beyond the simulated quantiles.
-Several changes are found one after the other (binary segmentation: Vostrikova 1981; Killick et al. 2012).
+Several changes are found one after the other (binary segmentation: Vostrikova 1981).
 """
 
 from dataclasses import dataclass
@@ -137,8 +137,8 @@ def _best(
         simulated = random.standard_normal((series.count, SIMULATED))
         artificial = np.linalg.solve(grid[null].inverse, simulated)
         chance = _chance(ratios[best, 0], _ratios(series, base, regressors, grid, artificial)[0].max(axis=0))
-        if chance < level:  # where it jumps is one more number that was fitted
-            fair = ratios[best, 0] - (np.log(series.count) if kind == JUMP else 0.0)
+        if chance < level:  # where it jumps was fitted as well, and costs as two numbers
+            fair = ratios[best, 0] - (2 * np.log(series.count) if kind == JUMP else 0.0)
             candidates.append((fair, (kind, int(at[best]), chance)))
     return max(candidates)[1] if candidates else None
 
@@ -244,12 +244,12 @@ def _sized(series: Series, all_found: Sequence[_Found], one: _Found, random: Ran
         information = float(tried[:, 0] @ tried[:, 0])
         size = float(tried[:, 0] @ white) / information
         fits.append((point.logdet + float(white @ white) - size**2 * information, size, information))
-    losses, sizes, informations = (np.array(row) for row in zip(*fits))
+    losses, sizes, knowledge = (np.array(row) for row in zip(*fits))
     likeliest = int(np.argmin(losses))
     artificial = np.linalg.solve(grid[likeliest].inverse, random.standard_normal((series.count, SIMULATED)))
     limit = float(np.quantile(_ratios(series, base, own, grid, artificial)[0], 0.95))
     left = limit - (losses - losses.min())
-    reach = np.sqrt(np.maximum(left, 0) / informations)
+    reach = np.sqrt(np.maximum(left, 0) / knowledge)
     inside = left >= 0  # the union of the intervals of all likely scatters
     return Change(
         one[0],

@@ -7,7 +7,7 @@ import numpy as np
 from ground import _core
 from ground.analysis.distributions import normal_limit
 from ground.ledger import changes
-from ground.ledger.analysed import Analysed, Odd
+from ground.ledger.analysed import CHANCE, Analysed, Odd
 from ground.ledger.changes import Change
 from ground.support.annotations import Document
 
@@ -116,7 +116,6 @@ def _change(found: Analysed, runs: Sequence[Document], craft: int, i: int, one: 
     start = float(curve[one.at - 1]) if is_jump else float(curve[0])
     before = found.value(i, start)
     after = found.interval(i, start + one.size, start + one.low, start + one.high)
-    tests = 2 * len(found.free) * len(found.crafts)
     return {
         "parameter": found.free[i],
         "kind": one.kind,
@@ -126,7 +125,7 @@ def _change(found: Analysed, runs: Sequence[Document], craft: int, i: int, one: 
         "between": [runs[first]["name"], runs[last]["name"]],
         "times": [runs[first]["recorded"], runs[last]["recorded"]],
         "runs": len(at),
-        "p_value": min(1.0, one.chance * tests),
+        "p_value": min(1.0, one.chance * CHANCE / found.level(i)),
     }
 
 

@@ -44,8 +44,8 @@ class HistoryOptions(bag_arguments.AsRecorded):
     )
     craft: Optional[str] = option(
         None,
-        "which craft flew: a level of folders below FOLDER (1 is the first), or a pattern whose first group in "
-        "a run's path is the craft (the file of the recorded model, else the first folder that is no date)",
+        "which craft flew: a level of folders below FOLDER (1 is the first), or a pattern whose first group "
+        "in a run's path is the craft (the recorded model's file, else the first folder that is no date)",
         metavar="HOW",
     )
     free: Optional[Sequence[str]] = option(
@@ -77,7 +77,7 @@ def history(
     cannot be used are listed. GroundError when there is no run, no model or an option does not go with
     them. Options, as keyword arguments or as HistoryOptions:
 
-    >>> found = ground.history(os.path.dirname(bag), model=model_file, free=["k", "N_r"])
+    >>> found = ground.history(bag, model=model_file, free=["k", "N_r"])
     >>> len(found.runs), found.changes, found.odd
     (1, [], [])
     >>> list(found.to_frame())[:4]
