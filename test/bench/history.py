@@ -3,8 +3,8 @@
 
 Runs are flown by hidden_craft, whose equations are not those of the estimator, with the scatter of a
 laboratory: a disturbance of 0.5 to 2% of full thrust, wrenches that differ from run to run by 3%, thrust by
-the state of the battery (anywhere in 3.5% at each run, and 2% lower at the end of a day) and by day (0.3%), drives of all
-kinds.
+the state of the battery (anywhere in 3.5% at each run, and 2% lower at the end of a day) and by day (0.3%),
+drives of all kinds.
 
 pool     each run is estimated once, from its poses. A history is 30 of these runs, 3 a day, with thrust
          that falls by 5% from the first to the last, or does not. The fall acts on the estimate of k.
@@ -18,6 +18,7 @@ import argparse
 import csv
 import json
 import os
+import resource
 import subprocess
 import tempfile
 import time
@@ -179,9 +180,16 @@ def speed(team, folder, count):
     command = ["rosrun", "ground", "identify", "history", folder, "--mapping", mapping]
     command += ["--model", str(hidden_effects.MODEL), "--force", "-o", os.path.join(folder, "out")]
     for name in ("without a cache", "again"):
-        begun = time.monotonic()
+        begun, used = time.monotonic(), processor_time()
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        print("speed: %d runs %s: %.1f s" % (count, name, time.monotonic() - begun))
+        seconds = time.monotonic() - begun, processor_time() - used
+        print("speed: %d runs %s: %.1f s, %.1f s of processors" % (count, name, *seconds))
+
+
+def processor_time():
+    """Of programs that have ended [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _pool(team, given):

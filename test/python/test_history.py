@@ -96,7 +96,7 @@ def test_the_next_call_fits_new_runs_only(told, laboratory, tmp_path):
     before = set(os.listdir(estimates.cache_folder()))
     found = ground.history(fresh, model=MODEL)
     added = [name for name in set(os.listdir(estimates.cache_folder())) - before if "changes" not in name]
-    assert len(added) == 2 and len(found.runs) == 61  # what it recorded, and its estimate
+    assert len(added) == 1 and len(found.runs) == 61
     assert [run["craft"] for run in found.runs[-1:]] == ["craft_2"]
 
 
@@ -117,6 +117,23 @@ def test_a_run_without_a_turn_is_wide_not_refused(tmp_path):
     for name in ("I_z", "N_r"):
         assert width(straight, name) > 3 * max(width(run, name) for run in turning)
     assert width(straight, "k") < 0.5 * model["k"]
+
+
+def test_the_recorded_model_says_which_craft_flew(tmp_path):
+    for craft, factor in (("alpha", 1.0), ("beta", 0.8)):
+        model = ground.Model.load(MODEL)
+        model = model.with_values({"k": factor * model["k"]}).save(tmp_path / (craft + ".yaml"))
+        for i in range(2):
+            run = ground.simulate(model, "tracking", duration=6, seed=i + len(craft))
+            run.save(tmp_path / ("2025-05-0%d-%s.bag" % (i + 1, craft)))
+    found = ground.history(tmp_path)
+    assert [run["craft"] for run in found.runs] == ["alpha", "beta", "alpha", "beta"]
+    (odd,) = found.odd
+    assert odd["parameter"] == "k" and odd["either"]
+    bare = tmp_path / "bare"
+    fly(bare / "a.bag", "a")
+    with pytest.raises(ground.GroundError, match="model"):
+        ground.history(bare)
 
 
 def test_what_cannot_be_used_is_listed(tmp_path):

@@ -27,13 +27,13 @@ ASYMMETRY, LAGS = "thrust_asymmetry", ("motor_lag", "input_delay")  # effects th
 TRIMS = ("trim_X", "trim_Y", "trim_N")  # what differs between runs and is no parameter
 OFFSET, OFFSET_EFFECT = "offset", "heading_offset"  # a suspicion, and the effect that it may be
 MOST = 60.0  # of longer runs this much is used [s]
-KEPT = 4  # version of what the cache has
+KEPT = 5  # version of what the cache has
 
 
 @dataclass(frozen=True)
 class Task:
-    """A run to look at, in another process. model: text of the model file; empty: only what is recorded with
-    the run is wanted."""
+    """A run to look at, in another process. model: text of the model file; empty: what is recorded with the
+    run is wanted, but no estimate."""
 
     path: str
     mapping: FieldMapping
@@ -70,8 +70,8 @@ def followed(model: Model, wanted: Optional[Sequence[str]] = None) -> Tuple[Mode
 
 
 def looked_at(task: Task) -> Document:
-    """What a run recorded, or its estimates, from the cache where they are known. A run that cannot be used
-    has the reason under `failed`."""
+    """What a run recorded, and its estimate if it is wanted, from the cache where they are known. A run that
+    cannot be used has the reason under `failed`."""
     try:
         content = digest_of_files(readers.contents(task.path, task.mapping))
         parts = [content, repr(task.mapping), task.model, *task.free, task.as_recorded, _core.version, KEPT]
@@ -108,13 +108,14 @@ def _computed(task: Task) -> Document:
     """GroundErrors of the run itself become `failed`, which the cache keeps, too."""
     try:
         recording = readers.read(task.path, task.mapping)
+        flown = recording.files.get("model")
+        recorded = {
+            "first_stamp": float(np.min(recording.pose_times)),
+            "model_name": recording.flown_by.get("model"),
+            "model": flown.text if flown else None,
+        }
         if not task.model:
-            flown = recording.files.get("model")
-            return {
-                "first_stamp": float(np.min(recording.pose_times)),
-                "model_name": recording.flown_by.get("model"),
-                "model": flown.text if flown else None,
-            }
+            return recorded
         model = Model.parse(task.model, "the model of %s" % task.path)
         recording = recording.with_lift_of(model.core)
         for one in suspicions.about([recording], model.core):
@@ -124,7 +125,7 @@ def _computed(task: Task) -> Document:
                 raise GroundError("%s; --as-recorded uses it as it is" % one.sentence)
         run = quality.repaired(recording)
         start = run.spans[0][0] if run.spans else 0.0
-        return estimate(run.data(model.core, end=start + MOST), model.core, task.free)
+        return {**recorded, **estimate(run.data(model.core, end=start + MOST), model.core, task.free)}
     except GroundError as error:
         return {"failed": sentence(error)}
 

@@ -95,20 +95,21 @@ def history(
         mapping = load(str(mapping))
     places, diagnoses = finding.find(paths, mapping)
     with Workers(processes=True) as team:
-        tasks = [Task(place.path, mapping, options.as_recorded) for place in places]
-        with work.stage(LOOKING, len(tasks)):
-            recorded = list(work.each(team.map(estimates.looked_at, tasks)))
-        runs, left_out = _runs(places, recorded)
+        look = _Look(team, mapping, options, work)
+        runs, left_out = _runs(places, look.at([place.path for place in places], options.model))
         if not runs:
             raise GroundError("%(path)s: %(why)s" % left_out[0])
         crafts_by = _add_crafts(runs, options.craft)
         by_type = _types(runs, options)
-        fitted = _fitted(team, by_type, mapping, options, work)
+        if options.model is None:
+            for model, own in by_type:
+                for run, fitted in zip(own, look.at([run["path"] for run in own], model)):
+                    run["_found"] = fitted
     found: List[Tuple[Analysed, List[Document]]] = []
     with work.stage(TOGETHER, len(by_type)):
-        for (model, own), each in work.each(zip(by_type, fitted)):
-            usable = [(run, one) for run, one in zip(own, each) if "failed" not in one]
-            left_out += [_unused(r["path"], one["failed"]) for r, one in zip(own, each) if "failed" in one]
+        for model, own in work.each(by_type):
+            usable = [run for run in own if "failed" not in run["_found"]]
+            left_out += [_unused(r["path"], r["_found"]["failed"]) for r in own if "failed" in r["_found"]]
             if usable:
                 found.append(_together(model, usable, options))
     if not found:
@@ -119,6 +120,27 @@ def history(
     types = [one for one, _ in found]
     report = document.of(paths, crafts_by, types, [own for _, own in found], left_out, known)
     return History(report)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Looks at runs in several processes."""
+
+    team: Workers
+    mapping: FieldMapping
+    options: HistoryOptions
+    work: Work
+
+    def at(self, paths: Sequence[str], model: Optional[ModelLike]) -> List[Document]:
+        """What runs recorded, with their estimates if there is a model (estimates.looked_at)."""
+        text, stage = "", LOOKING
+        free: Tuple[str, ...] = ()
+        if model is not None:
+            extended, free = estimates.followed(Model.of(model), self.options.free)
+            text, stage = extended.format(), FITTING
+        tasks = [Task(path, self.mapping, self.options.as_recorded, text, free) for path in paths]
+        with self.work.stage(stage, len(tasks)):
+            return list(self.work.each(self.team.map(estimates.looked_at, tasks)))
 
 
 def _unused(path: str, why: str) -> Document:
@@ -139,7 +161,7 @@ def _runs(places: Sequence[Place], recorded: Sequence[Document]) -> Tuple[List[D
             contents[found["content"]] = place.path
             at, source = finding.recorded_at(place, found["first_stamp"])
             run = finding.described(place, at, source)
-            runs.append({**run, "_place": place, "_model": found["model"], "_name": found["model_name"]})
+            runs.append({**run, "_place": place, "_found": found})
     names = [place.name for place in (run["_place"] for run in runs)]
     for run, name in zip(runs, distinct_labels(names, [run["path"] for run in runs])):
         run["name"] = name
@@ -148,7 +170,9 @@ def _runs(places: Sequence[Place], recorded: Sequence[Document]) -> Tuple[List[D
 
 def _add_crafts(runs: Sequence[Document], how: Optional[str]) -> str:
     """Adds the craft of each run; how it was found."""
-    crafts, crafts_by = finding.crafts([r["_place"] for r in runs], [r["_name"] for r in runs], how)
+    crafts, crafts_by = finding.crafts(
+        [r["_place"] for r in runs], [r["_found"]["model_name"] for r in runs], how
+    )
     for run, craft in zip(runs, crafts):
         run["craft"] = craft
     return crafts_by
@@ -159,54 +183,38 @@ def _types(runs: Sequence[Document], options: HistoryOptions) -> List[Tuple[Mode
     most effects, the earliest of these, so that new runs do not change what old ones are fitted with."""
     if options.model is not None:
         return [(Model.of(options.model), list(runs))]
-    without = [run["path"] for run in runs if not run["_model"]]
+    texts = [run["_found"]["model"] for run in runs]
+    without = [run["path"] for run, text in zip(runs, texts) if not text]
     if without:
         raise GroundError(
             "%s: no model was recorded with this run (%d of %d have none); --model names that of the crafts"
             % (without[0], len(without), len(runs))
         )
     parsed: Dict[str, Model] = {}
-    for run in runs:
-        if run["_model"] not in parsed:
-            parsed[run["_model"]] = Model.parse(run["_model"], "the model recorded with %s" % run["path"])
-    titles = list(dict.fromkeys(parsed[run["_model"]].name for run in runs))
-    of_title = [[run for run in runs if parsed[run["_model"]].name == title] for title in titles]
-    return [(max((parsed[r["_model"]] for r in own), key=lambda m: len(m.effects)), own) for own in of_title]
-
-
-def _fitted(
-    team: Workers,
-    by_type: Sequence[Tuple[Model, List[Document]]],
-    mapping: FieldMapping,
-    options: HistoryOptions,
-    work: Work,
-) -> List[List[Document]]:
-    """The estimates of all runs, by type."""
-    tasks = []
-    for model, own in by_type:
-        extended, free = estimates.followed(model, options.free)
-        text = extended.format()
-        tasks.append([Task(run["path"], mapping, options.as_recorded, text, free) for run in own])
-    with work.stage(FITTING, sum(map(len, tasks))):
-        every = iter(work.each(team.map(estimates.looked_at, [task for own in tasks for task in own])))
-        return [[next(every) for _ in own] for own in tasks]
+    by_title: Dict[str, Tuple[List[Model], List[Document]]] = {}
+    for run, text in zip(runs, texts):
+        if text not in parsed:
+            parsed[text] = Model.parse(text, "the model recorded with %s" % run["path"])
+        models, own = by_title.setdefault(parsed[text].name, ([], []))
+        models.append(parsed[text])
+        own.append(run)
+    return [(max(models, key=lambda model: len(model.effects)), own) for models, own in by_title.values()]
 
 
 def _together(
-    model: Model, usable: Sequence[Tuple[Document, Document]], options: HistoryOptions
+    model: Model, usable: Sequence[Document], options: HistoryOptions
 ) -> Tuple[Analysed, List[Document]]:
     """The analysis of the runs of a type, and what is known of each of them."""
     extended, _ = estimates.followed(model, options.free)
     made = analysed.analyse(
         Model(extended.core, model.path),
-        [one for _, one in usable],
-        [run["craft"] for run, _ in usable],
-        [run["recorded"][:10] for run, _ in usable],
+        [run["_found"] for run in usable],
+        [run["craft"] for run in usable],
+        [run["recorded"][:10] for run in usable],
         options.tolerance,
     )
     kept = ("name", "path", "recorded", "time_from")
-    known = [{**{key: run[key] for key in kept}, "length": one["length"]} for run, one in usable]
-    return made, known
+    return made, [{**{key: run[key] for key in kept}, "length": run["_found"]["length"]} for run in usable]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -4,7 +4,7 @@ import shlex
 from datetime import date
 from typing import Iterator, List, Optional, Sequence
 
-from ground.analysis.formula_words import quantity
+from ground.analysis.formula_words import quantity, with_interval
 from ground.reports.words import listed
 from ground.support.annotations import Document
 from ground.support.headline import Line
@@ -116,11 +116,12 @@ def day(time: str) -> str:
 def _odd(report: Document) -> Iterator[str]:
     for one in report["odd"]:
         unit = _type(report, one)["parameters"][one["parameter"]]["unit"]
-        low, high = sorted_ends(one["ci95"])
-        ends = " to ".join("?" if end is None else quantity(end, unit, 2) for end in (low, high))
         others = sorted(one["others"].values())
         span = " to ".join(dict.fromkeys(quantity(end, unit, 2) for end in (others[0], others[-1])))
-        told = "%s is %s (%s)" % (one["parameter"], quantity(one["value"], unit, 2), ends)
+        told = "%s is %s" % (one["parameter"], quantity(one["value"], unit))
+        low, high = sorted_ends(one["ci95"])
+        if low is not None and high is not None:
+            told = "%s is %s" % (one["parameter"], with_interval(one["value"], low, high, unit))
         if one["either"]:
             yield "%s or %s - %s of %s, and %s of %s." % (
                 one["craft"], next(iter(one["others"])), told, one["craft"], span, next(iter(one["others"])),
@@ -201,8 +202,10 @@ def _next(report: Document) -> str:
         )
     if report["odd"]:
         one = report["odd"][0]
-        return "look at %s, and give it a model of its own:\n%s" % (
-            one["craft"],
+        which = listed([one["craft"], *one["others"]]) if one["either"] else one["craft"]
+        return "look at %s, and give %s a model of its own:\n%s" % (
+            which,
+            "each" if one["either"] else "it",
             _command(report, "diagnose", one, "", "diagnosis"),
         )
     return "fly on; the same command again fits new runs only."
