@@ -5,6 +5,7 @@ from datetime import date
 from typing import Iterator, List, Optional, Sequence
 
 from ground.analysis.formula_words import quantity, with_interval
+from ground.ledger.changes import FEWEST
 from ground.reports.words import listed
 from ground.support.annotations import Document
 from ground.support.headline import Line
@@ -38,8 +39,10 @@ def lines(report: Document, page: str = "") -> List[Line]:
 
 
 def _changed(report: Document) -> Iterator[str]:
-    found = report["changes"]
-    if not found:
+    found, least = report["changes"], 2 * FEWEST
+    if all(craft["runs"] < least for craft in report["crafts"]):
+        yield "cannot be said - that takes %d runs of a craft." % least
+    elif not found:
         yield "nothing - the runs of each craft agree within their scatter."
     for one in found[:SHOWN]:
         yield change(report, one) + cause(one["parameter"])
@@ -164,7 +167,7 @@ def _runs(report: Document) -> str:
     named = "%d crafts, by %s" % (len(crafts), BY[report["crafts_by"]]) if len(crafts) > 1 else crafts[0]
     times = sorted(run["recorded"] for run in runs)
     text = "%d of %s, %s to %s" % (len(runs), named, day(times[0]), day(times[-1]))
-    text += "; %d left out" % out if out else ""
+    text += "; %d left out (--details says why)" % out if out else ""
     guessed = sum(run["time_from"] == "file" for run in runs)
     if guessed:
         text += (
