@@ -19,7 +19,7 @@ options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking \
   bench-soak bench-table bench-faults bench-plans \
-  bench-commands bench-diagnose docs install clean
+  bench-commands bench-diagnose bench-history docs install clean
 
 build: $(configured)
 	@.ci/build build
@@ -100,6 +100,11 @@ bench-discover: build
 # The wait for a diagnosis. OPTIONS="--recordings DIR"
 bench-diagnose: build
 	@$(in_workspace) test/bench/diagnose_speed.py $(OPTIONS)
+
+# How often `identify history` finds a slow decay, says a false one, and how long it takes: an hour.
+# OPTIONS="--whole 0 --speed 0 --pool build/history.json" keeps estimates
+bench-history: build
+	@$(in_workspace) test/bench/history.py $(OPTIONS)
 
 # An hour of simulated experiment: memory, timing, warnings. OPTIONS="seconds:=600"
 bench-soak: build

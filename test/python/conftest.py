@@ -32,6 +32,13 @@ def no_progress():
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory):
+    """What the package keeps between calls is kept for these tests only."""
+    with mock.patch.dict(os.environ, XDG_CACHE_HOME=str(tmp_path_factory.mktemp("cache"))):
+        yield
+
+
 @pytest.fixture(scope="session")
 def one_preparation():
     """What discoveries know before the first flight, which takes seconds, is computed once for a model and
@@ -77,7 +84,11 @@ def diagnosed(flown):
 def identify(*arguments):
     """Runs the tool as a user does, and validates the JSON file that it writes."""
     result = program("identify", *arguments)
-    files = {("compare",): "compare.json", ("diagnose",): "diagnosis.json"}
+    files = {
+        ("compare",): "compare.json",
+        ("diagnose",): "diagnosis.json",
+        ("history",): "history.json",
+    }
     written = files.get(arguments[:1])
     if written and result.returncode == 0 and "-o" in arguments:
         path = pathlib.Path(str(arguments[arguments.index("-o") + 1])) / written

@@ -1,10 +1,10 @@
 """Identification, diagnosis and control of a miniature hovercraft.
 
-`ground.read`, `fit`, `predict`, `compare`, `diagnose`, `discover`, `add`, `simulate` and `track` give
-frozen results, most of them those of the programs of the same names. SI units; poses x, y [m], psi [rad]
-in world_ned; velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame; inputs
-0..1. A wrong file or argument raises `GroundError` with one line that says what, where and why. What is
-valid but probably a mistake gives a `GroundWarning`.
+`ground.read`, `fit`, `predict`, `compare`, `diagnose`, `discover`, `history`, `add`, `simulate` and `track`
+give frozen results, most of them those of the programs of the same names. SI units; poses x, y [m],
+psi [rad] in world_ned; velocities u, v [m/s], r [rad/s] and forces X, Y [N], N [N m] in the body frame;
+inputs 0..1. A wrong file or argument raises `GroundError` with one line that says what, where and why. What
+is valid but probably a mistake gives a `GroundWarning`.
 """
 
 from pkgutil import extend_path as _extend_path
@@ -30,6 +30,8 @@ _PUBLIC = {
     "support.errors": "GroundError GroundWarning OptionError",
     "fitting.fit": "fit",
     "fitting.result": "Fit",
+    "ledger.history": "history",
+    "ledger.result": "History",
     "models": "Fitted Model Parameter Room",
     "recordings.recording": "Recording",
     "results.load": "load",
@@ -53,6 +55,8 @@ if TYPE_CHECKING:
     from ground.fitting.add import Addition, add
     from ground.fitting.fit import fit
     from ground.fitting.result import Fit
+    from ground.ledger.history import history
+    from ground.ledger.result import History
     from ground.models import Fitted, Model, Parameter, Room
     from ground.recordings.recording import Recording
     from ground.results.load import load
@@ -76,6 +80,7 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "Fitted",
     "GroundError",
     "GroundWarning",
+    "History",
     "Model",
     "OptionError",
     "Parameter",
@@ -91,6 +96,7 @@ __all__ = [  # the names of _HOMES, repeated for type checkers
     "discover",
     "effects",
     "fit",
+    "history",
     "load",
     "plot",
     "predict",

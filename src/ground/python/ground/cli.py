@@ -32,6 +32,7 @@ VERBS = [
     Verb("diagnose", "diagnosing.diagnose", "which physical effect a model lacks, and the model with it"),
     Verb("discover", "discovery.discover", "a simulated craft flies and finds its own physics"),
     Verb("add", "fitting.add", "adds an effect to a model, refits it, and shows the error before and after"),
+    Verb("history", "ledger.history", "what drifts, what jumped, and which craft is odd, over many runs"),
     Verb("export", "exporting.export", "a model as NumPy, CasADi or C code; a run as MCAP for viewers"),
     Verb("tracking", "control.tracking", "how recorded crafts followed their reference"),
 ]

@@ -34,3 +34,8 @@ def mean_not_above_zero(values: Array) -> float:
     if not spread > 0:
         return 1.0
     return float(special.stdtr(len(values) - 1, -values.mean() / spread * math.sqrt(len(values))))
+
+
+def normal_limit(chance: float) -> float:
+    """Value that a standard normal variable exceeds with a probability."""
+    return float(special.ndtri(1 - chance))

@@ -58,16 +58,21 @@ def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:
-    """The recordings in the bags, read when the first one is asked for."""
+def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
+    """The FieldMapping that the arguments of add_reading_arguments say."""
     given = mapping.load(arguments.mapping) if arguments.mapping else mapping.DEFAULT
-    given = given.with_options(
+    return given.with_options(
         arguments.pose_topic,
         arguments.command_topic,
         arguments.body,
         arguments.axes,
         arguments.heading_offset,
     )
+
+
+def reading(arguments: argparse.Namespace, bags: Sequence[str]) -> Iterator[Recording]:
+    """The recordings in the bags, read when the first one is asked for."""
+    given = mapping_of(arguments)
     return api.reading(bags, given, arguments.work)
 
 

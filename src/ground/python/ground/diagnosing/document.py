@@ -35,6 +35,7 @@ def begun(
     after = conclusion.steps[-1]
     return {
         "schema": SCHEMA,
+        "version": _core.version,
         "model": model_name,
         "means": {**candidates.summaries(before.model), **candidates.summaries(conclusion.improved)},
         "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},

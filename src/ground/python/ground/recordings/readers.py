@@ -41,7 +41,7 @@ def _is_table(path: str) -> bool:
     return False
 
 
-def _read_from(path: str, mapping: FieldMapping) -> List[str]:
+def contents(path: str, mapping: FieldMapping) -> List[str]:
     """The files that a recording is read from."""
     if _is_table(path):
         return list(dict.fromkeys(_pair(path, mapping)))
@@ -59,7 +59,7 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
             "%s: which columns are times, poses and commands is not known; identify info %s "
             "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, path)
         )
-    files = _read_from(path, mapping)
+    files = contents(path, mapping)
     if is_table:
         mapping = mapping.with_options(os.path.basename(files[0]), os.path.basename(files[-1]))
     with Tables(files) if is_table else Bag(path) as container:

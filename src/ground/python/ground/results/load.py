@@ -10,6 +10,7 @@ from ground.control.track import Tracking
 from ground.data.measured import read
 from ground.diagnosing.result import Diagnosis
 from ground.discovery.discover import Discovery
+from ground.ledger.result import History
 from ground.models import Model, Room
 from ground.support.annotations import Path
 from ground.support.errors import GroundError
@@ -18,14 +19,15 @@ FOLDERS: Dict[str, Callable[[str], Any]] = {
     "diagnosis.json": Diagnosis.load,
     "compare.json": Comparison.load,
     "journal.json": Discovery.load,
+    "history.json": History.load,
 }
 
 
 def load(path: Path) -> Any:
     """What is in a file or folder that the package wrote.
 
-    path: the folder of a diagnosis, a comparison or a discovery; a model file, also that of a fit or an
-    addition (a Model, whose `fitted` says how it was fitted); a room file; the file of a Tracking;
+    path: the folder of a diagnosis, a comparison, a discovery or a history; a model file, also that of a fit
+    or an addition (a Model, whose `fitted` says how it was fitted); a room file; the file of a Tracking;
     a recording. GroundError when it is none of these.
 
     Numbers, sentences and models of a loaded result are those of the saved one. A loaded diagnosis or

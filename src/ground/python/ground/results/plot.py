@@ -19,6 +19,8 @@ from ground.diagnosing.result import Diagnosis
 from ground.discovery import figures as discovery_figures
 from ground.discovery.discover import Discovery
 from ground.fitting.result import Fit
+from ground.ledger import figures as history_figures
+from ground.ledger.result import History
 from ground.recordings.recording import Recording
 from ground.reports import figures, run_figures, tracking_figures, wrench_figures
 from ground.support.annotations import Document
@@ -81,6 +83,7 @@ def plot(result: Any, name: str = "") -> Any:
     - Comparison, Diagnosis: errors; motion RUN, wrench RUN and residuals RUN
     - Tracking: run N
     - Discovery: errors; flight N
+    - History: PARAMETER
 
     >>> run, = ground.read(bag)
     >>> figure = ground.plot(run)
@@ -194,6 +197,14 @@ def _of_discovery(result: Discovery) -> Makers:
         drawn = functools.partial(discovery_figures.flight, flown.flight, flown, rows, names)
         made["flight %d" % flown.flight.number] = functools.partial(_given, drawn)
     return made
+
+
+@_makers.register(History)
+def _of_history(result: History) -> Makers:
+    return {
+        name: functools.partial(history_figures.of, result.report, of["type"], of["parameter"])
+        for name, of in history_figures.by_name(result.report).items()
+    }
 
 
 def _errors(found: Optional[Document]) -> Makers:
