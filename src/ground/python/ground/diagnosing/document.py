@@ -37,7 +37,11 @@ def begun(
         "schema": SCHEMA,
         "model": model_name,
         "means": {**candidates.summaries(before.model), **candidates.summaries(conclusion.improved)},
-        "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},
+        "runs": {
+            "fit": names,
+            "heldout": [run.name for run in heldout] or names,
+            "inertial": [run.name for run in diagnosis.runs if run.inertial is not None],
+        },
         "windows": {"used": len(diagnosis.cut), "available": diagnosis.fitter.available},
         "verdict": conclusion.verdict,
         "findings": list(findings),

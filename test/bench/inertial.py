@@ -1,0 +1,86 @@
+#!/usr/bin/python3
+"""How much the craft's own gyro and accelerometer add: effects hidden under a random push, with them and
+without.
+
+A case is a kind and a seed, as in hidden.py: one effect of the library at its strength times 1.1, four runs
+to fit to and two held out. The same seeds give all kinds the same effects. Results go to a file of JSON
+lines; an interrupted bench continues where it stopped.
+"""
+
+import sys
+
+from scipy import stats
+
+import hidden_cases
+import hidden_effects
+import hidden_engine
+import hidden_score
+import resumed
+from ground.support import workers
+from hidden_effects import in_turn
+
+STRENGTH = 1.1
+KINDS = {  # sigma of the push relative to full thrust, whether sensors were recorded
+    "2% without": (0.02, False),
+    "5% without": (0.05, False),
+    "5% with": (0.05, True),
+    "2% with": (0.02, True),
+}
+
+
+def case_of(kind, seed):
+    """The hidden_cases.Case of a kind and a seed."""
+    level, sensed = KINDS[kind]
+    effect, _ = in_turn(seed, hidden_effects.strengths())
+    case = hidden_cases.push(hidden_cases.plain("inertial", seed), level, level)
+    case = hidden_cases.hide(case, [effect], STRENGTH, STRENGTH)
+    case.imu = sensed
+    return case
+
+
+def run_case(job):
+    """Result of one job (kind, seed), a dictionary for a line of JSON."""
+    case = case_of(*job)
+    found = hidden_engine.diagnose(*hidden_cases.record(case), hidden_cases.given_model(case))
+    for parameter in found.get("parameters", []):
+        parameter["true"] = hidden_cases.true_value(case, parameter["name"])
+    return dict(case.describe(), kind=job[0], found=found)
+
+
+def bench(options):
+    """Runs the jobs without a result and prints the rates of all jobs."""
+    seeds = range(options.seed_base, options.seed_base + (options.count or len(hidden_effects.strengths())))
+    jobs = [(kind, seed) for seed in seeds for kind in KINDS]
+    with workers.Workers(processes=True, count=options.jobs) as team:
+        found = resumed.results(
+            team,
+            options.results,
+            jobs,
+            "%s %d".__mod__,
+            lambda result: "%(kind)s %(seed)d" % result,
+            run_case,
+            options.hours,
+        )
+    for kind in KINDS:
+        results = [r for r in found if r["kind"] == kind and "failed" not in r["found"]]
+        questions = (("found", hidden_score.is_found), ("a false effect", hidden_score.has_false_effect))
+        for what, ask in questions:
+            yes = sum(map(bool, map(ask, results)))
+            print("%-11s %-15s %s" % (kind, what, _share(yes, len(results))))
+        inside = [one for r in results for one in hidden_score.intervals(r, False) if one is not None]
+        print("%-11s %-15s %s" % (kind, "body inside 95%", _share(sum(inside), len(inside))))
+
+
+def _share(yes, of):
+    """A share with its 95% interval (Clopper and Pearson)."""
+    low = stats.beta.ppf(0.025, yes, of - yes + 1) if yes else 0.0
+    high = stats.beta.ppf(0.975, yes + 1, of - yes) if yes < of else 1.0
+    return "%d of %d: %.0f%% (%.0f to %.0f%%)" % (yes, of, 100 * yes / max(1, of), 100 * low, 100 * high)
+
+
+def main():
+    return resumed.status(bench, resumed.parser(__doc__, "build/inertial.jsonl").parse_args())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
