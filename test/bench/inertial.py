@@ -9,6 +9,7 @@ lines; an interrupted bench continues where it stopped.
 
 import sys
 
+import numpy as np
 from scipy import stats
 
 import hidden_cases
@@ -16,6 +17,7 @@ import hidden_effects
 import hidden_engine
 import hidden_score
 import resumed
+from ground.analysis.likelihood import Likelihood
 from ground.support import workers
 from hidden_effects import in_turn
 
@@ -78,8 +80,38 @@ def _share(yes, of):
     return "%d of %d: %.0f%% (%.0f to %.0f%%)" % (yes, of, 100 * yes / max(1, of), 100 * low, 100 * high)
 
 
+def information(effect, seed):
+    """Standard deviations of an effect's parameters by the information at the truth, for each of KINDS."""
+    found = []
+    for kind in KINDS:
+        case = case_of(kind, seed)
+        runs, _ = hidden_cases.record(case)
+        model = hidden_cases.given_model(case)
+        like, values = Likelihood(runs, model), case.effects[effect]
+        model.add_effect(effect)
+        names = [*hidden_cases.FREE, *("%s.%s" % (effect, name) for name in values)]
+        for name, value in zip(names, [*map(case.body.get, hidden_cases.FREE), *values.values()]):
+            model.set_value(name, value)
+        point = like.fit(model, []).point
+        inverse = np.linalg.pinv(like.box.scores(point, names)["information"], rcond=1e-12, hermitian=True)
+        found.append(np.sqrt(np.diag(inverse))[len(hidden_cases.FREE) :])
+    return np.array(found)
+
+
+def table(_):
+    """Prints each effect's standard deviations, relative to those at 2% without sensors."""
+    print("%-24s %s" % ("", "  ".join(KINDS)))
+    for seed, effect in enumerate(hidden_effects.strengths(), 1):
+        ratios = information(effect, seed)
+        ratios = np.sqrt(np.mean((ratios / ratios[:1]) ** 2, axis=1))
+        print("%-24s %s" % (effect, "  ".join("%9.2f" % one for one in ratios)), flush=True)
+
+
 def main():
-    return resumed.status(bench, resumed.parser(__doc__, "build/inertial.jsonl").parse_args())
+    parser = resumed.parser(__doc__, "build/inertial.jsonl")
+    parser.add_argument("--information", action="store_true", help="print what the runs say of each effect")
+    options = parser.parse_args()
+    return resumed.status(table if options.information else bench, options)
 
 
 if __name__ == "__main__":

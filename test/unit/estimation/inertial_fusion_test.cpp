@@ -15,8 +15,8 @@
 namespace ground {
 namespace inertial_fusion_test {
 
-constexpr double kStep = 1e-3, kEnd = 20;     // of the true motion [s]
-constexpr int kPose = 10, kSample = 5;        // steps between poses (100 Hz), and samples (200 Hz)
+constexpr double kStep = 1e-3, kEnd = 20;  // of the true motion [s]
+constexpr int kPose = 10, kSample = 5;     // steps between poses (100 Hz), and samples (200 Hz)
 constexpr double kPosition = 3e-4, kHeading = 5e-3;
 
 struct Sample {
@@ -56,15 +56,13 @@ Result fly(const InertialMounting& believed, const Fault& fault = none, double f
     thrust += kStep / 0.05 * (wanted - thrust);  // motors lag
     const Vector3<double> push = thrust - Vector3<double>(0.5 * state.nu.x(), 0.8 * state.nu.y(), 2 * r);
     if (i % kSample == 0) {
-      const Vector2<double> force(
-          push.x() - push.z() * truth.starboard - r * r * truth.ahead,
-          push.y() + push.z() * truth.ahead - r * r * truth.starboard);
+      const Vector2<double> force(push.x() - push.z() * truth.starboard - r * r * truth.ahead,
+                                  push.y() + push.z() * truth.ahead - r * r * truth.starboard);
       Sample sample{(r + 0.01 + 1.7e-3 * normal(random)) / truth.gyro_scale,
-                    (turned.toBody(force) + Vector2<double>(0.1 + 0.05 * normal(random),
-                                                            -0.08 + 0.05 * normal(random))) /
+                    (turned.toBody(force) +
+                     Vector2<double>(0.1 + 0.05 * normal(random), -0.08 + 0.05 * normal(random))) /
                         truth.acceleration_scale};
-      if (fault(t, sample))
-        estimator.inertial().sample(t + truth.delay, sample.gyro, sample.acceleration);
+      if (fault(t, sample)) estimator.inertial().sample(t + truth.delay, sample.gyro, sample.acceleration);
     }
     if (i % kPose == 0 && i > 0) {
       const Vector3<double> noise(kPosition * normal(random), kPosition * normal(random),
@@ -124,7 +122,8 @@ TEST_F(Fusion, UnmountedSensorsChangeNothing) {
 }
 
 TEST_F(Fusion, ASensorThatStopsIsMissedAtOnce) {
-  const Result found = fly(mounted(), [](double t, Sample&) { return t < 10; }, 10.1);
+  const Result found = fly(
+      mounted(), [](double t, Sample&) { return t < 10; }, 10.1);
   const Result alone = fly(InertialMounting(), none, 10.1);
   EXPECT_LT((found.error - alone.error).norm(), 1e-12);
   EXPECT_NE(found.status, "");

@@ -7,8 +7,8 @@
 #include <limits>
 #include <random>
 
-#include "../disturbed_run.h"
 #include "../../../src/ground/src/identification/disturbance_filter.h"
+#include "../disturbed_run.h"
 
 namespace ground::detail {
 namespace inertial_steps_test {

@@ -6,11 +6,12 @@
 namespace ground {
 namespace {
 
-constexpr double kSampleAge = 0.03;     // longest time without a sample before a pose [s]
-constexpr double kBiasMemory = 3;       // of biases [s]
+constexpr double kSampleAge = 0.03;  // longest time without a sample before a pose [s]
+constexpr double kBiasMemory = 3;    // of biases [s]
 constexpr double kCompared = 0.2;    // over which distances are averaged [s]
-constexpr double kMostDistance = 6;     // mean squared distance of filters that agree
-constexpr double kGyroNoise = 4e-3, kPushNoise = 0.1;  // of a sample, with what its bias leaves [rad/s], [m/s^2]
+constexpr double kMostDistance = 6;  // mean squared distance of filters that agree
+constexpr double kGyroNoise = 4e-3,
+                 kPushNoise = 0.1;  // of a sample, with what its bias leaves [rad/s], [m/s^2]
 
 }  // namespace
 
@@ -115,7 +116,8 @@ void InertialFusion::learnBias(const MotionFilter& by_poses, double dt) {
 void InertialFusion::compare(const MotionFilter& by_poses, double dt) {
   const Vector3<double> away = motion_.velocity() - by_poses.velocity();
   double distance = 0;
-  for (int axis = 0; axis < 3; ++axis) distance += away(axis) * away(axis) / (3 * by_poses.axis(axis).P(1, 1));
+  for (int axis = 0; axis < 3; ++axis)
+    distance += away(axis) * away(axis) / (3 * by_poses.axis(axis).P(1, 1));
   distance_ += std::min(1.0, dt / kCompared) * (distance - distance_);
   const bool near = distance_ < kMostDistance;
   agreed_ = near ? agreed_ + dt : 0;

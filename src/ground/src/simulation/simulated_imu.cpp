@@ -6,10 +6,11 @@ namespace ground {
 namespace {
 
 constexpr double kDegrees = M_PI / 180;
-constexpr double kTurnUnit = kDegrees / 16.4, kPushUnit = 9.80665 / SimulatedImu::kGravity;  // [rad/s], [m/s^2]
-constexpr double kTurnNoise = 0.1 * kDegrees, kPushNoise = 0.05;                              // of a sample
-constexpr double kTurnBias = 0.5 * kDegrees, kPushBias = 0.1;                                 // of a craft
-constexpr double kImuMounting = 2 * kDegrees, kImuPlace = 0.015;                                // [rad], [m]
+constexpr double kTurnUnit = kDegrees / 16.4,
+                 kPushUnit = 9.80665 / SimulatedImu::kGravity;    // [rad/s], [m/s^2]
+constexpr double kTurnNoise = 0.1 * kDegrees, kPushNoise = 0.05;  // of a sample
+constexpr double kTurnBias = 0.5 * kDegrees, kPushBias = 0.1;     // of a craft
+constexpr double kImuMounting = 2 * kDegrees, kImuPlace = 0.015;  // [rad], [m]
 
 }  // namespace
 

@@ -10,9 +10,9 @@ namespace ground {
 
 /// How a craft's gyro and accelerometer measure, as `identify info` finds it in recordings.
 struct InertialMounting {
-  double gyro_scale = 0;            ///< [rad/s] of a unit, negative if z points up; 0: the sensors are not used
-  double acceleration_scale = 0;    ///< [m/s^2] of a unit; 0: only the gyro is used
-  double mounting = 0;              ///< angle of the sensor in the frame of the poses [rad]
+  double gyro_scale = 0;          ///< [rad/s] of a unit, negative if z points up; 0: the sensors are not used
+  double acceleration_scale = 0;  ///< [m/s^2] of a unit; 0: only the gyro is used
+  double mounting = 0;            ///< angle of the sensor in the frame of the poses [rad]
   double ahead = 0, starboard = 0;  ///< place, from the markers [m]
   double delay = 0;                 ///< of the samples after the poses [s]
 };
@@ -58,8 +58,8 @@ class InertialFusion {
   MotionFilter motion_;
   bool following_ = false;
   double stamp_ = 0, pose_stamp_ = 0;  ///< of motion_ and of the last pose [s]
-  double agreed_ = 0;     ///< time since the filters disagreed [s]
-  double learned_ = 0;    ///< time over which biases were learned [s]
+  double agreed_ = 0;                  ///< time since the filters disagreed [s]
+  double learned_ = 0;                 ///< time over which biases were learned [s]
   double distance_ = 0;   ///< mean squared distance of the filters in the last moments, per component
   double turn_bias_ = 0;  ///< [rad/s]
   Vector2<double> bias_ = Vector2<double>::Zero();  ///< body [m/s^2]

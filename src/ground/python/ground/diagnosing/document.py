@@ -33,6 +33,7 @@ def begun(
     names = [run.name for run in diagnosis.runs]
     by = HOLDOUT if heldout else CROSSED
     after = conclusion.steps[-1]
+    sensed = [run.name for run in diagnosis.runs if run.inertial is not None]
     return {
         "schema": SCHEMA,
         "model": model_name,
@@ -40,7 +41,7 @@ def begun(
         "runs": {
             "fit": names,
             "heldout": [run.name for run in heldout] or names,
-            "inertial": [run.name for run in diagnosis.runs if run.inertial is not None],
+            **({"inertial": sensed} if sensed else {}),
         },
         "windows": {"used": len(diagnosis.cut), "available": diagnosis.fitter.available},
         "verdict": conclusion.verdict,
