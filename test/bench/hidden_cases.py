@@ -6,6 +6,7 @@ poses then take the path of a user's bag: they are repaired, smoothed and cut to
 """
 
 import copy
+import dataclasses
 import hashlib
 from dataclasses import asdict, dataclass, field
 
@@ -14,6 +15,7 @@ import numpy as np
 import hidden_craft
 import hidden_effects
 import hidden_grammar
+import hidden_inertial
 import hidden_noise
 import hidden_pilot
 import hidden_share
@@ -63,6 +65,7 @@ class Case:
     jitter: float = 0.0  # largest delay of single commands [s]
     level: float = 0.0  # sigma of the disturbance, relative to full thrust
     frame: str = "body"  # in which the disturbance keeps its direction: body, room or both
+    imu: bool = False  # whether gyro and accelerometer were recorded
     excess: float = 0.0  # error that a nameless effect causes, relative to the noise floor
 
     def describe(self):
@@ -480,6 +483,10 @@ def record_run(case, i):
         plan.rows[:, 1:],
         "hidden_craft",
     )
+    if case.imu:
+        sensed = random_of(case.kind, case.seed, "imu", i)
+        samples = hidden_inertial.samples(sensed, motion, plan.end, experiments.START)
+        recording = dataclasses.replace(recording, inertial=samples)
     return quality.repaired(recording).data(given_model(case))
 
 

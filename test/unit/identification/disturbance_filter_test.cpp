@@ -312,7 +312,7 @@ TEST_P(Filtered, AgreesWithAPlainKalmanFilter) {
     capped += s.capped();
     sum += seen.density;
     EXPECT_NEAR(s.log_density, seen.density, 1e-5 * (1 + std::abs(seen.density))) << k;
-    EXPECT_LT((filter_.whitened(k) - seen.white).norm(), 1e-5 * (1 + seen.white.norm())) << k;
+    EXPECT_LT((filter_.samples()[k].whitened() - seen.white).norm(), 1e-5 * (1 + seen.white.norm())) << k;
     EXPECT_LT((s.innovation - seen.innovation).norm(), 1e-7) << k;
     const auto row = static_cast<Eigen::Index>(k);
     const FilterVector deviation = seen.covariance.diagonal().cwiseSqrt();
@@ -386,7 +386,7 @@ class FixedGains {
         white(3 * row + a) = 0;
         for (int b = 0; b < 3; ++b) white(3 * row + a) += s.whitening(a, b) * innovation(b);
         distance += std::pow(white(3 * row + a), 2);
-        usual += std::pow(filter_.whitened(k)(a), 2);
+        usual += std::pow(filter_.samples()[k].whitened()(a), 2);
       }
       const double share = s.inflation > 1 ? usual / distance : 1;
       for (int a = 0; a < 3; ++a)
@@ -482,7 +482,7 @@ TEST_P(Filtered, ParameterScoresAreThoseOfFiniteDifferencesWithFixedGains) {
   for (std::size_t k = 0; k < seen_.size(); ++k) {
     const auto row = static_cast<Eigen::Index>(k);
     score.row(row * blocks / static_cast<Eigen::Index>(seen_.size())) -=
-        weight(3 * row) * filter_.whitened(k).transpose() * by_wrench.middleRows<3>(3 * row);
+        weight(3 * row) * filter_.samples()[k].whitened().transpose() * by_wrench.middleRows<3>(3 * row);
   }
   for (Eigen::Index j = 0; j < n; ++j)
     EXPECT_LT((found.score.col(j) - score.col(j)).norm(), 1e-3 * score.col(j).norm()) << kFree[j];

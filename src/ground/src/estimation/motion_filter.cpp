@@ -37,10 +37,12 @@ void AxisFilter::predict(double dt, double q) {
   P = F * P * F.transpose() + q * Q;
 }
 
-void AxisFilter::correct(double innovation, double r) {
-  const Eigen::Vector3d K = P.col(0) / (P(0, 0) + r);
+void AxisFilter::correct(double innovation, double r) { correct(0, innovation, r); }
+
+void AxisFilter::correct(int i, double innovation, double r) {
+  const Eigen::Vector3d K = P.col(i) / (P(i, i) + r);
   x += K * innovation;
-  P -= K * P.row(0).eval();
+  P -= K * P.row(i).eval();
   P = 0.5 * (P + P.transpose()).eval();
 }
 

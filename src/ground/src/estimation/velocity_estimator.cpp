@@ -12,12 +12,12 @@ constexpr double kBackwardJump = 1.0;  // an earlier stamp than this means that 
 
 }  // namespace
 
-void VelocityEstimator::publish() {
-  estimate_.eta = filter_.position();
-  bodyMotion(filter_.velocity(), filter_.acceleration(), estimate_.eta.z(), estimate_.nu, estimate_.nu_dot);
+void VelocityEstimator::publish(const MotionFilter& motion) {
+  estimate_.eta = motion.position();
+  bodyMotion(motion.velocity(), motion.acceleration(), estimate_.eta.z(), estimate_.nu, estimate_.nu_dot);
   // A heading error rotates the velocity: (u, v) += (v, -u) d psi.
   const Vector2<double> turned(estimate_.nu.y(), -estimate_.nu.x());
-  const Eigen::Matrix3d &x = filter_.axis(0).P, &y = filter_.axis(1).P, &psi = filter_.axis(2).P;
+  const Eigen::Matrix3d &x = motion.axis(0).P, &y = motion.axis(1).P, &psi = motion.axis(2).P;
   estimate_.eta_covariance.diagonal() << x(0, 0), y(0, 0), psi(0, 0);
   Matrix3<double>& C = estimate_.nu_covariance;
   // x and y have the same model and noise, so rotation into the body frame preserves their mean.
@@ -36,9 +36,15 @@ void bodyMotion(const Vector3<double>& velocity, const Vector3<double>& accelera
   nu_dot << worldToBody<double>(psi, a) + nu.z() * Vector2<double>(nu.y(), -nu.x()), acceleration.z();
 }
 
+const MotionFilter& VelocityEstimator::withSensors(double stamp, const Vector3<double>& eta) {
+  inertial_.update(stamp, eta, filter_, params_);
+  return inertial_.agrees() ? inertial_.motion() : filter_;
+}
+
 void VelocityEstimator::reset() {
   accepted_ = rejected_ = 0;
   jump_.clear();
+  inertial_.restart();
   estimate_ = StateEstimate();
 }
 
@@ -66,14 +72,15 @@ const StateEstimate& VelocityEstimator::update(double stamp, const Vector3<doubl
   if (!fresh) {
     filter_.predict(dt, params_);
     const bool accepted = filter_.correct(eta, params_);
-    publish();
+    publish(accepted ? withSensors(stamp, eta) : filter_);
     fresh = !accepted && jump_.add(stamp, eta, params_);
     if (!accepted && !fresh) return reject("the pose jumped");
   }
   if (fresh) {
     accepted_ = rejected_ = 0;
     filter_.start(eta, params_);
-    publish();
+    inertial_.restart();
+    publish(filter_);
   }
   ++accepted_;
   used_stamp_ = stamp;

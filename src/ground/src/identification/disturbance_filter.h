@@ -8,6 +8,7 @@
 
 #include "free_parameters.h"
 #include "ground/identification/grey_box.h"
+#include "inertial_steps.h"
 
 namespace ground::detail {
 
@@ -24,30 +25,45 @@ constexpr int kThrust = 14;    ///< the last of them
 using FilterVector = Eigen::Matrix<double, kFilterStates, 1>;
 using FilterMatrix = Eigen::Matrix<double, kFilterStates, kFilterStates>;
 
-/// Output of the filter at a sample: everything that derivatives of its innovations need.
-struct FilterSample {
-  RigidState<double> predicted, filtered;
-  Vector3<double> push;                              ///< wrench that acts until the next sample, body
-  Rotation<double> middle;                           ///< by the heading in the middle of the step
-  Eigen::Matrix<double, kFilterStates + 1, 3> gain;  ///< Kalman gain; its last row is zero
+/// A correction of the filter's state by three measured numbers.
+struct Correction {
+  Eigen::Matrix<double, kFilterStates + 1, 3> gain;     ///< Kalman gain; its last row is zero
+  Eigen::Matrix<double, kSensorErrors, 3> sensor_gain;  ///< that of the sensors' errors
   Matrix3<double> whitening;  ///< inverse Cholesky factor of the innovation's covariance
   Vector3<double> innovation;
+  double log_density;  ///< log-density of the numbers given those before them; 0 at a start
+  /// Factor by which the variance of the numbers' noise was increased (GreyBoxOptions::cap); 1 if not.
+  double inflation;
+
+  bool capped() const { return inflation > 1; }
+  Vector3<double> whitened() const { return whitening * innovation; }
+  /// Share of the numbers in scores. The log-density of capped ones falls with the logarithm of their
+  /// squared distance D, by 3/2 log D, that of others by D/2.
+  double weight() const { return capped() ? 3 / whitened().squaredNorm() : 1; }
+};
+
+/// Output of the filter at a sample: everything that derivatives of its innovations need.
+struct FilterSample : Correction {
+  RigidState<double> predicted, filtered;
+  Vector3<double> push;                   ///< wrench that acts until the next sample, body
+  Rotation<double> middle;                ///< by the heading in the middle of the step
   Matrix3<double> seen;                   ///< derivative of the measured pose by the pose
   Eigen::Matrix<double, 6, 6> motion;     ///< derivative of the next pose and velocity by these
   Eigen::Matrix<double, 6, 3> held;       ///< derivative of these by a held acceleration
   Eigen::Matrix<double, 6, 3> response;   ///< derivative of these by a held wrench
   Eigen::Matrix<double, 6, 1> by_thrust;  ///< derivative of these by a relative change of all thrust
   double dt;                              ///< time to the next sample; 0 at the end of a stretch [s]
-  double log_density;                     ///< log-density of the pose given those before it; 0 at a start
   bool starts;                            ///< first sample of a stretch: only the trims are carried over
-  /// Factor by which the variance of the pose's noise was increased (GreyBoxOptions::cap); 1 if not.
-  double inflation;
+};
 
-  bool capped() const { return inflation > 1; }
-  Vector3<double> whitened() const { return whitening * innovation; }
-  /// Share of the pose in scores. The log-density of a capped pose falls with the logarithm of its
-  /// squared distance D, by 3/2 log D, that of others by D/2.
-  double weight() const { return capped() ? 3 / whitened().squaredNorm() : 1; }
+/// Correction by what is inertial over the step that ends at a sample, before that by its pose.
+struct InertialSample : Correction {
+  bool used = false;                           ///< else nothing was measured in this step
+  RigidState<double> to;                       ///< predicted state at the step's end
+  Eigen::Matrix<double, 3, 6> by_from, by_to;  ///< derivative by pose and velocity at its start and end
+  SensorRows by_errors;                        ///< derivative by the sensors' errors
+  /// Covariance of the state before and after the step with the numbers.
+  Eigen::Matrix<double, kFilterStates + 1, 3> with_before, with;
 };
 
 /// Filtered state at a sample: its distribution given the poses up to and including the sample.
@@ -101,7 +117,7 @@ class DisturbanceFilter {
                    std::vector<FilterBelief>* kept = nullptr) const;
   /// Derivatives by the logarithms of the levels, over all samples; zero for the levels `held`.
   RunLevelScores levelScores(const DisturbanceLevels& levels, const std::set<int>& held = {}) const;
-  /// Response of the whitened innovations to wrenches held from sample to sample, (3 n, columns).
+  /// Response of the innovations of whitened(), row by row, to wrenches held from sample to sample.
   /// Three columns of `acting` a wrench: X, Y, N.
   Eigen::MatrixXd responses(const Eigen::MatrixXd& acting) const;
 
@@ -111,7 +127,9 @@ class DisturbanceFilter {
   const std::vector<FilterSample>& samples() const { return samples_; }
   /// The last sample before the next gap.
   std::size_t lastOfStretch(std::size_t sample) const;
-  Vector3<double> whitened(std::size_t sample) const { return samples_[sample].whitened(); }
+  /// Whitened innovations, a row a sample: of the pose, then of what is inertial in the step before it if
+  /// the run has that, zeros where none was measured.
+  Eigen::MatrixXd whitened() const;
   /// Constant states at the end of the run, and their standard deviations: X, Y, N, thrust.
   Eigen::Vector4d constants() const { return constants_.bottomRows<1>(); }
   const Eigen::Vector4d& constantsSigma() const { return constants_sigma_; }
@@ -123,11 +141,17 @@ class DisturbanceFilter {
  private:
   int blockCount(double block) const;
   int blockOf(std::size_t sample, int blocks) const;
+  /// The InertialSample of a sample; null if it has none.
+  const InertialSample* inertialAt(std::size_t sample) const {
+    return inertial_.empty() || !inertial_[sample].used ? nullptr : &inertial_[sample];
+  }
 
   const RunData& run_;
   const Eigen::MatrixX3d& poses_;
   std::vector<bool> starts_;
   std::vector<FilterSample> samples_;
+  InertialSteps steps_;
+  std::vector<InertialSample> inertial_;  ///< empty if the run has nothing inertial
   Eigen::MatrixX3d wrench_;
   Eigen::MatrixX4d constants_;
   Eigen::Vector4d constants_sigma_;

@@ -9,13 +9,17 @@ namespace {
 
 using WrenchByState = Eigen::Matrix<double, 3, kFilterStates>;
 
-/// The prediction of the filter from one sample to the next: mean, covariance, and derivative F by the state.
+/// The states at one sample and the next one given the poses until the first and what is inertial between
+/// them.
 struct Prediction {
-  FilterVector mean;
-  FilterMatrix covariance, F = FilterMatrix::Identity();
+  FilterVector before, mean;
+  FilterMatrix covariance_before, covariance;
+  FilterMatrix across;  ///< covariance of the next state with the first
 
-  Prediction(const FilterBelief& from, const FilterSample& s, const FilterSample& next, const Random& random)
-      : mean(from.mean) {
+  Prediction(const FilterBelief& from, const FilterSample& s, const FilterSample& next,
+             const InertialSample* inertial, const Random& random)
+      : before(from.mean), mean(from.mean), covariance_before(from.covariance) {
+    FilterMatrix F = FilterMatrix::Identity();
     Covariance moved;
     moved.P.topLeftCorner<kFilterStates, kFilterStates>() = from.covariance;
     if (next.starts) {  // only the constants of the run are carried over
@@ -29,8 +33,23 @@ struct Prediction {
       mean.segment<kProcesses>(kSlow).array() *= step.left;
       moved.move(s, step);
     }
-    mean.head<6>() << next.predicted.eta, next.predicted.nu;
     covariance = moved.P.topLeftCorner<kFilterStates, kFilterStates>();
+    across = F * from.covariance;
+    if (inertial) correct(*inertial);
+    mean.head<6>() << next.predicted.eta, next.predicted.nu;
+  }
+
+ private:
+  void correct(const InertialSample& s) {
+    using ByState = Eigen::Matrix<double, kFilterStates, 3>;
+    const ByState with_before = s.with_before.topRows<kFilterStates>();
+    const ByState gain_before = with_before * s.whitening.transpose() * s.whitening;
+    const ByState gain = s.gain.topRows<kFilterStates>(), with = s.with.topRows<kFilterStates>();
+    before += gain_before * s.innovation;
+    mean += gain * s.innovation;
+    covariance_before -= gain_before * with_before.transpose();
+    covariance -= gain * with.transpose();
+    across -= gain * with_before.transpose();
   }
 };
 
@@ -59,13 +78,13 @@ SmoothedWrench DisturbanceFilter::smooth(const Model& model, const DisturbanceLe
     if (k + 1 < filtered.size()) {
       // x_k|n = x_k|k + G (x_k+1|n - x_k+1|k), P_k|n = P_k|k + G (P_k+1|n - P_k+1|k) G',
       // G = P_k|k F' P_k+1|k^-1; scaled, because the states differ by orders of magnitude.
-      const Prediction next(filtered[k], samples_[k], samples_[k + 1], random);
+      const Prediction next(filtered[k], samples_[k], samples_[k + 1], inertialAt(k + 1), random);
       const FilterVector scale = next.covariance.diagonal().cwiseMax(1e-30).cwiseSqrt().cwiseInverse();
       const FilterMatrix even = scale.asDiagonal() * next.covariance * scale.asDiagonal();
-      const FilterMatrix across = scale.asDiagonal() * next.F * filtered[k].covariance;
+      const FilterMatrix across = scale.asDiagonal() * next.across;
       const FilterMatrix G = (scale.asDiagonal() * even.ldlt().solve(across)).transpose();
-      x = filtered[k].mean + G * (x - next.mean);
-      P = filtered[k].covariance + G * (P - next.covariance) * G.transpose();
+      x = next.before + G * (x - next.mean);
+      P = next.covariance_before + G * (P - next.covariance) * G.transpose();
     }
     const WrenchByState W = wrenchByState(x(2));
     result.wrench.row(static_cast<Eigen::Index>(k)) = W * x;

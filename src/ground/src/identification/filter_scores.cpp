@@ -14,8 +14,9 @@ class Sensitivity {
  public:
   Sensitivity(const Model& model, const Free& free, const RunData& run)
       : n_(static_cast<int>(free.index.size())),
-        state_(Eigen::MatrixXd::Zero(kN, 2 * n_)),
-        seen_(Eigen::Matrix3Xd::Zero(3, 2 * n_)) {
+        x_(!run.inertial.empty(), 2 * n_),
+        seen_(Eigen::Matrix3Xd::Zero(3, 2 * n_)),
+        place_(run.inertial.place) {
     const std::vector<double> base = model.coordinates();
     for (int first = 0; first < n_; first += kDerivatives) {
       std::vector<Jet> coordinates(base.begin(), base.end());
@@ -29,7 +30,7 @@ class Sensitivity {
   }
 
   void forget(double until) {
-    forgetDeviation(state_);
+    forgetDeviation(x_.state);
     for (Simulation<Jet>& simulation : simulations_) passGap(simulation, until);
   }
 
@@ -44,14 +45,26 @@ class Sensitivity {
       for (int a = 0; a < 3; ++a)
         eachOf(g, [&](int column, int j) { seen_(a, column) = seen_(a, n_ + column) = seen.eta(a).v[j]; });
     }
-    white_ = correctDeviation(s, seen_, state_);
+    white_ = correctDeviation(s, seen_, x_);
+  }
+
+  /// By inertial means over the step that begins at sample `from`.
+  void correct(const InertialSample& s, const FilterSample& from) {
+    for (std::size_t g = 0; g < dynamics_.size(); ++g) {
+      if (!dynamics_[g].distorts()) continue;
+      const Vector3<Jet> mean = inertialBetween(dynamics_[g].measure(cast<Jet>(from.filtered)),
+                                                dynamics_[g].measure(cast<Jet>(s.to)), from.dt, place_);
+      for (int a = 0; a < 3; ++a)
+        eachOf(g, [&](int column, int j) { seen_(a, column) = seen_(a, n_ + column) = mean(a).v[j]; });
+    }
+    white_ = correctDeviation(s, seen_, x_);
   }
 
   /// Derivatives with the same wrenches, (kFilterStates, parameters).
-  Eigen::MatrixXd underWrenches() const { return state_.topLeftCorner(kFilterStates, n_); }
+  Eigen::MatrixXd underWrenches() const { return x_.state.topLeftCorner(kFilterStates, n_); }
 
   void move(const FilterSample& s, const Random::Step& step, double until) {
-    moveDeviation(s, step, state_);
+    x_.move(s, step);
     const RigidState<Jet> here = cast<Jet>(s.filtered);
     for (std::size_t g = 0; g < dynamics_.size(); ++g) {
       simulations_[g].state() = here;
@@ -77,8 +90,8 @@ class Sensitivity {
         moved(3 + i) = to.nu(i).v[j];
       }
       const Vector3<double> push(pushed(0).v[j], pushed(1).v[j], pushed(2).v[j]);
-      state_.col(n_ + column).head<6>() += moved;
-      state_.col(column).head<6>() += moved + s.held * push;
+      x_.state.col(n_ + column).head<6>() += moved;
+      x_.state.col(column).head<6>() += moved + s.held * push;
     });
   }
 
@@ -86,8 +99,9 @@ class Sensitivity {
   std::vector<Dynamics<Jet>> dynamics_;  ///< with derivatives by eight parameters each
   std::vector<Matrix3<Jet>> mobility_;
   std::vector<Simulation<Jet>> simulations_;
-  Eigen::MatrixXd state_;
+  Deviations x_;
   Eigen::Matrix3Xd seen_, white_;
+  Vector2<double> place_;
 };
 
 /// Derivatives at a sample by a level: of the whitened innovation (3), of its covariance (the lower
@@ -97,8 +111,10 @@ using LevelRow = Eigen::Matrix<double, 9, 1>;
 /// Finite difference of the filter by one level.
 class LevelDeviation {
  public:
-  LevelDeviation(const DisturbanceLevels& levels, const Vector3<double>& noise, int level)
-      : unchanged_(levels, noise), random_(changed(levels, level), noise) {}
+  LevelDeviation(const DisturbanceLevels& levels, const RunData& run, int level)
+      : unchanged_(levels, run.noise),
+        random_(changed(levels, level), run.noise),
+        covariance_(!run.inertial.empty()) {}
 
   void start(bool first) {
     covariance_.start(random_, first);
@@ -108,27 +124,20 @@ class LevelDeviation {
 
   /// Returns the derivatives; those of capped poses and of a stretch's first one are not used.
   LevelRow correct(const FilterSample& s) {
-    const Seen seen(s, random_, covariance_.P);
-    const Vector3<double> innovation = s.innovation - s.seen * x_.head<3>();
-    // A pose whose noise was increased keeps the gain of the unchanged levels.
-    Gain gain = s.gain;
-    if (!s.capped()) gain = seen.PH * seen.S.inverse();
-    const StateVector without = s.gain * s.innovation;
-    x_ += gain * innovation - without;
-    processes_ += without.segment<kProcesses>(kSlow);
-    // The gain of a capped pose is not that of this covariance: the product is not symmetric then.
-    covariance_.P -= gain * seen.PH.transpose();
-    covariance_.P = StateMatrix(covariance_.P.selfadjointView<Eigen::Upper>());
-    LevelRow row;
-    row.head<3>() = s.whitening * (innovation - s.innovation);
-    const Matrix3<double> change =
-        s.whitening * seen.S * s.whitening.transpose() - Matrix3<double>::Identity();
-    for (int a = 0, at = 3; a < 3; ++a)
-      for (int b = 0; b <= a; ++b) row(at++) = change(a, b);
-    return row / kChange;
+    return correct(s, seenPose(s, random_, covariance_), s.innovation - s.seen * x_.head<3>());
+  }
+
+  /// By inertial means of this noise over the step that begins at sample `from`.
+  LevelRow correct(const InertialSample& s, const FilterSample& from, const Eigen::RowVector3d& noise) {
+    return correct(s, seenInertial(s, from, random_.over(from.dt), noise, before_, covariance_),
+                   s.innovation - s.by_to * x_.head<6>() - s.by_from * x_before_ - s.by_errors * errors_);
   }
 
   void move(const FilterSample& s) {
+    if (covariance_.sensed) {
+      before_ = covariance_;
+      x_before_ = x_.head<6>();
+    }
     const Random::Step step = random_.over(s.dt), unchanged = unchanged_.over(s.dt);
     covariance_.move(s, step);
     moveDeviation(s, step, x_);
@@ -141,6 +150,37 @@ class LevelDeviation {
  private:
   static constexpr double kChange = 1e-3;  ///< of the level's logarithm
 
+  /// Corrects by an innovation; returns its derivatives.
+  LevelRow correct(const Correction& s, const Seen& seen, const Vector3<double>& innovation) {
+    // A pose whose noise was increased keeps the gain of the unchanged levels.
+    Gain gain = s.gain;
+    if (!s.capped()) gain = seen.PH * seen.S.inverse();
+    const StateVector without = s.gain * s.innovation;
+    x_ += gain * innovation - without;
+    processes_ += without.segment<kProcesses>(kSlow);
+    // The gain of a capped pose is not that of this covariance: the product is not symmetric then.
+    covariance_.P -= gain * seen.PH.transpose();
+    covariance_.P = StateMatrix(covariance_.P.selfadjointView<Eigen::Upper>());
+    if (covariance_.sensed) correctErrors(s, seen, gain, innovation);
+    LevelRow row;
+    row.head<3>() = s.whitening * (innovation - s.innovation);
+    const Matrix3<double> change =
+        s.whitening * seen.S * s.whitening.transpose() - Matrix3<double>::Identity();
+    for (int a = 0, at = 3; a < 3; ++a)
+      for (int b = 0; b <= a; ++b) row(at++) = change(a, b);
+    return row / kChange;
+  }
+
+  void correctErrors(const Correction& s, const Seen& seen, const Gain& gain,
+                     const Vector3<double>& innovation) {
+    Eigen::Matrix<double, kSensorErrors, 3> error_gain = s.sensor_gain;
+    if (!s.capped()) error_gain = seen.errors * seen.S.inverse();
+    errors_ += error_gain * innovation - s.sensor_gain * s.innovation;
+    covariance_.with_errors -= gain * seen.errors.transpose();
+    const auto errors = (covariance_.errors - error_gain * seen.errors.transpose()).eval();
+    covariance_.errors = 0.5 * (errors + errors.transpose());
+  }
+
   static DisturbanceLevels changed(const DisturbanceLevels& levels, int level) {
     auto values = levels.values();
     values[static_cast<std::size_t>(level)] *= std::exp(kChange);
@@ -150,6 +190,10 @@ class LevelDeviation {
   Random unchanged_, random_;
   Covariance covariance_;
   StateVector x_ = StateVector::Zero();
+  SensorVector errors_ = SensorVector::Zero();  ///< deviation of the sensors' errors
+  // Before the last step, of runs with inertial samples:
+  Covariance before_;
+  Eigen::Matrix<double, 6, 1> x_before_;
   /// The filtered processes with the unchanged levels.
   Eigen::Matrix<double, kProcesses, 1> processes_ = Eigen::Matrix<double, kProcesses, 1>::Zero();
 };
@@ -181,17 +225,22 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
   for (std::size_t k = 0; k < samples_.size(); ++k) {
     const FilterSample& s = samples_[k];
     if (s.starts && k > 0) sensitivity.forget(run_.times[k]);
-    sensitivity.correct(s);
-    for (; kept && next < kept->size() && (*kept)[next].sample == static_cast<int>(k); ++next)
-      (*kept)[next].sensitivity = sensitivity.underWrenches();
-    if (!s.starts) {
+    const auto add = [&](const Correction& correction) {
       const auto by_wrench = sensitivity.white().leftCols(n);
       const auto by_acceleration = sensitivity.white().rightCols(n);
-      const double weight = s.weight();
-      sums.score.row(blockOf(k, blocks)) -= weight * s.whitened().transpose() * by_wrench;
+      const double weight = correction.weight();
+      sums.score.row(blockOf(k, blocks)) -= weight * correction.whitened().transpose() * by_wrench;
       sums.information += weight * by_wrench.transpose() * by_wrench;
       sums.by_acceleration += weight * by_acceleration.transpose() * by_acceleration;
+    };
+    if (const InertialSample* inertial = inertialAt(k)) {
+      sensitivity.correct(*inertial, samples_[k - 1]);
+      add(*inertial);
     }
+    sensitivity.correct(s);
+    if (!s.starts) add(s);
+    for (; kept && next < kept->size() && (*kept)[next].sample == static_cast<int>(k); ++next)
+      (*kept)[next].sensitivity = sensitivity.underWrenches();
     if (s.dt > 0) sensitivity.move(s, random.over(s.dt), run_.times[k + 1]);
   }
   return sums;
@@ -199,26 +248,39 @@ RunScores DisturbanceFilter::scores(const Model& model, const Free& free, double
 
 RunLevelScores DisturbanceFilter::levelScores(const DisturbanceLevels& levels,
                                               const std::set<int>& held) const {
-  Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(9 * static_cast<Eigen::Index>(samples_.size()), kLevels);
+  const Eigen::Index parts = inertial_.empty() ? 1 : 2;  // of a sample: pose, inertial means
+  const auto count = static_cast<Eigen::Index>(samples_.size());
+  Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(9 * parts * count, kLevels);
   for (int level = 0; level < kLevels; ++level) {
     if (held.count(level) > 0) continue;
-    LevelDeviation deviation(levels, run_.noise, level);
+    LevelDeviation deviation(levels, run_, level);
+    // Capped corrections do not count: their density hardly depends on the levels, so that levels of
+    // ever more capped ones would seem ever likelier.
+    const auto keep = [&](const Correction& s, Eigen::Index part, const LevelRow& row) {
+      if (!s.capped()) rows.block<9, 1>(9 * part, level) = row;
+    };
     for (std::size_t k = 0; k < samples_.size(); ++k) {
       const FilterSample& s = samples_[k];
+      const auto at = static_cast<Eigen::Index>(k);
       if (s.starts) deviation.start(k == 0);
+      if (const InertialSample* inertial = inertialAt(k))
+        keep(*inertial, parts * at + 1, deviation.correct(*inertial, samples_[k - 1], steps_.noise.row(at)));
       const LevelRow row = deviation.correct(s);
-      // Capped poses do not count: their density hardly depends on the levels, so that levels of
-      // ever more capped poses would seem ever likelier.
-      if (!s.starts && !s.capped()) rows.block<9, 1>(9 * static_cast<Eigen::Index>(k), level) = row;
+      if (!s.starts) keep(s, parts * at, row);
       if (s.dt > 0) deviation.move(s);
     }
   }
   RunLevelScores sums{Eigen::VectorXd::Zero(kLevels), Eigen::MatrixXd::Zero(kLevels, kLevels)};
   const LevelRow weight = levelWeight();
-  for (std::size_t k = 0; k < samples_.size(); ++k) {
-    const auto part = rows.middleRows<9>(9 * static_cast<Eigen::Index>(k));
-    sums.score += part.transpose() * levelPull(whitened(k));
+  const auto add = [&](const Correction& s, Eigen::Index at) {
+    const auto part = rows.middleRows<9>(9 * at);
+    sums.score += part.transpose() * levelPull(s.whitened());
     sums.information += part.transpose() * (weight.asDiagonal() * part);
+  };
+  for (std::size_t k = 0; k < samples_.size(); ++k) {
+    const Eigen::Index at = parts * static_cast<Eigen::Index>(k);
+    if (const InertialSample* inertial = inertialAt(k)) add(*inertial, at + 1);
+    add(samples_[k], at);
   }
   return sums;
 }

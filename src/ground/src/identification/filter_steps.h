@@ -82,9 +82,27 @@ inline MotionByState motionByState(const FilterSample& s, const Random::Step& st
   return G;
 }
 
-/// Covariance P of the filter's state.
+/// Propagates deviations of the filter's state, a column each, by one step.
+template <class Columns>
+void moveDeviation(const FilterSample& s, const Random::Step& step, Columns& x) {
+  const auto next = (motionByState(s, step) * x).eval();
+  x.template topRows<6>() = next;
+  x.template middleRows<kProcesses>(kSlow).array().colwise() *= step.left;
+}
+
+/// Covariance of the filter's state, with itself and with the errors of sensors, which only runs with
+/// inertial samples have.
 struct Covariance {
   StateMatrix P = StateMatrix::Zero();
+  Eigen::Matrix<double, kN, kSensorErrors> with_errors;
+  Eigen::Matrix<double, kSensorErrors, kSensorErrors> errors;
+  bool sensed;
+
+  explicit Covariance(bool has_sensors = false) : sensed(has_sensors) {
+    if (!sensed) return;
+    with_errors.setZero();
+    errors = sensorDeviations().cwiseAbs2().asDiagonal();
+  }
 
   /// Initial covariance of a stretch. Keeps that of the constant states unless `first`.
   void start(const Random& random, bool first) {
@@ -97,6 +115,7 @@ struct Covariance {
         kSpeed * kSpeed, kYawRate * kYawRate, random.variance, random.constant, 0;
     P = variances.asDiagonal();
     if (!first) P.block<kConstants, kConstants>(kConstant, kConstant) = known;
+    if (sensed) with_errors.topRows<kConstant>().setZero();
   }
 
   /// Prediction: P = F P F' + Q, with the motion's rows G of F.
@@ -118,26 +137,51 @@ struct Covariance {
     P.bottomLeftCorner<kRest, kMotion>() = across.transpose();
     P.bottomRightCorner<kRest, kRest>().array() *= (left * left.transpose()).array();
     P.diagonal().segment<kProcesses>(kSlow).array() += step.added;
+    if (sensed) moveDeviation(s, step, with_errors);
   }
 };
 
 /// Measurement update of a Kalman filter, before the cap of distances.
 struct Seen {
-  Gain PH;            ///< P H'
-  Eigen::Matrix3d S;  ///< H P H' + R
-
-  Seen(const FilterSample& s, const Random& random, const StateMatrix& P)
-      : PH(P.leftCols<3>() * s.seen.transpose()), S(s.seen * PH.topRows<3>()) {
-    S.diagonal().array() += random.noise;
-  }
+  Gain PH;                                         ///< P H'
+  Eigen::Matrix<double, kSensorErrors, 3> errors;  ///< the same of the errors of sensors, if there are any
+  Eigen::Matrix3d S;                               ///< H P H' + R
 };
 
-/// Propagates deviations of the filter's state, a column each, by one step.
-template <class Columns>
-void moveDeviation(const FilterSample& s, const Random::Step& step, Columns& x) {
-  const auto next = (motionByState(s, step) * x).eval();
-  x.template topRows<6>() = next;
-  x.template middleRows<kProcesses>(kSlow).array().colwise() *= step.left;
+inline Seen seenPose(const FilterSample& s, const Random& random, const Covariance& covariance) {
+  Seen seen;
+  seen.PH = covariance.P.leftCols<3>() * s.seen.transpose();
+  seen.S = s.seen * seen.PH.topRows<3>();
+  seen.S.diagonal().array() += random.noise;
+  if (covariance.sensed) seen.errors = covariance.with_errors.topRows<3>().transpose() * s.seen.transpose();
+  return seen;
+}
+
+/// Update by inertial means of this noise over the step that begins at sample s. They depend on the motion
+/// at both its ends, so that the wrench within the step, also its white part, is in the motion at its end.
+/// Covariances before and after the step. with_before: set to that of the state before it with the means.
+inline Seen seenInertial(const InertialSample& i, const FilterSample& s, const Random::Step& step,
+                         const Eigen::RowVector3d& noise, const Covariance& before, const Covariance& after,
+                         Gain* with_before = nullptr) {
+  Eigen::Matrix<double, kN, 6> across = before.P.leftCols<6>();
+  moveDeviation(s, step, across);  // covariance of the state after the step with the motion before it
+  Seen seen;
+  seen.PH = after.P.leftCols<6>() * i.by_to.transpose() + across * i.by_from.transpose() +
+            after.with_errors * i.by_errors.transpose();
+  const Gain by_start =
+      before.P.leftCols<6>() * i.by_from.transpose() + before.with_errors * i.by_errors.transpose();
+  seen.errors = after.with_errors.topRows<6>().transpose() * i.by_to.transpose() +
+                before.with_errors.topRows<6>().transpose() * i.by_from.transpose() +
+                after.errors * i.by_errors.transpose();
+  seen.S = i.by_to * seen.PH.topRows<6>() +
+           i.by_from * (across.topRows<6>().transpose() * i.by_to.transpose() + by_start.topRows<6>()) +
+           i.by_errors * seen.errors;
+  seen.S.diagonal().array() += noise.transpose().array().square();
+  if (with_before) {
+    const MotionByState G = motionByState(s, step);
+    *with_before = by_start + before.P * G.transpose() * i.by_to.transpose();
+  }
+  return seen;
 }
 
 /// Sets deviations to zero at the start of a stretch, except for those of the constant states.
@@ -152,11 +196,24 @@ inline void passGap(Simulation<Jet>& simulation, double until) {
   simulation.advance(until);
 }
 
-/// Corrects deviations of the state by the filter's gain. `seen`: changes of the measured pose apart
-/// from those by the state. Returns the deviations of the whitened innovation.
-inline Eigen::Matrix3Xd correctDeviation(const FilterSample& s, const Eigen::Matrix3Xd& seen,
-                                         Eigen::MatrixXd& x) {
-  Eigen::Matrix3Xd change = -seen - s.seen * x.topRows<3>();
+/// Deviations of the state and, of runs with inertial samples, of the errors of sensors, a column each.
+struct Deviations {
+  Eigen::MatrixXd state, errors;
+  Eigen::MatrixXd before;  ///< those of the motion before the last step
+
+  Deviations(bool sensed, Eigen::Index count)
+      : state(Eigen::MatrixXd::Zero(kN, count)),
+        errors(Eigen::MatrixXd::Zero(sensed ? kSensorErrors : 0, count)) {}
+
+  void move(const FilterSample& s, const Random::Step& step) {
+    if (errors.rows() > 0) before = state.topRows<6>();
+    moveDeviation(s, step, state);
+  }
+};
+
+/// Corrects deviations by the filter's gain, given those of the innovation. Returns the deviations of the
+/// whitened innovation.
+inline Eigen::Matrix3Xd correctDeviation(const Correction& s, Eigen::Matrix3Xd change, Deviations& x) {
   const Eigen::Matrix3Xd white = s.whitening * change;
   if (s.capped()) {
     // The gain falls with the square of the innovation's size, so that the correction falls with
@@ -165,8 +222,22 @@ inline Eigen::Matrix3Xd correctDeviation(const FilterSample& s, const Eigen::Mat
     const Eigen::RowVectorXd longer = 2 / e.squaredNorm() * (e.transpose() * white);
     change -= s.innovation * longer;
   }
-  x += s.gain * change;
+  x.state += s.gain * change;
+  if (x.errors.rows() > 0) x.errors += s.sensor_gain * change;
   return white;
+}
+
+/// By a pose. `seen`: changes of the measured pose apart from those by the state.
+inline Eigen::Matrix3Xd correctDeviation(const FilterSample& s, const Eigen::Matrix3Xd& seen, Deviations& x) {
+  return correctDeviation(static_cast<const Correction&>(s), -seen - s.seen * x.state.topRows<3>(), x);
+}
+
+/// By inertial means. `seen` likewise.
+inline Eigen::Matrix3Xd correctDeviation(const InertialSample& s, const Eigen::Matrix3Xd& seen,
+                                         Deviations& x) {
+  return correctDeviation(
+      static_cast<const Correction&>(s),
+      -seen - s.by_to * x.state.topRows<6>() - s.by_from * x.before - s.by_errors * x.errors, x);
 }
 
 }  // namespace ground::detail

@@ -233,11 +233,10 @@ GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double c
   requireFinite(filter.run(point.model, levelsOf(point, at), cap));
   const auto count = static_cast<Eigen::Index>(filter.samples().size());
   GreyBoxResiduals result;
-  result.whitened.resize(count, 3);
+  result.whitened = filter.whitened();
   result.states.resize(count, 6);
   for (std::size_t k = 0; k < filter.samples().size(); ++k) {
     const FilterSample& sample = filter.samples()[k];
-    result.whitened.row(static_cast<Eigen::Index>(k)) = filter.whitened(k);
     result.states.row(static_cast<Eigen::Index>(k)) << sample.filtered.eta.transpose(),
         sample.filtered.nu.transpose();
     result.scored.push_back(!sample.starts);

@@ -8,6 +8,14 @@
 #include "checks.h"
 
 namespace ground {
+namespace {
+
+bool ascends(const std::vector<double>& times) {
+  return std::is_sorted(times.begin(), times.end()) &&
+         std::all_of(times.begin(), times.end(), [](double t) { return std::isfinite(t); });
+}
+
+}  // namespace
 
 void checkRun(const RunData& run) {
   const auto require = [&run](bool good, const char* wrong) {
@@ -19,13 +27,17 @@ void checkRun(const RunData& run) {
               (run.poses.rows() == count || run.poses.rows() == 0),
           "times, eta, nu and poses differ in length");
   require(run.eta.allFinite() && run.nu.allFinite() && run.poses.allFinite(), "a measurement is not finite");
-  require(std::is_sorted(run.times.begin(), run.times.end()) &&
-              std::all_of(run.times.begin(), run.times.end(), [](double t) { return std::isfinite(t); }),
-          "times descend or are not finite");
+  require(ascends(run.times), "times descend or are not finite");
   require(run.noise.allFinite() && run.noise.minCoeff() > 0,
           "the noise of poses must be positive and finite");
   require((run.wrench.rows() == count || run.wrench.rows() == 0) && run.wrench.allFinite(),
           "the known wrench is not finite or has not a row a sample");
+  const InertialData& inertial = run.inertial;
+  require(inertial.values.rows() == static_cast<Eigen::Index>(inertial.times.size()) &&
+              inertial.values.allFinite() && ascends(inertial.times),
+          "inertial samples are not finite, or their times are not or descend");
+  require(inertial.noise.allFinite() && inertial.noise.minCoeff() > 0 && inertial.place.allFinite(),
+          "the noise of inertial samples must be positive and finite, their place finite");
 }
 
 namespace detail {

@@ -2,6 +2,7 @@
 #include <ground/MocapStateConfig.h>
 #include <ground_msgs/MocapSettings.h>
 #include <ground_msgs/State.h>
+#include <ground_msgs/Telemetry.h>
 #include <nav_msgs/Odometry.h>
 #include <tf2_ros/static_transform_broadcaster.h>
 #include <tf2_ros/transform_broadcaster.h>
@@ -39,7 +40,9 @@ namespace ground {
 /// in the mocap's axes), those of MocapState.cfg, which can be changed at run time, and recorded
 /// (optional): the settings of a replayed run, a list of from
 /// [s], axes and heading_offset [rad]. Each applies to poses stamped after `from`, the first also
-/// to earlier ones. Subscribes: vrpn_client_node/hovercraft/pose. Publishes: state, odometry,
+/// to earlier ones. imu/gyro_scale, acceleration_scale, mounting, ahead, starboard, delay (0: no sensors;
+/// see InertialMounting): the craft's gyro and accelerometer make velocities better, never valid.
+/// Subscribes: vrpn_client_node/hovercraft/pose, sender/telemetry. Publishes: state, odometry,
 /// ~settings (axes and heading_offset, latched), and on tf world -> world_ned (z down) ->
 /// hovercraft.
 ///
@@ -80,6 +83,9 @@ class MocapState : public Shell {
     static_broadcaster_->sendTransform(down);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) { apply(c); });
     thread_ = std::thread([this] { watch(); });
+    loadSensors(nh);
+    sensors_ = topics.subscribe("sender/telemetry", 10, &MocapState::onTelemetry, this,
+                                ros::TransportHints().tcpNoDelay());
     subscriber_ = topics.subscribe("vrpn_client_node/hovercraft/pose", 10, &MocapState::onPose, this,
                                    ros::TransportHints().tcpNoDelay());
   }
@@ -105,6 +111,37 @@ class MocapState : public Shell {
     axes_ = recorded_.front().axes;
     nh.setParam("axes", axes_);
     nh.setParam("heading_offset", recorded_.front().heading_offset);
+  }
+
+  void loadSensors(ros::NodeHandle& nh) {
+    InertialMounting mounting;
+    mounting.gyro_scale = optionalParameter<double>(nh, "imu/gyro_scale", 0.0);
+    mounting.acceleration_scale = optionalParameter<double>(nh, "imu/acceleration_scale", 0.0);
+    mounting.mounting = optionalParameter<double>(nh, "imu/mounting", 0.0);
+    mounting.ahead = optionalParameter<double>(nh, "imu/ahead", 0.0);
+    mounting.starboard = optionalParameter<double>(nh, "imu/starboard", 0.0);
+    mounting.delay = optionalParameter<double>(nh, "imu/delay", 0.0);
+    for (const double value : {mounting.gyro_scale, mounting.acceleration_scale, mounting.mounting,
+                               mounting.ahead, mounting.starboard, mounting.delay})
+      if (!std::isfinite(value)) throw std::runtime_error("parameters imu/* must be finite");
+    has_sensors_ = mounting.gyro_scale != 0;
+    estimator_.inertial().setMounting(mounting);
+  }
+
+  void onTelemetry(const ground_msgs::Telemetry::ConstPtr& sample) {
+    const std::lock_guard lock(mutex_);
+    estimator_.inertial().sample(sample->header.stamp.toSec(), sample->gyro[2],
+                                 {sample->acc[0], sample->acc[1]});
+  }
+
+  /// Logs that the craft's sensors begin or cease to count.
+  void reportSensors() {
+    const bool used = estimator_.inertial().agrees();
+    if (!has_sensors_ || used == sensors_used_) return;
+    sensors_used_ = used;
+    const std::string name = "mocap_state: gyro and accelerometer ";
+    if (used) log_.info(name + "agree with the poses and count");
+    if (!used) log_.warn(name + "do not count: " + estimator_.inertial().status());
   }
 
   void apply(const Config& c) {
@@ -158,6 +195,7 @@ class MocapState : public Shell {
     const bool was_stale = steadyNow() - last_pose_ > timeout_;
     last_pose_ = steadyNow();
     if (was_stale) wake_.notify_all();
+    reportSensors();
     const std::string doubt = estimate.valid ? doubts() : estimate.status;
     publish(estimate, estimate.valid && doubt.empty(), doubt);
     if (estimate.used) publishOdometry(estimate);
@@ -313,7 +351,8 @@ class MocapState : public Shell {
   std::unique_ptr<tf2_ros::StaticTransformBroadcaster> static_broadcaster_;
   std::unique_ptr<tf2_ros::TransformBroadcaster> broadcaster_;
   ros::Publisher state_publisher_, odometry_publisher_, settings_publisher_;
-  ros::Subscriber subscriber_;
+  ros::Subscriber subscriber_, sensors_;
+  bool has_sensors_ = false, sensors_used_ = false;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
 };
 

@@ -25,6 +25,7 @@
 #include "ground/nodelets/model_service.h"
 #include "ground/nodelets/parameters.h"
 #include "ground/nodelets/shell.h"
+#include "ground/simulation/simulated_imu.h"
 #include "ground/simulation/simulated_lab.h"
 
 namespace ground {
@@ -57,6 +58,7 @@ class Simulator : public Shell {
     SimulatedLab::Params room;
     room.seed = static_cast<unsigned long>(seed);
     room.start = 1000;
+    imu_ = SimulatedImu(static_cast<unsigned>(seed));
     room.initial.eta << optionalParameter<double>(nh, "x", 0.0), optionalParameter<double>(nh, "y", 0.0),
         optionalParameter<double>(nh, "psi", 0.0);
     if (!room.initial.eta.allFinite()) throw std::runtime_error("x, y and psi must be finite");
@@ -214,14 +216,11 @@ class Simulator : public Shell {
   }
 
   void sendTelemetry(const RigidState<double>& state, const RigidState<double>& rate) {
-    constexpr double kDegrees = 180 / M_PI, kMilliG = 1000 / 9.81;
     CraftTelemetry telemetry;
-    telemetry.yaw = static_cast<float>(kDegrees * wrapAngle(state.eta.z()));
-    const double specific[2] = {rate.nu.x() - state.nu.z() * state.nu.y(),
-                                rate.nu.y() + state.nu.z() * state.nu.x()};
-    telemetry.acc = {static_cast<int>(std::lround(kMilliG * specific[0])),
-                     static_cast<int>(std::lround(kMilliG * specific[1])), -1000};
-    telemetry.gyro = {0, 0, static_cast<int>(std::lround(kDegrees * state.nu.z()))};
+    telemetry.yaw = static_cast<float>(180 / M_PI * wrapAngle(state.eta.z()));
+    const ImuSample felt = imu_.sample(state, rate.nu);
+    telemetry.acc = {felt.acceleration[0], felt.acceleration[1], -SimulatedImu::kGravity};
+    telemetry.gyro = {0, 0, felt.yaw_rate};
     telemetry.commands = commands_;
     socket_->send(encodeTelemetry(telemetry), sender_);
   }
@@ -229,7 +228,7 @@ class Simulator : public Shell {
   static constexpr std::chrono::milliseconds kLongestTurn{20};  // longest turn of run(), wall time
   static constexpr double kTick = 0.001;                        // longest wait for a datagram, wall time [s]
   static constexpr double kTruthPeriod = 0.01;                  // [s]
-  static constexpr double kTelemetryPeriod = 0.02;              // [s]
+  static constexpr double kTelemetryPeriod = 0.01;              // [s]
   static constexpr double kMarkerHeight = 0.04;                 // height of the markers above the floor [m]
 
   std::mutex mutex_;  ///< guards craft_, room_, loaded_, factors_, input_max_, origins, factor and offset
@@ -244,6 +243,7 @@ class Simulator : public Shell {
   AxisMapping mapping_;
   double input_max_ = 1;
   std::uint32_t commands_ = 0;  ///< number of commands received; used only by run()
+  SimulatedImu imu_{1};         ///< used only by run()
   double published_ = 0;        ///< last time on /clock [s]; used only by run()
   UdpAddress sender_;
   std::unique_ptr<UdpSocket> socket_;

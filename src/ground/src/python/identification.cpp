@@ -24,7 +24,8 @@ Eigen::MatrixXd fromInputs(const RunData& run) {
 RunData makeRun(const std::string& name, const std::vector<double>& times, const Eigen::MatrixX3d& eta,
                 const Eigen::MatrixX3d& nu, const Eigen::Ref<const Eigen::MatrixXd>& inputs,
                 const std::optional<Eigen::MatrixX3d>& poses, const std::optional<Vector3<double>>& noise,
-                const std::vector<double>& drives, const std::optional<Eigen::MatrixX3d>& wrench) {
+                const std::vector<double>& drives, const std::optional<Eigen::MatrixX3d>& wrench,
+                const std::optional<InertialData>& inertial) {
   RunData run{name,
               times,
               eta,
@@ -32,7 +33,8 @@ RunData makeRun(const std::string& name, const std::vector<double>& times, const
               toInputs(inputs),
               poses.value_or(Eigen::MatrixX3d(0, 3)),
               noise.value_or(RunData().noise),
-              wrench.value_or(Eigen::MatrixX3d(0, 3))};
+              wrench.value_or(Eigen::MatrixX3d(0, 3)),
+              inertial.value_or(InertialData())};
   if (!drives.empty()) run.inputs.drive = DriveClock(drives);
   return run;
 }
@@ -61,11 +63,32 @@ py::dict toDict(const FitResult& result) {
   return d;
 }
 
+void defInertialData(py::module_& module) {
+  py::class_<InertialData>(module, "InertialData", "Samples of a gyro and an accelerometer, calibrated.")
+      .def(py::init([](std::vector<double> times, const Eigen::MatrixX3d& values,
+                       const Vector3<double>& noise, const Vector2<double>& place) {
+             return InertialData{std::move(times), values, noise, place};
+           }),
+           py::arg("times"), py::arg("values"), py::arg("noise"), py::arg("place"))
+      .def_readonly("times", &InertialData::times, "[s], on the run's clock.")
+      .def_readonly("values", &InertialData::values,
+                    "Yaw rate [rad/s], specific force ahead and to starboard [m/s^2].")
+      .def_readonly("noise", &InertialData::noise, "Standard deviations of a sample.")
+      .def_readonly("place", &InertialData::place, "From the measured point, ahead and to starboard [m].")
+      .def(py::pickle(
+          [](const InertialData& d) { return py::make_tuple(d.times, d.values, d.noise, d.place); },
+          [](const py::tuple& t) {
+            return InertialData{t[0].cast<std::vector<double>>(), t[1].cast<Eigen::MatrixX3d>(),
+                                t[2].cast<Vector3<double>>(), t[3].cast<Vector2<double>>()};
+          }));
+}
+
 void defRecording(py::module_& module) {
   py::class_<RunData>(module, "RunData", "A recording: measurements and commands on one clock.")
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
            py::arg("inputs"), py::arg("poses") = py::none(), py::arg("noise") = py::none(),
-           py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none())
+           py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none(),
+           py::arg("inertial") = py::none())
       .def_readonly("name", &RunData::name)
       .def_property_readonly("times", &timesOf, "Read-only view [s].")
       .def_readonly("eta", &RunData::eta)
@@ -73,6 +96,12 @@ void defRecording(py::module_& module) {
       .def_readonly("poses", &RunData::poses)
       .def_readonly("noise", &RunData::noise)
       .def_readonly("wrench", &RunData::wrench)
+      .def_property_readonly(
+          "inertial",
+          [](const RunData& run) {
+            return run.inertial.empty() ? std::nullopt : std::optional<InertialData>(run.inertial);
+          },
+          "The InertialData; None if there are none.")
       .def_property_readonly("inputs", &fromInputs, "Rows of time, an input for each thruster, lift.")
       .def_property_readonly(
           "drives", [](const RunData& run) { return run.inputs.drive.starts(); },
@@ -89,14 +118,14 @@ void defRecording(py::module_& module) {
       .def(py::pickle(
           [](const RunData& r) {
             return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
-                                  r.inputs.drive.starts(), r.wrench);
+                                  r.inputs.drive.starts(), r.wrench, r.inertial);
           },
           [](const py::tuple& t) {
             return makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
                            t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
                            t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
                            t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(),
-                           t[8].cast<Eigen::MatrixX3d>());
+                           t[8].cast<Eigen::MatrixX3d>(), t[9].cast<InertialData>());
           }));
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) {
@@ -192,6 +221,7 @@ py::list toList(const std::vector<FittedParameter>& parameters) {
 }
 
 void bindIdentification(py::module_& module) {
+  defInertialData(module);
   defRecording(module);
   defSimulationError(module);
   defPrediction(module);

@@ -5,6 +5,7 @@
 
 #include "bindings.h"
 #include "ground/simulation/experiment.h"
+#include "ground/simulation/simulated_imu.h"
 
 namespace py = pybind11;
 
@@ -215,12 +216,27 @@ void defExperiments(py::module_& module) {
                 "for a burst and false for a return, reason).");
 }
 
+Eigen::MatrixX3d sense(const Eigen::MatrixX3d& nu, const Eigen::MatrixX3d& nu_dot, unsigned seed) {
+  if (nu.rows() != nu_dot.rows() || !nu.allFinite() || !nu_dot.allFinite())
+    throw std::invalid_argument("velocities and their derivatives must be finite and of one shape");
+  SimulatedImu imu(seed);
+  Eigen::MatrixX3d rows(nu.rows(), 3);
+  for (Eigen::Index i = 0; i < nu.rows(); ++i) {
+    const ImuSample sample = imu.sample({Vector3<double>::Zero(), nu.row(i).transpose()}, nu_dot.row(i));
+    rows.row(i) << sample.yaw_rate, sample.acceleration[0], sample.acceleration[1];
+  }
+  return rows;
+}
+
 }  // namespace
 
 void bindSimulation(py::module_& module) {
   defParams(module);
   defPlant(module);
   defExperiments(module);
+  module.def("sense", &sense, py::arg("nu"), py::arg("nu_dot"), py::arg("seed"),
+             "What a simulated gyro and accelerometer tell of a motion (n, 3), in the flight controller's "
+             "units: yaw rate, acceleration ahead and to starboard.");
 }
 
 }  // namespace ground

@@ -38,6 +38,8 @@ struct AxisFilter {
   void predict(double dt, double q);
   /// Measurement update by the innovation z - x(0) with variance r.
   void correct(double innovation, double r);
+  /// The same for a measured x(i).
+  void correct(int i, double innovation, double r);
 
   static Eigen::Matrix3d transition(double dt);
 };
@@ -53,6 +55,11 @@ class MotionFilter {
   /// outside the gate; returns whether it did. Stamp noise counts as position noise in proportion
   /// to the speed.
   bool correct(const Vector3<double>& eta, const EstimatorParams& params);
+  /// Corrects by a measured derivative of an axis, of order 1 or 2, with its standard deviation.
+  void correctBy(int axis, int order, double measured, double noise) {
+    AxisFilter& filter = axes_[static_cast<std::size_t>(axis)];
+    filter.correct(order, measured - filter.x(order), noise * noise);
+  }
 
   const AxisFilter& axis(int i) const { return axes_[i]; }
   Vector3<double> position() const { return row(0); }      ///< x, y [m], unwrapped psi [rad]

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "ground/estimation/inertial_fusion.h"
 #include "ground/estimation/motion_filter.h"
 #include "ground/model/types.h"
 
@@ -38,10 +39,14 @@ class VelocityEstimator {
   void reset();
   /// Takes effect with the next pose, without a restart.
   void setParams(const EstimatorParams& params) { given_ = params; }
+  /// The craft's sensors, which make velocities better but never valid; see InertialFusion.
+  InertialFusion& inertial() { return inertial_; }
   const StateEstimate& estimate() const { return estimate_; }
 
  private:
-  void publish();
+  void publish(const MotionFilter& motion);
+  /// The filter to publish after filter_ was corrected by a pose.
+  const MotionFilter& withSensors(double stamp, const Vector3<double>& eta);
 
   EstimatorParams params_;  ///< with the current stamp noise
   StateEstimate estimate_;
@@ -53,6 +58,7 @@ class VelocityEstimator {
   int rejected_ = 0;       ///< number of rejected poses minus those used since; at least 0
   JumpDetector jump_;
   MotionFilter filter_;
+  InertialFusion inertial_;
 };
 
 /// Body velocities and their time derivatives from the motion in the world frame.

@@ -63,12 +63,14 @@ struct GreyBoxScores {
 
 /// Output of the filter along one run.
 struct GreyBoxResiduals {
-  Eigen::MatrixX3d whitened;   ///< innovations; independent, of variance one if the model is true
+  /// Innovations of the pose and, of a run with inertial samples, of their mean over the step before
+  /// it (n, 3 or 6); independent, of variance one if the model is true. Zero: no inertial sample.
+  Eigen::MatrixXd whitened;
   std::vector<bool> scored;    ///< false at the first pose of a stretch
   Eigen::MatrixXd states;      ///< filtered x, y [m], psi [rad], u, v [m/s], r [rad/s], (n, 6)
   Eigen::MatrixX3d wrench;     ///< filtered disturbance in both frames without trim, body [N], [N m]
   Eigen::MatrixX4d constants;  ///< filtered trim: X, Y [N], N [N m], relative change of thrust
-  Eigen::MatrixXd responses;   ///< response of the 3 n whitened innovations to given wrenches
+  Eigen::MatrixXd responses;   ///< response of the whitened innovations, row by row
 };
 
 /// The wrench of the disturbance along a run given all its poses, without that of the thrust's change:
@@ -107,8 +109,10 @@ struct Forecast {
 /// disturbance is a part of the model.
 ///
 ///     eta' = R(psi) nu,  M nu' = tau(nu, inputs) + d + R(psi)' d_w + b + s tau_thrust,
-///     z = h(eta) + e
+///     z = h(eta) + e,  w = (psi', a_x, a_y) + e_w
 ///
+/// w: yaw rate and specific force at the IMU's place, means over the step between two poses, of runs that
+/// have InertialData.
 /// d is an Ornstein-Uhlenbeck plus a white wrench in the body's frame, d_w an Ornstein-Uhlenbeck
 /// force in the room's. The wrench b and the
 /// relative change of thrust s are constant in a run and normal over the runs. e is white noise of

@@ -9,6 +9,18 @@
 
 namespace ground {
 
+/// Samples of a gyro and an accelerometer that are turned into the frame of the measured poses, on the
+/// clock of the run, without bias and delay.
+struct InertialData {
+  std::vector<double> times;  ///< ascending [s]
+  /// Yaw rate [rad/s], specific force ahead and to starboard [m/s^2] at `place`, a row a sample.
+  Eigen::MatrixX3d values = {};
+  Vector3<double> noise = {2e-3, 0.05, 0.05};  ///< standard deviations of a sample [rad/s], [m/s^2]
+  Vector2<double> place = {0, 0};              ///< from the measured point, ahead and to starboard [m]
+
+  bool empty() const { return times.empty(); }
+};
+
 /// One recording: measurements and commands, on a clock that is 0 at the start of the run.
 struct RunData {
   std::string name;
@@ -21,13 +33,15 @@ struct RunData {
   /// Known wrench X, Y [N], N [N m], body, that acts beside the model, each row until the next sample;
   /// empty: none. Only GreyBox takes one.
   Eigen::MatrixX3d wrench = {};
+  InertialData inertial = {};  ///< empty: none. Only GreyBox uses it.
 };
 
 /// The smoothed motion of a run.
 inline Motion motionOf(const RunData& run) { return {&run.times, &run.eta, &run.nu}; }
 
 /// Throws std::invalid_argument unless a run has samples, arrays of equal length, finite measurements
-/// at finite ascending times, a positive noise, and no known wrench or a finite one.
+/// at finite ascending times, a positive noise, no known wrench or a finite one, and the same of what is
+/// inertial.
 void checkRun(const RunData& run);
 
 /// A stretch of a run that is simulated from its own initial state.

@@ -13,6 +13,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import window_error
 from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.thinning import by_poses_alone
 from ground.analysis.window_error import squared_errors
 from ground.support.annotations import Array, Each, Random
 from ground.support.errors import GroundError
@@ -52,7 +53,7 @@ def agreement(
         try:
             artificial = [_recorded(run, fit, i, random, True) for i, run in enumerate(runs)]
             error = float(squared_errors(artificial, cut, fit.model, scale=runs).mean())
-            return error, _tails(Likelihood(artificial, likelihood.craft, likelihood.varying), fit)
+            return error, _tails(artificial, likelihood, fit)
         except GroundError:
             return None
 
@@ -63,7 +64,9 @@ def agreement(
     expected = np.array([d[0] for d in drawn])
     deviations = {"error": _deviation(np.log(error), np.log(expected))}
     shapes = np.array([d[1] for d in drawn])
-    for channel, value, others in zip("XYN", _tails(likelihood, fit), shapes.reshape(-1, 3).T):
+    for channel, value, others in zip(
+        "XYN", _tails(likelihood.runs, likelihood, fit), shapes.reshape(-1, 3).T
+    ):
         deviations["tails of " + channel] = max(0.0, _deviation(value, others))
     average = expected.mean() if len(drawn) else error
     return Agreement(float(np.sqrt(error)), float(np.sqrt(average)), float(np.sqrt(noise)), deviations)
@@ -85,11 +88,12 @@ def _recorded(run: _core.RunData, fit: Fit, i: int, random: Random, disturbed: b
     return window_error.recorded(run, fit.model, random, wrench, trim["thrust"], factor * room)
 
 
-def _tails(likelihood: Likelihood, fit: Fit) -> List[float]:
-    """Logarithm of the kurtosis of the wrench X, Y, N that the filter sees, over each run's own level."""
-    seen = []
-    for i in range(len(likelihood.runs)):
-        wrench = np.array(likelihood.residuals(fit.point, i)["wrench"])
+def _tails(runs: Sequence[_core.RunData], like: Likelihood, fit: Fit) -> List[float]:
+    """Logarithm of the kurtosis of the wrench X, Y, N that the filter sees in poses, over each run's own
+    level."""
+    seen, by_poses = [], Likelihood([by_poses_alone(run) for run in runs], like.craft, like.varying)
+    for i in range(len(runs)):
+        wrench = np.array(by_poses.residuals(fit.point, i)["wrench"])
         seen.append(wrench / np.maximum(np.sqrt((wrench**2).mean(axis=0)), 1e-30))
     every = np.concatenate(seen)
     return list(np.log((every**4).mean(axis=0)))

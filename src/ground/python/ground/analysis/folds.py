@@ -191,7 +191,17 @@ def stretch(run: _core.RunData, times: Array, part: slice) -> _core.RunData:
     """Some samples of a run; times: all of its instants."""
     eta, nu, poses = (np.array(values) for values in (run.eta, run.nu, run.poses))
     poses = poses[part] if len(poses) else poses
-    return _core.RunData(run.name, times[part], eta[part], nu[part], run.inputs, poses, run.noise, run.drives)
+    return _core.RunData(
+        run.name,
+        times[part],
+        eta[part],
+        nu[part],
+        run.inputs,
+        poses,
+        run.noise,
+        run.drives,
+        inertial=run.inertial,
+    )
 
 
 def excerpt(

@@ -26,7 +26,8 @@ class Innovations:
         self.likelihood, self.fit = likelihood, fit
         runs = range(len(likelihood.runs))
         self._scored = [self._scored_samples(i) for i in runs]
-        self.rows = np.cumsum([0] + [3 * int(scored.sum()) for scored in self._scored])
+        self._wide = [3 if run.inertial is None else 6 for run in likelihood.runs]  # numbers a sample
+        self.rows = np.cumsum([0] + [w * int(scored.sum()) for w, scored in zip(self._wide, self._scored)])
         innovations = [self._innovations(likelihood, fit, i) for i in runs]
         J = np.vstack([self._jacobian(i, e) for i, e in zip(runs, innovations)])
         J = J / np.maximum(np.sqrt((J**2).sum(axis=0)), 1e-300)
@@ -49,12 +50,12 @@ class Innovations:
         """Change of the scored innovations of a run by wrenches (n, 3, k), (rows, k)."""
         acting = wrench.transpose(0, 2, 1).reshape(len(wrench), -1)
         left = self.likelihood.residuals(self.fit.point, i, acting=acting)
-        return np.asarray(left["responses"][np.repeat(self._scored[i], 3)])
+        return np.asarray(left["responses"][np.repeat(self._scored[i], self._wide[i])])
 
     def _of_known(self, i: int) -> Array:
         wrench = np.array(self.likelihood.runs[i].wrench)
         if not len(wrench):
-            return np.zeros(3 * int(self._scored[i].sum()))
+            return np.zeros(self._wide[i] * int(self._scored[i].sum()))
         return np.asarray(self._responses(i, wrench[:, :, None])[:, 0])
 
     def scores(self, random: int) -> List[Array]:
@@ -70,10 +71,11 @@ class Innovations:
         pulses = np.zeros((len(times), 3, 3 * apart))
         for c, first in itertools.product(range(3), range(apart)):
             pulses[first::apart, c, c * apart + first] = 1.0
-        responses = np.zeros((len(times), 3, 3 * apart))
-        responses[scored] = self._responses(i, pulses).reshape(-1, 3, 3 * apart)
-        targets = np.zeros((len(times), 3, Y.shape[1]))
-        targets[scored] = Y.reshape(-1, 3, Y.shape[1])
+        wide = self._wide[i]
+        responses = np.zeros((len(times), wide, 3 * apart))
+        responses[scored] = self._responses(i, pulses).reshape(-1, wide, 3 * apart)
+        targets = np.zeros((len(times), wide, Y.shape[1]))
+        targets[scored] = Y.reshape(-1, wide, Y.shape[1])
         scores = np.empty((len(times), 3, Y.shape[1]))
         for c, first in itertools.product(range(3), range(apart)):
             products = np.einsum("ij,ijk->ik", responses[:, :, c * apart + first], targets)
@@ -96,7 +98,7 @@ class Innovations:
         rows[:, 0] += DELAY
         late = _core.RunData(
             run.name, run.times, run.eta, run.nu, rows, run.poses, run.noise, run.drives,
-            run.wrench if len(run.wrench) else None,
+            run.wrench if len(run.wrench) else None, run.inertial,
         )  # fmt: skip
         alone = replace(fit, loudness=fit.loudness[i : i + 1])
         columns.append(self._innovations(Likelihood([late], self.likelihood.craft), alone, 0))
@@ -105,5 +107,4 @@ class Innovations:
     @staticmethod
     def _innovations(likelihood: Likelihood, fit: Fit, run: int) -> Array:
         left = likelihood.residuals(fit.point, run)
-        scored = np.repeat(np.array(left["scored"]), 3)
-        return np.asarray(np.array(left["whitened"]).reshape(-1)[scored])
+        return np.asarray(np.array(left["whitened"])[np.array(left["scored"])].reshape(-1))

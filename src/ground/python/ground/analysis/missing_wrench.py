@@ -43,7 +43,7 @@ def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
     in a row are outliers. A few such pushes would dominate the levels and hide everything else.
     """
     whole = Undisturbed(run, *residuals.disturbance(run, model, "white"), [])
-    outlier = np.sum(np.square(whole.box.residuals(whole.white, 0)["whitened"]), axis=1) > 0.999 * CAP
+    outlier = np.sum(np.square(whole.box.residuals(whole.white, 0)["whitened"][:, :3]), axis=1) > 0.999 * CAP
     disturbed = np.convolve(outlier, np.ones(IN_A_ROW), "same") == IN_A_ROW
     times = np.array(run.times)
     spans: List[List[float]] = []
@@ -66,6 +66,7 @@ def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
         np.array(run.poses)[keep],
         run.noise,
         run.drives,
+        inertial=run.inertial,
     )
     events = [(max(a, times[0]), min(b, times[-1])) for a, b in spans]
     return Undisturbed(rest, *residuals.disturbance(rest, model, "white"), events)

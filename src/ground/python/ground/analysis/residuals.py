@@ -41,7 +41,7 @@ def analyse(
     starts = np.flatnonzero(~np.array(left["scored"]))
     stretch = np.searchsorted(starts, np.arange(len(run.times)), side="right") - 1
     valid = np.arange(len(run.times)) - starts[stretch] >= SETTLING
-    residual = np.array(left["whitened"])
+    residual = np.array(left["whitened"])[:, :3]
     c, s = np.cos(left["states"][:, 2]), np.sin(left["states"][:, 2])
     residual[:, 0], residual[:, 1] = (
         c * residual[:, 0] + s * residual[:, 1],

@@ -43,6 +43,24 @@ def thinned(run: _core.RunData) -> _core.RunData:
         noise,
         run.drives,
         mean(run.wrench) if len(run.wrench) else None,
+        run.inertial,
+    )
+
+
+def by_poses_alone(run: _core.RunData) -> _core.RunData:
+    """The run without inertial samples."""
+    if run.inertial is None:
+        return run
+    return _core.RunData(
+        run.name,
+        run.times,
+        run.eta,
+        run.nu,
+        run.inputs,
+        run.poses,
+        run.noise,
+        run.drives,
+        run.wrench if len(run.wrench) else None,
     )
 
 

@@ -33,12 +33,17 @@ def begun(
     names = [run.name for run in diagnosis.runs]
     by = HOLDOUT if heldout else CROSSED
     after = conclusion.steps[-1]
+    sensed = [run.name for run in diagnosis.runs if run.inertial is not None]
     return {
         "schema": SCHEMA,
         "version": _core.version,
         "model": model_name,
         "means": {**candidates.summaries(before.model), **candidates.summaries(conclusion.improved)},
-        "runs": {"fit": names, "heldout": [run.name for run in heldout] or names},
+        "runs": {
+            "fit": names,
+            "heldout": [run.name for run in heldout] or names,
+            **({"inertial": sensed} if sensed else {}),
+        },
         "windows": {"used": len(diagnosis.cut), "available": diagnosis.fitter.available},
         "verdict": conclusion.verdict,
         "findings": list(findings),

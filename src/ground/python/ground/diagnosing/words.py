@@ -220,11 +220,20 @@ def extent(report: Document) -> Iterator[str]:
         )
 
 
+def sensors(report: Document) -> Iterator[str]:
+    """Whether the craft's own sensors count."""
+    sensed, fitted = report["runs"].get("inertial", []), report["runs"]["fit"]
+    if sensed:
+        which = "" if len(sensed) == len(fitted) else " of " + listed(sensed)
+        yield "The likelihood also takes the craft's gyro and accelerometer%s." % which
+
+
 def evidence(report: Document) -> Iterator[str]:
     """The lines of --details."""
     if report["verdict"] == "misread":
         return
     yield ceiling(report)
+    yield from sensors(report)
     yield from bands(report)
     yield ""
     form = "%4s %9s %9s %9s  %s"

@@ -75,6 +75,7 @@ def described(run: RepairedRun) -> Document:
         "authority": {} if list(recording.thrusters) == PAIR else reply.authorities(recording),
         "clock_offset": float(recording.clock_offset),
         "reply": run.reply,
+        "inertial": None if run.inertial is None else run.inertial.describe(),
         "contacts": [{"start": float(a), "end": float(b)} for a, b in run.contacts],
         "repairs": run.motion.repairs,
         "suspicions": [one.describe() for one in suspicions.of(recording)],
@@ -168,8 +169,46 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     yield "drive", ", ".join(starts) + DRIVES_BY.get(d["drives"]["by"], "")
     if d["reply"]:
         yield "reply", "the craft reacts %.0f ms after a command" % (1e3 * d["reply"]["lag"])
+    if d["inertial"]:
+        yield "sensors", _sensors(d["inertial"], poses)
+    if d["inertial"] and d["inertial"]["noise"]:
+        yield "imu", _mounting(d["inertial"])
     if d["authority"]:
         yield "thrusters", "; ".join(_does(*item) for item in d["authority"].items())
+
+
+def _sensors(inertial: Document, poses: Document) -> str:
+    """What the craft's gyro and accelerometer measure, beside the poses."""
+    if not inertial["noise"]:
+        return "not used: " + "; ".join(inertial["problems"])
+    turn, push = inertial["noise"][0], float(np.hypot(*inertial["noise"][1:]) / np.sqrt(2))
+    of_poses = poses["noise"]["heading"] * np.sqrt(2) * poses["rate"]
+    parts = [
+        "gyro %.0f Hz, noise %.2g deg/s (that of two poses: %.2g deg/s)"
+        % (inertial["rate"], np.degrees(turn), np.degrees(of_poses))
+    ]
+    if not inertial["problems"]:
+        place = (1e3 * inertial["place"][0], 1e3 * inertial["place"][1])
+        parts.append(
+            "accelerometer, noise %.2g m/s2, turned by %.1f deg, %.0f mm ahead and %.0f mm to starboard of "
+            "the markers" % (push, np.degrees(inertial["accelerometer"]["mounting"]), *place)
+        )
+    parts.append("%.0f ms after the poses" % (1e3 * inertial["delay"]))
+    return ", ".join(parts + list(inertial["problems"]))
+
+
+def _mounting(inertial: Document) -> str:
+    """The parameters of mocap_state by which it uses the sensors."""
+    gyro, push, place = inertial["gyro"], inertial["accelerometer"], inertial["place"]
+    values = (
+        ("gyro_scale", gyro["scale"]),
+        ("acceleration_scale", 0.0 if inertial["problems"] else push["scale"]),
+        ("mounting", push["mounting"]),
+        ("ahead", place[0]),
+        ("starboard", place[1]),
+        ("delay", inertial["delay"]),
+    )
+    return "{%s} for mocap_state" % ", ".join("%s: %.5g" % item for item in values)
 
 
 def _does(name: str, authority: Document) -> str:

@@ -90,11 +90,25 @@ class Commands:
 
 
 @dataclass(frozen=True)
+class Sensors:
+    """Where the craft's gyro and accelerometer are. Units, delay and mounting are found in the data."""
+
+    use: bool = True
+    topic: str = ""  #: empty: the craft's telemetry, or the only sensor_msgs/Imu
+    file: str = ""  #: name of the table that has them: that of the poses or of the commands
+    type: str = ""
+    yaw_rate: str = ""  #: path of the turn about the vertical; empty: the type's
+    acceleration: Tuple[str, ...] = ()  #: paths of two horizontal axes
+    time: Clock = Clock()
+
+
+@dataclass(frozen=True)
 class FieldMapping:
     """What of a file becomes a recording."""
 
     poses: Poses = Poses()
     commands: Commands = Commands()
+    inertial: Sensors = Sensors()
     clock_offset: float = 0.0  #: added to the stamps of poses [s]
     clock_drift: float = 0.0  #: added to them for each second since the first pose [s/s]
     file: str = ""  #: that it was read from
@@ -145,11 +159,12 @@ def load(path: str) -> FieldMapping:
         _check(root)
         commands = _commands(root.get("commands", {}))
         poses = _poses(root.get("poses", {}))
+        inertial = _sensors(root.get("inertial", {}))
     except ValueError as error:
         raise GroundError("%s: %s" % (path, error))
     given = {n: path for n in ("axes", "heading_offset") if getattr(poses, n) is not None}
     offset, drift = root.get("clock_offset", 0.0), root.get("clock_drift", 0.0)
-    return FieldMapping(poses, commands, offset, drift, path, given)
+    return FieldMapping(poses, commands, inertial, offset, drift, path, given)
 
 
 def _plain(value: Any) -> Any:
@@ -215,6 +230,18 @@ def _poses(keys: Document) -> Poses:
     if poses.position and not (poses.orientation or poses.heading):
         raise ValueError("poses.position has fields, but neither orientation nor heading has any")
     return poses
+
+
+def _sensors(keys: Document) -> Sensors:
+    _apart("inertial", keys, "file", "topic")
+    if ("yaw_rate" in keys) != ("acceleration" in keys):
+        raise ValueError("inertial has yaw_rate or acceleration; name the fields of both")
+    return Sensors(
+        **_place(keys),
+        use=keys.get("use", True),
+        yaw_rate=keys.get("yaw_rate", ""),
+        acceleration=tuple(keys.get("acceleration", ())),
+    )
 
 
 def _commands(keys: Document) -> Commands:

@@ -22,6 +22,7 @@ DECISION = "/decision"
 DRIVE = "/drive"
 BURSTS = "/bursts"
 TRUTH = "/simulator/truth"
+TELEMETRY = "/sender/telemetry"
 REFERENCE = "/reference"
 REFERENCE_PATH = "/path/reference"
 CONTROLLER = "/controller"  # name of its node

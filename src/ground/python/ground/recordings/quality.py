@@ -6,7 +6,7 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import reply
+from ground.recordings import inertial, reply
 from ground.recordings.recording import Recording, once
 from ground.support.annotations import Array, Flags
 from ground.support.errors import GroundError
@@ -26,11 +26,12 @@ Span = Tuple[float, float]  # start, end [s]
 class RepairedRun:
     """A recording with its motion repaired; findings and usable spans are on the run's clock.
 
-    Attributes: recording; motion; zero [s], the origin of the run's clock, and end [s] on it; spans
-    and contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s]; reply, how
-    the motion follows the commands; drives, when each drive began [s], the origins of the model's
-    t; drives_by, the source of these: "record", "lift" (the first command with lift), "first
-    command" (which has lift already) or "start" (of the run, because no command has lift).
+    Attributes: recording; motion; zero [s], the origin of the run's clock, and end [s] on it; spans and
+    contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s]; reply, how the motion
+    follows the commands; inertial, the craft's calibrated sensors (None: it has none); drives, when each
+    drive began [s], the origins of the model's t; drives_by, the source of these: "record", "lift" (the
+    first command with lift), "first command" (which has lift already) or "start" (of the run, because no
+    command has lift).
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -50,6 +51,8 @@ class RepairedRun:
         self.contacts = [(float(a - self.zero), float(b - self.zero)) for a, b in contacts if a < landing]
         self.active = self._active(landing)
         self.spans = self._spans()
+        samples = recording.inertial
+        self.inertial = None if samples is None else inertial.calibrate(samples, self.motion, contacts)
 
     def _drives(self) -> Tuple[List[float], str]:
         recording = self.recording
@@ -148,7 +151,15 @@ class RepairedRun:
             np.where(motion.spikes[:, None], motion.eta, motion.measured)[inside],
             np.array(motion.noise)[[0, 0, 1]],
             self.drives,
+            inertial=self._inertial(),
         )
+
+    def _inertial(self) -> Optional[_core.InertialData]:
+        """The craft's sensors on the run's clock."""
+        data = None if self.inertial is None else self.inertial.data
+        if data is None:
+            return None
+        return _core.InertialData(np.array(data.times) - self.zero, data.values, data.noise, data.place)
 
     def usable(self) -> float:
         """Length of all usable spans [s]."""

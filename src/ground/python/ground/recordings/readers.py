@@ -8,7 +8,7 @@ from typing import Dict, Iterable, List, Mapping, Tuple
 
 import numpy as np
 
-from ground.recordings import commands, containers, poses, run_settings, units
+from ground.recordings import commands, containers, poses, run_settings, sensors, units
 from ground.recordings.containers import RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
 from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, TIMES, Clock, FieldMapping
 from ground.recordings.recording import Recording, checked
@@ -144,6 +144,7 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
         flown_by=flown_by,
         files=run_files,
         # One recorder received both: if their delays differ by much, their stamps have two clocks.
+        inertial=sensors.read(source, mapping, _stamps),
         clock_offset=0.0 if mapping.clock_offset or mapping.clock_drift else delay,
     )
 

@@ -22,6 +22,7 @@ import numpy as np
 from ground import _core
 from ground.recordings import repair, units
 from ground.recordings.commands import CHANNELS
+from ground.recordings.inertial import Samples
 from ground.recordings.mapping import LIFT, RANGE
 from ground.recordings.run_settings import LiveChange, RunFile, Settings
 from ground.support.annotations import Array, ArrayLike, Path
@@ -81,6 +82,7 @@ class Recording(Plotted):
     path: str = ""  #: path of the bag that it was read from
     channels: Tuple[str, ...] = CHANNELS  #: names of the commands
     lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
+    inertial: Optional[Samples] = None  #: of the craft's gyro and accelerometer, if recorded
     digest: str = ""  #: of the content of the files that it was read from; empty: none
 
     @staticmethod
@@ -144,7 +146,9 @@ class Recording(Plotted):
         read from, or of the numbers of a recording in memory."""
         if self.digest:
             return self.digest
-        arrays = (self.pose_times, self.eta, self.control_times, self.controls)
+        arrays = [self.pose_times, self.eta, self.control_times, self.controls]
+        if self.inertial is not None:
+            arrays += [self.inertial.times, self.inertial.yaw_rate, self.inertial.acceleration]
         return digest(np.asarray(array, float).tobytes() for array in arrays)
 
     @functools.cached_property

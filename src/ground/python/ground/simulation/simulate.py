@@ -161,6 +161,10 @@ class _Options(Acting, Mocap):
         metavar="RAD",
         group="motion capture",
     )
+    imu: bool = option(
+        False,
+        "record the craft's gyro and accelerometer as well: noise, biases, mounting and delay of usual ones",
+    )
     controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(loop.CONTROLLERS))
     reference: Optional[str] = _tracking("(circle)", choices=[kind for kind in loop.KINDS if kind != "file"])
 
@@ -227,6 +231,8 @@ def simulate(
         )
     except ValueError as error:
         raise OptionError("{why}", why=error) from error
+    if options.imu:
+        run = run.sensed(options.seed)
     return replace(
         run,
         axes=options.axes,

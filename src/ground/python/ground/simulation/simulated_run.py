@@ -5,7 +5,7 @@ import heapq
 import operator
 import os
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import repeat
 from typing import Any, Dict, Iterable, Iterator, List, Optional, Tuple
 
@@ -14,6 +14,7 @@ import numpy as np
 from ground import _core
 from ground.recordings import messages
 from ground.recordings.commands import CHANNELS
+from ground.recordings.inertial import Samples
 from ground.recordings.messages import (
     BURSTS,
     CONTROLLER,
@@ -25,6 +26,7 @@ from ground.recordings.messages import (
     REFERENCE_PATH,
     RUN_SETTINGS,
     SETTINGS,
+    TELEMETRY,
     TRUTH,
     WANTED,
 )  # fmt: skip
@@ -40,6 +42,7 @@ TOLD = 1000  # messages that are a unit of it
 DRIVE_PERIOD = 0.5  # period of the records of when the drive began [s]
 STARTED = ("WAITING", "LIFTING", "RUNNING", "RECOVERING")  # states in which it gives commands
 PATH_STEP = 5  # references between points of the path
+SENSED = 5e-3  # delay of the craft's sensors [s]
 MARKER_HEIGHT = 0.04  # height of the markers above the floor [m]
 NS = 10**9
 WORLD = "world_ned"
@@ -112,6 +115,12 @@ class SimulatedRun(Recording):
         off = self.truth_eta[at, :2] - self.references[:, 1:3]
         return float(np.sqrt((off**2).sum(axis=1).mean()))
 
+    def sensed(self, seed: int) -> "SimulatedRun":
+        """The same with samples of the craft's gyro and accelerometer at each frame of the mocap."""
+        rows = _core.sense(self.truth_nu, self.truth_nu_dot, seed)
+        source = "%s (ground_msgs/Telemetry)" % TELEMETRY
+        return replace(self, inertial=Samples(self.truth_times + SENSED, rows[:, 0], rows[:, 1:], source))
+
     def save(self, path: Path, force: bool = False, progress: Progress = None) -> Dict[str, int]:
         """Writes a bag like those that launch/record.launch records. Returns the number of messages by
         topic. GroundError when it cannot be written, or exists and `force` is not set.
@@ -165,6 +174,7 @@ def _series(run: SimulatedRun) -> List[Tuple[str, Array, Array, Iterable[Message
         _new("ground_msgs/Decision", CONTROLLER, state=_time(row[1]), computing=row[2])
         for row in run.decisions
     )
+    sensed = [] if run.inertial is None else [_sensed(run.inertial)]
     return [
         (SETTINGS, start, start, settings),
         (RUN_SETTINGS, made, made, [_new("ground_msgs/RunSettings", yaml=run.made_with)]),
@@ -177,7 +187,23 @@ def _series(run: SimulatedRun) -> List[Tuple[str, Array, Array, Iterable[Message
         (WANTED, decided, decided, _wanted(run)),
         (DECISION, decided, decided, decisions),
         (CONTROLS, run.control_times, run.control_times, _controls(run)),
+        *sensed,
     ]
+
+
+def _sensed(samples: Samples) -> Tuple[str, Array, Array, Iterable[Message]]:
+    """The series of telemetry."""
+    rows = np.column_stack([samples.yaw_rate, samples.acceleration]).astype(np.int32)
+    found = (
+        _new(
+            "ground_msgs/Telemetry",
+            gyro=np.array([0, 0, row[0]], np.int32),
+            acc=np.array([*row[1:], 0], np.int32),
+            mag=np.zeros(3, np.int32),
+        )
+        for row in rows
+    )
+    return TELEMETRY, samples.times, samples.times, found
 
 
 def _poses(run: SimulatedRun) -> Iterator[Message]:

@@ -1,0 +1,127 @@
+#include "ground/estimation/inertial_fusion.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace ground {
+namespace {
+
+constexpr double kSampleAge = 0.03;  // longest time without a sample before a pose [s]
+constexpr double kBiasMemory = 3;    // of biases [s]
+constexpr double kCompared = 0.2;    // over which distances are averaged [s]
+constexpr double kMostDistance = 6;  // mean squared distance of filters that agree
+constexpr double kGyroNoise = 4e-3,
+                 kPushNoise = 0.1;  // of a sample, with what its bias leaves [rad/s], [m/s^2]
+
+}  // namespace
+
+void InertialFusion::setMounting(const InertialMounting& mounting) {
+  mounting_ = mounting;
+  restart();
+}
+
+void InertialFusion::restart() {
+  stop("no samples yet");
+  count_ = 0;
+}
+
+void InertialFusion::stop(const char* why) {
+  following_ = false;
+  agreed_ = learned_ = distance_ = 0;
+  status_ = why;
+}
+
+void InertialFusion::sample(double stamp, double gyro, const Vector2<double>& acceleration) {
+  if (mounting_.gyro_scale == 0 || !std::isfinite(stamp) || !std::isfinite(gyro) || !acceleration.allFinite())
+    return;
+  const Sample sample{stamp - mounting_.delay, gyro, acceleration};
+  if (count_ > 0 && sample.stamp <= samples_[count_ - 1].stamp) return;
+  if (count_ == samples_.size()) {  // the poses have stopped: the oldest ones are of no use
+    std::copy(samples_.begin() + samples_.size() / 2, samples_.end(), samples_.begin());
+    count_ = samples_.size() / 2;
+  }
+  samples_[count_++] = sample;
+}
+
+void InertialFusion::update(double stamp, const Vector3<double>& eta, const MotionFilter& by_poses,
+                            const EstimatorParams& params) {
+  if (mounting_.gyro_scale == 0) return;
+  const auto end = samples_.begin() + static_cast<std::ptrdiff_t>(count_);
+  const auto later = std::find_if(samples_.begin(), end, [&](const Sample& s) { return s.stamp > stamp; });
+  const bool fresh = later != samples_.begin() && stamp - (later - 1)->stamp < kSampleAge;
+  if (!fresh) stop("no sample for too long");
+  if (following_) {
+    for (auto sample = samples_.begin(); sample != later; ++sample) {
+      if (sample->stamp <= stamp_) continue;
+      motion_.predict(sample->stamp - stamp_, params);
+      stamp_ = sample->stamp;
+      correctBy(*sample);
+    }
+  }
+  count_ = static_cast<std::size_t>(std::copy(later, end, samples_.begin()) - samples_.begin());
+  if (!fresh) return;
+  if (!following_) {
+    motion_ = by_poses;
+    stamp_ = pose_stamp_ = stamp;
+    following_ = true;
+    return;
+  }
+  motion_.predict(std::max(stamp - stamp_, 0.0), params);
+  stamp_ = stamp;
+  if (!motion_.correct(eta, params) || !motion_.velocity().allFinite()) {
+    stop("they contradict the poses");
+    return;
+  }
+  const double dt = std::max(stamp - pose_stamp_, 0.0);
+  pose_stamp_ = stamp;
+  learnBias(by_poses, dt);
+  compare(by_poses, dt);
+}
+
+void InertialFusion::correctBy(const Sample& sample) {
+  const double turn = mounting_.gyro_scale * sample.gyro;
+  const double up = mounting_.gyro_scale < 0 ? -1 : 1;  // whose frame is left-handed seen from above
+  const Vector2<double> force =
+      mounting_.acceleration_scale * Vector2<double>(sample.acceleration.x(), up * sample.acceleration.y());
+  motion_.correctBy(2, 1, turn + turn_bias_, kGyroNoise);
+  const Vector2<double> push = atMarkers(Rotation<double>(mounting_.mounting).toWorld(force));
+  if (mounting_.acceleration_scale != 0) {
+    const Vector2<double> seen = bodyToWorld<double>(motion_.position().z(), push + bias_);
+    for (int axis = 0; axis < 2; ++axis) motion_.correctBy(axis, 2, seen(axis), kPushNoise);
+  }
+  turns_ += turn;
+  pushes_ += push;
+  ++summed_;
+}
+
+Vector2<double> InertialFusion::atMarkers(const Vector2<double>& a) const {
+  const double r = motion_.velocity().z(), turn = motion_.acceleration().z();
+  const double x = mounting_.ahead, y = mounting_.starboard;
+  return {a.x() + r * r * x + turn * y, a.y() + r * r * y - turn * x};
+}
+
+void InertialFusion::learnBias(const MotionFilter& by_poses, double dt) {
+  if (summed_ == 0) return;
+  learned_ = std::min(learned_ + dt, kBiasMemory);
+  const double share = std::min(1.0, dt / std::max(learned_, 1e-3));
+  const Vector2<double> push =
+      worldToBody<double>(by_poses.position().z(), by_poses.acceleration().head<2>());
+  turn_bias_ += share * (by_poses.velocity().z() - turns_ / summed_ - turn_bias_);
+  bias_ += share * (push - pushes_ / summed_ - bias_);
+  turns_ = 0;
+  pushes_.setZero();
+  summed_ = 0;
+}
+
+void InertialFusion::compare(const MotionFilter& by_poses, double dt) {
+  const Vector3<double> away = motion_.velocity() - by_poses.velocity();
+  double distance = 0;
+  for (int axis = 0; axis < 3; ++axis)
+    distance += away(axis) * away(axis) / (3 * by_poses.axis(axis).P(1, 1));
+  distance_ += std::min(1.0, dt / kCompared) * (distance - distance_);
+  const bool near = distance_ < kMostDistance;
+  agreed_ = near ? agreed_ + dt : 0;
+  status_ = !near ? "they contradict the poses" : agrees() ? "" : "they are compared with the poses";
+}
+
+}  // namespace ground
