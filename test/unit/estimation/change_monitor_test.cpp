@@ -189,7 +189,8 @@ TEST(CraftChange, TakesOnlyWhatIsInBounds) {
     const Model same = change.apply(none);
     for (const ParameterInfo& parameter : model.parameters())
       EXPECT_DOUBLE_EQ(same.value(parameter.name), model.value(parameter.name)) << parameter.name;
-    const double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
+    const double nan = std::numeric_limits<double>::quiet_NaN(),
+                 infinity = std::numeric_limits<double>::infinity();
     for (const double value : {nan, infinity, -infinity, 1e9, -1e9}) {
       const Model changed = change.apply(Eigen::VectorXd::Constant(change.size(), value));
       EXPECT_NO_THROW(Dynamics<double>{changed});
@@ -210,7 +211,8 @@ TEST(CraftChange, WeakensOneThruster) {
       for (int j = 0; j < change.thrusters(); ++j) {
         Thrusters<double> input = Thrusters<double>::zero(change.thrusters());
         input(j) = 0.5;
-        const Vector3<double> was = before.derivative(0, {}, input, 1).nu, is = after.derivative(0, {}, input, 1).nu;
+        const Vector3<double> was = before.derivative(0, {}, input, 1).nu,
+                              is = after.derivative(0, {}, input, 1).nu;
         EXPECT_TRUE(is.isApprox((i == j ? 0.7 : 1) * was, 1e-9)) << i << ' ' << j;
       }
     }

@@ -11,27 +11,27 @@
 namespace ground {
 namespace {
 
-constexpr int kLanes = 8;              // derivatives of a Jet
-constexpr double kFilterStep = 0.01;  // [s]
-constexpr double kFilterGap = 0.5;           // a longer gap between measurements restarts it [s]
-constexpr double kCommandMemory = 12;    // commands kept, for delay and lag [s]
+constexpr int kLanes = 8;               // derivatives of a Jet
+constexpr double kFilterStep = 0.01;    // [s]
+constexpr double kFilterGap = 0.5;      // a longer gap between measurements restarts it [s]
+constexpr double kCommandMemory = 12;   // commands kept, for delay and lag [s]
 constexpr double kRelinearised = 5e-3;  // change of parameters that needs new derivatives
-constexpr double kOutlying = 25;         // squared innovation beyond which a pose has less weight
+constexpr double kOutlying = 25;        // squared innovation beyond which a pose has less weight
 
-constexpr double kWhiteShare = 0.2;  // of the observer's white noise, which has no push beside it
+constexpr double kWhiteShare = 0.2;              // of the observer's white noise, which has no push beside it
 constexpr double kHitSpeed = 0.5, kHitTurn = 5;  // change of velocity by a collision [m/s], [rad/s]
-constexpr double kHitPause = 1;                // shortest time between two [s]
+constexpr double kHitPause = 1;                  // shortest time between two [s]
 // Levels where the model file has no disturbance, as shares of the acceleration by full thrust.
 constexpr double kPushShare = 0.02, kPushTime = 0.5, kTrimShare = 0.02;
-constexpr double kBiasDrift = 0.05;  // of the bias, relative to its level [1/s^0.5]
+constexpr double kBiasDrift = 0.05;                     // of the bias, relative to its level [1/s^0.5]
 constexpr double kTiltPrior = 0.05, kTiltDrift = 2e-3;  // [m/s^2], [m/s^2.5]
 
 /// What is known of a craft by its file, and how fast it may change unnoticed [1/s^0.5].
 struct Level {
   double known, drift;
 };
-constexpr Level kThrusterLevel{0.03, 5e-4}, kThrustLevel{0.05, 3e-3}, kMassLevel{0.02, 1e-4}, kInertiaLevel{0.05, 5e-4},
-    kCentreLevel{0.02, 3e-4}, kDragLevel{0.1, 3e-3};  // the centre in levers
+constexpr Level kThrusterLevel{0.03, 5e-4}, kThrustLevel{0.05, 3e-3}, kMassLevel{0.02, 1e-4},
+    kInertiaLevel{0.05, 5e-4}, kCentreLevel{0.02, 3e-4}, kDragLevel{0.1, 3e-3};  // the centre in levers
 
 Vector3<double> squared(const Vector3<double>& x) { return x.cwiseAbs2(); }
 

@@ -9,21 +9,21 @@
 namespace ground {
 namespace {
 
-constexpr double kJudgePeriod = 0.1;             // of judgements [s]
-constexpr double kPosePeriod = 0.0095;    // between measurements that are used [s]
-constexpr double kStartSpacing = 0.25;           // of starts [s]
-constexpr double kStartMemory = 8;               // [s]
-constexpr double kAfterLift = 0.5;          // time that a craft takes to rise [s]
-constexpr double kNaming = 6;             // log-likelihood ratio that names a change
-constexpr double kDistinct = 3;             // by which it exceeds explanations that are then left out
-constexpr double kLead = 0.5;  // by which it exceeds an unknown force
-constexpr double kUnknown = 6;              // by which an unknown force does, to be followed
-constexpr double kUnknownAge = 1.0;         // shortest time since it began [s]
-constexpr double kRefining = 2.5;           // [s]
-constexpr double kLongestRefining = 5;      // [s]
-constexpr double kSettling = 3;             // [s]
-constexpr double kScaleMemory = 20;       // [s]
-constexpr double kLargestInnovation = 12;   // squared innovation that counts for the scale
+constexpr double kJudgePeriod = 0.1;       // of judgements [s]
+constexpr double kPosePeriod = 0.0095;     // between measurements that are used [s]
+constexpr double kStartSpacing = 0.25;     // of starts [s]
+constexpr double kStartMemory = 8;         // [s]
+constexpr double kAfterLift = 0.5;         // time that a craft takes to rise [s]
+constexpr double kNaming = 6;              // log-likelihood ratio that names a change
+constexpr double kDistinct = 3;            // by which it exceeds explanations that are then left out
+constexpr double kLead = 0.5;              // by which it exceeds an unknown force
+constexpr double kUnknown = 6;             // by which an unknown force does, to be followed
+constexpr double kUnknownAge = 1.0;        // shortest time since it began [s]
+constexpr double kRefining = 2.5;          // [s]
+constexpr double kLongestRefining = 5;     // [s]
+constexpr double kSettling = 3;            // [s]
+constexpr double kScaleMemory = 20;        // [s]
+constexpr double kLargestInnovation = 12;  // squared innovation that counts for the scale
 constexpr double kSigma95 = 1.96;
 constexpr double kCurved = 0.05;  // error of sizes by the filter's linearisation
 
@@ -71,6 +71,8 @@ void ChangeMonitor::addParts() {
   add("drag", {kFirst + craft.drag()}, {1.0}, true, 0.25);
   const int nu = ChangeFilter::kNu, bias = ChangeFilter::kBias, tilt = ChangeFilter::kTilt;
   add("", {nu, nu + 1, nu + 2}, {1, 1, 10}, false, 0);
+  const int push = ChangeFilter::kPush;
+  add("", {push, push + 1, push + 2}, {0.3 * most.x(), 0.3 * most.y(), 0.3 * most.z()}, false, 0);
   add("", {bias, bias + 1, bias + 2}, {0.05 * most.x(), 0.05 * most.y(), 0.05 * most.z()}, false, 0);
   add("", {tilt, tilt + 1}, {0.1, 0.1}, false, 0);
 }
@@ -135,9 +137,8 @@ bool ChangeMonitor::measure(double time, const RigidState<double>& measured) {
 std::vector<ChangeMonitor::Finding> ChangeMonitor::findings() const {
   std::vector<Finding> found;
   for (const Part& part : parts_) found.push_back({&part, bank_.test(part.hypothesis)});
-  std::sort(found.begin(), found.end(), [](const Finding& a, const Finding& b) {
-    return a.evidence.log_ratio > b.evidence.log_ratio;
-  });
+  std::sort(found.begin(), found.end(),
+            [](const Finding& a, const Finding& b) { return a.evidence.log_ratio > b.evidence.log_ratio; });
   return found;
 }
 
@@ -146,7 +147,8 @@ void ChangeMonitor::judge(double time) {
   report_.changes = settled_;
   if (bank_.empty()) return;
   const std::vector<Finding> found = findings();
-  const auto best = std::find_if(found.begin(), found.end(), [](const Finding& f) { return f.part->of_craft; });
+  const auto best =
+      std::find_if(found.begin(), found.end(), [](const Finding& f) { return f.part->of_craft; });
   const auto unknown =
       std::find_if(found.begin(), found.end(), [](const Finding& f) { return !f.part->of_craft; });
   if (named_) {
@@ -182,8 +184,10 @@ void ChangeMonitor::refine(double time, const std::vector<Finding>& found, const
 /// Takes the size of the newest change from the filter, which has followed it for a while.
 void ChangeMonitor::settle(double time) {
   Change& change = settled_.back();
-  const int parameter = std::distance(change.parameters.data(), std::find_if(change.parameters.data(),
-      change.parameters.data() + change.parameters.size(), [](double by) { return by != 0; }));
+  const int parameter = std::distance(
+      change.parameters.data(),
+      std::find_if(change.parameters.data(), change.parameters.data() + change.parameters.size(),
+                   [](double by) { return by != 0; }));
   const int state = ChangeFilter::kChange + parameter;
   change.size = (1 + filter_.x()(state)) / before_ - 1;
   const double variance = std::max(0.0, filter_.covariance()(state, state));
@@ -218,8 +222,7 @@ std::string ChangeMonitor::partName(const Part& part) {
 std::map<std::string, double> ChangeMonitor::logRatios() const {
   std::map<std::string, double> ratios;
   if (bank_.empty()) return ratios;
-  for (const Finding& one : findings())
-    ratios.emplace(partName(*one.part), one.evidence.log_ratio);
+  for (const Finding& one : findings()) ratios.emplace(partName(*one.part), one.evidence.log_ratio);
   return ratios;
 }
 
@@ -267,8 +270,8 @@ void ChangeMonitor::update() {
   report_.change = filter_.craft().bounded(report_.change);
   const Eigen::VectorXd sides = sidesOf(*filter_.craft().model().thrusters);
   report_.asymmetry = sides.dot(report_.estimate.head(sides.size()));
-  const auto thrusters = filter_.covariance().block(ChangeFilter::kChange, ChangeFilter::kChange, sides.size(),
-                                                    sides.size());
+  const auto thrusters =
+      filter_.covariance().block(ChangeFilter::kChange, ChangeFilter::kChange, sides.size(), sides.size());
   report_.asymmetry_deviation = std::sqrt(std::max(0.0, sides.dot(thrusters * sides)));
   const double began = filter_.inputs().drive.origin(last_);
   report_.began = std::isfinite(began) ? began : 0;
@@ -280,12 +283,12 @@ std::string ChangeMonitor::Report::text() const {
     double near = std::abs(one.lower), far = std::abs(one.upper);
     if (one.size < 0) std::swap(near, far);
     const bool same_side = one.lower * one.upper > 0;
-    const std::string interval = same_side ? percent(near) + " to " + percent(far)
-                                           : percent(one.lower) + " to " + percent(one.upper);
+    const std::string interval =
+        same_side ? percent(near) + " to " + percent(far) : percent(one.lower) + " to " + percent(one.upper);
     char since[48];
     std::snprintf(since, sizeof since, " since %.1f s", one.since - began);
-    all += (all.empty() ? "" : "; ") + one.what + (one.size < 0 ? " -" : " +") +
-           percent(std::abs(one.size)) + "% (" + interval + ")" + one.details + since +
+    all += (all.empty() ? "" : "; ") + one.what + (one.size < 0 ? " -" : " +") + percent(std::abs(one.size)) +
+           "% (" + interval + ")" + one.details + since +
            (one.alternatives.empty() ? "" : " (or " + one.alternatives + ")");
   }
   return all;

@@ -27,8 +27,8 @@ void JumpBank::add(double time, const ChangeFilter::Step& step, double scale) {
   }
   while (!starts_.empty() && time - starts_.front().time > memory_) starts_.pop_front();
   if (starts_.empty() || time - starts_.back().time > spacing_ - 1e-6)
-    starts_.push_back({time, Matrix::Identity(states_, states_), Matrix::Zero(states_, states_),
-                       Vector::Zero(states_)});
+    starts_.push_back(
+        {time, Matrix::Identity(states_, states_), Matrix::Zero(states_, states_), Vector::Zero(states_)});
 }
 
 /// With information M and score c of z ~ N(0, 1):
@@ -36,8 +36,7 @@ void JumpBank::add(double time, const ChangeFilter::Step& step, double scale) {
 JumpBank::Posterior JumpBank::posterior(const Start& start, const Hypothesis& hypothesis) {
   const Matrix& root = hypothesis.prior;
   const Matrix information = start.information(hypothesis.states, hypothesis.states);
-  const Matrix precision =
-      Matrix::Identity(root.cols(), root.cols()) + root.transpose() * information * root;
+  const Matrix precision = Matrix::Identity(root.cols(), root.cols()) + root.transpose() * information * root;
   const Vector score = root.transpose() * start.score(hypothesis.states);
   const Eigen::LLT<Matrix> factor(precision);
   Posterior found;

@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kDeadThruster = -0.98;  // keeps the model's shares of thrust defined
 
-constexpr double kWorthTaking = 0.04;    // smallest difference that a controller takes
+constexpr double kWorthTaking = 0.04;  // smallest difference that a controller takes
 
 }  // namespace
 
@@ -75,8 +75,7 @@ bool CraftChange::differ(const Eigen::VectorXd& a, const Eigen::VectorXd& b) con
 
 Model CraftChange::apply(const Eigen::VectorXd& change) const {
   const Eigen::VectorXd taken = bounded(change);
-  std::vector<double> values =
-      coordinates(std::vector<double>(taken.data(), taken.data() + taken.size()));
+  std::vector<double> values = coordinates(std::vector<double>(taken.data(), taken.data() + taken.size()));
   const std::vector<ParameterInfo> infos = model_.parameters();
   for (std::size_t i = 0; i < values.size(); ++i)
     values[i] = std::clamp(infos[i].fromCoordinate(values[i]), infos[i].lower, infos[i].upper);

@@ -22,7 +22,9 @@ class AdaptivePilot : public ReferencePilot {
   using Make = std::function<std::unique_ptr<TrackingController>(const Model&)>;
 
   AdaptivePilot(Clock clock, Decided decided, Make make, Said said)
-      : ReferencePilot(std::move(clock), std::move(decided)), make_(std::move(make)), said_(std::move(said)) {}
+      : ReferencePilot(std::move(clock), std::move(decided)),
+        make_(std::move(make)),
+        said_(std::move(said)) {}
 
   /// Begins to watch; `adapts`: takes changes.
   void watch(const Model& believed, bool adapts) {

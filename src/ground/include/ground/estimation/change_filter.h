@@ -33,7 +33,7 @@ class ChangeFilter {
     Matrix gain;                 ///< (n, 3)
     Matrix3<double> covariance;  ///< of the innovation
     Vector3<double> innovation;  ///< pose measured minus predicted
-    bool hit = false;            ///< two poses are so far off that something hit the craft: its velocity is open
+    bool hit = false;  ///< two poses are so far off that something hit the craft: its velocity is open
   };
 
   /// Throws std::invalid_argument if the model's effects have more than kMaxStates states.

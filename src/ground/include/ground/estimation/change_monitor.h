@@ -17,8 +17,8 @@ namespace ground {
 /// named when its likelihood exceeds that of none clearly, and that of an unknown force. Explanations
 /// within kDistinct of it are named beside it: a load to the right of a craft's middle and a weak left
 /// thruster, for instance, differ little in a steady curve. The best explanation is kept up to date until
-/// none is beside it, or for kLongestRefining; then the filter continues from the changed craft, whose size it
-/// estimates better for kSettling. An unknown force, such as a collision, is followed without a word.
+/// none is beside it, or for kLongestRefining; then the filter continues from the changed craft, whose size
+/// it estimates better for kSettling. An unknown force, such as a collision, is followed without a word.
 ///
 /// The rate of false names was calibrated by test/bench/changes.py. Not for real-time threads.
 class ChangeMonitor {
@@ -35,13 +35,13 @@ class ChangeMonitor {
   };
   /// Present knowledge.
   struct Report {
-    std::vector<Change> changes;   ///< in the order in which they were named; the last may be refined
-    Eigen::VectorXd change;        ///< the named changes together, a CraftChange, for controllers
-    Eigen::VectorXd estimate;      ///< all parameters, relative to the model file
-    Eigen::VectorXd deviation;     ///< standard deviations of the estimate
+    std::vector<Change> changes;     ///< in the order in which they were named; the last may be refined
+    Eigen::VectorXd change;          ///< the named changes together, a CraftChange, for controllers
+    Eigen::VectorXd estimate;        ///< all parameters, relative to the model file
+    Eigen::VectorXd deviation;       ///< standard deviations of the estimate
     double asymmetry = 0;            ///< (left - right) / (left + right) of the thrusters, estimated
     double asymmetry_deviation = 0;  ///< its standard deviation
-    double began = 0;              ///< start of the drive, on the monitor's clock [s]
+    double began = 0;                ///< start of the drive, on the monitor's clock [s]
 
     /// "left thruster -22% (18 to 26) since 12.4 s", by the time since the drive began, with " (or mass)"
     /// where another part explains it alike; the changes so far one after another; empty if there is none.
@@ -94,10 +94,10 @@ class ChangeMonitor {
   ChangeFilter filter_;
   JumpBank bank_;
   std::vector<Part> parts_;
-  double scale_ = 1;        ///< of the innovations' variances
-  double last_ = 0;         ///< time of the last measurement [s]
-  double judged_ = 0;       ///< time of the last judgement [s]
-  double lifted_ = 0;       ///< start of the present lift [s]; infinity without it
+  double scale_ = 1;                ///< of the innovations' variances
+  double last_ = 0;                 ///< time of the last measurement [s]
+  double judged_ = 0;               ///< time of the last judgement [s]
+  double lifted_ = 0;               ///< start of the present lift [s]; infinity without it
   std::optional<double> named_;     ///< when the change that is being refined was named [s]
   std::optional<double> followed_;  ///< when the filter began to follow it [s]
   double before_ = 0;               ///< its parameter before the change

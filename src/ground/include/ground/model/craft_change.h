@@ -15,9 +15,9 @@ class CraftChange {
  public:
   /// A parameter of a change.
   struct Parameter {
-    std::string name;     ///< such as thruster_left, mass, centre_x
-    double least, most;   ///< bounds on what a controller takes
-    bool relative;        ///< a share; otherwise [m]
+    std::string name;    ///< such as thruster_left, mass, centre_x
+    double least, most;  ///< bounds on what a controller takes
+    bool relative;       ///< a share; otherwise [m]
   };
 
   explicit CraftChange(const Model& model);
