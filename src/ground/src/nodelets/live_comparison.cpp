@@ -1,5 +1,6 @@
 #include <ground/LiveComparisonConfig.h>
 #include <ground_msgs/Controls.h>
+#include <ground_msgs/CraftChange.h>
 #include <ground_msgs/Drive.h>
 #include <ground_msgs/ModelComparison.h>
 #include <ground_msgs/ModelError.h>
@@ -15,7 +16,10 @@
 #include <optional>
 #include <pluginlib/class_list_macros.hpp>
 #include <string>
+#include <utility>
+#include <vector>
 
+#include "ground/estimation/change_monitor.h"
 #include "ground/estimation/model_monitor.h"
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/messages.h"
@@ -32,8 +36,9 @@ namespace ground {
 /// Parameters: model (model file, required), model2 (another, optional) and those of
 /// LiveComparison.cfg, which can be changed at run time. Subscribes: state, controls, drive.
 /// Publishes with every state: model_error, model_error2. Publishes at `rate`: path/predicted,
-/// path/predicted2 (prediction of each model over the last horizon), model_comparison. Services:
-/// ~load_model, ~load_model2 (load another model file).
+/// path/predicted2 (prediction of each model over the last horizon), model_comparison. Publishes ten times a
+/// second: craft_change (what has changed of the craft since the first model was made; ChangeMonitor), unless
+/// `changes` is false. Services: ~load_model, ~load_model2 (load another model file).
 class LiveComparison : public Shell {
  private:
   using Config = LiveComparisonConfig;
@@ -62,6 +67,7 @@ class LiveComparison : public Shell {
                                     return std::string();
                                   });
     }
+    change_publisher_ = topics.advertise<ground_msgs::CraftChange>("craft_change", 10);
     comparison_publisher_ = topics.advertise<ground_msgs::ModelComparison>("model_comparison", 1);
     controls_subscriber_ = topics.subscribe("controls", 50, &LiveComparison::onControls, this,
                                             ros::TransportHints().tcpNoDelay());
@@ -86,6 +92,7 @@ class LiveComparison : public Shell {
     contest_ = ModelContest(c.horizon, c.window);
     for (Contestant& one : contestants_)
       if (one.monitor) one.monitor->setParams(params(c));
+    if (changes_) changes_->setParams(params(c).observer);
   }
 
   void take(Contestant& contestant, const Model& model, const std::string& file) {
@@ -97,6 +104,9 @@ class LiveComparison : public Shell {
       if (&other != &contestant && other.monitor && other.name == contestant.name)
         contestant.name = (path.parent_path().filename() / path.stem()).string();
     contest_ = ModelContest(config_.horizon, config_.window);
+    if (&contestant != &contestants_[0]) return;
+    changes_ = std::make_unique<ChangeMonitor>(model, params(config_).observer);
+    if (recorded_ && !epoch_.isZero()) followRecord();
   }
 
   /// Time since the first message [s]. Restarts if time jumps back, as with a bag that begins
@@ -109,6 +119,7 @@ class LiveComparison : public Shell {
       drive_ = DriveClock();
       for (Contestant& c : contestants_)
         if (c.monitor) c.monitor->reset();
+      changes_->reset();
       followRecord();
     }
     newest_ = std::max(newest_, stamp);
@@ -117,9 +128,12 @@ class LiveComparison : public Shell {
 
   /// Sets the models' t by the newest recorded start of a drive, which may be before epoch_.
   void followRecord() {
-    if (recorded_)
-      drive_.record(secondsBetween(epoch_, recorded_->began),
-                    secondsBetween(epoch_, recorded_->header.stamp));
+    if (recorded_) {
+      const double began = secondsBetween(epoch_, recorded_->began);
+      const double as_of = secondsBetween(epoch_, recorded_->header.stamp);
+      drive_.record(began, as_of);
+      changes_->driveBegan(began, as_of);
+    }
     for (Contestant& c : contestants_)
       if (c.monitor) c.monitor->setDrive(drive_);
   }
@@ -140,12 +154,14 @@ class LiveComparison : public Shell {
       if (!c.monitor) continue;
       const Model& model = c.monitor->model();
       const std::string other = misfit(*controls, *model.thrusters);
-      if (other.empty())
-        c.monitor->command(time,
-                           model.body.input_max * asVector(model.thrusters->clipped(inputs.thrusters, 1)),
-                           inputs.lift);
-      else
+      if (!other.empty()) {
         NODELET_WARN_THROTTLE(5, "live_comparison: %s: a command %s", c.name.c_str(), other.c_str());
+        continue;
+      }
+      Thrusters<double> thrusters = model.thrusters->clipped(inputs.thrusters, 1);
+      thrusters *= model.body.input_max;
+      c.monitor->command(time, thrusters, inputs.lift);
+      if (&c == &contestants_[0]) changes_->command(time, thrusters, inputs.lift);
     }
   }
 
@@ -161,6 +177,7 @@ class LiveComparison : public Shell {
       errors[i] = c.monitor->measure(time, state);
       if (errors[i]) publishError(c, message->header, *errors[i]);
     }
+    watchChanges(time, state, message->header);
     const bool is_tried = errors[0] && errors[1] && errors[0]->excited && errors[1]->excited;
     if (is_tried) contest_.add(time, *errors[0], *errors[1]);
     if (time - last_paths_ < 1 / config_.rate) return;
@@ -189,6 +206,41 @@ class LiveComparison : public Shell {
       message->wrench_noise[i] = e.wrench_noise(i);
     }
     c.error.publish(message);
+  }
+
+  void watchChanges(double time, const RigidState<double>& state, const std_msgs::Header& header) {
+    if (config_.changes && changes_->measure(time, state)) publishChange(header);
+  }
+
+  void publishChange(const std_msgs::Header& header) {
+    const ChangeMonitor::Report& report = changes_->report();
+    auto message = boost::make_shared<ground_msgs::CraftChange>();
+    message->header = header;
+    message->model = contestants_[0].name;
+    message->text = report.text();
+    std::string named;
+    for (const ChangeMonitor::Change& change : report.changes) {
+      message->what.push_back(change.what);
+      message->alternatives.push_back(change.alternatives);
+      message->since.push_back(change.since - report.began);
+      message->size.push_back(change.size);
+      message->lower.push_back(change.lower);
+      message->upper.push_back(change.upper);
+      named += change.what + '/' + change.alternatives + ' ';
+    }
+    const auto numbers = [](const Eigen::VectorXd& all) {
+      return std::vector<double>(all.begin(), all.end());
+    };
+    for (const CraftChange::Parameter& one : changes_->craft().parameters())
+      message->parameters.push_back(one.name);
+    message->change = numbers(report.change);
+    message->estimate = numbers(report.estimate);
+    message->deviation = numbers(report.deviation);
+    message->asymmetry = report.asymmetry;
+    message->asymmetry_deviation = report.asymmetry_deviation;
+    change_publisher_.publish(message);
+    if (named != std::exchange(named_, named) && !named.empty())
+      NODELET_WARN("live_comparison: the craft has changed: %s", message->text.c_str());
   }
 
   static void publishPath(Contestant& c, const ros::Time& stamp) {
@@ -223,7 +275,9 @@ class LiveComparison : public Shell {
   DriveClock drive_;                       ///< starts of drives, on the monitors' clock
   ground_msgs::Drive::ConstPtr recorded_;  ///< newest start of a drive, recorded by the sender
   double last_paths_ = 0;
-  ros::Publisher comparison_publisher_;
+  std::unique_ptr<ChangeMonitor> changes_;  ///< by the first model; null until that is loaded
+  std::string named_;                       ///< changes that are in the log
+  ros::Publisher comparison_publisher_, change_publisher_;
   ros::Subscriber state_subscriber_, controls_subscriber_, drive_subscriber_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
   std::array<ModelService, kModels> services_;

@@ -4,10 +4,13 @@
 #include <pybind11/stl.h>
 
 #include <limits>
+#include <map>
+#include <memory>
 #include <stdexcept>
 
 #include "bindings.h"
 #include "ground/estimation/axis_mapping.h"
+#include "ground/estimation/change_monitor.h"
 #include "ground/estimation/smoother.h"
 
 namespace py = pybind11;
@@ -27,6 +30,66 @@ Eigen::MatrixX3d planarRows(const AxisMapping& mapping, const Eigen::MatrixX3d& 
     if (planar) found.row(i) = planar->transpose();
   }
   return found;
+}
+
+py::list changesOf(const ChangeMonitor& monitor) {
+  py::list all;
+  for (const ChangeMonitor::Change& change : monitor.report().changes) {
+    py::dict d;
+    d["what"] = change.what;
+    d["since"] = change.since;
+    d["size"] = change.size;
+    d["lower"] = change.lower;
+    d["upper"] = change.upper;
+    d["parameters"] = change.parameters;
+    d["alternatives"] = change.alternatives;
+    all.append(d);
+  }
+  return all;
+}
+
+void bindChangeMonitor(py::module_& module) {
+  py::class_<ChangeMonitor>(module, "ChangeMonitor",
+                            "Names what has changed of a craft while it flies, from its poses and commands.")
+      .def(py::init(
+               [](const Model& model) { return std::make_unique<ChangeMonitor>(model, ObserverParams()); }),
+           py::arg("model"))
+      .def(
+          "command",
+          [](ChangeMonitor& monitor, double time, const Eigen::VectorXd& thrusters, double lift) {
+            monitor.command(time, thrusters, lift);
+          },
+          py::arg("time"), py::arg("thrusters"), py::arg("lift"),
+          "Adds a command at a time [s]: an input for each thruster in the model's units, and lift, 0..1.")
+      .def(
+          "measure",
+          [](ChangeMonitor& monitor, double time, const Vector3<double>& eta, const Vector3<double>& nu) {
+            return monitor.measure(time, {eta, nu});
+          },
+          py::arg("time"), py::arg("eta"), py::arg("nu"),
+          "Adds a measured pose (3,) and velocity (3,); returns whether the report was updated.")
+      .def_property_readonly(
+          "changes", &changesOf,
+          "The named changes: what, since [s], size, lower, upper, parameters (n,), alternatives.")
+      .def_property_readonly("text", [](const ChangeMonitor& m) { return m.report().text(); })
+      .def_property_readonly(
+          "estimate", [](const ChangeMonitor& m) { return m.report().estimate; },
+          "All parameters relative to the model (n,).")
+      .def_property_readonly(
+          "deviation", [](const ChangeMonitor& m) { return m.report().deviation; },
+          "Standard deviations of the estimate (n,).")
+      .def_property_readonly(
+          "names",
+          [](const ChangeMonitor& m) {
+            std::vector<std::string> names;
+            for (const CraftChange::Parameter& one : m.craft().parameters()) names.push_back(one.name);
+            return names;
+          },
+          "Names of the parameters.")
+      .def("log_ratios", &ChangeMonitor::logRatios, "Log-likelihood ratio now of each explanation, by name.")
+      .def(
+          "changed_model", [](const ChangeMonitor& m) { return m.craft().apply(m.report().change); },
+          "The model with the named changes.");
 }
 
 }  // namespace
@@ -62,6 +125,7 @@ void bindEstimation(py::module_& module) {
       .def_readwrite("angular_jerk", &EstimatorParams::angular_jerk)
       .def_readwrite("gate", &EstimatorParams::gate)
       .def_readwrite("max_gap", &EstimatorParams::max_gap);
+  bindChangeMonitor(module);
   module.def(
       "smooth",
       [](const std::vector<double>& stamps, const Eigen::MatrixX3d& eta, const EstimatorParams& params) {

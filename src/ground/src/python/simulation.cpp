@@ -44,6 +44,10 @@ py::dict toDict(const ExperimentLog& log) {
   for (const ExperimentLog::Stage& stage : log.stages)
     stages.append(py::make_tuple(stage.time, nameOf(stage.state), stage.reason));
   d["stages"] = stages;
+  py::list changes;
+  for (const ExperimentLog::Change& change : log.changes)
+    changes.append(py::make_tuple(change.time, change.text, change.parameters));
+  d["changes"] = changes;
   d["stopped"] = log.stopped;
   d["stopped_at"] = log.stopped_at;
   return d;
@@ -181,7 +185,9 @@ void defParams(py::module_& module) {
       .def(py::init<>())
       .def_readwrite("reference", &TrackingParams::reference)
       .def_readwrite("controller", &TrackingParams::controller)
-      .def_readwrite("max_error", &TrackingParams::max_error);
+      .def_readwrite("max_error", &TrackingParams::max_error)
+      .def_readwrite("watch", &TrackingParams::watch)
+      .def_readwrite("adapt", &TrackingParams::adapt);
   py::class_<ExcitationParams, DriveParams>(module, "ExcitationParams",
                                             "An input design; with a room, in bursts between returns.")
       .def(py::init<>())

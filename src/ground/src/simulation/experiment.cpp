@@ -9,6 +9,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "adaptive_pilot.h"
 #include "ground/estimation/velocity_estimator.h"
 
 namespace ground {
@@ -221,15 +222,24 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
   Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
   LivePilot live(tracking, log);
-  ReferencePilot pilot([&live] { return live.now(); },
-                       [&log](const ReferencePilot::Decision& made) {
-                         log.decisions.push_back(made);
-                         if (log.references.empty() || made.stamp > log.references.back().time)
-                           log.references.push_back({made.stamp, made.reference});
-                       });
-  std::unique_ptr<TrackingController> controller = makeController(believed, tracking.controller);
+  const auto make = [&tracking](const Model& inside) {
+    std::unique_ptr<TrackingController> made = makeController(inside, tracking.controller);
+    if (tracking.room) made->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
+    return made;
+  };
+  AdaptivePilot pilot([&live] { return live.now(); },
+                      [&log](const ReferencePilot::Decision& made) {
+                        log.decisions.push_back(made);
+                        if (log.references.empty() || made.stamp > log.references.back().time)
+                          log.references.push_back({made.stamp, made.reference});
+                      },
+                      make,
+                      [&log](double stamp, const ChangeMonitor::Report& report) {
+                        log.changes.push_back({stamp, report.text(), report.change});
+                      });
+  if (tracking.watch || tracking.adapt) pilot.watch(believed, tracking.adapt);
+  std::unique_ptr<TrackingController> controller = make(believed);
   ReferencePtr reference = makeReference(tracking.reference);
-  if (tracking.room) controller->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
   pilot.setMaxError(tracking.max_error > 0 ? tracking.max_error : defaultMaxError(*reference));
   pilot.setDuration(tracking.duration);
   pilot.expectObedience();

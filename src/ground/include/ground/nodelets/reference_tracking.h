@@ -51,6 +51,23 @@ class ReferenceTracking : public Controller {
     reconfigure_.reset();
     Controller::shutdown();
   }
+  /// Called with each model that is loaded from a file, in the thread of changes().
+  virtual void loaded(const Model& /*model*/, const std::string& /*file*/) {}
+  /// The thread in which parameters and models change. Subscribers in it end before the object does.
+  CallbackThread& changes() { return reconfigure_->thread(); }
+  const Config& config() const { return config_; }  ///< call in the thread of changes()
+  /// Replaces the model, also while it drives; returns a warning for the user. Call in the thread of
+  /// changes().
+  std::string replaceModel(const Model& model) {
+    requireSameThrusters(*model_.thrusters, *model.thrusters);
+    std::unique_ptr<TrackingController> controller = made(model, config_);
+    const std::string caution = judge(model, *pilot_.reference(), config_.reference);
+    const std::lock_guard lock(mutex());
+    pilot_.swapController(controller, model);
+    model_ = model;
+    pilot_.setCaution(caution);
+    return caution;
+  }
 
  private:
   void load(ros::NodeHandle& nh) override {
@@ -64,7 +81,12 @@ class ReferenceTracking : public Controller {
     path_publisher_ = topics().advertise<nav_msgs::Path>("path/reference", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) { apply(c); });
     model_service_ = ModelService(reconfigure_->thread(), nh, "load_model",
-                                  [this](const Model& m, const std::string&) { return replaceModel(m); });
+                                  [this](const Model& m, const std::string& name) {
+                                    const std::string caution = replaceModel(m);
+                                    loaded(m, name);
+                                    return caution;
+                                  });
+    loaded(model_, file);
   }
 
   /// Refuses parameters of another kind of controller, which would have no effect.
@@ -130,18 +152,6 @@ class ReferenceTracking : public Controller {
       if (changed) pilot_.swapReference(reference);
     }
     if (changed) path_publisher_.publish(path);
-  }
-
-  /// Replaces the model, also while it drives; returns a warning for the user.
-  std::string replaceModel(const Model& model) {
-    requireSameThrusters(*model_.thrusters, *model.thrusters);
-    std::unique_ptr<TrackingController> controller = made(model, config_);
-    const std::string caution = judge(model, *pilot_.reference(), config_.reference);
-    const std::lock_guard lock(mutex());
-    pilot_.swapController(controller, model);
-    model_ = model;
-    pilot_.setCaution(caution);
-    return caution;
   }
 
   /// Logs and returns remarks and warnings about a model and a reference.

@@ -1,0 +1,297 @@
+#include "ground/estimation/change_monitor.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <utility>
+
+namespace ground {
+namespace {
+
+constexpr double kJudgePeriod = 0.1;       // of judgements [s]
+constexpr double kPosePeriod = 0.0095;     // between measurements that are used [s]
+constexpr double kStartSpacing = 0.25;     // of starts [s]
+constexpr double kStartMemory = 8;         // [s]
+constexpr double kAfterLift = 0.5;         // time that a craft takes to rise [s]
+constexpr double kNaming = 6;              // log-likelihood ratio that names a change
+constexpr double kDistinct = 3;            // by which it exceeds explanations that are then left out
+constexpr double kLead = 0.5;              // by which it exceeds an unknown force
+constexpr double kUnknown = 6;             // by which an unknown force does, to be followed
+constexpr double kUnknownAge = 1.0;        // shortest time since it began [s]
+constexpr double kRefining = 2.5;          // [s]
+constexpr double kLongestRefining = 5;     // [s]
+constexpr double kSettling = 3;            // [s]
+constexpr double kScaleMemory = 20;        // [s]
+constexpr double kLargestInnovation = 12;  // squared innovation that counts for the scale
+constexpr double kSigma95 = 1.96;
+constexpr double kCurved = 0.05;  // error of sizes by the filter's linearisation
+
+std::string percent(double share) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.0f", 100 * share);
+  return text;
+}
+
+/// Weights by which the forces of thrusters give the asymmetry; 0 for those on the x axis.
+Eigen::VectorXd sidesOf(const ThrusterLayout& layout) {
+  Eigen::VectorXd sides(layout.size());
+  for (int i = 0; i < sides.size(); ++i) {
+    const double starboard = layout.along(i) * layout.starboard(i) - layout.lever(i) * layout.forward(i);
+    sides(i) = std::abs(starboard) < 1e-9 ? 0 : starboard > 0 ? -1 : 1;
+  }
+  return sides / std::max(1.0, sides.cwiseAbs().sum());
+}
+
+}  // namespace
+
+ChangeMonitor::ChangeMonitor(const Model& model, const ObserverParams& params)
+    : filter_(model, params), bank_(filter_.size(), kStartSpacing, kStartMemory) {
+  addParts();
+  reset();
+}
+
+void ChangeMonitor::addParts() {
+  const CraftChange& craft = filter_.craft();
+  const Model& model = craft.model();
+  const Vector3<double>& most = filter_.most();
+  constexpr int kFirst = ChangeFilter::kChange;
+  const auto add = [&](const std::string& name, std::vector<int> states, const std::vector<double>& deviation,
+                       bool of_craft, double least) {
+    const Eigen::VectorXd deviations =
+        Eigen::Map<const Eigen::VectorXd>(deviation.data(), static_cast<Eigen::Index>(deviation.size()));
+    parts_.push_back({name, {std::move(states), deviations.asDiagonal()}, of_craft, least});
+  };
+  for (int i = 0; i < craft.thrusters(); ++i)
+    add((*model.thrusters)[i].name + " thruster", {kFirst + i}, {0.3}, true, 0.07);
+  const double lever = 0.12 * model.body.l;
+  const int mass = kFirst + craft.mass();
+  add("mass", {mass, mass + 1, mass + 2, mass + 3}, {0.2, 0.08, lever, lever}, true, 0.05);
+  parts_.back().hypothesis.prior(1, 0) = 0.12;  // a load adds inertia as well
+  add("drag", {kFirst + craft.drag()}, {1.0}, true, 0.25);
+  const int nu = ChangeFilter::kNu, bias = ChangeFilter::kBias, tilt = ChangeFilter::kTilt;
+  add("", {nu, nu + 1, nu + 2}, {1, 1, 10}, false, 0);
+  const int push = ChangeFilter::kPush;
+  add("", {push, push + 1, push + 2}, {0.3 * most.x(), 0.3 * most.y(), 0.3 * most.z()}, false, 0);
+  add("", {bias, bias + 1, bias + 2}, {0.05 * most.x(), 0.05 * most.y(), 0.05 * most.z()}, false, 0);
+  add("", {tilt, tilt + 1}, {0.1, 0.1}, false, 0);
+}
+
+void ChangeMonitor::reset() {
+  filter_.reset();
+  bank_.clear();
+  settled_.clear();
+  named_.reset();
+  followed_.reset();
+  scale_ = 1;
+  last_ = judged_ = -std::numeric_limits<double>::infinity();
+  lifted_ = std::numeric_limits<double>::infinity();
+  report_ = Report();
+  update();
+}
+
+void ChangeMonitor::command(double time, const Thrusters<double>& thrusters, double lift) {
+  const InputSequence& inputs = filter_.inputs();
+  if (inputs.size() > 0 && time < inputs.times.back()) {
+    if (time < inputs.times.back() - DriveClock::kDisorder)
+      reset();
+    else
+      time = inputs.times.back();
+  }
+  const std::size_t drives = inputs.drive.starts().size();
+  if (lift <= 0) lifted_ = std::numeric_limits<double>::infinity();
+  if (lift > 0 && std::isinf(lifted_)) lifted_ = time;
+  filter_.command(time, thrusters, lift);
+  if (drives > 0 && inputs.drive.starts().size() > drives) {
+    reset();
+    lifted_ = time;
+    filter_.command(time, thrusters, lift);
+  }
+}
+
+bool ChangeMonitor::measure(double time, const RigidState<double>& measured) {
+  if (time < last_) reset();
+  if (time - last_ < kPosePeriod) return false;
+  last_ = time;
+  if (!(time - lifted_ > kAfterLift)) {
+    filter_.restart();
+    bank_.clear();
+    return false;
+  }
+  const std::optional<ChangeFilter::Step> step = filter_.measure(time, measured);
+  if (!step || step->hit) {
+    bank_.clear();
+    return false;
+  }
+  const double squared = step->innovation.dot(step->covariance.inverse() * step->innovation);
+  scale_ += kPosePeriod / kScaleMemory * (std::min(squared, kLargestInnovation) / 3 - scale_);
+  bank_.add(time, *step, std::max(1.0, scale_));
+  if (time - judged_ < kJudgePeriod - 1e-6) return false;
+  judged_ = time;
+  judge(time);
+  update();
+  return true;
+}
+
+/// The parts by their likelihood, the best first.
+std::vector<ChangeMonitor::Finding> ChangeMonitor::findings() const {
+  std::vector<Finding> found;
+  for (const Part& part : parts_) found.push_back({&part, bank_.test(part.hypothesis)});
+  std::sort(found.begin(), found.end(),
+            [](const Finding& a, const Finding& b) { return a.evidence.log_ratio > b.evidence.log_ratio; });
+  return found;
+}
+
+void ChangeMonitor::judge(double time) {
+  if (followed_) settle(time);
+  report_.changes = settled_;
+  if (bank_.empty()) return;
+  const std::vector<Finding> found = findings();
+  const auto best =
+      std::find_if(found.begin(), found.end(), [](const Finding& f) { return f.part->of_craft; });
+  const auto unknown =
+      std::find_if(found.begin(), found.end(), [](const Finding& f) { return !f.part->of_craft; });
+  if (named_) {
+    refine(time, found, *best);
+    return;
+  }
+  const double lead = best->evidence.log_ratio - unknown->evidence.log_ratio;
+  const Finding& first = found.front();
+  if (first.evidence.log_ratio < kNaming) return;
+  if (-lead > kUnknown && time - first.evidence.start > kUnknownAge) {
+    follow(first);
+  } else if (lead > 0 && std::abs(first.evidence.jump(0)) < first.part->least) {
+    if (time - first.evidence.start > kRefining) follow(first);
+  } else if (lead > kLead) {
+    named_ = time;
+    refine(time, found, first);
+  }
+}
+
+/// Describes the change by its best explanation, and follows it when it is clear.
+void ChangeMonitor::refine(double time, const std::vector<Finding>& found, const Finding& best) {
+  report_.changes.push_back(described(best));
+  report_.changes.back().alternatives = alternatives(found, best);
+  const bool clear = report_.changes.back().alternatives.empty();
+  if (time - *named_ < (clear ? kRefining : kLongestRefining)) return;
+  settled_ = report_.changes;
+  named_.reset();
+  followed_ = time;
+  before_ = before(best);
+  follow(best);
+}
+
+/// Takes the size of the newest change from the filter, which has followed it for a while.
+void ChangeMonitor::settle(double time) {
+  Change& change = settled_.back();
+  const int parameter = std::distance(
+      change.parameters.data(),
+      std::find_if(change.parameters.data(), change.parameters.data() + change.parameters.size(),
+                   [](double by) { return by != 0; }));
+  const int state = ChangeFilter::kChange + parameter;
+  change.size = (1 + filter_.x()(state)) / before_ - 1;
+  const double variance = std::max(0.0, filter_.covariance()(state, state));
+  const double deviation = std::hypot(std::sqrt(variance) / before_, kCurved * change.size);
+  change.lower = change.size - kSigma95 * deviation;
+  change.upper = change.size + kSigma95 * deviation;
+  if (time - *followed_ > kSettling) followed_.reset();
+}
+
+/// What else explains the innovations nearly as well.
+std::string ChangeMonitor::alternatives(const std::vector<Finding>& found, const Finding& best) const {
+  std::string all;
+  bool is_unknown = false;
+  for (const Finding& one : found) {
+    if (one.part == best.part || best.evidence.log_ratio - one.evidence.log_ratio > kDistinct) continue;
+    if (!one.part->of_craft && std::exchange(is_unknown, true)) continue;
+    all += (all.empty() ? "" : " or ") + partName(*one.part);
+  }
+  return all;
+}
+
+/// The parameter that a part's change begins with, before the change, over that of the model file.
+double ChangeMonitor::before(const Finding& finding) const {
+  const int first = finding.part->hypothesis.states.front();
+  return 1 + filter_.x()(first) + finding.evidence.now(first) - finding.evidence.jump(0);
+}
+
+std::string ChangeMonitor::partName(const Part& part) {
+  return part.of_craft ? part.name : "an unknown force";
+}
+
+std::map<std::string, double> ChangeMonitor::logRatios() const {
+  std::map<std::string, double> ratios;
+  if (bank_.empty()) return ratios;
+  for (const Finding& one : findings()) ratios.emplace(partName(*one.part), one.evidence.log_ratio);
+  return ratios;
+}
+
+/// The filter continues as if it had known of the jump.
+void ChangeMonitor::follow(const Finding& finding) {
+  filter_.shift(finding.evidence.now, finding.evidence.now_covariance);
+  bank_.clear();
+}
+
+ChangeMonitor::Change ChangeMonitor::described(const Finding& finding) const {
+  const JumpBank::Evidence& evidence = finding.evidence;
+  const std::vector<int>& states = finding.part->hypothesis.states;
+  const int first = states.front();
+  const double size = evidence.jump(0) / before(finding);
+  const double deviation = std::hypot(std::sqrt(evidence.covariance(0, 0)) / before(finding), kCurved * size);
+  Change change{finding.part->name,
+                evidence.start,
+                size,
+                size - kSigma95 * deviation,
+                size + kSigma95 * deviation,
+                Eigen::VectorXd::Zero(filter_.craft().size()),
+                "",
+                ""};
+  for (std::size_t i = 0; i < states.size(); ++i)
+    change.parameters(states[i] - ChangeFilter::kChange) = evidence.jump(static_cast<Eigen::Index>(i));
+  if (first == ChangeFilter::kChange + filter_.craft().mass()) change.details = centreText(change.parameters);
+  return change;
+}
+
+std::string ChangeMonitor::centreText(const Eigen::VectorXd& parameters) const {
+  const int centre = filter_.craft().centre();
+  const double x = 1e3 * parameters(centre), y = 1e3 * parameters(centre + 1);
+  char text[96];
+  std::snprintf(text, sizeof text, ", its centre %.1f mm %s and %.1f mm to %s", std::abs(x),
+                x < 0 ? "back" : "forward", std::abs(y), y < 0 ? "port" : "starboard");
+  return text;
+}
+
+void ChangeMonitor::update() {
+  const int count = filter_.craft().size();
+  report_.estimate = filter_.x().tail(count);
+  report_.deviation = filter_.covariance().diagonal().tail(count).cwiseMax(0).cwiseSqrt();
+  report_.change = Eigen::VectorXd::Zero(count);
+  for (const Change& change : report_.changes) report_.change += change.parameters;
+  report_.change = filter_.craft().bounded(report_.change);
+  const Eigen::VectorXd sides = sidesOf(*filter_.craft().model().thrusters);
+  report_.asymmetry = sides.dot(report_.estimate.head(sides.size()));
+  const auto thrusters =
+      filter_.covariance().block(ChangeFilter::kChange, ChangeFilter::kChange, sides.size(), sides.size());
+  report_.asymmetry_deviation = std::sqrt(std::max(0.0, sides.dot(thrusters * sides)));
+  const double began = filter_.inputs().drive.origin(last_);
+  report_.began = std::isfinite(began) ? began : 0;
+}
+
+std::string ChangeMonitor::Report::text() const {
+  std::string all;
+  for (const Change& one : changes) {
+    double near = std::abs(one.lower), far = std::abs(one.upper);
+    if (one.size < 0) std::swap(near, far);
+    const bool same_side = one.lower * one.upper > 0;
+    const std::string interval =
+        same_side ? percent(near) + " to " + percent(far) : percent(one.lower) + " to " + percent(one.upper);
+    char since[48];
+    std::snprintf(since, sizeof since, " since %.1f s", one.since - began);
+    all += (all.empty() ? "" : "; ") + one.what + (one.size < 0 ? " -" : " +") + percent(std::abs(one.size)) +
+           "% (" + interval + ")" + one.details + since +
+           (one.alternatives.empty() ? "" : " (or " + one.alternatives + ")");
+  }
+  return all;
+}
+
+}  // namespace ground

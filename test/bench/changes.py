@@ -1,0 +1,191 @@
+#!/usr/bin/python3
+"""Changes of a craft in flight: how soon, how rightly and how falsely they are named, and what a controller
+that takes them gains. Run in the workspace: /usr/bin/python3 test/bench/changes.py --flights 100 --hours 10
+
+A flight follows a circle or a rhodonea, or plays a binary sequence between returns. At a random time one
+thruster loses 20%, a load of 15% of the mass appears at the distance of a thruster in a random direction, or
+all damping doubles. changes_craft.py says by what else the truth differs from the model.
+"""
+
+import argparse
+import json
+import math
+import multiprocessing
+import os
+import sys
+
+import numpy as np
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import changes_craft as flights
+from ground import _core
+
+ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
+MODEL = os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover.yaml")
+SIZES = {"thruster": -0.2, "mass": 0.15, "drag": 1.0}
+NAMED = 3.0  # time in which a change should be named [s]
+RECOVERY = 5.0  # time after which the error should be as before [s]
+LONG = 300.0  # a flight without change [s]
+
+
+def named(job):
+    """What the monitor said of a flight with a change."""
+    kind, seed, share = job
+    model = _core.load_model(MODEL)
+    chosen = flights.setting(model, kind, seed, share)
+    log = flights.fly(model, chosen)
+    found = dict(kind=kind, seed=seed, named=None, early=False, at_bound="", alternatives="")
+    monitor = None
+    for time, monitor in flights.watch(model, log):
+        changes = monitor.changes
+        if not changes:
+            continue
+        if found["named"] is None:
+            found["named"] = float(time - chosen.time)
+            found["early"] = bool(time < chosen.time)
+        if time <= chosen.time + NAMED:
+            found["at_bound"], found["alternatives"] = changes[-1]["what"], changes[-1]["alternatives"]
+    last = monitor.changes if monitor else []
+    found["truth"] = chosen.name
+    found["last"] = last[-1]["what"] if last else ""
+    found["count"] = len(last)
+    found["size"] = [last[-1][k] for k in ("lower", "size", "upper")] if last else None
+    return found
+
+
+def falsely(job):
+    """Duration [s] and false names of a long flight without a change."""
+    seed, share = job
+    model = _core.load_model(MODEL)
+    log = flights.fly(model, flights.setting(model, None, seed, share), LONG)
+    texts, largest, monitor = [], 0.0, None
+    for _, monitor in flights.watch(model, log):
+        ratios = monitor.log_ratios()
+        parts = [value for part, value in ratios.items() if part != "an unknown force"]
+        largest = max([largest, *parts])
+    if monitor and monitor.changes:
+        texts.append(monitor.text)
+    return dict(seed=seed, duration=float(log["frames"][-1, 0]), texts=texts, largest=largest)
+
+
+def recovered(job):
+    """RMS errors [m] after a change, with and without adapting, and of the same flight without the change."""
+    kind, seed, share = job
+    model = _core.load_model(MODEL)
+    chosen = flights.setting(model, kind, seed, share)
+    chosen.controller, chosen.reference = "ModelPredictive", ["circle", "rhodonea"][seed % 2]
+    found = dict(kind=kind, seed=seed)
+    for label, adapt in (("unchanged", False), ("kept", False), ("adapted", True)):
+        chosen.kind = None if label == "unchanged" else kind
+        log = flights.fly(model, chosen, chosen.time + flights.AFTER, adapt=adapt)
+        references, truth = log["references"], log["truth"]
+        times = references[:, 0] - chosen.time
+        off = [np.interp(references[:, 0], truth[:, 0], truth[:, i]) - references[:, i] for i in (1, 2)]
+        squares = np.square(off).sum(axis=0)
+        found[label] = [
+            math.sqrt(squares[(times > a) & (times < b)].mean())
+            for a, b in ((0, RECOVERY), (RECOVERY, flights.AFTER))
+        ]
+        found[label + "_stopped"] = log["stopped"]
+    return found
+
+
+def wilson(hits, count, z=1.96):
+    """95% interval of a rate."""
+    if not count:
+        return 0.0, 1.0
+    rate, unit = hits / count, z * z / count
+    middle, half = rate + unit / 2, z * math.sqrt(rate * (1 - rate) / count + unit / (4 * count))
+    return (middle - half) / (1 + unit), (middle + half) / (1 + unit)
+
+
+def share(hits, count):
+    """Text of a rate with its interval."""
+    return "%d of %d (%.0f to %.0f%%)" % ((hits, count) + tuple(100 * x for x in wilson(hits, count)))
+
+
+def tell_named(rows):
+    for kind in flights.KINDS:
+        found = [row for row in rows if row["kind"] == kind]
+        right = [row["at_bound"] == row["truth"] for row in found]
+        beside = [row["truth"] in (row["at_bound"], *row["alternatives"].split(" or ")) for row in found]
+        sized = [row["size"] for row in found if row["last"] == row["truth"]]
+        holds = [low <= SIZES[kind] <= high for low, _, high in sized]
+        print(
+            "%-8s named in %.0f s: %s; as best or beside: %s; said before it: %d; right in the end: %s; "
+            "interval holds: %s"
+            % (
+                kind,
+                NAMED,
+                share(sum(right), len(found)),
+                share(sum(beside), len(found)),
+                sum(row["early"] for row in found),
+                share(len(sized), len(found)),
+                share(sum(holds), len(sized)),
+            )
+        )
+
+
+def tell_false(rows):
+    hours = sum(row["duration"] for row in rows) / 3600
+    texts = [(row["seed"], text) for row in rows for text in row["texts"]]
+    largest = np.sort([row["largest"] for row in rows])[::-1][:5]
+    print("false: %d in %.1f h %s; largest log-likelihood ratios %s" % (len(texts), hours, texts, largest))
+
+
+def tell_recovered(rows):
+    for kind in flights.KINDS:
+        found = [row for row in rows if row["kind"] == kind]
+        if not found:
+            continue
+
+        def pooled(label, part, found=found):
+            return math.sqrt(np.mean([row[label][part] ** 2 for row in found]))
+
+        base = pooled("unchanged", 1)
+        within = sum(row["adapted"][1] <= 1.3 * row["unchanged"][1] for row in found)
+        print(
+            "%-8s error from %.0f s on, over that without a change: %.2f adapted, %.2f kept; in the first "
+            "%.0f s %.2f and %.2f; single flights within 1.3: %s; stopped: %d"
+            % (
+                kind,
+                RECOVERY,
+                pooled("adapted", 1) / base,
+                pooled("kept", 1) / base,
+                RECOVERY,
+                pooled("adapted", 0) / pooled("unchanged", 0),
+                pooled("kept", 0) / pooled("unchanged", 0),
+                share(within, len(found)),
+                sum(bool(row["adapted_stopped"]) for row in found),
+            )
+        )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--flights", type=int, default=100, help="flights of each kind of change")
+    parser.add_argument("--hours", type=float, default=10.0, help="flight without changes [h]")
+    parser.add_argument("--recoveries", type=int, default=30, help="flights of each kind with the controller")
+    parser.add_argument("--share", type=float, default=0.02, help="pushes, relative to full thrust")
+    parser.add_argument("--seed", type=int, default=2000)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--json", help="file for all flights")
+    options = parser.parse_args()
+    seeds = range(options.seed, options.seed + options.flights)
+    with multiprocessing.Pool(options.jobs) as pool:
+        jobs = [(kind, seed, options.share) for kind in flights.KINDS for seed in seeds]
+        changes = pool.map(named, jobs, chunksize=1)
+        tell_named(changes)
+        jobs = [(kind, seed, options.share) for kind in flights.KINDS for seed in seeds[: options.recoveries]]
+        recoveries = pool.map(recovered, jobs, chunksize=1)
+        tell_recovered(recoveries)
+        long = range(options.seed, options.seed + math.ceil(options.hours * 3600 / LONG))
+        silent = pool.map(falsely, [(seed, options.share) for seed in long], chunksize=1)
+        tell_false(silent)
+    if options.json:
+        with open(options.json, "w") as file:
+            json.dump(dict(changes=changes, recoveries=recoveries, silent=silent), file)
+
+
+if __name__ == "__main__":
+    main()
