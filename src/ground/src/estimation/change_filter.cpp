@@ -11,9 +11,10 @@
 namespace ground {
 namespace {
 
-constexpr int kLanes = 8;               // derivatives of a Jet
-constexpr double kFilterStep = 0.01;    // [s]
-constexpr double kFilterGap = 0.5;      // a longer gap between measurements restarts it [s]
+constexpr int kLanes = 8;             // derivatives of a Jet
+constexpr double kFilterStep = 0.01;  // [s]
+constexpr double kFilterGap =
+    0.15;  // a longer gap between measurements restarts it: commands may be lost, too [s]
 constexpr double kCommandMemory = 12;   // commands kept, for delay and lag [s]
 constexpr double kRelinearised = 5e-3;  // change of parameters that needs new derivatives
 constexpr double kOutlying = 25;        // squared innovation beyond which a pose has less weight
