@@ -22,6 +22,8 @@ TOOLS = {
     # for builds and for work by hand
     *("cmake", "g++", "make", "ninja-build", "git", "catkin-tools", "ros-core", "ros-core-dev"),
     *("python3-pip", "python3-venv"),
+    # /etc/protocols, which only a bare system lacks
+    "netbase",
     # for screenshots, pages and the example of docs/howto/plot.md that tests check
     *("xvfb", "xauth", "imagemagick", "libgl1-mesa-dri", "chromium", "chromium-driver"),
     "python3-matplotlib",
