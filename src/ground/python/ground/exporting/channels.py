@@ -12,8 +12,8 @@ from typing import Any, Callable, Dict, Iterable, List, NamedTuple, Sequence, Tu
 
 from ground.support.errors import GroundError
 
-NANOSECONDS = 1e9  # of a second
-PACKAGE = "ground"  # of the protobuf messages
+NANOSECONDS = 1e9  # in a second
+PACKAGE = "ground"  # name of the package of the protobuf messages
 
 
 class Kind(NamedTuple):
@@ -42,7 +42,7 @@ ACCURACY = Kind(
     ("excited",),
 )
 MISSING = Kind(
-    "force and moment that a model lacks (body), and their standard deviations",
+    "missing force and moment of a model (body), and their standard deviations",
     ("X_mN", "Y_mN", "N_mNm", "X_sigma_mN", "Y_sigma_mN", "N_sigma_mNm"),
     ("model",),
 )

@@ -84,7 +84,7 @@ class Source(NamedTuple):
 
     channel: str
     times: Indices
-    write: Callable[[int, int], None]  # of a time [ns] and the place of it
+    write: Callable[[int, int], None]  # takes a time [ns] and its index
 
 
 def to_mcap(
@@ -126,9 +126,9 @@ def to_mcap(
             view = View(context)
             view.furnish(given[0] if given else None, Room.of_recording(run))
             sources = [*_measured(view, run), *_changes(view, run)]
-            for i, (label, made, lacks) in enumerate(zip(labels, predicted, missing)):
+            for i, (label, made, inferred) in enumerate(zip(labels, predicted, missing)):
                 sources += _predicted(view, i, label, made)
-                sources += _lacking(view, i, label, lacks, made.zero)
+                sources += _missing_source(view, i, label, inferred, made.zero)
             _write(sources)
             _describe(file, run, given)
     counts: Dict[str, int] = Counter()
@@ -195,14 +195,14 @@ def _missing(made: "Prediction") -> missing_wrench.Missing:
     return missing_wrench.of_wrench(missing_wrench.undisturbed(core, made.run), core)
 
 
-def _lacking(
-    view: "View", model: int, label: str, lacks: missing_wrench.Missing, zero: float
+def _missing_source(
+    view: "View", model: int, label: str, inferred: missing_wrench.Missing, zero: float
 ) -> List[Source]:
     """The missing wrench, and the spans that are left out of it; zero: origin of the times on the recording's
     clock [s]."""
-    wrench, sigma = lacks.wrench.tolist(), lacks.sigma.tolist()
-    times = _at(lacks.times + zero)
-    spans = [(one["start"], one["end"] - one["start"]) for one in lacks.numbers["disturbances"]]
+    wrench, sigma = inferred.wrench.tolist(), inferred.sigma.tolist()
+    times = _at(inferred.times + zero)
+    spans = [(one["start"], one["end"] - one["start"]) for one in inferred.numbers["disturbances"]]
 
     def told(at: int, i: int) -> None:
         words = "no input explains the motion of the next %.1f s (contact, hand, wrong poses)" % spans[i][1]

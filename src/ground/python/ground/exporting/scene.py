@@ -87,7 +87,7 @@ class Scene:
         self._commands = commands
 
     def missing(self, time: int, wrench: Sequence[float], sigma: Sequence[float]) -> None:
-        """Wrench that the first model lacks [N, N, N m], and its standard deviations."""
+        """Missing wrench of the first model [N, N, N m], and its standard deviations."""
         if math.isfinite(sum(wrench) + sum(sigma)) and min(sigma) > 0:
             self._missing = time, wrench, sigma
 

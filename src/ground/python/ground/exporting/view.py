@@ -134,7 +134,7 @@ class View:
     def missing(
         self, model: int, time: int, label: str, wrench: Sequence[float], sigma: Sequence[float]
     ) -> None:
-        """The wrench that a model lacks, and its standard deviations."""
+        """The missing wrench of a model, and its standard deviations."""
         self._channel("/%s/missing" % MODELS[model]).log(time, (*wrench, *sigma), (label,))
         if model == 0:
             self._scene.missing(time, wrench, sigma)
