@@ -19,7 +19,7 @@ options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
 .PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking \
   bench-soak bench-table bench-faults bench-changes bench-plans \
-  bench-commands bench-diagnose bench-history docs install clean
+  bench-commands bench-diagnose bench-history replay docs install clean
 
 build: $(configured)
 	@.ci/build build
@@ -123,6 +123,11 @@ bench-changes: build
 bench-plans: build
 	@.ci/build build ground_benchmarks
 	@$(in_workspace) for part in warm deadline; do rosrun ground plans $$part || exit 1; done
+
+# Recordings and simulated runs through reader, fit and diagnosis, compared with the last release: minutes.
+# OPTIONS="--only aevar", OPTIONS=--release
+replay: build
+	@$(in_workspace) test/replay/replay.py $(OPTIONS)
 
 # The documentation from docs/ and from the code, hence always rebuilt; warnings, such as broken links, are errors.
 # LINKCHECK=1 also checks external links, which needs a network.
