@@ -103,10 +103,11 @@ void Dynamics<T>::StateStages::move(const H& share, const H& to, T* end) {
 }
 
 template <typename T>
-Dynamics<T>::Dynamics(const Model& model) : Dynamics(model, constants<T>(model.coordinates())) {}
+Dynamics<T>::Dynamics(const Model& model, const Payload& payload)
+    : Dynamics(model, constants<T>(model.coordinates()), payload) {}
 
 template <typename T>
-Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
+Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates, const Payload& payload)
     : layout_(model.thrusters), coordinates_(coordinates), air_(Vector2<T>::Zero()), delay_(0.0) {
   if (static_cast<int>(coordinates_.size()) != model.parameterCount())
     throw std::invalid_argument("Dynamics: wrong number of coordinates");
@@ -115,12 +116,14 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
     *value = *p++;
   body_.I_z = 1.0 / body_.I_z;  // its coordinate
   body_.input_max = model.body.input_max;
+  body_.hull_length = model.body.hull_length;
 
   mass_ = Vector3<T>(body_.m, body_.m, body_.I_z).asDiagonal();
   for (const Model::Entry& entry : model.effects) {
     add(entry, p);
     p += entry.effect->info().parameters.size();
   }
+  if (!payload.empty()) load(payload);
   mass_inverse_ = inverseOf(mass_);
   is_alone_ = !couples(mass_) && !has_air_ && !layout_->sways() && thrust_.empty() && wrench_.empty() &&
               rates_.empty();
@@ -155,6 +158,23 @@ void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   if (has & Effect::kMeasure) measure_.push_back(active);
   uses_pose_ = uses_pose_ || (has & Effect::kPose);
   has_air_ = has_air_ || (has & Effect::kAir);
+}
+
+/// Adds a load that is fixed to the craft (Fossen 1994, 2.4).
+template <typename T>
+void Dynamics<T>::load(const Payload& payload) {
+  const double x = payload.mass * payload.place.x(), y = payload.mass * payload.place.y();
+  mass_(0, 0) += payload.mass;
+  mass_(1, 1) += payload.mass;
+  mass_(2, 2) += payload.inertia + x * payload.place.x() + y * payload.place.y();
+  if (x != 0 || y != 0) {
+    mass_(0, 2) -= y;
+    mass_(2, 0) -= y;
+    mass_(1, 2) += x;
+    mass_(2, 1) += x;
+  }
+  body_.m += payload.mass;
+  body_.I_z += payload.inertia;
 }
 
 template <typename T>

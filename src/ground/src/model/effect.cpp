@@ -22,6 +22,19 @@ double ParameterInfo::fromCoordinate(double c) const {
   return coordinate == Coordinate::kReciprocal ? 1 / c : c;
 }
 
+const char* nameOf(Surroundings surroundings) {
+  switch (surroundings) {
+    case Surroundings::kFloor:
+      return "floor";
+    case Surroundings::kLift:
+      return "lift";
+    case Surroundings::kWater:
+      return "water";
+    default:
+      return "any";
+  }
+}
+
 namespace {
 
 constexpr char kLibraries[] = "GROUND_EFFECT_LIBRARIES";  ///< environment variable

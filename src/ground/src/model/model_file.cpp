@@ -45,6 +45,18 @@ const ParameterInfo& inputMaxInfo() {
   return info;
 }
 
+const ParameterInfo& hullLengthInfo() {
+  static const ParameterInfo info = [] {
+    ParameterInfo one;
+    one.name = "length";
+    one.unit = "m";
+    one.lower = std::numeric_limits<double>::min();
+    one.neutral = 1;
+    return one;
+  }();
+  return info;
+}
+
 /// A body as its keys see it. `listed`: its thrusters are listed, which gives l and the range of inputs.
 struct BodyText {
   std::vector<double> values;  ///< of bodyParameters()
@@ -52,6 +64,7 @@ struct BodyText {
   bool listed = false;
   std::vector<Thruster> thrusters{};  ///< positions [m]
   std::string lift = "lift";          ///< channel of the lift
+  double hull_length = 0;             ///< [m]
 };
 
 YamlKeys bodyKeys(const YamlReader& reader, BodyText& body) {
@@ -64,6 +77,9 @@ YamlKeys bodyKeys(const YamlReader& reader, BodyText& body) {
       .comment(
           "position [m]: forward, to starboard; direction of the force [deg]: 0 forward, 90 to starboard",
           true);
+  YamlKeys hull(reader, "hull", true);
+  hull.parameter(hullLengthInfo(), body.hull_length).required("length of the hull at the water [m]");
+  keys.map("hull", hull).silentIf(body.hull_length == 0).comment("m, of a craft on water");
   if (!body.listed) return keys;
   YamlKeys lift(reader, "lift", true);
   lift.value("channel", body.lift);
@@ -86,13 +102,14 @@ void readBody(const YamlReader& reader, const YAML::Node& node, Model& model) {
   }
   if (body.listed) body.values[1] = model.thrusters->lever();
   model.body.input_max = body.input_max;
+  model.body.hull_length = body.hull_length;
   model.setValues(body.values);
 }
 
 void writeBody(YAML::Emitter& out, const Model& model) {
   const ThrusterLayout& layout = *model.thrusters;
-  BodyText body{model.values(), model.body.input_max, !layout.isPair(), layout.thrusters(),
-                layout.liftChannel()};
+  BodyText body{model.values(),     model.body.input_max, !layout.isPair(),
+                layout.thrusters(), layout.liftChannel(), model.body.hull_length};
   for (Thruster& one : body.thrusters) one.position *= model.body.l / layout.lever();
   bodyKeys(YamlReader(""), body).write(out);
 }

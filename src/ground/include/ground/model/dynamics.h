@@ -13,14 +13,14 @@ template <typename T>
 class Dynamics {
  public:
   /// `coordinates`: all parameters in the order of Model::parameters().
-  Dynamics(const Model& model, const std::vector<T>& coordinates);
+  Dynamics(const Model& model, const std::vector<T>& coordinates, const Payload& payload = {});
   /// With the model's own parameters.
-  explicit Dynamics(const Model& model);
+  explicit Dynamics(const Model& model, const Payload& payload = {});
   /// Not copied, because effects keep pointers to the coordinates, which move with them.
   Dynamics(Dynamics&&) = default;
   Dynamics& operator=(Dynamics&&) = default;
 
-  const Body<T>& body() const { return body_; }
+  const Body<T>& body() const { return body_; }     ///< m and I_z include the payload's
   const Matrix3<T>& mass() const { return mass_; }  ///< with all effects inside
   const T& inputDelay() const { return delay_; }    ///< [s]
   /// A time [s] whose derivative by the input delay is `by_delay`, with all derivatives.
@@ -73,6 +73,7 @@ class Dynamics {
   };
 
   void add(const Model::Entry& entry, const T* p);
+  void load(const Payload& payload);
 
   /// The thrust for one thruster input.
   struct Drive {

@@ -5,6 +5,7 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "ground/model/body.h"
@@ -18,6 +19,8 @@ enum class Coordinate {
   kValue,      ///< the value
   kReciprocal  ///< 1/value: for the inertia, and for time constants with an infinite neutral value
 };
+
+constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
 /// One parameter of a model. Numbers are values as in the model file, not coordinates.
 struct ParameterInfo {
@@ -35,6 +38,18 @@ struct ParameterInfo {
   double fromCoordinate(double coordinate) const;
 };
 
+/// What a craft must move on or have for an effect to act on it. A diagnosis tries an effect by itself only
+/// where it suits the craft.
+enum class Surroundings {
+  kAny,
+  kFloor,  ///< on a floor: not on water
+  kLift,   ///< on a floor, with a lift fan
+  kWater   ///< a hull in water (Body::hull_length)
+};
+
+/// "any", "floor", "lift" or "water".
+const char* nameOf(Surroundings surroundings);
+
 /// What an effect is, for documentation, model files, bindings and diagnosis.
 struct EffectInfo {
   std::string name;
@@ -50,8 +65,14 @@ struct EffectInfo {
   /// neutral coordinates x0. An empty function means no prior.
   std::function<Eigen::MatrixXd(const Body<double>&)> penalty = nullptr;
   int states_per_thruster = 0;  ///< additional states for each thruster of the craft
+  Surroundings surroundings = Surroundings::kAny;
 
   int stateCount(int thrusters) const { return states + thrusters * states_per_thruster; }
+  /// The effect of crafts in such surroundings.
+  EffectInfo of(Surroundings where) && {
+    surroundings = where;
+    return std::move(*this);
+  }
 };
 
 /// Inputs that act over one integration step, at its start, middle and end; only the first are set if they
