@@ -27,10 +27,13 @@ const std::map<std::string, Values> kEffects = {
     {"coulomb_friction", {{"f", 0.01}, {"n", 2e-4}}},
     {"differential_side_force", {{"c", 0.2}}},
     {"directional_yaw_damping", {{"na", 3e-5}}},
+    {"drift_resistance", {{"xvv", 0.02}, {"xvr", -0.003}, {"xrr", 4e-4}}},
     {"floor_tilt", {{"sx", 0.02}, {"sy", -0.01}}},
+    {"hull_lift", {{"yv", 0.03}, {"yr", -0.002}, {"nv", 0.001}, {"nr", 2e-4}}},
     {"momentum_drag", {{"q", 0.02}}},
     {"quadratic_drag", {{"cx", 0.02}, {"cy", 0.05}, {"cr", 1e-5}}},
     {"skirt_friction", {{"f0", 0.04}, {"n0", 6e-4}}},
+    {"surge_resistance", {{"xuu", 0.03}}},
     {"sway_yaw_damping", {{"yr", 0.003}, {"nv", 0.002}}},
     {"thrust_asymmetry", {{"a", 0.1}}},
     {"thrust_curve", {{"p", 1.6}}},
@@ -86,14 +89,19 @@ Vector3<double> accelerationOf(const Model& model, const Instant& at) {
   const double xg = p("com_offset", "xg"), yg = p("com_offset", "yg");
 
   const double X = F * std::cos(angle) - b.X_u * ua - p("quadratic_drag", "cx") * air * ua - drag * ua +
-                   p("body_force_bias", "x0") - f * u / speed + slope_x;
+                   p("body_force_bias", "x0") - f * u / speed + slope_x -
+                   p("surge_resistance", "xuu") * std::abs(ua) * ua - p("drift_resistance", "xvv") * va * va -
+                   p("drift_resistance", "xvr") * va * r - p("drift_resistance", "xrr") * r * r;
   const double Y = F * std::sin(angle) - b.Y_v * va - p("quadratic_drag", "cy") * air * va - drag * va +
                    p("body_force_bias", "y0") - f * v / speed + slope_y - p("sway_yaw_damping", "yr") * r +
-                   p("differential_side_force", "c") * (left - right);
-  const double N =
-      b.l * (left - right) * std::cos(angle) - b.N_r * r - p("quadratic_drag", "cr") * std::abs(r) * r +
-      p("yaw_bias", "n0") - p("sway_yaw_damping", "nv") * va + p("thrust_sway_moment", "c") * F * va -
-      p("directional_yaw_damping", "na") * std::abs(r) - n * (r > 0 ? 1 : -1) + xg * slope_y - yg * slope_x;
+                   p("differential_side_force", "c") * (left - right) -
+                   std::abs(ua) * (p("hull_lift", "yv") * va + p("hull_lift", "yr") * r);
+  const double N = b.l * (left - right) * std::cos(angle) - b.N_r * r -
+                   p("quadratic_drag", "cr") * std::abs(r) * r + p("yaw_bias", "n0") -
+                   p("sway_yaw_damping", "nv") * va + p("thrust_sway_moment", "c") * F * va -
+                   p("directional_yaw_damping", "na") * std::abs(r) -
+                   std::abs(ua) * (p("hull_lift", "nv") * va + p("hull_lift", "nr") * r) -
+                   n * (r > 0 ? 1 : -1) + xg * slope_y - yg * slope_x;
 
   // Fossen 1994, 2.4, term by term
   const double mx = b.m + p("added_mass", "mx"), my = b.m + p("added_mass", "my"), m = b.m;

@@ -25,6 +25,7 @@ class Limits {
         backward_(most({-1, 0, 0})),
         full_moment_(std::max(most({0, 0, 1}), most({0, 0, -1}))) {
     sways_ = std::min(most({0, 1, 0}), most({0, -1, 0})) > kTolerance * model.body.k;
+    if (model.thrusters->steers()) sways_ = sways_ && swaysAlone(model.body);
     for (int i = 0; i < kDirections && sways_; ++i) {
       const double angle = 2 * M_PI * i / kDirections;
       forward_ = std::max(forward_, most({std::cos(angle), std::sin(angle), 0}));
@@ -42,6 +43,14 @@ class Limits {
   }
 
  private:
+  /// Whether the thrusters push to both sides without turning the craft, as a rudder cannot.
+  bool swaysAlone(const Body<double>& body) const {
+    for (const double force : {-0.1 * body.k, 0.1 * body.k}) {
+      const Vector3<double> given = all_.run({0, force, 0}).wrench;
+      if (std::abs(given.y() - force) > 0.5 * std::abs(force)) return false;
+    }
+    return true;
+  }
   double most(const Vector3<double>& along) const { return along.dot(all_.most(along).wrench); }
 
   Allocation all_, held_;

@@ -19,7 +19,7 @@ class Pass {
   Pass(const Model& model, const RunData& run, const Eigen::MatrixX3d& poses, const DisturbanceLevels& levels)
       : run_(run),
         poses_(poses),
-        dynamics_(model, coordinatesWithThrust(model)),
+        dynamics_(model, coordinatesWithThrust(model), run.payload),
         random_(levels, run.noise),
         simulation_(dynamics_, run.inputs, {}, run.times[0], longestStep(dynamics_, run.noise)),
         covariance_(!run.inertial.empty()) {

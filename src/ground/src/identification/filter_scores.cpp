@@ -22,7 +22,7 @@ class Sensitivity {
       std::vector<Jet> coordinates(base.begin(), base.end());
       for (int j = first; j < std::min(n_, first + kDerivatives); ++j)
         coordinates[free.index[j]].v[j - first] = free.scale[j];
-      dynamics_.emplace_back(model, coordinates);
+      dynamics_.emplace_back(model, coordinates, run.payload);
       mobility_.push_back(dynamics_.back().mass().inverse());
     }
     for (const auto& d : dynamics_)

@@ -194,6 +194,9 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   if (options.starts < 1) throw std::invalid_argument("a fit needs at least one start");
   if (!(options.width >= 0)) throw std::invalid_argument("the width of the loss is negative or NaN");
   if (!options.initial.empty()) detail::checkInitials(*this, options.initial);
+  std::vector<const RunData*> all;
+  for (const RunData& run : runs()) all.push_back(&run);
+  detail::requireIdentifiable(options.free, all);
   const detail::Free free = detail::makeFree(model, options.free);
   const detail::Linearisation windows(*this, model, options.threads);
 

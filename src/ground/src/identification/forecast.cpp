@@ -69,7 +69,7 @@ std::vector<WrenchStep> wrenchSteps(const RunData& run, const DisturbanceLevels&
 void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& steps,
                 const FilterVector& from, int first, Normal& normal, Eigen::Ref<Eigen::MatrixXd> rows) {
   model.body.k *= std::max(0.0, 1 + from(kThrust));
-  const Dynamics<double> dynamics(model);
+  const Dynamics<double> dynamics(model, run.payload);
   const Matrix3<double> mobility = dynamics.mass().inverse();
   const Motion measured = motionOf(run);
   Simulation<double> simulation(dynamics, run.inputs, {from.head<3>(), from.segment<3>(3)},

@@ -23,16 +23,6 @@ void addFree(const ParameterInfo& info, int index, double coordinate, double sca
     free.lower.back() = 1e-6 * free.scale.back();
 }
 
-void refuseUnidentifiable(const std::vector<std::string>& names) {
-  const auto has = [&names](const char* name) {
-    return std::find(names.begin(), names.end(), name) != names.end();
-  };
-  if (has("k") && has("I_z") && (has("m") || has("l")))
-    throw std::invalid_argument(
-        "m or l cannot be free together with k and I_z: velocities only identify k/m, k l/I_z and "
-        "the dampings over m and I_z; weigh the craft and measure its lever");
-}
-
 }  // namespace
 
 Free makeFree(const Model& model, const std::vector<std::string>& names) {
@@ -53,8 +43,32 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
     const ParameterInfo& info = infos[free.index[static_cast<std::size_t>(i)]];
     if (free.prior(i, i) > 0) free.expected(i) = info.toCoordinate(info.neutral) / scale(i);
   }
-  refuseUnidentifiable(names);
   return free;
+}
+
+void requireIdentifiable(const std::vector<std::string>& names, const std::vector<const RunData*>& runs) {
+  const auto has = [&names](const char* name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
+  };
+  const auto differ = [&runs](double (*number)(const Payload&)) {
+    return std::any_of(runs.begin(), runs.end(), [&](const RunData* run) {
+      return number(run->payload) != number(runs.front()->payload);
+    });
+  };
+  if (!has("k") || !has("I_z")) return;
+  const char* const remedy =
+      "; fix one of them, or record the craft also with a payload of known mass and place, and say so in the "
+      "mapping (payload)";
+  if (has("m") && !differ([](const Payload& p) { return p.mass; }))
+    throw std::invalid_argument(
+        std::string("m cannot be free together with k and I_z: motion only identifies k/m, k l/I_z and the "
+                    "dampings over m and I_z, because all runs are of the same mass") +
+        remedy);
+  if (has("l") && !differ([](const Payload& p) { return p.inertia + p.mass * p.place.squaredNorm(); }))
+    throw std::invalid_argument(
+        std::string("l cannot be free together with k and I_z: motion only identifies k/m, k l/I_z and the "
+                    "dampings over m and I_z, because all runs have the same inertia; measure the lever") +
+        remedy);
 }
 
 std::vector<double> startOf(const Free& free) {

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "ground/identification/run_data.h"
 #include "ground/model/model.h"
 
 namespace ground::detail {
@@ -29,8 +30,12 @@ struct Free {
 };
 
 /// The named parameters at the model's values. Throws std::invalid_argument on an unknown or
-/// repeated name, and on a set of mass, lever, inertia and thrust that is not identifiable.
+/// repeated name.
 Free makeFree(const Model& model, const std::vector<std::string>& names);
+
+/// Throws std::invalid_argument on a set of mass, lever, inertia and thrust that runs cannot identify:
+/// motion gives ratios to the mass and the inertia. Runs with different payloads give these themselves.
+void requireIdentifiable(const std::vector<std::string>& names, const std::vector<const RunData*>& runs);
 
 /// The start of a search: coordinates over scale.
 std::vector<double> startOf(const Free& free);

@@ -135,6 +135,9 @@ GreyBoxFit GreyBox::fit(const GreyBoxPoint& start, const GreyBoxOptions& options
   if (*std::min_element(levels.begin(), levels.end()) == 0)
     throw std::invalid_argument("a fit begins at positive levels of the disturbance");
   if (options.max_iterations < 0) throw std::invalid_argument("a fit has 0 or more iterations");
+  std::vector<const RunData*> all;
+  for (const RunData& run : runs_) all.push_back(&run);
+  requireIdentifiable(options.free, all);
   RunFilters search(runs_, max_gap_, options.threads);
   return maximiseLikelihood(search, prior_, start, options);
 }

@@ -13,8 +13,8 @@ WindowSimulation predict(const Model& model, const RunData& run, const std::vect
   if (initial_nu.rows() != static_cast<Eigen::Index>(windows.size()))
     throw std::invalid_argument("there must be as many initial velocities as windows");
   if (!initial_nu.allFinite()) throw std::invalid_argument("an initial velocity is not finite");
-  const Dynamics<double> dynamics(model);
-  const Dynamics<Jet> differentiable(model);
+  const Dynamics<double> dynamics(model, run.payload);
+  const Dynamics<Jet> differentiable(model, run.payload);
   const Motion measured = motionOf(run);
   WindowSimulation result;
   for (std::size_t w = 0; w < windows.size(); ++w) {

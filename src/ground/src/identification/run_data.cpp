@@ -36,6 +36,9 @@ void checkRun(const RunData& run) {
   require(inertial.values.rows() == static_cast<Eigen::Index>(inertial.times.size()) &&
               inertial.values.allFinite() && ascends(inertial.times),
           "inertial samples are not finite, or their times are not or descend");
+  require(run.payload.mass >= 0 && run.payload.inertia >= 0 && std::isfinite(run.payload.mass) &&
+              std::isfinite(run.payload.inertia) && run.payload.place.allFinite(),
+          "the mass and inertia of its payload must be finite and not negative, its place finite");
   require(inertial.noise.allFinite() && inertial.noise.minCoeff() > 0 && inertial.place.allFinite(),
           "the noise of inertial samples must be positive and finite, their place finite");
 }

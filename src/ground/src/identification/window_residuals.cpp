@@ -94,7 +94,7 @@ WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
     Variables<T> point(coordinates);
     for (int i = 0; i < size; ++i) point.initial[i] = T(initial(i));
     if constexpr (!std::is_same_v<T, double>) point.seed(free, columns, pass);
-    const Dynamics<T> dynamics(model, point.coordinates);
+    const Dynamics<T> dynamics(model, point.coordinates, problem.runs()[span.run].payload);
     simulateWindow(problem, problem.data(), dynamics, point, window, pass, result);
   };
   if (!derivatives) simulate(double(), 0);
@@ -104,10 +104,10 @@ WindowResiduals residualsOf(const SimulationError& problem, const Model& model,
 
 WindowSimulation simulateFrom(const SimulationError& problem, const Model& model, const Initials& initial) {
   WindowSimulation result;
-  const Dynamics<double> dynamics(model);
   for (std::size_t w = 0; w < problem.windows().size(); ++w) {
     const Window& window = problem.windows()[w];
     const RunData& run = problem.runs()[window.run];
+    const Dynamics<double> dynamics(model, run.payload);
     const Motion measured = motionOf(run);
     const int samples = window.last - window.first + 1;
     Eigen::MatrixX3d eta(samples, 3), nu(samples, 3);

@@ -25,7 +25,7 @@ RunData makeRun(const std::string& name, const std::vector<double>& times, const
                 const Eigen::MatrixX3d& nu, const Eigen::Ref<const Eigen::MatrixXd>& inputs,
                 const std::optional<Eigen::MatrixX3d>& poses, const std::optional<Vector3<double>>& noise,
                 const std::vector<double>& drives, const std::optional<Eigen::MatrixX3d>& wrench,
-                const std::optional<InertialData>& inertial) {
+                const std::optional<InertialData>& inertial, const std::optional<Payload>& payload) {
   RunData run{name,
               times,
               eta,
@@ -34,7 +34,8 @@ RunData makeRun(const std::string& name, const std::vector<double>& times, const
               poses.value_or(Eigen::MatrixX3d(0, 3)),
               noise.value_or(RunData().noise),
               wrench.value_or(Eigen::MatrixX3d(0, 3)),
-              inertial.value_or(InertialData())};
+              inertial.value_or(InertialData()),
+              payload.value_or(Payload())};
   if (!drives.empty()) run.inputs.drive = DriveClock(drives);
   return run;
 }
@@ -88,7 +89,8 @@ void defRecording(py::module_& module) {
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
            py::arg("inputs"), py::arg("poses") = py::none(), py::arg("noise") = py::none(),
            py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none(),
-           py::arg("inertial") = py::none())
+           py::arg("inertial") = py::none(), py::arg("payload") = py::none())
+      .def_readonly("payload", &RunData::payload)
       .def_readonly("name", &RunData::name)
       .def_property_readonly("times", &timesOf, "Read-only view [s].")
       .def_readonly("eta", &RunData::eta)
@@ -118,14 +120,14 @@ void defRecording(py::module_& module) {
       .def(py::pickle(
           [](const RunData& r) {
             return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
-                                  r.inputs.drive.starts(), r.wrench, r.inertial);
+                                  r.inputs.drive.starts(), r.wrench, r.inertial, r.payload);
           },
           [](const py::tuple& t) {
             return makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
                            t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
                            t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
                            t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(),
-                           t[8].cast<Eigen::MatrixX3d>(), t[9].cast<InertialData>());
+                           t[8].cast<Eigen::MatrixX3d>(), t[9].cast<InertialData>(), t[10].cast<Payload>());
           }));
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) {

@@ -64,6 +64,8 @@ py::list describeThrusters(const Model& model) {
     d["direction"] = one.direction;
     d["range"] = py::make_tuple(one.least, one.most);
     d["gain"] = one.gain;
+    d["is_angle"] = one.isAngle();
+    d["on_off"] = one.on_off;
     list.append(d);
   }
   return list;
@@ -76,7 +78,7 @@ Eigen::MatrixX3d forcesOf(const Model& model, const Eigen::Ref<const Eigen::Matr
   requireFinite(inputs, "an input");
   Eigen::MatrixX3d wrench(inputs.rows(), 3);
   for (Eigen::Index i = 0; i < inputs.rows(); ++i)
-    wrench.row(i) = layout.total(layout.forces(Thrusters<double>(inputs.row(i).transpose()))).transpose();
+    wrench.row(i) = layout.atRest(Thrusters<double>(inputs.row(i).transpose())).transpose();
   return wrench;
 }
 
@@ -92,7 +94,7 @@ bool acts(const std::optional<Rows>& rows, Eigen::Index count, const std::string
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
                      const std::vector<double>& times, const Vector3<double>& eta, const Vector3<double>& nu,
                      const std::vector<double>& drives, const std::optional<Eigen::MatrixX3d>& wrench,
-                     const std::optional<Eigen::MatrixX2d>& room) {
+                     const std::optional<Eigen::MatrixX2d>& room, const Payload& payload) {
   InputSequence inputs = toInputs(rows);
   if (!drives.empty()) inputs.drive = DriveClock(drives);
   if (times.empty()) throw std::invalid_argument("there is no time to simulate at");
@@ -105,7 +107,7 @@ py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>
   Eigen::MatrixX3d eta_out(count, 3), nu_out(count, 3);
   {
     const py::gil_scoped_release release;
-    const Dynamics<double> dynamics(model);
+    const Dynamics<double> dynamics(model, payload);
     Simulation<double> simulation(dynamics, inputs, {eta, nu}, times.front());
     const Matrix3<double> mobility = dynamics.mass().inverse();
     for (Eigen::Index i = 0; i < count; ++i) {
@@ -163,6 +165,23 @@ void defDisturbance(py::module_& module) {
       .def("validate", &Disturbance::validate, "Error message; empty if all values are valid.");
 }
 
+void defPayload(py::module_& module) {
+  py::class_<Payload>(module, "Payload", "A load of known mass that a craft carries beside its own.")
+      .def(py::init([](double mass, const Eigen::Vector2d& place, double inertia) {
+             return Payload{mass, place, inertia};
+           }),
+           py::arg("mass") = 0.0, py::arg("place") = Eigen::Vector2d(0, 0), py::arg("inertia") = 0.0)
+      .def_readonly("mass", &Payload::mass, "[kg]")
+      .def_readonly("place", &Payload::place, "Of its centre of mass: forward, to starboard [m].")
+      .def_readonly("inertia", &Payload::inertia, "About its own centre of mass [kg m^2].")
+      .def("empty", &Payload::empty)
+      .def(
+          py::pickle([](const Payload& p) { return py::make_tuple(p.mass, p.place, p.inertia); },
+                     [](const py::tuple& t) {
+                       return Payload{t[0].cast<double>(), t[1].cast<Eigen::Vector2d>(), t[2].cast<double>()};
+                     }));
+}
+
 void defModel(py::module_& module) {
   py::class_<Model>(module, "Model", "A craft: rigid body and effects.")
       .def(py::init<>())
@@ -192,6 +211,9 @@ void defModel(py::module_& module) {
       .def_property_readonly(
           "is_pair", [](const Model& m) { return m.thrusters->isPair(); },
           "Whether the thrusters are a left and a right one, which model files do not list.")
+      .def_property_readonly(
+          "hull_length", [](const Model& m) { return m.body.hull_length; },
+          "Length of the hull of a craft on water [m]; 0: it is not on water.")
       .def("forces", &forcesOf, py::arg("inputs"),
            "The wrench of inputs (n, thrusters) without effects, over k and k l: X, Y, N (n, 3).")
       .def("copy", [](const Model& m) { return Model(m); })
@@ -269,6 +291,7 @@ void defEffects(py::module_& module) {
           d["summary"] = info.summary;
           d["parameters"] = describe(info.parameters);
           d["opt_in"] = info.opt_in;
+          d["surroundings"] = nameOf(info.surroundings);
           all[py::str(name)] = d;
         }
         return all;
@@ -276,7 +299,9 @@ void defEffects(py::module_& module) {
       py::arg("model") = py::none(),
       "The effects of the library by name; with a model also those of its single thrusters. A diagnosis "
       "tries those with `opt_in` only if the user "
-      "names them.");
+      "names them. `surroundings`: where a craft must be for the effect to act: any, floor, lift (a floor, "
+      "with "
+      "a lift fan) or water.");
   module.def("bells", &bellsAt, py::arg("arguments"), py::arg("widths"), py::arg("centres"), py::arg("rows"),
              py::arg("model") = py::none(),
              "Values of the bells of a learned wrench, by which its weights are multiplied, at rows of "
@@ -286,13 +311,14 @@ void defEffects(py::module_& module) {
 void defSimulation(py::module_& module) {
   module.def("simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"), py::arg("eta"),
              py::arg("nu"), py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none(),
-             py::arg("room") = py::none(),
+             py::arg("room") = py::none(), py::arg("payload") = Payload(),
              "Simulated measurements of pose and velocity at `times` [s] from a true initial state. Raises "
              "RuntimeError if the motion is not finite. "
              "`inputs`: rows of time, an input for each thruster, lift. `drives`: starts of drives [s]; if "
              "empty, they "
              "follow from the lift. `wrench`: additional X, Y [N], N [N m], each row until the next time; "
-             "none by default. `room`: additional force x, y [N] along the axes of the room (world_ned).");
+             "none by default. `room`: additional force x, y [N] along the axes of the room (world_ned). "
+             "`payload`: what the craft carries.");
   module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"), py::arg("records") = py::none(),
              "Starts of drives [s], the origins of the model's t, from commands in order of time "
              "and from records (k, 2): began and as_of, in order. Empty without any lift.");
@@ -321,6 +347,7 @@ Eigen::RowVectorXd inputRow(double time, const Thrusters<double>& thrusters, dou
 }
 
 void bindModel(py::module_& module) {
+  defPayload(module);
   defProvenance(module);
   defDisturbance(module);
   defModel(module);

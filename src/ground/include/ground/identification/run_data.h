@@ -34,6 +34,7 @@ struct RunData {
   /// empty: none. Only GreyBox takes one.
   Eigen::MatrixX3d wrench = {};
   InertialData inertial = {};  ///< empty: none. Only GreyBox uses it.
+  Payload payload = {};        ///< what the craft carried
 };
 
 /// The smoothed motion of a run.

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <Eigen/Core>
+
 namespace ground {
 
 /// Nominal parameters of a craft (thesis 3.1): rigid body, linear damping, linear thrust.
@@ -15,6 +17,17 @@ struct Body {
 
   /// Largest input of a thruster: 1 where inputs are normalised.
   double input_max = 1.0;
+  /// Length of the hull of a craft on water [m]; 0: it is not on water.
+  double hull_length = 0.0;
+};
+
+/// A load of known mass that a craft carries beside its own.
+struct Payload {
+  double mass = 0;                 ///< [kg]
+  Eigen::Vector2d place = {0, 0};  ///< of its centre of mass: forward, to starboard [m]
+  double inertia = 0;              ///< about its own centre of mass [kg m^2]
+
+  bool empty() const { return mass == 0 && inertia == 0; }
 };
 
 }  // namespace ground

@@ -13,14 +13,14 @@ template <typename T>
 class Dynamics {
  public:
   /// `coordinates`: all parameters in the order of Model::parameters().
-  Dynamics(const Model& model, const std::vector<T>& coordinates);
+  Dynamics(const Model& model, const std::vector<T>& coordinates, const Payload& payload = {});
   /// With the model's own parameters.
-  explicit Dynamics(const Model& model);
+  explicit Dynamics(const Model& model, const Payload& payload = {});
   /// Not copied, because effects keep pointers to the coordinates, which move with them.
   Dynamics(Dynamics&&) = default;
   Dynamics& operator=(Dynamics&&) = default;
 
-  const Body<T>& body() const { return body_; }
+  const Body<T>& body() const { return body_; }     ///< m and I_z include the payload's
   const Matrix3<T>& mass() const { return mass_; }  ///< with all effects inside
   const T& inputDelay() const { return delay_; }    ///< [s]
   /// A time [s] whose derivative by the input delay is `by_delay`, with all derivatives.
@@ -73,11 +73,13 @@ class Dynamics {
   };
 
   void add(const Model::Entry& entry, const T* p);
+  void load(const Payload& payload);
 
   /// The thrust for one thruster input.
   struct Drive {
     const Thrusters<T>& input;
     Thrusters<T> thrust;  ///< before effects change it [N]
+    Angles<T> angles;
 
     Drive(const Dynamics& d, const Thrusters<T>& inputs);
   };
@@ -103,6 +105,7 @@ class Dynamics {
   };
 
   ThrusterLayoutPtr layout_;
+  std::vector<Steered<T>> steering_;  ///< with all effects inside
   std::vector<EffectPtr> instances_;
   std::vector<T> coordinates_;
   std::vector<Active> actuators_, rates_, thrust_, wrench_, measure_;

@@ -5,9 +5,11 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "ground/model/body.h"
+#include "ground/model/steering.h"
 #include "ground/model/thruster.h"
 #include "ground/model/types.h"
 
@@ -18,6 +20,8 @@ enum class Coordinate {
   kValue,      ///< the value
   kReciprocal  ///< 1/value: for the inertia, and for time constants with an infinite neutral value
 };
+
+constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 
 /// One parameter of a model. Numbers are values as in the model file, not coordinates.
 struct ParameterInfo {
@@ -35,6 +39,18 @@ struct ParameterInfo {
   double fromCoordinate(double coordinate) const;
 };
 
+/// What a craft must move on or have for an effect to act on it. A diagnosis tries an effect by itself only
+/// where it suits the craft.
+enum class Surroundings {
+  kAny,
+  kFloor,  ///< on a floor: not on water
+  kLift,   ///< on a floor, with a lift fan
+  kWater   ///< a hull in water (Body::hull_length)
+};
+
+/// "any", "floor", "lift" or "water".
+const char* nameOf(Surroundings surroundings);
+
 /// What an effect is, for documentation, model files, bindings and diagnosis.
 struct EffectInfo {
   std::string name;
@@ -50,8 +66,16 @@ struct EffectInfo {
   /// neutral coordinates x0. An empty function means no prior.
   std::function<Eigen::MatrixXd(const Body<double>&)> penalty = nullptr;
   int states_per_thruster = 0;  ///< additional states for each thruster of the craft
+  Surroundings surroundings = Surroundings::kAny;
+  /// Whether a craft can have the effect; an empty function means that all can.
+  std::function<bool(const ThrusterLayout&)> suits = nullptr;
 
   int stateCount(int thrusters) const { return states + thrusters * states_per_thruster; }
+  /// The effect of crafts in such surroundings.
+  EffectInfo of(Surroundings where) && {
+    surroundings = where;
+    return std::move(*this);
+  }
 };
 
 /// Inputs that act over one integration step, at its start, middle and end; only the first are set if they
@@ -64,6 +88,10 @@ struct StepInputs {
   /// States of all effects, integrated over the step with the motion. If null, the states stay at
   /// their initial values.
   T* states = nullptr;
+  const ThrusterLayout* layout = nullptr;  ///< of the craft
+
+  /// Whether a channel is an angle.
+  bool isAngle(int i) const { return layout && !layout->pushes(i); }
 };
 
 /// Everything that a wrench may depend on, at one instant.
@@ -106,6 +134,8 @@ class EffectHooks {
   /// Sets the time derivatives of all the effect's own states (Point::states). The states are
   /// integrated together with the motion, by the same Runge-Kutta step.
   virtual void rates(const T* /*p*/, const Point<T>&, T* /*rates*/) const {}
+  /// What is known of the craft's angles, one for each channel; called only if it has angles.
+  virtual void steer(const T* /*p*/, std::vector<Steered<T>>&) const {}
   /// Force of each thruster [N].
   virtual void thrust(const T* /*p*/, const Point<T>&, Thrusters<T>&) const {}
   /// Velocity of the air over the floor, world_ned [m/s].
@@ -130,6 +160,7 @@ class Effect : public EffectHooks<double>, public EffectHooks<Jet>, public Effec
     kWrench = 1u << 5,
     kMeasure = 1u << 6,
     kRates = 1u << 7,
+    kSteer = 1u << 9,
     kPose = 1u << 8  ///< motion depends on the pose: the default unless the effect denies it
   };
   virtual const EffectInfo& info() const = 0;

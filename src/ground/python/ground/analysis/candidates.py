@@ -86,18 +86,26 @@ def listed(model: _core.Model) -> str:
 
 
 def on_request() -> List[str]:
-    """Names of the effects that a diagnosis tries only when it is asked to."""
+    """Names of the effects that a diagnosis of any craft tries only when it is asked to."""
     return [name for name, effect in effects().items() if effect["opt_in"]]
 
 
 def library(model: _core.Model, wanted: Sequence[str] = ()) -> List[Candidate]:
-    """Candidates for the effects of the library that the model does not have. Effects that a
-    diagnosis tries only on request (`opt_in`) are among them if they are in `wanted`."""
+    """Candidates for the effects of the library that suit the craft (`surroundings`) and that the model does
+    not have. Others, and those that a diagnosis tries only on request (`opt_in`), are among them if they are
+    in `wanted`."""
+    suitable = ("any", "water") if model.hull_length > 0 else ("any", "floor", "lift")
     return [
         of_library(name)
         for name, effect in effects(model).items()
-        if name not in model.effects and (name in wanted or not effect["opt_in"])
+        if name not in model.effects
+        if name in wanted or (effect["surroundings"] in suitable and not effect["opt_in"])
     ]
+
+
+def of_lift() -> List[str]:
+    """Names of the effects that only act on crafts with a lift fan."""
+    return [name for name, effect in effects().items() if effect["surroundings"] == "lift"]
 
 
 def text_of(path: str) -> str:

@@ -103,8 +103,9 @@ def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
         wrench = known[span] + constants[first, :3]
         try:
             motion = _core.simulate(
-                fit.model, data.inputs, times[span], states[first, :3], states[first, 3:], data.drives, wrench
-            )
+                fit.model, data.inputs, times[span], states[first, :3], states[first, 3:], data.drives, wrench,
+                payload=data.payload,
+            )  # fmt: skip
         except RuntimeError:
             continue
         nu[last - hop + 1 : last + 1] = motion["nu"][-hop:]

@@ -122,6 +122,8 @@ def _problem(
     room = None if options.room is None else Room.of(options.room)
     seen = measured(recordings, given, options, work)
     held = held_out(holdout, given, options, work, seen)
+    if not (given.core.is_pair or options.only or any((run.lift > 0).any() for run in seen.recordings)):
+        tried = [c for c in tried if c.name not in candidates.of_lift()]
     files = [effect.path for effect in own if effect.path]
     return Problem(given, tried, seen, held, files, room, options.as_recorded)
 
@@ -157,7 +159,7 @@ def effects_to_try(
 
 
 def _check_known(named: Iterable[str], by_default: List[str]) -> None:
-    known = by_default + [name for name in candidates.on_request() if name not in by_default]
+    known = by_default + [name for name in candidates.effects() if name not in by_default]
     for name in named:
         if name not in known:
             hint = did_you_mean(name, known)

@@ -101,6 +101,8 @@ def fit(
     command_line.check(options)
     seen = measured(recordings, given, options, work)
     held = held_out(holdout, given, options, work, seen)
+    if tuple(options.free) == window_error.NOMINAL:
+        options = replace(options, free=identifiability.with_mass(options.free, seen.data))
     fitter = options.fitter(seen.data)
     with work.stage(FITTING, 1 + len(fitter.parts)):
         found = fitter.fit(given.core, options.free, work=work)
@@ -127,12 +129,13 @@ def fit(
 def _alone(fitter: WindowFitter, found: WindowFit, index: int, options: FitOptions) -> RunFit:
     """A run by itself, and held out."""
     run = fitter.runs[index]
-    alone = replace(options, starts=1).fitter([run]).whole(found.model, options.free)
+    free = identifiability.without_mass(options.free, [run])
+    alone = replace(options, starts=1).fitter([run]).whole(found.model, free)
     own = [i for i, window in enumerate(fitter.windows) if window.run == index]
     sizes = [fitter.windows[i].last - fitter.windows[i].first + 1 for i in own]
     return RunFit(
         run.name,
-        {p["name"]: p["value"] for p in alone["parameters"]},
+        {name: alone["model"].value(name) for name in options.free},
         {p["name"]: p["ci95"] for p in alone["parameters"]},
         windows.error([run], alone["model"]),
         float(np.average(found.by_window[own], weights=sizes)),
@@ -142,9 +145,10 @@ def _alone(fitter: WindowFitter, found: WindowFit, index: int, options: FitOptio
 
 def _disagreements(fitted: Document, others: Document) -> List[str]:
     """Parameters whose estimate from one run and from the others differ by FAR deviations."""
+    known = {p["name"]: p for p in others["parameters"]}
     return [
         a["name"]
-        for a, b in zip(fitted["parameters"], others["parameters"])
+        for a, b in ((one, known[one["name"]]) for one in fitted["parameters"])
         if a["identified"] and b["identified"]
         if abs(a["value"] - b["value"]) > FAR * np.hypot(a["deviation"], b["deviation"])
     ]
@@ -176,7 +180,10 @@ def _result(
         converged=result["converged"],
         runs=runs,
         same_inputs=quality.same_inputs(seen.runs),
-        remarks=list(identifiability.sentences(result)),
+        remarks=[
+            *identifiability.of_payloads(seen.data, list(parameters)),
+            *identifiability.sentences(result),
+        ],
         correlations=np.array(result["correlation"]),
         given=given,
         data=seen.data,

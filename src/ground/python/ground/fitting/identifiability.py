@@ -1,13 +1,37 @@
 """Parameters that a fit does not identify, in words."""
 
-from typing import Iterator, List
+from typing import Iterator, List, Sequence
 
 import numpy as np
 
+from ground import _core
+from ground.recordings import payloads
 from ground.support.annotations import Document
 
 WELL_KNOWN = 0.03  # relative deviation below which a parameter is well known
 MAX_COMBINED = 0.5  # largest deviation of a combination to be named, relative to its better part
+
+
+def with_mass(free: Sequence[str], runs: Sequence[_core.RunData]) -> List[str]:
+    """The free parameters and the mass m, where the payloads of runs (_core.RunData) differ: then motion
+    identifies m, I_z and k themselves, else only their ratios."""
+    joint = payloads.differ(runs) and {"k", "I_z"} <= set(free) and "m" not in free
+    return ["m"] * joint + list(free)
+
+
+def without_mass(free: Sequence[str], runs: Sequence[_core.RunData]) -> List[str]:
+    """The free parameters that runs of the same payload identify: not m beside I_z and k."""
+    joint = {"k", "I_z"} <= set(free) and not payloads.differ(runs)
+    return [name for name in free if not (joint and name == "m")]
+
+
+def of_payloads(runs: Sequence[_core.RunData], free: Sequence[str]) -> Iterator[str]:
+    """Sentences on what the craft carried, and what follows."""
+    carried = ["%s: %s" % (run.name, payloads.in_words(run.payload)) for run in runs]
+    if not all(run.payload.empty() for run in runs):
+        yield "payloads: " + "; ".join(carried)
+    if payloads.differ(runs) and {"m", "I_z", "k"} <= set(free):
+        yield "the runs differ in mass by known payloads, so m, I_z and k themselves are identifiable, not only ratios"
 
 
 def weak_directions(fit: Document) -> List[Document]:

@@ -16,9 +16,9 @@ BY = {"model": "the recorded model's file", "folder": "folder", "pattern": "the 
 CAUSES = {  # what usually changes a parameter
     "k": "new battery, new propeller?",
     "I_z": "something mounted, moved or taken off?",
-    "X_u": "the skirt, the floor?",
-    "Y_v": "the skirt, the floor?",
-    "N_r": "the skirt, the floor?",
+    "X_u": "the skirt, the floor, the hull?",
+    "Y_v": "the skirt, the floor, the hull?",
+    "N_r": "the skirt, the floor, the hull?",
     "thrust_asymmetry": "a propeller or motor of one side?",
     "motor_lag": "new motor or speed controller, a delay of the link?",
     "input_delay": "the link, the computer, the firmware?",

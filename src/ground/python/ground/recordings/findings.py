@@ -162,7 +162,9 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     thrusters = controls["thrusters"]
     names = "thrusters" if thrusters == PAIR else ", ".join(thrusters)
     text = "%(count)d at %(rate).1f Hz, %(changes)d changes, " % controls
-    yield "commands", text + "%s %g to %g, lift %g to %g" % (names, *controls["levels"], *controls["lift"])
+    text += "%s %g to %g" % (names, *controls["levels"])
+    lift = ", lift %g to %g" % tuple(controls["lift"]) if len(thrusters) < len(controls["channels"]) else ""
+    yield "commands", text + lift
     starts = (
         "from %.2f s on" % t if t >= 0 else "began %.2f s before the run" % -t for t in d["drives"]["begin"]
     )

@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 
 from ground import _core
+from ground.recordings.payloads import Load
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError, reason
 
@@ -111,6 +112,7 @@ class FieldMapping:
     inertial: Sensors = Sensors()
     clock_offset: float = 0.0  #: added to the stamps of poses [s]
     clock_drift: float = 0.0  #: added to them for each second since the first pose [s/s]
+    loads: Tuple[Load, ...] = ()  #: what the craft carried
     file: str = ""  #: that it was read from
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
 
@@ -164,7 +166,8 @@ def load(path: str) -> FieldMapping:
         raise GroundError("%s: %s" % (path, error))
     given = {n: path for n in ("axes", "heading_offset") if getattr(poses, n) is not None}
     offset, drift = root.get("clock_offset", 0.0), root.get("clock_drift", 0.0)
-    return FieldMapping(poses, commands, inertial, offset, drift, path, given)
+    loads = tuple(map(Load.of, root.get("payload", [])))
+    return FieldMapping(poses, commands, inertial, offset, drift, loads, path, given)
 
 
 def _plain(value: Any) -> Any:

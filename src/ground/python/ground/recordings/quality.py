@@ -152,6 +152,7 @@ class RepairedRun:
             np.array(motion.noise)[[0, 0, 1]],
             self.drives,
             inertial=self._inertial(),
+            payload=self.recording.payload,
         )
 
     def _inertial(self) -> Optional[_core.InertialData]:

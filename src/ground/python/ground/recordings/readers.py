@@ -11,6 +11,7 @@ import numpy as np
 from ground.recordings import commands, containers, poses, run_settings, sensors, units
 from ground.recordings.containers import RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
 from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, TIMES, Clock, FieldMapping
+from ground.recordings.payloads import payload_of
 from ground.recordings.recording import Recording, checked
 from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
@@ -66,7 +67,11 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
         container.path = path
         found = of_container(container, mapping)
     # The description of a folder is not part of a run: the same run may be given without it.
-    return replace(found, digest=digest_of_files(f for f in files if os.path.basename(f) != METADATA))
+    return replace(
+        found,
+        digest=digest_of_files(f for f in files if os.path.basename(f) != METADATA),
+        payload=payload_of(found.name, mapping.loads),
+    )
 
 
 def opened(path: str) -> Container:

@@ -83,6 +83,7 @@ class Recording(Plotted):
     channels: Tuple[str, ...] = CHANNELS  #: names of the commands
     lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
     inertial: Optional[Samples] = None  #: of the craft's gyro and accelerometer, if recorded
+    payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
     digest: str = ""  #: of the content of the files that it was read from; empty: none
 
     @staticmethod
@@ -135,6 +136,13 @@ class Recording(Plotted):
             [c[len(COMMAND) :] if c.startswith(COMMAND) else c for c in columns],
             name,
         )
+
+    def with_payload(
+        self, mass: float, place: Tuple[float, float] = (0.0, 0.0), inertia: float = 0.0
+    ) -> "Recording":
+        """The same run of a craft that carried a load: its mass [kg], the place of its centre of mass forward
+        and to starboard [m], its inertia about that [kg m^2]."""
+        return replace(self, payload=_core.Payload(mass, place, inertia))
 
     def rename(self, name: str) -> "Recording":
         """The same run under another name, by which tables and files call it."""

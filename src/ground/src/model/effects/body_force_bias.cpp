@@ -9,10 +9,10 @@ struct BodyForceBias {
 
   static EffectInfo info() {
     const auto scale = [](const Body<double>& b) { return 0.1 * typical::force(b); };
-    return {
-        "body_force_bias",
-        "constant force in the body frame",
-        {{"x0", "N", "along surge", 0, -1e3, 1e3, scale}, {"y0", "N", "along sway", 0, -1e3, 1e3, scale}}};
+    return {"body_force_bias",
+            "constant force in the body frame",
+            {{"x0", "N", "along surge", 0, -kUnbounded, kUnbounded, scale},
+             {"y0", "N", "along sway", 0, -kUnbounded, kUnbounded, scale}}};
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>&, Vector3<T>& wrench) {

@@ -9,7 +9,8 @@ struct ComOffset {
     const auto scale = [](const Body<double>& b) { return 0.1 * b.l; };
     return {"com_offset",
             "centre of mass off the thrust axis",
-            {{"xg", "m", "forward", 0, -1, 1, scale}, {"yg", "m", "to starboard", 0, -1, 1, scale}}};
+            {{"xg", "m", "forward", 0, -kUnbounded, kUnbounded, scale},
+             {"yg", "m", "to starboard", 0, -kUnbounded, kUnbounded, scale}}};
   }
   template <typename T>
   static void inertia(const T* p, const Body<T>& body, Matrix3<T>& mass) {

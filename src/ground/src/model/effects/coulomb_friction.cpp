@@ -10,12 +10,13 @@ struct CoulombFriction {
   static constexpr bool kUsesPose = false;
 
   static EffectInfo info() {
-    return {"coulomb_friction",
-            "dry friction on the floor",
-            {{"f", "N", "friction force", 0, 0, 1e3,
-              [](const Body<double>& b) { return 0.1 * typical::force(b); }},
-             {"n", "N m", "friction moment", 0, 0, 1e3,
-              [](const Body<double>& b) { return 0.1 * typical::moment(b); }}}};
+    return EffectInfo{"coulomb_friction",
+                      "dry friction on the floor",
+                      {{"f", "N", "friction force", 0, 0, kUnbounded,
+                        [](const Body<double>& b) { return 0.1 * typical::force(b); }},
+                       {"n", "N m", "friction moment", 0, 0, kUnbounded,
+                        [](const Body<double>& b) { return 0.1 * typical::moment(b); }}}}
+        .of(Surroundings::kFloor);
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {

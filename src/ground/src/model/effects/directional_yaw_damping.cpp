@@ -13,7 +13,7 @@ struct DirectionalYawDamping {
   static EffectInfo info() {
     return {"directional_yaw_damping",
             "yaw damping that differs by direction",
-            {{"na", "N m s", "more damping clockwise, less the other way", 0, -1e3, 1e3,
+            {{"na", "N m s", "more damping clockwise, less the other way", 0, -kUnbounded, kUnbounded,
               [](const Body<double>& b) { return 0.1 * typical::moment(b) / typical::yawRate(b); }}}};
   }
   template <typename T>

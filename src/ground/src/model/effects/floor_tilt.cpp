@@ -7,10 +7,11 @@ namespace ground {
 struct FloorTilt {
   static EffectInfo info() {
     const auto scale = [](const Body<double>&) { return 0.005; };
-    return {"floor_tilt",
-            "floor that is not level",
-            {{"sx", "-", "slope along world x", 0, -0.5, 0.5, scale},
-             {"sy", "-", "slope along world y", 0, -0.5, 0.5, scale}}};
+    return EffectInfo{"floor_tilt",
+                      "floor that is not level",
+                      {{"sx", "-", "slope along world x", 0, -0.5, 0.5, scale},
+                       {"sy", "-", "slope along world y", 0, -0.5, 0.5, scale}}}
+        .of(Surroundings::kFloor);
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {

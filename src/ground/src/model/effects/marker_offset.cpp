@@ -8,7 +8,8 @@ struct MarkerOffset {
     const auto scale = [](const Body<double>& b) { return 0.1 * b.l; };
     return {"marker_offset",
             "tracked point away from the body origin",
-            {{"dx", "m", "forward", 0, -1, 1, scale}, {"dy", "m", "to starboard", 0, -1, 1, scale}}};
+            {{"dx", "m", "forward", 0, -kUnbounded, kUnbounded, scale},
+             {"dy", "m", "to starboard", 0, -kUnbounded, kUnbounded, scale}}};
   }
   template <typename T>
   static void measure(const T* p, const Vector3<T>& eta, Measurement<T>& measurement) {

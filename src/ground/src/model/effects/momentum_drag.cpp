@@ -8,10 +8,11 @@ struct MomentumDrag {
   static constexpr bool kUsesPose = false;
 
   static EffectInfo info() {
-    return {"momentum_drag",
-            "drag by air that the lift fan takes in",
-            {{"q", "kg/s", "mass flow at full lift", 0, 0, 1e3,
-              [](const Body<double>& b) { return 0.1 * typical::force(b) / typical::speed(b); }}}};
+    return EffectInfo{"momentum_drag",
+                      "drag by air that the lift fan takes in",
+                      {{"q", "kg/s", "mass flow at full lift", 0, 0, kUnbounded,
+                        [](const Body<double>& b) { return 0.1 * typical::force(b) / typical::speed(b); }}}}
+        .of(Surroundings::kLift);
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {

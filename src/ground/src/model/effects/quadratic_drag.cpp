@@ -16,9 +16,9 @@ struct QuadraticDrag {
     };
     return {"quadratic_drag",
             "drag that grows with speed squared",
-            {{"cx", "N s^2/m^2", "surge", 0, 0, 1e3, linear},
-             {"cy", "N s^2/m^2", "sway", 0, 0, 1e3, linear},
-             {"cr", "N m s^2", "yaw", 0, 0, 1e3, [](const Body<double>& b) {
+            {{"cx", "N s^2/m^2", "surge", 0, 0, kUnbounded, linear},
+             {"cy", "N s^2/m^2", "sway", 0, 0, kUnbounded, linear},
+             {"cr", "N m s^2", "yaw", 0, 0, kUnbounded, [](const Body<double>& b) {
                 return 0.1 * typical::moment(b) / (typical::yawRate(b) * typical::yawRate(b));
               }}}};
   }

@@ -11,12 +11,13 @@ struct SkirtFriction {
   static constexpr bool kUsesPose = false;
 
   static EffectInfo info() {
-    return {"skirt_friction",
-            "dry friction of the skirt",
-            {{"f0", "N", "friction force without lift", 0, 0, 1e3,
-              [](const Body<double>& b) { return 0.5 * typical::force(b); }},
-             {"n0", "N m", "friction moment without lift", 0, 0, 1e3,
-              [](const Body<double>& b) { return 0.5 * typical::moment(b); }}}};
+    return EffectInfo{"skirt_friction",
+                      "dry friction of the skirt",
+                      {{"f0", "N", "friction force without lift", 0, 0, kUnbounded,
+                        [](const Body<double>& b) { return 0.5 * typical::force(b); }},
+                       {"n0", "N m", "friction moment without lift", 0, 0, kUnbounded,
+                        [](const Body<double>& b) { return 0.5 * typical::moment(b); }}}}
+        .of(Surroundings::kLift);
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {

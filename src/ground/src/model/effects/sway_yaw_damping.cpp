@@ -10,9 +10,9 @@ struct SwayYawDamping {
   static EffectInfo info() {
     return {"sway_yaw_damping",
             "damping that couples sway and yaw",
-            {{"yr", "N s", "sway force per yaw rate", 0, -1e3, 1e3,
+            {{"yr", "N s", "sway force per yaw rate", 0, -kUnbounded, kUnbounded,
               [](const Body<double>& b) { return 0.1 * typical::force(b) / typical::yawRate(b); }},
-             {"nv", "N s", "yaw moment per sway", 0, -1e3, 1e3,
+             {"nv", "N s", "yaw moment per sway", 0, -kUnbounded, kUnbounded,
               [](const Body<double>& b) { return 0.1 * typical::moment(b) / typical::speed(b); }}}};
   }
   template <typename T>

@@ -7,10 +7,11 @@ namespace ground {
 struct Wind {
   static EffectInfo info() {
     const auto scale = [](const Body<double>& b) { return 0.2 * typical::speed(b); };
-    return {"wind",
-            "air that moves over the floor",
-            {{"wx", "m/s", "velocity along world x", 0, -20, 20, scale},
-             {"wy", "m/s", "velocity along world y", 0, -20, 20, scale}}};
+    return EffectInfo{"wind",
+                      "air that moves over the floor",
+                      {{"wx", "m/s", "velocity along world x", 0, -20, 20, scale},
+                       {"wy", "m/s", "velocity along world y", 0, -20, 20, scale}}}
+        .of(Surroundings::kFloor);
   }
   template <typename T>
   static void air(const T* p, Vector2<T>& velocity) {

@@ -8,10 +8,10 @@ struct YawBias {
   static constexpr bool kUsesPose = false;
 
   static EffectInfo info() {
-    return {
-        "yaw_bias", "constant yaw moment", {{"n0", "N m", "moment", 0, -1e3, 1e3, [](const Body<double>& b) {
-                                               return 0.1 * typical::moment(b);
-                                             }}}};
+    return {"yaw_bias",
+            "constant yaw moment",
+            {{"n0", "N m", "moment", 0, -kUnbounded, kUnbounded,
+              [](const Body<double>& b) { return 0.1 * typical::moment(b); }}}};
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>&, Vector3<T>& wrench) {
