@@ -1,10 +1,12 @@
 // A search over all sequences of events, breadth first: the first counterexample is a shortest one.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <functional>
+#include <stdexcept>
 #include <string>
 #include <unordered_set>
 #include <utility>
@@ -66,6 +68,7 @@ struct Bounds {
 inline Bounds bounds(std::uint64_t transitions) {
   Bounds result;
   const char* const given = std::getenv("GROUND_SEARCH_TRANSITIONS");
+  if (std::getenv("GRAIN")) result.grain = std::atoi(std::getenv("GRAIN"));
   result.transitions = given ? std::strtoull(given, nullptr, 10) : transitions;
   return result;
 }
@@ -84,7 +87,7 @@ struct Found {
   }
 };
 
-/// Tries every event in every state that `roots` reach. A World can be copied and has
+/// Tries each of `events` in every state that is reached from the ends of `roots`, sequences of events. A World can be copied and has
 /// - static const std::vector<std::string>& events(): their names,
 /// - bool possible(int event) const,
 /// - void apply(int event),
@@ -92,15 +95,17 @@ struct Found {
 /// - std::string story() const: the events so far in words, one a line, if it has been told to keep them,
 /// - void tell(): keeps the story from now on,
 /// - void show(Key&) const, double now() const and double stampNow() const.
-/// `roots`: sequences of events from which the search begins.
 template <class World>
 class Search {
  public:
-  Search(std::function<World()> start, std::vector<std::vector<int>> roots, Bounds bounds)
-      : start_(std::move(start)), roots_(std::move(roots)), bounds_(bounds) {}
+  using Names = std::vector<std::string>;
+
+  Search(std::function<World()> start, const std::vector<Names>& roots, const Names& events, Bounds bounds)
+      : start_(std::move(start)), bounds_(bounds), events_(numbers(events)) {
+    for (const Names& root : roots) roots_.push_back(numbers(root));
+  }
 
   Found run() {
-    const int count = static_cast<int>(World::events().size());
     for (std::size_t r = 0; r < roots_.size(); ++r) {
       nodes_.push_back({-static_cast<std::int64_t>(r) - 1, -1});
       const World world = at(static_cast<std::int64_t>(nodes_.size()) - 1, false);
@@ -115,7 +120,7 @@ class Search {
       }
       const auto node = static_cast<std::int64_t>(i);
       const World here = at(node, false);
-      for (int event = 0; event < count; ++event) {
+      for (const int event : events_) {
         if (!here.possible(event)) continue;
         World next(here);
         next.apply(event);
@@ -136,6 +141,16 @@ class Search {
     std::int32_t event;
   };
 
+  static std::vector<int> numbers(const Names& names) {
+    const Names& all = World::events();
+    std::vector<int> result;
+    for (const std::string& name : names) {
+      const auto found = std::find(all.begin(), all.end(), name);
+      if (found == all.end()) throw std::out_of_range("no event is called " + name);
+      result.push_back(static_cast<int>(found - all.begin()));
+    }
+    return result;
+  }
   std::uint64_t hash(const World& world) const {
     Key key(world.now(), world.stampNow(), bounds_.grain);
     world.show(key);
@@ -169,6 +184,7 @@ class Search {
   std::function<World()> start_;
   std::vector<std::vector<int>> roots_;
   Bounds bounds_;
+  std::vector<int> events_;
   std::vector<Node> nodes_;
   std::unordered_set<std::uint64_t> seen_;
   Found found_;

@@ -140,17 +140,10 @@ const std::vector<std::string>& LinkWorld::events() {
   return names;
 }
 
-int LinkWorld::event(const std::string& name) {
-  const auto found = std::find(events().begin(), events().end(), name);
-  if (found == events().end()) throw std::out_of_range("no event is called " + name);
-  return static_cast<int>(found - events().begin());
-}
-
 bool LinkWorld::possible(int event) const {
-  static const int send = LinkWorld::event("packets can be sent"), fail = LinkWorld::event("packets cannot be sent");
-  if (event == send) return broken_;
-  if (event == fail) return !broken_;
-  return true;
+  const std::string& name = events()[static_cast<std::size_t>(event)];
+  if (name == "packets can be sent") return broken_;
+  return name != "packets cannot be sent" || !broken_;
 }
 
 void LinkWorld::apply(int event) {
@@ -187,6 +180,7 @@ void LinkWorld::datagram(const std::string& data, const UdpAddress& from,
                          std::optional<CraftTelemetry> content) {
   const Before seen = before();
   const bool known = spec_.datagram(now_, from, content.has_value());
+  if (spec_.craft != seen.peer) known_since_ = now_;
   if (known && content) spec_.telemetry(now_, content->commands);
   const bool taken = link_.datagram(now_, data, from).has_value();
   const GroundLink::Counters &is = link_.counters(), &was = seen.counters;
@@ -244,8 +238,9 @@ void LinkWorld::tick() {
   const Before seen = before();
   spec_.pass(now_);
   link_.tick(now_);
-  if (violation_.empty() && spec_.craft.port != 0 && !spec_.silent_until &&
-      (now_ - attempted_at_ >= 1 / spec_.params.keepalive_rate + kTick && wire_->packets.empty()))
+  const double pause = now_ - std::max(attempted_at_, known_since_);
+  if (violation_.empty() && spec_.craft.port != 0 && !spec_.silent_until && wire_->packets.empty() &&
+      pause >= 1 / spec_.params.keepalive_rate + kTick)
     violation_ = "keepalive: no packet for longer than the period";
   if (violation_.empty() && link_.nextPacket() <= now_) violation_ = "keepalive: the next packet is overdue";
   check(seen, "tick");

@@ -26,8 +26,6 @@ class LinkWorld {
   LinkWorld(const GroundLinkParams& params, Wire& wire);
 
   static const std::vector<std::string>& events();
-  /// Number of an event by its name; throws std::out_of_range.
-  static int event(const std::string& name);
   bool possible(int event) const;
   void apply(int event);
   const std::string& violation() const { return violation_; }
@@ -79,6 +77,7 @@ class LinkWorld {
   double now_ = 64;
   double attempted_at_ = -1e9;  ///< time of the last packet [s]
   MotorCommand attempted_;
+  double known_since_ = -1e9;  ///< time since which the craft has its address [s]
   bool broken_ = false;
   bool begins_silence_ = false;
   std::string violation_, story_;
