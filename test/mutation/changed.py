@@ -5,6 +5,7 @@ import os
 import pathlib
 import re
 import shlex
+import shutil
 import subprocess
 import tempfile
 
@@ -22,6 +23,8 @@ class Changed:
     def __init__(self, build=BUILD):
         self._build = build
         self._commands = {}
+        self._links = {}
+        self._kept = tempfile.TemporaryDirectory(dir=str(build))
 
     def _of(self, target):
         """The commands of a target, the last of which links it."""
@@ -40,6 +43,17 @@ class Changed:
             del words[at : at + 2]
         return [word for word in words if word not in ("-MD", "-O3", "-Werror")] + ["-O1", "-w"]
 
+    def _linker(self, program):
+        """The command that links a program, of its objects as they are at the first call."""
+        if program not in self._links:
+            words = shlex.split(self._of(program)[-1].replace(": &&", "", 1).rsplit("&& :", 1)[0])
+            for i, word in enumerate(words):
+                if word.endswith(".o"):
+                    words[i] = os.path.join(self._kept.name, word.replace("/", "_"))
+                    shutil.copy(str(self._build / word), words[i])
+            self._links[program] = words
+        return list(self._links[program])
+
     def verdict(self, path, text, program, tests="*", environment=None):
         """What `tests` of a program say when the file `path` (from the root) has the content `text`: a
         dictionary with the outcome "invalid", "survived" or "killed", and by what."""
@@ -51,7 +65,7 @@ class Changed:
             made = self._compiler(path) + [here, "-c", str(source), "-o", changed]
             if commands.run(made, 600, self._build).status:
                 return {"outcome": "invalid"}
-            words = shlex.split(self._of(program)[-1].replace(": &&", "", 1).rsplit("&& :", 1)[0])
+            words = self._linker(program)
             at = words.index("-o")
             words[at : at + 2] = [changed, "-o", linked]
             ended = commands.run(words, 600, self._build)

@@ -13,13 +13,14 @@ sys.path.append(str(pathlib.Path(__file__).resolve().parent.parent / "bench"))
 import changed  # noqa: E402
 import sampling  # noqa: E402
 
-FILES = ("link/ground_link.cpp", "control/controller_lifecycle.cpp")
+FILES = ["link/ground_link.cpp", "control/controller_lifecycle.cpp"]
 
 
 def options():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=30, help="mutants of each file that compile")
     parser.add_argument("--seed", type=int, default=1, help="seed of the random sample")
+    parser.add_argument("--files", nargs="+", default=FILES, help="files of the state machines")
     parser.add_argument("--jobs", type=int, default=2, help="mutants at once")
     parser.add_argument("--transitions", type=int, help="length of a search (default: that of make test)")
     return parser.parse_args()
@@ -34,7 +35,7 @@ def main():
     def judge(mutant):
         return mutant, bench.verdict(mutant.path, mutant.text(), "ground_search_test", environment=asked)
 
-    for name in FILES:
+    for name in given.files:
         by, left, found = collections.Counter(), [], 0
         drawn = iter(sampling.drawn(name, given.seed))
         with ThreadPoolExecutor(given.jobs) as pool:

@@ -68,7 +68,6 @@ struct Bounds {
 inline Bounds bounds(std::uint64_t transitions) {
   Bounds result;
   const char* const given = std::getenv("GROUND_SEARCH_TRANSITIONS");
-  if (std::getenv("GRAIN")) result.grain = std::atoi(std::getenv("GRAIN"));
   result.transitions = given ? std::strtoull(given, nullptr, 10) : transitions;
   return result;
 }

@@ -6,7 +6,7 @@
 #include "lifecycle_world.h"
 
 namespace ground {
-namespace search {
+namespace lifecycle_search {
 
 void searchLifecycle(SearchPilot::Loop loop, double recovery, bool require = true,
                      const std::vector<std::string>& events = LifecycleWorld::events()) {
@@ -22,9 +22,9 @@ void searchLifecycle(SearchPilot::Loop loop, double recovery, bool require = tru
   for (int i = 0; i < 2; ++i) running.push_back("with states, until just after a limit");
   std::vector<std::string> lost = running;
   lost.push_back("invalid state");
-  Search<LifecycleWorld> search([&] { return LifecycleWorld(params, pilot); }, {{}, lifting, running, lost},
-                                events, bounds(100000));
-  const Found found = search.run();
+  search::Search<LifecycleWorld> search([&] { return LifecycleWorld(params, pilot); }, {{}, lifting, running, lost},
+                                events, search::bounds(100000));
+  const search::Found found = search.run();
   std::cout << found.text() << "\n";
   EXPECT_EQ(found.violation, "") << found.sequence;
 }
@@ -42,5 +42,5 @@ TEST(LongSequences, OfALifecycle) {
                    "until just after a limit", "with states, until a limit"});
 }
 
-}  // namespace search
+}  // namespace lifecycle_search
 }  // namespace ground

@@ -8,7 +8,7 @@
 #include "ground/control/controller_lifecycle.h"
 
 namespace ground {
-namespace search {
+namespace lifecycle_search {
 
 struct LifecycleSpec {
   using State = ControllerLifecycle::State;
@@ -127,5 +127,5 @@ struct LifecycleSpec {
   }
 };
 
-}  // namespace search
+}  // namespace lifecycle_search
 }  // namespace ground

@@ -7,7 +7,7 @@
 #include <utility>
 
 namespace ground {
-namespace search {
+namespace lifecycle_search {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
@@ -313,5 +313,5 @@ void LifecycleWorld::tell(const std::string& line) {
   story_ += text;
 }
 
-}  // namespace search
+}  // namespace lifecycle_search
 }  // namespace ground

@@ -9,7 +9,10 @@
 #include "lifecycle_spec.h"
 
 namespace ground {
-namespace search {
+namespace lifecycle_search {
+using search::Key;
+using search::kTick;
+using search::onTick;
 
 /// A pilot, and what the life cycle did with it in a call; copies of a world share it.
 struct SearchPilot : Pilot {
@@ -97,5 +100,5 @@ class LifecycleWorld {
   bool told_ = false;
 };
 
-}  // namespace search
+}  // namespace lifecycle_search
 }  // namespace ground

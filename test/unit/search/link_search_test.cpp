@@ -6,7 +6,7 @@
 #include "link_world.h"
 
 namespace ground {
-namespace search {
+namespace link_search {
 namespace {
 
 using Names = std::vector<std::string>;
@@ -35,8 +35,8 @@ GroundLinkParams linkParams(double recovery) {
 void searchLink(const GroundLinkParams& params, const std::vector<Names>& roots, const Names& events,
                 std::uint64_t transitions) {
   Wire wire;
-  Search<LinkWorld> search([&] { return LinkWorld(params, wire); }, roots, events, bounds(transitions));
-  const Found found = search.run();
+  search::Search<LinkWorld> search([&] { return LinkWorld(params, wire); }, roots, events, search::bounds(transitions));
+  const search::Found found = search.run();
   std::cout << found.text() << "\n";
   EXPECT_EQ(found.violation, "") << found.sequence;
 }
@@ -91,5 +91,5 @@ TEST(LongSequences, OfEnds) {
              100000);
 }
 
-}  // namespace search
+}  // namespace link_search
 }  // namespace ground

@@ -10,7 +10,7 @@
 #include "ground/link/ground_link.h"
 
 namespace ground {
-namespace search {
+namespace link_search {
 
 struct LinkSpec {
   using State = GroundLink::State;
@@ -163,5 +163,5 @@ struct LinkSpec {
   }
 };
 
-}  // namespace search
+}  // namespace link_search
 }  // namespace ground

@@ -8,7 +8,7 @@
 #include <utility>
 
 namespace ground {
-namespace search {
+namespace link_search {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
@@ -87,6 +87,7 @@ struct LinkEvents {
         {"packets can be sent", [](W& w) { w.broken_ = false; }},
         {"half as long timeouts", [](W& w) { w.setParams(true); }},
         {"timeouts as before", [](W& w) { w.setParams(false); }},
+        {"bad parameters", [](W& w) { w.setBadParams(); }},
     };
   }
   static std::vector<Event> times() {
@@ -166,6 +167,8 @@ void LinkWorld::command(const MotorCommand& command, const std::string& source, 
   link_.command(now_, age, source, command);
   if (link_.counters().refused - seen.counters.refused != (accepted ? 0u : 1u) && violation_.empty())
     violation_ = std::string("commands: one was ") + (accepted ? "refused: " + link_.refusal() : "accepted");
+  if (!accepted && link_.refusal().rfind("a command of " + source, 0) != 0 && violation_.empty())
+    violation_ = "report: it does not say which command was refused";
   check(seen, "command", accepted);
 }
 
@@ -215,6 +218,8 @@ void LinkWorld::silence(double duration) {
   if (must != refused.empty() && violation_.empty())
     violation_ = must ? "silence: it is refused: " + refused : "silence: it was allowed";
   if (must) spec_.silent_until = now_ + duration;
+  if (must && link_.revision() == seen.revision && violation_.empty())
+    violation_ = "report: the silence is not told";
   check(seen, "silence");
   begins_silence_ = false;
 }
@@ -287,6 +292,18 @@ void LinkWorld::setParams(bool shorter) {
   }
   spec_.params = params;
   link_.setParams(params);
+  check(seen, "params");
+}
+
+void LinkWorld::setBadParams() {
+  const Before seen = before();
+  GroundLinkParams params = params_;
+  params.state_timeout = -1;
+  try {
+    link_.setParams(params);
+    violation_ = "parameters: bad ones are taken";
+  } catch (const std::invalid_argument&) {
+  }
   check(seen, "params");
 }
 
@@ -422,5 +439,5 @@ void LinkWorld::tell(const std::string& line) {
   story_ += text;
 }
 
-}  // namespace search
+}  // namespace link_search
 }  // namespace ground

@@ -9,7 +9,10 @@
 #include "link_spec.h"
 
 namespace ground {
-namespace search {
+namespace link_search {
+using search::Key;
+using search::kTick;
+using search::onTick;
 
 /// Where the packets of a call arrive; all copies of a world share it.
 struct Wire {
@@ -56,6 +59,7 @@ class LinkWorld {
   void disobeyed();
   void confine(bool inside);
   void setParams(bool shorter);
+  void setBadParams();
   /// Lets time pass with ticks on time, up to `ticks` after the next limit.
   void waitForLimit(int ticks, Feed feed);
   void pass(double until, Feed feed);
@@ -84,5 +88,5 @@ class LinkWorld {
   bool told_ = false;
 };
 
-}  // namespace search
+}  // namespace link_search
 }  // namespace ground
