@@ -4,7 +4,6 @@ and what is wrong with the file."""
 
 import json
 import os
-import re
 import sys
 
 try:
@@ -49,21 +48,20 @@ def header():
 
 
 def changed(promise):
-    """The file of the product in which the rule of a promise is taken out, and its content then; ValueError if the
-    line is not in it exactly once."""
-    rule = promise["without"]
-    with open(os.path.join(os.path.dirname(FOLDER), rule["file"]), encoding="utf-8") as file:
+    """The file of the product in which the rule of a promise is taken out, from the root, and its content then;
+    ValueError if the line is not in it exactly once."""
+    path, line, instead = promise["without"]
+    with open(os.path.join(os.path.dirname(FOLDER), path), encoding="utf-8") as file:
         lines = file.read().split("\n")
-    places = [i for i, line in enumerate(lines) if line.strip() == rule["line"]]
+    places = [i for i, one in enumerate(lines) if one.strip() == line]
     if len(places) != 1:
         raise ValueError(
-            "promise %d: its line is %d times in %s, not once: %s"
-            % (promise["number"], len(places), rule["file"], rule["line"])
+            "promise %d: %s has its line %d times, not once: %s" % (promise["number"], path, len(places), line)
         )
     (place,) = places
-    before = re.match(r"\s*", lines[place]).group()
-    lines[place] = before + rule["instead"]
-    return rule["file"], "\n".join(lines)
+    indent = len(lines[place]) - len(lines[place].lstrip())
+    lines[place] = lines[place][:indent] + instead
+    return path, "\n".join(lines)
 
 
 def main():

@@ -56,7 +56,10 @@ class Changed:
 
     def verdict(self, path, text, program, tests="*", environment=None):
         """What `tests` of a program say when the file `path` (from the root) has the content `text`: a
-        dictionary with the outcome "invalid", "survived" or "killed", and by what."""
+        dictionary with the outcome "invalid", "survived" or "killed", and by what. A program that ends in .py is
+        a file of test/python."""
+        if program.endswith(".py"):
+            return self._python(path, text, program, tests)
         with tempfile.TemporaryDirectory(dir=str(self._build)) as folder:
             source = pathlib.Path(folder) / pathlib.PurePath(path).name
             source.write_text(text)
@@ -72,6 +75,25 @@ class Changed:
             if ended.status:
                 raise SystemExit("%s cannot be linked with a changed %s:\n%s" % (program, path, ended.output))
             return self._run(linked, tests, environment)
+
+    def _python(self, path, text, program, tests):
+        """The package is copied, because its modules import each other."""
+        package = ROOT / "src" / "ground" / "python" / "ground"
+        with tempfile.TemporaryDirectory(dir=str(self._build)) as folder:
+            copy = pathlib.Path(folder) / "ground"
+            shutil.copytree(str(package), str(copy), ignore=shutil.ignore_patterns("__pycache__"))
+            (copy / (ROOT / path).relative_to(package)).write_text(text)
+            known = os.environ.get("PYTHONPATH", "")
+            test = "%s::%s" % (ROOT / "test" / "python" / program, tests)
+            ended = commands.run(
+                ["/usr/bin/python3", "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", test],
+                SECONDS,
+                ROOT,
+                {"PYTHONPATH": folder + os.pathsep + known, "PYTHONDONTWRITEBYTECODE": "1"},
+            )
+        if ended.status not in (0, 1):
+            raise SystemExit("pytest fails:\n%s" % ended.output[-3000:])
+        return {"outcome": "killed", "by": tests} if ended.status else {"outcome": "survived"}
 
     def _run(self, linked, tests, environment):
         ended = commands.run(

@@ -1,6 +1,7 @@
 // What the documentation promises of a controller's life cycle, as a second implementation.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -14,10 +15,11 @@ struct LifecycleSpec {
   using State = ControllerLifecycle::State;
   static constexpr double kHandover = 0.2;               ///< [s]
   static constexpr double kJump = 0.2, kJumpSpeed = 2;  ///< [m], [m/s]
+  static constexpr double kTurn = 0.6, kTurnRate = 10;  ///< [rad], [rad/s]
 
   /// A state, as far as it matters.
   struct Seen {
-    double stamp, x;
+    double stamp, x, heading;
     bool valid, finite, leaves;
   };
 
@@ -27,7 +29,7 @@ struct LifecycleSpec {
   State state = State::kIdle;
   bool armed = false, lifted = false;
   std::optional<Seen> seen;
-  double known_x = 0, known_stamp = 0;  ///< of the last state used for control
+  double known_x = 0, known_heading = 0, known_stamp = 0;  ///< of the last state used for control
   double seen_at = 0, started_at = 0, others_until = -1e9;
   double lifting_since = 0, running_since = 0;  ///< clock of stamps [s]
   std::optional<double> lost_since;
@@ -45,6 +47,23 @@ struct LifecycleSpec {
            now.time < seen->stamp + params.state_timeout;
   }
   bool maySend() const { return armed || !params.require_armed; }
+
+  void know(const Seen& used) {
+    known_x = used.x;
+    known_heading = used.heading;
+    known_stamp = used.stamp;
+  }
+  /// Time to the next limit that a tick must not miss [s]; infinite if there is none.
+  double untilLimit(Instant now) const {
+    double left = std::numeric_limits<double>::infinity();
+    if (state == State::kLifting && !lost_since) left = std::min(left, lifting_since + liftTime() - now.time);
+    if (driving()) left = std::min(left, running_since + end - now.time);
+    if (flying() && lost_since) left = std::min(left, *lost_since + params.recovery_time - now.steady);
+    if (flying() && !lost_since && seen && params.require_state)
+      left = std::min({left, seen_at + params.state_timeout - now.steady,
+                       seen->stamp + params.state_timeout - now.time});
+    return left;
+  }
 
   void change(State to) {
     state = to;
@@ -71,7 +90,7 @@ struct LifecycleSpec {
     if (state == State::kLifting && good && now.time >= lifting_since + liftTime()) {
       state = State::kRunning;
       running_since = now.time;
-      if (seen) known_x = seen->x, known_stamp = seen->stamp;
+      if (seen) know(*seen);
     }
     if (driving() && now.time >= running_since + end) change(State::kDone);
   }
@@ -82,9 +101,9 @@ struct LifecycleSpec {
     seen_at = now.steady;
     if (driving() && measured.valid && measured.finite) {
       const double dt = std::max(0.0, measured.stamp - known_stamp);
-      const bool jumped = std::abs(measured.x - known_x) > kJump + kJumpSpeed * dt;
-      known_x = measured.x;
-      known_stamp = measured.stamp;
+      const bool jumped = std::abs(measured.x - known_x) > kJump + kJumpSpeed * dt ||
+                          std::abs(measured.heading - known_heading) > kTurn + kTurnRate * dt;
+      know(measured);
       if (jumped) change(State::kStopped);
     }
     pass(now);

@@ -49,6 +49,8 @@ struct LifecycleEvents {
         {"state 0.15 m off", [](W& w) { w.state(0.15); }},
         {"state 0.25 m off", [](W& w) { w.state(0.25); }},
         {"state 1 m off", [](W& w) { w.state(1); }},
+        {"state turned by 0.5 rad", [](W& w) { w.state(0, 0, true, 0, 0.5); }},
+        {"state turned by 0.65 rad", [](W& w) { w.state(0, 0, true, 0, 0.65); }},
         {"state of a craft that leaves the room", [](W& w) { w.state(0, kFast); }},
         {"start", [](W& w) { w.start(); }},
         {"stop", [](W& w) { w.stop(); }},
@@ -120,15 +122,15 @@ void LifecycleWorld::show(Key& key) const {
 
 // --- Events
 
-void LifecycleWorld::state(double x, double u, bool valid, double age) {
+void LifecycleWorld::state(double x, double u, bool valid, double age, double heading) {
   const Before seen = before();
   MeasuredState measured;
   measured.stamp = instant().time - age;
-  measured.state.eta = Vector3<double>(x, 0, 0);
+  measured.state.eta = Vector3<double>(x, 0, heading);
   measured.state.nu = Vector3<double>(u, 0, 0);
   measured.valid = valid;
   if (!valid) measured.problem = "lost";
-  spec_.measure(instant(), {measured.stamp, x, valid, std::isfinite(x), u == kFast});
+  spec_.measure(instant(), {measured.stamp, x, heading, valid, std::isfinite(x), u == kFast});
   life_.state(instant(), measured);
   check(seen, "state");
 }
@@ -291,7 +293,8 @@ std::string LifecycleWorld::stateProblem(const Before& seen) const {
   if (active_ != (spec_.driving() ? 1 : 0)) return "pilot: it is active while it does not drive, or the reverse";
   if ((is != seen.state || life_.reason() != seen.reason) && pilot_->changes == seen.changes)
     return "report: a change is not told";
-  if (life_.reason().empty()) return "report: there is no reason";
+  if (life_.reason().empty() || (is != seen.state && life_.reason() == seen.reason))
+    return "report: the reason of a change is missing";
   if (life_.elapsed(instant().time) != (spec_.driving() ? instant().time - spec_.running_since : 0))
     return "report: the time of the drive is wrong";
   return "";
@@ -301,6 +304,8 @@ std::string LifecycleWorld::stateProblem(const Before& seen) const {
 std::string LifecycleWorld::pauseProblem() const {
   const Instant due = life_.due(), at = instant();
   if (!(due.steady > at.steady && due.time > at.time)) return "keepalive: it asks for a tick that is over";
+  if (std::min(due.steady - at.steady, due.time - at.time) > spec_.untilLimit(at) + 1e-9)
+    return "keepalive: it asks for a tick that misses a limit";
   const double longest = ControllerLifecycle::kKeepalive + (spec_.closed_loop || spec_.driving() ? 1 / spec_.params.rate : 0) + 2 * kTick;
   if (!spec_.othersDrive(at) && now_ - std::max(sent_at_, spec_.others_until) > longest)
     return "keepalive: no command for too long";

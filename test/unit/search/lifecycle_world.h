@@ -69,8 +69,8 @@ class LifecycleWorld {
   struct Before;
 
   Instant instant() const { return {now_, now_ + ahead_}; }
-  /// A state measured at x with the velocity u.
-  void state(double x = 0, double u = 0, bool valid = true, double age = 0);
+  /// A state measured at x and a heading, with the velocity u.
+  void state(double x = 0, double u = 0, bool valid = true, double age = 0, double heading = 0);
   void start();
   void stop();
   void sender(bool armed);
