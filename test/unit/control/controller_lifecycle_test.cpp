@@ -292,6 +292,18 @@ TEST_F(Lifecycle, TakesOverWithTheLiftOnAndGivesWay) {
   EXPECT_TRUE(sent.empty());
 }
 
+TEST_F(Lifecycle, SendsZerosIfItStopsAsSoonAsItHasTakenOver) {
+  pass(0.1);
+  life.otherDrives(now(), "other", 0.8);
+  life.start(now());
+  pass(0.05);
+  ASSERT_EQ(life.current(), State::kRunning);
+  sent.clear();
+  life.stop(now(), "stopped by hand");
+  ASSERT_FALSE(sent.empty()) << "the replaced controller does not send them";
+  expectStopped("stopped by hand");
+}
+
 TEST_F(Lifecycle, ThrustNeedsATrustedState) {
   std::mt19937 random(7);
   const auto chance = [&](double p) { return std::uniform_real_distribution<double>()(random) < p; };

@@ -36,6 +36,7 @@ std::string ControllerLifecycle::start(Instant now) {
   if (!params_.require_state && pilot_.nextChange(0) == Pilot::kByState) return kNeedsState;
   started_at_ = now.steady;
   lifted_ = lifted_ && others_until_ > started_at_;
+  others_until_ = -kNever;  // the other one stops at the first command of this one
   enter(now, State::kWaiting,
         params_.require_state ? "waits for a valid state and an armed sender" : "waits for an armed sender");
   return "";

@@ -9,7 +9,6 @@
 #include <xmlrpcpp/XmlRpcException.h>
 
 #include <algorithm>
-#include <array>
 #include <chrono>
 #include <cmath>
 #include <condition_variable>
@@ -23,6 +22,7 @@
 #include <vector>
 
 #include "ground/estimation/axis_mapping.h"
+#include "ground/estimation/frozen_pose.h"
 #include "ground/estimation/velocity_estimator.h"
 #include "ground/nodelets/background.h"
 #include "ground/nodelets/inheriting_mutex.h"
@@ -209,17 +209,12 @@ class MocapState : public Shell {
     log_.warn(std::string("mocap_state: a pose is rejected: ") + why);
   }
 
-  /// Whether a pose repeats the last one. Measured poses have noise and never repeat exactly, but a
-  /// mocap that has lost the craft may repeat the last pose.
+  /// Whether a pose repeats the last one of a mocap that has lost the craft.
   bool repeats(const geometry_msgs::Pose& pose) {
-    const std::array<double, 7> now = {pose.position.x,    pose.position.y,    pose.position.z,
-                                       pose.orientation.w, pose.orientation.x, pose.orientation.y,
-                                       pose.orientation.z};
-    const bool same = now == last_;
-    last_ = now;
-    frozen_ = freezes_ && same && distinct_ >= kMinDistinct;
-    if (!same) distinct_ = std::min(distinct_ + 1, kMinDistinct);
-    return frozen_;
+    const bool same =
+        frozen_.repeats({pose.position.x, pose.position.y, pose.position.z, pose.orientation.w,
+                         pose.orientation.x, pose.orientation.y, pose.orientation.z});
+    return freezes_ && same;
   }
 
   /// Passes a pose to the estimator.
@@ -309,7 +304,7 @@ class MocapState : public Shell {
       }
       publish(estimator_.estimate(), false,
               last_pose_ == kNever ? "no pose yet"
-              : frozen_            ? "the pose is frozen"
+              : freezes_ && frozen_.frozen() ? "the pose is frozen"
                                    : "no pose for too long");
       wake_.wait_for(lock, std::chrono::milliseconds(100));
     }
@@ -317,7 +312,6 @@ class MocapState : public Shell {
 
   static constexpr double kLook = 0.02;  // longest interval of reading the clock [s]
   static constexpr double kNever = -std::numeric_limits<double>::infinity();
-  static constexpr int kMinDistinct = 100;  // distinct poses after which a repeated one is frozen
 
   Background log_;
   InheritingMutex mutex_;  ///< guards all data below
@@ -339,9 +333,7 @@ class MocapState : public Shell {
   double leaned_ = kNever;  ///< last time at which the craft leaned for several poses
   double max_age_ = 0;      ///< [s]; 0: any
   bool freezes_ = true;
-  std::array<double, 7> last_{};  ///< last pose
-  int distinct_ = 0;              ///< number of poses that differed from the one before
-  bool frozen_ = false;
+  FrozenPose frozen_;
   ros::Time stamp_;  ///< stamp of the newest pose
   bool alive_ = true;
   bool real_time_ = false;  ///< constant after start()

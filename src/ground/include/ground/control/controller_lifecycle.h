@@ -139,6 +139,36 @@ class ControllerLifecycle {
   /// Seconds since it began to drive.
   double elapsed(double time) const { return driving() ? time - running_since_ : 0; }
 
+  /// Shows a visitor all that decides what the life cycle does next, as GroundLink::visit; times of the
+  /// clock of stamps are marked so. A copy shares the pilot and the callbacks.
+  template <class Visitor>
+  void visit(Visitor&& visitor) const {
+    for (const double t : {others_until_, next_keepalive_}) visitor.deadline(t);
+    visitor.since(started_at_);
+    visitor.value(lost_since_.has_value());
+    if (lost_since_) visitor.since(*lost_since_);
+    visitor.stamp(lifting_since_);
+    visitor.stamp(running_since_);
+    for (const std::optional<double>& t : {last_update_, change_at_}) {
+      visitor.value(t.has_value());
+      if (t) visitor.stamp(*t);
+    }
+    visitor.since(measured_at_);
+    for (const std::optional<MeasuredState>* measured : {&measured_, &known_}) {
+      visitor.value(measured->has_value());
+      if (!*measured) continue;
+      visitor.stamp((*measured)->stamp);
+      visitor.value((*measured)->valid);
+      for (int i = 0; i < 3; ++i) {
+        visitor.value((*measured)->state.eta(i));
+        visitor.value((*measured)->state.nu(i));
+      }
+    }
+    visitor.value(static_cast<int>(state_));
+    visitor.value(armed_);
+    visitor.value(lifted_);
+  }
+
  private:
   static constexpr double kNever = std::numeric_limits<double>::infinity();
 

@@ -109,6 +109,31 @@ class GroundLink {
   /// Increases from 0 with every change of state, reason or craft.
   std::uint64_t revision() const { return revision_; }
 
+  /// Shows a visitor all that decides what the link does next: `deadline(t)` a time that counts until
+  /// it has passed, `since(t)` the time of an event, `value(v)` a flag, a number or a name. Links of
+  /// which a visitor sees the same, relative to now, behave the same. A copy of a link is another
+  /// link that shares its Send.
+  template <class Visitor>
+  void visit(Visitor&& visitor) const {
+    for (const double t : {command_until_, clash_until_, state_until_, next_packet_}) visitor.deadline(t);
+    if (silent_until_) visitor.deadline(*silent_until_);
+    if (!send_problem_.empty()) visitor.deadline(sent_until_);
+    for (const double t : {peer_heard_, peer_counted_, lost_since_}) visitor.since(t);
+    for (const bool flag : {peer_speaks_, peer_locked_, peer_count_.has_value(), stopped_,
+                            silent_until_.has_value(), state_valid_, !room_problem_.empty(),
+                            !send_problem_.empty()})
+      visitor.value(flag);
+    for (const MotorCommand* command : {&command_, &sent_}) {
+      for (const double input : command->thrusters) visitor.value(input);
+      visitor.value(command->lift);
+    }
+    visitor.value(static_cast<int>(state_));
+    visitor.value(peer_.host);
+    visitor.value(peer_.port);
+    visitor.value(command_source_);
+    visitor.value(armed_source_);
+  }
+
  private:
   bool isCraft(double now, const UdpAddress& from, bool telemetry);
   std::string objection(double age, const std::string& source, const MotorCommand& command) const;

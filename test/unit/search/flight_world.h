@@ -1,0 +1,86 @@
+// A sender's link, a controller's life cycle, a rival, the mocap and the craft together: what leaves for the craft is
+// checked against the promises of the documentation alone.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "explore.h"
+#include "ground/control/controller_lifecycle.h"
+#include "ground/link/ground_link.h"
+#include "lifecycle_world.h"
+
+namespace ground {
+namespace flight_search {
+
+using search::Key;
+using search::kTick;
+
+/// Where packets and commands of a call arrive; copies of a world share it.
+struct Shared {
+  explicit Shared(lifecycle_search::SearchPilot::Loop loop) : pilot(loop) {}
+  lifecycle_search::SearchPilot pilot;
+  std::vector<MotorCommand> packets;
+};
+
+class FlightWorld {
+ public:
+  explicit FlightWorld(Shared& shared);
+
+  static const std::vector<std::string>& events();
+  bool possible(int) const { return true; }
+  void apply(int event);
+  const std::string& violation() const { return violation_; }
+  void tell() { told_ = true; }
+  const std::string& story() const { return story_; }
+  double now() const { return now_; }
+  double stampNow() const { return now_; }
+  void show(Key& key) const;
+
+ private:
+  friend struct FlightEvents;
+  struct Pose {
+    double x = 0, u = 0;
+    bool valid = true;
+    double age = 0;
+  };
+
+  Instant instant() const { return {now_, now_}; }
+  void measure(const Pose& pose);
+  void rival(const std::string& name);
+  void telemetry();
+  void arm(bool armed);
+  void start(bool started);
+  void clockSet();
+  void kill();
+  void sendersEnd();
+  void silence();
+  /// Lets time pass; with `fed`, states and telemetry come.
+  void pass(double duration, bool fed);
+  /// Passes what the controller sent to the link, the link's state to the controller, and checks the packets.
+  void exchange();
+  void check();
+  /// Something happened after which thrust has to end for good.
+  void cut();
+  void tell(const std::string& line);
+
+  Shared* shared_;
+  GroundLink link_;
+  ControllerLifecycle life_;
+  double now_ = 64;
+  std::size_t given_ = 0;  ///< commands of the controller that the link has got
+  bool alive_ = true;      ///< the controller has not been killed
+  bool told_armed_ = false;
+  double last_valid_ = -1e9, heard_ = -1e9;  ///< last valid pose, last telemetry [s]
+  double cut_at_ = -1e9;                     ///< the last event that ends a drive [s]
+  double started_at_ = -1e9;                 ///< [s]
+  bool by_hand_ = false, started_ = false;   ///< armed, started since the last such event
+  double silent_until_ = -1e9;
+  MotorCommand last_;
+  bool sent_ = false;
+  std::string violation_, story_;
+  bool told_ = false;
+};
+
+}  // namespace flight_search
+}  // namespace ground

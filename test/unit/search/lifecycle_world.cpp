@@ -1,0 +1,322 @@
+#include "lifecycle_world.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <functional>
+#include <limits>
+#include <utility>
+
+namespace ground {
+namespace lifecycle_search {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kFrame = 1.0 / 16;  // time between states that are fed [s]
+constexpr double kStall = 3;         // nobody calls for so long [s]
+constexpr double kDrift = 0.1;       // a clock that is set by less is not noticed [s]
+constexpr double kFast = 3;          // a craft at this speed cannot stop inside the room [m/s]
+const Inputs kDrive{0.5, 0.25, 0};
+
+}  // namespace
+
+Inputs SearchPilot::update(double elapsed, double, const RigidState<double>& state, double lift) {
+  const bool by_state = loop == Loop::kClosed || switched;
+  switched = switched || (loop == Loop::kOpenThenClosed && elapsed >= kOpenFor);
+  failed = fails || (by_state && !state.eta.allFinite());
+  disregarded = disregarded || (objects && by_state);
+  return failed ? Inputs(kNan, 0, lift) : Inputs(kDrive.thrusters, lift);
+}
+
+double SearchPilot::nextChange(double elapsed) const {
+  if (loop == Loop::kClosed || (loop == Loop::kOpenThenClosed && (switched || elapsed >= kOpenFor))) return kByState;
+  return kBit * (std::floor(elapsed / kBit) + 1);
+}
+
+struct LifecycleEvents {
+  using W = LifecycleWorld;
+  struct Event {
+    std::string name;
+    std::function<void(W&)> run;
+  };
+  static const std::vector<Event>& all() {
+    static const std::vector<Event> table = {
+        {"state", [](W& w) { w.state(); }},
+        {"old state", [](W& w) { w.state(0, 0, true, w.spec_.params.state_timeout - kTick); }},
+        {"stale state", [](W& w) { w.state(0, 0, true, w.spec_.params.state_timeout); }},
+        {"state from the future", [](W& w) { w.state(0, 0, true, -1); }},
+        {"invalid state", [](W& w) { w.state(0, 0, false); }},
+        {"state of NaN", [](W& w) { w.state(kNan); }},
+        {"state 0.15 m off", [](W& w) { w.state(0.15); }},
+        {"state 0.25 m off", [](W& w) { w.state(0.25); }},
+        {"state 1 m off", [](W& w) { w.state(1); }},
+        {"state turned by 0.5 rad", [](W& w) { w.state(0, 0, true, 0, 0.5); }},
+        {"state turned by 0.65 rad", [](W& w) { w.state(0, 0, true, 0, 0.65); }},
+        {"state of a craft that leaves the room", [](W& w) { w.state(0, kFast); }},
+        {"start", [](W& w) { w.start(); }},
+        {"stop", [](W& w) { w.stop(); }},
+        {"the sender is armed", [](W& w) { w.sender(true); }},
+        {"the sender is not armed", [](W& w) { w.sender(false); }},
+        {"another controller drives", [](W& w) { w.other(1); }},
+        {"another controller, without lift", [](W& w) { w.other(0); }},
+        {"zero command", [](W& w) { w.zero(); }},
+        {"clock set back by 2 s", [](W& w) { w.clockSet(-2); }},
+        {"clock set ahead by 2 s", [](W& w) { w.clockSet(2); }},
+        {"clock set back by 0.1 s", [](W& w) { w.clockSet(-kDrift); }},
+        {"clock set ahead by 0.1 s", [](W& w) { w.clockSet(kDrift); }},
+        {"the pilot objects", [](W& w) { w.objects_ = !w.objects_; }},
+        {"the pilot computes NaN", [](W& w) { w.fails_ = !w.fails_; }},
+        {"until just before a limit", [](W& w) { w.waitForLimit(-1, false); }},
+        {"until a limit", [](W& w) { w.waitForLimit(0, false); }},
+        {"until just after a limit", [](W& w) { w.waitForLimit(1, false); }},
+        {"with states, until just before a limit", [](W& w) { w.waitForLimit(-1, true); }},
+        {"with states, until a limit", [](W& w) { w.waitForLimit(0, true); }},
+        {"with states, until just after a limit", [](W& w) { w.waitForLimit(1, true); }},
+        {"5 ms pass", [](W& w) { w.pass(w.now_ + 5 * kTick, false); }},
+        {"nobody calls for 3 s", [](W& w) { w.now_ += kStall; }},
+    };
+    return table;
+  }
+};
+
+struct LifecycleWorld::Before {
+  LifecycleSpec::State state;
+  std::string reason;
+  bool started;
+  int changes;
+};
+
+LifecycleWorld::LifecycleWorld(const LifecycleParams& params, SearchPilot& pilot)
+    : pilot_(&pilot),
+      life_(
+          pilot, [at = &pilot](const Inputs& inputs) { at->sent.push_back(inputs); },
+          [at = &pilot] { ++at->changes; }) {
+  life_.setParams(params);
+  life_.setFence(Fence(Room(), 0.2));
+  spec_.params = params;
+  spec_.end = pilot.end();
+  spec_.closed_loop = pilot.loop == SearchPilot::Loop::kClosed;
+}
+
+const std::vector<std::string>& LifecycleWorld::events() {
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> result;
+    for (const LifecycleEvents::Event& event : LifecycleEvents::all()) result.push_back(event.name);
+    return result;
+  }();
+  return names;
+}
+
+void LifecycleWorld::apply(int event) {
+  const LifecycleEvents::Event& chosen = LifecycleEvents::all()[static_cast<std::size_t>(event)];
+  if (told_) tell(chosen.name);
+  chosen.run(*this);
+}
+
+void LifecycleWorld::show(Key& key) const {
+  life_.visit(key);
+  spec_.visit(key);
+  key.value(objects_);
+  key.value(fails_);
+  key.value(switched_);
+}
+
+// --- Events
+
+void LifecycleWorld::state(double x, double u, bool valid, double age, double heading) {
+  const Before seen = before();
+  MeasuredState measured;
+  measured.stamp = instant().time - age;
+  measured.state.eta = Vector3<double>(x, 0, heading);
+  measured.state.nu = Vector3<double>(u, 0, 0);
+  measured.valid = valid;
+  if (!valid) measured.problem = "lost";
+  spec_.measure(instant(), {measured.stamp, x, heading, valid, std::isfinite(x), u == kFast});
+  life_.state(instant(), measured);
+  check(seen, "state");
+}
+
+void LifecycleWorld::start() {
+  const Before seen = before();
+  const bool must = spec_.start(instant());
+  const std::string refused = life_.start(instant());
+  if (must != refused.empty() && violation_.empty())
+    violation_ = must ? "start: it is refused: " + refused : "start: it is not refused";
+  check(seen, "start");
+}
+
+void LifecycleWorld::stop() {
+  const Before seen = before();
+  spec_.change(LifecycleSpec::State::kStopped);
+  life_.stop(instant(), "by hand");
+  check(seen, "stop");
+}
+
+void LifecycleWorld::sender(bool armed) {
+  const Before seen = before();
+  spec_.sender(armed);
+  life_.sender(instant(), armed, armed ? "" : "disarmed by hand");
+  check(seen, "sender");
+}
+
+void LifecycleWorld::other(double lift) {
+  const Before seen = before();
+  spec_.otherDrives(instant(), lift);
+  life_.otherDrives(instant(), "another", lift);
+  if (violation_.empty() && !pilot_->sent.empty()) violation_ = "other: a command was sent beside another's";
+  check(seen, "other");
+}
+
+void LifecycleWorld::tick() {
+  const Before seen = before();
+  spec_.pass(instant());
+  life_.tick(instant());
+  check(seen, "tick");
+  if (violation_.empty()) violation_ = pauseProblem();
+}
+
+void LifecycleWorld::zero() {
+  before();
+  life_.sendZero(instant());
+  const bool sent = pilot_->sent.size() == 1 && pilot_->sent.back().zero();
+  if (violation_.empty() && sent == spec_.othersDrive(instant())) violation_ = "zeros: none was sent, or beside another's";
+  if (sent) sent_at_ = now_;
+}
+
+void LifecycleWorld::clockSet(double by) {
+  const Before seen = before();
+  ahead_ += onTick(by);
+  if (std::abs(by) > kDrift) {
+    if (spec_.flying()) spec_.change(LifecycleSpec::State::kStopped);
+    life_.timeJumped(instant(), "time jumped");
+  }
+  check(seen, "clock");
+}
+
+// --- Time
+
+void LifecycleWorld::waitForLimit(int ticks, bool fed) {
+  using State = LifecycleSpec::State;
+  std::vector<double> limits;
+  const auto add = [&](double t) {
+    if (t > now_ && std::isfinite(t)) limits.push_back(onTick(t));
+  };
+  if (spec_.state == State::kLifting) add(spec_.lifting_since + spec_.liftTime() - ahead_);
+  if (spec_.driving()) add(spec_.running_since + spec_.end - ahead_);
+  if (spec_.driving() && !spec_.closed_loop) add(spec_.running_since + SearchPilot::kOpenFor - ahead_);
+  add(spec_.others_until);
+  if (spec_.started()) add(spec_.started_at + LifecycleSpec::kHandover);
+  if (!fed && spec_.seen) {
+    add(spec_.seen_at + spec_.params.state_timeout);
+    add(spec_.seen->stamp + spec_.params.state_timeout - ahead_);
+    if (spec_.lost_since) add(*spec_.lost_since + spec_.params.recovery_time);
+  }
+  if (!limits.empty()) pass(*std::min_element(limits.begin(), limits.end()) + ticks * kTick, fed);
+}
+
+/// Ticks when they are due; with `fed`, states come.
+void LifecycleWorld::pass(double until, bool fed) {
+  double next_state = fed ? now_ : until + 1;
+  while (violation_.empty()) {
+    if (now_ >= next_state) {
+      state();
+      next_state += kFrame;
+    }
+    if (now_ >= until) break;
+    const Instant due = life_.due();
+    const double next = onTick(std::max(std::min(due.steady, due.time - ahead_), now_ + kTick));
+    now_ = std::min({until, next, std::max(next_state, now_ + kTick)});
+    tick();
+  }
+}
+
+// --- Checks
+
+LifecycleWorld::Before LifecycleWorld::before() const {
+  pilot_->begin(objects_, fails_, switched_);
+  return {life_.current(), life_.reason(), life_.started(), pilot_->changes};
+}
+
+void LifecycleWorld::check(const Before& seen, const std::string& call) {
+  using State = LifecycleSpec::State;
+  active_ += pilot_->active;
+  switched_ = pilot_->switched;
+  if (!pilot_->sent.empty()) {
+    sent_at_ = now_;
+    sent_ = pilot_->sent.back();
+  }
+  if (!violation_.empty()) return;
+  // The pilot may end the drive whenever it is asked.
+  const bool by_pilot = life_.current() == State::kStopped && spec_.state == State::kRunning &&
+                        (pilot_->failed || objects_);
+  if (pilot_->disregarded) violation_ = "pilot: it objects, and is asked for a command";
+  if (pilot_->failed && life_.current() != State::kStopped) violation_ = "finite: a command of NaN stops nothing";
+  if (violation_.empty()) violation_ = sentProblem();
+  if (by_pilot) spec_.change(State::kStopped);
+  if (violation_.empty()) violation_ = stateProblem(seen);
+  if (told_ && !violation_.empty()) tell("  (" + call + ") " + violation_);
+}
+
+/// Which commands it may send.
+std::string LifecycleWorld::sentProblem() const {
+  using State = LifecycleSpec::State;
+  for (const Inputs& inputs : pilot_->sent) {
+    if (spec_.othersDrive(instant())) return "other: a command was sent while another controller drives";
+    if (!inputs.finite()) return "finite: a command of NaN was sent";
+    if (inputs.thrust() > 0) {
+      if (spec_.state != State::kRunning) return std::string("thrust: sent while ") + nameOf(spec_.state);
+      if (!spec_.supported(instant())) return "state: thrust without a valid state";
+      if (!spec_.maySend()) return "armed: thrust while the sender is not armed";
+      if (!(inputs.thrusters == kDrive.thrusters)) return "thrust: not what the pilot computes";
+    }
+    if (inputs.lift != 0 && inputs.lift != spec_.params.lift) return "lift: not that of the parameters";
+  }
+  const bool takes_over = spec_.state == State::kWaiting && spec_.lifted;
+  if (!pilot_->sent.empty() && sent_.lift > 0 && !spec_.flying() && !takes_over)
+    return std::string("lift: sent while ") + nameOf(spec_.state);
+  return "";
+}
+
+/// Which state it must be in.
+std::string LifecycleWorld::stateProblem(const Before& seen) const {
+  using State = LifecycleSpec::State;
+  const State is = life_.current();
+  const std::string became = std::string(nameOf(seen.state)) + " became " + nameOf(is) + ": " + life_.reason();
+  if (is != spec_.state) return std::string("cause: it must be ") + nameOf(spec_.state) + ": " + became;
+  const bool ended = seen.started && !spec_.started();
+  const bool sent_now = sent_at_ == now_ && !pilot_->sent.empty();
+  if (ended && !spec_.othersDrive(instant()) && !(sent_now && sent_.zero()))
+    return "zeros: none follows the end: " + became;
+  if (seen.state == State::kRunning && is == State::kRecovering && !(sent_now && sent_.thrust() == 0))
+    return "zeros: thrust is not cut when the state is lost";
+  if (is == State::kRecovering && sent_.thrust() > 0) return "zeros: thrust goes on without a state";
+  if (is == State::kLifting && !(sent_.lift == spec_.params.lift)) return "lift: it is not on while LIFTING";
+  if (active_ != (spec_.driving() ? 1 : 0)) return "pilot: it is active while it does not drive, or the reverse";
+  if ((is != seen.state || life_.reason() != seen.reason) && pilot_->changes == seen.changes)
+    return "report: a change is not told";
+  if (life_.reason().empty() || (is != seen.state && life_.reason() == seen.reason))
+    return "report: the reason of a change is missing";
+  if (life_.elapsed(instant().time) != (spec_.driving() ? instant().time - spec_.running_since : 0))
+    return "report: the time of the drive is wrong";
+  return "";
+}
+
+/// Whether commands come often enough, and whether it asks for the next tick in time.
+std::string LifecycleWorld::pauseProblem() const {
+  const Instant due = life_.due(), at = instant();
+  if (!(due.steady > at.steady && due.time > at.time)) return "keepalive: it asks for a tick that is over";
+  if (std::min(due.steady - at.steady, due.time - at.time) > spec_.untilLimit(at) + 1e-9)
+    return "keepalive: it asks for a tick that misses a limit";
+  const double longest = ControllerLifecycle::kKeepalive + (spec_.closed_loop || spec_.driving() ? 1 / spec_.params.rate : 0) + 2 * kTick;
+  if (!spec_.othersDrive(at) && now_ - std::max(sent_at_, spec_.others_until) > longest)
+    return "keepalive: no command for too long";
+  return "";
+}
+
+void LifecycleWorld::tell(const std::string& line) {
+  char text[200];
+  std::snprintf(text, sizeof text, "%8.3f s  %s\n", now_ - 64, line.c_str());
+  story_ += text;
+}
+
+}  // namespace lifecycle_search
+}  // namespace ground

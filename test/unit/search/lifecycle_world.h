@@ -1,0 +1,104 @@
+// A controller's life cycle, its pilot, states, the sender and two clocks: a world for the search.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "explore.h"
+#include "ground/control/controller_lifecycle.h"
+#include "lifecycle_spec.h"
+
+namespace ground {
+namespace lifecycle_search {
+using search::Key;
+using search::kTick;
+using search::onTick;
+
+/// A pilot, and what the life cycle did with it in a call; copies of a world share it.
+struct SearchPilot : Pilot {
+  enum class Loop { kClosed, kOpen, kOpenThenClosed };
+  static constexpr double kBit = 0.25, kOpenFor = 0.5;  ///< [s]
+
+  explicit SearchPilot(Loop kind) : loop(kind) {}
+  void activate(double) override {
+    ++active;
+    switched = false;
+  }
+  void deactivate() override { --active; }
+  std::string objection(const MeasuredState&) override { return objects ? "it objects" : ""; }
+  Inputs update(double elapsed, double, const RigidState<double>& state, double lift) override;
+  double end() const override { return loop == Loop::kClosed ? std::numeric_limits<double>::infinity() : 1; }
+  double nextChange(double elapsed) const override;
+  /// Starts a call; the world keeps what the pilot remembers.
+  void begin(bool objecting, bool failing, bool has_switched) {
+    objects = objecting;
+    switched = has_switched;
+    fails = failing;
+    active = 0;
+    failed = disregarded = false;
+    sent.clear();
+  }
+
+  Loop loop;
+  bool objects = false, fails = false;
+  bool switched = false;        ///< it drives by the state from now on
+  int active = 0;               ///< activations less deactivations
+  bool failed = false;          ///< it gave a command of NaN
+  bool disregarded = false;     ///< it was asked for a command by state while it objected
+  std::vector<Inputs> sent;     ///< what the life cycle sent
+  int changes = 0;              ///< calls of Changed
+};
+
+class LifecycleWorld {
+ public:
+  LifecycleWorld(const LifecycleParams& params, SearchPilot& pilot);
+  LifecycleWorld(const LifecycleWorld&) = default;
+
+  static const std::vector<std::string>& events();
+  bool possible(int) const { return true; }
+  void apply(int event);
+  const std::string& violation() const { return violation_; }
+  void tell() { told_ = true; }
+  const std::string& story() const { return story_; }
+  double now() const { return now_; }
+  double stampNow() const { return now_ + ahead_; }
+  void show(Key& key) const;
+
+ private:
+  friend struct LifecycleEvents;
+  struct Before;
+
+  Instant instant() const { return {now_, now_ + ahead_}; }
+  /// A state measured at x and a heading, with the velocity u.
+  void state(double x = 0, double u = 0, bool valid = true, double age = 0, double heading = 0);
+  void start();
+  void stop();
+  void sender(bool armed);
+  void other(double lift);
+  void tick();
+  void zero();
+  void clockSet(double by);
+  void waitForLimit(int ticks, bool seen);
+  void pass(double until, bool seen);
+
+  Before before() const;
+  void check(const Before& before, const std::string& call);
+  std::string sentProblem() const;
+  std::string stateProblem(const Before& before) const;
+  std::string pauseProblem() const;
+  void tell(const std::string& line);
+
+  SearchPilot* pilot_;
+  ControllerLifecycle life_;
+  LifecycleSpec spec_;
+  double now_ = 64, ahead_ = 0;  ///< steady clock, and what the clock of stamps is ahead [s]
+  bool objects_ = false, fails_ = false, switched_ = false;
+  int active_ = 0;
+  double sent_at_ = 64;  ///< time of the last command [s]
+  Inputs sent_;
+  std::string violation_, story_;
+  bool told_ = false;
+};
+
+}  // namespace lifecycle_search
+}  // namespace ground
