@@ -15,6 +15,8 @@ struct Body {
 
   /// Largest input of a thruster: 1 where inputs are normalised.
   double input_max = 1.0;
+  /// Voltage of the battery at which k holds [V]; 0: not told.
+  double volts = 0.0;
 };
 
 }  // namespace ground
