@@ -146,6 +146,31 @@ TEST(DroneState, MayCountTheCommandsThatReachedTheCraft) {
   EXPECT_FALSE(read.commands);
 }
 
+TEST(DroneState, MayTellTheVoltageOfTheBattery) {
+  CraftTelemetry t = someTelemetry(), read;
+  const std::string without = encodeTelemetry(t);
+  t.voltage = 7.5f;
+  const std::string with = encodeTelemetry(t);
+  EXPECT_EQ(with, without + bytes({0x75, 0x00, 0x00, 0xf0, 0x40}));  // field 14, fixed32
+  ASSERT_TRUE(decodeTelemetry(with, read));
+  EXPECT_EQ(read.voltage, 7.5f);
+  ASSERT_TRUE(decodeTelemetry(without, read));
+  EXPECT_FALSE(read.voltage) << "a craft of an earlier version is understood as before";
+}
+
+TEST(DroneState, AVoltageThatCannotBeOneDoesNotSilenceTheCraft) {
+  CraftTelemetry t = someTelemetry();
+  t.commands = std::numeric_limits<std::uint32_t>::max();
+  t.acc = t.gyro = {-1, -1, -1};
+  for (const float bad : {0.0f, -3.0f, std::numeric_limits<float>::quiet_NaN()}) {
+    t.voltage = bad;
+    CraftTelemetry read;
+    ASSERT_TRUE(decodeTelemetry(encodeTelemetry(t), read)) << bad;
+    EXPECT_FALSE(read.voltage);
+    EXPECT_EQ(read.roll, t.roll);
+  }
+}
+
 TEST(DroneState, RefusesGarbageWithAReason) {
   CraftTelemetry t;
   t.roll = 42;

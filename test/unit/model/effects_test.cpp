@@ -285,6 +285,52 @@ TEST(Physics, SkirtFrictionIsDryFrictionThatVanishesWithLift) {
   EXPECT_EQ(at(skirt, 1.0), at(tinyWhoover(), 1.0));
 }
 
+TEST(Physics, ThrustFollowsTheVoltageOfTheBattery) {
+  Model model = with("battery_voltage");
+  model.body.volts = 7.4;
+  model.setValue("battery_voltage.p", 1.5);
+  const auto surge = [&](const Model& craft, double volts) {
+    const Thrusters<double> full{1.0, 1.0};
+    return Dynamics<double>(craft).derivative(0, {}, full, {1.0, volts}).nu.x();
+  };
+  const double full = surge(tinyWhoover(), 0);
+  EXPECT_NEAR(surge(model, 7.4), full, 1e-12);
+  EXPECT_NEAR(surge(model, 6.66), std::pow(0.9, 1.5) * full, 1e-12);
+  EXPECT_EQ(surge(model, 0), full) << "the voltage is not known";
+  model.body.volts = 0;
+  EXPECT_EQ(surge(model, 6.66), full) << "at which voltage k holds is not told";
+}
+
+TEST(Voltage, ActsAtOnceWhileCommandsAreDelayed) {
+  Model model = with("battery_voltage");
+  model.body.volts = 8;
+  model.setValue("battery_voltage.p", 2);
+  model.addEffect(makeEffect("input_delay"));
+  model.setValue("input_delay.delay", 0.3);
+  InputSequence inputs;
+  inputs.add(0, 1, 1, 1);
+  for (const auto& [time, volts] : {std::make_pair(0.0, 8.0), {0.5, 8.0}, {0.5, 4.0}, {1.5, 6.0}})
+    inputs.battery.add(time, volts);
+  EXPECT_EQ(inputs.battery.at(-1), 8);
+  EXPECT_EQ(inputs.battery.at(0.5), 4);
+  EXPECT_EQ(inputs.battery.at(1.0), 5);
+  EXPECT_EQ(inputs.battery.at(9.0), 6);
+  const Dynamics<double> dynamics(model);
+  Simulation<double> simulation(dynamics, inputs, {}, 0);
+  const double full = 2 * model.body.k / model.body.m;
+  const auto thrust = [&](double time) {
+    simulation.advance(time);
+    const double drag = model.body.X_u / model.body.m * simulation.state().nu.x();
+    return (simulation.derivative().nu.x() + drag) / full;
+  };
+  EXPECT_NEAR(thrust(0.2), 0, 1e-12);
+  EXPECT_NEAR(thrust(0.4), 1, 1e-9);
+  EXPECT_NEAR(thrust(1.0), 25.0 / 64, 1e-9);
+  EXPECT_NEAR(thrust(2.0), 36.0 / 64, 1e-9);
+  EXPECT_THROW(inputs.battery.add(1.0, 5), std::invalid_argument);
+  EXPECT_THROW(inputs.battery.add(2.0, 0), std::invalid_argument);
+}
+
 /// Damping that the floor adds at a place, from the acceleration [N s/m].
 double floorDamping(const Model& model, double x, double y) {
   RigidState<double> state;

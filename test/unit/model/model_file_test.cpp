@@ -235,6 +235,32 @@ TEST(ModelFile, FormulasMayBeInTheFrameOfTheWorld) {
             std::string::npos);
 }
 
+TEST(ModelFile, TellsAtWhichVoltageThrustHolds) {
+  std::string text = kGood;
+  text.replace(text.find(", input_max: 1"), 14, ", input_max: 1, volts: 7.4");
+  const Model model = parseModel(text, "good");
+  EXPECT_EQ(model.body.volts, 7.4);
+  EXPECT_EQ(parseModel(formatModel(model), "written").body.volts, 7.4);
+  EXPECT_EQ(formatModel(parseModel(kGood, "good")).find("volts"), std::string::npos);
+  // Without a recorded voltage, a formula sees the one at which k holds.
+  const std::string effect =
+      "{name: weak, expression: {X: \"c * volt\"}, parameters: {c: {value: 0.01, unit: N/V, neutral: 0}}}";
+  const Model with = withEffect(model, effect, "f");
+  const auto surge = [&](double volts) {
+    return Dynamics<double>(with).derivative(0, {}, {0, 0}, {1.0, volts}).nu.x() -
+           Dynamics<double>(model).derivative(0, {}, {0, 0}, {1.0, volts}).nu.x();
+  };
+  EXPECT_NEAR(surge(0), 0.074 / model.body.m, 1e-12);
+  EXPECT_NEAR(surge(6), 0.06 / model.body.m, 1e-12);
+  const std::string lacking = std::string(kGood) + "  - " + effect + "\n";
+  try {
+    parseModel(lacking, "f");
+    FAIL() << "volt needs volts";
+  } catch (const std::runtime_error& error) {
+    EXPECT_NE(std::string(error.what()).find("give body the key volts"), std::string::npos) << error.what();
+  }
+}
+
 TEST(ModelFile, EffectsAndFormulasHaveLimits) {
   std::string many = kGood;
   for (int i = 0; i < 2000; ++i) many += effectText("e" + std::to_string(i), "a*u");

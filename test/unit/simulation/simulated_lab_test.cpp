@@ -50,6 +50,29 @@ TEST(SimulatedLab, SameSeedGivesTheSameRun) {
   EXPECT_NE(a.front().eta, other.front().eta);
 }
 
+TEST(SimulatedBattery, SagsUnderLoadAndByTheChargeThatWasDrawn) {
+  Model model = tinyWhoover();
+  model.addEffect(makeEffect("battery_voltage"));
+  model.setValue("battery_voltage.p", 2);
+  SimulatedLab::Params params;
+  params.battery.endurance = 100;
+  EXPECT_THROW(ModelCraft(model, params), std::invalid_argument) << "k holds at an unknown voltage";
+  model.body.volts = 7.4;
+  ModelCraft craft(model, params);
+  const double rested = craft.voltage();
+  EXPECT_NEAR(rested, 8.4, 1e-9);
+  craft.command({1.0, 1.0}, 1);
+  const double loaded = craft.voltage();
+  EXPECT_LT(loaded, rested);
+  const double b = model.body.k / model.body.m;
+  EXPECT_NEAR(craft.derivative().nu.x(), 2 * b * std::pow(loaded / 7.4, 2), 1e-9);
+  craft.advance(40);
+  craft.command({0.0, 0.0}, 0);
+  EXPECT_NEAR(craft.voltage(), 8.4 - 0.4 * 1.8, 1e-9);
+  ModelCraft without(model, {});
+  EXPECT_EQ(without.voltage(), 0);
+}
+
 TEST(SimulatedLab, FramesComeAtTheirRateWithLatencyAndNoise) {
   MocapParams mocap;
   mocap.position_noise = 1e-3;

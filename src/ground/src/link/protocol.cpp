@@ -11,8 +11,8 @@ namespace ground {
 namespace {
 
 constexpr int kOff = 1000, kRange = 1000;
-// Three floats of five bytes with their keys, nine ints of eleven, and a count of six.
-constexpr std::size_t kLongestTelemetry = 120;
+// Four floats of five bytes with their keys, nine ints of eleven, and a count of six.
+constexpr std::size_t kLongestTelemetry = 125;
 
 unsigned toMotor(double value, double least, double most) {
   const auto share = static_cast<int>(std::lround(kRange * std::clamp(value, least, most)));
@@ -95,6 +95,7 @@ std::string encodeTelemetry(const CraftTelemetry& t) {
   state.set_mag_y(t.mag[1]);
   state.set_mag_z(t.mag[2]);
   if (t.commands) state.set_motors_received(*t.commands);
+  if (t.voltage) state.set_battery_voltage(*t.voltage);
   return state.SerializeAsString();
 }
 
@@ -113,8 +114,12 @@ bool decodeTelemetry(const std::string& datagram, CraftTelemetry& t, std::string
        {state.acc_x(), state.acc_y(), state.acc_z()},
        {state.gyro_x(), state.gyro_y(), state.gyro_z()},
        {state.mag_x(), state.mag_y(), state.mag_z()},
+       std::nullopt,
        std::nullopt};
   if (state.has_motors_received()) t.commands = state.motors_received();
+  // A sensor that is not connected must not silence the craft.
+  const float voltage = state.battery_voltage();
+  if (std::isfinite(voltage) && voltage > 0) t.voltage = voltage;
   return true;
 }
 

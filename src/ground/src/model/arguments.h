@@ -12,7 +12,7 @@
 namespace ground {
 
 /// What formulas and learned wrenches of a model file may depend on: u, v, r, x, y, psi, the input
-/// of each thruster, lift, t. Each entry has all names of one argument.
+/// of each thruster, lift, t, volt. Each entry has all names of one argument.
 inline std::vector<std::vector<std::string>> argumentNames(const ThrusterLayout& layout) {
   std::vector<std::vector<std::string>> names = {{"u"}, {"v"}, {"r"}, {"x"}, {"y"}, {"psi"}};
   for (int i = 0; i < layout.size(); ++i) {
@@ -21,6 +21,7 @@ inline std::vector<std::vector<std::string>> argumentNames(const ThrusterLayout&
   }
   names.push_back({"lift"});
   names.push_back({"t"});
+  names.push_back({"volt"});
   return names;
 }
 
@@ -34,6 +35,7 @@ T argumentOf(const Point<T>& point, int i) {
   if (i < kFirstInputArgument) return point.eta(i - 3);
   const int input = i - kFirstInputArgument, inputs = point.layout.size();
   if (input < inputs) return point.input(input);
+  if (input > inputs + 1) return valueOf(point.volts) > 0 ? T(point.volts) : T(point.body.volts);
   return input == inputs ? T(point.lift) : point.t;
 }
 

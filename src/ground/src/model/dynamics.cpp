@@ -60,7 +60,7 @@ struct Dynamics<T>::Instant {
   Point<T> point;
 
   Instant(const Dynamics& d, const T& t, const Vector3<T>& eta, const Rotation<T>& heading,
-          const Vector3<T>& nu, const Drive& drive, Given<T> lift, const T* states)
+          const Vector3<T>& nu, const Drive& drive, const Conditions<T>& given, const T* states)
       : since(notBelowZero(t)),
         point{since,
               eta,
@@ -70,7 +70,8 @@ struct Dynamics<T>::Instant {
               drive.input,
               d.thrust_.empty() ? drive.thrust : static_cast<const Thrusters<T>&>(thrust),
               *d.layout_,
-              lift,
+              given.lift,
+              given.volts,
               d.body_,
               d.mass_,
               states} {
@@ -121,6 +122,7 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates, con
   body_.I_z = 1.0 / body_.I_z;  // its coordinate
   body_.input_max = model.body.input_max;
   body_.hull_length = model.body.hull_length;
+  body_.volts = model.body.volts;
 
   mass_ = Vector3<T>(body_.m, body_.m, body_.I_z).asDiagonal();
   for (const Model::Entry& entry : model.effects) {
@@ -190,8 +192,9 @@ void Dynamics<T>::requireThrusters(int count) const {
 }
 
 template <typename T>
-StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, Given<T> lift, const T& h, T* states) const {
-  StepInputs<T> inputs{{command}, lift, actuators_.empty(), states, layout_.get()};
+StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, const Conditions<T>& given, const T& h,
+                                   T* states) const {
+  StepInputs<T> inputs{{command}, given, actuators_.empty(), states, layout_.get()};
   if (!inputs.held) inputs.thrusters[1] = inputs.thrusters[2] = command;
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
   return inputs;
@@ -206,15 +209,15 @@ Settling Dynamics<T>::settling() const {
 }
 
 template <typename T>
-void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command, Given<T> lift,
-                         const T& h, T* states) const {
-  const StepInputs<T> inputs = actuate(command, lift, h, states);
+void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command,
+                         const Conditions<T>& given, const T& h, T* states) const {
+  const StepInputs<T> inputs = actuate(command, given, h, states);
   if (rates_.empty()) return;
   const Rotation<T> heading(state.eta.z());
   const T zero(0.0), half = 0.5 * h, third = h * (1.0 / 3), sixth = h * (1.0 / 6);
   const auto take = [&](int node, const T& after, const T& share, const T& to, const T* at) {
     const Drive now(*this, inputs.thrusters[inputs.held ? 0 : static_cast<std::size_t>(node)]);
-    Instant instant(*this, t + after, state.eta, heading, state.nu, now, lift, at);
+    Instant instant(*this, t + after, state.eta, heading, state.nu, now, given, at);
     rates(instant, at, stages_.rates.data());
     stages_.move(share, to, states);
   };
@@ -237,15 +240,16 @@ void Dynamics<T>::rates(Instant& instant, const T* states, T* rates) const {
 }
 
 template <typename T>
-void Dynamics<T>::derive(const T& t, const RigidState<T>& state, const Drive& drive, Given<T> lift,
-                         const T* states, T* rates, bool pose, RigidState<T>& dot) const {
+void Dynamics<T>::derive(const T& t, const RigidState<T>& state, const Drive& drive,
+                         const Conditions<T>& given, const T* states, T* rates, bool pose,
+                         RigidState<T>& dot) const {
   const T &u = state.nu.x(), &v = state.nu.y(), &r = state.nu.z();
   Rotation<T> heading;
   if (pose) {  // (2.3)
     heading = Rotation<T>(state.eta.z());
     dot.eta << heading.toWorld({u, v}), r;
   }
-  Instant instant(*this, t, state.eta, heading, state.nu, drive, lift, states);
+  Instant instant(*this, t, state.eta, heading, state.nu, drive, given, states);
   if (rates) this->rates(instant, states, rates);
   // (2.4): thrust, -C(nu) nu in Kirchhoff's form, which holds for every mass matrix (Fossen 1994, 2.4), and
   // -D nu
@@ -263,9 +267,9 @@ void Dynamics<T>::derive(const T& t, const RigidState<T>& state, const Drive& dr
 
 template <typename T>
 RigidState<T> Dynamics<T>::derivative(const T& t, const RigidState<T>& state, const Thrusters<T>& input,
-                                      Given<T> lift, const T* states, T* rates) const {
+                                      const Conditions<T>& given, const T* states, T* rates) const {
   RigidState<T> dot;
-  derive(t, state, Drive(*this, input), lift, states ? states : initial_.data(), rates, true, dot);
+  derive(t, state, Drive(*this, input), given, states ? states : initial_.data(), rates, true, dot);
   return dot;
 }
 
@@ -321,7 +325,7 @@ void Dynamics<T>::step(T& t, RigidState<T>& state, const StepInputs<T>& inputs, 
     RigidState<T> at = state, next = state;
     // k = f(t + after, at), next += share k, at = state + to k
     const auto stage = [&](const Drive& drive, const H& after, const H& share, const H& to) {
-      derive(t + after, at, drive, inputs.lift, remembers ? stages_.at.data() : held,
+      derive(t + after, at, drive, inputs.given, remembers ? stages_.at.data() : held,
              remembers ? stages_.rates.data() : nullptr, pose, k);
       if (remembers) stages_.move(share, to, inputs.states);
       for (int j = 0; j < 3; ++j) {

@@ -1,8 +1,11 @@
 #include "ground/model/model_file.h"
 
+#include <algorithm>
+#include <regex>
 #include <stdexcept>
 
 #include "effect_keys.h"
+#include "ground/model/expression_effect.h"
 #include "ground/model/plausibility.h"
 #include "ground/model/text_file.h"
 #include "yaml_keys.h"
@@ -97,10 +100,21 @@ const ParameterInfo& hullLengthInfo() {
   return info;
 }
 
+const ParameterInfo& voltsInfo() {
+  static const ParameterInfo info = [] {
+    ParameterInfo one;
+    one.name = "volts";
+    one.unit = "V";
+    one.lower = 0;
+    return one;
+  }();
+  return info;
+}
+
 /// A body as its keys see it. `listed`: its thrusters are listed, which gives l and the range of inputs.
 struct BodyText {
   std::vector<double> values;  ///< of bodyParameters()
-  double input_max = 1;
+  double input_max = 1, volts = 0;
   bool listed = false;
   std::vector<Thruster> thrusters{};  ///< positions [m]
   std::string lift = "lift";          ///< channel of the lift
@@ -112,6 +126,10 @@ YamlKeys bodyKeys(const YamlReader& reader, BodyText& body) {
   for (std::size_t i = 0; i < bodyParameters().size(); ++i)
     if (!body.listed || bodyParameters()[i].name != "l") keys.parameter(bodyParameters()[i], body.values[i]);
   if (!body.listed) keys.parameter(inputMaxInfo(), body.input_max).required("largest input of a thruster");
+  keys.parameter(voltsInfo(), body.volts)
+      .optional()
+      .silentIf(body.volts == 0)
+      .comment("V, voltage of the battery at which k holds");
   keys.value("thrusters", body.thrusters)
       .silentIf(!body.listed)
       .comment(
@@ -143,12 +161,13 @@ void readBody(const YamlReader& reader, const YAML::Node& node, Model& model) {
   if (body.listed) body.values[1] = model.thrusters->lever();
   model.body.input_max = body.input_max;
   model.body.hull_length = body.hull_length;
+  model.body.volts = body.volts;
   model.setValues(body.values);
 }
 
 void writeBody(YAML::Emitter& out, const Model& model) {
   const ThrusterLayout& layout = *model.thrusters;
-  BodyText body{model.values(),     model.body.input_max, !layout.isPair(),
+  BodyText body{model.values(),     model.body.input_max, model.body.volts,        !layout.isPair(),
                 layout.thrusters(), layout.liftChannel(), model.body.hull_length};
   for (Thruster& one : body.thrusters) one.position *= model.body.l / layout.lever();
   bodyKeys(YamlReader(""), body).write(out);
@@ -211,12 +230,34 @@ YamlKeys modelKeys(const YamlReader& reader, Model& model, std::string& schema) 
   return keys;
 }
 
+/// Whether a formula of an effect has the voltage of the battery.
+bool usesVoltage(const Effect& effect) {
+  const ExpressionDefinition* const formulas = expressionDefinition(effect);
+  if (!formulas) return false;
+  static const std::regex voltage("(^|[^A-Za-z0-9_.])volt([^A-Za-z0-9_]|$)");
+  std::vector<std::string> texts;
+  for (const auto& [name, text] : formulas->components()) texts.push_back(text);
+  for (const auto& state : formulas->states) texts.push_back(state.rate);
+  return std::any_of(texts.begin(), texts.end(),
+                     [](const std::string& text) { return std::regex_search(text, voltage); });
+}
+
+/// Where no voltage is recorded, formulas have the one at which k holds.
+void requireVoltage(const YamlReader& reader, const YAML::Node& node, const Model& model) {
+  for (const Model::Entry& entry : model.effects)
+    if (model.body.volts == 0 && usesVoltage(*entry.effect))
+      reader.fail(node, "effect '" + entry.effect->info().name +
+                            "' uses volt: give body the key volts, the voltage at which k holds, which acts "
+                            "where none is recorded");
+}
+
 Model parse(const YamlReader& reader, const YAML::Node& root) {
   std::string schema = reader.requireSchema(root, kSchema, "model file");
   Model model;
   modelKeys(reader, model, schema).read(root);
   const std::string wrong = model.disturbance.validate();
   if (!wrong.empty()) reader.fail(root["disturbance"], "disturbance: " + wrong);
+  requireVoltage(reader, root["effects"], model);
   const Provenance& provenance = model.provenance;
   if (!provenance.digests.empty() && provenance.digests.size() != provenance.bags.size())
     reader.fail(root["provenance"], "provenance must have one digest for each of its bags, or none");
@@ -253,6 +294,8 @@ Model withEffect(Model model, const std::string& yaml, const std::string& source
   if (!node.IsMap() || !node["name"] || node["body"])
     reader.fail(node, "it must be one effect with a name, as model files list them");
   readEffect(reader, node, model);
+  const bool is_craft = model.body.m > 0;  // otherwise only the effect matters
+  if (is_craft) requireVoltage(reader, node, model);
   return model;
 }
 

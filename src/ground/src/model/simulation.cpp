@@ -107,7 +107,8 @@ Simulation<T>::Simulation(const Dynamics<T>& dynamics, const InputSequence& inpu
   dynamics_.requireThrusters(inputs.thruster_count);
   for (const Stepping::Held& held : stepping_.before(dynamics_.settling()))
     dynamics_.settle(T(held.t), measured ? cast<T>(measured->at(held.time)) : state_,
-                     inputs.thrusters[held.command].template cast<T>(), inputs.lift[held.command],
+                     inputs.thrusters[held.command].template cast<T>(),
+                     {inputs.lift[held.command], inputs.battery.at(held.time)},
                      dynamics_.withDelay(held.duration, held.by_delay), effect_states_.data());
 }
 
@@ -122,6 +123,7 @@ void Simulation<T>::advance(double time) {
   Stretch stretch;
   while (stepping_.next(time, stretch)) {
     setValue(t_, stretch.t);
+    if (stepping_.varied()) acts_ = kNone;
     if (stretch.by_delay == 0)
       step(stretch.steps, stretch.h);
     else
@@ -132,8 +134,9 @@ void Simulation<T>::advance(double time) {
 template <typename T>
 template <typename H>
 void Simulation<T>::step(int steps, const H& h) {
+  const double middle = stepping_.time() - 0.5 * steps * valueOf(h);
   const auto act = [&](T* states) {
-    return dynamics_.actuate(stepping_.thrusters().template cast<T>(), stepping_.lift(), T(h), states);
+    return dynamics_.actuate(stepping_.thrusters().template cast<T>(), conditionsAt(middle), T(h), states);
   };
   if (!dynamics_.hasMemory()) {
     if (acts_ != stepping_.held()) acting_ = act(nullptr);
@@ -146,7 +149,8 @@ void Simulation<T>::step(int steps, const H& h) {
 template <typename T>
 Thrusters<T> Simulation<T>::actuated() const {
   std::vector<T> states = effect_states_;
-  return dynamics_.actuate(stepping_.thrusters().template cast<T>(), stepping_.lift(), T(0.0), states.data())
+  return dynamics_
+      .actuate(stepping_.thrusters().template cast<T>(), conditionsAt(time()), T(0.0), states.data())
       .thrusters[0];
 }
 
@@ -154,7 +158,7 @@ template <typename T>
 RigidState<T> Simulation<T>::derivative() const {
   T t = t_;
   setValue(t, stepping_.t());
-  return dynamics_.derivative(t, state_, actuated(), stepping_.lift(), effect_states_.data());
+  return dynamics_.derivative(t, state_, actuated(), conditionsAt(time()), effect_states_.data());
 }
 
 template class Simulation<double>;

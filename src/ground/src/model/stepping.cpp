@@ -7,6 +7,32 @@
 
 namespace ground {
 
+void VoltageSeries::add(double time, double voltage) {
+  if (!times.empty() && time < times.back())
+    throw std::invalid_argument("voltages must be in ascending order of time");
+  if (!(voltage > 0) || !std::isfinite(voltage))
+    throw std::invalid_argument("a voltage must be positive and finite");
+  times.push_back(time);
+  volts.push_back(voltage);
+}
+
+double VoltageSeries::at(double time) const {
+  if (empty()) return 0;
+  const auto next =
+      static_cast<std::size_t>(std::upper_bound(times.begin(), times.end(), time) - times.begin());
+  if (next == 0) return volts.front();
+  if (next == times.size()) return volts.back();
+  const double part = (time - times[next - 1]) / (times[next] - times[next - 1]);
+  return (1 - part) * volts[next - 1] + part * volts[next];
+}
+
+void VoltageSeries::dropBefore(double oldest) {
+  const auto n = std::upper_bound(times.begin(), times.end(), oldest) - times.begin() - 1;
+  if (n < static_cast<std::ptrdiff_t>(times.size() / 2) || n < 1) return;
+  times.erase(times.begin(), times.begin() + n);
+  volts.erase(volts.begin(), volts.begin() + n);
+}
+
 void InputSequence::add(double time, const Thrusters<double>& command, double lift_value) {
   if (command.size() != thruster_count)
     throw std::invalid_argument("a command for " + std::to_string(command.size()) +
@@ -25,6 +51,7 @@ std::size_t InputSequence::dropBefore(double oldest) {
   times.erase(times.begin(), times.begin() + n);
   thrusters.erase(thrusters.begin(), thrusters.begin() + n);
   lift.erase(lift.begin(), lift.begin() + n);
+  battery.dropBefore(oldest);
   return static_cast<std::size_t>(n);
 }
 

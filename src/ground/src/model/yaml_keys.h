@@ -101,6 +101,11 @@ struct YamlKey {
     remark = what;
     return *this;
   }
+  /// May be missing.
+  YamlKey& optional() {
+    is_required = false;
+    return *this;
+  }
   /// Is not written when it has its standard value.
   YamlKey& silentIf(bool standard) {
     is_silent = standard;

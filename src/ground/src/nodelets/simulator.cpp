@@ -36,9 +36,10 @@ namespace ground {
 ///
 /// Parameters: model (model file, required), sender ("127.0.0.1:3333"), seed (1), mocap_rate (100
 /// Hz), axes ("x, z, -y"), x, y, psi (initial pose, world_ned), and those of Simulator.cfg, which can be
-/// changed at run time. Publishes: vrpn_client_node/hovercraft/pose, ~truth (the true state),
-/// /clock. Service: ~load_model (replaces the model by another file). The factors of Simulator.cfg
-/// multiply the parameters of the loaded model.
+/// changed at run time; battery_endurance (0 s: no battery; see BatteryParams), battery_charge (1).
+/// Publishes: vrpn_client_node/hovercraft/pose, ~truth (the true state), /clock. Service: ~load_model
+/// (replaces the model by another file). The factors of Simulator.cfg multiply the parameters of the loaded
+/// model.
 class Simulator : public Shell {
  public:
   ~Simulator() override {
@@ -62,6 +63,8 @@ class Simulator : public Shell {
     room.initial.eta << optionalParameter<double>(nh, "x", 0.0), optionalParameter<double>(nh, "y", 0.0),
         optionalParameter<double>(nh, "psi", 0.0);
     if (!room.initial.eta.allFinite()) throw std::runtime_error("x, y and psi must be finite");
+    room.battery = {optionalParameter<double>(nh, "battery_endurance", 0.0),
+                    optionalParameter<double>(nh, "battery_charge", 1.0)};
     mocap_.rate = optionalParameter<double>(nh, "mocap_rate", 100.0);
     mapping_ = AxisMapping(optionalParameter<std::string>(nh, "axes", AxisMapping::kOptiTrack));
     sender_ = UdpAddress::parse(optionalParameter<std::string>(nh, "sender", "127.0.0.1"), 3333);
@@ -152,6 +155,7 @@ class Simulator : public Shell {
       if (came && from == sender_) obey(datagram);
       const auto frames = room_->takeFrames();
       const RigidState<double> state = room_->state(), rate = room_->derivative();
+      const double voltage = room_->voltage();
       const double offset = clock_offset_;
       lock.unlock();
 
@@ -162,7 +166,7 @@ class Simulator : public Shell {
         next_truth = now + kTruthPeriod;
       }
       if (now >= next_telemetry) {
-        sendTelemetry(state, rate);
+        sendTelemetry(state, rate, voltage);
         next_telemetry = now + kTelemetryPeriod;
       }
     }
@@ -215,13 +219,14 @@ class Simulator : public Shell {
     truth_publisher_.publish(truth);
   }
 
-  void sendTelemetry(const RigidState<double>& state, const RigidState<double>& rate) {
+  void sendTelemetry(const RigidState<double>& state, const RigidState<double>& rate, double voltage) {
     CraftTelemetry telemetry;
     telemetry.yaw = static_cast<float>(180 / M_PI * wrapAngle(state.eta.z()));
     const ImuSample felt = imu_.sample(state, rate.nu);
     telemetry.acc = {felt.acceleration[0], felt.acceleration[1], -SimulatedImu::kGravity};
     telemetry.gyro = {0, 0, felt.yaw_rate};
     telemetry.commands = commands_;
+    if (voltage > 0) telemetry.voltage = static_cast<float>(voltage);
     socket_->send(encodeTelemetry(telemetry), sender_);
   }
 

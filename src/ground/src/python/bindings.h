@@ -28,7 +28,9 @@ void bindGreyBox(pybind11::module_& module);
 /// Inputs from rows of time [s], an input for each thruster in the order of the model, lift;
 /// ascending in time. Throws std::invalid_argument on other columns and on values that are not
 /// finite.
-InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows);
+/// battery: rows of time [s], voltage [V]; none by default.
+InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows,
+                       const std::optional<Eigen::MatrixX2d>& battery = std::nullopt);
 
 /// A row of inputs.
 Eigen::RowVectorXd inputRow(double time, const Thrusters<double>& thrusters, double lift);

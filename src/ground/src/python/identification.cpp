@@ -21,16 +21,24 @@ Eigen::MatrixXd fromInputs(const RunData& run) {
   return rows;
 }
 
+Eigen::MatrixX2d fromBattery(const RunData& run) {
+  const VoltageSeries& battery = run.inputs.battery;
+  Eigen::MatrixX2d rows(static_cast<Eigen::Index>(battery.times.size()), 2);
+  rows << asColumn(battery.times), asColumn(battery.volts);
+  return rows;
+}
+
 RunData makeRun(const std::string& name, const std::vector<double>& times, const Eigen::MatrixX3d& eta,
                 const Eigen::MatrixX3d& nu, const Eigen::Ref<const Eigen::MatrixXd>& inputs,
                 const std::optional<Eigen::MatrixX3d>& poses, const std::optional<Vector3<double>>& noise,
                 const std::vector<double>& drives, const std::optional<Eigen::MatrixX3d>& wrench,
-                const std::optional<InertialData>& inertial, const std::optional<Payload>& payload) {
+                const std::optional<InertialData>& inertial, const std::optional<Payload>& payload,
+                const std::optional<Eigen::MatrixX2d>& battery) {
   RunData run{name,
               times,
               eta,
               nu,
-              toInputs(inputs),
+              toInputs(inputs, battery),
               poses.value_or(Eigen::MatrixX3d(0, 3)),
               noise.value_or(RunData().noise),
               wrench.value_or(Eigen::MatrixX3d(0, 3)),
@@ -89,7 +97,7 @@ void defRecording(py::module_& module) {
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
            py::arg("inputs"), py::arg("poses") = py::none(), py::arg("noise") = py::none(),
            py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none(),
-           py::arg("inertial") = py::none(), py::arg("payload") = py::none())
+           py::arg("inertial") = py::none(), py::arg("payload") = py::none(), py::arg("battery") = py::none())
       .def_readonly("payload", &RunData::payload)
       .def_readonly("name", &RunData::name)
       .def_property_readonly("times", &timesOf, "Read-only view [s].")
@@ -106,6 +114,13 @@ void defRecording(py::module_& module) {
           "The InertialData; None if there are none.")
       .def_property_readonly("inputs", &fromInputs, "Rows of time, an input for each thruster, lift.")
       .def_property_readonly(
+          "battery",
+          [](const RunData& run) {
+            return run.inputs.battery.empty() ? std::nullopt
+                                              : std::optional<Eigen::MatrixX2d>(fromBattery(run));
+          },
+          "Rows of time, voltage [V]; None if it is not known.")
+      .def_property_readonly(
           "drives", [](const RunData& run) { return run.inputs.drive.starts(); },
           "Start of each drive [s], on the run's clock.")
       .def_property_readonly(
@@ -120,14 +135,14 @@ void defRecording(py::module_& module) {
       .def(py::pickle(
           [](const RunData& r) {
             return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
-                                  r.inputs.drive.starts(), r.wrench, r.inertial, r.payload);
+                                  r.inputs.drive.starts(), r.wrench, r.inertial, r.payload, fromBattery(r));
           },
           [](const py::tuple& t) {
-            return makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
-                           t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
-                           t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
-                           t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(),
-                           t[8].cast<Eigen::MatrixX3d>(), t[9].cast<InertialData>(), t[10].cast<Payload>());
+            return makeRun(
+                t[0].cast<std::string>(), t[1].cast<std::vector<double>>(), t[2].cast<Eigen::MatrixX3d>(),
+                t[3].cast<Eigen::MatrixX3d>(), t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
+                t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(), t[8].cast<Eigen::MatrixX3d>(),
+                t[9].cast<InertialData>(), t[10].cast<Payload>(), t[11].cast<Eigen::MatrixX2d>());
           }));
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) {

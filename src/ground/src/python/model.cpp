@@ -94,8 +94,9 @@ bool acts(const std::optional<Rows>& rows, Eigen::Index count, const std::string
 py::dict simulateRun(const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& rows,
                      const std::vector<double>& times, const Vector3<double>& eta, const Vector3<double>& nu,
                      const std::vector<double>& drives, const std::optional<Eigen::MatrixX3d>& wrench,
-                     const std::optional<Eigen::MatrixX2d>& room, const Payload& payload) {
-  InputSequence inputs = toInputs(rows);
+                     const std::optional<Eigen::MatrixX2d>& room, const Payload& payload,
+                     const std::optional<Eigen::MatrixX2d>& battery) {
+  InputSequence inputs = toInputs(rows, battery);
   if (!drives.empty()) inputs.drive = DriveClock(drives);
   if (times.empty()) throw std::invalid_argument("there is no time to simulate at");
   const auto count = static_cast<Eigen::Index>(times.size());
@@ -189,6 +190,10 @@ void defModel(py::module_& module) {
       .def_readwrite("disturbance", &Model::disturbance)
       .def_readwrite("provenance", &Model::provenance)
       .def_property_readonly("input_max", [](const Model& m) { return m.body.input_max; })
+      .def_property(
+          "volts", [](const Model& m) { return m.body.volts; },
+          [](Model& m, double volts) { m.body.volts = volts; },
+          "Voltage of the battery at which k holds [V]; 0: not told.")
       .def_property_readonly("effects",
                              [](const Model& m) {
                                std::vector<std::string> names;
@@ -311,14 +316,14 @@ void defEffects(py::module_& module) {
 void defSimulation(py::module_& module) {
   module.def("simulate", &simulateRun, py::arg("model"), py::arg("inputs"), py::arg("times"), py::arg("eta"),
              py::arg("nu"), py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none(),
-             py::arg("room") = py::none(), py::arg("payload") = Payload(),
+             py::arg("room") = py::none(), py::arg("payload") = Payload(), py::arg("battery") = py::none(),
              "Simulated measurements of pose and velocity at `times` [s] from a true initial state. Raises "
              "RuntimeError if the motion is not finite. "
              "`inputs`: rows of time, an input for each thruster, lift. `drives`: starts of drives [s]; if "
              "empty, they "
              "follow from the lift. `wrench`: additional X, Y [N], N [N m], each row until the next time; "
              "none by default. `room`: additional force x, y [N] along the axes of the room (world_ned). "
-             "`payload`: what the craft carries.");
+             "`payload`: what the craft carries. `battery`: rows of time [s], voltage [V].");
   module.def("drive_starts", &driveStarts, py::arg("times"), py::arg("lift"), py::arg("records") = py::none(),
              "Starts of drives [s], the origins of the model's t, from commands in order of time "
              "and from records (k, 2): began and as_of, in order. Empty without any lift.");
@@ -326,7 +331,8 @@ void defSimulation(py::module_& module) {
 
 }  // namespace
 
-InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows) {
+InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows,
+                       const std::optional<Eigen::MatrixX2d>& battery) {
   const auto count = static_cast<int>(rows.cols()) - 2;
   if (count < 1 || count > kMaxThrusters)
     throw std::invalid_argument("inputs need columns time, one for each of 1 to " +
@@ -335,6 +341,8 @@ InputSequence toInputs(const Eigen::Ref<const Eigen::MatrixXd>& rows) {
   InputSequence inputs(count);
   for (Eigen::Index i = 0; i < rows.rows(); ++i)
     inputs.add(rows(i, 0), Thrusters<double>(rows.row(i).segment(1, count).transpose()), rows(i, count + 1));
+  for (Eigen::Index i = 0; battery && i < battery->rows(); ++i)
+    inputs.battery.add((*battery)(i, 0), (*battery)(i, 1));
   return inputs;
 }
 

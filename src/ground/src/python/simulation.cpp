@@ -21,9 +21,9 @@ py::dict toDict(const ExperimentLog& log) {
   d["commands"] = toRows(log.commands, 2 + thrusters, [](const ExperimentLog::Command& c) {
     return inputRow(c.time, c.thrusters, c.lift);
   });
-  d["truth"] = toRows(log.truth, 13, [](const ExperimentLog::Truth& t) {
-    return (Eigen::RowVectorXd(13) << t.time, t.state.eta.transpose(), t.state.nu.transpose(),
-            t.nu_dot.transpose(), t.wrench.transpose())
+  d["truth"] = toRows(log.truth, 14, [](const ExperimentLog::Truth& t) {
+    return (Eigen::RowVectorXd(14) << t.time, t.state.eta.transpose(), t.state.nu.transpose(),
+            t.nu_dot.transpose(), t.wrench.transpose(), t.voltage)
         .finished();
   });
   d["references"] = toRows(log.references, 9, [](const ExperimentLog::Reference& r) {
@@ -128,11 +128,13 @@ void defPlant(py::module_& module) {
 
 ExperimentParams experimentParams(const Vector3<double>& eta, const Vector3<double>& nu,
                                   const MocapParams& mocap, unsigned long seed,
-                                  const Disturbance& disturbance, Plant* plant) {
+                                  const Disturbance& disturbance, Plant* plant,
+                                  const std::pair<double, double>& battery) {
   if (!eta.allFinite() || !nu.allFinite()) throw std::invalid_argument("the initial state is not finite");
   ExperimentParams params{{eta, nu}, mocap, seed};
   params.disturbance = disturbance;
   params.plant = plant;
+  params.battery = {battery.first, battery.second};
   return params;
 }
 
@@ -145,14 +147,14 @@ void defExperiment(py::module_& module, const char* name, const char* params_nam
       name,
       [run](const Model& model, const Model& believed, const Params& drive, const Vector3<double>& eta,
             const Vector3<double>& nu, const MocapParams& mocap, unsigned long seed,
-            const Disturbance& disturbance, Plant* plant) {
-        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance, plant);
+            const Disturbance& disturbance, Plant* plant, const std::pair<double, double>& battery) {
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance, plant, battery);
         const auto log = withoutGil([&] { return run(model, believed, drive, params); });
         return toDict(log);
       },
       py::arg("model"), py::arg("believed"), py::arg(params_name), py::arg("eta"), py::arg("nu"),
       py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(), py::arg("plant") = nullptr,
-      doc);
+      py::arg("battery") = std::make_pair(0.0, 1.0), doc);
 }
 
 void defParams(py::module_& module) {
@@ -200,18 +202,21 @@ void defExperiments(py::module_& module) {
       "play_schedule",
       [](const Model& model, const Eigen::Ref<const Eigen::MatrixXd>& schedule, double duration,
          const Vector3<double>& eta, const Vector3<double>& nu, const MocapParams& mocap, unsigned long seed,
-         const Disturbance& disturbance, Plant* plant) {
+         const Disturbance& disturbance, Plant* plant, const std::pair<double, double>& battery) {
         const InputSequence inputs = toInputs(schedule);
-        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance, plant);
+        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance, plant, battery);
         const auto log = withoutGil([&] { return playSchedule(model, inputs, duration, params); });
         return toDict(log);
       },
       py::arg("model"), py::arg("schedule"), py::arg("duration"), py::arg("eta"), py::arg("nu"),
       py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(), py::arg("plant") = nullptr,
+      py::arg("battery") = std::make_pair(0.0, 1.0),
       "Simulates craft and mocap under rows of time, an input for each thruster, lift. Returns frames "
       "(captured, delivered, x, y, psi), commands (such rows), truth (time, eta, nu, "
-      "nu_dot, wrench of the disturbance). plant: the craft; then eta, nu and disturbance are not "
-      "used, and the model gives the thrusters. By default the model moves the craft.");
+      "nu_dot, wrench of the disturbance, voltage). battery: its endurance at full power [s], 0 for none, "
+      "and "
+      "its charge. plant: the craft; then eta, nu, disturbance and battery are not used, and the model "
+      "gives the thrusters. By default the model moves the craft.");
   defExperiment(module, "track_reference", "tracking", &trackReference,
                 "Like play_schedule with a controller in the loop. Also returns references (time, "
                 "p, p_dot, p_ddot, p_dddot), decisions (time, stamp of the state, CPU time, fractions of "

@@ -14,10 +14,14 @@ ModelCraft::ModelCraft(const Model& model, const Params& params)
       source_(params.disturbance.empty()
                   ? std::nullopt
                   : std::make_optional<DisturbanceSource>(params.disturbance, kDefaultStep, params.seed)),
+      battery_(params.battery.empty()
+                   ? std::nullopt
+                   : std::make_optional<Battery>(params.battery, model.body.volts, params.start)),
       next_wrench_(params.start),
       model_(onThisRun(model)),
       inputs_(model.thrusters->size()),
       moving_(std::make_unique<Moving>(model_, inputs_, params.initial, params.start)) {
+  if (battery_) inputs_.battery.add(params.start, battery_->voltage());
   untouched_ = params.initial.nu.isZero() && !moving_->simulation.derivative().nu.isZero();
 }
 
@@ -31,6 +35,10 @@ void ModelCraft::command(const Thrusters<double>& thrusters, double lift) {
   moving_->dynamics.requireThrusters(thrusters.size());
   lift = std::clamp(lift, 0.0, 1.0);
   inputs_.add(time(), model_.thrusters->clipped(thrusters, model_.body.input_max), lift);
+  if (battery_) {
+    battery_->draw({asVector(inputs_.thrusters.back()) / model_.body.input_max, lift});
+    inputs_.battery.add(time(), battery_->voltage());
+  }
   if (lift_ || lift > 0) lift_ = lift;
   if (lift > 0 || !asVector(thrusters).isZero()) untouched_ = false;
   constexpr double kMemory = kActuatorMemory + 5;  // includes the longest input delay [s]
@@ -85,10 +93,18 @@ void ModelCraft::advance(double time) {
       nu += push;
       const Vector3<double> most = sits() ? (0.5 * dt * friction()).eval() : Vector3<double>::Zero();
       for (int i = 0; i < 3; ++i) nu(i) -= std::clamp(nu(i), -most(i), most(i));
-      if (before) simulation.advance(until);
+      if (before) simulate(until);
     }
   }
-  simulation.advance(time);
+  simulate(time);
+}
+
+void ModelCraft::simulate(double until) {
+  if (battery_ && until > time()) {
+    battery_->advance(until);
+    inputs_.battery.add(until, battery_->voltage());
+  }
+  moving_->simulation.advance(until);
 }
 
 void ModelCraft::setModel(const Model& model) {

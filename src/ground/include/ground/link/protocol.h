@@ -19,6 +19,7 @@ struct CraftTelemetry {
   std::array<int, 3> acc{}, gyro{}, mag{};
   /// Number of commands received since power-on; no value if the craft does not count them.
   std::optional<std::uint32_t> commands;
+  std::optional<float> voltage;  ///< of the battery [V]; no value if the craft does not measure it
 };
 
 /// Datagram to the craft: each motor gets 1000 + 1000 value, clipped to the range of its thruster
@@ -33,8 +34,8 @@ bool decodeMotors(const std::string& datagram, MotorCommand& command, std::strin
 
 std::string encodeTelemetry(const CraftTelemetry& telemetry);
 /// Parses a datagram from the craft. Returns false, sets the reason and leaves `telemetry`
-/// unchanged, if it is not a DroneState. All fields are optional, so a DroneState cut between two
-/// fields is accepted.
+/// unchanged, if it is not a DroneState. A voltage that cannot be one is left out. All fields are optional,
+/// so a DroneState cut between two fields is accepted.
 bool decodeTelemetry(const std::string& datagram, CraftTelemetry& telemetry, std::string* reason = nullptr);
 
 }  // namespace ground

@@ -19,6 +19,8 @@ struct Body {
   double input_max = 1.0;
   /// Length of the hull of a craft on water [m]; 0: it is not on water.
   double hull_length = 0.0;
+  /// Voltage of the battery at which k holds [V]; 0: not told.
+  double volts = 0.0;
 };
 
 /// A load of known mass that a craft carries beside its own.

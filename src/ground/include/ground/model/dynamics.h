@@ -41,18 +41,18 @@ class Dynamics {
 
   /// Passes a command, held over a step of length h [s], through the actuators and advances their
   /// states to the end of the step. step() advances the states of all other effects.
-  StepInputs<T> actuate(const Thrusters<T>& command, Given<T> lift, const T& h, T* states) const;
+  StepInputs<T> actuate(const Thrusters<T>& command, const Conditions<T>& given, const T& h, T* states) const;
   /// Advances the states of all effects by h [s] under a command while the motion stays at `state`.
   /// Brings the states to the start of a simulation when the earlier motion is unknown.
-  void settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command, Given<T> lift, const T& h,
-              T* states) const;
+  void settle(const T& t, const RigidState<T>& state, const Thrusters<T>& command, const Conditions<T>& given,
+              const T& h, T* states) const;
 
   /// Time derivative of the rigid state; its `nu` is the body acceleration. Here and below, t [s]
   /// is the time since the drive began (DriveClock); a negative t counts as 0. `states` are the
   /// states of the effects, by default the initial ones. Unless `rates` is null, the derivatives of those
   /// that have rates() are written there.
-  RigidState<T> derivative(const T& t, const RigidState<T>& state, const Thrusters<T>& input, Given<T> lift,
-                           const T* states = nullptr, T* rates = nullptr) const;
+  RigidState<T> derivative(const T& t, const RigidState<T>& state, const Thrusters<T>& input,
+                           const Conditions<T>& given, const T* states = nullptr, T* rates = nullptr) const;
   /// `count` classical RK4 steps of length h [s] from t, which is advanced; each begins with the
   /// same inputs. H is double, or T if h has derivatives. Without `pose` only velocities move.
   /// The states of effects that have rates() are integrated by the same RK4 steps. These are
@@ -87,8 +87,8 @@ class Dynamics {
   struct Instant;
   /// Sets the derivatives of velocity, of the pose if `pose`, and of the effects' states unless
   /// `rates` is null.
-  void derive(const T& t, const RigidState<T>& state, const Drive& drive, Given<T> lift, const T* states,
-              T* rates, bool pose, RigidState<T>& dot) const;
+  void derive(const T& t, const RigidState<T>& state, const Drive& drive, const Conditions<T>& given,
+              const T* states, T* rates, bool pose, RigidState<T>& dot) const;
   template <typename H>
   void stepVelocities(Vector3<T>& nu, const Thrusters<T>& input, const H& h, int count) const;
   /// The derivatives of the effects' states.

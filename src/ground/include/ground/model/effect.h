@@ -83,8 +83,8 @@ struct EffectInfo {
 template <typename T>
 struct StepInputs {
   std::array<Thrusters<T>, 3> thrusters;
-  Given<T> lift{};    ///< held over the step
-  bool held = false;  ///< the thruster inputs are also held over the step
+  Conditions<T> given{};  ///< held over the step
+  bool held = false;      ///< the thruster inputs are also held over the step
   /// States of all effects, integrated over the step with the motion. If null, the states stay at
   /// their initial values.
   T* states = nullptr;
@@ -105,7 +105,8 @@ struct Point {
   const Thrusters<T>& input;     ///< what reaches the thrusters
   const Thrusters<T>& thrust;    ///< force of the thrusters [N]
   const ThrusterLayout& layout;  ///< where they are
-  Given<T> lift;                 ///< 0..1
+  const Given<T>& lift;          ///< 0..1
+  const Given<T>& volts;         ///< voltage of the battery [V]; 0: not known
   const Body<T>& body;           ///< nominal parameters
   const Matrix3<T>& mass;        ///< mass matrix with all effects inside
   const T* states;               ///< states of the effect that is called

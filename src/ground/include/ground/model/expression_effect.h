@@ -16,7 +16,7 @@ constexpr std::size_t kMaxEffectStates = 8;  ///< of one effect: one for each th
 constexpr std::size_t kLongestName = 60;     ///< name of an effect or parameter [characters]
 
 /// An effect written in the model file: wrench components as formulas (muparser) of
-/// u, v, r, x, y, psi, u_L, u_R, lift, t, pi, the effect's states and its parameters. It needs no
+/// u, v, r, x, y, psi, u_L, u_R, lift, t, volt, pi, the effect's states and its parameters. It needs no
 /// compiler. Its derivatives are central differences; those of all other effects are exact. The
 /// input of a thruster is also u_NAME and u_NUMBER, counted from 1; only a left and a right thruster
 /// are u_L and u_R.

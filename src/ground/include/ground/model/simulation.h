@@ -50,6 +50,10 @@ class Simulation {
  private:
   template <typename H>
   void step(int steps, const H& h);
+  Conditions<T> conditionsAt(double time) const {
+    const Conditions<double> now = stepping_.conditionsAt(time);
+    return {now.lift, now.volts};
+  }
 
   const Dynamics<T>& dynamics_;
   Stepping stepping_;

@@ -10,6 +10,20 @@
 
 namespace ground {
 
+/// The voltage of a battery over time, as it was measured.
+struct VoltageSeries {
+  std::vector<double> times;  ///< ascending, on the run's clock [s]
+  std::vector<double> volts;  ///< [V]
+
+  bool empty() const { return times.empty(); }
+  /// Throws std::invalid_argument if the time descends or the voltage is not positive.
+  void add(double time, double voltage);
+  /// At a time [s]: linear between measurements, constant before and after them; 0 without any [V].
+  double at(double time) const;
+  /// Removes what is older than the last measurement before `oldest` [s].
+  void dropBefore(double oldest);
+};
+
 /// Commands over time, each held until the next; thrusters and lift are off before the first.
 struct InputSequence {
   /// For a craft with `count` thrusters.
@@ -19,7 +33,8 @@ struct InputSequence {
   std::vector<double> times;                 ///< ascending, on the run's clock [s]
   std::vector<Thrusters<double>> thrusters;  ///< in the order of the model
   std::vector<double> lift;
-  DriveClock drive;  ///< has received all commands that were added, also those dropped since
+  VoltageSeries battery;  ///< acts at once, without the delay of the commands
+  DriveClock drive;       ///< has received all commands that were added, also those dropped since
 
   /// Throws std::invalid_argument if the time descends or the number of thrusters differs.
   void add(double time, const Thrusters<double>& command, double lift_value);
@@ -84,6 +99,10 @@ class Stepping {
   /// Thruster command during the last stretch.
   const Thrusters<double>& thrusters() const { return held_ == 0 ? off_ : inputs_->thrusters[held_ - 1]; }
   double lift() const { return held_ == 0 ? 0.0 : inputs_->lift[held_ - 1]; }
+  /// Lift during the last stretch, and the voltage at a time [s].
+  Conditions<double> conditionsAt(double time) const { return {lift(), inputs_->battery.at(time)}; }
+  /// Whether conditions change while a command is held.
+  bool varied() const { return !inputs_->battery.empty(); }
   /// How many commands of the sequence had taken effect by then.
   std::size_t held() const { return held_; }
 

@@ -37,6 +37,17 @@ inline bool isConstant(const Symbol& x) { return x.isConstant(); }
 template <typename T>
 using Given = std::conditional_t<std::is_same_v<T, Symbol>, Symbol, double>;
 
+/// What acts on a craft beside the inputs of its thrusters, at one instant.
+template <typename T>
+struct Conditions {
+  Given<T> lift{};   ///< input of the lift fan, 0..1
+  Given<T> volts{};  ///< voltage of the battery [V]; 0: not known
+
+  Conditions() = default;
+  Conditions(const Given<T>& lift_input, const Given<T>& battery = {})  // NOLINT: a lift alone is one
+      : lift(lift_input), volts(battery) {}
+};
+
 /// `a` where the condition holds, else `b`.
 template <typename T>
 const T& select(bool condition, const T& a, const T& b) {

@@ -21,8 +21,9 @@ struct ExperimentParams {
   unsigned long seed = 1;  ///< for noise and losses of the mocap, and for the disturbance
   /// Disturbance of the craft; Model::disturbance is not used.
   Disturbance disturbance = {};
+  BatteryParams battery = {};  ///< of the craft
   /// The craft, which must outlive the experiment; null for one that moves by the model. With a
-  /// given craft, `initial` and `disturbance` are not used, and the model gives the number of
+  /// given craft, `initial`, `disturbance` and `battery` are not used, and the model gives the number of
   /// thrusters and their largest input. Its clock is that of the experiment.
   Plant* plant = nullptr;
 };
@@ -72,6 +73,7 @@ struct ExperimentLog {
     Vector3<double> nu_dot;       ///< body [m/s^2, m/s^2, rad/s^2]
     RigidState<double> measured;  ///< exact measurement of the state
     Vector3<double> wrench;       ///< wrench of the disturbance: X, Y [N], N [N m], body
+    double voltage;               ///< of the battery [V]; 0: none
   };
   struct Stage {
     double time;  ///< start [s]

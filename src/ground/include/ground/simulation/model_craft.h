@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "ground/model/simulation.h"
+#include "ground/simulation/battery.h"
 #include "ground/simulation/disturbance_source.h"
 #include "ground/simulation/plant.h"
 
@@ -21,6 +22,7 @@ class ModelCraft : public Plant {
     Disturbance disturbance = {};  ///< Model::disturbance is not used
     /// Deceleration by dry friction of the floor while the lift is off [m/s^2].
     double braking = 2.0;
+    BatteryParams battery = {};  ///< its voltage acts by effects of the model, such as battery_voltage
   };
 
   /// Throws std::invalid_argument if the disturbance is bad.
@@ -32,6 +34,7 @@ class ModelCraft : public Plant {
   RigidState<double> derivative() const override;
   Measurement<double> measurement() const override { return moving_->simulation.measure(); }
   Vector3<double> wrench() const override { return wrench_; }
+  double voltage() const override { return battery_ ? battery_->voltage() : 0; }
 
   /// Replaces the model; pose and velocity stay. Throws std::invalid_argument, and keeps the old
   /// model, if the acceleration by the new one is not finite.
@@ -51,9 +54,12 @@ class ModelCraft : public Plant {
   double time() const { return moving_->simulation.time(); }
   bool sits() const { return untouched_ || (lift_ && *lift_ == 0); }
   Vector3<double> friction() const;
+  /// Advances the simulation, and the battery, to a time.
+  void simulate(double until);
 
   Params params_;
   std::optional<DisturbanceSource> source_;
+  std::optional<Battery> battery_;
   Vector3<double> wrench_ = Vector3<double>::Zero();
   double next_wrench_;       ///< time of the next change of wrench_ [s]
   unsigned long drawn_ = 0;  ///< number of changes of wrench_

@@ -25,6 +25,8 @@ class Plant {
   virtual Measurement<double> measurement() const = 0;
   /// Disturbance at the current time: X, Y [N], N [N m], body.
   virtual Vector3<double> wrench() const = 0;
+  /// Voltage of its battery at the current time [V]; 0: it has none.
+  virtual double voltage() const { return 0; }
   /// Noise of the pose in the frame that is captured now [m], [m], [rad], besides that of
   /// MocapParams. Called once for every frame, delivered or lost.
   virtual Vector3<double> poseNoise() { return Vector3<double>::Zero(); }

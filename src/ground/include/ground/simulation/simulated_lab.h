@@ -67,6 +67,7 @@ class SimulatedLab {
   RigidState<double> derivative() const { return plant_.derivative(); }
   Measurement<double> measurement() const { return plant_.measurement(); }
   Vector3<double> wrench() const { return plant_.wrench(); }
+  double voltage() const { return plant_.voltage(); }
   /// Whether the craft's own watchdog has stopped the motors.
   bool watchdogExpired() const { return expired_; }
 
