@@ -48,6 +48,33 @@ RunData makeRun(const std::string& name, const std::vector<double>& times, const
   return run;
 }
 
+/// The run with other values; what is not given stays. A known wrench belongs to samples: other times need
+/// another one.
+RunData replaced(const RunData& run, const std::optional<std::vector<double>>& times,
+                 const std::optional<Eigen::MatrixX3d>& eta, const std::optional<Eigen::MatrixX3d>& nu,
+                 const std::optional<Eigen::MatrixXd>& inputs, const std::optional<Eigen::MatrixX3d>& poses,
+                 const std::optional<Vector3<double>>& noise, const std::optional<Eigen::MatrixX3d>& wrench,
+                 const std::optional<InertialData>& inertial) {
+  RunData other = run;
+  if (times) other.wrench.resize(0, 3);
+  const auto set = [](auto& value, const auto& given) {
+    if (given) value = *given;
+  };
+  set(other.times, times);
+  set(other.eta, eta);
+  set(other.nu, nu);
+  set(other.poses, poses);
+  set(other.noise, noise);
+  set(other.wrench, wrench);
+  set(other.inertial, inertial);
+  if (!inputs) return other;
+  InputSequence sequence = toInputs(*inputs);
+  sequence.drive = run.inputs.drive;
+  sequence.battery = run.inputs.battery;
+  other.inputs = std::move(sequence);
+  return other;
+}
+
 /// The times as an array that shares the run's memory.
 py::array timesOf(const py::object& self) {
   const auto& run = self.cast<const RunData&>();
@@ -74,6 +101,7 @@ py::dict toDict(const FitResult& result) {
 
 void defInertialData(py::module_& module) {
   py::class_<InertialData>(module, "InertialData", "Samples of a gyro and an accelerometer, calibrated.")
+      .def(py::init<>(), "No samples.")
       .def(py::init([](std::vector<double> times, const Eigen::MatrixX3d& values,
                        const Vector3<double>& noise, const Vector2<double>& place) {
              return InertialData{std::move(times), values, noise, place};
@@ -98,6 +126,10 @@ void defRecording(py::module_& module) {
            py::arg("inputs"), py::arg("poses") = py::none(), py::arg("noise") = py::none(),
            py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none(),
            py::arg("inertial") = py::none(), py::arg("payload") = py::none(), py::arg("battery") = py::none())
+      .def("replaced", &replaced, py::kw_only(), py::arg("times") = py::none(), py::arg("eta") = py::none(),
+           py::arg("nu") = py::none(), py::arg("inputs") = py::none(), py::arg("poses") = py::none(),
+           py::arg("noise") = py::none(), py::arg("wrench") = py::none(), py::arg("inertial") = py::none(),
+           "The run with other values; what is not given stays. Other times drop a known wrench.")
       .def_readonly("payload", &RunData::payload)
       .def_readonly("name", &RunData::name)
       .def_property_readonly("times", &timesOf, "Read-only view [s].")

@@ -233,10 +233,7 @@ def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
 
 def with_known(run: _core.RunData, wrench: Array) -> _core.RunData:
     """A run on which a known wrench (n, 3) acts."""
-    return _core.RunData(
-        run.name, run.times, run.eta, run.nu, run.inputs, run.poses, run.noise, run.drives, wrench,
-        payload=run.payload,
-    )  # fmt: skip
+    return run.replaced(wrench=wrench, inertial=_core.InertialData())
 
 
 def known_wrenches(found: Found, runs: Sequence[_core.RunData], likelihood: Likelihood) -> List[Array]:

@@ -191,18 +191,7 @@ def stretch(run: _core.RunData, times: Array, part: slice) -> _core.RunData:
     """Some samples of a run; times: all of its instants."""
     eta, nu, poses = (np.array(values) for values in (run.eta, run.nu, run.poses))
     poses = poses[part] if len(poses) else poses
-    return _core.RunData(
-        run.name,
-        times[part],
-        eta[part],
-        nu[part],
-        run.inputs,
-        poses,
-        run.noise,
-        run.drives,
-        inertial=run.inertial,
-        payload=run.payload,
-    )
+    return run.replaced(times=times[part], eta=eta[part], nu=nu[part], poses=poses)
 
 
 def excerpt(

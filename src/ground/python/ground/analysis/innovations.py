@@ -96,10 +96,7 @@ class Innovations:
             columns.append(self._innovations(self.likelihood, replace(fit, model=moved), i))
         rows = np.array(run.inputs)
         rows[:, 0] += DELAY
-        late = _core.RunData(
-            run.name, run.times, run.eta, run.nu, rows, run.poses, run.noise, run.drives,
-            run.wrench if len(run.wrench) else None, run.inertial, run.payload,
-        )  # fmt: skip
+        late = run.replaced(inputs=rows)
         alone = replace(fit, loudness=fit.loudness[i : i + 1])
         columns.append(self._innovations(Likelihood([late], self.likelihood.craft), alone, 0))
         return np.column_stack([innovations - column for column in columns])

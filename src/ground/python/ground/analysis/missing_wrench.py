@@ -57,18 +57,8 @@ def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
         keep &= (times < start) | (times > end)
     if not spans or keep.mean() < 0.5:
         return whole
-    rest = _core.RunData(
-        run.name,
-        times[keep],
-        np.array(run.eta)[keep],
-        np.array(run.nu)[keep],
-        run.inputs,
-        np.array(run.poses)[keep],
-        run.noise,
-        run.drives,
-        inertial=run.inertial,
-        payload=run.payload,
-    )
+    eta, nu, poses = (np.array(values)[keep] for values in (run.eta, run.nu, run.poses))
+    rest = run.replaced(times=times[keep], eta=eta, nu=nu, poses=poses)
     events = [(max(a, times[0]), min(b, times[-1])) for a, b in spans]
     return Undisturbed(rest, *residuals.disturbance(rest, model, "white"), events)
 

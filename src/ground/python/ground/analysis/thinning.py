@@ -33,37 +33,14 @@ def thinned(run: _core.RunData) -> _core.RunData:
     poses = mean(run.poses) if len(run.poses) else np.array(run.poses)
     noise = np.array(run.noise) / np.sqrt(count)
     stamps = mean(times[:, None])[:, 0]
-    return _core.RunData(
-        run.name,
-        stamps,
-        mean(run.eta),
-        mean(run.nu),
-        np.array(run.inputs),
-        poses,
-        noise,
-        run.drives,
-        mean(run.wrench) if len(run.wrench) else None,
-        run.inertial,
-        run.payload,
-    )
+    wrench = mean(run.wrench) if len(run.wrench) else None
+    means = {"eta": mean(run.eta), "nu": mean(run.nu), "poses": poses}
+    return run.replaced(times=stamps, noise=noise, wrench=wrench, **means)
 
 
 def by_poses_alone(run: _core.RunData) -> _core.RunData:
     """The run without inertial samples."""
-    if run.inertial is None:
-        return run
-    return _core.RunData(
-        run.name,
-        run.times,
-        run.eta,
-        run.nu,
-        run.inputs,
-        run.poses,
-        run.noise,
-        run.drives,
-        run.wrench if len(run.wrench) else None,
-        payload=run.payload,
-    )
+    return run if run.inertial is None else run.replaced(inertial=_core.InertialData())
 
 
 def _groups(times: Array, step: float, count: int) -> Indices:

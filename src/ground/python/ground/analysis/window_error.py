@@ -341,10 +341,8 @@ def recorded(
             raise GroundError("the model's motion along %s is not finite" % run.name)
         poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
     smoothed = repair.smooth(times, poses, (noise[0], noise[2]))
-    return _core.RunData(
-        run.name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, run.drives,
-        payload=run.payload,
-    )  # fmt: skip
+    others = {"eta": smoothed["eta"], "nu": smoothed["nu"], "poses": poses}
+    return run.replaced(wrench=np.empty((0, 3)), inertial=_core.InertialData(), **others)
 
 
 def pushes(run: _core.RunData, levels: Mapping[str, float], random: Random) -> Tuple[Array, Array]:
