@@ -48,7 +48,7 @@ def run_of(craft=hovercraft, duration=8.0, force=0.0, noise=(3e-4, 3e-4, 5e-3), 
     wrench = np.tile([force, 0.0, 0.0], (len(times), 1))
     eta = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3), [0.0], wrench)["eta"]
     poses = eta + random.normal(size=eta.shape) * noise
-    found = repair.smooth(times, poses, (noise[0], noise[2]))
+    found = repair.smooth(times, poses, (noise[0], noise[2]), _core.RunScales())
     return _core.RunData("run", times, found["eta"], found["nu"], inputs, poses, np.array(noise))
 
 

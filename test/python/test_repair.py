@@ -13,6 +13,7 @@ COUNTED = (
     "frozen poses dropped",
     "headings mirrored back",
     "poses that overtook each other put in order",
+    "positions held between fixes left out",
 )
 
 

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from conftest import recording_of
+from ground import _core
 from ground.recordings import reply
 from ground.recordings.repair import Motion
 
 EFFECT = np.array([[0.9, 0.1, 19.0], [0.8, -0.2, -21.0], [-0.3, 0.7, 12.0]])  # accelerations by full thrust
+NOISE = (3e-4, 5e-3)
+SHARP = _core.RunScales(0.12, 1e9, 1e9)  # accelerations are not smoothed
 DRAG = 0.1 * np.random.default_rng(8).normal(size=(11, 3))
 
 
@@ -27,7 +30,7 @@ def recorded(noise=0.0, seed=5, duration=24.0, together=False):
     eta, flags = np.column_stack([0 * r, 0 * r, np.cumsum(r) / 100]), np.zeros(len(times), bool)
     nu_dot = wanted - np.column_stack([-r * v, r * u, 0 * r])
     recording = recording_of(times, eta, np.column_stack([edges, thrust]), channels=("a", "b", "c"))
-    vars(recording)["motion"] = Motion(times, eta, eta, nu, nu_dot, (3e-4, 5e-3), flags, flags, None)
+    vars(recording)["motion"] = Motion(times, eta, eta, nu, nu_dot, NOISE, SHARP, flags, flags, None)
     return recording
 
 

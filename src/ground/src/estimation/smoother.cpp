@@ -68,7 +68,48 @@ std::vector<Step> filterForward(const std::vector<double>& stamps, const Eigen::
   return steps;
 }
 
+/// Log-likelihood of a measurement, and correction by it.
+double scoreAndCorrect(AxisFilter& filter, double measured, double r, double outlier) {
+  constexpr double kCap = 25;  // squared distance beyond which a measurement does not correct
+  const double innovation = measured - filter.x(0), s = filter.P(0, 0) + r;
+  const double distance = innovation * innovation / s;
+  if (distance < kCap) filter.correct(innovation, r);
+  const double good = -0.5 * (distance + std::log(2 * M_PI * s));
+  return std::max(good, outlier) + std::log1p(std::exp(-std::abs(good - outlier)));
+}
+
 }  // namespace
+
+double motionLikelihood(const std::vector<double>& stamps, const Eigen::VectorXd& positions, double noise,
+                        double jerk, double max_gap, double speed) {
+  Eigen::MatrixX3d eta = Eigen::MatrixX3d::Zero(positions.size(), 3);
+  eta.col(0) = positions;
+  EstimatorParams params;
+  params.position_noise = noise;
+  params.linear_jerk = jerk;
+  params.max_gap = max_gap;
+  check(stamps, eta, params);
+  if (!(speed > 0)) throw std::invalid_argument("the speed must be positive");
+  constexpr double kOutliers = 0.01;  // share
+  constexpr int kFree = 3;            // measurements that determine the motion at the start
+  const double range = std::max(positions.maxCoeff() - positions.minCoeff(), noise);
+  const double outlier = std::log(kOutliers / range);
+  AxisFilter filter;
+  double sum = 0;
+  int since = 0;
+  for (std::size_t k = 0; k < stamps.size(); ++k, ++since) {
+    const double z = positions(static_cast<Eigen::Index>(k));
+    if (k == 0 || stamps[k] - stamps[k - 1] > max_gap) {
+      filter.start(z, noise * noise, speed);
+      since = 0;
+      continue;
+    }
+    filter.predict(stamps[k] - stamps[k - 1], jerk * jerk);
+    const double one = scoreAndCorrect(filter, z, noise * noise, outlier);
+    if (since >= kFree) sum += one;
+  }
+  return sum;
+}
 
 SmoothedMotion smooth(const std::vector<double>& stamps, const Eigen::MatrixX3d& eta,
                       const EstimatorParams& params) {

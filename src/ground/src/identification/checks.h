@@ -9,8 +9,6 @@ namespace ground::detail {
 
 /// checkRun() for estimators that take no known wrench.
 void checkFree(const RunData& run);
-/// Throws std::invalid_argument unless the longest gap within a stretch is positive.
-void checkGap(double max_gap);
 /// Error message for a window in which the motion of a model is not finite.
 std::string notFinite(const RunData& run, const Window& window);
 

@@ -227,14 +227,13 @@ class Pass {
 
 }  // namespace
 
-DisturbanceFilter::DisturbanceFilter(const RunData& run, double max_gap)
+DisturbanceFilter::DisturbanceFilter(const RunData& run)
     : run_(run), poses_(run.poses.rows() == 0 ? run.eta : run.poses), steps_(run) {
   checkRun(run);
-  checkGap(max_gap);
   const std::size_t count = run.times.size();
   starts_.assign(count, false);
   starts_[0] = true;
-  for (std::size_t k = 1; k < count; ++k) starts_[k] = run.times[k] - run.times[k - 1] > max_gap;
+  for (std::size_t k = 1; k < count; ++k) starts_[k] = run.times[k] - run.times[k - 1] > run.scales.max_gap;
   samples_.resize(count);
   if (steps_.mean.rows() > 0) inertial_.resize(count);
   wrench_.resize(static_cast<Eigen::Index>(count), 3);

@@ -99,7 +99,7 @@ double requireFinite(double log_likelihood);
 class DisturbanceFilter {
  public:
   /// The run must outlive the filter.
-  DisturbanceFilter(const RunData& run, double max_gap);
+  explicit DisturbanceFilter(const RunData& run);
 
   /// Filters the run; returns the log-likelihood, which is not finite if the motion is not. Then all
   /// other functions are undefined; see requireFinite(). `levels` are those of this run. Fills in

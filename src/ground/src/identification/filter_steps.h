@@ -111,7 +111,8 @@ struct Covariance {
     const Eigen::Matrix<double, kConstants, kConstants> known =
         P.block<kConstants, kConstants>(kConstant, kConstant);
     StateVector variances;
-    variances << kPosition * kPosition, kPosition * kPosition, kHeading * kHeading, kSpeed * kSpeed,
+    const double position = std::max(kPosition * kPosition, 9 * random.noise.head<2>().maxCoeff());
+    variances << position, position, std::max(kHeading * kHeading, 9 * random.noise(2)), kSpeed * kSpeed,
         kSpeed * kSpeed, kYawRate * kYawRate, random.variance, random.constant, 0;
     P = variances.asDiagonal();
     if (!first) P.block<kConstants, kConstants>(kConstant, kConstant) = known;

@@ -44,12 +44,12 @@ std::vector<std::vector<double>> startsOf(const Free& free, int count) {
 
 /// Short windows, cut from those of a problem and spread evenly over them.
 std::vector<Window> shortPieces(const SimulationError& problem) {
-  constexpr double kLength = 0.3;     // [s]
+  constexpr double kPart = 0.2;       // of the length of a window
   constexpr std::size_t kCount = 64;  // at most; enough for an approximate solution
   std::vector<Window> all;
   for (const Window& w : problem.windows()) {
     const RunData& run = problem.runs()[w.run];
-    const auto found = cutWindows(run, w.run, run.times[w.first], run.times[w.last], kLength);
+    const auto found = cutWindows(run, w.run, run.times[w.first], run.times[w.last], kPart * run.scales.window);
     all.insert(all.end(), found.begin(), found.end());
   }
   if (all.empty()) return problem.windows();

@@ -101,10 +101,10 @@ void normaliseWeights(std::vector<Alternative>& alternatives) {
 
 }  // namespace
 
-GreyBox::GreyBox(std::vector<RunData> runs, const Body<double>& craft, double max_gap)
-    : runs_(std::move(runs)), prior_(craft), max_gap_(max_gap) {
+GreyBox::GreyBox(std::vector<RunData> runs, const Body<double>& craft)
+    : runs_(std::move(runs)), prior_(craft) {
   if (runs_.empty()) throw std::invalid_argument("there is no run");
-  for (const RunData& run : runs_) DisturbanceFilter(run, max_gap_);
+  for (const RunData& run : runs_) DisturbanceFilter{run};
 }
 
 void GreyBox::check(const GreyBoxPoint& point, double cap) const {
@@ -138,7 +138,7 @@ GreyBoxFit GreyBox::fit(const GreyBoxPoint& start, const GreyBoxOptions& options
   std::vector<const RunData*> all;
   for (const RunData& run : runs_) all.push_back(&run);
   requireIdentifiable(options.free, all);
-  RunFilters search(runs_, max_gap_, options.threads);
+  RunFilters search(runs_, options.threads);
   return maximiseLikelihood(search, prior_, start, options);
 }
 
@@ -150,7 +150,7 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit, const Gre
     throw std::invalid_argument("intervals need a fit of these runs and of their levels");
   check(fit.point, options.cap);
   const std::set<int> held = levelIndices(options.held);
-  RunFilters search(runs_, max_gap_, options.threads);
+  RunFilters search(runs_, options.threads);
   const Free free = makeFree(fit.point.model, options.free);
   // `away`: change of the levels' logarithms and of the runs' scales.
   const auto at = [&](const Eigen::VectorXd& away) {
@@ -191,7 +191,7 @@ std::vector<FittedParameter> GreyBox::intervals(const GreyBoxFit& fit, const Gre
 std::vector<Eigen::VectorXd> GreyBox::likelihood(const GreyBoxPoint& point, double cap, double block,
                                                  int threads) const {
   check(point, cap);
-  RunFilters search(runs_, max_gap_, threads);
+  RunFilters search(runs_, threads);
   requireFinite(search.evaluate(point, cap));
   std::vector<Eigen::VectorXd> result;
   for (const DisturbanceFilter& filter : search.filters()) result.push_back(filter.densities(block));
@@ -201,7 +201,7 @@ std::vector<Eigen::VectorXd> GreyBox::likelihood(const GreyBoxPoint& point, doub
 GreyBoxScores GreyBox::scores(const GreyBoxPoint& point, const std::vector<std::string>& parameters,
                               double cap, double block, int threads) const {
   check(point, cap);
-  RunFilters search(runs_, max_gap_, threads);
+  RunFilters search(runs_, threads);
   const Free free = makeFree(point.model, parameters);
   requireFinite(search.evaluate(point, cap));
   std::vector<RunScores> found(runs_.size());
@@ -232,7 +232,7 @@ GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double c
       (acting.cols() > 0 && acting.rows() != static_cast<Eigen::Index>(runs_[at].times.size())) ||
       !acting.allFinite())
     throw std::invalid_argument("acting wrenches need a finite row a sample and three columns each");
-  DisturbanceFilter filter(runs_[at], max_gap_);
+  DisturbanceFilter filter(runs_[at]);
   requireFinite(filter.run(point.model, levelsOf(point, at), cap));
   const auto count = static_cast<Eigen::Index>(filter.samples().size());
   GreyBoxResiduals result;
@@ -253,7 +253,7 @@ GreyBoxResiduals GreyBox::residuals(const GreyBoxPoint& point, int run, double c
 SmoothedWrench GreyBox::smooth(const GreyBoxPoint& point, int run, double cap) const {
   const std::size_t at = indexOf(run);
   check(point, cap);
-  return DisturbanceFilter(runs_[at], max_gap_).smooth(point.model, levelsOf(point, at), cap);
+  return DisturbanceFilter(runs_[at]).smooth(point.model, levelsOf(point, at), cap);
 }
 
 std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
@@ -262,7 +262,7 @@ std::vector<Forecast> GreyBox::forecast(const GreyBoxPoint& point, int run,
   const RunData& data = runs_[at];
   checkForecast(options, data.times.size());
   check(point, options.cap);
-  DisturbanceFilter filter(data, max_gap_);
+  DisturbanceFilter filter(data);
   const std::vector<double> about = scalesAbout(options.unknown_scale);
   std::vector<std::vector<Alternative>> alternatives(options.starts.size());
   for (const double more : about) {

@@ -30,6 +30,9 @@ void checkRun(const RunData& run) {
   require(ascends(run.times), "times descend or are not finite");
   require(run.noise.allFinite() && run.noise.minCoeff() > 0,
           "the noise of poses must be positive and finite");
+  const RunScales& scales = run.scales;
+  for (const double scale : {scales.max_gap, scales.linear_jerk, scales.angular_jerk, scales.window})
+    require(scale > 0, "its scales must be positive");
   require((run.wrench.rows() == count || run.wrench.rows() == 0) && run.wrench.allFinite(),
           "the known wrench is not finite or has not a row a sample");
   const InertialData& inertial = run.inertial;
@@ -50,10 +53,6 @@ void checkFree(const RunData& run) {
   if (run.wrench.rows() > 0) throw std::invalid_argument(run.name + ": only GreyBox takes a known wrench");
 }
 
-void checkGap(double max_gap) {
-  if (!(max_gap > 0)) throw std::invalid_argument("the longest gap must be positive");
-}
-
 std::string notFinite(const RunData& run, const Window& window) {
   std::ostringstream out;
   out << "the model's motion is not finite in " << run.name << " from "
@@ -65,9 +64,10 @@ std::string notFinite(const RunData& run, const Window& window) {
 }  // namespace detail
 
 std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to, double length,
-                               double max_gap) {
+                               std::optional<double> max_gap) {
   checkRun(run);
-  detail::checkGap(max_gap);
+  const double longest = max_gap.value_or(run.scales.max_gap);
+  if (!(longest > 0)) throw std::invalid_argument("the longest gap must be positive");
   if (!(length > 0)) throw std::invalid_argument("the length of windows must be positive");
   if (run_index < 0) throw std::invalid_argument("the index of a run is negative");
   if (std::isnan(from) || std::isnan(to)) throw std::invalid_argument("windows need a start and an end");
@@ -83,7 +83,7 @@ std::vector<Window> cutWindows(const RunData& run, int run_index, double from, d
   const auto end = std::upper_bound(begin, run.times.end(), to);
   const int count = static_cast<int>(end - run.times.begin());
   for (int i = static_cast<int>(begin - run.times.begin()); i < count; ++i) {
-    if (first >= 0 && run.times[i] - run.times[i - 1] > max_gap) {
+    if (first >= 0 && run.times[i] - run.times[i - 1] > longest) {
       add(first, i - 1);
       first = i;
     } else if (first < 0) {

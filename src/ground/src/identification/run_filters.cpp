@@ -44,8 +44,8 @@ DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run) {
   return levels;
 }
 
-RunFilters::RunFilters(const std::vector<RunData>& runs, double max_gap, int threads) : threads_(threads) {
-  for (const RunData& run : runs) filters_.emplace_back(run, max_gap);
+RunFilters::RunFilters(const std::vector<RunData>& runs, int threads) : threads_(threads) {
+  for (const RunData& run : runs) filters_.emplace_back(run);
   by_run_.resize(runs.size());
 }
 

@@ -29,7 +29,7 @@ DisturbanceLevels levelsOf(const GreyBoxPoint& point, std::size_t run);
 /// call.
 class RunFilters {
  public:
-  RunFilters(const std::vector<RunData>& runs, double max_gap, int threads);
+  RunFilters(const std::vector<RunData>& runs, int threads);
 
   /// The log-likelihood of all runs; not finite if the motion is not finite.
   [[nodiscard]] double evaluate(const GreyBoxPoint& point, double cap);

@@ -56,7 +56,7 @@ const std::vector<Ratio>& ratios() {
   static const std::vector<Ratio> all = {
       // The first ratio decides whether a craft is refused.
       {"full thrust accelerates the craft by", "m/s^2",
-       0.05, 50, acceleration, {"m", "k", "input_max"}},
+       0.005, 50, acceleration, {"m", "k", "input_max"}},
       {"the radius of gyration over the lever is", "",
        0.1, 10, gyrationOverLever, {"I_z", "l", "m"}},
       {"the mass over the square of the radius of gyration is", "kg/m^2",

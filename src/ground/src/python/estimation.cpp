@@ -140,6 +140,9 @@ void bindEstimation(py::module_& module) {
       },
       py::arg("stamps"), py::arg("eta"), py::arg("params"),
       "Velocities without delay from the poses of a whole recording.");
+  module.def("motion_likelihood", &motionLikelihood, py::arg("stamps"), py::arg("positions"),
+             py::arg("noise"), py::arg("jerk"), py::arg("max_gap"), py::arg("speed"),
+             "Log-likelihood of the positions of one axis under white noise and white jerk.");
 }
 
 }  // namespace ground

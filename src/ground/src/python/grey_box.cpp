@@ -147,10 +147,10 @@ void bindGreyBox(py::module_& module) {
       .def_property_readonly("levels", [](const GreyBoxPoint& p) { return levelsToDict(p.levels); })
       .def_readonly("log_scales", &GreyBoxPoint::log_scales);
   py::class_<GreyBox>(module, "GreyBox", "Stochastic grey-box likelihood of recorded poses.")
-      .def(py::init([](std::vector<RunData> runs, const Model& craft, double max_gap) {
-             return GreyBox(std::move(runs), craft.body, max_gap);
+      .def(py::init([](std::vector<RunData> runs, const Model& craft) {
+             return GreyBox(std::move(runs), craft.body);
            }),
-           py::arg("runs"), py::arg("craft"), py::arg("max_gap") = 0.1)
+           py::arg("runs"), py::arg("craft"))
       .def("start", &GreyBox::start, py::arg("model"))
       .def("fit", &fitBox, py::arg("start"), py::arg("free"), py::arg("levels") = true,
            py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0, py::arg("warm") = false,

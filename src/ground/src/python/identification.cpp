@@ -33,7 +33,7 @@ RunData makeRun(const std::string& name, const std::vector<double>& times, const
                 const std::optional<Eigen::MatrixX3d>& poses, const std::optional<Vector3<double>>& noise,
                 const std::vector<double>& drives, const std::optional<Eigen::MatrixX3d>& wrench,
                 const std::optional<InertialData>& inertial, const std::optional<Payload>& payload,
-                const std::optional<Eigen::MatrixX2d>& battery) {
+                const std::optional<Eigen::MatrixX2d>& battery, const RunScales& scales) {
   RunData run{name,
               times,
               eta,
@@ -43,7 +43,8 @@ RunData makeRun(const std::string& name, const std::vector<double>& times, const
               noise.value_or(RunData().noise),
               wrench.value_or(Eigen::MatrixX3d(0, 3)),
               inertial.value_or(InertialData()),
-              payload.value_or(Payload())};
+              payload.value_or(Payload()),
+              scales};
   if (!drives.empty()) run.inputs.drive = DriveClock(drives);
   return run;
 }
@@ -120,12 +121,32 @@ void defInertialData(py::module_& module) {
           }));
 }
 
+void defRunScales(py::module_& module) {
+  using One = RunScales;
+  py::class_<One>(module, "RunScales", "Scales of a run that follow from its poses and its craft.")
+      .def(py::init([](double max_gap, double linear_jerk, double angular_jerk, double window) {
+             return One{max_gap, linear_jerk, angular_jerk, window};
+           }),
+           py::arg("max_gap") = One().max_gap, py::arg("linear_jerk") = One().linear_jerk,
+           py::arg("angular_jerk") = One().angular_jerk, py::arg("window") = One().window)
+      .def_readonly("max_gap", &One::max_gap, "Longest time between poses that is bridged [s].")
+      .def_readonly("linear_jerk", &One::linear_jerk, "By which poses were smoothed [m/s^2.5].")
+      .def_readonly("angular_jerk", &One::angular_jerk, "The same of the heading [rad/s^2.5].")
+      .def_readonly("window", &One::window, "Length of the windows over which errors are taken [s].")
+      .def(py::pickle(
+          [](const One& s) { return py::make_tuple(s.max_gap, s.linear_jerk, s.angular_jerk, s.window); },
+          [](const py::tuple& t) {
+            return One{t[0].cast<double>(), t[1].cast<double>(), t[2].cast<double>(), t[3].cast<double>()};
+          }));
+}
+
 void defRecording(py::module_& module) {
   py::class_<RunData>(module, "RunData", "A recording: measurements and commands on one clock.")
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
            py::arg("inputs"), py::arg("poses") = py::none(), py::arg("noise") = py::none(),
            py::arg("drives") = std::vector<double>(), py::arg("wrench") = py::none(),
-           py::arg("inertial") = py::none(), py::arg("payload") = py::none(), py::arg("battery") = py::none())
+           py::arg("inertial") = py::none(), py::arg("payload") = py::none(), py::arg("battery") = py::none(),
+           py::arg("scales") = RunScales())
       .def("replaced", &replaced, py::kw_only(), py::arg("times") = py::none(), py::arg("eta") = py::none(),
            py::arg("nu") = py::none(), py::arg("inputs") = py::none(), py::arg("poses") = py::none(),
            py::arg("noise") = py::none(), py::arg("wrench") = py::none(), py::arg("inertial") = py::none(),
@@ -138,6 +159,7 @@ void defRecording(py::module_& module) {
       .def_readonly("poses", &RunData::poses)
       .def_readonly("noise", &RunData::noise)
       .def_readonly("wrench", &RunData::wrench)
+      .def_readwrite("scales", &RunData::scales)
       .def_property_readonly(
           "inertial",
           [](const RunData& run) {
@@ -167,14 +189,16 @@ void defRecording(py::module_& module) {
       .def(py::pickle(
           [](const RunData& r) {
             return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
-                                  r.inputs.drive.starts(), r.wrench, r.inertial, r.payload, fromBattery(r));
+                                  r.inputs.drive.starts(), r.wrench, r.inertial, r.payload, fromBattery(r),
+                                  r.scales);
           },
           [](const py::tuple& t) {
             return makeRun(
                 t[0].cast<std::string>(), t[1].cast<std::vector<double>>(), t[2].cast<Eigen::MatrixX3d>(),
                 t[3].cast<Eigen::MatrixX3d>(), t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
                 t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(), t[8].cast<Eigen::MatrixX3d>(),
-                t[9].cast<InertialData>(), t[10].cast<Payload>(), t[11].cast<Eigen::MatrixX2d>());
+                t[9].cast<InertialData>(), t[10].cast<Payload>(), t[11].cast<Eigen::MatrixX2d>(),
+                t[12].cast<RunScales>());
           }));
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) {
@@ -189,7 +213,7 @@ void defRecording(py::module_& module) {
                         return Window{t[0].cast<int>(), t[1].cast<int>(), t[2].cast<int>()};
                       }));
   module.def("cut_windows", &cutWindows, py::arg("run"), py::arg("run_index"), py::arg("start"),
-             py::arg("end"), py::arg("length"), py::arg("max_gap") = 0.1);
+             py::arg("end"), py::arg("length"), py::arg("max_gap") = py::none());
 }
 
 void defSimulationError(py::module_& module) {
@@ -271,6 +295,7 @@ py::list toList(const std::vector<FittedParameter>& parameters) {
 
 void bindIdentification(py::module_& module) {
   defInertialData(module);
+  defRunScales(module);
   defRecording(module);
   defSimulationError(module);
   defPrediction(module);

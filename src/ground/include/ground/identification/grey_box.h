@@ -126,9 +126,9 @@ struct Forecast {
 class GreyBox {
  public:
   /// The priors of the levels are relative to the craft's full thrust. Throws std::invalid_argument
-  /// if there is no run, checkRun() refuses one, or the gap is not positive. All functions throw it
+  /// if there is no run or checkRun() refuses one. All functions throw it
   /// on invalid arguments, and std::runtime_error if the model's motion along a run is not finite.
-  GreyBox(std::vector<RunData> runs, const Body<double>& craft, double max_gap = 0.1);
+  GreyBox(std::vector<RunData> runs, const Body<double>& craft);
   ~GreyBox();
 
   /// Start of a search: the prior's medians, except for a disturbance of 10% of full thrust, and a
@@ -177,7 +177,6 @@ class GreyBox {
 
   std::vector<RunData> runs_;
   LevelPrior prior_;
-  double max_gap_;
 };
 
 }  // namespace ground

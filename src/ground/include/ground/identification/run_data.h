@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,14 @@ struct InertialData {
   bool empty() const { return times.empty(); }
 };
 
+/// Scales of a run that follow from its poses and its craft.
+struct RunScales {
+  double max_gap = 0.1;       ///< longest time between poses that is bridged [s]
+  double linear_jerk = 5;     ///< by which the poses were smoothed: EstimatorParams [m/s^2.5]
+  double angular_jerk = 120;  ///< the same of the heading [rad/s^2.5]
+  double window = 1.5;        ///< length of the windows over which errors are taken [s]
+};
+
 /// One recording: measurements and commands, on a clock that is 0 at the start of the run.
 struct RunData {
   std::string name;
@@ -35,13 +44,14 @@ struct RunData {
   Eigen::MatrixX3d wrench = {};
   InertialData inertial = {};  ///< empty: none. Only GreyBox uses it.
   Payload payload = {};        ///< what the craft carried
+  RunScales scales = {};
 };
 
 /// The smoothed motion of a run.
 inline Motion motionOf(const RunData& run) { return {&run.times, &run.eta, &run.nu}; }
 
 /// Throws std::invalid_argument unless a run has samples, arrays of equal length, finite measurements
-/// at finite ascending times, a positive noise, no known wrench or a finite one, and the same of what is
+/// at finite ascending times, a positive noise, positive scales, no known wrench or a finite one, and the same of what is
 /// inertial.
 void checkRun(const RunData& run);
 
@@ -52,11 +62,11 @@ struct Window {
 };
 
 /// Cuts the part [from, to] s of a run into windows of `length` seconds that share their end
-/// points. Drops a last piece of half a window or less. Windows do not contain gaps longer than
-/// `max_gap` seconds in the measurements. Throws std::invalid_argument if checkRun(run) does, a time
+/// points. Drops a last piece of half a window or less. Windows do not contain gaps in the measurements
+/// longer than `max_gap` seconds (default: that of the run). Throws std::invalid_argument if checkRun(run) does, a time
 /// is NaN, or the length or the gap is not positive.
 std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to, double length,
-                               double max_gap = 0.1);
+                               std::optional<double> max_gap = std::nullopt);
 
 /// Simulated measurements of poses and velocities of windows, at the samples of their runs.
 struct WindowSimulation {

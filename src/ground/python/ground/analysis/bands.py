@@ -24,14 +24,14 @@ from ground.support.annotations import Array, Document, Each, Flags
 from ground.support.errors import GroundError
 
 PART = 0.9  # probability that a band holds the measurement
-HORIZONS = (0.5, windows.WINDOW, 4.0)  # horizons at which coverage is counted [s]
+HORIZONS = (1 / 3, 1.0, 8 / 3)  # horizons at which coverage is counted [windows]
 CHANNELS = ("x", "y", "psi", "u", "v", "r")
 POSE = CHANNELS[:3]  # measured; the velocities are smoothed from these
-LEARNING = 0.5  # time in which the filter learns the motion at the beginning of a stretch [s]
+LEARNING = 1 / 3  # time in which the filter learns the motion at the beginning of a stretch [windows]
 DRAWS = 59  # motions drawn; 5% of (DRAWS + 1) is whole, so that quantiles are order statistics
 _Task = Tuple[_core.RunData, likelihood.Fit, List[_core.Window], float]  # ..., expected loudness
 
-TOLERANCE = 0.05  # longest time from the last sample to the horizon [s]
+TOLERANCE = 1 / 30  # longest time from the last sample to the horizon [windows]
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,11 @@ class Bands:
     run: _core.RunData
     predictions: Tuple[Prediction, ...]  # in the order of their starts
 
+    @property
+    def unit(self) -> float:
+        """Length of a window [s]."""
+        return float(self.run.scales.window)
+
     def tiled(self, horizon: float) -> List[Tuple[Array, Array, Array]]:
         """Predictions that follow each other, each cut off at a horizon [s].
 
@@ -61,7 +66,7 @@ class Bands:
         """
         tiles, end = [], -np.inf
         for one in self.predictions:
-            if one.times[0] < end - TOLERANCE:
+            if one.times[0] < end - TOLERANCE * self.unit:
                 continue
             inside = one.times <= one.times[0] + horizon
             tiles.append((one.times[inside], one.low[inside], one.high[inside]))
@@ -74,7 +79,7 @@ class Bands:
         for prediction in self.predictions:
             times = prediction.times - prediction.times[0]
             row = int(np.searchsorted(times, horizon, side="right")) - 1
-            if times[row] > horizon - TOLERANCE:
+            if times[row] > horizon - TOLERANCE * self.unit:
                 measured = prediction.measured[row]
                 within = (prediction.low[row] <= measured) & (measured <= prediction.high[row])
                 held = np.vstack([held, within])
@@ -128,7 +133,7 @@ def _predict(task: _Task) -> List[Prediction]:
     """Predictions of a run from starts in its windows; none if a motion is not finite."""
     run, fit, cut, loudness = task
     times, measured = np.array(run.times), _measured(run)
-    starts, horizons = _starts(times, cut)
+    starts, horizons = _starts(run, cut)
     box = call(_core.GreyBox, [run], fit.model)
     try:
         found = call(
@@ -160,18 +165,19 @@ def _predict(task: _Task) -> List[Prediction]:
     return predictions
 
 
-def _starts(times: Array, cut: Sequence[_core.Window]) -> Tuple[List[int], List[float]]:
+def _starts(run: _core.RunData, cut: Sequence[_core.Window]) -> Tuple[List[int], List[float]]:
     """Samples to predict from, one in each window, and horizons [s]. None starts at a stretch's first pose:
     the filter first has to learn the motion."""
+    times, unit = np.array(run.times), run.scales.window
     starts, horizons = [], []
     for window in sorted(cut, key=lambda w: int(w.first)):
         first, last = window.first, window.last
-        if first == 0 or times[first] - times[first - 1] > repair.MAX_GAP:
-            starts.append(int(np.searchsorted(times, times[first] + LEARNING)))
+        if first == 0 or times[first] - times[first - 1] > run.scales.max_gap:
+            starts.append(int(np.searchsorted(times, times[first] + LEARNING * unit)))
             horizons.append(times[last] - times[starts[-1]])
         else:
             starts.append(first)
-            horizons.append(HORIZONS[-1])
+            horizons.append(HORIZONS[-1] * unit)
     return starts, horizons
 
 
@@ -186,10 +192,9 @@ def _measured(run: _core.RunData) -> Array:
 def _smoothed_noise(run: _core.RunData) -> Array:
     """Standard deviations (3,) of the noise that smoothing leaves in u, v [m/s], r [rad/s]: by how
     much the velocities change when new noise is added to the smoothed poses."""
-    times, eta, noise = np.array(run.times), np.array(run.eta), np.array(run.noise)
+    eta, noise = np.array(run.eta), np.array(run.noise)
     noisy = eta + noise * np.random.default_rng(1).normal(size=eta.shape)
-    levels = noise[0], noise[2]
-    with_it, without = (repair.smooth(times, poses, levels)["nu"] for poses in (noisy, eta))
+    with_it, without = (repair.again(run, poses)["nu"] for poses in (noisy, eta))
     return np.asarray(np.std(with_it - without, axis=0))
 
 
@@ -200,8 +205,8 @@ def coverage(bands: Sequence[Bands]) -> List[Document]:
     predictions (their number). Horizons that no run reaches are left out.
     """
     rows = []
-    for horizon in HORIZONS:
-        held = np.vstack([b.at(horizon) for b in bands]) if bands else np.zeros((0, 6), bool)
+    for horizon in [part * bands[0].unit for part in HORIZONS] if bands else []:
+        held = np.vstack([b.at(horizon) for b in bands])
         for i, channel in enumerate(CHANNELS if len(held) else ()):
             share = float(held[:, i].mean())
             row = {"horizon": horizon, "channel": channel, "coverage": share, "predictions": len(held)}

@@ -12,10 +12,10 @@ from ground.recordings import windows
 from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import GroundError
 
-START = 0.4  # part of a window that gives the initial velocities of the pure prediction [s]
-BLOCK = 0.5  # of nearly independent errors, as for intervals of fits [s]
+START = 4 / 15  # part of a window that gives the initial velocities of the pure prediction
+BLOCK = 1 / 3  # of nearly independent errors, as for intervals of fits [windows]
 THESIS_SPAN = 4.0  # length of the thesis's objective [s]
-HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # [s]
+HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # [2/3 of a window], which is 1 s for a palm-sized hovercraft
 CHANNELS = ("u", "v", "r")
 UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s"}
 
@@ -46,6 +46,7 @@ class Evaluation:
     sigma: Array  # (3,) standard deviations of u, v, r in the run
     predicted: Array  # (m, 3) errors of the pure prediction [standard deviations]
     thesis: Optional[float]
+    window: float  # length of a window [s]
     horizons: List[Document]  # per horizon: seconds, errors (k, 2) [mm], [deg]
 
     @property
@@ -53,7 +54,7 @@ class Evaluation:
         """Sum of the errors of u, v, r in each block of windows, (blocks,)."""
         blocks = []
         for piece in self.pieces:
-            count = max(1, round(np.ptp(piece["times"]) / BLOCK))
+            count = max(1, round(np.ptp(piece["times"]) / (BLOCK * self.window)))
             blocks += np.array_split(np.abs((piece["measured"] - piece["nu"]) / self.sigma), count)
         return np.array([block.mean(axis=0).sum() for block in blocks])
 
@@ -96,16 +97,17 @@ def evaluate(run: _core.RunData, model: _core.Model) -> Evaluation:
         sigma,
         _predict(run, model, cut, sigma),
         thesis_objective(run, model),
+        windows.length([run]),
         _predict_horizons(run, model),
     )
 
 
 def _predict(run: _core.RunData, model: _core.Model, cut: Sequence[_core.Window], sigma: Array) -> Array:
-    """Errors after the first 0.4 s of windows; initial velocities are fitted to that part only."""
+    """Errors after the first part of windows; initial velocities are fitted to that part only."""
     times, nu = np.array(run.times), np.array(run.nu)
     starts, scored = [], []
     for window in cut:
-        split = np.searchsorted(times, times[window.first] + START)
+        split = np.searchsorted(times, times[window.first] + START * windows.length([run]))
         if split - window.first >= 4 and split < window.last:
             starts.append(_core.Window(0, window.first, int(split)))
             scored.append(window)
@@ -123,7 +125,7 @@ def _predict(run: _core.RunData, model: _core.Model, cut: Sequence[_core.Window]
 def _predict_horizons(run: _core.RunData, model: _core.Model) -> List[Document]:
     """Errors of poses predicted over HORIZONS."""
     rows = []
-    for seconds in HORIZONS:
+    for seconds in [round(part * windows.length([run]) / 1.5, 9) for part in HORIZONS]:
         errors = np.empty((0, 2))
         with contextlib.suppress(GroundError):  # the run is too short
             chosen = horizon.starts([run], seconds)

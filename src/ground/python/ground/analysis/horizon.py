@@ -1,7 +1,6 @@
 """Predicted poses at the horizon that suits a craft: the size of an error, or of an effect, as a
 person sees it."""
 
-import itertools
 from dataclasses import asdict, dataclass
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -14,9 +13,6 @@ from ground.recordings import repair, windows
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
-LENGTHS = 20.0  # travelled at full thrust within the horizon [radii of gyration]; some five lengths
-TURN = 2 * np.pi  # turned at full moment within the horizon [rad]
-STEPS = (1.0, 2.0, 5.0)  # horizons are these times a power of ten [s]
 MIN_POSES = 10  # intervals between poses in the shortest horizon
 WARM_UP = 0.5  # time before a start that its initial velocities are fitted to [horizons]
 MIN_STARTS = 4  # in all runs
@@ -36,20 +32,9 @@ def horizon(runs: Sequence[_core.RunData], model: _core.Model) -> float:
     """Time [s] in which full thrust moves a craft by some lengths or turns it round: 1 s for a
     palm-sized hovercraft, 10 s for a free-flyer. Long enough for some poses, and short enough for some
     starts in the runs. Diagnoses use that of the given model for all models."""
-    value = model.value
-    least, most = _full_thrust(model)
-    full = np.maximum(np.abs(least), most)
-    radius = np.sqrt(value("I_z") / value("m"))
-    way = np.array([LENGTHS * radius, LENGTHS * radius, TURN])
-    mass = np.array([value("m"), value("m"), value("I_z")])
-    damping = np.array([value("X_u"), value("Y_v"), value("N_r")])
-    moved = full > 1e-9 * full[:2].max()
-    way, mass, damping, full = (a[moved] for a in (way, mass, damping, full))
-    # The time t with mass 2 way / t^2 + damping way / t = full.
-    half = 0.5 * way * damping / full
-    usual = float(np.min(half + np.sqrt(half**2 + 2 * way * mass / full)))
+    usual = windows.time_scale(model)
     step = float(np.median(np.concatenate([np.diff(np.array(run.times)) for run in runs])))
-    return _shortened(runs, max(_nearest(usual), MIN_POSES * step), MIN_POSES * step)
+    return _shortened(runs, max(usual, MIN_POSES * step), MIN_POSES * step)
 
 
 def _shortened(runs: Sequence[_core.RunData], seconds: float, least: float) -> float:
@@ -57,30 +42,8 @@ def _shortened(runs: Sequence[_core.RunData], seconds: float, least: float) -> f
     while seconds > least:
         if sum(len(_starts_in(run, i, seconds)) for i, run in enumerate(runs)) >= MIN_STARTS:
             return seconds
-        seconds = _nearest(0.45 * seconds)
+        seconds = windows.nearest(0.45 * seconds)
     return least
-
-
-def _full_thrust(model: _core.Model) -> Array:
-    """Least and most X, Y [N], N [N m] that the thrusters give, (2, 3)."""
-    thrusters = model.thrusters
-    ends = np.array([t["range"] for t in thrusters]) if thrusters else np.empty((0, 2))
-    if model.is_pair or not len(ends):
-        ends = np.array([[0.0, model.input_max]] * 2)
-    scale = model.value("k") * np.array([1.0, 1.0, model.value("l")])
-    if any(t["is_angle"] for t in thrusters):  # a rudder needs the stream of its thruster
-        corners = np.array(list(itertools.product(*ends)))
-        wrench = np.asarray(model.forces(corners)) * scale
-        return np.array([wrench.min(axis=0), wrench.max(axis=0)])
-    each = np.array([model.forces(np.diag(ends[:, i])) * scale for i in (0, 1)])
-    return np.array([each.min(axis=0).sum(axis=0), each.max(axis=0).sum(axis=0)])
-
-
-def _nearest(seconds: float) -> float:
-    """The nearest of STEPS times a power of ten."""
-    power = np.floor(np.log10(seconds))
-    near = np.array([step * 10.0 ** (power + i) for i in (0, 1) for step in STEPS])
-    return float(near[np.argmin(np.abs(np.log(near / seconds)))])
 
 
 def starts(runs: Sequence[_core.RunData], seconds: float, most: float = MAX_STARTS) -> List[_core.Window]:

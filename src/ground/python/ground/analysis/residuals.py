@@ -82,7 +82,7 @@ def disturbance(
     """The likelihood of a run's poses, and its maximum over the levels of pose noise and of a wrench in the
     body's frame: "sigma", correlated over time, or "white", which leaves everything else in the
     innovations."""
-    box = _core.GreyBox([thinned(run)], model, repair.MAX_GAP)
+    box = _core.GreyBox([thinned(run)], model)
     start = box.start(model).levels
     fitted = ["position", "heading"] + [kind + "_" + channel for channel in UNITS]
     absent = ["thrust"] if kind == "sigma" else [name for name in start if name.startswith(CORRELATED)]
@@ -90,7 +90,7 @@ def disturbance(
     held = [name for name in start if name not in fitted]
     # What is correlated is asked of runs without disturbances, so that no pose is far off.
     found = box.fit(point, [], held=held, warm=kind == "sigma", max_iterations=ITERATIONS)["point"]
-    return _core.GreyBox([run], model, repair.MAX_GAP), found
+    return _core.GreyBox([run], model), found
 
 
 def levels(point: _core.GreyBoxPoint, run: _core.RunData, kind: str) -> Document:

@@ -28,7 +28,7 @@ from ground.recordings import windows
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
-LENGTHS = (windows.WINDOW, windows.WINDOW / 3)  # [s]: windows of the refits without effects
+LENGTHS = (1.0, 1 / 3)  # of windows of the refits without effects, relative to those of the error
 BETTER = 0.9  # largest ratio of errors at which a longer formula is worth it
 LENGTHENED = 3  # formulas, each longer than the one before
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
@@ -193,7 +193,7 @@ def _refits(found: Diagnosis) -> List[Tuple[Refit, ModelsAt]]:
     free = window_error.free_parameters(found.given)
     for length in LENGTHS:
         with contextlib.suppress(GroundError):  # the simulation diverges
-            fitter = window_error.WindowFitter(found.runs, threads=1, length=length)
+            fitter = window_error.WindowFitter(found.runs, threads=1, length=length * windows.length(found.runs))
             fitted = fitter.fit(found.given, free, also=[found.nominal.model])
             refits.append((_refit(SIMULATION, fitted), functools.partial(fitter.models_at, fitted)))
     return refits

@@ -47,7 +47,7 @@ class WindowFitter:
 
     Of long runs about `most` windows are used, spread evenly, so that the work does not grow with them.
     threads: 0 for all cores; with one thread results are reproducible; most_parts: parts that several runs
-    are held out in; length: of the windows fitted to [s]; target, options: what is simulated, and of the
+    are held out in; length: of the windows fitted to [s] (default: that of the error); target, options: what is simulated, and of the
     core's fit. Raises GroundError when runs are too short.
     """
 
@@ -57,7 +57,7 @@ class WindowFitter:
         threads: int = 0,
         most: float = MAX_WINDOWS,
         most_parts: int = PARTS,
-        length: float = windows.WINDOW,
+        length: Optional[float] = None,
         target: _core.Target = _core.Target.velocities,
         **options: Any,
     ) -> None:
@@ -66,8 +66,10 @@ class WindowFitter:
         every = windows.cut(runs)
         self.windows = windows.spread(every, most)  # whose errors are taken
         self.available = len(every)  # number of windows before thinning
-        is_usual = length == windows.WINDOW
-        many = most * windows.WINDOW / length  # the same total length of data
+        usual = windows.length(runs)
+        length = length or usual
+        is_usual = length == usual
+        many = most * usual / length  # the same total length of data
         self.fitted = self.windows if is_usual else windows.spread(windows.cut(runs, length), many)
         self.part_of = parts_of(runs, self.windows, most_parts)
         self.part_of_fitted = parts_of(runs, self.fitted, most_parts)
@@ -114,7 +116,7 @@ class WindowFitter:
         if len(self.parts) < 2:
             raise GroundError(
                 "%s: too short to hold a part of it out; at least two windows of %.1f s are needed"
-                % (self.runs[0].name, windows.WINDOW)
+                % (self.runs[0].name, windows.length(self.runs))
             )
 
     def whole(self, model: _core.Model, free: Sequence[str], also: Sequence[_core.Model] = ()) -> Document:
@@ -322,7 +324,7 @@ def recorded(
         model = model.copy()
         model.set_value("k", (1 + thrust) * model.value("k"))
     poses = np.empty_like(eta)
-    breaks = np.flatnonzero(np.diff(times) > repair.MAX_GAP) + 1
+    breaks = np.flatnonzero(np.diff(times) > run.scales.max_gap) + 1
     for stretch in np.split(np.arange(len(times)), breaks):
         start = stretch[0]
         try:
@@ -340,7 +342,7 @@ def recorded(
         except RuntimeError:
             raise GroundError("the model's motion along %s is not finite" % run.name)
         poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
-    smoothed = repair.smooth(times, poses, (noise[0], noise[2]))
+    smoothed = repair.again(run, poses)
     others = {"eta": smoothed["eta"], "nu": smoothed["nu"], "poses": poses}
     return run.replaced(wrench=np.empty((0, 3)), inertial=_core.InertialData(), **others)
 

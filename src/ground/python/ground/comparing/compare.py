@@ -6,7 +6,7 @@ models    by label: file, text (of a model file), effects, fitted_to (names of b
 runs      name, bag, models: by label
   role              fit or held_out, by the digests of recordings in the model's provenance; fit where
                     its file has names only
-  error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of 1.5 s; error_by_channel
+  error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of a length that suits the craft; error_by_channel
   prediction_error  the same with initial velocities from the first 0.4 s, of the rest
   thesis_objective  (3.4) over the first 4 s
   fit_percent, rms  per channel, of the windows
@@ -30,6 +30,7 @@ noise_floor  error that the noise of the poses alone would leave there, if the b
 import argparse
 import json
 import os
+from dataclasses import replace
 from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
 import numpy as np
@@ -49,6 +50,7 @@ from ground.data.measured import (
     taken,
 )
 from ground.models import Model, ModelLike
+from ground.recordings import windows
 from ground.recordings.recording import Recording
 from ground.reports import inspection, result_folder
 from ground.support import command_line, workers
@@ -130,6 +132,7 @@ def _each_run(
 ) -> Iterator[RunComparison]:
     """The RunComparison of each run, in their order."""
     first = next(iter(models.values()))
+    part = replace(part, window=part.window or windows.usual(first.core))  # the same for all models
     recordings = [recording.with_lift_of(first.core) for recording in recordings]
     lengths = [1 + int(recording.duration) for recording in recordings]
     runs = repaired(recordings, work)

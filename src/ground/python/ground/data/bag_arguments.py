@@ -10,7 +10,7 @@ from ground.recordings import mapping, run_settings
 from ground.recordings.recording import Recording
 from ground.support import command_line, files
 from ground.support.annotations import Document
-from ground.support.command_line import number, option
+from ground.support.command_line import number, option, positive
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,19 @@ def add_reading_arguments(parser: "argparse._ActionsContainer") -> None:
     parser.add_argument(
         "--body", metavar="NAME", help="child frame, or part of the topic's name, of the craft"
     )
+    parser.add_argument(
+        "--noise",
+        type=positive,
+        nargs=2,
+        metavar=("M", "RAD"),
+        help="standard deviations of positions [m] and headings [rad] (of the scatter of the poses)",
+    )
+    parser.add_argument(
+        "--frame-rate",
+        type=positive,
+        metavar="HZ",
+        help="of the mocap's camera, if the stamps are late [Hz] (of stamps and motion)",
+    )
 
 
 def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
@@ -67,6 +80,8 @@ def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
         arguments.body,
         arguments.axes,
         arguments.heading_offset,
+        arguments.noise,
+        arguments.frame_rate,
     )
 
 

@@ -12,7 +12,7 @@ from ground.recordings.mapping import DEFAULT, FieldMapping, load
 from ground.recordings.quality import RepairedRun
 from ground.recordings.recording import Recording
 from ground.support.annotations import Path
-from ground.support.command_line import option, seconds
+from ground.support.command_line import option, positive, seconds
 from ground.support.errors import GroundError, GroundNote, RecordingWarning, warn
 from ground.support.progress import Work
 from ground.support.results import distinct_labels
@@ -31,6 +31,8 @@ def read(
     pose_topic: Optional[str] = None,
     command_topic: Optional[str] = None,
     body: Optional[str] = None,
+    noise: Optional[Tuple[float, float]] = None,
+    frame_rate: Optional[float] = None,
 ) -> Tuple[Recording, ...]:
     """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
@@ -38,7 +40,8 @@ def read(
     that match it. axes: world_ned x, y, z in the mocap's axes ("x, z, -y"); heading_offset: measured
     minus true heading [rad]; both replace what was recorded with the run. mapping: a mapping file, or its
     content; pose_topic, command_topic and body (child frame, or part of the topic's name) replace its
-    own. Runs of the same name get the names of their folders in front. GroundError when a bag cannot be
+    own. noise: of the positions [m] and headings [rad], in place of the scatter of the poses; frame_rate: of
+    the mocap's camera [Hz], in place of what late stamps say. Runs of the same name get the names of their folders in front. GroundError when a bag cannot be
     read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
@@ -53,7 +56,7 @@ def read(
         mapping = FieldMapping()
     elif not isinstance(mapping, FieldMapping):
         mapping = load(os.fspath(mapping))
-    given = mapping.with_options(pose_topic, command_topic, body, axes, heading_offset)
+    given = mapping.with_options(pose_topic, command_topic, body, axes, heading_offset, noise, frame_rate)
     return tuple(reading(paths, given))
 
 
@@ -170,10 +173,17 @@ class Part:
     start: float = option(0.0, "start, on the run's clock [s]", name="--from", type=seconds, metavar="S")
     end: Optional[float] = option(None, "end, on the run's clock [s]", name="--to", type=seconds, metavar="S")
     everything: bool = option(False, "use the whole recording, not only what info calls usable", name="--all")
+    window: Optional[float] = option(
+        None,
+        "length of the windows over which errors are taken [s] (1.5 times in which full thrust moves the craft "
+        "by some lengths or turns it round)",
+        type=positive,
+        metavar="S",
+    )
 
     def of(self, run: RepairedRun, model: Model) -> _core.RunData:
         """_core.RunData of that part of a run. GroundError when nothing is left of it."""
-        return run.data(model.core, self.start, self.end, self.everything)
+        return run.data(model.core, self.start, self.end, self.everything, self.window)
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,7 @@ class Addition(Shown):
     ]  #: without the effect and with it, on held-out data; None: too short
     noise_floor: float  #: error that the noise of the poses alone would leave
     folds: str  #: what was held out
+    window: float  #: length of the windows of the error [s]
     verdict: Verdict
 
     def to_dict(self) -> Document:
@@ -117,7 +118,7 @@ class Addition(Shown):
             yield ("%-28s %12s %12.4g   %s %s" % (name, before, p.value, p.interval, unit)).rstrip()
         kinds = {"fit": "the runs fitted to", "heldout": "held out: " + self.folds}
         yield ""
-        yield "%-48s %8s %8s %8s" % ("error over windows of 1.5 s", "before", "after", "change")
+        yield "%-48s %8s %8s %8s" % ("error over windows of %.3g s" % self.window, "before", "after", "change")
         for kind, error in self.error.items():
             name = kinds.get(kind, "the held-out runs")
             percent = "%+.0f%%" % (100 * error.change)
@@ -212,6 +213,7 @@ def _result(
         prediction=prediction,
         noise_floor=float(window_error.noise_floor(seen.data, after.model).sum()),
         folds="each run by a fit to the others" if several else "each quarter by a fit to the rest",
+        window=windows.length(seen.data),
         verdict=_verdict(parameters, {p["name"]: p["neutral"] for p in own}, before, after, errors),
     )
 

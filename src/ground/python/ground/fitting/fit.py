@@ -19,7 +19,7 @@ from ground.models import Model, ModelLike, fitted_model, parameters_by_name
 from ground.recordings import quality, windows
 from ground.support import command_line
 from ground.support.annotations import Document
-from ground.support.command_line import count, option, positive
+from ground.support.command_line import count, option
 from ground.support.errors import warn
 from ground.support.progress import Progress, Work
 
@@ -51,7 +51,6 @@ class FitOptions(bag_arguments.Part):
         "precise if the model is right",
         choices=TARGETS,
     )
-    window: float = option(windows.WINDOW, "length of windows [s] (%(default)s)", type=positive)
     starts: int = option(
         1,
         "fit from the model's values and N - 1 others, and keep the best (%(default)s)",
@@ -65,7 +64,6 @@ class FitOptions(bag_arguments.Part):
             runs,
             most=np.inf,
             most_parts=RUNS,
-            length=self.window,
             target=getattr(_core.Target, self.target),
             objective=getattr(_core.Objective, self.objective.replace("-", "_")),
             starts=self.starts,

@@ -47,7 +47,7 @@ class ThesisObjective:
 
 @dataclass(frozen=True)
 class Errors:
-    """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r over windows of 1.5 s."""
+    """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r over windows."""
 
     before: float  #: error of the start values
     after: float  #: error of the fit
@@ -139,7 +139,7 @@ class Fit(Shown, Plotted):
 
     @property
     def residuals(self) -> "pandas.DataFrame":
-        """Measured minus simulated velocities of the runs fitted to, in windows of 1.5 s: run, t [s], u, v
+        """Measured minus simulated velocities of the runs fitted to, in windows: run, t [s], u, v
         [m/s], r [rad/s]."""
         import pandas
 
@@ -233,7 +233,7 @@ class Fit(Shown, Plotted):
 
     def details(self) -> Iterator[str]:
         """Errors, each run, and how many starts agree."""
-        yield "%-50s %8s %8s %9s" % ("error over windows of 1.5 s", "start", "fitted", "held out")
+        yield "%-50s %8s %8s %9s" % ("error over windows of %.3g s" % windows.length(self.data), "start", "fitted", "held out")
         for what, values in self._errors():
             yield "  %-48s %8s %8s %9s" % ((what,) + tuple("" if v is None else "%.3f" % v for v in values))
         if self.runs:

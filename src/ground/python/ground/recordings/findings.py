@@ -6,7 +6,7 @@ from typing import Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import repair, reply, suspicions
+from ground.recordings import repair, reply, scatter, suspicions
 from ground.recordings.quality import RepairedRun, lifted, same_inputs
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import NAMES, RunFile
@@ -20,9 +20,9 @@ DRIVES_BY = {  # assumptions if no record says when the drive began
 FEWEST_CHANGES = 20  # changes of the commands that show whether the motion follows them
 CERTAIN = 3.0  # standard errors that an effect of a thruster exceeds
 MAX_NAMED = 4  # gaps and other events that are listed; the rest is counted
-GAP = 0.05  # a longer pause is a gap [s]
+GAP = 6.0  # a longer pause is a gap [usual intervals between poses]
 LATE = 0.05  # a stamp with a larger delay after its frame is late [s]
-TOGETHER = 1e-3  # stamps of one burst are nearer [s]
+DIFFERENT = 1.5  # ratio of the noise to third differences from which both are said
 EFFECTS = (  # what a thruster does: key, words, unit
     ("forward", ("pushes forward", "pushes backward"), "m/s2"),
     ("right", ("pushes to the right", "pushes to the left"), "m/s2"),
@@ -67,7 +67,7 @@ def described(run: RepairedRun) -> Document:
         "rest_at_end": float(run.end - run.active[1]),
         "without_lift": [
             {"start": float(times[s[0]]), "end": float(times[s[-1]])}
-            for s in reply.stretches(times, grounded)
+            for s in reply.stretches(times, grounded, run.motion.scales.max_gap)
         ],
         "drives": {"begin": [float(t) for t in run.drives], "by": run.drives_by},
         "poses": _poses_of(run),
@@ -76,6 +76,9 @@ def described(run: RepairedRun) -> Document:
         "clock_offset": float(recording.clock_offset),
         "reply": run.reply,
         "inertial": None if run.inertial is None else run.inertial.describe(),
+        "silent": [{"start": a, "end": b} for a, b in run.silent],
+        "frozen": [{"start": a, "end": b} for a, b in run.frozen],
+        "unexplained": run.unexplained,
         "contacts": [{"start": float(a), "end": float(b)} for a, b in run.contacts],
         "repairs": run.motion.repairs,
         "suspicions": [one.describe() for one in suspicions.of(recording)],
@@ -87,19 +90,26 @@ def _poses_of(run: RepairedRun) -> Document:
     recording, motion = run.recording, run.motion
     stamps = recording.pose_times
     steps = np.diff(np.sort(stamps))
+    usual = scatter.interval(motion.times)
+    third = scatter.third_differences(motion.times, motion.measured)
     intervals = np.diff(motion.times)
     poses: Document = {
         "count": len(stamps),
         "rate": float((len(stamps) - 1) / (stamps.max() - stamps.min())),
-        "noise": {"position": motion.noise[0], "heading": motion.noise[1]},
+        "noise": {"position": motion.noise[0], "heading": motion.noise[1], "given": recording.noise is not None},
+        "third_differences": None
+        if third is None
+        else {"position": float(np.hypot(*third[:2]) / np.sqrt(2)), "heading": float(third[2])},
+        "interval": usual,
+        "held": motion.repairs["positions held between fixes left out"],
         "gaps": [
             {"start": float(t - run.zero), "length": float(d)}
             for t, d in zip(motion.times[:-1], intervals)
-            if d > GAP
+            if d > GAP * usual
         ],
         "duplicate_stamps": int((steps == 0).sum()),
         "stamps_out_of_order": int((np.diff(stamps) < 0).sum()),
-        "bursts": int((steps < TOGETHER).sum()),
+        "bursts": int((steps < repair.APART * usual).sum()),
         "heading_wraps": int((np.abs(np.diff(repair.wrap(motion.measured[:, 2]))) > np.pi).sum()),
         "mirrored_headings": motion.repairs["headings mirrored back"],
         "frozen": motion.repairs["frozen poses dropped"],
@@ -158,7 +168,8 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     spans = ", ".join("%.2f to %.2f" % tuple(span) for span in usable["spans"]) or "nothing"
     yield "usable", "%.2f of %.2f s: %s" % (usable["duration"], d["duration"], spans)
     noise = 1e3 * poses["noise"]["position"], 1e3 * poses["noise"]["heading"]
-    yield "poses", "%d at %.1f Hz, noise %.2f mm, %.1f mrad" % (poses["count"], poses["rate"], *noise)
+    text = "%d at %.1f Hz, noise %.3g mm, %.3g mrad" % (poses["count"], poses["rate"], *noise)
+    yield "poses", text + (" (as given)" if poses["noise"]["given"] else "")
     thrusters = controls["thrusters"]
     names = "thrusters" if thrusters == PAIR else ", ".join(thrusters)
     text = "%(count)d at %(rate).1f Hz, %(changes)d changes, " % controls
@@ -247,7 +258,14 @@ def grave(d: Document) -> Iterator[str]:
     yield from map(suspicions.sentence, d["suspicions"])
     clock = any(one["kind"] == "clock" for one in d["suspicions"])
     if d["controls"]["changes"] >= FEWEST_CHANGES and not d["reply"] and not clock:
-        yield "the motion does not follow the commands: are poses and commands of the same run?"
+        share = d["unexplained"]
+        if share is not None and share >= reply.POWER:
+            yield "the motion does not follow the commands: are poses and commands of the same run?"
+        elif share is not None:
+            yield (
+                "whether the motion follows the commands cannot be decided, because %.0f%% of the "
+                "accelerations are noise of the poses" % (100 * (1 - max(share, 0)))
+            )
 
 
 def findings(d: Document) -> Iterator[str]:
@@ -263,6 +281,8 @@ def findings(d: Document) -> Iterator[str]:
         yield text % d["rest_at_end"]
     for spans, what in (
         (d["without_lift"], "no lift, left out"),
+        (d["silent"], "no commands, although they have a rate; nobody knows what the craft did, left out"),
+        (d["frozen"], "the last pose is repeated while thrusters act, left out"),
         (d["contacts"], "wall or hand, likely (motion that no input explains), left out"),
     ):
         if spans:
@@ -278,7 +298,7 @@ def _frames(poses: Document) -> Iterator[str]:
     if clock:
         late = clock["lateness"]
         yield (
-            "stamps are late, in bursts or by a poll: %d of %d poses came within 1 ms of the one before; "
+            "stamps are late, in bursts or by a poll: %d of %d poses came at once with the one before; "
             % (poses["bursts"], poses["count"])
             + "the clock of the frames is rebuilt: %(rate).2f Hz, %(lost)d frames lost, " % clock
             + "stamps late by %.1f ms in the middle and %.0f ms at most"
@@ -287,7 +307,7 @@ def _frames(poses: Document) -> Iterator[str]:
         if late["above_50_ms"]:
             yield "late bursts, stamps late by more than 50 ms: %d" % late["above_50_ms"]
     elif poses["bursts"]:
-        yield "%d poses came within 1 ms of the one before" % poses["bursts"]
+        yield "%d poses came at once with the one before" % poses["bursts"]
 
 
 def _poses(poses: Document) -> Iterator[str]:
@@ -295,9 +315,10 @@ def _poses(poses: Document) -> Iterator[str]:
     if poses["gaps"]:
         gaps = sorted(poses["gaps"], key=lambda gap: -float(gap["length"]))
         named = _named(["%(length).2f s at %(start).2f s" % gap for gap in gaps])
-        yield "mocap lost %d times for more than 50 ms: %s" % (len(gaps), named)
+        yield "mocap lost %d times for more than %.2g s: %s" % (len(gaps), GAP * poses["interval"], named)
     for count, what in (
         (poses["duplicate_stamps"], "repeated stamps"),
+        (poses["held"], "positions that only repeat the last fix, left out"),
         (poses["overtaken"], "poses that overtook each other in a burst, put in order"),
         (poses["heading_wraps"], "wraps of the heading, unwrapped"),
         (poses["mirrored_headings"], "headings flipped to the wrong sign, undone"),

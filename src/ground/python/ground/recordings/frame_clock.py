@@ -14,17 +14,21 @@ import numpy as np
 
 from ground.support.annotations import Array, Flags, Indices
 
-POSITION_NOISE, HEADING_NOISE = 4e-4, 6e-3  # usual standard deviations of a pose [m], [rad]
-NOISE = np.array([POSITION_NOISE, POSITION_NOISE, HEADING_NOISE])  # x, y [m], psi [rad]
 LATEST = 0.4  # largest delay of a frame after the first poll that might have fetched it [s]
 EARLIEST = 1e-3  # error of the clock itself [s]
 SCATTER = 0.25  # relative deviation of an interval from which it is irregular
 IRREGULAR = 0.02  # share of irregular intervals from which the clock is rebuilt
 SMOOTHER = 0.7  # largest roughness of the motion by the new instants, relative to that by the stamps
+MIN_TELLING = 0.1  # least share of steps that show how many frames they took
+# Tried standard deviations of a pose with its wobble, relative to its noise from frame to frame
+WIDTHS = (1.4, 2.0, 2.8)
+PARTS = 10  # of a recording, in each of which the earliest stamp is not late
 MIN_MOVE = 4.0  # a step above this many standard deviations shows how many frames it took
 MAX_LOST = 12  # lost frames in a row that a step can show
 MAX_COST = 12.0  # largest cost of a single step or stamp [log-likelihood]
 LOSS_COST = 3.0  # cost of a lost frame [log-likelihood]
+
+Clock = Tuple[float, float, Indices]  # start [s], rate [Hz], numbers of the frames (n,)
 
 
 @dataclass
@@ -37,28 +41,58 @@ class FrameClock:
     lateness: Array  # (n,) delays of the stamps after the frames [s]
 
 
-def rebuild(times: Array, eta: Array) -> Optional[FrameClock]:
-    """The frame clock of poses with stamps `times` (n,) [s], not descending, and `eta` (n, 3).
+def rebuild(
+    times: Array, eta: Array, noise: Array, known_rate: Optional[float] = None
+) -> Optional[FrameClock]:
+    """The frame clock of poses with stamps `times` (n,) [s], not descending, and `eta` (n, 3) of noise (3,).
 
-    Returns None if the stamps are regular already, if there is too little motion, or if the new
+    known_rate: of the frames [Hz], else what stamps and motion say. Returns None if the stamps are regular already, if there is too little motion, or if the new
     instants do not make the motion smoother.
     """
     if len(times) < 200 or not _irregular(times):
         return None
-    steps = np.diff(eta, axis=0) / (np.sqrt(2) * NOISE)
-    numbers, tell = _numbers_by_motion(steps)
-    if tell.mean() < 0.3:
+    alone = _without_loss(times)
+    found = [alone] if alone else [_with_losses(times, eta, wide * noise, known_rate) for wide in WIDTHS]
+    clocks = [(start, known_rate or rate, numbers) for start, rate, numbers in filter(None, found)]
+    if not clocks:
         return None
-    rate = _rate(times, numbers)
-    start = float(times[0])
-    for _ in range(3):
-        single = _single_steps(steps, np.diff(numbers))
-        numbers = _most_likely(times, steps, single, rate, start)
-        start, rate = _line(times, numbers)
-    frames = start + numbers / rate
-    if not _roughness(frames, eta) < SMOOTHER * _roughness(times, eta):
+
+    def roughness(one: Clock) -> float:
+        start, rate, numbers = one
+        return _roughness(start + numbers / rate, eta / noise, 1 / rate)
+
+    start, rate, numbers = best = min(clocks, key=roughness)
+    frames, by_stamps = start + numbers / rate, _roughness(times, eta / noise, 1 / rate)
+    by_frames = roughness(best)
+    if not by_frames < SMOOTHER * by_stamps and known_rate is None:
         return None
     return FrameClock(frames, rate, int(numbers[-1] - numbers[0] + 1 - len(times)), times - frames)
+
+
+def _without_loss(times: Array) -> Optional[Clock]:
+    """The Clock if the order of the poses alone gives it, because no frame is lost: the earliest stamps are not late in any part of the recording."""
+    numbers = np.arange(len(times))
+    start, rate = _line(times, numbers)
+    late = times - start - numbers / rate
+    soon = 2 * max(1 / rate, float(np.median(np.diff(times))))
+    if late.min() < -soon or max(part.min() for part in np.array_split(late, PARTS)) > soon:
+        return None
+    return start, rate, numbers
+
+
+def _with_losses(times: Array, eta: Array, noise: Array, known_rate: Optional[float]) -> Optional[Clock]:
+    """The Clock of the most likely frame numbers given stamps and steps; None where the motion is too small
+    for it."""
+    steps = np.diff(eta, axis=0) / (np.sqrt(2) * noise)
+    numbers, tell = _numbers_by_motion(steps)
+    if tell.mean() < MIN_TELLING and known_rate is None:
+        return None
+    start, rate = float(times[0]), known_rate or _rate(times, numbers)
+    for _ in range(3):
+        single = _single_steps(steps, np.maximum(np.diff(numbers), 1))
+        numbers = _most_likely(times, steps, single, rate, start)
+        start, rate = _line(times, numbers)
+    return start, rate, numbers
 
 
 def _irregular(times: Array) -> bool:
@@ -160,8 +194,9 @@ def _line(times: Array, numbers: Indices, block: int = 60) -> Tuple[float, float
     return start, 1 / slope
 
 
-def _roughness(times: Array, eta: Array) -> float:
-    """Mean change of velocity from step to step, in standard deviations of a pose per second."""
-    apart = np.maximum(np.diff(times), 2e-3)[:, None]
-    change = np.diff(np.diff(eta, axis=0) / apart, axis=0) / NOISE
+def _roughness(times: Array, places: Array, interval: float) -> float:
+    """Mean change of velocity from step to step. places: poses in standard deviations; interval: between
+    frames [s]."""
+    apart = np.maximum(np.diff(times), 0.25 * interval)[:, None]
+    change = np.diff(np.diff(places, axis=0) / apart, axis=0)
     return float(np.mean(np.linalg.norm(change, axis=1)))

@@ -140,9 +140,9 @@ class _Compared:
 
     def _known(self, motion: repair.Motion, contacts: Sequence[Span]) -> Flags:
         after = np.clip(np.searchsorted(motion.times, self.grid), 1, len(motion.times) - 1)
-        good = motion.times[after] - motion.times[after - 1] <= repair.MAX_GAP
+        good = motion.times[after] - motion.times[after - 1] <= motion.scales.max_gap
         sample = np.clip(np.searchsorted(self.times, self.grid), 1, len(self.times) - 1)
-        good &= self.times[sample] - self.times[sample - 1] <= repair.MAX_GAP
+        good &= self.times[sample] - self.times[sample - 1] <= motion.scales.max_gap
         for a, b in contacts:
             good &= (self.grid < a - 0.1) | (self.grid > b + 0.1)
         return np.asarray(good)

@@ -8,7 +8,7 @@ import json
 import math
 import os
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, Mapping, Optional, Tuple
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import yaml
@@ -115,6 +115,8 @@ class FieldMapping:
     loads: Tuple[Load, ...] = ()  #: what the craft carried
     file: str = ""  #: that it was read from
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
+    noise: Optional[Tuple[float, float]] = None  #: of positions [m] and headings [rad]; None: of their scatter
+    frame_rate: Optional[float] = None  #: of the mocap's camera [Hz]; None: of stamps and motion
 
     def with_options(
         self,
@@ -123,6 +125,8 @@ class FieldMapping:
         body: Optional[str] = None,
         axes: Optional[str] = None,
         heading_offset: Optional[float] = None,
+        noise: Optional[Sequence[float]] = None,
+        frame_rate: Optional[float] = None,
     ) -> "FieldMapping":
         """The same with what options say in its place; None leaves it as it is."""
         given = {"axes": axes, "heading_offset": heading_offset, "topic": pose_topic, "body": body}
@@ -134,6 +138,8 @@ class FieldMapping:
             poses=replace(self.poses, **changed),
             commands=replace(self.commands, topic=topic),
             sources={**self.sources, **options},
+            noise=self.noise if noise is None else (noise[0], noise[1]),
+            frame_rate=frame_rate or self.frame_rate,
         )
 
     @property

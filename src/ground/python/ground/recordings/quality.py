@@ -6,18 +6,22 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import inertial, reply
+from ground.recordings import inertial, repair, reply, scatter, windows
 from ground.recordings.recording import Recording, once
 from ground.support.annotations import Array, Flags
 from ground.support.errors import GroundError
 
-SHORTEST = 0.3  # shortest usable stretch [s]
-IDLE = 1.0  # longest rest at the end that is used [s]
-MOVED = 0.01  # largest movement of a craft at rest [m]
+# Shortest usable stretch, longest rest at the end that is used, and the time that is left out before and
+# after a contact, of a silence, and that is kept of a rest [usual intervals between poses]
+SHORTEST, IDLE, MARGIN = 36, 120, 12
+MOVED = 20.0  # largest movement of a craft at rest [standard deviations of a pose]
+FROZEN = 36  # poses in a row that repeat the last one, if thrusters act, from which they are no measurement
+ODD = 0.05  # largest share of poses that repeat the last one by chance
 CONTACT = (1.0, 1.5)  # excess over any input, relative to the largest thrust and yaw moment
 CONTACT_NOISE = 6.0  # least excess in multiples of its noise
 AT_ONCE = 1e-6  # stamps of one instant differ by less [s]
-CONTACT_MARGIN = 0.1  # time left out before and after a contact [s]
+SILENCE = 12.0  # longest pause of a publisher with a rate [intervals between commands]
+EVEN = 0.25  # relative deviation of the intervals up to which a publisher has a rate
 MOST_LEVELS = {1: 6, 2: 6, 3: 4, 4: 3}  # levels of each thruster in a grid, by their number; else 2
 
 Span = Tuple[float, float]  # start, end [s]
@@ -27,7 +31,7 @@ class RepairedRun:
     """A recording with its motion repaired; findings and usable spans are on the run's clock.
 
     Attributes: recording; motion; zero [s], the origin of the run's clock, and end [s] on it; spans and
-    contacts, lists of (start, end) [s]; active, (start, end) of the experiment [s]; reply, how the motion
+    contacts, silent (pauses of the commands) and frozen (repeated poses), lists of (start, end) [s]; active, (start, end) of the experiment [s]; reply, how the motion
     follows the commands; inertial, the craft's calibrated sensors (None: it has none); drives, when each
     drive began [s], the origins of the model's t; drives_by, the source of these: "record", "lift" (the
     first command with lift), "first command" (which has lift already) or "start" (of the run, because no
@@ -43,16 +47,24 @@ class RepairedRun:
         if not last > self.zero:
             raise GroundError("%s: commands and poses do not overlap in time" % recording.name)
         self.end = last - self.zero
+        self.margin = MARGIN * scatter.interval(times)  # [s]
         self.drives, self.drives_by = self._drives()
         found = reply.find(recording)
         contacts = _contacts(recording, found)
         landing = _landing(recording, contacts)
+        regression = reply.regression(recording)
         self.reply = None if found is None else {"lag": found["lag"], "share": found["share"]}
-        self.contacts = [(float(a - self.zero), float(b - self.zero)) for a, b in contacts if a < landing]
+        # share of the accelerations that is no noise, if commands explain none of them
+        self.unexplained = regression["power"] if regression and not found else None
+        self.silent, self.frozen = (self._on_clock(s) for s in (_silences(recording), _frozen(recording)))
+        self.contacts = self._on_clock([(a, b) for a, b in contacts if a < landing])
         self.active = self._active(landing)
         self.spans = self._spans()
         samples = recording.inertial
         self.inertial = None if samples is None else inertial.calibrate(samples, self.motion, contacts)
+
+    def _on_clock(self, spans: Sequence[Span]) -> List[Span]:
+        return [(float(a - self.zero), float(b - self.zero)) for a, b in spans]
 
     def _drives(self) -> Tuple[List[float], str]:
         recording = self.recording
@@ -69,14 +81,13 @@ class RepairedRun:
         the floor begins to brake the craft [s, clock of the stamps]."""
         recording, motion = self.recording, self.motion
         thrust, lift, times = recording.thrust, recording.lift, recording.control_times
-        start, end = self.zero, min(self.zero + self.end, landing - CONTACT_MARGIN)
-        moved = np.linalg.norm(motion.eta[:, :2] - motion.eta[0, :2], axis=1) > MOVED
-        turned = np.abs(motion.eta[:, 2] - motion.eta[0, 2]) > 0.1
+        start, end = self.zero, min(self.zero + self.end, landing - self.margin)
+        moved, turned = _away(motion, motion.eta[0])
         begins = [times[np.argmax(thrust.any(axis=1))]] if thrust.any() else []
         if (moved | turned).any():
             begins.append(motion.times[np.argmax(moved | turned)])
         if begins:
-            start = max(start, min(begins) - 0.1)
+            start = max(start, min(begins) - self.margin)
             end = self._without_idle_end(end)
         if (lift > 0).any():  # else the lift was not recorded
             lifted = np.flatnonzero(lift > 0)
@@ -88,24 +99,24 @@ class RepairedRun:
     def _without_idle_end(self, end: float) -> float:
         """The end [s, clock of the stamps], without a long rest of the craft without thrust there."""
         times, motion = self.recording.control_times, self.motion
-        away = np.abs(motion.eta - motion.eta[-1])
-        moved = np.flatnonzero((np.hypot(away[:, 0], away[:, 1]) > MOVED) | (away[:, 2] > 0.1))
+        moved = np.flatnonzero(np.any(_away(motion, motion.eta[-1]), axis=0))
         driven = np.flatnonzero(self.recording.thrust.any(axis=1))
         last = [motion.times[moved[-1]]] if len(moved) else []
         if len(driven):
             last.append(times[driven[-1] + 1] if driven[-1] + 1 < len(times) else times[-1])
         idle = end - max(last, default=end)
-        return end - idle + 0.1 if idle > IDLE else end
+        longest = IDLE * scatter.interval(motion.times)
+        return end - idle + self.margin if idle > longest else end
 
     def _spans(self) -> List[Span]:
         start, end = self.active
-        cuts = [(a - CONTACT_MARGIN, b + CONTACT_MARGIN) for a, b in self.contacts]
+        cuts = [(a - self.margin, b + self.margin) for a, b in self.contacts] + self.silent + self.frozen
         times = self.motion.times - self.zero
         inside = (times >= start) & (times <= end) & lifted(self.recording, self.motion.times)
         for a, b in cuts:
             inside &= (times < a) | (times > b)
-        ends = [(float(times[s[0]]), float(times[s[-1]])) for s in reply.stretches(times, inside)]
-        return [(a, b) for a, b in ends if b - a >= SHORTEST]
+        ends = [(float(times[s[0]]), float(times[s[-1]])) for s in reply.stretches(times, inside, self.motion.scales.max_gap)]
+        return [(a, b) for a, b in ends if b - a >= SHORTEST * scatter.interval(self.motion.times)]
 
     def inputs(self, model: _core.Model) -> Array:
         """Rows of time on the run's clock [s], the commands of a model's thrusters in its order, and
@@ -122,8 +133,10 @@ class RepairedRun:
         start: Optional[float] = None,
         end: Optional[float] = None,
         everything: bool = False,
+        window: Optional[float] = None,
     ) -> _core.RunData:
-        """_core.RunData of the usable spans, or of the whole overlap if `everything` is set.
+        """_core.RunData of the usable spans, or of the whole overlap if `everything` is set. window: over
+        which errors are taken [s], by default what suits the model.
 
         `start` and `end` [s] choose a part, on the run's clock. Raises GroundError when nothing is
         left of it.
@@ -141,6 +154,7 @@ class RepairedRun:
                 % (self.recording.name, inside.sum(), self.end, self.usable())
             )
         inputs = self.inputs(model)
+        scales = motion.scales.max_gap, motion.scales.linear_jerk, motion.scales.angular_jerk
         inputs[:, 1:-1] *= model.input_max
         return _core.RunData(
             self.recording.name,
@@ -153,6 +167,7 @@ class RepairedRun:
             self.drives,
             inertial=self._inertial(),
             payload=self.recording.payload,
+            scales=_core.RunScales(*scales, window or windows.usual(model)),
         )
 
     def _inertial(self) -> Optional[_core.InertialData]:
@@ -209,6 +224,46 @@ def _agree(a: Array, b: Array) -> bool:
     )
 
 
+def _away(motion: repair.Motion, pose: Array) -> Tuple[Flags, Flags]:
+    """At which poses a craft has moved, and turned, away from a pose (3,)."""
+    off = np.abs(motion.eta - pose)
+    return np.hypot(off[:, 0], off[:, 1]) > MOVED * motion.noise[0], off[:, 2] > MOVED * motion.noise[1]
+
+
+def _silences(recording: Recording) -> List[Span]:
+    """Pauses of the commands of a publisher with a rate [s, clock of the stamps]: nobody knows what the craft
+    did in them. A publisher that sends on change has none."""
+    times = recording.control_times
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    if not usual > 0 or np.mean(np.abs(steps - usual) < EVEN * usual) < 1 - ODD:
+        return []
+    thrust = recording.thrust
+    repeats = (thrust[1:] == thrust[:-1]).all(axis=1).mean()
+    if not repeats > ODD:  # each message is another command: it may have been sent on change
+        return []
+    return [(times[i] + usual, times[i + 1]) for i in np.flatnonzero(steps > SILENCE * usual)]
+
+
+def _frozen(recording: Recording) -> List[Span]:
+    """Where poses repeat the last one while thrusters act, although poses scatter [s, clock of the stamps]."""
+    order = np.argsort(recording.pose_times, kind="stable")
+    times = repair.on_commands_clock(recording.pose_times[order], recording.clock_offset)
+    same = np.append(False, (np.diff(recording.eta[order], axis=0) == 0).all(axis=1))
+    begins = np.flatnonzero(~same)
+    lengths = np.diff(np.append(begins, len(same)))
+    long = lengths > FROZEN
+    others = len(same) - int(lengths[long].sum())
+    if not long.any() or same.sum() - (lengths[long] - 1).sum() > ODD * others:
+        return []
+    found = []
+    for begin, count in zip(begins[long], lengths[long]):
+        span = float(times[begin]), float(times[begin + count - 1])
+        if recording.held(recording.thrust, times[begin : begin + count]).any():
+            found.append(span)
+    return found
+
+
 def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     """Spans with accelerations that no input within its bounds explains."""
     motion = recording.motion
@@ -224,9 +279,9 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     if not (thrust > 0 and turn > 0):
         return []
     # Noise must not count as contact, even if the commands hardly determine the thrusters' effect.
-    rest = wanted - recording.held(recording.thrust, motion.times - found["lag"]) @ by_input
+    rest = wanted - reply.commands_at(recording, recording.thrust, motion.times - found["lag"]) @ by_input
     noise = 1.4826 * np.median(np.abs(rest - np.median(rest, axis=0)), axis=0)
-    scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * noise)
+    scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * np.maximum(noise, reply.accuracy(motion)))
     beyond = np.full(len(wanted), np.inf)
     for effect in reachable:
         off = (wanted - effect) / scale
@@ -235,9 +290,9 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     # A contact lasts for several frames; a single one is noise.
     beyond = np.min([np.roll(beyond, s) for s in (-1, 0, 1)], axis=0)
     floats = lifted(recording, motion.times)  # without lift the floor brakes it
-    floats[floats] = reply.middle(motion.times[floats])
+    floats[floats] = reply.middle(motion, motion.times[floats])
     hit = ((beyond > 1) & floats) | motion.jumps
-    return [(motion.times[s[0]], motion.times[s[-1]]) for s in reply.stretches(motion.times, hit)]
+    return [(motion.times[s[0]], motion.times[s[-1]]) for s in reply.stretches(motion.times, hit, motion.scales.max_gap)]
 
 
 def _landing(recording: Recording, contacts: Sequence[Span]) -> float:

@@ -150,6 +150,8 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
         files=run_files,
         # One recorder received both: if their delays differ by much, their stamps have two clocks.
         inertial=sensors.read(source, mapping, _stamps),
+        noise=mapping.noise,
+        frame_rate=mapping.frame_rate,
         clock_offset=0.0 if mapping.clock_offset or mapping.clock_drift else delay,
     )
 

@@ -82,6 +82,8 @@ class Recording(Plotted):
     path: str = ""  #: path of the bag that it was read from
     channels: Tuple[str, ...] = CHANNELS  #: names of the commands
     lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
+    noise: Optional[Tuple[float, float]] = None  #: given, of positions [m] and headings [rad]
+    frame_rate: Optional[float] = None  #: given, of the mocap's camera [Hz]
     inertial: Optional[Samples] = None  #: of the craft's gyro and accelerometer, if recorded
     payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
     digest: str = ""  #: of the content of the files that it was read from; empty: none
@@ -162,7 +164,8 @@ class Recording(Plotted):
     @functools.cached_property
     def motion(self) -> repair.Motion:
         """The repaired poses, and velocities. GroundError when too little of them is left."""
-        return repair.repair(self.name, self.pose_times, self.eta, self.clock_offset)
+        given = self.clock_offset, self.noise, self.frame_rate
+        return repair.repair(self.name, self.pose_times, self.eta, *given)
 
     @property
     def duration(self) -> float:
@@ -214,6 +217,16 @@ class Recording(Plotted):
         found = np.asarray(values[np.maximum(at, 0)])
         found[at < 0] = 0
         return found
+
+    def averaged(self, values: Array, times: Array, width: float) -> Array:
+        """Means of the values (m, k) of the commands over a width [s] about some times [s]; 0 before the
+        first command."""
+        begins = self.control_times
+        total = np.vstack([0 * values[:1], np.cumsum(values[:-1] * np.diff(begins)[:, None], axis=0)])
+        edges = times + 0.5 * width * np.array([[-1.0], [1.0]])
+        after = np.maximum(edges - begins[-1], 0)[..., None] * values[-1]
+        at = np.stack([np.interp(edges, begins, column) for column in total.T], axis=-1) + after
+        return np.asarray((at[1] - at[0]) / width)
 
     def to_frame(
         self, raw: bool = False, model: "Union[Model, Path, None]" = None, horizon: float = 1.5

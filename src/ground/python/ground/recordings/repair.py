@@ -6,18 +6,16 @@ from typing import Dict, Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import frame_clock
+from ground.recordings import frame_clock, scatter
 from ground.support.annotations import Array, ArrayLike, Document, Flags, Indices
 from ground.support.errors import GroundError
 
-MAX_GAP = 0.1  # longest gap that is interpolated, or that a window spans [s]
 CLOCK_OFFSET = 0.05  # least offset between the topics' clocks that is corrected [s]
 FROZEN = 3  # least number of equal poses in a row that are a repeated sample, if the craft moves
 FLIP_COST = (3.0, 0.5)  # minus log-likelihood of a change of mirroring, and of a mirrored heading
-# Noise of poses [m], [rad], if the recording does not determine it
-TYPICAL_NOISE = (frame_clock.POSITION_NOISE, frame_clock.HEADING_NOISE)
-POLLED_NOISE = (4e-3, 3e-2)  # the same for poses whose instants are known to some milliseconds only
-APART = 1e-3  # stamps of a burst are not further apart [s]
+HELD = 0.2  # least share of positions that repeat the last one of a table that is faster than the fixes
+QUANTA = 4.0  # such positions change by more than so many roundings
+APART = 0.1  # stamps of a burst are not further apart [usual intervals]
 AROUND = 2  # poses before and after a burst that give its direction
 MIN_WAY = 20.0  # shortest way along which a burst is sorted [standard deviations]
 MIN_GAIN = 50.0  # least fall of the roughness for a new order
@@ -34,7 +32,8 @@ class Motion:
     eta: Array  # (n, 3) the same, smoothed
     nu: Array  # (n, 3) body velocities u, v [m/s], r [rad/s]
     nu_dot: Array  # (n, 3) their derivatives [m/s^2], [rad/s^2]
-    noise: Tuple[float, float]  # standard deviations of the poses [m], [rad]
+    noise: scatter.Levels  # standard deviations of the poses [m], [rad]
+    scales: _core.RunScales  # longest gap, and jerk by which the poses were smoothed
     spikes: Flags  # (n,) outliers; smoothed over
     jumps: Flags  # (n,) where the motion restarts although no pose is missing
     clock: Optional[frame_clock.FrameClock]  # if the frames' instants were rebuilt
@@ -51,9 +50,18 @@ def on_commands_clock(times: Array, offset: float) -> Array:
     return times + offset if abs(offset) > CLOCK_OFFSET else times
 
 
-def repair(name: str, stamps: Array, measured: Array, clock_offset: float = 0.0) -> Motion:
+def repair(
+    name: str,
+    stamps: Array,
+    measured: Array,
+    clock_offset: float = 0.0,
+    noise: Optional[scatter.Levels] = None,
+    frame_rate: Optional[float] = None,
+) -> Motion:
     """The repaired motion of poses (n, 3) with stamps (n,) [s], in the order of arrival; clock_offset: see
-    Recording. GroundError names the run when too little of it is left."""
+    Recording; noise: of positions [m] and headings [rad], else that of the scatter of the poses; frame_rate:
+    of a camera whose stamps are late [Hz], else what stamps and motion say. GroundError names the run when
+    too little of it is left."""
     repairs: Dict[str, float] = {}
     times = on_commands_clock(stamps, clock_offset)
     if abs(clock_offset) > CLOCK_OFFSET:
@@ -65,34 +73,38 @@ def repair(name: str, stamps: Array, measured: Array, clock_offset: float = 0.0)
     times, eta = times[keep], eta[keep]
     if len(times) < 10:
         raise GroundError("%s: only %d distinct poses" % (name, len(times)))
-    eta, repairs["poses that overtook each other put in order"] = _in_order(times, eta)
+    rough = scatter.in_order(np.column_stack([eta[:, :2], np.unwrap(eta[:, 2])]))
+    eta, repairs["poses that overtook each other put in order"] = _in_order(times, eta, rough)
     eta[:, 2], repairs["headings mirrored back"] = _unmirror(eta[:, 2])
     eta[:, 2] = np.unwrap(eta[:, 2])
-    clock = frame_clock.rebuild(times, eta)
+    clock = frame_clock.rebuild(times, eta, rough, frame_rate)
     if clock is not None:
         repairs["stamps replaced by the frame clock"] = len(times)
         times = clock.times
-    noise = POLLED_NOISE if clock is None and polled(times) else _noise(times, eta)
-    smoothed = smooth(times, eta, noise)
+    max_gap = scatter.longest_gap(times, eta[:, 2])
+    found, (linear, angular), excess = scatter.levels(times, eta, max_gap)
+    scales = _core.RunScales(max_gap, linear, angular)
+    noise = noise or found
+    smoothed = smooth(times, eta, noise, scales, GATE * excess)
     spikes = ~np.asarray(smoothed["used"])
-    jumps = np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= MAX_GAP)
-    return Motion(
-        times, eta, smoothed["eta"], smoothed["nu"], smoothed["nu_dot"], noise, spikes, jumps, clock, repairs
-    )
+    jumps = np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= max_gap)
+    motion = (smoothed[key] for key in ("eta", "nu", "nu_dot"))
+    return Motion(times, eta, *motion, noise, scales, spikes, jumps, clock, repairs)
 
 
-def smooth(times: Array, eta: Array, noise: Tuple[float, float]) -> Document:
-    """_core.smooth for poses with this noise (position [m], heading [rad])."""
+def smooth(times: Array, eta: Array, noise: scatter.Levels, scales: _core.RunScales, gate: float = GATE) -> Document:
+    """_core.smooth for poses with this noise (position [m], heading [rad]) and of these scales; gate: [standard
+    deviations] beyond which a pose is a spike."""
     params = _core.EstimatorParams()
     params.position_noise, params.heading_noise = noise
-    # Do not bridge gaps: in a fast spin the craft may turn by any angle meanwhile.
-    params.gate, params.max_gap = GATE, MAX_GAP
+    params.linear_jerk, params.angular_jerk = scales.linear_jerk, scales.angular_jerk
+    params.gate, params.max_gap = gate, scales.max_gap
     return _core.smooth(times, eta, params)
 
 
-def polled(times: Array) -> bool:
-    """Whether many stamps nearly coincide, because several frames were fetched at once."""
-    return bool(np.mean(np.diff(times) < frame_clock.EARLIEST) > 0.05)
+def again(run: _core.RunData, poses: Array) -> Document:
+    """_core.smooth for other poses (n, 3) at the times of a run, as its own were smoothed."""
+    return smooth(run.times, poses, (run.noise[0], run.noise[2]), run.scales)
 
 
 def _distinct(times: Array, eta: Array, repairs: Dict[str, float]) -> Flags:
@@ -109,21 +121,40 @@ def _distinct(times: Array, eta: Array, repairs: Dict[str, float]) -> Flags:
         jumps = end < len(times) and moves[end - 1] > 2 * typical
         if end - start >= FROZEN and jumps:
             frozen[start + 1 : end] = True
+    held = _held(eta) & ~again & ~frozen
     repairs["frozen poses dropped"] = int((frozen & ~again).sum())
-    return np.asarray(~(again | frozen))
+    repairs["positions held between fixes left out"] = int(held.sum())
+    return np.asarray(~(again | frozen | held))
 
 
-def _in_order(times: Array, eta: Array) -> Tuple[Array, int]:
-    """Poses eta (n, 3), with stamps (n,) [s] not descending, in the order in which they were measured; how
-    many of them move.
+def _held(eta: Array) -> Flags:
+    """Which poses only repeat a position, because a table has more rows than there are fixes."""
+    same = np.concatenate([[False], (np.diff(eta[:, :2], axis=0) == 0).all(axis=1)])
+    begins = np.flatnonzero(~same)
+    lengths = np.diff(np.append(begins, len(eta)))
+    usual = np.median(np.repeat(lengths, lengths))  # of the stay that a pose is in
+    if not 1 < usual < FROZEN * 4 or len(begins) < 10:
+        return np.zeros(len(eta), bool)
+    steps = np.abs(np.diff(eta[begins, :2], axis=0))
+    quantum = scatter.resolution(eta)[:2] * np.sqrt(12)
+    # A slow craft that is measured in whole millimetres moves by one of them at a time.
+    if np.median((steps / quantum).max(axis=1)) < QUANTA or same.mean() < HELD:
+        return np.zeros(len(eta), bool)
+    short = np.repeat(lengths <= 3 * usual, lengths)  # a longer stay is a rest, or a lost fix
+    return np.asarray(same & short)
+
+
+def _in_order(times: Array, eta: Array, noise: Array) -> Tuple[Array, int]:
+    """Poses eta (n, 3) of noise (3,), with stamps (n,) [s] not descending, in the order in which they were
+    measured; how many of them move.
 
     All frames of a burst of a network have nearly the same stamp. A craft goes on in one direction while a
     burst lasts, and turns on. No order is taken that makes the path rougher: a mocap may flip headings.
     """
     heading = np.column_stack([np.cos(eta[:, 2]), np.sin(eta[:, 2])])
-    places = np.column_stack([eta[:, :2] / frame_clock.POSITION_NOISE, heading / frame_clock.HEADING_NOISE])
+    places = np.column_stack([eta[:, :2] / noise[:2], heading / noise[2]])
     order = np.arange(len(times))
-    close = np.diff(times) < APART
+    close = np.diff(times) < APART * scatter.interval(times)
     starts = np.flatnonzero(close & ~np.append(False, close[:-1]))
     ends = np.flatnonzero(close & ~np.append(close[1:], False)) + 2
     for start, end in zip(starts, ends):
@@ -194,26 +225,3 @@ def _mirror_centre(psi: Array) -> Optional[float]:
     centre = np.median(sums)
     near = np.abs(wrap(sums - centre)) < 0.1
     return float(np.median(sums[near])) if near.mean() > 0.5 else None
-
-
-def scatter(times: Array, eta: Array) -> Optional[Array]:
-    """Scatter (3,) of the third differences of poses in order of time: the standard deviations of x, y and
-    heading; None where few poses are evenly spaced."""
-    steps = np.diff(times)
-    even = np.abs(steps - np.median(steps)) < 0.2 * np.median(steps)
-    even = even[:-2] & even[1:-1] & even[2:]
-    if even.sum() < 50:
-        return None
-    third = np.abs(np.diff(eta, 3, axis=0)[even])
-    return np.asarray(1.4826 * np.median(third, axis=0) / np.sqrt(20))
-
-
-def _noise(times: Array, eta: Array) -> Tuple[float, float]:
-    """Standard deviations of position [m] and heading [rad], within what mocaps have."""
-    found = scatter(times, eta)
-    if found is None:
-        return TYPICAL_NOISE
-    return (
-        float(np.clip(np.hypot(*found[:2]) / np.sqrt(2), 2e-5, 1e-2)),
-        float(np.clip(found[2], 2e-4, 0.1)),
-    )

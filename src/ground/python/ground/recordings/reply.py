@@ -11,14 +11,22 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, 
 
 import numpy as np
 
+from ground.recordings import scatter
 from ground.recordings.recording import Recording, once
-from ground.recordings.repair import MAX_GAP, Motion
+from ground.recordings.repair import Motion
 from ground.support.annotations import Array, Document, Flags, Indices
 
 LAGS = np.arange(-0.3, 0.41, 0.01)  # tried lags of the motion behind the commands [s]
 LAG_SAMPLES = 20000  # samples, spread over the recording, that determine the lag
 USUAL_LAG = 0.1  # if the motion does not determine it [s]
 OUTLIER = 6.0  # accelerations further from their median than so many scatters are cut
+END = 3.0  # at the ends of stretches accelerations are inaccurate over this multiple of their blur
+KERNEL = 3.0  # width of a mean that blurs as a smoother does, relative to its blur
+PLACEBOS = 9  # tried lags at which no motion follows
+# Share of the accelerations that commands explain which the motion follows: at least, or by so many times
+# the share that commands of other times explain and at least the last one.
+FOLLOWS, CLEARLY, MIN_FOLLOWED = 0.1, 3.0, 0.02
+POWER = 0.5  # least share of accelerations that is no noise, where it can be decided
 BLOCKS = 10  # blocks of time that errors are estimated from
 ALIKE = 1e-2  # commands whose singular values are in a smaller ratio do not distinguish channels
 
@@ -38,15 +46,28 @@ class Reply(TypedDict):
 
     lag: float  # lag of the motion behind the commands [s]
     share: float  # share of the accelerations that the commands explain
+    chance: float  # the largest share by commands of other times
+    power: float  # share of the accelerations that is not noise of the poses, of the best channel
+    follows: bool  # whether the commands explain some
     coefficients: Array  # (n + 11, 3) of the thrusters, and smooth_terms
 
 
-def stretches(times: Array, inside: Flags) -> List[Indices]:
-    """Indices of the samples inside, split at gaps."""
+def stretches(times: Array, inside: Flags, max_gap: float) -> List[Indices]:
+    """Indices of the samples inside, split at gaps of more than max_gap [s]."""
     index = np.flatnonzero(inside)
     if not len(index):
         return []
-    return np.split(index, np.flatnonzero(np.diff(times[index]) > MAX_GAP) + 1)
+    return np.split(index, np.flatnonzero(np.diff(times[index]) > max_gap) + 1)
+
+
+def blur(motion: Motion) -> Tuple[float, float]:
+    """Times over which the smoother averages velocities of the craft over the ground, and of its heading
+    [s]."""
+    jerks = motion.scales.linear_jerk, motion.scales.angular_jerk
+    usual = scatter.interval(motion.times)
+    times = [(n * np.sqrt(usual) / jerk) ** (1 / 3) for n, jerk in zip(motion.noise, jerks)]
+    linear, angular = (max(0.5 * usual, time) for time in times)
+    return linear, angular
 
 
 def accelerations(motion: Motion) -> Array:
@@ -63,41 +84,86 @@ def smooth_terms(nu: Array) -> Array:
     )
 
 
-def middle(times: Array, margin: float = 0.06) -> Flags:
-    """Samples away from the ends of stretches, where smoothed accelerations are inaccurate."""
-    inside = np.zeros(len(times), bool)
-    for stretch in stretches(times, np.ones(len(times), bool)):
+def middle(motion: Motion, times: Optional[Array] = None) -> Flags:
+    """Samples away from the ends of stretches, where smoothed accelerations are inaccurate; of some of the
+    motion's times, or all."""
+    times = motion.times if times is None else times
+    inside, margin = np.zeros(len(times), bool), END * max(blur(motion))
+    for stretch in stretches(times, np.ones(len(times), bool), motion.scales.max_gap):
         start, end = times[stretch[0]], times[stretch[-1]]
         inside[stretch] = (times[stretch] > start + margin) & (times[stretch] < end - margin)
     return inside
 
 
+def commands_at(recording: Recording, commands: Array, times: Array) -> Array:
+    """Commands (m, n) as smoothed accelerations show them: averaged over what the smoother does."""
+    return recording.averaged(commands, times, KERNEL * max(blur(recording.motion)))
+
+
 @once
-def find(recording: Recording) -> Optional[Reply]:
-    """Linear regression of the accelerations on the commands, at the lag that fits best. None when the
-    commands explain less than 10%."""
+def regression(recording: Recording) -> Optional[Reply]:
+    """Linear regression of the accelerations on the commands, at the lag that fits best. None where there
+    are few poses, or the commands do not change."""
     motion, thrust = recording.motion, recording.thrust
-    inside = middle(motion.times)
+    inside = middle(motion)
     times = motion.times[inside]
     if len(times) < 50 or np.ptp(thrust, axis=0).max() < 1e-6:
         return None
     wanted = accelerations(motion)[inside]
-    scale = 1.4826 * np.median(np.abs(wanted - np.median(wanted, axis=0)), axis=0) + 1e-9
+    scale = 1.4826 * np.median(np.abs(wanted - np.median(wanted, axis=0)), axis=0)
+    scale = np.where(scale > 0, scale, np.maximum(wanted.std(axis=0), 1e-300))
     others = smooth_terms(motion.nu[inside])
+    others = others / np.maximum(np.abs(others).max(axis=0), 1e-300)
+    sizes = np.maximum(np.abs(smooth_terms(motion.nu[inside])).max(axis=0), 1e-300)
 
-    def regression(lag: float, some: slice = slice(None)) -> Tuple[float, Array]:
-        X = np.column_stack([recording.held(thrust, times[some] - lag), others[some]])
+    def regressed(lag: float, some: slice = slice(None)) -> Tuple[float, Array]:
+        X = np.column_stack([commands_at(recording, thrust, times[some] - lag), others[some]])
         coefficients = np.linalg.lstsq(X, wanted[some], rcond=None)[0]
-        return np.abs((wanted[some] - X @ coefficients) / scale).mean(), coefficients
+        return float(np.abs((wanted[some] - X @ coefficients) / scale).mean()), coefficients
 
     spread = slice(None, None, 1 + len(times) // LAG_SAMPLES)
-    lag = LAGS[int(np.argmin([regression(lag, spread)[0] for lag in LAGS]))]
-    misfit, coefficients = regression(lag)
+    lag = float(LAGS[int(np.argmin([regressed(lag, spread)[0] for lag in LAGS]))])
+    misfit, coefficients = regressed(lag)
+    coefficients[thrust.shape[1] :] /= sizes[:, None]
     without = np.linalg.lstsq(others, wanted, rcond=None)[0]
-    share = 1 - misfit / np.abs((wanted - others @ without) / scale).mean()
-    if share < 0.1:
-        return None
-    return {"lag": float(lag), "share": float(share), "coefficients": coefficients}
+    most = np.abs((wanted - others @ without) / scale).mean()
+    rough = slice(None, None, 1 + len(times) // CLOCK_SAMPLES)
+    chance = 1 - min(regressed(lag, rough)[0] for lag in _placebos(recording)) / most
+    share, power = float(1 - misfit / most), _power(motion, wanted)
+    follows = share > FOLLOWS or share > max(CLEARLY * chance, MIN_FOLLOWED)
+    return {
+        "lag": lag,
+        "share": share,
+        "chance": float(chance),
+        "power": power,
+        "follows": bool(follows),
+        "coefficients": coefficients,
+    }
+
+
+def _placebos(recording: Recording) -> Array:
+    """Lags at which no motion follows the commands, spread over the recording [s]."""
+    length = float(np.ptp(recording.motion.times))
+    return np.asarray(length * np.linspace(0.1, 0.5, PLACEBOS) * np.resize([1.0, -1.0], PLACEBOS))
+
+
+def _power(motion: Motion, wanted: Array) -> float:
+    """Share of the accelerations (n, 3) that is not noise of the poses, of the best channel."""
+    return float(np.max(1 - accuracy(motion) ** 2 / np.maximum(wanted.var(axis=0), 1e-300)))
+
+
+def accuracy(motion: Motion) -> Array:
+    """Standard deviations (3,) of the noise that smoothing leaves in accelerations [m/s^2], [rad/s^2]."""
+    usual = scatter.interval(motion.times)
+    pairs = zip(motion.noise, blur(motion))
+    linear, angular = (noise * np.sqrt(usual / time**5 / 18) for noise, time in pairs)
+    return np.array([linear, linear, angular])
+
+
+def find(recording: Recording) -> Optional[Reply]:
+    """The regression where the motion follows the commands; else None."""
+    found = regression(recording)
+    return found if found and found["follows"] else None
 
 
 def lag_of(recording: Recording) -> float:
@@ -119,7 +185,7 @@ def clocks(recording: Recording) -> List[Clock]:
     """The Clock that explains the accelerations best with a drift, and the one without; none where the
     commands explain little."""
     motion = recording.motion
-    inside = np.flatnonzero(middle(motion.times))
+    inside = np.flatnonzero(middle(motion))
     inside = inside[:: 1 + len(inside) // CLOCK_SAMPLES]
     if len(inside) < MIN_SAMPLES:
         return []
@@ -222,7 +288,7 @@ def rest(recording: Recording, names: Sequence[str], twisted: bool = False) -> O
     """The Rest of a motion and the commands of some channels that it follows; None without samples.
     twisted: in the frame of a body whose heading is minus the measured one."""
     motion, sent = recording.motion, recording.control_times
-    inside = middle(motion.times) & (motion.times > sent[0]) & (motion.times < sent[-1])
+    inside = middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
     times, psi, nu = motion.times[inside], motion.eta[inside, 2], motion.nu[inside]
     if not len(times):
         return None
@@ -232,7 +298,7 @@ def rest(recording: Recording, names: Sequence[str], twisted: bool = False) -> O
         wanted, nu = (_turned(rows, -2 * psi) * [1, 1, -1] for rows in (wanted, nu))
     level = np.column_stack([np.cos(psi), np.sin(psi)])  # a slope in the body's frame
     base = np.linalg.qr(np.column_stack([smooth_terms(nu), level]))[0]
-    commands = recording.held(recording.commands_of(names), times - lag_of(recording))
+    commands = commands_at(recording, recording.commands_of(names), times - lag_of(recording))
     found = np.column_stack([_clipped(wanted), commands])
     found = found - base @ (base.T @ found)
     return Rest(times, found[:, :3], found[:, 3:])
@@ -249,11 +315,11 @@ def authorities(recording: Recording) -> Document:
     body's axes [m/s^2], turn, clockwise from above [rad/s^2], and their standard errors, those of a jackknife
     over blocks of time. Empty if the commands do not distinguish the thrusters."""
     motion, sent = recording.motion, recording.control_times
-    inside = middle(motion.times) & (motion.times > sent[0]) & (motion.times < sent[-1])
+    inside = middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
     others, wanted = smooth_terms(motion.nu[inside]), _clipped(accelerations(motion)[inside])
     if len(wanted) < MIN_SAMPLES:
         return {}
-    commands = recording.held(recording.thrust, motion.times[inside] - lag_of(recording))
+    commands = commands_at(recording, recording.thrust, motion.times[inside] - lag_of(recording))
     base = np.linalg.qr(others)[0]
     sizes = np.linalg.svd(commands - base @ (base.T @ commands), compute_uv=False)
     if not sizes[-1] > ALIKE * sizes[0]:

@@ -10,7 +10,7 @@ from typing import Callable, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import layouts, repair, reply, units
+from ground.recordings import layouts, reply, units
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording, once
 from ground.support.annotations import Document
@@ -74,8 +74,7 @@ def about(recordings: Sequence[Recording], model: _core.Model) -> List[Suspicion
 def lengths(recording: Recording) -> Iterator[Suspicion]:
     """Positions in millimetres, centimetres or inches, by speeds that no craft in a room has."""
     motion = recording.motion
-    scatter = repair.scatter(motion.times, motion.measured)
-    noise = motion.noise[0] if scatter is None else float(np.hypot(*scatter[:2]) / np.sqrt(2))
+    noise = motion.noise[0]
     likely, fast = units.length_units(recording.pose_times, recording.eta[:, :2], noise)
     if likely:
         yield Suspicion(

@@ -1,30 +1,92 @@
 """Windows: stretches of runs that are simulated, each from its own initial state, and their error."""
 
+import itertools
 from typing import Dict, List, Optional, Sequence
 
+import numpy as np
+
 from ground import _core
-from ground.recordings.repair import MAX_GAP
+from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
-WINDOW = 1.5  # length of the windows of the error [s]
+LENGTHS = 20.0  # travelled at full thrust within the time scale [radii of gyration]; some five lengths
+TURN = 2 * np.pi  # turned at full moment within the time scale [rad]
+STEPS = (1.0, 2.0, 5.0)  # time scales are these times a power of ten [s]
+WINDOW = 1.5  # length of the windows of the error [time scales]
 
 
-def cut(runs: Sequence[_core.RunData], length: float = WINDOW) -> List[_core.Window]:
-    """Windows of `length` seconds over all runs (_core.RunData); GroundError when one has none."""
-    windows = []
+def time_scale(model: _core.Model) -> float:
+    """Time [s] in which full thrust moves a craft by some lengths or turns it round: 1 s for a palm-sized
+    hovercraft, 10 s for a free-flyer. It is rounded, so that models of a craft have the same."""
+    value = model.value
+    least, most = _full_thrust(model)
+    full = np.maximum(np.abs(least), most)
+    radius = np.sqrt(value("I_z") / value("m"))
+    way = np.array([LENGTHS * radius, LENGTHS * radius, TURN])
+    mass = np.array([value("m"), value("m"), value("I_z")])
+    damping = np.array([value("X_u"), value("Y_v"), value("N_r")])
+    moved = full > 1e-9 * full[:2].max()
+    if not moved.any():
+        return 1.0
+    way, mass, damping, full = (a[moved] for a in (way, mass, damping, full))
+    # The time t with mass 2 way / t^2 + damping way / t = full.
+    half = 0.5 * way * damping / full
+    return nearest(float(np.min(half + np.sqrt(half**2 + 2 * way * mass / full))))
+
+
+def _full_thrust(model: _core.Model) -> Array:
+    """Least and most X, Y [N], N [N m] that the thrusters give, (2, 3)."""
+    thrusters = model.thrusters
+    ends = np.array([t["range"] for t in thrusters]) if thrusters else np.empty((0, 2))
+    if model.is_pair or not len(ends):
+        ends = np.array([[0.0, model.input_max]] * 2)
+    scale = model.value("k") * np.array([1.0, 1.0, model.value("l")])
+    if any(t["is_angle"] for t in thrusters):  # a rudder needs the stream of its thruster
+        corners = np.array(list(itertools.product(*ends)))
+        wrench = np.asarray(model.forces(corners)) * scale
+        return np.array([wrench.min(axis=0), wrench.max(axis=0)])
+    each = np.array([model.forces(np.diag(ends[:, i])) * scale for i in (0, 1)])
+    return np.array([each.min(axis=0).sum(axis=0), each.max(axis=0).sum(axis=0)])
+
+
+def nearest(seconds: float) -> float:
+    """The nearest of STEPS times a power of ten."""
+    power = np.floor(np.log10(seconds))
+    near = np.array([step * 10.0 ** (power + i) for i in (0, 1) for step in STEPS])
+    return float(near[np.argmin(np.abs(np.log(near / seconds)))])
+
+
+def usual(model: _core.Model) -> float:
+    """Length of the windows of the error that suits a model [s]: long enough for what is missing to show,
+    and short enough that random pushes do not hide it. 1.5 s for a palm-sized hovercraft."""
+    return WINDOW * time_scale(model)
+
+
+def length(runs: Sequence[_core.RunData]) -> float:
+    """Length of the windows over which the error of runs (_core.RunData) is taken [s]."""
+    return float(runs[0].scales.window)
+
+
+def cut(runs: Sequence[_core.RunData], seconds: Optional[float] = None) -> List[_core.Window]:
+    """Windows of some seconds (default: length(runs)) over all runs; GroundError when one has none."""
+    windows, seconds = [], seconds or length(runs)
     for index, run in enumerate(runs):
-        found = cut_part(run, index, run.times[0], run.times[-1], length)
+        found = cut_part(run, index, run.times[0], run.times[-1], seconds)
         if not found:
-            raise GroundError("%s: too short for a window of %.1f s without a gap" % (run.name, length))
+            raise GroundError(
+                "%s: too short for a window of %.3g s without a gap; --window takes shorter ones"
+                % (run.name, seconds)
+            )
         windows += found
     return windows
 
 
 def cut_part(
-    run: _core.RunData, index: int, start: float, end: float, length: float = WINDOW
+    run: _core.RunData, index: int, start: float, end: float, seconds: Optional[float] = None
 ) -> List[_core.Window]:
-    """Windows of a run from `start` to `end` [s]; index: the run's number in the problem."""
-    return _core.cut_windows(run, index, start, end, length, MAX_GAP)
+    """Windows of some seconds (default: length([run])) of a run from `start` to `end` [s]; index: the run's
+    number in the problem."""
+    return _core.cut_windows(run, index, start, end, seconds or length([run]))
 
 
 def spread(windows: List[_core.Window], most: float) -> List[_core.Window]:
@@ -41,10 +103,10 @@ def spread(windows: List[_core.Window], most: float) -> List[_core.Window]:
     return chosen
 
 
-def cut_again(runs: Sequence[_core.RunData], window: _core.Window, length: float) -> List[_core.Window]:
-    """Windows of `length` seconds in a window; the window itself if none fits."""
+def cut_again(runs: Sequence[_core.RunData], window: _core.Window, seconds: float) -> List[_core.Window]:
+    """Windows of some seconds in a window; the window itself if none fits."""
     times = runs[window.run].times
-    found = cut_part(runs[window.run], window.run, times[window.first], times[window.last], length)
+    found = cut_part(runs[window.run], window.run, times[window.first], times[window.last], seconds)
     return found or [window]
 
 
@@ -63,7 +125,7 @@ def problem(
 def error(
     runs: Sequence[_core.RunData], model: _core.Model, windows: Optional[Sequence[_core.Window]] = None
 ) -> float:
-    """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, over windows of 1.5 s of all runs if none are given.
+    """Mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, over windows of all runs if none are given.
 
     Initial velocities are the best for the model. Raises GroundError when the
     model cannot be simulated.

@@ -165,7 +165,7 @@ def fewer(series: Sequence[Array], step: int) -> List[Array]:
 def with_gaps(times: Array, *series: Array) -> List[Array]:
     """The arrays with NaN inserted into gaps, where no line is drawn."""
     usual = np.median(np.diff(times)) if len(times) > 1 else 0.0
-    at = np.flatnonzero(np.diff(times) > repair.MAX_GAP + 2 * usual) + 1
+    at = np.flatnonzero(np.diff(times) > (scatter.BRIDGED + 2) * usual) + 1
     return [np.insert(s, at, np.nan, axis=0) for s in (times,) + series]
 
 

@@ -150,7 +150,7 @@ def _add_motion(
 
 def _add_bands(figure: Panels, bands: bands_of.Bands, step: int, shade: str) -> None:
     """Adds bands with the horizon of a window to the rows of u, v, r."""
-    tiles = [fewer(tile, step) for tile in bands.tiled(windows.WINDOW)]
+    tiles = [fewer(tile, step) for tile in bands.tiled(bands.unit)]
     for row, (channel, _, _) in enumerate(CHANNELS if tiles else ()):
         at = bands_of.CHANNELS.index(channel)
         outlines = [outline(times, low[:, at], high[:, at]) for times, low, high in tiles]
@@ -161,7 +161,7 @@ def _add_bands(figure: Panels, bands: bands_of.Bands, step: int, shade: str) -> 
 def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str:
     caption = (
         "Run %s: velocities in the body frame, path in world_ned seen from above; models restart "
-        "every 1.5 s." % run.name
+        "every %.3g s." % (run.name, run.data.scales.window)
     )
     if step > 1:
         caption += " One sample in %d is drawn." % step
@@ -169,7 +169,7 @@ def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str
         caption += (
             " Shaded: %.0f%% prediction band of a fit without this run. It restarts every %g s "
             "from the poses so far; it includes random wrench and noise."
-            % (100 * bands_of.PART, windows.WINDOW)
+            % (100 * bands_of.PART, bands.unit)
         )
     return caption
 
