@@ -23,7 +23,7 @@ void searchLifecycle(SearchPilot::Loop loop, double recovery, bool require = tru
   std::vector<std::string> lost = running;
   lost.push_back("invalid state");
   search::Search<LifecycleWorld> search([&] { return LifecycleWorld(params, pilot); }, {{}, lifting, running, lost},
-                                events, search::bounds(100000));
+                                events, search::bounds(400000));
   const search::Found found = search.run();
   std::cout << found.text() << "\n";
   EXPECT_EQ(found.violation, "") << found.sequence;

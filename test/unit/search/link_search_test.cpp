@@ -44,13 +44,14 @@ void searchLink(const GroundLinkParams& params, const std::vector<Names>& roots,
 void searchAll(const GroundLinkParams& params) {
   searchLink(params,
              {{},
+              kReady,
               kArmed,
               kArmed + Names{"silence of 0.5 s"},
               kArmed + Names{"invalid state"},
               kArmed + Names{"clock set"},
               kArmed + Names{"telemetry with a new count"},
               {"hello", "zero command", "arm", "command"}},
-             LinkWorld::events(), 100000);
+             LinkWorld::events(), 400000);
 }
 
 }  // namespace
@@ -67,13 +68,13 @@ TEST(EverySequence, OfALinkOnTheBench) {
 TEST(LongSequences, OfStates) {
   searchLink(linkParams(0.25), {kReady, kArmed},
              kTimes + Names{"state", "invalid state", "old state", "zero command", "command", "arm", "disarm"},
-             100000);
+             400000);
 }
 TEST(LongSequences, OfPublishers) {
   searchLink(linkParams(0), {kReady, kArmed},
              kTimes + Names{"state", "zero command", "command", "command of NaN", "zero command of another",
                             "command of another", "arm", "disarm"},
-             100000);
+             400000);
 }
 TEST(LongSequences, OfTheCraft) {
   searchLink(linkParams(0.25), {{"state", "zero command"}, kArmed},
@@ -81,14 +82,14 @@ TEST(LongSequences, OfTheCraft) {
               "telemetry of the other port", "telemetry of a stranger", "state", "zero command", "arm", "disarm",
               "driving, until just before a limit", "driving, until a limit", "driving, until just after a limit",
               "driving, the count stands still until just after its limit"},
-             100000);
+             400000);
 }
 TEST(LongSequences, OfEnds) {
   searchLink(linkParams(0.25), {kReady, kArmed},
              {"state", "zero command", "command", "arm", "disarm", "end", "silence of 0.5 s", "clock set",
-              "packets cannot be sent", "packets can be sent", "until a limit",
+              "packets cannot be sent", "packets can be sent", "the craft leaves the room", "the craft is in the room", "until a limit",
               "driving, until just before a limit", "driving, until a limit", "driving, until just after a limit"},
-             100000);
+             400000);
 }
 
 }  // namespace link_search
