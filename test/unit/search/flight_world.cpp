@@ -29,11 +29,26 @@ struct FlightEvents {
     constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
     static const std::vector<Event> table = {
         {"pose", [](W& w) { w.measure({}); }},
-        {"invalid pose", [=](W& w) { w.measure({0, 0, false, 0}); }},
-        {"state of NaN", [=](W& w) { w.measure({kNan, 0, true, 0}); }},
-        {"pose 1.7 m off", [](W& w) { w.measure({1.7, 0, true, 0}); }},
-        {"pose 0.19 s old", [](W& w) { w.measure({0, 0, true, 0.19}); }},
-        {"pose of a craft that leaves the room", [](W& w) { w.measure({0, 3, true, 0}); }},
+        {"invalid pose",
+         [=](W& w) {
+           w.measure({0, 0, false, 0});
+         }},
+        {"state of NaN",
+         [=](W& w) {
+           w.measure({kNan, 0, true, 0});
+         }},
+        {"pose 1.7 m off",
+         [](W& w) {
+           w.measure({1.7, 0, true, 0});
+         }},
+        {"pose 0.19 s old",
+         [](W& w) {
+           w.measure({0, 0, true, 0.19});
+         }},
+        {"pose of a craft that leaves the room",
+         [](W& w) {
+           w.measure({0, 3, true, 0});
+         }},
         {"telemetry", [](W& w) { w.telemetry(); }},
         {"arm", [](W& w) { w.arm(true); }},
         {"disarm", [](W& w) { w.arm(false); }},
@@ -189,7 +204,8 @@ void FlightWorld::pass(double duration, bool fed) {
     if (now_ >= until) break;
     const Instant due = life_.due();
     const double at = alive_ ? std::min(due.steady, due.time) : until;
-    now_ = search::onTick(std::min({until, next_frame, std::max({std::min(at, link_.nextPacket()), now_ + kTick})}));
+    now_ = search::onTick(
+        std::min({until, next_frame, std::max({std::min(at, link_.nextPacket()), now_ + kTick})}));
     if (alive_) life_.tick(instant());
     exchange();
     link_.tick(now_);
@@ -243,7 +259,8 @@ void FlightWorld::check() {
   }
   shared_->packets.clear();
   const bool over = !by_hand_ || !started_;
-  if (violation_.empty() && sent_ && over && now_ - cut_at_ > kThrustAfterEnd && now_ > silent_until_ + kPeriod && last_.thrust() > 0)
+  if (violation_.empty() && sent_ && over && now_ - cut_at_ > kThrustAfterEnd &&
+      now_ > silent_until_ + kPeriod && last_.thrust() > 0)
     violation_ = "zeros-after-end: no zeros after the end";
   if (told_ && !violation_.empty()) tell("  " + violation_);
 }

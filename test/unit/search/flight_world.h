@@ -1,5 +1,5 @@
-// A sender's link, a controller's life cycle, a rival, the mocap and the craft together: what leaves for the craft is
-// checked against the promises of the documentation alone.
+// A sender's link, a controller's life cycle, a rival, the mocap and the craft together: what leaves for the
+// craft is checked against the promises of the documentation alone.
 #pragma once
 
 #include <string>

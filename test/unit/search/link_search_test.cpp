@@ -35,7 +35,8 @@ GroundLinkParams linkParams(double recovery) {
 void searchLink(const GroundLinkParams& params, const std::vector<Names>& roots, const Names& events,
                 std::uint64_t transitions) {
   Wire wire;
-  search::Search<LinkWorld> search([&] { return LinkWorld(params, wire); }, roots, events, search::bounds(transitions));
+  search::Search<LinkWorld> search([&] { return LinkWorld(params, wire); }, roots, events,
+                                   search::bounds(transitions));
   const search::Found found = search.run();
   std::cout << found.text() << "\n";
   EXPECT_EQ(found.violation, "") << found.sequence;
@@ -66,9 +67,10 @@ TEST(EverySequence, OfALinkOnTheBench) {
 
 // Fewer kinds of events, and so longer sequences.
 TEST(LongSequences, OfStates) {
-  searchLink(linkParams(0.25), {kReady, kArmed},
-             kTimes + Names{"state", "invalid state", "old state", "zero command", "command", "arm", "disarm"},
-             400000);
+  searchLink(
+      linkParams(0.25), {kReady, kArmed},
+      kTimes + Names{"state", "invalid state", "old state", "zero command", "command", "arm", "disarm"},
+      400000);
 }
 TEST(LongSequences, OfPublishers) {
   searchLink(linkParams(0), {kReady, kArmed},
@@ -77,18 +79,20 @@ TEST(LongSequences, OfPublishers) {
              400000);
 }
 TEST(LongSequences, OfTheCraft) {
-  searchLink(linkParams(0.25), {{"state", "zero command"}, kArmed},
-             {"hello", "telemetry", "telemetry with a new count", "telemetry with the same count",
-              "telemetry of the other port", "telemetry of a stranger", "state", "zero command", "arm", "disarm",
-              "driving, until just before a limit", "driving, until a limit", "driving, until just after a limit",
-              "driving, the count stands still until just after its limit"},
-             400000);
+  searchLink(
+      linkParams(0.25), {{"state", "zero command"}, kArmed},
+      {"hello", "telemetry", "telemetry with a new count", "telemetry with the same count",
+       "telemetry of the other port", "telemetry of a stranger", "state", "zero command", "arm", "disarm",
+       "driving, until just before a limit", "driving, until a limit", "driving, until just after a limit",
+       "driving, the count stands still until just after its limit"},
+      400000);
 }
 TEST(LongSequences, OfEnds) {
   searchLink(linkParams(0.25), {kReady, kArmed},
              {"state", "zero command", "command", "arm", "disarm", "end", "silence of 0.5 s", "clock set",
-              "packets cannot be sent", "packets can be sent", "the craft leaves the room", "the craft is in the room", "until a limit",
-              "driving, until just before a limit", "driving, until a limit", "driving, until just after a limit"},
+              "packets cannot be sent", "packets can be sent", "the craft leaves the room",
+              "the craft is in the room", "until a limit", "driving, until just before a limit",
+              "driving, until a limit", "driving, until just after a limit"},
              400000);
 }
 

@@ -127,8 +127,7 @@ struct LinkSpec {
   /// Whether a datagram counts as the craft's.
   bool datagram(double now, const UdpAddress& from, bool telemetry) {
     if (from != craft) {
-      const bool back =
-          speaks && telemetry && from.host == craft.host && now - heard > kReturn;
+      const bool back = speaks && telemetry && from.host == craft.host && now - heard > kReturn;
       if (armed() || !(craft.port == 0 || (!locked && telemetry) || back)) return false;
       craft = from;
     }
