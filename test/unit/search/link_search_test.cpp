@@ -11,6 +11,7 @@ namespace {
 
 using Names = std::vector<std::string>;
 
+constexpr std::uint32_t kCraftHost = 0x0a000002;
 const Names kReady = {"telemetry", "state", "zero command"};
 const Names kArmed = {"telemetry", "state", "zero command", "arm", "command"};
 const Names kTimes = {"until just before a limit", "until a limit", "until just after a limit"};
@@ -33,9 +34,9 @@ GroundLinkParams linkParams(double recovery) {
 }
 
 void searchLink(const GroundLinkParams& params, const std::vector<Names>& roots, const Names& events,
-                std::uint64_t transitions) {
+                std::uint64_t transitions, const UdpAddress& craft = {}) {
   Wire wire;
-  search::Search<LinkWorld> search([&] { return LinkWorld(params, wire); }, roots, events,
+  search::Search<LinkWorld> search([&] { return LinkWorld(params, wire, craft); }, roots, events,
                                    search::bounds(transitions));
   const search::Found found = search.run();
   std::cout << found.text() << "\n";
@@ -63,6 +64,14 @@ TEST(EverySequence, OfALinkOnTheBench) {
   GroundLinkParams params = linkParams(0.25);
   params.require_state = params.require_lift = false;
   searchAll(params);
+}
+
+TEST(EverySequence, OfALinkToACraftOfFixedAddress) {
+  const Names peers = {"hello", "hello of a stranger", "telemetry", "telemetry of the other port",
+                       "telemetry of a stranger"};
+  const Names events = peers + kTimes + Names{"state", "zero command", "arm", "disarm", "nobody calls for 3 s"};
+  for (const std::uint16_t port : {0, 4000})
+    searchLink(linkParams(0.25), {{}, {"state", "zero command"}}, events, 100000, {kCraftHost, port});
 }
 
 // Fewer kinds of events, and so longer sequences.

@@ -129,19 +129,21 @@ struct LinkWorld::Before {
   UdpAddress peer;
   std::uint64_t revision;
   GroundLink::Counters counters;
-  bool silent;
+  bool silent, lost;
 };
 
-LinkWorld::LinkWorld(const GroundLinkParams& params, Wire& wire)
+LinkWorld::LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddress& craft)
     : params_(params),
       wire_(&wire),
-      link_(params, {}, [at = &wire](const std::string& datagram, const UdpAddress& to) {
+      link_(params, craft, [at = &wire](const std::string& datagram, const UdpAddress& to) {
         Wire::Packet packet{{}, to};
         if (!decodeMotors(datagram, packet.command)) throw std::logic_error("a packet cannot be read");
         at->packets.push_back(packet);
         return at->broken ? std::string("the network is unreachable") : std::string();
       }) {
   spec_.params = params;
+  spec_.fixed = spec_.craft = craft;
+  if (craft.port != 0) known_since_ = now_;
 }
 
 const std::vector<std::string>& LinkWorld::events() {
@@ -372,11 +374,18 @@ LinkWorld::Before LinkWorld::before() const {
   wire_->packets.clear();
   wire_->broken = broken_;
   return {link_.current(),  link_.reason(),   link_.peer(),
-          link_.revision(), link_.counters(), spec_.silent_until.has_value()};
+          link_.revision(), link_.counters(), spec_.silent_until.has_value(), spec_.lost_since.has_value()};
 }
 
 void LinkWorld::check(const Before& seen, const std::string& call, bool accepted) {
-  if (!wire_->packets.empty()) noteSending();
+  if (!wire_->packets.empty()) {
+    noteSending();
+    if (call != "zero") scheduled_at_ = now_;
+  }
+  const double next = scheduled_at_ + 1 / spec_.params.keepalive_rate;
+  if (violation_.empty() && scheduled_at_ >= known_since_ && scheduled_at_ > 0 && !spec_.silent_until &&
+      std::abs(link_.nextPacket() - next) > 1e-9)
+    violation_ = "keepalive: the next packet is not a period after the last";
   if (!violation_.empty()) return;
   for (const auto& problem : {packetProblem(seen), stateProblem(seen), reportProblem(seen)})
     if (violation_.empty()) violation_ = problem;
@@ -440,7 +449,11 @@ std::string LinkWorld::reportProblem(const Before& seen) const {
   const bool changed =
       link_.current() != seen.state || link_.reason() != seen.reason || link_.peer() != seen.peer;
   if (changed && link_.revision() == seen.revision) return "report: a change is not told";
-  if (link_.reason().empty()) return "report: there is no reason";
+  if (link_.reason().empty() || (link_.current() != seen.state && link_.reason() == seen.reason))
+    return "report: the reason of a change is missing";
+  if (spec_.armed() && seen.state == GroundLink::State::kArmed && spec_.lost_since.has_value() != seen.lost &&
+      link_.reason() == seen.reason)
+    return "report: the loss of the state, or its end, is not told";
   const bool lifts = spec_.armed();
   const MotorCommand& lifting = spec_.silent_until ? attempted_ : spec_.accepted;
   if (link_.lift() != (lifts ? lifting.lift : 0)) return "report: the lift is wrong";
