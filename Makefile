@@ -17,7 +17,7 @@ export SLOW
 # CMake options in addition to the preset "default" (CMakePresets.json)
 options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
-.PHONY: build demo test fresh lint sanitize fuzz mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking \
+.PHONY: build demo test fresh lint sanitize fuzz search promises mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking \
   bench-soak bench-table bench-faults bench-changes bench-plans \
   bench-commands bench-diagnose bench-history replay docs install clean
 
@@ -50,6 +50,17 @@ sanitize: $(installed)
 # Fuzzes every reader of external input, FUZZ_SECONDS for each.
 fuzz: build
 	@$(in_ros) FUZZ_SECONDS=$(FUZZ_SECONDS) .ci/fuzz
+
+# Tries every sequence of events on the state machines of sender and controllers: 20 million transitions, minutes.
+# TRANSITIONS=5000000: of each of 15 searches
+search: build
+	@.ci/build build ground_search_test
+	@GROUND_SEARCH_TRANSITIONS=$(or $(TRANSITIONS),1500000) build/devel/lib/ground/ground_search_test
+
+# Takes the rule of each promise (test/requirements.toml) out of the product, and sees its test fail. OPTIONS="--only 3 7"
+promises: build
+	@.ci/build build ground_unit_tests
+	@$(in_workspace) test/mutation/promises.py $(OPTIONS)
 
 # Coverage of the C++ core by its unit tests: build/coverage/index.html.
 coverage: $(installed)

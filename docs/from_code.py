@@ -218,6 +218,34 @@ def channels():
     )
 
 
+def requirements():
+    return runpy.run_path(os.path.join(ROOT, "test", "requirements.py"))
+
+
+def faults():
+    """Every fault with how it ends, and the worst case that the fault benches have measured last."""
+    functions = requirements()
+    measured = functions["measured"]()
+    rows = []
+    for fault in functions["load"]()["fault"]:
+        worst = dict.fromkeys(measured["faults"][name]["worst"] for name in fault["measured"])
+        said = "; ".join(text.strip(": ") for text in worst if text != "no stop")
+        rows.append(
+            [*map(plain, (fault["name"], fault["ends"], said)), ", ".join(map(str, fault["promises"]))]
+        )
+    return table(["fault", "ends", "worst of %d" % measured["rounds"], "promises"], rows)
+
+
+def promises():
+    """Every promise with its limit and the test that fails without its rule."""
+    functions = requirements()
+    rows = [
+        [promise["number"], plain(functions["sentence"](promise)), "`%s`, `%s`" % tuple(promise["test"])]
+        for promise in functions["load"]()["promise"]
+    ]
+    return table(["promise", "what", "test"], rows)
+
+
 GENERATORS = {
     "verbs": verbs,
     "nodes": nodes,
@@ -226,6 +254,8 @@ GENERATORS = {
     "channels": channels,
     "effects": effects,
     "designs": designs,
+    "faults": faults,
+    "promises": promises,
 }
 
 

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""The promises of test/requirements.toml: limits for tests in Python, `requirements.py --header FILE` for those in C++,
-and what is wrong with the file."""
+"""The promises of test/requirements.toml: limits for tests in Python, and for those in C++ by
+`requirements.py --header FILE`."""
 
 import json
 import os
@@ -48,15 +48,16 @@ def header():
 
 
 def changed(promise):
-    """The file of the product in which the rule of a promise is taken out, from the root, and its content then;
-    ValueError if the line is not in it exactly once."""
+    """The file of the product in which the rule of a promise is taken out, from the root, and its content
+    then; ValueError if the line is not in it exactly once."""
     path, line, instead = promise["without"]
     with open(os.path.join(os.path.dirname(FOLDER), path), encoding="utf-8") as file:
         lines = file.read().split("\n")
     places = [i for i, one in enumerate(lines) if one.strip() == line]
     if len(places) != 1:
         raise ValueError(
-            "promise %d: %s has its line %d times, not once: %s" % (promise["number"], path, len(places), line)
+            "promise %d: %s has its line %d times, not once: %s"
+            % (promise["number"], path, len(places), line)
         )
     (place,) = places
     indent = len(lines[place]) - len(lines[place].lstrip())

@@ -1,5 +1,5 @@
-"""Test programs in which one source file of the core is changed. Only that file is compiled: what a program itself
-defines comes before what a library defines."""
+"""Test programs in which one source file of the core is changed. Only that file is compiled: what a program
+itself defines comes before what a library defines."""
 
 import os
 import pathlib
@@ -9,10 +9,9 @@ import shutil
 import subprocess
 import tempfile
 
-from sampling import ROOT
-
 import commands
 
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build"
 SECONDS = 120  # longest run of a test program [processor time]
 
@@ -36,7 +35,9 @@ class Changed:
     def _compiler(self, path):
         """The command that compiles a file, without its source and output."""
         library = "ground_" + pathlib.PurePath(path).parts[3]
-        (line, *_) = [one for one in self._of(library) if " -c " in one and "CMakeFiles/%s.dir" % library in one]
+        (line, *_) = [
+            one for one in self._of(library) if " -c " in one and "CMakeFiles/%s.dir" % library in one
+        ]
         words = shlex.split(line)
         for option in ("-MT", "-MF", "-o", "-c"):
             at = words.index(option)
@@ -56,8 +57,8 @@ class Changed:
 
     def verdict(self, path, text, program, tests="*", environment=None):
         """What `tests` of a program say when the file `path` (from the root) has the content `text`: a
-        dictionary with the outcome "invalid", "survived" or "killed", and by what. A program that ends in .py is
-        a file of test/python."""
+        dictionary with the outcome "invalid", "survived" or "killed", and by what. A program that ends in .py
+        is a file of test/python."""
         if program.endswith(".py"):
             return self._python(path, text, program, tests)
         with tempfile.TemporaryDirectory(dir=str(self._build)) as folder:

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Changes one operator, constant or statement of the two state machines at a time and asks the search over all
-sequences of events which invariant breaks. Prints a table, and the changes that break none."""
+"""Changes one operator, constant or statement of the two state machines at a time and asks the search over
+all sequences of events which invariant breaks. Prints a table, and the changes that break none."""
 
 import argparse
 import collections
@@ -10,8 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parent.parent / "bench"))
 
-import changed  # noqa: E402
-import sampling  # noqa: E402
+import changed
+import sampling
 
 FILES = ["link/ground_link.cpp", "control/controller_lifecycle.cpp"]
 
@@ -56,7 +56,10 @@ def main():
         for what, count in by.most_common():
             print("    %3d  %s" % (count, what))
         for mutant in left:
-            print("  survived, line %d\n    - %s\n    + %s" % (mutant.line, mutant.before.strip(), mutant.after.strip()))
+            print(
+                "  survived, line %d\n    - %s\n    + %s"
+                % (mutant.line, mutant.before.strip(), mutant.after.strip())
+            )
         sys.stdout.flush()
     return 1 if survivors else 0
 

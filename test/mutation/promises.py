@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Takes the rule of each promise of test/requirements.toml out of the product, and sees its test fail. The test
-programs have to be built."""
+"""Takes the rule of each promise of test/requirements.toml out of the product, and sees its test fail. The
+test programs have to be built."""
 
 import argparse
 import os
@@ -12,7 +12,6 @@ HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
 import changed  # noqa: E402
-
 import requirements  # noqa: E402
 
 
@@ -45,8 +44,11 @@ def main():
     for promise, result in judged(chosen, given.jobs):
         proven = result["outcome"] == "killed"
         unproven += not proven
-        said = "without its rule: " + result["by"] if proven else "UNPROVEN: without its rule the test " + (
-            "passes" if result["outcome"] == "survived" else "does not compile"
+        said = (
+            "without its rule: " + result["by"]
+            if proven
+            else "UNPROVEN: without its rule the test "
+            + ("passes" if result["outcome"] == "survived" else "does not compile")
         )
         print("%3d %-20s %s" % (promise["number"], promise["name"], said), flush=True)
     print("%d of %d promises are proven" % (len(chosen) - unproven, len(chosen)))

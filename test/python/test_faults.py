@@ -13,9 +13,11 @@ import pytest
 from conftest import ROOT, free_port, wait_for
 
 sys.path.insert(0, str(ROOT / "test" / "rostest"))
+sys.path.insert(1, str(ROOT / "test"))
+import requirements
 from wire_proxy import WireProxy
 
-LIMIT = 0.3  # longest thrust after the fault [s]
+LIMIT = requirements.limit("thrust-after-end")  # longest thrust after the fault [s]
 
 
 class Stack:

@@ -1,5 +1,5 @@
-"""The promises of test/requirements.toml: each has a test, which fails when its rule is taken out of the product, and
-each row of the fault table has a promise and a measured worst case."""
+"""The promises of test/requirements.toml: each has a test, which fails when its rule is taken out of the
+product, and each row of the fault table has a promise and a measured worst case."""
 
 import collections
 import re
@@ -45,7 +45,10 @@ def test_numbers_and_names_are_unique():
 def test_a_promise_has_a_test_and_a_rule(promise):
     program, tests = promise["test"]
     pattern = re.escape(tests).replace(r"\*", ".*")
-    assert any(re.fullmatch(pattern, name) for name in all_tests()[program]), "%s has no %s" % (program, tests)
+    assert any(re.fullmatch(pattern, name) for name in all_tests()[program]), "%s has no %s" % (
+        program,
+        tests,
+    )
     assert ("{limit}" in promise["sentence"]) == ("limit" in promise) == ("unit" in promise)
     if "unproven" not in promise:
         requirements.changed(promise)  # its line is there once
@@ -65,6 +68,17 @@ def test_a_fault_has_promises_and_a_worst_case(fault):
         assert name.replace("mocap: ", "") in sources, "no test injects it"
 
 
+def test_tests_read_the_limits():
+    sources = [*(ROOT / "test").glob("rostest/*.py"), *(ROOT / "test").glob("python/*.py")]
+    read = set(
+        re.findall(r'requirements\.limit\("([\w-]+)"\)', "".join(path.read_text() for path in sources))
+    )
+    flight = (ROOT / "test/unit/search/flight_world.cpp").read_text()
+    for promise in PROMISES:
+        constant = "k" + "".join(word.capitalize() for word in promise["name"].split("-"))
+        assert "limit" not in promise or promise["name"] in read or constant in flight, promise["name"]
+
+
 def test_every_measured_fault_is_in_the_table():
     shown = {name for fault in FAULTS for name in fault["measured"]}
     assert set(requirements.measured()["faults"]) == shown
@@ -74,7 +88,9 @@ def test_every_measured_fault_is_in_the_table():
 def test_no_worst_case_is_beyond_its_limit(name):
     (promise,) = [one for one in PROMISES if one["name"] == name]
     concerned = [fault for fault in FAULTS if promise["number"] in fault["promises"]]
-    worst = [requirements.measured()["faults"][row]["worst"] for fault in concerned for row in fault["measured"]]
+    worst = [
+        requirements.measured()["faults"][row]["worst"] for fault in concerned for row in fault["measured"]
+    ]
     late = [float(ms) for text in worst for ms in re.findall(r"thrust until +(\d+) ms", text)]
     assert late and max(late) < 1e3 * promise["limit"]
 

@@ -10,10 +10,12 @@ import rostest
 from ground_msgs.msg import ControllerStatus, Controls, State
 from std_srvs.srv import Trigger
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+sys.path.insert(0, os.path.dirname(os.path.realpath(__file__)))
+sys.path.insert(1, os.path.dirname(sys.path[0]))
 import harness
+import requirements
 
-HALF_WIDTH = 2.0  # half the width of the square room [m]
+HALF_WIDTH = requirements.limit("fence")  # half the width of the square room [m]
 REST = 3.0  # time until the craft is at rest [s]
 
 

@@ -86,7 +86,8 @@ struct Found {
   }
 };
 
-/// Tries each of `events` in every state that is reached from the ends of `roots`, sequences of events. A World can be copied and has
+/// Tries each of `events` in every state that is reached from the ends of `roots`, sequences of events. A
+/// World can be copied and has
 /// - static const std::vector<std::string>& events(): their names,
 /// - bool possible(int event) const,
 /// - void apply(int event),

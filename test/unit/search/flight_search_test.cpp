@@ -14,7 +14,7 @@ void searchFlight(lifecycle_search::SearchPilot::Loop loop) {
   driving.insert(driving.end(), {"start", "1.1 s with poses"});
   Shared shared(loop);
   search::Search<FlightWorld> search([&] { return FlightWorld(shared); }, {{}, ready, driving},
-                                     FlightWorld::events(), search::bounds(40000));
+                                     FlightWorld::events(), search::bounds(300000));
   const search::Found found = search.run();
   std::cout << found.text() << "\n";
   EXPECT_EQ(found.violation, "") << found.sequence;

@@ -29,11 +29,26 @@ struct FlightEvents {
     constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
     static const std::vector<Event> table = {
         {"pose", [](W& w) { w.measure({}); }},
-        {"invalid pose", [=](W& w) { w.measure({0, 0, false, 0}); }},
-        {"state of NaN", [=](W& w) { w.measure({kNan, 0, true, 0}); }},
-        {"pose 1 m off", [](W& w) { w.measure({1, 0, true, 0}); }},
-        {"pose 0.19 s old", [](W& w) { w.measure({0, 0, true, 0.19}); }},
-        {"pose of a craft that leaves the room", [](W& w) { w.measure({0, 3, true, 0}); }},
+        {"invalid pose",
+         [=](W& w) {
+           w.measure({0, 0, false, 0});
+         }},
+        {"state of NaN",
+         [=](W& w) {
+           w.measure({kNan, 0, true, 0});
+         }},
+        {"pose 1.7 m off",
+         [](W& w) {
+           w.measure({1.7, 0, true, 0});
+         }},
+        {"pose 0.19 s old",
+         [](W& w) {
+           w.measure({0, 0, true, 0.19});
+         }},
+        {"pose of a craft that leaves the room",
+         [](W& w) {
+           w.measure({0, 3, true, 0});
+         }},
         {"telemetry", [](W& w) { w.telemetry(); }},
         {"arm", [](W& w) { w.arm(true); }},
         {"disarm", [](W& w) { w.arm(false); }},
@@ -97,7 +112,7 @@ void FlightWorld::apply(int event) {
 void FlightWorld::show(Key& key) const {
   link_.visit(key);
   life_.visit(key);
-  for (const bool flag : {alive_, told_armed_, by_hand_, started_, sent_}) key.value(flag);
+  for (const bool flag : {alive_, told_armed_, by_hand_, started_, lifted_, sent_}) key.value(flag);
   for (const double t : {last_valid_, heard_, cut_at_}) key.since(t);
   key.deadline(silent_until_);
 }
@@ -134,7 +149,7 @@ void FlightWorld::telemetry() {
 
 void FlightWorld::arm(bool armed) {
   if (!armed) {
-    cut();
+    cut(true);
     link_.disarm(now_, "by hand");
   } else if (link_.arm(now_).empty()) {
     by_hand_ = true;
@@ -146,6 +161,7 @@ void FlightWorld::start(bool started) {
   if (!started) cut();
   if (alive_ && started && life_.start(instant()).empty()) {
     started_ = true;
+    lifted_ = false;
     started_at_ = now_;
   }
   if (alive_ && !started) life_.stop(instant(), "by hand");
@@ -153,7 +169,7 @@ void FlightWorld::start(bool started) {
 }
 
 void FlightWorld::clockSet() {
-  cut();
+  cut(true);
   link_.timeJumped(now_, "time jumped");
   if (alive_) life_.timeJumped(instant(), "time jumped");
   exchange();
@@ -188,7 +204,8 @@ void FlightWorld::pass(double duration, bool fed) {
     if (now_ >= until) break;
     const Instant due = life_.due();
     const double at = alive_ ? std::min(due.steady, due.time) : until;
-    now_ = search::onTick(std::min({until, next_frame, std::max({std::min(at, link_.nextPacket()), now_ + kTick})}));
+    now_ = search::onTick(
+        std::min({until, next_frame, std::max({std::min(at, link_.nextPacket()), now_ + kTick})}));
     if (alive_) life_.tick(instant());
     exchange();
     link_.tick(now_);
@@ -199,20 +216,23 @@ void FlightWorld::pass(double duration, bool fed) {
 void FlightWorld::exchange() {
   while (true) {
     std::vector<Inputs>& sent = shared_->pilot.sent;
-    for (; given_ < sent.size(); ++given_) link_.command(now_, 0, "/controller", sent[given_]);
+    for (; given_ < sent.size(); ++given_) {
+      lifted_ = lifted_ || sent[given_].lift > 0;
+      link_.command(now_, 0, "/controller", sent[given_]);
+    }
     const bool armed = link_.current() == GroundLink::State::kArmed;
     if (armed == told_armed_) break;
     told_armed_ = armed;
-    if (!armed) cut();
+    if (!armed) cut(true);
     if (alive_) life_.sender(instant(), armed, link_.reason());
   }
   check();
 }
 
-void FlightWorld::cut() {
+void FlightWorld::cut(bool waiting_goes_on) {
   if (by_hand_ || started_) cut_at_ = now_;
   if (link_.current() != GroundLink::State::kArmed) by_hand_ = false;
-  started_ = false;
+  started_ = started_ && waiting_goes_on && !lifted_;
 }
 
 void FlightWorld::check() {
@@ -239,7 +259,8 @@ void FlightWorld::check() {
   }
   shared_->packets.clear();
   const bool over = !by_hand_ || !started_;
-  if (violation_.empty() && sent_ && over && now_ - cut_at_ > kThrustAfterEnd && now_ > silent_until_ + kPeriod && last_.thrust() > 0)
+  if (violation_.empty() && sent_ && over && now_ - cut_at_ > kThrustAfterEnd &&
+      now_ > silent_until_ + kPeriod && last_.thrust() > 0)
     violation_ = "zeros-after-end: no zeros after the end";
   if (told_ && !violation_.empty()) tell("  " + violation_);
 }

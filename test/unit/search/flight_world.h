@@ -1,5 +1,5 @@
-// A sender's link, a controller's life cycle, a rival, the mocap and the craft together: what leaves for the craft is
-// checked against the promises of the documentation alone.
+// A sender's link, a controller's life cycle, a rival, the mocap and the craft together: what leaves for the
+// craft is checked against the promises of the documentation alone.
 #pragma once
 
 #include <string>
@@ -60,8 +60,9 @@ class FlightWorld {
   /// Passes what the controller sent to the link, the link's state to the controller, and checks the packets.
   void exchange();
   void check();
-  /// Something happened after which thrust has to end for good.
-  void cut();
+  /// Something happened after which thrust has to end for good. A controller that still waits for an armed
+  /// sender may go on to wait.
+  void cut(bool waiting_goes_on = false);
   void tell(const std::string& line);
 
   Shared* shared_;
@@ -74,6 +75,7 @@ class FlightWorld {
   double last_valid_ = -1e9, heard_ = -1e9;  ///< last valid pose, last telemetry [s]
   double cut_at_ = -1e9;                     ///< the last event that ends a drive [s]
   double started_at_ = -1e9;                 ///< [s]
+  bool lifted_ = false;                      ///< the controller has switched the lift on since its start
   bool by_hand_ = false, started_ = false;   ///< armed, started since the last such event
   double silent_until_ = -1e9;
   MotorCommand last_;

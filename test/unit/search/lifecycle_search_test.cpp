@@ -22,8 +22,8 @@ void searchLifecycle(SearchPilot::Loop loop, double recovery, bool require = tru
   for (int i = 0; i < 2; ++i) running.push_back("with states, until just after a limit");
   std::vector<std::string> lost = running;
   lost.push_back("invalid state");
-  search::Search<LifecycleWorld> search([&] { return LifecycleWorld(params, pilot); }, {{}, lifting, running, lost},
-                                events, search::bounds(100000));
+  search::Search<LifecycleWorld> search([&] { return LifecycleWorld(params, pilot); },
+                                        {{}, lifting, running, lost}, events, search::bounds(400000));
   const search::Found found = search.run();
   std::cout << found.text() << "\n";
   EXPECT_EQ(found.violation, "") << found.sequence;
@@ -32,14 +32,18 @@ void searchLifecycle(SearchPilot::Loop loop, double recovery, bool require = tru
 TEST(EverySequence, OfALifecycleClosedLoop) { searchLifecycle(SearchPilot::Loop::kClosed, 0.25); }
 TEST(EverySequence, OfALifecycleClosedLoopWithoutRecovery) { searchLifecycle(SearchPilot::Loop::kClosed, 0); }
 TEST(EverySequence, OfALifecycleOpenLoop) { searchLifecycle(SearchPilot::Loop::kOpen, 0.25); }
-TEST(EverySequence, OfALifecycleOpenLoopOnTheBench) { searchLifecycle(SearchPilot::Loop::kOpen, 0.25, false); }
-TEST(EverySequence, OfALifecycleOpenThenClosedLoop) { searchLifecycle(SearchPilot::Loop::kOpenThenClosed, 0.25); }
+TEST(EverySequence, OfALifecycleOpenLoopOnTheBench) {
+  searchLifecycle(SearchPilot::Loop::kOpen, 0.25, false);
+}
+TEST(EverySequence, OfALifecycleOpenThenClosedLoop) {
+  searchLifecycle(SearchPilot::Loop::kOpenThenClosed, 0.25);
+}
 
 TEST(LongSequences, OfALifecycle) {
   searchLifecycle(SearchPilot::Loop::kClosed, 0.25, true,
-                  {"state", "invalid state", "start", "stop", "the sender is armed", "the sender is not armed",
-                   "another controller drives", "until just before a limit", "until a limit",
-                   "until just after a limit", "with states, until a limit"});
+                  {"state", "invalid state", "start", "stop", "the sender is armed",
+                   "the sender is not armed", "another controller drives", "until just before a limit",
+                   "until a limit", "until just after a limit", "with states, until a limit"});
 }
 
 }  // namespace lifecycle_search

@@ -13,7 +13,7 @@ namespace lifecycle_search {
 
 struct LifecycleSpec {
   using State = ControllerLifecycle::State;
-  static constexpr double kHandover = 0.2;               ///< [s]
+  static constexpr double kHandover = 0.2;              ///< [s]
   static constexpr double kJump = 0.2, kJumpSpeed = 2;  ///< [m], [m/s]
   static constexpr double kTurn = 0.6, kTurnRate = 10;  ///< [rad], [rad/s]
 
@@ -60,8 +60,8 @@ struct LifecycleSpec {
     if (driving()) left = std::min(left, running_since + end - now.time);
     if (flying() && lost_since) left = std::min(left, *lost_since + params.recovery_time - now.steady);
     if (flying() && !lost_since && seen && params.require_state)
-      left = std::min({left, seen_at + params.state_timeout - now.steady,
-                       seen->stamp + params.state_timeout - now.time});
+      left = std::min(
+          {left, seen_at + params.state_timeout - now.steady, seen->stamp + params.state_timeout - now.time});
     return left;
   }
 

@@ -28,7 +28,8 @@ Inputs SearchPilot::update(double elapsed, double, const RigidState<double>& sta
 }
 
 double SearchPilot::nextChange(double elapsed) const {
-  if (loop == Loop::kClosed || (loop == Loop::kOpenThenClosed && (switched || elapsed >= kOpenFor))) return kByState;
+  if (loop == Loop::kClosed || (loop == Loop::kOpenThenClosed && (switched || elapsed >= kOpenFor)))
+    return kByState;
   return kBit * (std::floor(elapsed / kBit) + 1);
 }
 
@@ -178,7 +179,8 @@ void LifecycleWorld::zero() {
   before();
   life_.sendZero(instant());
   const bool sent = pilot_->sent.size() == 1 && pilot_->sent.back().zero();
-  if (violation_.empty() && sent == spec_.othersDrive(instant())) violation_ = "zeros: none was sent, or beside another's";
+  if (violation_.empty() && sent == spec_.othersDrive(instant()))
+    violation_ = "zeros: none was sent, or beside another's";
   if (sent) sent_at_ = now_;
 }
 
@@ -246,10 +248,11 @@ void LifecycleWorld::check(const Before& seen, const std::string& call) {
   }
   if (!violation_.empty()) return;
   // The pilot may end the drive whenever it is asked.
-  const bool by_pilot = life_.current() == State::kStopped && spec_.state == State::kRunning &&
-                        (pilot_->failed || objects_);
+  const bool by_pilot =
+      life_.current() == State::kStopped && spec_.state == State::kRunning && (pilot_->failed || objects_);
   if (pilot_->disregarded) violation_ = "pilot: it objects, and is asked for a command";
-  if (pilot_->failed && life_.current() != State::kStopped) violation_ = "finite: a command of NaN stops nothing";
+  if (pilot_->failed && life_.current() != State::kStopped)
+    violation_ = "finite: a command of NaN stops nothing";
   if (violation_.empty()) violation_ = sentProblem();
   if (by_pilot) spec_.change(State::kStopped);
   if (violation_.empty()) violation_ = stateProblem(seen);
@@ -280,7 +283,8 @@ std::string LifecycleWorld::sentProblem() const {
 std::string LifecycleWorld::stateProblem(const Before& seen) const {
   using State = LifecycleSpec::State;
   const State is = life_.current();
-  const std::string became = std::string(nameOf(seen.state)) + " became " + nameOf(is) + ": " + life_.reason();
+  const std::string became =
+      std::string(nameOf(seen.state)) + " became " + nameOf(is) + ": " + life_.reason();
   if (is != spec_.state) return std::string("cause: it must be ") + nameOf(spec_.state) + ": " + became;
   const bool ended = seen.started && !spec_.started();
   const bool sent_now = sent_at_ == now_ && !pilot_->sent.empty();
@@ -290,7 +294,8 @@ std::string LifecycleWorld::stateProblem(const Before& seen) const {
     return "zeros: thrust is not cut when the state is lost";
   if (is == State::kRecovering && sent_.thrust() > 0) return "zeros: thrust goes on without a state";
   if (is == State::kLifting && !(sent_.lift == spec_.params.lift)) return "lift: it is not on while LIFTING";
-  if (active_ != (spec_.driving() ? 1 : 0)) return "pilot: it is active while it does not drive, or the reverse";
+  if (active_ != (spec_.driving() ? 1 : 0))
+    return "pilot: it is active while it does not drive, or the reverse";
   if ((is != seen.state || life_.reason() != seen.reason) && pilot_->changes == seen.changes)
     return "report: a change is not told";
   if (life_.reason().empty() || (is != seen.state && life_.reason() == seen.reason))
@@ -306,7 +311,8 @@ std::string LifecycleWorld::pauseProblem() const {
   if (!(due.steady > at.steady && due.time > at.time)) return "keepalive: it asks for a tick that is over";
   if (std::min(due.steady - at.steady, due.time - at.time) > spec_.untilLimit(at) + 1e-9)
     return "keepalive: it asks for a tick that misses a limit";
-  const double longest = ControllerLifecycle::kKeepalive + (spec_.closed_loop || spec_.driving() ? 1 / spec_.params.rate : 0) + 2 * kTick;
+  const double longest = ControllerLifecycle::kKeepalive +
+                         (spec_.closed_loop || spec_.driving() ? 1 / spec_.params.rate : 0) + 2 * kTick;
   if (!spec_.othersDrive(at) && now_ - std::max(sent_at_, spec_.others_until) > longest)
     return "keepalive: no command for too long";
   return "";

@@ -41,12 +41,12 @@ struct SearchPilot : Pilot {
 
   Loop loop;
   bool objects = false, fails = false;
-  bool switched = false;        ///< it drives by the state from now on
-  int active = 0;               ///< activations less deactivations
-  bool failed = false;          ///< it gave a command of NaN
-  bool disregarded = false;     ///< it was asked for a command by state while it objected
-  std::vector<Inputs> sent;     ///< what the life cycle sent
-  int changes = 0;              ///< calls of Changed
+  bool switched = false;     ///< it drives by the state from now on
+  int active = 0;            ///< activations less deactivations
+  bool failed = false;       ///< it gave a command of NaN
+  bool disregarded = false;  ///< it was asked for a command by state while it objected
+  std::vector<Inputs> sent;  ///< what the life cycle sent
+  int changes = 0;           ///< calls of Changed
 };
 
 class LifecycleWorld {

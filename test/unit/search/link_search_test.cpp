@@ -11,6 +11,7 @@ namespace {
 
 using Names = std::vector<std::string>;
 
+constexpr std::uint32_t kCraftHost = 0x0a000002;
 const Names kReady = {"telemetry", "state", "zero command"};
 const Names kArmed = {"telemetry", "state", "zero command", "arm", "command"};
 const Names kTimes = {"until just before a limit", "until a limit", "until just after a limit"};
@@ -33,9 +34,10 @@ GroundLinkParams linkParams(double recovery) {
 }
 
 void searchLink(const GroundLinkParams& params, const std::vector<Names>& roots, const Names& events,
-                std::uint64_t transitions) {
+                std::uint64_t transitions, const UdpAddress& craft = {}) {
   Wire wire;
-  search::Search<LinkWorld> search([&] { return LinkWorld(params, wire); }, roots, events, search::bounds(transitions));
+  search::Search<LinkWorld> search([&] { return LinkWorld(params, wire, craft); }, roots, events,
+                                   search::bounds(transitions));
   const search::Found found = search.run();
   std::cout << found.text() << "\n";
   EXPECT_EQ(found.violation, "") << found.sequence;
@@ -44,13 +46,14 @@ void searchLink(const GroundLinkParams& params, const std::vector<Names>& roots,
 void searchAll(const GroundLinkParams& params) {
   searchLink(params,
              {{},
+              kReady,
               kArmed,
               kArmed + Names{"silence of 0.5 s"},
               kArmed + Names{"invalid state"},
               kArmed + Names{"clock set"},
               kArmed + Names{"telemetry with a new count"},
               {"hello", "zero command", "arm", "command"}},
-             LinkWorld::events(), 100000);
+             LinkWorld::events(), 400000);
 }
 
 }  // namespace
@@ -63,32 +66,43 @@ TEST(EverySequence, OfALinkOnTheBench) {
   searchAll(params);
 }
 
+TEST(EverySequence, OfALinkToACraftOfFixedAddress) {
+  const Names peers = {"hello", "hello of a stranger", "telemetry", "telemetry of the other port",
+                       "telemetry of a stranger"};
+  const Names events = peers + kTimes + Names{"state", "zero command", "arm", "disarm", "nobody calls for 3 s"};
+  for (const std::uint16_t port : {0, 4000})
+    searchLink(linkParams(0.25), {{}, {"state", "zero command"}}, events, 100000, {kCraftHost, port});
+}
+
 // Fewer kinds of events, and so longer sequences.
 TEST(LongSequences, OfStates) {
-  searchLink(linkParams(0.25), {kReady, kArmed},
-             kTimes + Names{"state", "invalid state", "old state", "zero command", "command", "arm", "disarm"},
-             100000);
+  searchLink(
+      linkParams(0.25), {kReady, kArmed},
+      kTimes + Names{"state", "invalid state", "old state", "zero command", "command", "arm", "disarm"},
+      400000);
 }
 TEST(LongSequences, OfPublishers) {
   searchLink(linkParams(0), {kReady, kArmed},
              kTimes + Names{"state", "zero command", "command", "command of NaN", "zero command of another",
                             "command of another", "arm", "disarm"},
-             100000);
+             400000);
 }
 TEST(LongSequences, OfTheCraft) {
-  searchLink(linkParams(0.25), {{"state", "zero command"}, kArmed},
-             {"hello", "telemetry", "telemetry with a new count", "telemetry with the same count",
-              "telemetry of the other port", "telemetry of a stranger", "state", "zero command", "arm", "disarm",
-              "driving, until just before a limit", "driving, until a limit", "driving, until just after a limit",
-              "driving, the count stands still until just after its limit"},
-             100000);
+  searchLink(
+      linkParams(0.25), {{"state", "zero command"}, kArmed},
+      {"hello", "telemetry", "telemetry with a new count", "telemetry with the same count",
+       "telemetry of the other port", "telemetry of a stranger", "state", "zero command", "arm", "disarm",
+       "driving, until just before a limit", "driving, until a limit", "driving, until just after a limit",
+       "driving, the count stands still until just after its limit"},
+      400000);
 }
 TEST(LongSequences, OfEnds) {
   searchLink(linkParams(0.25), {kReady, kArmed},
              {"state", "zero command", "command", "arm", "disarm", "end", "silence of 0.5 s", "clock set",
-              "packets cannot be sent", "packets can be sent", "until a limit",
-              "driving, until just before a limit", "driving, until a limit", "driving, until just after a limit"},
-             100000);
+              "packets cannot be sent", "packets can be sent", "the craft leaves the room",
+              "the craft is in the room", "until a limit", "driving, until just before a limit",
+              "driving, until a limit", "driving, until just after a limit"},
+             400000);
 }
 
 }  // namespace link_search

@@ -25,7 +25,7 @@ struct LinkSpec {
   bool valid = false, in_room = true;
   MotorCommand accepted;
   std::string source, armed_source;
-  UdpAddress craft;
+  UdpAddress fixed, craft;  ///< address as given, and as known
   bool speaks = false, locked = false;
   double heard = kNever, counted = kNever;
   std::optional<std::uint32_t> count;
@@ -127,8 +127,8 @@ struct LinkSpec {
   /// Whether a datagram counts as the craft's.
   bool datagram(double now, const UdpAddress& from, bool telemetry) {
     if (from != craft) {
-      const bool back =
-          speaks && telemetry && from.host == craft.host && now - heard > kReturn;
+      const bool back = speaks && telemetry && from.host == craft.host && now - heard > kReturn;
+      if (fixed.port != 0 || (fixed.known() && from.host != fixed.host)) return false;
       if (armed() || !(craft.port == 0 || (!locked && telemetry) || back)) return false;
       craft = from;
     }

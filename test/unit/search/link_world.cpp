@@ -54,10 +54,22 @@ struct LinkEvents {
         {"stale command", [](W& w) { w.command(kDrive, "/a", w.params_.command_timeout); }},
         {"command from the future", [](W& w) { w.command(kDrive, "/a", -1 - kTick); }},
         {"command a second ahead", [](W& w) { w.command(kDrive, "/a", -1); }},
-        {"command of NaN", [](W& w) { w.command({kNan, 0, 1}); }},
-        {"command without lift", [](W& w) { w.command({0, 0.5, 0}); }},
-        {"lift alone", [](W& w) { w.command({0, 0, 0.5}); }},
-        {"command for three thrusters", [](W& w) { w.command({{0.5, 0.5, 0.5}, 1}); }},
+        {"command of NaN",
+         [](W& w) {
+           w.command({kNan, 0, 1});
+         }},
+        {"command without lift",
+         [](W& w) {
+           w.command({0, 0.5, 0});
+         }},
+        {"lift alone",
+         [](W& w) {
+           w.command({0, 0, 0.5});
+         }},
+        {"command for three thrusters",
+         [](W& w) {
+           w.command({{0.5, 0.5, 0.5}, 1});
+         }},
         {"zero command of another", [](W& w) { w.command(kZero, "/b"); }},
         {"command of another", [](W& w) { w.command(kOther, "/b"); }},
         {"hello", [](W& w) { w.datagram("hello", kCraft, {}); }},
@@ -117,19 +129,21 @@ struct LinkWorld::Before {
   UdpAddress peer;
   std::uint64_t revision;
   GroundLink::Counters counters;
-  bool silent;
+  bool silent, lost;
 };
 
-LinkWorld::LinkWorld(const GroundLinkParams& params, Wire& wire)
+LinkWorld::LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddress& craft)
     : params_(params),
       wire_(&wire),
-      link_(params, {}, [at = &wire](const std::string& datagram, const UdpAddress& to) {
+      link_(params, craft, [at = &wire](const std::string& datagram, const UdpAddress& to) {
         Wire::Packet packet{{}, to};
         if (!decodeMotors(datagram, packet.command)) throw std::logic_error("a packet cannot be read");
         at->packets.push_back(packet);
         return at->broken ? std::string("the network is unreachable") : std::string();
       }) {
   spec_.params = params;
+  spec_.fixed = spec_.craft = craft;
+  if (craft.port != 0) known_since_ = now_;
 }
 
 const std::vector<std::string>& LinkWorld::events() {
@@ -191,7 +205,8 @@ void LinkWorld::datagram(const std::string& data, const UdpAddress& from,
                        is.foreign - was.foreign == (known ? 0u : 1u) &&
                        is.received - was.received == (known && content ? 1u : 0u);
   if ((taken != (known && content) || !counted) && violation_.empty())
-    violation_ = std::string("craft: a datagram was ") + (taken ? "taken" : "ignored") + " or counted wrongly";
+    violation_ =
+        std::string("craft: a datagram was ") + (taken ? "taken" : "ignored") + " or counted wrongly";
   check(seen, "datagram");
 }
 
@@ -359,15 +374,23 @@ LinkWorld::Before LinkWorld::before() const {
   wire_->packets.clear();
   wire_->broken = broken_;
   return {link_.current(),  link_.reason(),   link_.peer(),
-          link_.revision(), link_.counters(), spec_.silent_until.has_value()};
+          link_.revision(), link_.counters(), spec_.silent_until.has_value(), spec_.lost_since.has_value()};
 }
 
 void LinkWorld::check(const Before& seen, const std::string& call, bool accepted) {
-  if (!wire_->packets.empty()) noteSending();
+  if (!wire_->packets.empty()) {
+    noteSending();
+    if (call != "zero") scheduled_at_ = now_;
+  }
+  const double next = scheduled_at_ + 1 / spec_.params.keepalive_rate;
+  if (violation_.empty() && scheduled_at_ >= known_since_ && scheduled_at_ > 0 && !spec_.silent_until &&
+      std::abs(link_.nextPacket() - next) > 1e-9)
+    violation_ = "keepalive: the next packet is not a period after the last";
   if (!violation_.empty()) return;
   for (const auto& problem : {packetProblem(seen), stateProblem(seen), reportProblem(seen)})
     if (violation_.empty()) violation_ = problem;
-  if (violation_.empty() && accepted && spec_.mayDrive(now_) && !(attempted_ == spec_.accepted && attempted_at_ == now_))
+  if (violation_.empty() && accepted && spec_.mayDrive(now_) &&
+      !(attempted_ == spec_.accepted && attempted_at_ == now_))
     violation_ = "commands: one that was accepted was not sent at once";
   if (told_ && !violation_.empty()) tell("  (" + call + ") " + violation_);
 }
@@ -395,8 +418,10 @@ std::string LinkWorld::packetProblem(const Before& seen) const {
                                                       : "armed: a command was sent while disarmed";
     if (!spec_.supported(now_)) return "state: a command was sent without a valid state";
     if (!spec_.commanded(now_)) return "stale: a command was sent that is too old";
-    if (c != spec_.accepted) return "publisher: a command was sent that is not the last one of its controller";
-    if (spec_.params.require_lift && c.thrust() > 0 && !(c.lift > 0)) return "lift: thrust without lift was sent";
+    if (c != spec_.accepted)
+      return "publisher: a command was sent that is not the last one of its controller";
+    if (spec_.params.require_lift && c.thrust() > 0 && !(c.lift > 0))
+      return "lift: thrust without lift was sent";
   }
   return "";
 }
@@ -405,7 +430,8 @@ std::string LinkWorld::packetProblem(const Before& seen) const {
 std::string LinkWorld::stateProblem(const Before& seen) const {
   using State = GroundLink::State;
   const State is = link_.current();
-  const std::string became = std::string(nameOf(seen.state)) + " became " + nameOf(is) + ": " + link_.reason();
+  const std::string became =
+      std::string(nameOf(seen.state)) + " became " + nameOf(is) + ": " + link_.reason();
   if (seen.state == State::kFault && is != State::kFault && spec_.state == State::kFault)
     return "fault: it did not end by hand: " + became;
   if (is != spec_.state)
@@ -420,9 +446,14 @@ std::string LinkWorld::stateProblem(const Before& seen) const {
 
 /// Whether what it shows is true.
 std::string LinkWorld::reportProblem(const Before& seen) const {
-  const bool changed = link_.current() != seen.state || link_.reason() != seen.reason || link_.peer() != seen.peer;
+  const bool changed =
+      link_.current() != seen.state || link_.reason() != seen.reason || link_.peer() != seen.peer;
   if (changed && link_.revision() == seen.revision) return "report: a change is not told";
-  if (link_.reason().empty()) return "report: there is no reason";
+  if (link_.reason().empty() || (link_.current() != seen.state && link_.reason() == seen.reason))
+    return "report: the reason of a change is missing";
+  if (spec_.armed() && seen.state == GroundLink::State::kArmed && spec_.lost_since.has_value() != seen.lost &&
+      link_.reason() == seen.reason)
+    return "report: the loss of the state, or its end, is not told";
   const bool lifts = spec_.armed();
   const MotorCommand& lifting = spec_.silent_until ? attempted_ : spec_.accepted;
   if (link_.lift() != (lifts ? lifting.lift : 0)) return "report: the lift is wrong";

@@ -26,7 +26,8 @@ struct Wire {
 
 class LinkWorld {
  public:
-  LinkWorld(const GroundLinkParams& params, Wire& wire);
+  /// `craft`: its address if fixed, port 0 for any port; unknown if it is learned.
+  LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddress& craft = {});
 
   static const std::vector<std::string>& events();
   bool possible(int event) const;
@@ -81,6 +82,7 @@ class LinkWorld {
   double now_ = 64;
   double attempted_at_ = -1e9;  ///< time of the last packet [s]
   MotorCommand attempted_;
+  double scheduled_at_ = -1e9;  ///< time of the last packet after which the next one is a period later [s]
   double known_since_ = -1e9;  ///< time since which the craft has its address [s]
   bool broken_ = false;
   bool begins_silence_ = false;

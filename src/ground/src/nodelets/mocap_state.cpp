@@ -211,9 +211,8 @@ class MocapState : public Shell {
 
   /// Whether a pose repeats the last one of a mocap that has lost the craft.
   bool repeats(const geometry_msgs::Pose& pose) {
-    const bool same =
-        frozen_.repeats({pose.position.x, pose.position.y, pose.position.z, pose.orientation.w,
-                         pose.orientation.x, pose.orientation.y, pose.orientation.z});
+    const bool same = frozen_.repeats({pose.position.x, pose.position.y, pose.position.z, pose.orientation.w,
+                                       pose.orientation.x, pose.orientation.y, pose.orientation.z});
     return freezes_ && same;
   }
 
@@ -303,9 +302,9 @@ class MocapState : public Shell {
         continue;
       }
       publish(estimator_.estimate(), false,
-              last_pose_ == kNever ? "no pose yet"
+              last_pose_ == kNever           ? "no pose yet"
               : freezes_ && frozen_.frozen() ? "the pose is frozen"
-                                   : "no pose for too long");
+                                             : "no pose for too long");
       wake_.wait_for(lock, std::chrono::milliseconds(100));
     }
   }

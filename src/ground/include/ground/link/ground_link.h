@@ -119,9 +119,9 @@ class GroundLink {
     if (silent_until_) visitor.deadline(*silent_until_);
     if (!send_problem_.empty()) visitor.deadline(sent_until_);
     for (const double t : {peer_heard_, peer_counted_, lost_since_}) visitor.since(t);
-    for (const bool flag : {peer_speaks_, peer_locked_, peer_count_.has_value(), stopped_,
-                            silent_until_.has_value(), state_valid_, !room_problem_.empty(),
-                            !send_problem_.empty()})
+    for (const bool flag :
+         {peer_speaks_, peer_locked_, peer_count_.has_value(), stopped_, silent_until_.has_value(),
+          state_valid_, !room_problem_.empty(), !send_problem_.empty()})
       visitor.value(flag);
     for (const MotorCommand* command : {&command_, &sent_}) {
       for (const double input : command->thrusters) visitor.value(input);
