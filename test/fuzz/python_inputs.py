@@ -20,8 +20,8 @@ import atheris
 with atheris.instrument_imports(include=["ground"]):
     from ground import cli
     from ground.data import import_csv
-    from ground.mocap import natnet
     from ground.exporting import viewers
+    from ground.mocap import natnet
     from ground.recordings import containers, drafts, mapping, quality, readers, run_settings
     from ground.simulation import gains
     from ground.support.errors import GroundError

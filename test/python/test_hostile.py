@@ -1,7 +1,6 @@
 """Names, topics, units and notes with markup or control characters, from files of somebody else, do nothing."""
 
 import html.parser
-import json
 import re
 
 import pytest
@@ -45,10 +44,10 @@ class Elements(html.parser.HTMLParser):
 def hostile_model(tmp_path_factory):
     content = yaml.safe_load(MODEL.read_text())
     content["name"] = MARKUP + LINK
-    content["provenance"] = {"note": MARKUP, "source": LINK}
+    content["provenance"] = {"date": MARKUP, "command": LINK, "bags": [MARKUP]}
     formula = {
-        "name": "odd", "doc": MARKUP, "X": "c*u",
-        "parameters": {"c": {"value": 0.0, "unit": "<img src=x onerror=window.ran=7>", "doc": LINK}},
+        "name": "odd", "expression": {"X": "c*u"},
+        "parameters": {"c": {"value": 0.0, "unit": "<img src=x onerror=window.ran=7>"}},
     }  # fmt: skip
     content["effects"] = [formula]
     path = tmp_path_factory.mktemp("model") / "hostile.yaml"
@@ -62,30 +61,24 @@ def bags(tmp_path_factory):
     return [write_bag(folder / ("%s%d.bag" % (FILE, s)), start=1000.0 * s, seed=s) for s in (1, 2)]
 
 
-def pages_of(verb, tmp_path, bags, model):
-    """The pages that a verb writes."""
-    out = tmp_path / "out"
+def page_of(verb, tmp_path, bags, model):
+    """The page that a verb writes."""
     arguments = {
-        "diagnose": [bags[0], "--holdout", bags[1], "--model", model, "--only", "motor_lag", "-o", out],
-        "compare": [bags[1], "--model", model, "--model", MODEL, "-o", out],
-        "history": [*bags, "--model", model, "-o", out],
-        "plot": [bags[0], "--model", model, "-o", tmp_path / "plot.html"],
+        "diagnose": [bags[0], "--holdout", bags[1], "--only", "motor_lag"],
+        "compare": [bags[1], "--model", MODEL],
+        "history": bags,
     }[verb]
-    result = identify(verb, *arguments)
+    result = identify(verb, *arguments, "--model", model, "-o", tmp_path / "out")
     assert result.returncode == 0, result.stderr
-    return sorted(tmp_path.rglob("*.html"))
+    return tmp_path / "out" / "report.html"
 
 
 @pytest.mark.parametrize("verb", ["diagnose", "compare", "history"])
 def test_a_page_of_hostile_names_runs_nothing(verb, tmp_path, bags, hostile_model, browser):
-    (path,) = pages_of(verb, tmp_path, bags, hostile_model)
+    path = page_of(verb, tmp_path, bags, hostile_model)
     found = Elements(path.read_text())
     assert (found.scripts, found.traps) == (3, [])
     open_page(browser, path)
-    for kind in ("mouseover", "click", "load", "error", "toggle", "focus"):
-        browser.execute_script(
-            "document.querySelectorAll('*').forEach(e => e.dispatchEvent(new Event(arguments[0])))", kind
-        )
     assert browser.execute_script("return window.ran") is None
     assert browser.execute_script(TRAPS) == []
     text = browser.find_element("tag name", "body").text
@@ -94,7 +87,9 @@ def test_a_page_of_hostile_names_runs_nothing(verb, tmp_path, bags, hostile_mode
 
 
 def test_figures_show_markup_as_text(tmp_path, browser):
-    line = dict(x=[0, 1], y=[0, 1], name=MARKUP + LINK, text=[LINK, MARKUP], hovertemplate=LINK, mode="lines+text")
+    line = dict(
+        x=[0, 1], y=[0, 1], name=MARKUP + LINK, text=[LINK, MARKUP], hovertemplate=LINK, mode="lines+text"
+    )
     axis = {"title": {"text": MARKUP}}
     layout = {
         "height": 300, "xaxis": axis, "yaxis": axis, "meta": {"title": MARKUP, "caption": LINK},
@@ -150,7 +145,11 @@ def test_yaml_that_stands_for_too_much_is_refused(tmp_path, text):
 
 
 def test_ordinary_anchors_are_read():
-    assert yaml.load("a: &a [1, 2]\nb: *a\nc: {<<: {x: 3}}", LOADER) == {"a": [1, 2], "b": [1, 2], "c": {"x": 3}}
+    assert yaml.load("a: &a [1, 2]\nb: *a\nc: {<<: {x: 3}}", LOADER) == {
+        "a": [1, 2],
+        "b": [1, 2],
+        "c": {"x": 3},
+    }
 
 
 def test_a_result_of_nested_lists_is_no_result(tmp_path):
@@ -160,4 +159,3 @@ def test_a_result_of_nested_lists_is_no_result(tmp_path):
     assert not result_folder.is_of(str(tmp_path / "history.json"), "ground/history/1")
     with pytest.raises(GroundError):
         result_folder.read(tmp_path, "history.json", "ground/history/1")
-    assert json.loads("[]") == []

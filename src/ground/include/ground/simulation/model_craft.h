@@ -14,6 +14,11 @@ namespace ground {
 /// is off.
 class ModelCraft : public Plant {
  public:
+  /// A force that acts for some time.
+  struct Push {
+    Vector2<double> force{0, 0};  ///< world_ned [N]
+    double from = 0, until = 0;   ///< [s]
+  };
   struct Params {
     RigidState<double> initial;    ///< initial state
     double start = 0.0;            ///< initial time [s]
@@ -21,6 +26,7 @@ class ModelCraft : public Plant {
     Disturbance disturbance = {};  ///< Model::disturbance is not used
     /// Deceleration by dry friction of the floor while the lift is off [m/s^2].
     double braking = 2.0;
+    Push push = {};  ///< besides the disturbance
   };
 
   /// Throws std::invalid_argument if the disturbance is bad.
@@ -31,7 +37,7 @@ class ModelCraft : public Plant {
   RigidState<double> state() const override { return moving_->simulation.state(); }
   RigidState<double> derivative() const override;
   Measurement<double> measurement() const override { return moving_->simulation.measure(); }
-  Vector3<double> wrench() const override { return wrench_; }
+  Vector3<double> wrench() const override;
 
   /// Replaces the model; pose and velocity stay. Throws std::invalid_argument, and keeps the old
   /// model, if the acceleration by the new one is not finite.
@@ -49,6 +55,7 @@ class ModelCraft : public Plant {
 
   Model onThisRun(Model model) const;
   double time() const { return moving_->simulation.time(); }
+  bool pushed() const { return time() < params_.push.until; }
   bool sits() const { return untouched_ || (lift_ && *lift_ == 0); }
   Vector3<double> friction() const;
 
