@@ -17,7 +17,8 @@ export SLOW
 # CMake options in addition to the preset "default" (CMakePresets.json)
 options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
 
-.PHONY: build demo test fresh lint sanitize fuzz search promises mutants coverage bench bench-hidden bench-mujoco bench-discover bench-tracking \
+.PHONY: build demo test fresh lint sanitize fuzz search promises falsify mutants coverage bench bench-hidden bench-mujoco bench-discover \
+  bench-tracking \
   bench-soak bench-table bench-faults bench-changes bench-plans \
   bench-commands bench-diagnose bench-history replay docs install clean
 
@@ -89,6 +90,11 @@ bench-table: build
 # Injects every fault three times and prints the worst case.
 bench-faults: build
 	@$(in_workspace) test/bench/faults.py
+
+# Searches 100,000 flights for one that leaves the room within the bound that the controllers print.
+# OPTIONS="--flights 2000 --room cfg/room/room_4x4.yaml"; OPTIONS=--bound: the bound only
+falsify: build
+	@$(in_workspace) test/bench/falsify.py $(OPTIONS)
 
 # Diagnoses effects hidden in simulated crafts; prints a table; resumes after an interruption.
 # OPTIONS="--kinds disturbed_null --count 20", OPTIONS="--help"

@@ -1,14 +1,17 @@
 #!/usr/bin/python3
-"""Fuzzes the inputs of the Python package: exports (csv), bags (bag), options (options), definitions of
-messages (definitions), packets of Motive (packets).
+"""Fuzzes the inputs of the Python package: exports (csv), bags (bag), MCAP files (mcap), mappings of tables
+(mapping), options (options), definitions of messages (definitions), packets of Motive (packets), YAML of
+runs and gains (yaml), and what comes to the viewer's port (websocket).
 
 Every defect must be reported as a GroundError or as bad usage; anything else is a crash. The first
 argument chooses the input; the others are libFuzzer's.
 """
 
 import contextlib
+import functools
 import io
 import os
+import socket
 import sys
 import tempfile
 
@@ -17,8 +20,10 @@ import atheris
 with atheris.instrument_imports(include=["ground"]):
     from ground import cli
     from ground.data import import_csv
+    from ground.exporting import viewers
     from ground.mocap import natnet
-    from ground.recordings import containers, quality, readers
+    from ground.recordings import containers, drafts, mapping, quality, readers, run_settings
+    from ground.simulation import gains
     from ground.support.errors import GroundError
 
 FOLDER = tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
@@ -48,6 +53,64 @@ def csv(data):
 def bag(data):
     with contextlib.suppress(GroundError):
         quality.repaired(readers.read(path("any.bag", data)))
+
+
+def mcap(data):
+    """Reads an MCAP file as a recording, and all its tables."""
+    name = path("any.mcap", data)
+    with contextlib.suppress(GroundError):
+        quality.repaired(readers.read(name))
+    with contextlib.suppress(GroundError), containers.Bag(name) as found:
+        for topic in found.topics:
+            with contextlib.suppress(GroundError):
+                found.table(topic)
+
+
+def mapped(data):
+    """Reads a table by a mapping, and drafts a mapping of it; a zero byte separates mapping and table."""
+    first, _, second = data.partition(b"\0")
+    table = path("table.csv", second)
+    with contextlib.suppress(GroundError):
+        quality.repaired(readers.read(table, mapping.load(path("mapping.yaml", first))))
+    with contextlib.suppress(GroundError), containers.Tables([table]) as found:
+        drafts.draft(found, in_folder=False)
+
+
+def plain_yaml(data):
+    """Reads YAML as a file of gains, as the parameters of a run, and as a file kept with a run."""
+    with contextlib.suppress(GroundError):
+        gains.read(path("gains.yaml", data))
+    path("run.yaml", data)
+    for _, parameters in run_settings.beside(os.path.join(FOLDER.name, "run.bag"), []):
+        list(run_settings.nodes(parameters, "controller"))
+        if isinstance(parameters, dict):
+            run_settings.contents(parameters)
+    run_settings.RunFile("a.yaml", data.decode("utf-8", "replace")).describe()
+
+
+FRAMES = contextlib.ExitStack()  # the server of the viewer
+HELLO = (
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: "
+    b"13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+)
+
+
+@functools.lru_cache(maxsize=None)
+def port():
+    """Port of a server of a viewer."""
+    return FRAMES.enter_context(viewers.served(viewers.context(), "fuzz", "127.0.0.1", 0)).port
+
+
+def websocket(data):
+    """Sends bytes to the viewer's port, after a valid greeting or in its place; the server then still greets."""
+    greeted = data[:1] < b"\x80"
+    for sent, answered in ((HELLO * greeted + data[1:], False), (HELLO, True)):
+        with socket.create_connection(("127.0.0.1", port()), timeout=10) as line:
+            with contextlib.suppress(ConnectionError):
+                line.sendall(sent)
+                line.shutdown(socket.SHUT_WR)
+            if answered and b"101 Switching" not in line.recv(4096):
+                raise AssertionError("the server of the viewer does not answer any more")
 
 
 def short_bag():
@@ -136,7 +199,10 @@ def packets(data):
 
 
 def main():
-    targets = {"csv": csv, "bag": bag, "options": options, "definitions": definition, "packets": packets}
+    targets = {
+        "csv": csv, "bag": bag, "mcap": mcap, "mapping": mapped, "options": options, "definitions": definition,
+        "packets": packets, "yaml": plain_yaml, "websocket": websocket,
+    }  # fmt: skip
     if len(sys.argv) < 2 or sys.argv[1] not in targets:
         sys.exit("python_inputs: name one of %s" % ", ".join(targets))
     target = targets[sys.argv.pop(1)]

@@ -21,7 +21,8 @@ struct FakePilot : Pilot {
   Vector2<double> inputs{0.4, 0.6};
   std::string objects, refuses;  ///< reasons of objection() and of activate(); empty: none
   double ends = std::numeric_limits<double>::infinity();
-  double bit = 0;  ///< length of a bit of an open-loop signal; 0: closed loop [s]
+  double bit = 0;          ///< length of a bit of an open-loop signal; 0: closed loop [s]
+  double accelerates = 0;  ///< [m/s^2]
   int activated = 0, deactivated = 0;
   std::vector<double> updates;  ///< elapsed times [s]
 
@@ -30,6 +31,9 @@ struct FakePilot : Pilot {
     ++activated;
   }
   void deactivate() override { ++deactivated; }
+  Vector2<double> acceleration(const Inputs& given) const override {
+    return {given.zero() ? 0 : accelerates, 0};
+  }
   std::string objection(const MeasuredState&) override { return objects; }
   Inputs update(double elapsed, double, const RigidState<double>&, double lift) override {
     updates.push_back(elapsed);
@@ -155,6 +159,27 @@ TEST_F(Lifecycle, ALostStateEndsTheThrustAtOnceAndTheLiftAfterTheRecoveryTime) {
   pass(2, false);
   expectStopped("the state is stale");
   EXPECT_NEAR(stages.back().first, lost + params.state_timeout + params.recovery_time, kFrame);
+}
+
+TEST_F(Lifecycle, TheFenceCountsTheThrustSinceTheLastState) {
+  Room room;
+  room.corners = {{-2, -2}, {2, -2}, {2, 2}, {-2, 2}};
+  measured.state.eta.x() = 1.79;  // at rest, 1 cm from the margin
+  for (const double acceleration : {0.0, 2.0}) {
+    FakePilot other = pilot;
+    other.accelerates = acceleration;
+    ControllerLifecycle one(
+        other, [](const Inputs&) {}, [] {});
+    one.setParams(params);
+    one.setFence(Fence(room, room.margin));
+    one.start(now());
+    for (const double until = time + 1.5; time < until; time += kFrame) {
+      measured.stamp = time - 0.004;
+      one.state(now(), measured);
+    }
+    ASSERT_EQ(one.current() == State::kRunning, acceleration == 0) << one.reason();
+    EXPECT_EQ(one.reason().find("would come to rest") == std::string::npos, acceleration == 0);
+  }
 }
 
 TEST_F(Lifecycle, TheFenceStopsItBeforeAWall) {

@@ -69,6 +69,7 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (driving() && measured.valid && stateIsFinite()) {
     const std::string jump = jumped(measured);
     known_ = measured;
+    if (thrusts_.size() > 1) thrusts_.erase(thrusts_.begin(), thrusts_.end() - 1);
     if (!jump.empty()) enter(now, State::kStopped, jump);
   }
   tick(now);
@@ -186,7 +187,19 @@ bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
 /// Why the craft has to be stopped to stay inside; empty if it may continue.
 std::string ControllerLifecycle::fenceProblem(Instant now) const {
   if (!fence_ || !params_.require_state || !stateIsFinite()) return "";
-  return fence_->objection(measured_->state, now.time - measured_->stamp);
+  const double age = now.time - measured_->stamp;
+  std::vector<Fence::Thrust> thrusts;
+  if (driving()) {
+    const double ended = lost_since_ ? now.steady - *lost_since_ : 0;  // without thrust since then [s]
+    for (const auto& acceleration : thrusts_) thrusts.push_back({acceleration, age - ended});
+  }
+  return fence_->objection(measured_->state, age, thrusts);
+}
+
+/// Stores the thrust of a command for the fence; while a state ages, the thrusts before it still count.
+void ControllerLifecycle::noteThrust(const Inputs& inputs) {
+  const Vector2<double> acceleration = pilot_.acceleration(inputs);
+  if (thrusts_.empty() || thrusts_.back() != acceleration) thrusts_.push_back(acceleration);
 }
 
 void ControllerLifecycle::schedule(double elapsed) {
@@ -198,6 +211,7 @@ void ControllerLifecycle::begin(Instant now) {
   running_since_ = now.time;
   last_update_.reset();
   known_ = measured_;
+  thrusts_.clear();
   try {
     pilot_.activate(now.time);
     schedule(0);
@@ -223,6 +237,7 @@ void ControllerLifecycle::control(Instant now, double stamp) {
   last_update_ = stamp;
   schedule(elapsed);
   if (!inputs.finite()) return enter(now, State::kStopped, "the command is not finite");
+  noteThrust(inputs);
   send(now, inputs);
 }
 

@@ -24,8 +24,8 @@ ExcitationPilot::ExcitationPilot(ReferencePilot::Clock clock, Marked marked, Ref
           },
           std::move(steady)) {}
 
-void ExcitationPilot::play(InputSignal signal, double duration) {
-  setNext({std::move(signal), duration, std::nullopt, Model()});
+void ExcitationPilot::play(InputSignal signal, double duration, const Model* craft) {
+  setNext({std::move(signal), duration, std::nullopt, craft ? std::make_optional(*craft) : std::nullopt});
 }
 
 void ExcitationPilot::playInside(InputSignal signal, double duration, const Model& model,
@@ -47,14 +47,15 @@ void ExcitationPilot::takeNext() {
   signal_ = std::move(next_->signal);
   duration_ = next_->duration;
   returns_ = next_->returns;
+  if (next_->model) home_.setCraft(*next_->model);
   if (returns_) {
     const Room& room = returns_->room;
-    auto control = std::make_unique<PredictiveControl>(next_->model, PredictiveParams());
+    auto control = std::make_unique<PredictiveControl>(*next_->model, PredictiveParams());
     control->avoid({Fence(room, room.margin), Fence::kLoss});
     control_ = control.get();
     std::unique_ptr<TrackingController> controller = std::move(control);
     ReferencePtr reference = makePoint(room.home);
-    home_.swapController(controller, next_->model);
+    home_.swapController(controller, *next_->model);
     home_.swapReference(reference);
     home_.setMaxError(std::numeric_limits<double>::infinity());
   }

@@ -22,6 +22,19 @@ Vector2<double> Fence::stoppingPoint(const RigidState<double>& state, double age
   return state.eta.head<2>() + coasting(velocity.norm(), age) * velocity;
 }
 
+Vector2<double> Fence::stoppingPoint(const RigidState<double>& state, double age,
+                                     const Thrust& thrust) const {
+  const double pushed = std::max(0.0, thrust.duration) + room_.latency;
+  const double until_off = std::max(std::max(0.0, age) + room_.latency, pushed);
+  // The heading half way through the thrust.
+  const double heading = state.eta.z() + 0.5 * pushed * state.nu.z();
+  const Vector2<double> gained = pushed * bodyToWorld<double>(heading, thrust.acceleration);
+  const Vector2<double> velocity = bodyToWorld<double>(state.eta.z(), state.nu.head<2>().eval());
+  const Vector2<double> last = velocity + gained;
+  return state.eta.head<2>() + until_off * velocity + (until_off - 0.5 * pushed) * gained +
+         0.5 * last.norm() / room_.braking * last;
+}
+
 double Fence::violation(const RigidState<double>& state, double age,
                         Eigen::Matrix<double, 1, 5>& derivative) const {
   Vector2<double> away;
@@ -39,7 +52,8 @@ double Fence::violation(const RigidState<double>& state, double age,
   return violation;
 }
 
-std::string Fence::objection(const RigidState<double>& state, double age) const {
+std::string Fence::objection(const RigidState<double>& state, double age,
+                             const std::vector<Thrust>& thrusts) const {
   const Vector2<double> here = state.eta.head<2>();
   const double now = room_.clearance(here);
   char text[160] = "";
@@ -48,7 +62,9 @@ std::string Fence::objection(const RigidState<double>& state, double age) const 
   } else if (now < distance_) {
     std::snprintf(text, sizeof text, "the craft is %.2f m from a wall of the room", now);
   } else {
-    const double then = room_.clearanceOfWay(here, stoppingPoint(state, age));
+    double then = room_.clearanceOfWay(here, stoppingPoint(state, age));
+    for (const Thrust& thrust : thrusts)
+      then = std::min(then, room_.clearanceOfWay(here, stoppingPoint(state, age, thrust)));
     if (then < distance_)
       std::snprintf(text, sizeof text,
                     "the craft would come to rest %.2f m %s of the room if it were stopped later",

@@ -19,11 +19,16 @@ double processorTime() {
 ReferencePilot::ReferencePilot(Clock clock, Decided decided, Clock steady)
     : clock_(std::move(clock)), steady_(std::move(steady)), decided_(std::move(decided)) {}
 
+void ReferencePilot::setCraft(const Model& model) {
+  input_max_ = model.body.input_max;
+  push_ = model.body.k / model.body.m;
+  thrusters_ = model.thrusters;
+}
+
 void ReferencePilot::swapController(std::unique_ptr<TrackingController>& controller, const Model& model) {
   controller_.swap(controller);
   controller_->setClock(steady_);
-  input_max_ = model.body.input_max;
-  thrusters_ = model.thrusters;
+  setCraft(model);
   obedience_.reset();
   if (expects_obedience_) obedience_.emplace(model);
 }
@@ -31,6 +36,12 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
 void ReferencePilot::swapReference(ReferencePtr& reference) {
   reference_.swap(reference);
   reference_start_.reset();
+}
+
+Vector2<double> ReferencePilot::acceleration(const Inputs& inputs) const {
+  if (push_ == 0) return {0, 0};
+  const Thrusters<double> thrusters = input_max_ * asVector(inputs.thrusters);
+  return push_ * thrusters_->totalAt(thrusters).head<2>();
 }
 
 void ReferencePilot::commanded(double time, const Inputs& inputs) {

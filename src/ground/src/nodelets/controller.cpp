@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 
+#include "ground/control/fence_bound.h"
 #include "ground/nodelets/controls.h"
 #include "ground/nodelets/messages.h"
 #include "ground/nodelets/parameters.h"
@@ -70,6 +71,7 @@ void Controller::start(ros::NodeHandle& nh, ros::NodeHandle& topics) {
   decision_publisher_ = topics.advertise<ground_msgs::Decision>("decision", 4);
   status_ = nh.advertise<Status>("status", 1, true);
   load(nh);
+  if (room_) NODELET_INFO("%s: %s", name_.c_str(), fenceBound(*room_, fullAcceleration(pilot_)).c_str());
   start_service_ = services.advertiseService("start", &Controller::onStart, this);
   stop_service_ = services.advertiseService("stop", &Controller::onStop, this);
   const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();

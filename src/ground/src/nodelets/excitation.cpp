@@ -97,7 +97,7 @@ class Excitation : public Controller {
     const std::lock_guard lock(mutex());
     setParams(life);
     pilot_.setCaution(remark());
-    if (!config_.returns) return pilot_.play(signal_, config_.duration);
+    if (!config_.returns) return pilot_.play(signal_, config_.duration, model_ ? &*model_ : nullptr);
     ReturnParams returns;
     returns.room = *room();
     returns.burst = config_.burst;

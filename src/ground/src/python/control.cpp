@@ -15,6 +15,7 @@
 #include "ground/control/excitation_pilot.h"
 #include "ground/control/feasibility.h"
 #include "ground/control/fence.h"
+#include "ground/control/fence_bound.h"
 #include "ground/control/prbs.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/control/tracking_watch.h"
@@ -140,6 +141,28 @@ void defRoom(py::module_& module) {
       py::arg("reference"), py::arg("room"), "Why a reference does not fit into a room; empty if it fits.");
 }
 
+void defBound(py::module_& module) {
+  const auto full = [](const Model& model) {
+    ReferencePilot pilot([] { return 0.0; }, nullptr);
+    auto controller = makeController(model, ControllerChoice());
+    pilot.swapController(controller, model);
+    return fullAcceleration(pilot);
+  };
+  module.def("full_acceleration", full, py::arg("model"),
+             "Largest acceleration of a craft by its thrusters [m/s^2].");
+  module.def(
+      "fence_bound", [full](const Room& room, const Model& model) { return fenceBound(room, full(model)); },
+      py::arg("room"), py::arg("model"), "Speeds up to which nobody leaves a room, in words.");
+  module.def(
+      "largest_safe_speed",
+      [full](const Room& room, const Model& model, double push, double blind, double thrust_error) {
+        return largestSafeSpeed(room, full(model), {push, blind, thrust_error});
+      },
+      py::arg("room"), py::arg("model"), py::arg("push"), py::arg("blind"), py::arg("thrust_error"),
+      "Speed up to which the fence keeps a craft inside [m/s], 0 if none is certain. push: share of full "
+      "thrust; blind: time without a pose [s]; thrust_error: share of the thrust.");
+}
+
 void defDesigns(py::module_& module) {
   py::class_<DesignParams>(module, "DesignParams", "An input design by its name.")
       .def(py::init<>())
@@ -208,6 +231,7 @@ void bindControl(py::module_& module) {
   defReferences(module);
   defControllers(module);
   defRoom(module);
+  defBound(module);
   defDesigns(module);
   defEffectUse(module);
 }

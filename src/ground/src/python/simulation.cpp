@@ -129,12 +129,13 @@ void defPlant(py::module_& module) {
 ExperimentParams experimentParams(const Vector3<double>& eta, const Vector3<double>& nu,
                                   const MocapParams& mocap, unsigned long seed,
                                   const Disturbance& disturbance, Plant* plant,
-                                  const std::pair<double, double>& battery) {
+                                  const std::pair<double, double>& battery, const Hazards& hazards = {}) {
   if (!eta.allFinite() || !nu.allFinite()) throw std::invalid_argument("the initial state is not finite");
   ExperimentParams params{{eta, nu}, mocap, seed};
   params.disturbance = disturbance;
   params.plant = plant;
   params.battery = {battery.first, battery.second};
+  params.hazards = hazards;
   return params;
 }
 
@@ -147,14 +148,16 @@ void defExperiment(py::module_& module, const char* name, const char* params_nam
       name,
       [run](const Model& model, const Model& believed, const Params& drive, const Vector3<double>& eta,
             const Vector3<double>& nu, const MocapParams& mocap, unsigned long seed,
-            const Disturbance& disturbance, Plant* plant, const std::pair<double, double>& battery) {
-        const ExperimentParams params = experimentParams(eta, nu, mocap, seed, disturbance, plant, battery);
+            const Disturbance& disturbance, Plant* plant, const std::pair<double, double>& battery,
+            const Hazards& hazards) {
+        const ExperimentParams params =
+            experimentParams(eta, nu, mocap, seed, disturbance, plant, battery, hazards);
         const auto log = withoutGil([&] { return run(model, believed, drive, params); });
         return toDict(log);
       },
       py::arg("model"), py::arg("believed"), py::arg(params_name), py::arg("eta"), py::arg("nu"),
       py::arg("mocap"), py::arg("seed"), py::arg("disturbance") = Disturbance(), py::arg("plant") = nullptr,
-      py::arg("battery") = std::make_pair(0.0, 1.0), doc);
+      py::arg("battery") = std::make_pair(0.0, 1.0), py::arg("hazards") = Hazards(), doc);
 }
 
 void defParams(py::module_& module) {
@@ -197,6 +200,28 @@ void defParams(py::module_& module) {
       .def_readwrite("returns", &ExcitationParams::returns);
 }
 
+void defHazards(py::module_& module) {
+  py::class_<Hazards> hazards(module, "Hazards",
+                              "What goes wrong in an experiment; spells are (start, duration) [s].");
+  const auto spell = [&hazards](const char* name, Hazards::Spell Hazards::*member, const char* doc) {
+    hazards.def_property(
+        name, [member](const Hazards& h) { return py::make_tuple((h.*member).from, (h.*member).duration); },
+        [member](Hazards& h, const std::pair<double, double>& given) {
+          h.*member = {given.first, given.second};
+        },
+        doc);
+  };
+  spell("pushed", &Hazards::pushed, "When the push acts.");
+  spell("unseen", &Hazards::unseen, "Poses captured then are lost.");
+  spell("unheard", &Hazards::unheard, "Commands sent then do not reach the craft.");
+  hazards.def(py::init<>())
+      .def_readwrite("push", &Hazards::push, "Force x, y [N], world_ned.")
+      .def_readwrite("axes", &Hazards::axes)
+      .def_readwrite("heading_offset", &Hazards::heading_offset)
+      .def_readwrite("upright_time", &Hazards::upright_time)
+      .def_readwrite("braking", &Hazards::braking);
+}
+
 void defExperiments(py::module_& module) {
   module.def(
       "play_schedule",
@@ -221,7 +246,8 @@ void defExperiments(py::module_& module) {
                 "Like play_schedule with a controller in the loop. Also returns references (time, "
                 "p, p_dot, p_ddot, p_dddot), decisions (time, stamp of the state, CPU time, fractions of "
                 "the largest input, the same before saturation), stages (time, state, reason), "
-                "stopped (why it stopped early; empty if it did not) and stopped_at.");
+                "stopped (why it stopped early; empty if it did not) and stopped_at. hazards: what goes "
+                "wrong.");
   defExperiment(module, "excite", "excitation", &excite,
                 "Like track_reference with an input design. Also returns marks (time, number, true "
                 "for a burst and false for a return, reason).");
@@ -244,6 +270,7 @@ Eigen::MatrixX3d sense(const Eigen::MatrixX3d& nu, const Eigen::MatrixX3d& nu_do
 void bindSimulation(py::module_& module) {
   defParams(module);
   defPlant(module);
+  defHazards(module);
   defExperiments(module);
   module.def("sense", &sense, py::arg("nu"), py::arg("nu_dot"), py::arg("seed"),
              "What a simulated gyro and accelerometer tell of a motion (n, 3), in the flight controller's "

@@ -59,8 +59,10 @@ class Player : public Driver {
 /// A pilot with life cycle and state estimator, like the nodelets MocapState and Controller.
 class LivePilot : public Driver {
  public:
-  LivePilot(const DriveParams& params, ExperimentLog& log)
-      : params_(params), estimator_(params.estimator), log_(log) {}
+  LivePilot(const DriveParams& params, const Hazards& hazards, ExperimentLog& log)
+      : params_(params), estimator_(params.estimator), upright_time_(hazards.upright_time), log_(log) {
+    if (hazards.confused()) confused_.emplace(hazards);
+  }
 
   /// Sets the pilot, which must outlive it.
   void take(Pilot& pilot) {
@@ -82,12 +84,12 @@ class LivePilot : public Driver {
     measured.stamp = frame.captured;
     measured.valid = true;
     if (params_.estimate) {
-      const StateEstimate& estimate = estimator_.update(frame.captured, frame.eta);
+      const StateEstimate& estimate = estimated(now, frame);
       if (!estimate.used && (estimate.ignored || estimate.valid)) return;
       measured.state = {estimate.eta, estimate.nu};
       measured.nu_variance = estimate.nu_covariance.diagonal();
-      measured.valid = estimate.valid;
-      measured.problem = estimate.status;
+      measured.valid = estimate.valid && now - leaned_ >= upright_time_;
+      measured.problem = estimate.valid ? "the craft leaned too far a moment ago" : estimate.status;
     } else {
       const auto truth = std::find_if(log_.truth.rbegin(), log_.truth.rend(),
                                       [&](const auto& t) { return t.time <= frame.captured; });
@@ -124,6 +126,17 @@ class LivePilot : public Driver {
  private:
   using Stage = ControllerLifecycle::State;
 
+  /// As mocap_state estimates: a pose that seems to lean is rejected.
+  const StateEstimate& estimated(double now, const MocapFrame& frame) {
+    if (!confused_) return estimator_.update(frame.captured, frame.eta);
+    const char* why = nullptr;
+    const auto eta = confused_->seen(frame.eta, &why);
+    if (eta) return estimator_.update(frame.captured, *eta);
+    const StateEstimate& estimate = estimator_.reject(why);
+    if (!estimate.valid) leaned_ = now;
+    return estimate;
+  }
+
   void send(const Inputs& inputs) {
     commands_.push_back({now_, inputs.thrusters, inputs.lift});
     pilot_->commanded(now_, inputs);
@@ -131,6 +144,9 @@ class LivePilot : public Driver {
 
   DriveParams params_;
   VelocityEstimator estimator_;
+  std::optional<ConfusedAxes> confused_;
+  double upright_time_;                                       ///< [s]
+  double leaned_ = -std::numeric_limits<double>::infinity();  ///< when the craft last seemed to lean [s]
   ExperimentLog& log_;
   Pilot* pilot_ = nullptr;
   std::unique_ptr<ControllerLifecycle> life_;
@@ -158,6 +174,9 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
   place.initial = params.initial;
   place.seed = params.seed;
   place.disturbance = params.disturbance;
+  const Hazards& hazards = params.hazards;
+  place.braking = hazards.braking;
+  place.push = {hazards.push, hazards.pushed.from, hazards.pushed.from + hazards.pushed.duration};
   std::optional<ModelCraft> own;
   if (!params.plant) own.emplace(model, place);
   SimulatedLab room(params.plant ? *params.plant : *own, params.mocap, place);
@@ -168,13 +187,14 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
     room.advance(now);
     if (now == captures) note(room, log);
     for (MocapFrame& frame : room.takeFrames()) {
+      if (hazards.unseen.covers(frame.captured)) continue;
       frame.eta.z() = wrapAngle(frame.eta.z());
       log.frames.push_back(frame);
       driver.see(now, frame);
     }
     if (now >= driver.end()) return;
     for (const Command& command : driver.act(now)) {
-      room.command(input_max * asVector(command.thrusters), command.lift);
+      if (!hazards.unheard.covers(now)) room.command(input_max * asVector(command.thrusters), command.lift);
       log.commands.push_back(command);
     }
   }
@@ -218,10 +238,11 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
 ExperimentLog trackReference(const Model& model, const Model& believed, const TrackingParams& tracking,
                              const ExperimentParams& params) {
   require(tracking.validate());
+  require(params.hazards.validate());
   require(tracking.max_error >= 0 ? "" : "max_error must not be negative");
   Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
-  LivePilot live(tracking, log);
+  LivePilot live(tracking, params.hazards, log);
   const auto make = [&tracking](const Model& inside) {
     std::unique_ptr<TrackingController> made = makeController(inside, tracking.controller);
     if (tracking.room) made->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
@@ -253,9 +274,10 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
 ExperimentLog excite(const Model& model, const Model& believed, const ExcitationParams& excitation,
                      const ExperimentParams& params) {
   require(excitation.validate());
+  require(params.hazards.validate());
   Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
-  LivePilot live(excitation, log);
+  LivePilot live(excitation, params.hazards, log);
   ExcitationPilot pilot([&live] { return live.now(); },
                         [&log](const ExcitationPilot::Mark& mark) { log.marks.push_back(mark); },
                         [&log](const ReferencePilot::Decision& made) { log.decisions.push_back(made); });

@@ -47,7 +47,7 @@ void ModelCraft::command(const Thrusters<double>& thrusters, double lift) {
 
 RigidState<double> ModelCraft::derivative() const {
   RigidState<double> rate = moving_->simulation.derivative();
-  if (source_) rate.nu += moving_->mobility * wrench_;
+  if (source_ || pushed()) rate.nu += moving_->mobility * wrench();
   if (sits()) {
     const Vector3<double> most = friction();
     for (int i = 0; i < 3; ++i) {
@@ -57,6 +57,13 @@ RigidState<double> ModelCraft::derivative() const {
     }
   }
   return rate;
+}
+
+Vector3<double> ModelCraft::wrench() const {
+  Vector3<double> sum = wrench_;
+  if (pushed() && time() >= params_.push.from)
+    sum.head<2>() += worldToBody<double>(state().eta.z(), params_.push.force);
+  return sum;
 }
 
 /// Largest decelerations by dry friction of the skirt without lift: along u and v [m/s^2] and in
@@ -75,7 +82,7 @@ Vector3<double> ModelCraft::friction() const {
 /// wrench acts before each step and half after it. Friction does not reverse the velocity.
 void ModelCraft::advance(double time) {
   Simulation<double>& simulation = moving_->simulation;
-  while ((source_ || sits()) && simulation.time() < time) {
+  while ((source_ || pushed() || sits()) && simulation.time() < time) {
     double until = time;
     Vector3<double> push = Vector3<double>::Zero();
     if (source_) {
@@ -85,9 +92,13 @@ void ModelCraft::advance(double time) {
       }
       until = std::min(until, next_wrench_);
     }
-    if (sits()) until = std::min(until, simulation.time() + kDefaultStep);
+    if (pushed()) {
+      const bool begins = simulation.time() < params_.push.from;
+      until = std::min(until, begins ? params_.push.from : params_.push.until);
+    }
+    if (pushed() || sits()) until = std::min(until, simulation.time() + kDefaultStep);
     const double dt = until - simulation.time();
-    if (source_) push = 0.5 * dt * (moving_->mobility * wrench_);
+    if (source_ || pushed()) push = 0.5 * dt * (moving_->mobility * wrench());
     for (const bool before : {true, false}) {
       Vector3<double>& nu = simulation.state().nu;
       nu += push;

@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "ground/control/fence.h"
 #include "ground/model/dynamics.h"
@@ -44,6 +45,9 @@ class Pilot {
   virtual ~Pilot() = default;
   /// The thrusters that it commands.
   virtual const ThrusterLayout& layout() const { return *thrusterPair(); }
+  /// Acceleration of a craft at rest by thrusters with these inputs, body axes [m/s^2], for the fence; 0 if
+  /// the craft is unknown.
+  virtual Vector2<double> acceleration(const Inputs& /*inputs*/) const { return {0, 0}; }
   /// Called with every command that is sent, by any controller, in order of time (clock of stamps)
   /// [s].
   virtual void commanded(double /*time*/, const Inputs& /*inputs*/) {}
@@ -179,6 +183,7 @@ class ControllerLifecycle {
   std::string jumped(const MeasuredState& state) const;
   bool bridge(Instant now, const std::string& problem);
   std::string fenceProblem(Instant now) const;
+  void noteThrust(const Inputs& inputs);
   void act(Instant now);
   void schedule(double elapsed);
   void begin(Instant now);
@@ -204,6 +209,7 @@ class ControllerLifecycle {
   std::optional<MeasuredState> known_;            ///< the last state used for control
   double lifting_since_ = 0, running_since_ = 0;  ///< clock of stamps [s]
   std::optional<double> last_update_;             ///< stamp [s]
+  std::vector<Vector2<double>> thrusts_;          ///< accelerations since the last valid state [m/s^2]
   /// Next change of open-loop inputs, clock of stamps [s]; no value for closed-loop control.
   std::optional<double> change_at_;
   double started_at_ = 0;          ///< steady clock [s]

@@ -53,13 +53,15 @@ class ExcitationPilot : public Pilot {
 
   /// Sets the signal to play in open loop, for `duration` [s] or until it ends. Takes effect with the
   /// next activation.
-  void play(InputSignal signal, double duration);
+  /// `craft`: its model, for the fence; null if it is unknown.
+  void play(InputSignal signal, double duration, const Model* craft = nullptr);
   /// Like play(), in bursts; in between, a controller with the internal model `model` returns home.
   /// Throws std::invalid_argument if parameters are bad or the model has other thrusters than the
   /// signal.
   void playInside(InputSignal signal, double duration, const Model& model, const ReturnParams& params);
 
   const ThrusterLayout& layout() const override { return *signal_.thrusters; }
+  Vector2<double> acceleration(const Inputs& inputs) const override { return home_.acceleration(inputs); }
   void commanded(double time, const Inputs& inputs) override { home_.commanded(time, inputs); }
   void driveBegan(double began, double as_of) override { home_.driveBegan(began, as_of); }
 
@@ -76,7 +78,7 @@ class ExcitationPilot : public Pilot {
     InputSignal signal;
     double duration = 0;
     std::optional<ReturnParams> returns;
-    Model model;
+    std::optional<Model> model;  ///< of the craft; set if there are returns
   };
   void setNext(Program program);
   void takeNext();

@@ -35,7 +35,9 @@ class ReferencePilot : public Pilot {
   /// `steady`: the steady clock [s] of the controllers; see TrackingController::setClock.
   ReferencePilot(Clock clock, Decided decided, Clock steady = nullptr);
 
-  /// Swaps the controller; `model` is its internal model.
+  /// Sets the craft whose acceleration() is known.
+  void setCraft(const Model& model);
+  /// Swaps the controller; `model` is its internal model, and the craft.
   void swapController(std::unique_ptr<TrackingController>& controller, const Model& model);
   /// Swaps the reference, which then begins from its start.
   void swapReference(ReferencePtr& reference);
@@ -50,6 +52,7 @@ class ReferencePilot : public Pilot {
   const ReferencePtr& reference() const { return reference_; }
 
   const ThrusterLayout& layout() const override { return *thrusters_; }
+  Vector2<double> acceleration(const Inputs& inputs) const override;
   void commanded(double time, const Inputs& inputs) override;
   void driveBegan(double began, double as_of) override { drive_.record(began, as_of); }
 
@@ -65,6 +68,7 @@ class ReferencePilot : public Pilot {
   Decided decided_;
   std::unique_ptr<TrackingController> controller_;
   double input_max_ = 1;
+  double push_ = 0;  ///< acceleration per unit of ThrusterLayout::totalAt, k/m; 0 if the craft is unknown
   ThrusterLayoutPtr thrusters_ = thrusterPair();
   double duration_ = std::numeric_limits<double>::infinity();
   ReferencePtr reference_;

@@ -10,6 +10,7 @@
 #include "ground/control/reference_pilot.h"
 #include "ground/control/reference_trajectory.h"
 #include "ground/estimation/motion_filter.h"
+#include "ground/simulation/hazards.h"
 #include "ground/simulation/simulated_lab.h"
 
 namespace ground {
@@ -26,6 +27,7 @@ struct ExperimentParams {
   /// given craft, `initial`, `disturbance` and `battery` are not used, and the model gives the number of
   /// thrusters and their largest input. Its clock is that of the experiment.
   Plant* plant = nullptr;
+  Hazards hazards = {};  ///< its push and braking do not act on a given craft
 };
 
 /// A controller as in the nodelets, with states estimated from the delivered frames.

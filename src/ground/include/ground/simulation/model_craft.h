@@ -15,6 +15,11 @@ namespace ground {
 /// is off.
 class ModelCraft : public Plant {
  public:
+  /// A force that acts for some time.
+  struct Push {
+    Vector2<double> force{0, 0};  ///< world_ned [N]
+    double from = 0, until = 0;   ///< [s]
+  };
   struct Params {
     RigidState<double> initial;    ///< initial state
     double start = 0.0;            ///< initial time [s]
@@ -23,6 +28,7 @@ class ModelCraft : public Plant {
     /// Deceleration by dry friction of the floor while the lift is off [m/s^2].
     double braking = 2.0;
     BatteryParams battery = {};  ///< its voltage acts by effects of the model, such as battery_voltage
+    Push push = {};  ///< besides the disturbance
   };
 
   /// Throws std::invalid_argument if the disturbance is bad.
@@ -33,7 +39,7 @@ class ModelCraft : public Plant {
   RigidState<double> state() const override { return moving_->simulation.state(); }
   RigidState<double> derivative() const override;
   Measurement<double> measurement() const override { return moving_->simulation.measure(); }
-  Vector3<double> wrench() const override { return wrench_; }
+  Vector3<double> wrench() const override;
   double voltage() const override { return battery_ ? battery_->voltage() : 0; }
 
   /// Replaces the model; pose and velocity stay. Throws std::invalid_argument, and keeps the old
@@ -52,6 +58,7 @@ class ModelCraft : public Plant {
 
   Model onThisRun(Model model) const;
   double time() const { return moving_->simulation.time(); }
+  bool pushed() const { return time() < params_.push.until; }
   bool sits() const { return untouched_ || (lift_ && *lift_ == 0); }
   Vector3<double> friction() const;
   /// Advances the simulation, and the battery, to a time.

@@ -11,6 +11,7 @@ from ground.analysis import candidates, traced
 from ground.analysis.candidates import Candidate
 from ground.support import files
 from ground.support.annotations import Document, Path
+from ground.support.bounded_yaml import LOADER
 from ground.support.errors import GroundError
 from ground.support.results import Shown
 
@@ -101,7 +102,7 @@ class Effect(Shown):
         place = os.fspath(path)
         text = candidates.text_of(place)
         try:
-            entry = yaml.safe_load(text)
+            entry = yaml.load(text, LOADER)
         except (ValueError, yaml.YAMLError, RecursionError):
             entry = None
         if not isinstance(entry, dict) or "name" not in entry:

@@ -96,5 +96,5 @@ def read(path: str) -> Story:
         if document.get("schema") != SCHEMA:
             raise ValueError("its schema is %s, not %s" % (document.get("schema"), SCHEMA))
         return Story.from_dict(document)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise GroundError("%s is not the story of a discovery (%s)" % (path, error))

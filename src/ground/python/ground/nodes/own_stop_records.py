@@ -12,6 +12,7 @@ import yaml
 
 from ground.support import files
 from ground.support.annotations import Document
+from ground.support.bounded_yaml import LOADER
 from ground.support.errors import GroundError
 
 
@@ -27,7 +28,7 @@ def read(path: str) -> Dict[str, List[Document]]:
         return {}
     with open(path) as file:
         try:
-            crafts = yaml.safe_load(file) or {}
+            crafts = yaml.load(file, LOADER) or {}
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise GroundError("%s: not YAML, nothing is added to it: %s" % (path, error))
     if not isinstance(crafts, dict) or not all(isinstance(c, list) for c in crafts.values()):

@@ -16,6 +16,7 @@ import yaml
 from ground import _core
 from ground.recordings.payloads import Load
 from ground.support.annotations import Array, Document
+from ground.support.bounded_yaml import LOADER
 from ground.support.errors import GroundError, reason
 
 SCHEMA = "ground/mapping/1"
@@ -27,7 +28,6 @@ COMMANDS = {"normalised": (0.0, 1.0), "percent": (0.0, 100.0), "microseconds": (
 LIFT = "lift"  # default name of the channel that is no thruster
 HEADER, RECEIPT = "header", "receipt"
 RANGE = (0.0, 1.0)  # default range of a command
-LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 @dataclass(frozen=True)

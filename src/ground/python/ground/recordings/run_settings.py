@@ -19,9 +19,10 @@ import yaml
 
 from ground import _core
 from ground.recordings.containers import STAMP, Container, seconds
-from ground.recordings.mapping import LOADER, FieldMapping
+from ground.recordings.mapping import FieldMapping
 from ground.support import files
 from ground.support.annotations import Document, Indices
+from ground.support.bounded_yaml import LOADER
 from ground.support.errors import GroundError, reason
 
 AXES = "x, z, -y"  # default of mocap_state, for OptiTrack with y up

@@ -38,7 +38,7 @@ def kept_if_used(folder: str) -> Iterator[None]:
 
 def is_of(path: str, schema: str) -> bool:
     """Whether an older run of the same kind has left its numbers there."""
-    with contextlib.suppress(OSError, ValueError):
+    with contextlib.suppress(OSError, ValueError, RecursionError):
         with open(path) as file:
             found = json.load(file)
         return isinstance(found, dict) and found.get("schema") == schema
@@ -53,7 +53,7 @@ def read(folder: Path, name: str, schema: str) -> Document:
             found = json.load(file)
     except OSError as error:
         raise GroundError("%s: cannot be read (%s)" % (path, reason(error)))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise GroundError("%s: not JSON (%s)" % (path, error))
     if not isinstance(found, dict) or found.get("schema") != schema:
         raise GroundError("%s: its schema is not %s" % (path, schema))

@@ -10,6 +10,7 @@ import yaml
 from ground import _core
 from ground.support import files
 from ground.support.annotations import Path, Setting
+from ground.support.bounded_yaml import LOADER
 from ground.support.errors import GroundError
 
 CONTROLLERS = {info.name: info for info in _core.controller_table()}
@@ -32,7 +33,7 @@ def read(path: str) -> Dict[str, float]:
     """Name to number; GroundError that says what is wrong with the file."""
     try:
         with open(path) as file:
-            values = yaml.safe_load(file)
+            values = yaml.load(file, LOADER)
     except OSError as error:
         raise GroundError("%s: cannot be read (%s)" % (path, error))
     except (ValueError, RecursionError, yaml.YAMLError) as error:

@@ -10,7 +10,7 @@ import traceback
 import warnings
 from typing import Any, Callable, Iterable, Iterator, TextIO, Type
 
-from ground.support.progress import say
+from ground.support.progress import harmless, say
 
 # What a user can do about errors of the operating system.
 ADVICE = {
@@ -116,7 +116,7 @@ def guarded(name: str, work: Callable[[], int], debug: bool = False) -> int:
     except (Exception, KeyboardInterrupt) as error:
         if debug or os.environ.get("GROUND_DEBUG"):
             traceback.print_exc()
-        print("%s: %s" % (name, sentence(error)), file=sys.stderr)
+        print(harmless("%s: %s" % (name, sentence(error))), file=sys.stderr)
     with contextlib.suppress(OSError, ValueError):
         _flush_or_drop(sys.stdout)
     return 1

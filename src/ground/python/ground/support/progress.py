@@ -9,6 +9,7 @@ with work.stage("reading", len(paths)):
 
 import contextlib
 import json
+import re
 import sys
 import time
 from dataclasses import asdict, dataclass
@@ -18,6 +19,8 @@ HOWS = ("bar", "lines", "json", "off")
 QUIET = 1.0  # time until the first line [s]
 INTERVAL = 5.0  # least time between lines [s]
 JSON_INTERVAL = 0.5  # least time between reports of a stage in JSON [s]
+# What moves the cursor, colours or reorders text on a terminal; lines and tabs stay.
+_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 
 _T = TypeVar("_T")
 
@@ -111,7 +114,7 @@ def _lines(name: str) -> Listener:
         nonlocal due
         if time.monotonic() >= due and report.done < report.of:
             due = time.monotonic() + INTERVAL
-            print("%s: %s" % (name, report), file=sys.stderr, flush=True)
+            print(harmless("%s: %s" % (name, report)), file=sys.stderr, flush=True)
 
     return tell
 
@@ -146,7 +149,7 @@ class _Bar:
             self.close()
             self._what = report.what
             options = {"file": sys.stderr, "leave": False, "dynamic_ncols": True}
-            self._bar = self._new(total=report.of, desc=report.what, **options)
+            self._bar = self._new(total=report.of, desc=harmless(report.what), **options)
         else:
             self._bar.total = report.of
             self._bar.update(report.done - self._bar.n)
@@ -158,8 +161,14 @@ class _Bar:
             self._bar = None
 
 
+def harmless(text: str) -> str:
+    """Text for a terminal: a control character, which names in files may have, is shown as its code."""
+    return _CONTROLS.sub(lambda found: found.group().encode("unicode_escape").decode(), text)
+
+
 def say(text: str, stream: Optional[TextIO] = None) -> None:
     """Prints a line at once, above a bar if there is one."""
+    text = harmless(text)
     bars = sys.modules.get("tqdm")
     if bars:
         bars.tqdm.write(text, file=stream or sys.stdout)
