@@ -291,7 +291,7 @@ TEST(SteeredAllocation, TurnsAndPushesWithinTheRanges) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> any(-1, 1);
   for (int i = 0; i < 200; ++i) {
-    const double force = 1 + 0.5 * any(random), moment = 0.08 * any(random);
+    const double force = 1.2 + 0.3 * any(random), moment = 0.07 * any(random);
     const Allocation::Output out = allocation.run({force, 0, moment});
     EXPECT_NEAR(out.wrench.x(), force, 1e-3);
     EXPECT_NEAR(out.wrench.z(), moment, 1e-3);

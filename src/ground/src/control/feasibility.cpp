@@ -12,6 +12,7 @@ namespace {
 
 constexpr double kTolerance = 0.01;   // relative to full thrust and to full moment
 constexpr double kHeldFirst = 1e-5;   // weight of the moment if the thrust must hold
+constexpr double kFreeSway = 1e-8;    // weight of the force to the side that a rudder's moment brings
 constexpr int kDirections = 72;       // directions of a thrust that are tried
 constexpr double kNegligible = 1e-3;  // relative to full thrust; with less, any heading is possible
 
@@ -20,7 +21,7 @@ class Limits {
  public:
   explicit Limits(const Model& model)
       : all_(*model.thrusters, model.body),
-        held_(*model.thrusters, model.body, {1, 1, kHeldFirst}),
+        held_(*model.thrusters, model.body, {1, model.thrusters->steers() ? kFreeSway : 1, kHeldFirst}),
         forward_(most({1, 0, 0})),
         backward_(most({-1, 0, 0})),
         full_moment_(std::max(most({0, 0, 1}), most({0, 0, -1}))) {
