@@ -66,9 +66,9 @@ struct EffectInfo {
   /// neutral coordinates x0. An empty function means no prior.
   std::function<Eigen::MatrixXd(const Body<double>&)> penalty = nullptr;
   int states_per_thruster = 0;  ///< additional states for each thruster of the craft
-  Surroundings surroundings = Surroundings::kAny;
   /// Whether a craft can have the effect; an empty function means that all can.
   std::function<bool(const ThrusterLayout&)> suits = nullptr;
+  Surroundings surroundings = Surroundings::kAny;
 
   int stateCount(int thrusters) const { return states + thrusters * states_per_thruster; }
   /// The effect of crafts in such surroundings.
