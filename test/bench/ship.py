@@ -41,9 +41,7 @@ def recorded(path):
     times, poses = rows[:, 0], np.column_stack([rows[:, 1:3], np.deg2rad(rows[:, 3])])
     inputs = [rows[:, 9] / REVOLUTIONS, -rows[:, 8] / RUDDER, 0 * times]
     name = os.path.basename(path).split("KVLCC2_Z_")[1][:-4]
-    return ground.Recording.from_arrays(
-        times, poses, np.column_stack(inputs), channels=CHANNELS, name=name
-    )
+    return ground.Recording.from_arrays(times, poses, np.column_stack(inputs), channels=CHANNELS, name=name)
 
 
 def craft():
@@ -83,8 +81,8 @@ def circle(model, side):
     speed = np.hypot(*made["nu"][-1, :2]) / SPEED
     if side * heading[-1] < np.pi:
         return np.nan, np.nan, speed
-    quarter, half = (np.interp(angle, side * heading, np.arange(len(times))) for angle in (np.pi / 2, np.pi))
     at = np.arange(len(times))
+    quarter, half = (np.interp(angle, side * heading, at) for angle in (np.pi / 2, np.pi))
     return np.interp(quarter, at, x) / LENGTH, side * np.interp(half, at, y) / LENGTH, speed
 
 
@@ -92,7 +90,9 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("folder")
     parser.add_argument("--held", nargs="+", default=["30_05", "35_05"])
-    parser.add_argument("--leave", nargs="*", default=["05_01", "10_01", "15_01"], help="runs not used at all")
+    parser.add_argument(
+        "--leave", nargs="*", default=["05_01", "10_01", "15_01"], help="runs not used at all"
+    )
     parser.add_argument("--window", type=float, default=30.0)
     parser.add_argument("--out")
     options = parser.parse_args()
@@ -110,7 +110,8 @@ def main():
         print("%s: overshoots predicted %s, measured %s deg" % (name, a[:count].round(1), b[:count].round(1)))
     for side, word in ((1, "starboard"), (-1, "port")):
         advance, diameter, speed = circle(found.model, side)
-        text = "35 deg to %s: advance %.2f L (published %g to %g), tactical diameter %.2f L (%g to %g), speed %.2f"
+        text = "35 deg to %s: advance %.2f L (published %g to %g), "
+        text += "tactical diameter %.2f L (%g to %g), speed %.2f"
         print(text % (word, advance, *PUBLISHED["advance"], diameter, *PUBLISHED["tactical diameter"], speed))
     if options.out:
         found.save(options.out, force=True)

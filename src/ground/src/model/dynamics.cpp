@@ -131,8 +131,8 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates, con
   }
   if (!payload.empty()) load(payload);
   mass_inverse_ = inverseOf(mass_);
-  is_alone_ = !couples(mass_) && !has_air_ && !layout_->sways() && !layout_->steers() && thrust_.empty() && wrench_.empty() &&
-              rates_.empty();
+  is_alone_ = !couples(mass_) && !has_air_ && !layout_->sways() && !layout_->steers() && thrust_.empty() &&
+              wrench_.empty() && rates_.empty();
   stages_ = {initial_, initial_, std::vector<T>(initial_.size(), T(0.0))};
   damping_ = {body_.X_u / body_.m, body_.Y_v / body_.m, body_.N_r / body_.I_z};
   surge_gain_ = body_.k / body_.m;
