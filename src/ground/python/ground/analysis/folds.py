@@ -201,6 +201,7 @@ def stretch(run: _core.RunData, times: Array, part: slice) -> _core.RunData:
         run.noise,
         run.drives,
         inertial=run.inertial,
+        battery=run.battery,
     )
 
 

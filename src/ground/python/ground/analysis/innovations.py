@@ -98,7 +98,7 @@ class Innovations:
         rows[:, 0] += DELAY
         late = _core.RunData(
             run.name, run.times, run.eta, run.nu, rows, run.poses, run.noise, run.drives,
-            run.wrench if len(run.wrench) else None, run.inertial,
+            run.wrench if len(run.wrench) else None, run.inertial, run.battery,
         )  # fmt: skip
         alone = replace(fit, loudness=fit.loudness[i : i + 1])
         columns.append(self._innovations(Likelihood([late], self.likelihood.craft), alone, 0))

@@ -67,6 +67,7 @@ def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
         run.noise,
         run.drives,
         inertial=run.inertial,
+        battery=run.battery,
     )
     events = [(max(a, times[0]), min(b, times[-1])) for a, b in spans]
     return Undisturbed(rest, *residuals.disturbance(rest, model, "white"), events)

@@ -44,6 +44,7 @@ def thinned(run: _core.RunData) -> _core.RunData:
         run.drives,
         mean(run.wrench) if len(run.wrench) else None,
         run.inertial,
+        run.battery,
     )
 
 
@@ -61,6 +62,7 @@ def by_poses_alone(run: _core.RunData) -> _core.RunData:
         run.noise,
         run.drives,
         run.wrench if len(run.wrench) else None,
+        battery=run.battery,
     )
 
 

@@ -271,7 +271,14 @@ def _scaled_errors(
     known = None if wrench is None else wrench[span]
     try:
         found = _core.simulate(
-            model, run.inputs, run.times[span], run.eta[window.first], nu, run.drives, known
+            model,
+            run.inputs,
+            run.times[span],
+            run.eta[window.first],
+            nu,
+            run.drives,
+            known,
+            battery=run.battery,
         )
     except RuntimeError as error:
         raise GroundError(str(error))
@@ -334,12 +341,23 @@ def recorded(
                 run.drives,
                 wrench[stretch],
                 room[stretch],
+                run.battery,
             )
         except RuntimeError:
             raise GroundError("the model's motion along %s is not finite" % run.name)
         poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
     smoothed = repair.smooth(times, poses, (noise[0], noise[2]))
-    return _core.RunData(run.name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, run.drives)
+    return _core.RunData(
+        run.name,
+        times,
+        smoothed["eta"],
+        smoothed["nu"],
+        inputs,
+        poses,
+        noise,
+        run.drives,
+        battery=run.battery,
+    )
 
 
 def pushes(run: _core.RunData, levels: Mapping[str, float], random: Random) -> Tuple[Array, Array]:

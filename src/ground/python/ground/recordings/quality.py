@@ -152,6 +152,7 @@ class RepairedRun:
             np.array(motion.noise)[[0, 0, 1]],
             self.drives,
             inertial=self._inertial(),
+            battery=None if self.recording.voltage is None else self.recording.voltage.rows(self.zero),
         )
 
     def _inertial(self) -> Optional[_core.InertialData]:

@@ -21,6 +21,7 @@ import numpy as np
 
 from ground import _core
 from ground.recordings import repair, units
+from ground.recordings.battery import Voltage
 from ground.recordings.commands import CHANNELS
 from ground.recordings.inertial import Samples
 from ground.recordings.mapping import LIFT, RANGE
@@ -83,6 +84,7 @@ class Recording(Plotted):
     channels: Tuple[str, ...] = CHANNELS  #: names of the commands
     lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
     inertial: Optional[Samples] = None  #: of the craft's gyro and accelerometer, if recorded
+    voltage: Optional[Voltage] = None  #: of the craft's battery, if recorded
     digest: str = ""  #: of the content of the files that it was read from; empty: none
 
     @staticmethod
@@ -149,6 +151,8 @@ class Recording(Plotted):
         arrays = [self.pose_times, self.eta, self.control_times, self.controls]
         if self.inertial is not None:
             arrays += [self.inertial.times, self.inertial.yaw_rate, self.inertial.acceleration]
+        if self.voltage is not None:
+            arrays += [self.voltage.times, self.voltage.volts]
         return digest(np.asarray(array, float).tobytes() for array in arrays)
 
     @functools.cached_property
