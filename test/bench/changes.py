@@ -26,6 +26,15 @@ SIZES = {"thruster": -0.2, "mass": 0.15, "drag": 1.0}
 NAMED = 3.0  # time in which a change should be named [s]
 RECOVERY = 5.0  # time after which the error should be as before [s]
 LONG = 300.0  # a flight without change [s]
+# States of the monitor's filter (ChangeFilter): those that a load changes; others, with deviations of a jump
+LOAD = [16, 17, 18, 19]
+OTHERS = {
+    "the left thruster": ([14], [0.3]),
+    "the right thruster": ([15], [0.3]),
+    "drag": ([20], [1.0]),
+    "a push": ([6, 7, 8], [0.64, 0.64, 6.9]),
+    "a bias": ([9, 10, 11], [0.11, 0.11, 1.1]),
+}
 
 
 def named(job):
@@ -51,6 +60,45 @@ def named(job):
     found["count"] = len(last)
     found["size"] = [last[-1][k] for k in ("lower", "size", "upper")] if last else None
     return found
+
+
+def separable(job):
+    """How well the innovations of NAMED seconds could tell a load from other parts, by Fisher's information:
+    the probability that the likelihood of the true load, known exactly, is above that of the part."""
+    seed, share = job
+    model = _core.load_model(MODEL)
+    chosen = flights.setting(model, "mass", seed, share)
+    information = np.zeros((0, 0))
+    for time, monitor in flights.watch(model, flights.fly(model, chosen, chosen.time + NAMED + 0.5)):
+        if time > chosen.time + NAMED or (monitor.changes and time - chosen.time > 1):
+            break  # the name of a change is settled by forgetting the innovations
+        found = monitor.information(chosen.time)
+        if time > chosen.time and np.trace(found) > np.trace(information):
+            information = found
+    if not len(information):
+        return dict(seed=seed, separable={})
+    before, after = chosen.before.body, chosen.after.body
+    offset = chosen.after.effects["com_offset"]
+    jump = np.zeros(len(information))
+    jump[LOAD] = after["m"] / before["m"] - 1, after["I_z"] / before["I_z"] - 1, offset["xg"], offset["yg"]
+    found = {}
+    for part, (states, deviations) in OTHERS.items():
+        root = np.zeros((len(jump), len(states)))
+        root[states, range(len(states))] = deviations
+        A = np.eye(len(states)) + root.T @ information @ root
+        z = np.linalg.solve(A, root.T @ information @ jump)
+        rest = jump - root @ z
+        distance = math.sqrt(max(0.0, rest @ information @ rest + z @ z))
+        found[part] = 0.5 * (1 + math.erf(distance / 2 / math.sqrt(2)))
+    return dict(seed=seed, separable=found)
+
+
+def tell_separable(rows):
+    found = [row["separable"] for row in rows if row["separable"]]
+    for part in OTHERS:
+        print("a load could be told from %s in %.0f%%" % (part, 100 * np.mean([row[part] for row in found])))
+    worst = np.mean([min(row.values()) for row in found])
+    print("and from the likest of them in %.0f%% of %d flights" % (100 * worst, len(found)))
 
 
 def falsely(job):
@@ -169,6 +217,7 @@ def main():
     parser.add_argument("--share", type=float, default=0.02, help="pushes, relative to full thrust")
     parser.add_argument("--seed", type=int, default=2000)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--bound", action="store_true", help="also: what any detector could tell of a load")
     parser.add_argument("--json", help="file for all flights")
     options = parser.parse_args()
     seeds = range(options.seed, options.seed + options.flights)
@@ -180,6 +229,9 @@ def main():
         recoveries = pool.map(recovered, jobs, chunksize=1)
         tell_recovered(recoveries)
         long = range(options.seed, options.seed + math.ceil(options.hours * 3600 / LONG))
+        if options.bound:
+            bound = [(seed, options.share) for seed in seeds]
+            tell_separable(pool.map(separable, bound, chunksize=1))
         silent = pool.map(falsely, [(seed, options.share) for seed in long], chunksize=1)
         tell_false(silent)
     if options.json:

@@ -122,6 +122,34 @@ TEST(ChangeMonitor, NamesEachOfFourThrusters) {
   }
 }
 
+TEST(ChangeMonitor, NamesADeadJetOfACraftWithLittleThrust) {
+  const Model model = loadModel("cfg/craft/air_table.yaml");
+  for (const int i : {0, 5}) {
+    const std::string name = (*model.thrusters)[i].name;
+    Flight flight(model);
+    EXPECT_TRUE(std::isinf(flight.fly(8))) << flight.report().text();
+    flight.setParameter("thruster_gain_" + name, "a", -1);
+    EXPECT_LT(flight.fly(3), 3) << name;
+    flight.fly(3);
+    const CraftChange& craft = flight.monitor().craft();
+    EXPECT_EQ(craft.deadNames(flight.report().change), name) << flight.report().text();
+  }
+}
+
+TEST(CraftChange, KnowsDeadThrustersOfMoreThanTwo) {
+  const CraftChange four(fourThrusters()), two(craft());
+  Eigen::VectorXd change = Eigen::VectorXd::Zero(four.size());
+  change(1) = -0.97;
+  change(3) = -0.5;
+  EXPECT_EQ(four.dead(change), std::vector<int>{1});
+  EXPECT_EQ(four.deadNames(change), "back_right");
+  EXPECT_EQ(four.deadOnly(change)(3), 0);
+  EXPECT_LT(four.deadOnly(change)(1), -0.9);
+  change.head(3).setConstant(-0.97);
+  EXPECT_TRUE(four.dead(change).empty()) << "too few are left";
+  EXPECT_TRUE(two.dead(Eigen::VectorXd::Constant(two.size(), -0.97)).empty());
+}
+
 TEST(ChangeMonitor, NamesALoad) {
   Flight flight(craft());
   flight.fly(8);

@@ -6,14 +6,17 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <memory>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "../faulty_craft.h"
 #include "ground/control/input_design.h"
+#include "ground/estimation/obedience_watch.h"
 #include "ground/estimation/velocity_estimator.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/measurement.h"
@@ -197,6 +200,104 @@ TEST(ObedienceMonitor, ACraftAtRestUnderFullThrustIsReportedUntilReset) {
   EXPECT_LT(reported_at, 1.1);
   monitor.reset();
   EXPECT_EQ(monitor.disobedience(1), "");
+}
+
+/// A craft under random commands, and the watch of a sender that is armed.
+class WatchedFlight {
+ public:
+  explicit WatchedFlight(const Model& believed) : watch_(believed), truth_(believed) {
+    watch_.setParams(kTimeout, true);
+  }
+
+  /// The force of each thruster from now on, over that of the model.
+  void setShares(const Thrusters<double>& shares) { shares_ = shares; }
+  ObedienceWatch& watch() { return watch_; }
+  /// Flies for `duration` [s]; returns when and what the watch first reported [s since now], or infinity.
+  std::pair<double, std::string> fly(double duration, bool armed = true) {
+    const double began = time_;
+    std::uniform_real_distribution<double> level(0, 1);
+    std::normal_distribution<double> normal;
+    const ThrusterLayout& layout = *truth_.thrusters;
+    const Vector3<double> noise(0.005, 0.005, 0.02);
+    for (int i = 0; i < std::lround(100 * duration); ++i) {
+      if (i % 50 == 0)
+        for (int j = 0; j < layout.size(); ++j) held_.thrusters(j) = layout[j].most * level(random_);
+      watch_.sent(time_, armed, held_);
+      Thrusters<double> forced = held_.thrusters;
+      for (int j = 0; j < layout.size(); ++j) forced(j) *= shares_(j);
+      double t = 0;
+      const Dynamics<double> dynamics(truth_);
+      dynamics.step(t, state_, dynamics.actuate(forced, 1, 0.01, nullptr), 0.01);
+      time_ += 0.01;
+      RigidState<double> seen = state_;
+      for (int j = 0; j < 3; ++j) seen.nu(j) += noise(j) * normal(random_);
+      const std::string found = watch_.measured(time_, seen, noise.cwiseAbs2());
+      if (!found.empty()) return {time_ - began, found};
+    }
+    return {std::numeric_limits<double>::infinity(), ""};
+  }
+
+ private:
+  ObedienceWatch watch_;
+  Model truth_;
+  std::mt19937 random_{3};
+  Thrusters<double> shares_ = Thrusters<double>::filled(truth_.thrusters->size(), 1);
+  Inputs held_ = Inputs::off(truth_.thrusters->size(), 1);
+  RigidState<double> state_;
+  double time_ = 1e9;
+};
+
+Model table() { return loadModel("cfg/craft/air_table.yaml"); }
+
+Eigen::VectorXd deathOf(int thruster, const Model& model) {
+  Eigen::VectorXd change = Eigen::VectorXd::Zero(CraftChange(model).size());
+  change(thruster) = -0.96;
+  return change;
+}
+
+TEST(ObedienceWatch, ExpectsACraftWithoutTheThrusterThatIsToldToBeDead) {
+  const Model model = table();
+  WatchedFlight flight(model);
+  ASSERT_EQ(flight.fly(5).second, "");
+  Thrusters<double> shares = Thrusters<double>::filled(8, 1);
+  shares(2) = 0;
+  flight.setShares(shares);
+  EXPECT_EQ(flight.fly(0.6).second, "");
+  EXPECT_EQ(flight.watch().told(deathOf(2, model)), model.thrusters->thrusters()[2].name);
+  EXPECT_EQ(flight.watch().told(deathOf(2, model)), "") << "it is known";
+  EXPECT_EQ(flight.fly(20).second, "");
+  // Safety first: a craft that does not obey that either stops.
+  flight.setShares(Thrusters<double>::zero(8));
+  const auto [time, what] = flight.fly(8);
+  EXPECT_LT(time, 8);
+  EXPECT_NE(what.find("without thrust"), std::string::npos) << what;
+}
+
+TEST(ObedienceWatch, WaitsForTheNameOfADeadThrusterOnlyForAWhile) {
+  const Model model = table();
+  double waited[2];
+  for (const bool adapts : {false, true}) {
+    WatchedFlight flight(model);
+    flight.watch().setParams(kTimeout, adapts);
+    ASSERT_EQ(flight.fly(5).second, "");
+    Thrusters<double> shares = Thrusters<double>::filled(8, 1);
+    shares(2) = 0;
+    flight.setShares(shares);
+    const auto [time, what] = flight.fly(20);
+    EXPECT_NE(what.find("front_left_back thruster were off"), std::string::npos) << what;
+    waited[adapts] = time;
+  }
+  EXPECT_NEAR(waited[1], waited[0] + kTimeout, 0.1);
+}
+
+TEST(ObedienceWatch, ANewArmingExpectsTheCraftOfTheModel) {
+  const Model model = table();
+  WatchedFlight flight(model);
+  EXPECT_EQ(flight.watch().told(deathOf(2, model)), "") << "nothing was sent yet";
+  ASSERT_EQ(flight.fly(5).second, "");
+  ASSERT_NE(flight.watch().told(deathOf(2, model)), "");
+  flight.fly(0.5, false);
+  EXPECT_EQ(flight.fly(10).second, "");
 }
 
 }  // namespace obedience_monitor_test

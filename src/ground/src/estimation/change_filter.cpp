@@ -19,13 +19,18 @@ constexpr double kCommandMemory = 12;   // commands kept, for delay and lag [s]
 constexpr double kRelinearised = 5e-3;  // change of parameters that needs new derivatives
 constexpr double kOutlying = 25;        // squared innovation beyond which a pose has less weight
 
-constexpr double kWhiteShare = 0.2;              // of the observer's white noise, which has no push beside it
-constexpr double kHitSpeed = 0.5, kHitTurn = 5;  // change of velocity by a collision [m/s], [rad/s]
-constexpr double kHitPause = 1;                  // shortest time between two [s]
+constexpr double kWhiteShare = 0.2;   // of the observer's white noise, which has no push beside it
+constexpr double kMostWhite = 0.005;  // of it, as a share of the acceleration by full thrust [s^0.5]
+// Change of velocity by a collision: the velocity turns round, or changes as by full thrust for so long [s].
+constexpr double kHitTime = 0.25;
+constexpr double kBeginTime = 0.01;  // of the first velocity, which lags: what full thrust does meanwhile [s]
+constexpr double kHitPause = 1;      // shortest time between two [s]
 // Levels where the model file has no disturbance, as shares of the acceleration by full thrust.
 constexpr double kPushShare = 0.02, kPushTime = 0.5, kTrimShare = 0.02;
-constexpr double kBiasDrift = 0.05;                     // of the bias, relative to its level [1/s^0.5]
-constexpr double kTiltPrior = 0.05, kTiltDrift = 2e-3;  // [m/s^2], [m/s^2.5]
+constexpr double kBiasDrift = 0.05;  // of the bias, relative to its level [1/s^0.5]
+// A floor that is not level: its slope as in usual rooms, a share of full thrust for what else stays in the
+// room, and the most of it, because boats have no floor; its drift, relative to that [1/s^0.5].
+constexpr double kSlope = 2e-3, kTiltShare = 0.02, kMostTilt = 0.1, kTiltDrift = 0.04, kGravity = 9.80665;
 
 /// What is known of a craft by its file, and how fast it may change unnoticed [1/s^0.5].
 struct Level {
@@ -57,6 +62,8 @@ ChangeFilter::ChangeFilter(const Model& model, const ObserverParams& params)
   const Disturbance& known = model.disturbance;
   const Vector3<double> mass(body.m, body.m, body.I_z);
   white_ = kWhiteShare * Vector3<double>(params.push, params.push, params.twist);
+  white_ = white_.cwiseMin(kMostWhite * most_);
+  tilt_ = std::min(std::hypot(kGravity * kSlope, kTiltShare * most_.x()), kMostTilt * most_.x());
   push_ = kPushShare * most_;
   push_time_.setConstant(kPushTime);
   bias_ = kTrimShare * most_;
@@ -81,7 +88,7 @@ void ChangeFilter::reset() {
   P_ = Matrix::Zero(n, n);
   P_.diagonal().segment<3>(kPush) = squared(push_);
   P_.diagonal().segment<3>(kBias) = squared(bias_);
-  P_.diagonal().segment<2>(kTilt).setConstant(kTiltPrior * kTiltPrior);
+  P_.diagonal().segment<2>(kTilt).setConstant(tilt_ * tilt_);
   auto change = P_.bottomRightCorner(craft_.size(), craft_.size());
   change.topLeftCorner(thrusters, thrusters).setConstant(thrust_trim_ * thrust_trim_);
   change.diagonal().head(thrusters).array() += kThrusterLevel.known * kThrusterLevel.known;
@@ -146,7 +153,9 @@ void ChangeFilter::begin(const RigidState<double>& measured) {
   P_.leftCols<kBias>().setZero();
   const double position = params_.position_noise, heading = params_.heading_noise;
   Eigen::Matrix<double, 6, 1> deviation;
-  deviation << position, position, heading, 0.05, 0.05, 0.2;
+  // The first velocity is as certain as that by two poses.
+  const Vector3<double> noise(position, position, heading);
+  deviation << noise, std::sqrt(2) / kFilterStep * noise + kBeginTime * most_;
   P_.diagonal().head<6>() = deviation.cwiseAbs2();
   P_.diagonal().segment<3>(kPush) = squared(push_);
   started_ = true;
@@ -260,7 +269,7 @@ void ChangeFilter::addNoise(double h) {
     all(kPush + i) += push_(i) * push_(i) * (1 - std::exp(-2 * h / push_time_(i)));
     all(kBias + i) += walk(kBiasDrift * bias_(i));
   }
-  all.segment<2>(kTilt).array() += walk(kTiltDrift);
+  all.segment<2>(kTilt).array() += walk(kTiltDrift * tilt_);
   const int thrusters = craft_.thrusters();
   P_.block(kChange, kChange, thrusters, thrusters).array() += walk(kThrustLevel.drift);
   all.segment(kChange, thrusters).array() += walk(kThrusterLevel.drift);
@@ -310,7 +319,8 @@ ChangeFilter::Step ChangeFilter::correct(const Vector3<double>& eta) {
 void ChangeFilter::hit(const Vector3<double>& eta) {
   RigidState<double> seen{eta, x_.segment<3>(kNu)};
   begin(seen);
-  P_.diagonal().segment<3>(kNu) << kHitSpeed * kHitSpeed, kHitSpeed * kHitSpeed, kHitTurn * kHitTurn;
+  const double speed = 2 * seen.nu.head<2>().norm(), turn = 2 * std::abs(seen.nu.z());
+  P_.diagonal().segment<3>(kNu) = squared(Vector3<double>(speed, speed, turn)) + squared(kHitTime * most_);
   hit_ = time_;
 }
 

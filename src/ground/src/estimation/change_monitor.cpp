@@ -24,6 +24,8 @@ constexpr double kLongestRefining = 5;     // [s]
 constexpr double kSettling = 3;            // [s]
 constexpr double kScaleMemory = 20;        // [s]
 constexpr double kLargestInnovation = 12;  // squared innovation that counts for the scale
+constexpr double kJumpTime = 0.5;          // full thrust for so long changes the velocity as a hit may [s]
+constexpr double kTilted = 2;              // change of the tilt, over its prior deviation
 constexpr double kSigma95 = 1.96;
 constexpr double kCurved = 0.05;  // error of sizes by the filter's linearisation
 
@@ -70,11 +72,12 @@ void ChangeMonitor::addParts() {
   parts_.back().hypothesis.prior(1, 0) = 0.12;  // a load adds inertia as well
   add("drag", {kFirst + craft.drag()}, {1.0}, true, 0.25);
   const int nu = ChangeFilter::kNu, bias = ChangeFilter::kBias, tilt = ChangeFilter::kTilt;
-  add("", {nu, nu + 1, nu + 2}, {1, 1, 10}, false, 0);
+  const Vector3<double> hit = kJumpTime * most;
+  add("", {nu, nu + 1, nu + 2}, {hit.x(), hit.y(), hit.z()}, false, 0);
   const int push = ChangeFilter::kPush;
   add("", {push, push + 1, push + 2}, {0.3 * most.x(), 0.3 * most.y(), 0.3 * most.z()}, false, 0);
   add("", {bias, bias + 1, bias + 2}, {0.05 * most.x(), 0.05 * most.y(), 0.05 * most.z()}, false, 0);
-  add("", {tilt, tilt + 1}, {0.1, 0.1}, false, 0);
+  add("", {tilt, tilt + 1}, {kTilted * filter_.tilt(), kTilted * filter_.tilt()}, false, 0);
 }
 
 void ChangeMonitor::reset() {
@@ -178,6 +181,7 @@ void ChangeMonitor::refine(double time, const std::vector<Finding>& found, const
   named_.reset();
   followed_ = time;
   before_ = before(best);
+  before_deviation_ = deviationOf(best.part->hypothesis.states.front());
   follow(best);
 }
 
@@ -191,7 +195,9 @@ void ChangeMonitor::settle(double time) {
   const int state = ChangeFilter::kChange + parameter;
   change.size = (1 + filter_.x()(state)) / before_ - 1;
   const double variance = std::max(0.0, filter_.covariance()(state, state));
-  const double deviation = std::hypot(std::sqrt(variance) / before_, kCurved * change.size);
+  // The size is relative to the parameter before the change, which is uncertain as well.
+  const double deviation = std::hypot(std::sqrt(variance) / before_,
+                                      (1 + change.size) * before_deviation_ / before_, kCurved * change.size);
   change.lower = change.size - kSigma95 * deviation;
   change.upper = change.size + kSigma95 * deviation;
   if (time - *followed_ > kSettling) followed_.reset();
@@ -215,6 +221,12 @@ double ChangeMonitor::before(const Finding& finding) const {
   return 1 + filter_.x()(first) + finding.evidence.now(first) - finding.evidence.jump(0);
 }
 
+double ChangeMonitor::deviationOf(int state) const {
+  return std::sqrt(std::max(0.0, filter_.covariance()(state, state)));
+}
+
+JumpBank::Matrix ChangeMonitor::information(double start) const { return bank_.information(start); }
+
 std::string ChangeMonitor::partName(const Part& part) {
   return part.of_craft ? part.name : "an unknown force";
 }
@@ -237,7 +249,8 @@ ChangeMonitor::Change ChangeMonitor::described(const Finding& finding) const {
   const std::vector<int>& states = finding.part->hypothesis.states;
   const int first = states.front();
   const double size = evidence.jump(0) / before(finding);
-  const double deviation = std::hypot(std::sqrt(evidence.covariance(0, 0)) / before(finding), kCurved * size);
+  const double deviation = std::hypot(std::sqrt(evidence.covariance(0, 0)) / before(finding),
+                                      size * deviationOf(first) / before(finding), kCurved * size);
   Change change{finding.part->name,
                 evidence.start,
                 size,

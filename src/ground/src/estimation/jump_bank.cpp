@@ -1,6 +1,7 @@
 #include "ground/estimation/jump_bank.h"
 
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -72,6 +73,13 @@ JumpBank::Evidence JumpBank::test(const Hypothesis& hypothesis) const {
   found.now = error * found.jump;
   found.now_covariance = error * found.covariance * error.transpose();
   return found;
+}
+
+JumpBank::Matrix JumpBank::information(double start) const {
+  const auto nearest = std::min_element(starts_.begin(), starts_.end(), [&](const Start& a, const Start& b) {
+    return std::abs(a.time - start) < std::abs(b.time - start);
+  });
+  return nearest == starts_.end() ? Matrix() : nearest->information;
 }
 
 }  // namespace ground

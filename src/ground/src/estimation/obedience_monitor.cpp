@@ -103,6 +103,7 @@ void ObedienceMonitor::addExplanations() {
     Thrusters<double> shares = all;
     shares(i) = 0;
     explanations_.push_back({"as if the " + layout[i].name + " thruster were off", shares});
+    explanations_.back().one_off = true;
   }
   explanations_.push_back({"as if it sat on the floor, without lift", all, 1, false, false});
 }
@@ -112,6 +113,7 @@ void ObedienceMonitor::reset() {
   delayed_.fill(none);
   others_.assign(explanations_.size(), none);
   started_ = false;
+  waiting_.reset();
   intervals_.clear();
 }
 
@@ -209,30 +211,43 @@ ObedienceMonitor::Evidence ObedienceMonitor::evidenceOfOthers(double duration) c
   return evidence;
 }
 
-std::string ObedienceMonitor::disobedience(double duration) const {
+std::string ObedienceMonitor::disobedience(double duration) {
   for (double span : {duration, 2 * duration, 4 * duration}) {
     const Evidence all = evidenceOfOthers(span), recent = evidenceOfOthers(span / 2);
     Eigen::Index best = 0;
     if (all.maxCoeff(&best) < kEvidence || recent(best) < kMinHalf || all(best) - recent(best) < kMinHalf)
       continue;
-    return "it moves " + likely(span, best);
+    const std::vector<const Explanation*> found = likely(span, best);
+    if (waits(found)) return "";
+    std::string text;
+    for (const Explanation* one : found) text += (text.empty() ? "it moves " : ", or ") + one->text;
+    return text;
   }
   return "";
 }
 
-/// Texts of the hypotheses that are not much worse than the best one. Uses only those intervals of
+/// Whether a monitor of a craft without some thruster may take over soon.
+bool ObedienceMonitor::waits(const std::vector<const Explanation*>& found) {
+  const bool one_off = std::all_of(found.begin(), found.end(), [](const auto* one) { return one->one_off; });
+  if (!one_off || dynamics_.layout().size() < 3) return false;
+  if (!waiting_) waiting_ = start_.time;
+  return start_.time - *waiting_ < patience_;
+}
+
+/// The hypotheses that are not much worse than the best one. Uses only those intervals of
 /// the last `duration` seconds in which the craft clearly did not follow its commands, because
-/// earlier obedience is evidence against all of them. Without such an interval, the text of `best`.
-std::string ObedienceMonitor::likely(double duration, Eigen::Index best) const {
+/// earlier obedience is evidence against all of them. Without such an interval, only `best`.
+std::vector<const ObedienceMonitor::Explanation*> ObedienceMonitor::likely(double duration,
+                                                                           Eigen::Index best) const {
   Evidence others = noEvidence();
   for (const Interval& i : intervals_)
     if (i.end > start_.time - duration && i.following.maxCoeff() < kPlausible) others += i.others;
-  if ((others == 0).all()) return explanations_[static_cast<std::size_t>(best)].text;
-  std::string text;
+  if ((others == 0).all()) return {&explanations_[static_cast<std::size_t>(best)]};
+  std::vector<const Explanation*> found;
   for (Eigen::Index i = 0; i < others.size(); ++i)
     if (others(i) > others.maxCoeff() - kEvidence)
-      text += (text.empty() ? "" : ", or ") + explanations_[static_cast<std::size_t>(i)].text;
-  return text;
+      found.push_back(&explanations_[static_cast<std::size_t>(i)]);
+  return found;
 }
 
 }  // namespace ground

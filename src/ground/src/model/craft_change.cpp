@@ -11,6 +11,8 @@ namespace {
 
 constexpr double kDeadThruster = -0.98;  // keeps the model's shares of thrust defined
 
+constexpr double kHardlyPushes = -0.8;  // of which a thruster counts as dead
+
 constexpr double kWorthTaking = 0.04;  // smallest difference that a controller takes
 
 /// The effect by which a channel does less or more.
@@ -81,6 +83,26 @@ bool CraftChange::differ(const Eigen::VectorXd& a, const Eigen::VectorXd& b) con
     if (std::abs(a(i) - b(i)) > kWorthTaking * unit) return true;
   }
   return false;
+}
+
+std::vector<int> CraftChange::dead(const Eigen::VectorXd& change) const {
+  std::vector<int> found;
+  for (int i = 0; i < thrusters() && thrusters() > 2; ++i)
+    if (change(i) < kHardlyPushes) found.push_back(i);
+  if (thrusters() - static_cast<int>(found.size()) < 2) found.clear();
+  return found;
+}
+
+Eigen::VectorXd CraftChange::deadOnly(const Eigen::VectorXd& change) const {
+  Eigen::VectorXd only = Eigen::VectorXd::Zero(size());
+  for (const int i : dead(change)) only(i) = kDeadThruster;
+  return only;
+}
+
+std::string CraftChange::deadNames(const Eigen::VectorXd& change) const {
+  std::string names;
+  for (const int i : dead(change)) names += (names.empty() ? "" : " and ") + (*model_.thrusters)[i].name;
+  return names;
 }
 
 Model CraftChange::apply(const Eigen::VectorXd& change) const {

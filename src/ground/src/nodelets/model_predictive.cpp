@@ -5,6 +5,7 @@
 #include <memory>
 #include <pluginlib/class_list_macros.hpp>
 #include <string>
+#include <utility>
 
 #include "ground/model/craft_change.h"
 #include "ground/nodelets/reference_tracking.h"
@@ -13,8 +14,9 @@ namespace ground {
 
 /// Tracks a reference by nonlinear model predictive control with the whole model, effects included.
 /// Parameters: those of ReferenceTracking, horizon, weights and the observer's noise; adapt (false): takes
-/// the changes of the craft that live_comparison names into its model, within bounds (CraftChange). A new
-/// drive begins with the model of the file. Subscribes: craft_change.
+/// the changes of the craft that live_comparison names into its model, within bounds (CraftChange), and
+/// drives home and stops there when a thruster of more than two is dead. A new drive begins with the model of
+/// the file. Subscribes: craft_change.
 class ModelPredictive : public ReferenceTracking<ModelPredictiveConfig> {
  public:
   ModelPredictive() : ReferenceTracking("ModelPredictive") {}
@@ -52,6 +54,9 @@ class ModelPredictive : public ReferenceTracking<ModelPredictiveConfig> {
       NODELET_INFO("%s: %s", getName().c_str(),
                    is_changed ? ("takes into its model: " + message->text).c_str()
                               : "goes back to the model of its file");
+      const std::string dead = craft_->deadNames(change);
+      if (dead != std::exchange(dead_, dead) && !dead.empty() && goHome(dead + " is dead"))
+        NODELET_WARN("%s: drives home, because %s is dead", getName().c_str(), dead.c_str());
     } catch (const std::exception& error) {
       NODELET_WARN("%s: keeps its model: %s", getName().c_str(), error.what());
     }
@@ -62,6 +67,7 @@ class ModelPredictive : public ReferenceTracking<ModelPredictiveConfig> {
   Model file_model_;
   std::string name_;       ///< of the model file
   Eigen::VectorXd taken_;  ///< change in the controller's model
+  std::string dead_;       ///< names of the thrusters that are dead by it
   ros::Subscriber subscriber_;
 };
 

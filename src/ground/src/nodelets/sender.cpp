@@ -1,5 +1,6 @@
 #include <ground/SenderConfig.h>
 #include <ground_msgs/Controls.h>
+#include <ground_msgs/CraftChange.h>
 #include <ground_msgs/Drive.h>
 #include <ground_msgs/SenderStatus.h>
 #include <ground_msgs/Silence.h>
@@ -14,6 +15,7 @@
 #include <cmath>
 #include <csignal>
 #include <cstring>
+#include <filesystem>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -21,7 +23,7 @@
 #include <thread>
 
 #include "ground/control/fence.h"
-#include "ground/estimation/obedience_monitor.h"
+#include "ground/estimation/obedience_watch.h"
 #include "ground/link/ground_link.h"
 #include "ground/link/own_stop.h"
 #include "ground/model/drive_clock.h"
@@ -52,9 +54,9 @@ namespace ground {
 /// - bench (false): the craft is fastened; arms without a state, and allows thrust without lift
 /// - those of Sender.cfg
 ///
-/// Subscribes: controls, state. Publishes: ~status (latched), ~telemetry, drive (latched; start of
-/// the newest drive). Services: ~arm and ~silence, in their own thread. Sends zero packets when
-/// disarmed, in fault and at the end.
+/// Subscribes: controls, state, craft_change. Publishes: ~status (latched), ~telemetry, drive (latched; start
+/// of the newest drive). Services: ~arm and ~silence, in their own thread. Sends zero packets when disarmed,
+/// in fault and at the end.
 ///
 /// The thread of run() only communicates with the craft. Another one publishes and logs, so that a
 /// hanging master or terminal cannot block the zero packets.
@@ -83,8 +85,8 @@ class Sender : public Shell {
     const auto model_file = optionalParameter<std::string>(nh, "model", "");
     if (!model_file.empty()) {
       const Model model = loadModelAndWarn(model_file);
-      obedience_ = std::make_unique<ObedienceMonitor>(model);
-      input_max_ = model.body.input_max;
+      obedience_ = std::make_unique<ObedienceWatch>(model);
+      file_ = std::filesystem::path(model_file).stem().string();
       layout_ = model.thrusters;
       craft_ = model.name;
     }
@@ -102,8 +104,9 @@ class Sender : public Shell {
     telemetry_publisher_ = nh.advertise<Telemetry>("telemetry", 10);
     drive_publisher_ = topics.advertise<ground_msgs::Drive>("drive", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<SenderConfig>>(
-        nh, [this](const SenderConfig& c) { apply(paramsIn<GroundLinkParams>(c)); });
+        nh, [this](const SenderConfig& c) { apply(paramsIn<GroundLinkParams>(c), c.adapt); });
     const ros::TransportHints hints = ros::TransportHints().tcpNoDelay();
+    if (obedience_) change_subscriber_ = topics.subscribe("craft_change", 10, &Sender::onChange, this);
     state_subscriber_ = topics.subscribe("state", 1, &Sender::onState, this, hints);
     controls_subscriber_ = topics.subscribe("controls", 4, &Sender::onControls, this, hints);
     endTidilyOnSignals();
@@ -152,12 +155,12 @@ class Sender : public Shell {
         sigaction(signal, &interrupt, nullptr);
   }
 
-  void apply(GroundLinkParams params) {
+  void apply(GroundLinkParams params, bool adapts) {
     params.require_state = !bench_;
     params.require_lift = params.require_lift && !bench_;
     const std::lock_guard lock(mutex_);
     link_->setParams(params);
-    obedience_timeout_ = params.obedience_timeout;
+    if (obedience_) obedience_->setParams(params.obedience_timeout, adapts);
   }
 
   /// Age of a message by its stamp [s]; negative for a stamp in the future.
@@ -191,29 +194,30 @@ class Sender : public Shell {
 
   /// Checks whether the craft follows its commands. mutex_ is held.
   void watchMotion(const ground_msgs::State& message, const RigidState<double>& state) {
-    if (!obedience_ || obedience_timeout_ == 0 || link_->current() != GroundLink::State::kArmed) return;
+    if (!obedience_) return;
     const Vector3<double> variance(message.nu_covariance[0], message.nu_covariance[4],
                                    message.nu_covariance[8]);
-    if (!variance.allFinite()) return;
-    obedience_->measure(secondsBetween(armed_at_, message.header.stamp), state, variance);
-    const std::string instead = obedience_->disobedience(obedience_timeout_);
+    const std::string instead = obedience_->measured(message.header.stamp.toSec(), state, variance);
     if (!instead.empty()) link_->disobeyed(steadyNow(), instead);
   }
 
-  /// Stores the commands sent while armed, for watchMotion(). mutex_ is held.
+  /// Stores what is sent, for watchMotion(). mutex_ is held.
   void noteSent() {
     if (!obedience_) return;
-    const bool armed = link_->current() == GroundLink::State::kArmed;
-    const MotorCommand& sent = link_->sent();
-    const bool begins = armed && !noted_;
-    if (begins) {
-      obedience_->reset();
-      armed_at_ = ros::Time::now();
-    }
-    if (armed && (begins || sent != *noted_))
-      obedience_->command(secondsBetween(armed_at_, ros::Time::now()), input_max_ * asVector(sent.thrusters),
-                          sent.lift);
-    noted_ = armed ? std::optional<MotorCommand>(sent) : std::nullopt;
+    obedience_->sent(ros::Time::now().toSec(), link_->current() == GroundLink::State::kArmed, link_->sent());
+  }
+
+  void onChange(const ground_msgs::CraftChange::ConstPtr& message) {
+    if (message->model != file_) return;
+    const Eigen::Map<const Eigen::VectorXd> change(message->change.data(),
+                                                   static_cast<Eigen::Index>(message->change.size()));
+    const std::lock_guard lock(mutex_);
+    const std::string dead = obedience_->told(change);
+    if (dead.empty()) return;
+    noteSent();
+    background_.add([this, dead] {
+      NODELET_WARN("sender: %s is dead: from now on the craft has to obey as one without it", dead.c_str());
+    });
   }
 
   /// Remark at arming about a bench and the craft's own stop; reads a file.
@@ -314,6 +318,7 @@ class Sender : public Shell {
   void report(const CraftTelemetry& t) {
     auto message = boost::make_shared<Telemetry>();
     message->header.stamp = ros::Time::now();
+    message->voltage = t.voltage.value_or(0);
     message->roll = t.roll;
     message->pitch = t.pitch;
     message->yaw = t.yaw;
@@ -366,15 +371,12 @@ class Sender : public Shell {
   InheritingMutex mutex_;  ///< guards all members down to next_status_
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;
-  std::optional<Fence> fence_;                   ///< no value without a room
-  std::unique_ptr<ObedienceMonitor> obedience_;  ///< null without a model
-  double obedience_timeout_ = 0, input_max_ = 1;
+  std::optional<Fence> fence_;                 ///< no value without a room
+  std::unique_ptr<ObedienceWatch> obedience_;  ///< null without a model
   ThrusterLayoutPtr layout_ = thrusterPair();  ///< constant after start()
   bool bench_ = false;                         ///< no state is needed; constant after start()
   bool real_time_ = false;                     ///< constant after start()
-  std::string remark_;                 ///< remark of the last arming about bench and own stop; may be empty
-  std::optional<MotorCommand> noted_;  ///< the last command passed to obedience_, while armed
-  ros::Time armed_at_;
+  std::string remark_;  ///< remark of the last arming about bench and own stop; may be empty
   bool auto_arm_ = false;
   std::uint64_t collected_ = 0;  ///< revision of the link in the newest status
   double next_status_ = 0;       ///< steady clock [s]
@@ -385,9 +387,10 @@ class Sender : public Shell {
   std::atomic<bool> running_{true};
   ros::Publisher status_publisher_, telemetry_publisher_, drive_publisher_;
   Background background_;  ///< outlives what reports, and is outlived by the publishers
-  ros::Subscriber controls_subscriber_, state_subscriber_;
+  ros::Subscriber controls_subscriber_, state_subscriber_, change_subscriber_;
   ros::ServiceServer arm_service_, silence_service_;
-  std::string own_stop_, craft_;  ///< file of records, name of the craft; constant after start()
+  std::string own_stop_, craft_,
+      file_;  ///< file of records, names of the craft and of its file; constant after start()
   std::unique_ptr<LiveParameters<SenderConfig>> reconfigure_;
   std::thread link_thread_;
 };

@@ -85,7 +85,7 @@ class Visualizer : public Shell {
   void onError(const ground_msgs::ModelError::ConstPtr& error) {
     const std::lock_guard<std::mutex> lock(mutex_);
     errors_[0] = error;
-    if (error->window < kMinWindow || !error->excited) return;
+    if (error->window < kMinHorizons * error->horizon || !error->excited) return;
     floor_noise_ = error->position_noise;
     floor_.add(error->eta[0] + error->eta_error[0], error->eta[1] + error->eta_error[1],
                std::hypot(error->eta_error[0], error->eta_error[1]));
@@ -354,7 +354,7 @@ class Visualizer : public Shell {
   }
 
   static constexpr double kRecent = 1.0;       // largest age of an error that is shown [s]
-  static constexpr double kMinWindow = 2.0;    // shortest window after which a model has settled [s]
+  static constexpr double kMinHorizons = 2.0;  // shortest window after which a model has settled, in horizons
   static constexpr double kFloorPeriod = 1.0;  // interval of floor maps [s]
   static constexpr double kFloorSpan = 5;      // least error of the brightest floor, relative to noise
   static constexpr double kSure = 3.5;         // least missing force that is shown, relative to noise

@@ -86,6 +86,10 @@ void bindChangeMonitor(py::module_& module) {
             return names;
           },
           "Names of the parameters.")
+      .def(
+          "information", &ChangeMonitor::information, py::arg("start"),
+          "Fisher information (n, n) about jumps at a time [s], by the innovations since then, of eta, nu, a "
+          "push (3), a bias (3), a tilt (2) and the parameters of a change; empty without innovations.")
       .def("log_ratios", &ChangeMonitor::logRatios, "Log-likelihood ratio now of each explanation, by name.")
       .def(
           "changed_model", [](const ChangeMonitor& m) { return m.craft().apply(m.report().change); },

@@ -28,6 +28,10 @@ Eigen::MatrixX2d fromBattery(const RunData& run) {
   return rows;
 }
 
+std::optional<Eigen::MatrixX2d> batteryOf(const RunData& run) {
+  return run.inputs.battery.empty() ? std::nullopt : std::optional<Eigen::MatrixX2d>(fromBattery(run));
+}
+
 RunData makeRun(const std::string& name, const std::vector<double>& times, const Eigen::MatrixX3d& eta,
                 const Eigen::MatrixX3d& nu, const Eigen::Ref<const Eigen::MatrixXd>& inputs,
                 const std::optional<Eigen::MatrixX3d>& poses, const std::optional<Vector3<double>>& noise,
@@ -140,6 +144,24 @@ void defRunScales(py::module_& module) {
           }));
 }
 
+/// How a run passes to other processes.
+auto pickled() {
+  return py::pickle(
+      [](const RunData& r) {
+        return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
+                              r.inputs.drive.starts(), r.wrench, r.inertial, r.payload, fromBattery(r),
+                              r.scales);
+      },
+      [](const py::tuple& t) {
+        return makeRun(
+            t[0].cast<std::string>(), t[1].cast<std::vector<double>>(), t[2].cast<Eigen::MatrixX3d>(),
+            t[3].cast<Eigen::MatrixX3d>(), t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
+            t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(), t[8].cast<Eigen::MatrixX3d>(),
+            t[9].cast<InertialData>(), t[10].cast<Payload>(), t[11].cast<Eigen::MatrixX2d>(),
+            t[12].cast<RunScales>());
+      });
+}
+
 void defRecording(py::module_& module) {
   py::class_<RunData>(module, "RunData", "A recording: measurements and commands on one clock.")
       .def(py::init(&makeRun), py::arg("name"), py::arg("times"), py::arg("eta"), py::arg("nu"),
@@ -167,13 +189,7 @@ void defRecording(py::module_& module) {
           },
           "The InertialData; None if there are none.")
       .def_property_readonly("inputs", &fromInputs, "Rows of time, an input for each thruster, lift.")
-      .def_property_readonly(
-          "battery",
-          [](const RunData& run) {
-            return run.inputs.battery.empty() ? std::nullopt
-                                              : std::optional<Eigen::MatrixX2d>(fromBattery(run));
-          },
-          "Rows of time, voltage [V]; None if it is not known.")
+      .def_property_readonly("battery", &batteryOf, "Rows of time, voltage [V]; None if it is not known.")
       .def_property_readonly(
           "drives", [](const RunData& run) { return run.inputs.drive.starts(); },
           "Start of each drive [s], on the run's clock.")
@@ -186,20 +202,7 @@ void defRecording(py::module_& module) {
             return t;
           },
           "Time since the drive began at each sample [s]: the model's t.")
-      .def(py::pickle(
-          [](const RunData& r) {
-            return py::make_tuple(r.name, r.times, r.eta, r.nu, fromInputs(r), r.poses, r.noise,
-                                  r.inputs.drive.starts(), r.wrench, r.inertial, r.payload, fromBattery(r),
-                                  r.scales);
-          },
-          [](const py::tuple& t) {
-            return makeRun(
-                t[0].cast<std::string>(), t[1].cast<std::vector<double>>(), t[2].cast<Eigen::MatrixX3d>(),
-                t[3].cast<Eigen::MatrixX3d>(), t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
-                t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(), t[8].cast<Eigen::MatrixX3d>(),
-                t[9].cast<InertialData>(), t[10].cast<Payload>(), t[11].cast<Eigen::MatrixX2d>(),
-                t[12].cast<RunScales>());
-          }));
+      .def(pickled());
   py::class_<Window>(module, "Window")
       .def(py::init([](int run, int first, int last) {
              return Window{run, first, last};

@@ -26,8 +26,10 @@ class AdaptivePilot : public ReferencePilot {
         make_(std::move(make)),
         said_(std::move(said)) {}
 
-  /// Begins to watch; `adapts`: takes changes.
-  void watch(const Model& believed, bool adapts) {
+  /// Begins to watch; `adapts`: takes changes, and drives home in the room, if there is one, when a thruster
+  /// of more than two is dead.
+  void watch(const Model& believed, bool adapts, const std::optional<Room>& room) {
+    room_ = room;
     monitor_.emplace(believed, ObserverParams());
     input_max_ = believed.body.input_max;
     adapts_ = adapts;
@@ -54,7 +56,10 @@ class AdaptivePilot : public ReferencePilot {
     taken_ = change;
     const Model model = monitor_->craft().apply(change);
     std::unique_ptr<TrackingController> controller = make_(model);
+    const std::string dead = monitor_->craft().deadNames(change);
     swapController(controller, model);
+    if (room_ && dead != dead_ && !dead.empty()) goHome(*room_, dead + " is dead");
+    dead_ = dead;
   }
 
   std::optional<ChangeMonitor> monitor_;
@@ -64,6 +69,8 @@ class AdaptivePilot : public ReferencePilot {
   Said said_;
   Eigen::VectorXd taken_;  ///< change in the controller's model
   std::string text_;
+  std::optional<Room> room_;
+  std::string dead_;  ///< names of the dead thrusters
 };
 
 }  // namespace ground

@@ -7,7 +7,8 @@
 namespace ground {
 
 std::string BatteryParams::validate() const {
-  if (!(endurance >= 0) || !std::isfinite(endurance)) return "the endurance of a battery must not be negative";
+  if (!(endurance >= 0) || !std::isfinite(endurance))
+    return "the endurance of a battery must not be negative";
   return charge > 0 && charge <= 1 ? "" : "the charge of a battery must be above 0 and at most 1";
 }
 
@@ -31,8 +32,6 @@ void Battery::draw(const Inputs& inputs) {
   power_ = sum / (1 + inputs.thrusters.size());
 }
 
-double Battery::voltage() const {
-  return nominal_ * (kEmpty + (kFull - kEmpty) * charge_ - kLoss * power_);
-}
+double Battery::voltage() const { return nominal_ * (kEmpty + (kFull - kEmpty) * charge_ - kLoss * power_); }
 
 }  // namespace ground

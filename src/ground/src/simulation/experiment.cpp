@@ -166,7 +166,8 @@ void note(const SimulatedLab& room, ExperimentLog& log) {
     throw std::runtime_error(text);
   }
   const Measurement<double> seen = room.measurement();
-  log.truth.push_back({room.time(), state, room.derivative().nu, {seen.eta, seen.nu}, room.wrench()});
+  log.truth.push_back(
+      {room.time(), state, room.derivative().nu, {seen.eta, seen.nu}, room.wrench(), room.voltage()});
 }
 
 void run(const Model& model, Driver& driver, const ExperimentParams& params, ExperimentLog& log) {
@@ -177,6 +178,7 @@ void run(const Model& model, Driver& driver, const ExperimentParams& params, Exp
   const Hazards& hazards = params.hazards;
   place.braking = hazards.braking;
   place.push = {hazards.push, hazards.pushed.from, hazards.pushed.from + hazards.pushed.duration};
+  place.battery = params.battery;
   std::optional<ModelCraft> own;
   if (!params.plant) own.emplace(model, place);
   SimulatedLab room(params.plant ? *params.plant : *own, params.mocap, place);
@@ -258,12 +260,12 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
                       [&log](double stamp, const ChangeMonitor::Report& report) {
                         log.changes.push_back({stamp, report.text(), report.change});
                       });
-  if (tracking.watch || tracking.adapt) pilot.watch(believed, tracking.adapt);
+  if (tracking.watch || tracking.adapt) pilot.watch(believed, tracking.adapt, tracking.room);
   std::unique_ptr<TrackingController> controller = make(believed);
   ReferencePtr reference = makeReference(tracking.reference);
   pilot.setMaxError(tracking.max_error > 0 ? tracking.max_error : defaultMaxError(*reference));
   pilot.setDuration(tracking.duration);
-  pilot.expectObedience();
+  pilot.expectObedience(tracking.adapt ? ReferencePilot::kDisobedient : 0);
   pilot.swapController(controller, believed);
   pilot.swapReference(reference);
   live.take(pilot);

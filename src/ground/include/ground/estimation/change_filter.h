@@ -61,6 +61,8 @@ class ChangeFilter {
   const InputSequence& inputs() const { return inputs_; }
   /// Accelerations of full thrust in surge, sway and of the fastest turn [m/s^2, m/s^2, rad/s^2].
   const Vector3<double>& most() const { return most_; }
+  /// Prior deviation of the tilt [m/s^2].
+  double tilt() const { return tilt_; }
 
  private:
   struct Moved;
@@ -87,9 +89,10 @@ class ChangeFilter {
   ObserverParams params_;
   Vector3<double> most_;
   Vector3<double> white_, push_, push_time_, bias_;  ///< levels, as accelerations
-  double thrust_trim_;                               ///< prior of what all thrusters have in common
-  std::vector<Dynamics<Jet>> dynamics_;              ///< by the state; by eight parameters each
-  Vector at_;                                        ///< change at which dynamics_ are linearised
+  double tilt_;                          ///< prior of the acceleration by a floor that is not level [m/s^2]
+  double thrust_trim_;                   ///< prior of what all thrusters have in common
+  std::vector<Dynamics<Jet>> dynamics_;  ///< by the state; by eight parameters each
+  Vector at_;                            ///< change at which dynamics_ are linearised
   InputSequence inputs_;
   std::size_t acting_ = 0;  ///< number of commands that have taken effect
   std::array<double, kMaxStates> effects_{};

@@ -65,6 +65,8 @@ class ChangeMonitor {
   const CraftChange& craft() const { return filter_.craft(); }
   /// Log-likelihood ratio of each explanation by name; that of an unknown force is the largest of its kinds.
   std::map<std::string, double> logRatios() const;
+  /// JumpBank::information; the states are those of ChangeFilter.
+  JumpBank::Matrix information(double start) const;
 
  private:
   struct Part {
@@ -86,6 +88,7 @@ class ChangeMonitor {
   void settle(double time);
   std::string alternatives(const std::vector<Finding>& found, const Finding& best) const;
   double before(const Finding& finding) const;
+  double deviationOf(int state) const;
   static std::string partName(const Part& part);
   Change described(const Finding& finding) const;
   std::string centreText(const Eigen::VectorXd& parameters) const;
@@ -101,6 +104,7 @@ class ChangeMonitor {
   std::optional<double> named_;     ///< when the change that is being refined was named [s]
   std::optional<double> followed_;  ///< when the filter began to follow it [s]
   double before_ = 0;               ///< its parameter before the change
+  double before_deviation_ = 0;     ///< the standard deviation of that
   std::vector<Change> settled_;
   Report report_;
 };

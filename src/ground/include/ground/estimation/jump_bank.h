@@ -44,6 +44,9 @@ class JumpBank {
   /// Log-likelihood ratio of a hypothesis with all starts equally likely, and the best start's evidence.
   Evidence test(const Hypothesis& hypothesis) const;
   bool empty() const { return starts_.empty(); }
+  /// Fisher information that the innovations since the start nearest to a time [s] have about jumps of all
+  /// states (n, n): what no detector can exceed. Empty without any start.
+  Matrix information(double start) const;
 
  private:
   struct Start {

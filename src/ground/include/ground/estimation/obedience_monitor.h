@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <deque>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,6 +32,9 @@ class ObedienceMonitor {
   ObedienceMonitor(const ObedienceMonitor&) = delete;
   ObedienceMonitor& operator=(const ObedienceMonitor&) = delete;
 
+  /// A craft with more than two thrusters, of which only one seems to be off, is waited for so long [s]:
+  /// another monitor, of a model without that thruster, may take over. 0 by default.
+  void setPatience(double patience) { patience_ = patience; }
   /// Discards all commands and states.
   void reset();
   /// Adds a command, in the model's units, sent at `time` [s]; times must ascend.
@@ -41,7 +45,7 @@ class ObedienceMonitor {
   /// What the craft did during the last `duration` seconds, at most 10, instead of following its
   /// commands, such as "it moves as without thrust"; empty if it followed them. If the period does
   /// not give enough evidence, tries twice and four times as long.
-  std::string disobedience(double duration) const;
+  std::string disobedience(double duration);
 
  private:
   /// A hypothesis about a craft that does not follow its commands. The first one is no thrust.
@@ -50,6 +54,7 @@ class ObedienceMonitor {
     Thrusters<double> shares;             ///< inputs of the thrusters relative to their commands
     double strength = 1;                  ///< of the thrust, relative to the model's
     bool swapped = false, lifted = true;  ///< whether two thrusters are swapped; lift fan works
+    bool one_off = false;                 ///< one thruster of several is off
   };
   static constexpr int kMaxCount = kMaxThrusters + 4;  ///< largest number of other hypotheses
   static constexpr int kDelayCount = 3, kFollowingCount = 9;
@@ -74,7 +79,8 @@ class ObedienceMonitor {
   Vector3<double> predict(const Dynamics<double>& dynamics, const InputSequence& inputs, double time) const;
   Interval compare(const Sample& now) const;
   Evidence evidenceOfOthers(double duration) const;
-  std::string likely(double duration, Eigen::Index best) const;
+  std::vector<const Explanation*> likely(double duration, Eigen::Index best) const;
+  bool waits(const std::vector<const Explanation*>& found);
   RigidState<double> centre(const RigidState<double>& seen) const;
   bool lifted() const;
 
@@ -89,6 +95,8 @@ class ObedienceMonitor {
   bool started_ = false;
   Sample start_;  ///< start of the current interval
   std::deque<Interval> intervals_;
+  double patience_ = 0;            ///< [s]
+  std::optional<double> waiting_;  ///< since when it waits, by the time of states [s]
 };
 
 }  // namespace ground

@@ -33,6 +33,13 @@ class CraftChange {
   Eigen::VectorXd bounded(Eigen::VectorXd change) const;
   /// Whether two changes differ by so much that a controller should take the new one.
   bool differ(const Eigen::VectorXd& a, const Eigen::VectorXd& b) const;
+  /// Thrusters that hardly push any more after a change. None of a craft with fewer than three, nor where
+  /// fewer than two others are left.
+  std::vector<int> dead(const Eigen::VectorXd& change) const;
+  /// The part of a change by which thrusters are dead.
+  Eigen::VectorXd deadOnly(const Eigen::VectorXd& change) const;
+  /// Names of the thrusters that are dead after a change, such as "front_left and back_right".
+  std::string deadNames(const Eigen::VectorXd& change) const;
   /// The model with a change, which is bounded first. Throws std::invalid_argument on another size.
   Model apply(const Eigen::VectorXd& change) const;
   /// The model that coordinates() belong to: that of the file with effects at neutral values.

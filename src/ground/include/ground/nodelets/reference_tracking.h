@@ -68,6 +68,15 @@ class ReferenceTracking : public Controller {
     pilot_.setCaution(caution);
     return caution;
   }
+  /// Drives home in the room, if there is one, and stops there (ReferencePilot::goHome). Returns whether it
+  /// does. Call in the thread of changes().
+  bool goHome(const std::string& why) {
+    if (!room()) return false;
+    path_publisher_.publish(drawn(*makePoint(room()->home)));
+    const std::lock_guard lock(mutex());
+    pilot_.goHome(*room(), why);
+    return true;
+  }
 
  private:
   void load(ros::NodeHandle& nh) override {

@@ -76,6 +76,7 @@ def of_run(likelihood: Likelihood, fit: Fit, run: int) -> Samples:
         **dict(zip(inputs(model), commands.T)),
         "lift": commands[:, -1],
         "t": np.array(data.t),
+        "volt": _voltage(data, model, times),
     }
     return samples_of(model, values, times)
 
@@ -83,6 +84,13 @@ def of_run(likelihood: Likelihood, fit: Fit, run: int) -> Samples:
 def samples_of(model: _core.Model, values: Dict[str, Array], times: Array) -> Samples:
     """Samples with the values of the states of formulas."""
     return Samples(values, times, _states(model, values, times))
+
+
+def _voltage(run: _core.RunData, model: _core.Model, times: Array) -> Array:
+    """Voltage of the battery (n,); that at which k holds where none is recorded."""
+    if run.battery is None:
+        return np.full(len(times), model.volts)
+    return np.interp(times, *np.array(run.battery).T)
 
 
 def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
@@ -104,7 +112,7 @@ def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
         try:
             motion = _core.simulate(
                 fit.model, data.inputs, times[span], states[first, :3], states[first, 3:], data.drives,
-                wrench, payload=data.payload,
+                wrench, payload=data.payload, battery=data.battery,
             )  # fmt: skip
         except RuntimeError:
             continue

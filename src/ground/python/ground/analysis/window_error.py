@@ -274,7 +274,7 @@ def _scaled_errors(
     try:
         found = _core.simulate(
             model, run.inputs, run.times[span], run.eta[window.first], nu, run.drives, known,
-            payload=run.payload,
+            payload=run.payload, battery=run.battery,
         )  # fmt: skip
     except RuntimeError as error:
         raise GroundError(str(error))
@@ -338,6 +338,7 @@ def recorded(
                 wrench[stretch],
                 room[stretch],
                 run.payload,
+                run.battery,
             )
         except RuntimeError:
             raise GroundError("the model's motion along %s is not finite" % run.name)

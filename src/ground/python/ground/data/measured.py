@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
 from ground import _core
+from ground.data import voltage
 from ground.models import Model
 from ground.recordings import findings, quality, readers, suspicions
 from ground.recordings.mapping import DEFAULT, FieldMapping, load
@@ -228,6 +229,7 @@ def measured(
     of_thrusters = suspicions.of_thrusters(found, model.core)
     for one in of_thrusters:
         warn(one.sentence)
+    voltage.note_missing(model, found)
     data = [part.of(run, model) for run in runs]
     return Measured(found, data, [one for r in found for one in suspicions.of(r)] + of_thrusters)
 

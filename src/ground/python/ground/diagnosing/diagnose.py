@@ -11,7 +11,7 @@ import numpy as np
 from ground.analysis import candidates, diagnosis
 from ground.analysis.effects import Effect, EffectLike
 from ground.analysis.verdict import MISREAD, Conclusion, conclude
-from ground.data import bag_arguments
+from ground.data import bag_arguments, voltage
 from ground.data.measured import Recordings, held_out, measured
 from ground.diagnosing import answer, document
 from ground.diagnosing.drawn import IMPROVED, NOMINAL, Drawn
@@ -121,6 +121,8 @@ def _problem(
     tried = effects_to_try(given, options.only, options.exclude, own)
     room = None if options.room is None else Room.of(options.room)
     seen = measured(recordings, given, options, work)
+    given = voltage.at_recorded(given, seen.recordings)
+    tried = voltage.tried(tried, given, seen.recordings, options.only or (), options.exclude)
     held = held_out(holdout, given, options, work, seen)
     if not (given.core.is_pair or options.only or any((run.lift > 0).any() for run in seen.recordings)):
         tried = [c for c in tried if c.name not in candidates.of_lift()]

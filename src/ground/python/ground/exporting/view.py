@@ -22,7 +22,7 @@ from ground.models import Model, Room
 
 LEVELS = {"info": fx.LogLevel.Info, "warning": fx.LogLevel.Warning, "error": fx.LogLevel.Error}
 ACCURACY_PERIOD = 200_000_000  # [ns]
-MIN_WINDOW = 2.0  # shortest window after which a model has settled [s]
+MIN_HORIZONS = 2.0  # shortest window after which a model has settled, in horizons
 
 
 class View:
@@ -121,7 +121,7 @@ class View:
         """Rms error of position [m] and heading [rad] at a horizon [s], and what noise leaves of it; excited:
         whether the craft moved enough for it to tell anything; window: that it is over [s]."""
         if model == 0:
-            self._noise = noise[0] if excited and window >= MIN_WINDOW else 0.0
+            self._noise = noise[0] if excited and window >= MIN_HORIZONS * horizon else 0.0
         if 0 <= time - self._accuracy[model] < ACCURACY_PERIOD:
             return
         self._accuracy[model] = time

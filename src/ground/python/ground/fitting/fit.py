@@ -11,7 +11,7 @@ from ground import _core
 from ground.analysis import comparison, horizon, window_error
 from ground.analysis.horizon import ModelsAt, PredictionError
 from ground.analysis.window_error import WindowFit, WindowFitter
-from ground.data import bag_arguments
+from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, Recordings, held_out, measured
 from ground.fitting import identifiability
 from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
@@ -98,6 +98,7 @@ def fit(
     given = Model.of(model)
     command_line.check(options)
     seen = measured(recordings, given, options, work)
+    given = voltage.at_recorded(given, seen.recordings)
     held = held_out(holdout, given, options, work, seen)
     if tuple(options.free) == window_error.NOMINAL:
         options = replace(options, free=identifiability.with_mass(options.free, seen.data))

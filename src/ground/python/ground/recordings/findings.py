@@ -79,6 +79,7 @@ def described(run: RepairedRun) -> Document:
         "silent": [{"start": a, "end": b} for a, b in run.silent],
         "frozen": [{"start": a, "end": b} for a, b in run.frozen],
         "unexplained": run.unexplained,
+        "battery": None if recording.voltage is None else recording.voltage.describe(run.zero),
         "contacts": [{"start": float(a), "end": float(b)} for a, b in run.contacts],
         "repairs": run.motion.repairs,
         "suspicions": [one.describe() for one in suspicions.of(recording)],
@@ -186,6 +187,8 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
         yield "sensors", _sensors(d["inertial"], poses)
     if d["inertial"] and d["inertial"]["noise"]:
         yield "imu", _mounting(d["inertial"])
+    if d["battery"]:
+        yield "battery", _battery(d["battery"])
     if d["authority"]:
         yield "thrusters", "; ".join(_does(*item) for item in d["authority"].items())
 
@@ -222,6 +225,15 @@ def _mounting(inertial: Document) -> str:
         ("delay", inertial["delay"]),
     )
     return "{%s} for mocap_state" % ", ".join("%s: %.5g" % item for item in values)
+
+
+def _battery(battery: Document) -> str:
+    """How the voltage of the battery goes."""
+    text = (
+        "%(first).2f V at the start, %(last).2f V at the end (%(least).2f to %(most).2f V), at %(rate).3g Hz"
+    )
+    left_out = "; %(unusable)d samples that are not positive numbers, left out" if battery["unusable"] else ""
+    return (text + left_out) % battery
 
 
 def _does(name: str, authority: Document) -> str:

@@ -104,12 +104,26 @@ class Sensors:
 
 
 @dataclass(frozen=True)
+class Battery:
+    """Where the voltage of the craft's battery is."""
+
+    use: bool = True
+    topic: str = ""  #: empty: the craft's telemetry, or the only sensor_msgs/BatteryState
+    file: str = ""  #: name of the table that has it
+    type: str = ""
+    voltage: str = ""  #: path of its field; empty: the type's
+    unit: str = "V"
+    time: Clock = Clock()
+
+
+@dataclass(frozen=True)
 class FieldMapping:
     """What of a file becomes a recording."""
 
     poses: Poses = Poses()
     commands: Commands = Commands()
     inertial: Sensors = Sensors()
+    battery: Battery = Battery()
     clock_offset: float = 0.0  #: added to the stamps of poses [s]
     clock_drift: float = 0.0  #: added to them for each second since the first pose [s/s]
     loads: Tuple[Load, ...] = ()  #: what the craft carried
@@ -168,12 +182,13 @@ def load(path: str) -> FieldMapping:
         commands = _commands(root.get("commands", {}))
         poses = _poses(root.get("poses", {}))
         inertial = _sensors(root.get("inertial", {}))
+        battery = _battery(root.get("battery", {}))
     except ValueError as error:
         raise GroundError("%s: %s" % (path, error))
     given = {n: path for n in ("axes", "heading_offset") if getattr(poses, n) is not None}
     offset, drift = root.get("clock_offset", 0.0), root.get("clock_drift", 0.0)
     loads = tuple(map(Load.of, root.get("payload", [])))
-    return FieldMapping(poses, commands, inertial, offset, drift, loads, path, given)
+    return FieldMapping(poses, commands, inertial, battery, offset, drift, loads, path, given)
 
 
 def _plain(value: Any) -> Any:
@@ -250,6 +265,16 @@ def _sensors(keys: Document) -> Sensors:
         use=keys.get("use", True),
         yaw_rate=keys.get("yaw_rate", ""),
         acceleration=tuple(keys.get("acceleration", ())),
+    )
+
+
+def _battery(keys: Document) -> Battery:
+    _apart("battery", keys, "file", "topic")
+    return Battery(
+        **_place(keys),
+        use=keys.get("use", True),
+        voltage=keys.get("voltage", ""),
+        unit=keys.get("unit", "V"),
     )
 
 

@@ -168,6 +168,7 @@ class RepairedRun:
             inertial=self._inertial(),
             payload=self.recording.payload,
             scales=_core.RunScales(*scales, window or windows.usual(model)),
+            battery=None if self.recording.voltage is None else self.recording.voltage.rows(self.zero),
         )
 
     def _inertial(self) -> Optional[_core.InertialData]:

@@ -1,5 +1,6 @@
 """Reads recordings from files: bags of ROS 1 and 2, MCAP files, and tables."""
 
+import functools
 import glob
 import os
 import re
@@ -8,7 +9,7 @@ from typing import Dict, Iterable, List, Mapping, Tuple
 
 import numpy as np
 
-from ground.recordings import commands, containers, poses, run_settings, sensors, units
+from ground.recordings import battery, commands, containers, poses, run_settings, sensors, units
 from ground.recordings.containers import RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
 from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, TIMES, Clock, FieldMapping
 from ground.recordings.payloads import payload_of
@@ -137,6 +138,7 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     delay -= _delay(columns, np.ones(len(sent_at), bool), sent_at)
 
+    table = functools.lru_cache(maxsize=None)(source.table)  # telemetry has several sensors
     read_from = ", ".join("%s (%s)" % (topic, topics[topic].kind) for topic in (posed, commanded))
     ranges = {channel.name: channel.range for channel in channels}
     return replace(
@@ -149,7 +151,8 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
         flown_by=flown_by,
         files=run_files,
         # One recorder received both: if their delays differ by much, their stamps have two clocks.
-        inertial=sensors.read(source, mapping, _stamps),
+        inertial=sensors.read(source, mapping, _stamps, table),
+        voltage=battery.read(source, mapping, _stamps, table),
         noise=mapping.noise,
         frame_rate=mapping.frame_rate,
         clock_offset=0.0 if mapping.clock_offset or mapping.clock_drift else delay,

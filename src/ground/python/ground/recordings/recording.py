@@ -21,6 +21,7 @@ import numpy as np
 
 from ground import _core
 from ground.recordings import repair, units
+from ground.recordings.battery import Voltage
 from ground.recordings.commands import CHANNELS
 from ground.recordings.inertial import Samples
 from ground.recordings.mapping import LIFT, RANGE
@@ -86,6 +87,7 @@ class Recording(Plotted):
     frame_rate: Optional[float] = None  #: given, of the mocap's camera [Hz]
     inertial: Optional[Samples] = None  #: of the craft's gyro and accelerometer, if recorded
     payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
+    voltage: Optional[Voltage] = None  #: of the craft's battery, if recorded
     digest: str = ""  #: of the content of the files that it was read from; empty: none
 
     @staticmethod
@@ -159,6 +161,8 @@ class Recording(Plotted):
         arrays = [self.pose_times, self.eta, self.control_times, self.controls]
         if self.inertial is not None:
             arrays += [self.inertial.times, self.inertial.yaw_rate, self.inertial.acceleration]
+        if self.voltage is not None:
+            arrays += [self.voltage.times, self.voltage.volts]
         return digest(np.asarray(array, float).tobytes() for array in arrays)
 
     @functools.cached_property

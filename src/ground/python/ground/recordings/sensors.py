@@ -20,10 +20,12 @@ FIELDS: Dict[
 }
 
 Stamps = Callable[[Columns, Clock, str], Indices]
+Table = Callable[[str], Columns]
 
 
-def read(source: Container, mapping: FieldMapping, stamps: Stamps) -> Optional[Samples]:
-    """The Samples in an open Container; None without any. stamps: of a table by a Clock, and its name.
+def read(source: Container, mapping: FieldMapping, stamps: Stamps, table: Table) -> Optional[Samples]:
+    """The Samples in an open Container; None without any. stamps: of a table by a Clock, and its
+    name; table: the columns of a topic.
     GroundError where the mapping names something else than there is."""
     given = mapping.inertial
     topic, given = _place(source, mapping, given) if given.use else ("", given)
@@ -37,7 +39,7 @@ def read(source: Container, mapping: FieldMapping, stamps: Stamps) -> Optional[S
             "%s: which fields of %s are sensors is not known; name inertial.yaw_rate and "
             "inertial.acceleration in a mapping" % (where, kind)
         )
-    columns = source.table(topic)
+    columns = table(topic)
     values = containers.values(columns, [turn, *axes], where)
     times = containers.seconds(stamps(columns, given.time, where))
     good = np.isfinite(values).all(axis=1)

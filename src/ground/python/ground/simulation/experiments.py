@@ -5,7 +5,7 @@ Everything runs in process, without ROS, and depends only on its arguments.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Optional, Sequence, Union
+from typing import Any, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -109,6 +109,7 @@ def simulate(
     believed: Optional[_core.Model] = None,
     disturbance: Optional[_core.Disturbance] = None,
     plant: Optional[_core.Plant] = None,
+    battery: Tuple[float, float] = (0.0, 1.0),
 ) -> SimulatedRun:
     """Runs an experiment and returns its SimulatedRun.
 
@@ -118,7 +119,9 @@ def simulate(
     [m], psi [rad], world_ned; velocity: initial u, v [m/s], r [rad/s], body. mocap:
     _core.MocapParams. disturbance: _core.Disturbance that acts on the craft, drawn by the seed; that
     of the model acts only if it is given here. plant: the craft, if the model does not move it; it
-    has its own pose, velocity and disturbance, and the model gives the thrusters. Raises ValueError on
+    has its own pose, velocity and disturbance, and the model gives the thrusters. battery:
+    how long it lasts at full power [s], 0 for none, and its charge at the start; the model must say at
+    which voltage its k holds. Raises ValueError on
     bad parameters, GroundError when nothing can be recorded or the motion is not finite.
     """
     try:
@@ -132,6 +135,7 @@ def simulate(
             seed,
             disturbance or _core.Disturbance(),
             plant,
+            battery,
         )
     except RuntimeError as error:
         raise GroundError("%s: %s" % (name, error))
@@ -142,11 +146,13 @@ def simulate(
             % (name, delivered, frames)
         )
     found = _recorded(log, name, "simulated with %s" % model.name)
+    if battery[0] > 0 and plant is None:
+        found = found.with_voltage(log["truth"][:, 13], seed)
     return replace(found, channels=tuple(model.channels), lift_channel=model.channels[-1])
 
 
 def _log(model: _core.Model, drive: Drive, believed: _core.Model, *where: Any) -> Document:
-    """The core's log; where: pose, velocity, mocap, seed, disturbance, plant."""
+    """The core's log; where: pose, velocity, mocap, seed, disturbance, plant, battery."""
     if isinstance(drive, Schedule):
         return _core.play_schedule(model, drive.rows, drive.end, *where)
     if isinstance(drive, _core.ExcitationParams):
@@ -174,7 +180,7 @@ def _recorded(log: Document, name: str, source: str) -> SimulatedRun:
         truth_eta=truth[:, 1:4],
         truth_nu=truth[:, 4:7],
         truth_nu_dot=truth[:, 7:10],
-        truth_wrench=truth[:, 10:],
+        truth_wrench=truth[:, 10:13],
         references=references,
         decisions=decisions,
         marks=[(START + t, number, burst, why) for t, number, burst, why in log["marks"]],

@@ -8,7 +8,7 @@ import functools
 import os
 import sys
 from dataclasses import dataclass, fields, make_dataclass, replace
-from typing import Any, Dict, Iterator, List, Optional, Sequence, TypeVar, Union
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple, TypeVar, Union
 
 import numpy as np
 
@@ -165,6 +165,16 @@ class _Options(Acting, Mocap):
         False,
         "record the craft's gyro and accelerometer as well: noise, biases, mounting and delay of usual ones",
     )
+    battery: Optional[float] = option(
+        None,
+        "the craft has a battery that drives all motors at full input for so long [s], and records its "
+        "voltage; the body in the model file needs the key volts",
+        range=(1.0, 1e6),
+        metavar="S",
+    )
+    charge: Optional[float] = option(
+        None, "its charge at the start, 0..1 (1)", range=(0.01, 1.0), metavar="CHARGE"
+    )
     controller: Optional[str] = _tracking("(TrajectoryTracking)", choices=list(loop.CONTROLLERS))
     reference: Optional[str] = _tracking("(circle)", choices=[kind for kind in loop.KINDS if kind != "file"])
 
@@ -228,6 +238,7 @@ def simulate(
             options.params(),
             options.seed,
             disturbance=acting,
+            battery=_battery(options),
         )
     except ValueError as error:
         raise OptionError("{why}", why=error) from error
@@ -241,6 +252,13 @@ def simulate(
         disturbance=acting,
         made_with=run_settings.document(drive.parameters(mover)),
     )
+
+
+def _battery(options: _Options) -> Tuple[float, float]:
+    """How long the battery lasts [s], 0 without one, and its charge."""
+    if options.battery is None and options.charge is not None:
+        raise OptionError("{0} needs {1}", "charge", "battery")
+    return options.battery or 0.0, 1.0 if options.charge is None else options.charge
 
 
 class _Drive:

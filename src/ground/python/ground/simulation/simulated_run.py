@@ -13,6 +13,7 @@ import numpy as np
 
 from ground import _core
 from ground.recordings import messages
+from ground.recordings.battery import Voltage
 from ground.recordings.commands import CHANNELS
 from ground.recordings.inertial import Samples
 from ground.recordings.messages import (
@@ -43,6 +44,8 @@ DRIVE_PERIOD = 0.5  # period of the records of when the drive began [s]
 STARTED = ("WAITING", "LIFTING", "RUNNING", "RECOVERING")  # states in which it gives commands
 PATH_STEP = 5  # references between points of the path
 SENSED = 5e-3  # delay of the craft's sensors [s]
+VOLTAGE_NOISE = 1e-3  # of the measured voltage, relative to it
+TELLS = "%s (ground_msgs/Telemetry)" % TELEMETRY
 MARKER_HEIGHT = 0.04  # height of the markers above the floor [m]
 NS = 10**9
 WORLD = "world_ned"
@@ -118,8 +121,14 @@ class SimulatedRun(Recording):
     def sensed(self, seed: int) -> "SimulatedRun":
         """The same with samples of the craft's gyro and accelerometer at each frame of the mocap."""
         rows = _core.sense(self.truth_nu, self.truth_nu_dot, seed)
-        source = "%s (ground_msgs/Telemetry)" % TELEMETRY
-        return replace(self, inertial=Samples(self.truth_times + SENSED, rows[:, 0], rows[:, 1:], source))
+        return replace(self, inertial=Samples(self.truth_times + SENSED, rows[:, 0], rows[:, 1:], TELLS))
+
+    def with_voltage(self, volts: Array, seed: int) -> "SimulatedRun":
+        """The same with the voltage of the battery (k,) [V], as it was at each frame of the mocap, and as the
+        craft measures it."""
+        noise = VOLTAGE_NOISE * volts.mean() * np.random.default_rng(seed).normal(size=len(volts))
+        measured = np.asarray(volts + noise, np.float32).astype(float)
+        return replace(self, voltage=Voltage(self.truth_times + SENSED, measured, TELLS))
 
     def save(self, path: Path, force: bool = False, progress: Progress = None) -> Dict[str, int]:
         """Writes a bag like those that launch/record.launch records. Returns the number of messages by
@@ -174,7 +183,7 @@ def _series(run: SimulatedRun) -> List[Tuple[str, Array, Array, Iterable[Message
         _new("ground_msgs/Decision", CONTROLLER, state=_time(row[1]), computing=row[2])
         for row in run.decisions
     )
-    sensed = [] if run.inertial is None else [_sensed(run.inertial)]
+    sensed = [] if run.inertial is None and run.voltage is None else [_sensed(run)]
     return [
         (SETTINGS, start, start, settings),
         (RUN_SETTINGS, made, made, [_new("ground_msgs/RunSettings", yaml=run.made_with)]),
@@ -191,19 +200,25 @@ def _series(run: SimulatedRun) -> List[Tuple[str, Array, Array, Iterable[Message
     ]
 
 
-def _sensed(samples: Samples) -> Tuple[str, Array, Array, Iterable[Message]]:
+def _sensed(run: SimulatedRun) -> Tuple[str, Array, Array, Iterable[Message]]:
     """The series of telemetry."""
-    rows = np.column_stack([samples.yaw_rate, samples.acceleration]).astype(np.int32)
+    times, count = run.truth_times + SENSED, len(run.truth_times)
+    rows, volts = np.zeros((count, 3), np.int32), np.zeros(count, np.float32)
+    if run.inertial is not None:
+        rows[:] = np.column_stack([run.inertial.yaw_rate, run.inertial.acceleration])
+    if run.voltage is not None:
+        volts[:] = run.voltage.volts
     found = (
         _new(
             "ground_msgs/Telemetry",
             gyro=np.array([0, 0, row[0]], np.int32),
             acc=np.array([*row[1:], 0], np.int32),
             mag=np.zeros(3, np.int32),
+            voltage=voltage,
         )
-        for row in rows
+        for row, voltage in zip(rows, volts.tolist())
     )
-    return TELEMETRY, samples.times, samples.times, found
+    return TELEMETRY, times, times, found
 
 
 def _poses(run: SimulatedRun) -> Iterator[Message]:

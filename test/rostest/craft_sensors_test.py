@@ -1,0 +1,65 @@
+#!/usr/bin/python3
+"""The craft's gyro and accelerometer, as a launch file takes them: they count, and velocities are better."""
+
+import os
+import sys
+import unittest
+
+import numpy as np
+import rospy
+import rostest
+from ground_msgs.msg import ControllerStatus, State, Telemetry
+from rosgraph_msgs.msg import Log
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import harness
+
+WATCHED = 8.0  # [s]
+YAW_RATE = 0.04  # rms error of the yaw rate [rad/s]; by poses alone it is three times as large
+SPEED = 0.015  # rms error of u and v [m/s]
+
+
+class CraftSensorsTest(unittest.TestCase):
+    def setUp(self):
+        self.log = harness.Latest("/rosout_agg", Log, keep=True)
+        self.status = harness.Latest("controller/status", ControllerStatus, keep=True)
+        self.state = harness.Latest("state", State, keep=True)
+        self.truth = harness.Latest("simulator/truth", State, keep=True)
+        self.telemetry = harness.Latest("sender/telemetry", Telemetry)
+
+    def pass_time(self, duration):
+        until = rospy.Time.now().to_sec() + duration
+        harness.wait_for(lambda: rospy.Time.now().to_sec() > until, 10 * duration, "time")
+
+    def test_velocities_are_better_by_the_sensors(self):
+        self.assertAlmostEqual(rospy.get_param("mocap_state/imu/gyro_scale"), 0.0010642)
+        harness.wait_for(
+            lambda: self.status.message and self.status.message.state == ControllerStatus.RUNNING,
+            40,
+            "flight",
+        )
+        harness.wait_for(lambda: self.telemetry.message, 10, "telemetry")
+        self.assertEqual(self.telemetry.message.voltage, 0, "this craft has no battery")
+        harness.wait_for(
+            lambda: any("agree with the poses and count" in m.msg for _, m in list(self.log.all)),
+            20,
+            lambda: "sensors that count: %s" % [m.msg for _, m in list(self.log.all)][-5:],
+        )
+        begin = rospy.Time.now().to_sec()
+        self.pass_time(WATCHED)
+        seen, true = (
+            np.array([(m.header.stamp.to_sec(), *m.nu) for _, m in list(heard.all)])
+            for heard in (self.state, self.truth)
+        )
+        seen = seen[(seen[:, 0] > begin) & (seen[:, 0] < true[-1, 0])]
+        off = [np.interp(seen[:, 0], true[:, 0], true[:, i]) - seen[:, i] for i in (1, 2, 3)]
+        error = np.sqrt(np.square(off).mean(axis=1))
+        print("rms errors of u, v [m/s], r [rad/s]: %s" % np.round(error, 4))
+        self.assertGreater(len(seen), 50 * WATCHED)
+        self.assertLess(error[2], YAW_RATE)
+        self.assertLess(np.hypot(*error[:2]), 2**0.5 * SPEED)
+
+
+if __name__ == "__main__":
+    rospy.init_node("craft_sensors_test")
+    rostest.rosrun("ground", "craft_sensors_test", CraftSensorsTest)
