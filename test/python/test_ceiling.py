@@ -81,7 +81,7 @@ def flown(
     kept = (times < lost[0]) | (times > lost[1]) if lost else np.ones(len(times), bool)
     inputs = np.column_stack([np.arange(len(commands)) / 10, commands, np.ones(len(commands))])
     times, seen, acted = times[kept], seen[kept], np.array(acted)[kept]
-    smooth = repair.smooth(times, seen, (NOISE[0], NOISE[2]))
+    smooth = repair.smooth(times, seen, (NOISE[0], NOISE[2]), _core.RunScales())
     run = _core.RunData("run%d" % seed, times, smooth["eta"], smooth["nu"], inputs, seen, NOISE)
     return run, acted
 

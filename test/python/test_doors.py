@@ -298,7 +298,6 @@ def cases_of_numbers():
         "a level of scores": lambda v: box().scores(point(sigma_X=v), ["k"]),
         "blocks of scores": lambda v: box().scores(point(), ["k"], block=v),
         "the cap of a fit": lambda v: box().fit(point(), ["k"], cap=v),
-        "gaps": lambda v: box(max_gap=v),
         "a horizon": lambda v: forecast(horizons=[v]),
         "windows": lambda v: _core.cut_windows(GOOD, 0, 0.0, 2.0, v),
         "a width": lambda v: simulation_error().fit(craft(), ["k"], width=v),

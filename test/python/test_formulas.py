@@ -31,7 +31,7 @@ def run_data(truth=None, duration=12.0, seed=1, noise=1.0, lost=()):
     for begin, end in lost:
         kept &= (times < begin) | (times > end)
     times, eta = times[kept], eta[kept]
-    found = repair.smooth(times, eta, (3e-4, 5e-3))
+    found = repair.smooth(times, eta, (3e-4, 5e-3), _core.RunScales())
     levels = np.array([3e-4, 3e-4, 5e-3])
     return _core.RunData("run", times, found["eta"], found["nu"], inputs, eta, levels)
 

@@ -37,7 +37,7 @@ def run_data(seed=1, duration=8.0, force=(0.0, 0.0), sigma=0.0, effect="", value
         wrench[i] += sigma * slow * [1, 1, 0.03]
     eta = _core.simulate(craft, inputs, times, np.zeros(3), np.zeros(3), [0.0], wrench)["eta"]
     eta = eta + random.normal(size=eta.shape) * NOISE
-    found = repair.smooth(times, eta, (NOISE[0], NOISE[2]))
+    found = repair.smooth(times, eta, (NOISE[0], NOISE[2]), _core.RunScales())
     return _core.RunData("run%d" % seed, times, found["eta"], found["nu"], inputs, eta, NOISE)
 
 
@@ -107,7 +107,7 @@ def in_draught(seed, room, time, body=0.0):
     same = np.array(_core.simulate(*start, np.column_stack([pushes[:, 2:], 0 * x]), pushes[:, :2])["eta"])
     assert np.abs(same - eta).max() < 1e-4  # the core turns it just as well
     times, eta = times[::10], eta[::10] + random.normal(size=(800, 3)) * NOISE
-    found = repair.smooth(times, eta, (NOISE[0], NOISE[2]))
+    found = repair.smooth(times, eta, (NOISE[0], NOISE[2]), _core.RunScales())
     return _core.RunData("run%d" % seed, times, found["eta"], found["nu"], inputs, eta, NOISE)
 
 

@@ -23,7 +23,7 @@ def run_data(duration=8.0, truth=None, noise=1.0, seed=1, keep=slice(None), nu=(
     eta[:, 2] = np.unwrap(eta[:, 2])
     times, eta = times[keep], eta[keep]
     levels = 3e-4, 5e-3
-    smoothed = repair.smooth(times, eta, levels)
+    smoothed = repair.smooth(times, eta, levels, _core.RunScales())
     return _core.RunData(
         "run", times, smoothed["eta"], smoothed["nu"], inputs, eta, np.array([3e-4, 3e-4, 5e-3])
     )
@@ -72,7 +72,7 @@ def test_a_push_is_left_out_with_some_time_around_it():
     eta[:, 2] = np.unwrap(eta[:, 2])
     struck = times > 4.0
     eta[struck, :2] += (times[struck] - 4.0)[:, None] * [1.2, -0.8]
-    smoothed = repair.smooth(times, eta, (3e-4, 5e-3))
+    smoothed = repair.smooth(times, eta, (3e-4, 5e-3), _core.RunScales())
     noise = np.array([3e-4, 3e-4, 5e-3])
     run = _core.RunData("run", times, smoothed["eta"], smoothed["nu"], inputs, eta, noise)
     calm = missing_wrench.undisturbed(model(), run)

@@ -7,7 +7,7 @@ from conftest import simulate_run
 from ground import _core
 from ground.analysis import thinning
 from ground.fitting import identifiability
-from ground.recordings import repair, tracks, windows
+from ground.recordings import scatter, tracks, windows
 
 
 def run_data(duration=6.0, keep=None):
@@ -119,10 +119,10 @@ def test_scatter_is_the_noise_of_the_poses():
     times, eta = path(2000)
     noise = np.array([3e-4, 6e-4, 5e-3])
     noisy = eta + np.random.default_rng(1).normal(0, 1, eta.shape) * noise
-    assert np.allclose(repair.scatter(times, noisy), noise, rtol=0.1)
-    assert repair.scatter(times[:40], noisy[:40]) is None
+    assert np.allclose(scatter.third_differences(times, noisy), noise, rtol=0.1)
+    assert scatter.third_differences(times[:40], noisy[:40]) is None
     uneven = np.cumsum(np.random.default_rng(1).exponential(0.01, 60))
-    assert repair.scatter(uneven, noisy[:60]) is None
+    assert scatter.third_differences(uneven, noisy[:60]) is None
 
 
 # --- words on fits

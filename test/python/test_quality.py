@@ -46,10 +46,10 @@ def model():
 def test_a_run_is_usable_from_just_before_the_first_thrust():
     run = run_of(*flown([(2.0, False), (4.0, True)]))
     assert run.zero == 0.0
-    assert run.active[0] == pytest.approx(1.9, abs=1e-6)
+    assert run.active[0] == pytest.approx(2 - run.margin, abs=1e-6)
     assert run.active[1] == run.end == pytest.approx(5.99)
     ((start, end),) = run.spans
-    assert start == pytest.approx(1.9, abs=0.011) and end == pytest.approx(5.99, abs=1e-6)
+    assert start == pytest.approx(2 - run.margin, abs=0.011) and end == pytest.approx(5.99, abs=1e-6)
     assert run.usable() == pytest.approx(end - start)
 
 
@@ -121,9 +121,9 @@ def test_a_rebound_from_a_wall_is_a_contact_and_left_out():
     assert run.contacts and all(2.9 < a <= b < 3.1 for a, b in run.contacts)
     first, last = run.contacts[0][0], run.contacts[-1][1]
     used = np.array(run.data(model()).times)
-    assert not ((used > first - 0.1) & (used < last + 0.1)).any()
-    assert run.spans[0][1] == pytest.approx(first - 0.1, abs=0.011)
-    assert run.spans[-1][0] == pytest.approx(last + 0.1, abs=0.011)
+    assert not ((used > first - run.margin) & (used < last + run.margin)).any()
+    assert run.spans[0][1] == pytest.approx(first - run.margin, abs=0.011)
+    assert run.spans[-1][0] == pytest.approx(last + run.margin, abs=0.011)
     everything = np.array(run.data(model(), everything=True).times)
     assert len(everything) == len(run.motion.times)
 

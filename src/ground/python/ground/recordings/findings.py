@@ -78,6 +78,7 @@ def described(run: RepairedRun) -> Document:
         "inertial": None if run.inertial is None else run.inertial.describe(),
         "silent": [{"start": a, "end": b} for a, b in run.silent],
         "frozen": [{"start": a, "end": b} for a, b in run.frozen],
+        "steps": [{"start": t, "end": t} for t in run.steps],
         "unexplained": run.unexplained,
         "battery": None if recording.voltage is None else recording.voltage.describe(run.zero),
         "contacts": [{"start": float(a), "end": float(b)} for a, b in run.contacts],
@@ -293,6 +294,7 @@ def findings(d: Document) -> Iterator[str]:
         yield text % d["rest_at_end"]
     for spans, what in (
         (d["without_lift"], "no lift, left out"),
+        (d["steps"], "the measured pose steps, as when cameras change, but the craft does not; left out"),
         (d["silent"], "no commands, although they have a rate; nobody knows what the craft did, left out"),
         (d["frozen"], "the last pose is repeated while thrusters act, left out"),
         (d["contacts"], "wall or hand, likely (motion that no input explains), left out"),

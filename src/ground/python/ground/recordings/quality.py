@@ -16,12 +16,13 @@ from ground.support.errors import GroundError
 SHORTEST, IDLE, MARGIN = 36, 120, 12
 MOVED = 20.0  # largest movement of a craft at rest [standard deviations of a pose]
 FROZEN = 36  # poses in a row that repeat the last one, if thrusters act, from which they are no measurement
+STEP = 300.0  # largest step of poses that is none of the craft [standard deviations of a pose]
 ODD = 0.05  # largest share of poses that repeat the last one by chance
-CONTACT = (1.0, 1.5)  # excess over any input, relative to the largest thrust and yaw moment
+CONTACT = (0.85, 1.3)  # excess over any input, relative to the largest thrust and yaw moment
 CONTACT_NOISE = 6.0  # least excess in multiples of its noise
 AT_ONCE = 1e-6  # stamps of one instant differ by less [s]
-SILENCE = 12.0  # longest pause of a publisher with a rate [intervals between commands]
-EVEN = 0.25  # relative deviation of the intervals up to which a publisher has a rate
+SILENCE = 12.0  # longest pause of a publisher with a rate [long intervals between commands]
+EVEN = 3.0  # ratio of a long interval to the usual one up to which a publisher has a rate
 MOST_LEVELS = {1: 6, 2: 6, 3: 4, 4: 3}  # levels of each thruster in a grid, by their number; else 2
 
 Span = Tuple[float, float]  # start, end [s]
@@ -56,6 +57,7 @@ class RepairedRun:
         self.reply = None if found is None else {"lag": found["lag"], "share": found["share"]}
         # share of the accelerations that is no noise, if commands explain none of them
         self.unexplained = regression["power"] if regression and not found else None
+        self.steps = [float(t - self.zero) for t in self.motion.times[_steps(self.motion)]]
         self.silent, self.frozen = (self._on_clock(s) for s in (_silences(recording), _frozen(recording)))
         self.contacts = self._on_clock([(a, b) for a, b in contacts if a < landing])
         self.active = self._active(landing)
@@ -111,6 +113,7 @@ class RepairedRun:
     def _spans(self) -> List[Span]:
         start, end = self.active
         cuts = [(a - self.margin, b + self.margin) for a, b in self.contacts] + self.silent + self.frozen
+        cuts += [(t - self.margin, t + self.margin) for t in self.steps]
         times = self.motion.times - self.zero
         inside = (times >= start) & (times <= end) & lifted(self.recording, self.motion.times)
         for a, b in cuts:
@@ -154,6 +157,7 @@ class RepairedRun:
                 % (self.recording.name, inside.sum(), self.end, self.usable())
             )
         inputs = self.inputs(model)
+        least = SHORTEST * scatter.interval(motion.times)
         scales = motion.scales.max_gap, motion.scales.linear_jerk, motion.scales.angular_jerk
         inputs[:, 1:-1] *= model.input_max
         return _core.RunData(
@@ -167,7 +171,7 @@ class RepairedRun:
             self.drives,
             inertial=self._inertial(),
             payload=self.recording.payload,
-            scales=_core.RunScales(*scales, window or windows.usual(model)),
+            scales=_core.RunScales(*scales, window or max(windows.usual(model), least)),
             battery=None if self.recording.voltage is None else self.recording.voltage.rows(self.zero),
         )
 
@@ -236,8 +240,8 @@ def _silences(recording: Recording) -> List[Span]:
     did in them. A publisher that sends on change has none."""
     times = recording.control_times
     steps = np.diff(times)
-    usual = float(np.median(steps))
-    if not usual > 0 or np.mean(np.abs(steps - usual) < EVEN * usual) < 1 - ODD:
+    usual = float(np.quantile(steps, 1 - ODD))
+    if not 0 < usual < EVEN * np.median(steps):
         return []
     thrust = recording.thrust
     repeats = (thrust[1:] == thrust[:-1]).all(axis=1).mean()
@@ -268,8 +272,10 @@ def _frozen(recording: Recording) -> List[Span]:
 def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     """Spans with accelerations that no input within its bounds explains."""
     motion = recording.motion
+    floats = lifted(recording, motion.times)  # without lift the floor brakes it
+    jumps = motion.jumps & floats & ~_steps(motion)
     if found is None:
-        return [(t, t) for t in motion.times[motion.jumps]]
+        return [(t, t) for t in motion.times[jumps]]
     coefficients = found["coefficients"]
     by_input = coefficients[: len(recording.thrusters)]  # rows: thrusters
     others = reply.smooth_terms(motion.nu)
@@ -290,10 +296,33 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
         beyond = np.minimum(beyond, np.maximum(force / CONTACT[0], moment / CONTACT[1]))
     # A contact lasts for several frames; a single one is noise.
     beyond = np.min([np.roll(beyond, s) for s in (-1, 0, 1)], axis=0)
-    floats = lifted(recording, motion.times)  # without lift the floor brakes it
     floats[floats] = reply.middle(motion, motion.times[floats])
-    hit = ((beyond > 1) & floats) | motion.jumps
+    near = np.zeros(len(floats), bool)  # where accelerations are those of a step, or of frozen poses
+    margin = MARGIN * scatter.interval(motion.times)
+    odd = [(t - margin, t) for t in motion.times[_steps(motion)]] + _frozen(recording)
+    for start, end in odd:
+        near |= (motion.times > start - margin) & (motion.times < end + margin)
+    hit = ((beyond > 1) & floats & ~near) | jumps
     return [(motion.times[s[0]], motion.times[s[-1]]) for s in reply.stretches(motion.times, hit, motion.scales.max_gap)]
+
+
+def _steps(motion: repair.Motion) -> Flags:
+    """At which jumps only the measured pose steps, as when the mocap's cameras change: the craft goes on as
+    before."""
+    found = np.zeros(len(motion.times), bool)
+    usual = scatter.interval(motion.times)
+    noise = np.array(motion.noise)[[0, 0, 1]]
+    for i in np.flatnonzero(motion.jumps):
+        before, after = slice(max(0, i - 2 * MARGIN), max(0, i - MARGIN)), slice(i, i + MARGIN)
+        if len(motion.times[before]) < MARGIN or len(motion.times[after]) < MARGIN:
+            continue
+        lines = [np.polyfit(motion.times[s] - motion.times[i], motion.measured[s], 1) for s in (before, after)]
+        change, step = np.abs(lines[1] - lines[0])
+        apart = 2 * MARGIN * usual  # between the middles of both
+        usually = 1.4826 * np.median(np.abs(motion.nu_dot[:, :2]), axis=0).max() * apart
+        error = 10 * noise / (usual * MARGIN**1.5)
+        found[i] = bool((change[:2] < usually + error[:2]).all() and step[:2].max() < STEP * noise[0])
+    return found
 
 
 def _landing(recording: Recording, contacts: Sequence[Span]) -> float:

@@ -20,7 +20,7 @@ LAGS = np.arange(-0.3, 0.41, 0.01)  # tried lags of the motion behind the comman
 LAG_SAMPLES = 20000  # samples, spread over the recording, that determine the lag
 USUAL_LAG = 0.1  # if the motion does not determine it [s]
 OUTLIER = 6.0  # accelerations further from their median than so many scatters are cut
-END = 3.0  # at the ends of stretches accelerations are inaccurate over this multiple of their blur
+END = 5.0  # at the ends of stretches accelerations are inaccurate over this multiple of their blur
 KERNEL = 3.0  # width of a mean that blurs as a smoother does, relative to its blur
 PLACEBOS = 9  # tried lags at which no motion follows
 # Share of the accelerations that commands explain which the motion follows: at least, or by so many times
@@ -65,8 +65,7 @@ def blur(motion: Motion) -> Tuple[float, float]:
     [s]."""
     jerks = motion.scales.linear_jerk, motion.scales.angular_jerk
     usual = scatter.interval(motion.times)
-    times = [(n * np.sqrt(usual) / jerk) ** (1 / 3) for n, jerk in zip(motion.noise, jerks)]
-    linear, angular = (max(0.5 * usual, time) for time in times)
+    linear, angular = ((n * np.sqrt(usual) / jerk) ** (1 / 3) for n, jerk in zip(motion.noise, jerks))
     return linear, angular
 
 
@@ -97,7 +96,10 @@ def middle(motion: Motion, times: Optional[Array] = None) -> Flags:
 
 def commands_at(recording: Recording, commands: Array, times: Array) -> Array:
     """Commands (m, n) as smoothed accelerations show them: averaged over what the smoother does."""
-    return recording.averaged(commands, times, KERNEL * max(blur(recording.motion)))
+    width = KERNEL * max(blur(recording.motion))
+    if width < scatter.interval(recording.motion.times):
+        return recording.held(commands, times)
+    return recording.averaged(commands, times, width)
 
 
 @once
@@ -156,7 +158,7 @@ def accuracy(motion: Motion) -> Array:
     """Standard deviations (3,) of the noise that smoothing leaves in accelerations [m/s^2], [rad/s^2]."""
     usual = scatter.interval(motion.times)
     pairs = zip(motion.noise, blur(motion))
-    linear, angular = (noise * np.sqrt(usual / time**5 / 18) for noise, time in pairs)
+    linear, angular = (noise * np.sqrt(usual / max(time, 0.5 * usual) ** 5 / 18) for noise, time in pairs)
     return np.array([linear, linear, angular])
 
 

@@ -4,7 +4,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import repair
+from ground.recordings import scatter
 from ground.reports.appearance import (
     model_color,
     model_line,

@@ -10,7 +10,6 @@ import numpy as np
 
 from ground.analysis import bands as bands_of
 from ground.analysis import residuals
-from ground.recordings import windows
 from ground.reports.appearance import (
     CHANNELS,
     FLOOR,
@@ -161,7 +160,7 @@ def _add_bands(figure: Panels, bands: bands_of.Bands, step: int, shade: str) -> 
 def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str:
     caption = (
         "Run %s: velocities in the body frame, path in world_ned seen from above; models restart "
-        "every %.3g s." % (run.name, run.data.scales.window)
+        "every %.3g s." % (run.name, run.scales.window)
     )
     if step > 1:
         caption += " One sample in %d is drawn." % step
