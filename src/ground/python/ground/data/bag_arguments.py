@@ -49,6 +49,11 @@ def add_reading_arguments(parser: "argparse._ActionsContainer") -> None:
     parser.add_argument(
         "--body", metavar="NAME", help="child frame, or part of the topic's name, of the craft"
     )
+    parser.add_argument(
+        "--stamps",
+        choices=["unpadded"],
+        help="nanoseconds after the point of the stamps in a table have no leading zeros: mend them",
+    )
 
 
 def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
@@ -67,6 +72,7 @@ def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
         arguments.body,
         arguments.axes,
         arguments.heading_offset,
+        arguments.stamps,
     )
 
 

@@ -31,6 +31,7 @@ def read(
     pose_topic: Optional[str] = None,
     command_topic: Optional[str] = None,
     body: Optional[str] = None,
+    stamps: Optional[str] = None,
 ) -> Tuple[Recording, ...]:
     """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
@@ -38,7 +39,7 @@ def read(
     that match it. axes: world_ned x, y, z in the mocap's axes ("x, z, -y"); heading_offset: measured
     minus true heading [rad]; both replace what was recorded with the run. mapping: a mapping file, or its
     content; pose_topic, command_topic and body (child frame, or part of the topic's name) replace its
-    own. Runs of the same name get the names of their folders in front. GroundError when a bag cannot be
+    own. stamps: "unpadded" where nanoseconds after the point have no leading zeros. Runs of the same name get the names of their folders in front. GroundError when a bag cannot be
     read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
@@ -53,7 +54,7 @@ def read(
         mapping = FieldMapping()
     elif not isinstance(mapping, FieldMapping):
         mapping = load(os.fspath(mapping))
-    given = mapping.with_options(pose_topic, command_topic, body, axes, heading_offset)
+    given = mapping.with_options(pose_topic, command_topic, body, axes, heading_offset, stamps)
     return tuple(reading(paths, given))
 
 
