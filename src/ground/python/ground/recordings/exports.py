@@ -26,6 +26,7 @@ class Head:
     euler: Tuple[str, ...] = ()  #: bodies whose rotation has three angles [deg]
     order: str = ""  #: of these angles
     zero_is_lost: bool = False  #: whether rows of zeros are those of a lost body
+    is_export: bool = False  #: whether a program of motion capture has written it
     notes: List[str] = field(default_factory=list)
 
 
@@ -94,6 +95,7 @@ def _motive(lines: Sequence[str]) -> Head:
 
 def _note_bodies(head: Head, program: str, unit: str) -> None:
     """Says which bodies are there, and which of them have angles in place of a quaternion."""
+    head.is_export = True
     bodies = list(dict.fromkeys(name.split(".")[0] for name in head.names if ".position." in name))
     if not bodies:
         raise GroundError(

@@ -79,18 +79,24 @@ def _reach(numbers: Array) -> Array:
     return np.column_stack([np.nanmin(finite, axis=0), np.nanmax(finite, axis=0)])
 
 
-def _check_degrees(numbers: Array, where: str) -> None:
-    """GroundError where positions without a unit look like latitude and longitude."""
+def look_geodetic(numbers: Array) -> bool:
+    """Whether positions (n, k) without a unit look like latitude and longitude: they hardly change against
+    their size, and both are angles."""
     reach = _reach(numbers[:, :2])
     spread, middle = np.ptp(reach, axis=1), np.abs(reach).max(axis=1)
     still = (spread > 0).all() and (spread < STILL * middle).all() and spread.max() < 0.1
-    if not still or (middle > [90, 180]).any() and (middle > [180, 90]).any():
-        return
-    raise GroundError(
-        "%s: positions stay within %.2g of %.6g and %.6g: they look like latitude and longitude in degrees; "
-        "position: {unit: deg} under poses in the mapping turns them into metres (unit: m if they are metres)"
-        % (where, spread.max(), *middle)
-    )
+    return bool(still and ((middle <= [90, 180]).all() or (middle <= [180, 90]).all()))
+
+
+def _check_degrees(numbers: Array, where: str) -> None:
+    """GroundError where positions without a unit look like latitude and longitude."""
+    if look_geodetic(numbers):
+        reach = _reach(numbers[:, :2])
+        raise GroundError(
+            "%s: positions stay within %.2g of %.6g and %.6g: they look like latitude and longitude in degrees; "
+            "position: {unit: deg} under poses in the mapping turns them into metres (unit: m if they are metres)"
+            % (where, np.ptp(reach, axis=1).max(), *np.abs(reach).max(axis=1))
+        )
 
 
 def subtract_origin(rows: Array, notes: List[str]) -> None:

@@ -54,6 +54,13 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     """The Recording in a file of any kind, by what the mapping says. Raises GroundError."""
     is_table = _is_table(path)
     if is_table and not mapping.of_tables:
+        if mapping.file:
+            parts = [("poses", mapping.poses), ("commands", mapping.commands)]
+            named = [name for name, part in parts if not part.time.is_of_fields]
+            raise GroundError(
+                "%s: the mapping %s does not say which column is the time of the %s: write time: {field: NAME} "
+                "under %s" % (path, mapping.file, " and of the ".join(named), " and ".join(named))
+            )
         raise GroundError(
             "%s: which columns are times, poses and commands is not known; identify info %s "
             "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, path)

@@ -27,7 +27,6 @@ COMMENT = re.compile(r"\s*(#|%|//|!|\*)\s*")
 SAMPLE = 200  # lines from the end that show what separates cells
 SEARCHED = 200000  # lines in which the first row of values is looked for
 RAGGED = 0.01  # share of short lines from which they are rows without their last cells
-NAMES = {"frame": "time"}
 TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 TYPES = {"float", "float32", "float64", "double", "int", "int32", "int64", "uint8", "bool", "boolean", "string", "str"}
 
@@ -159,7 +158,7 @@ def _name(head: Head, lines: Sequence[str], first: int, width: int) -> None:
         line = lines[at]
         if line.strip():
             row = _names(line, head.separator, width)
-            if len(row) < 2 or (block and abs(len(row) - len(block[0])) > 1):
+            if len(row) < 2 or (not head.separator and len(row) != width) or (block and abs(len(row) - len(block[0])) > 1):
                 break
             block.insert(0, row)
         at -= 1
@@ -179,8 +178,19 @@ def _name(head: Head, lines: Sequence[str], first: int, width: int) -> None:
             head.notes.append("a row of units stands below the names of the columns: %s" % named)
     else:
         _without_names(head, lines, width)
+    head.rate = _rate([line for line in lines[:first] if line.strip()][-60:])
     if above:
         head.notes.append("lines above the names of the columns are passed over: %d" % above)
+
+
+def _rate(above: Sequence[str]) -> float:
+    """The rate of the rows that a line above them says [Hz]; 0 without one."""
+    form = r"(?:rate|frequency|fps|hz)\b[^\d\w]*(?:\[?hz\]?[^\d\w]*)?([\d.]+)\s*(?:hz|fps)?\W*$|\b([\d.]+)\s*(?:hz|fps)\b"
+    for line in above:
+        said = re.search(form, line.strip(), re.I)
+        if said and float((said.group(1) or said.group(2)).strip(".") or 0) > 0:
+            return float((said.group(1) or said.group(2)).strip("."))
+    return 0.0
 
 
 def _unmark(head: Head) -> None:
@@ -194,7 +204,8 @@ def _names(line: str, separator: str, width: int) -> List[str]:
     marked = COMMENT.match(line)
     text = line if marked is None or line.startswith("%time") else line[marked.end() :]
     found = _split(text, separator)
-    if not separator or len(found) < width:
+    found = found if separator else _merged(found)
+    if len(found) < width:
         for other in SEPARATORS:
             row = _merged(_split(text, other)) if not other else _split(text, other)
             if len(row) == width:
@@ -315,7 +326,7 @@ def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> T
     frame = parsed()
     empty = frame.isna().all().tolist()
     named = len(head.names) - next((i for i, n in enumerate(reversed(head.names)) if n), 0)
-    if not all(empty[named:]) and not head.rate and not head.units.get("time"):
+    if not all(empty[named:]) and not head.is_export:
         raise GroundError("its rows have more values than its first line names columns")
     names = _distinct(_grouped(head.names, empty), frame, notes)
     of_name = {name: at for at, name in enumerate(names) if name and not empty[at]}
@@ -391,7 +402,9 @@ def _finish(table: Table, head: Head) -> None:
             if lost.any():
                 table.notes.append("rows without body %s are zero and left out (%d)" % (body, lost.sum()))
                 frame.loc[lost, columns] = np.nan
-    if head.rate and "time" not in frame and "frame" in frame:
-        frame["time"] = frame["frame"] / head.rate
+    frames = [name for name in frame.columns if name.lower() in ("frame", "frames", "frame number", "sample")]
+    timed = any(set(words.split(name)) & words.TIME for name in frame.columns)
+    if head.rate and frames and not timed:
+        frame["time"] = frame[frames[0]] / head.rate
         table.units["time"] = "s"
         table.notes.append("times are numbers of frames at the %g Hz that the file says" % head.rate)
