@@ -23,7 +23,19 @@ WITH_UNIT = r"(%s)\s*([A-Za-zµ°%%]+(?:/[A-Za-z]+)?)" % NUMBER
 MOST_WRONG = 0.1  # share of cells that are no numbers in a column of numbers
 FAR = 20.0  # a mark of a missing value is further from the others than so many of their ranges
 # Numbers that loggers write for a missing value, and their opposites
-MARKS = (999.0, 9999.0, 99999.0, 999999.0, 999.25, 32767.0, 32768.0, 65535.0, 2147483647.0, 2147483648.0, 1e30)
+MARKS = (
+    999.0,
+    9999.0,
+    99999.0,
+    999999.0,
+    999.25,
+    32767.0,
+    32768.0,
+    65535.0,
+    2147483647.0,
+    2147483648.0,
+    1e30,
+)
 
 
 def is_value(cell: str) -> bool:
@@ -42,7 +54,9 @@ def is_value(cell: str) -> bool:
 
 def is_number(cell: str) -> bool:
     """Whether a cell has a number or a time."""
-    return bool(cell.strip()) and cell.strip()[-1:].isalnum() and is_value(cell) and any(map(str.isdigit, cell))
+    return (
+        bool(cell.strip()) and cell.strip()[-1:].isalnum() and is_value(cell) and any(map(str.isdigit, cell))
+    )
 
 
 def read(frame: "pandas.DataFrame", notes: List[str]) -> Tuple["pandas.DataFrame", Dict[str, str]]:
@@ -60,8 +74,10 @@ def read(frame: "pandas.DataFrame", notes: List[str]) -> Tuple["pandas.DataFrame
             found = _switches(values)
             if found is None:
                 found, units[name] = _numbers(name, values, notes)
-            if found is None:
-                columns.update(_lists(name, values, notes))
+            lists = _lists(name, values, notes) if found is None else {}
+            columns.update(lists)
+            if lists:
+                continue
             values = values if found is None else found
         if values.dtype.kind in "if":
             values = _without_marks(name, values, notes)
@@ -79,9 +95,7 @@ def _switches(values: "pandas.Series") -> Optional["pandas.Series"]:
     return words.map(meant).reindex(values.index)
 
 
-def _numbers(
-    name: str, values: "pandas.Series", notes: List[str]
-) -> Tuple[Optional["pandas.Series"], str]:
+def _numbers(name: str, values: "pandas.Series", notes: List[str]) -> Tuple[Optional["pandas.Series"], str]:
     """The numbers in texts and their unit, where nearly all of them are numbers; else None."""
     import pandas
 
@@ -90,7 +104,9 @@ def _numbers(
     unit = ""
     if len(texts) and parts[1].notna().mean() > 1 - MOST_WRONG and parts[1].nunique() == 1:
         texts, unit = parts[0].reindex(texts.index), str(parts[1].dropna().iloc[0])
-    plain = texts.str.replace(r"^([-+]?\d+)[dD]([-+]?\d+)$|^([-+]?\d*\.\d*)[dD]([-+]?\d+)$", _exponent, regex=True)
+    plain = texts.str.replace(
+        r"^([-+]?\d+)[dD]([-+]?\d+)$|^([-+]?\d*\.\d*)[dD]([-+]?\d+)$", _exponent, regex=True
+    )
     plain = plain.str.replace(r"^([-+]?\d*),(\d+)$", r"\1.\2", regex=True)
     numbers = pandas.to_numeric(plain, errors="coerce")
     wrong = numbers.isna()
@@ -98,7 +114,9 @@ def _numbers(
         return None, ""
     if wrong.any():
         first = str(values[texts.index[wrong]].iloc[0])[:20]
-        notes.append("%d cells of column %s are not numbers ('%s') and are left out" % (wrong.sum(), name, first))
+        notes.append(
+            "%d cells of column %s are not numbers ('%s') and are left out" % (wrong.sum(), name, first)
+        )
     return numbers.reindex(values.index), unit
 
 

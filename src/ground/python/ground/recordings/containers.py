@@ -496,7 +496,14 @@ def values(columns: Columns, paths: Sequence[str], where: str) -> Any:
                 ", ".join(numbers(columns)) or "none",
             )
         )
-    return np.column_stack([_number(one) for one in found]) if found else np.empty((0, 0))
+    read = [_number(one) for one in found]
+    for path, one, given in zip(paths, read, found):
+        texts = [text for text in given if text and isinstance(text, str)] if given.dtype == object else []
+        if texts and np.isnan(one).all():
+            raise GroundError(
+                "%s: field %s has no numbers, but text such as '%s'" % (where, path, texts[0][:40])
+            )
+    return np.column_stack(read) if read else np.empty((0, 0))
 
 
 def _number(given: Column) -> Any:

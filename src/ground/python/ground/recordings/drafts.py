@@ -91,7 +91,9 @@ def _seen(topic: str, kind: str, count: int, columns: Columns, shared: Set[str])
         yield seen
         return
     columns = {name: column[:MAX_ROWS] for name, column in columns.items()}
-    names = columns[known.body] if known and known.body in columns else np.full(min(rows, MAX_ROWS), "", object)
+    names = (
+        columns[known.body] if known and known.body in columns else np.full(min(rows, MAX_ROWS), "", object)
+    )
     stamps = columns.get(STAMP, columns.get(RECEIVED))
     times = np.arange(len(names), dtype=float) if stamps is None else containers.seconds(stamps)
     numbers = {name: columns[name].astype(float) for name in containers.numbers(columns)}
@@ -180,7 +182,13 @@ def _time_worth(name: str) -> float:
     if not set(found) & words.TIME:
         return 0.0
     unlike = len(set(found) & words.OTHER_TIMES)
-    return 3.0 - 0.2 * len(found) - unlike - 2.5 * (found == ["date"]) - 0.5 * bool({"dt", "interval"} & set(found))
+    return (
+        3.0
+        - 0.2 * len(found)
+        - unlike
+        - 2.5 * (found == ["date"])
+        - 0.5 * bool({"dt", "interval"} & set(found))
+    )
 
 
 def _rising(seen: Seen) -> List[str]:
@@ -337,7 +345,7 @@ def _planar_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
         if sideways and pose.kind == "xy":  # a compass over east and north
             fields, sign, why = fields[::-1], 1, ", a compass's, by the course: %s is north" % fields[1]
         elif pose.kind != "xy" and sideways:  # counter-clockwise from east
-            offset = "heading_offset: %.4f  # it counts from east" % (-math.pi / 2)
+            offset = "heading_offset: %.7f  # it counts from east" % (-math.pi / 2)
     elif pose.kind != "xy":
         why = ", taken for clockwise from north"
     names = "" if known else "fields: [%s], " % ", ".join(map(_quoted, fields))

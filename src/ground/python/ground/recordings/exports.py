@@ -77,9 +77,7 @@ def _motive(lines: Sequence[str]) -> Head:
     order = said.get("Rotation Type", "Quaternion")
     found = Head(last + 1, [], order="" if order == "Quaternion" else order)
     for column, axis in enumerate(axes):
-        kind, body, part = (
-            cells[column] if column < len(cells) else "" for cells in (kinds, bodies, what)
-        )
+        kind, body, part = (cells[column] if column < len(cells) else "" for cells in (kinds, bodies, what))
         if column < 2:
             found.names.append("time" if axis.startswith("Time") else axis.lower())
         elif "Rigid Body" in kind and "Marker" not in kind and part in ("Rotation", "Position"):
@@ -105,7 +103,12 @@ def _note_bodies(head: Head, program: str, unit: str) -> None:
     head.euler = tuple(b for b in bodies if head.order and b + ".rotation.w" not in head.names)
     head.notes.append(
         "an export of %s: positions in %s, %s; its bodies are %s"
-        % (program, unit, "angles %s in degrees" % head.order if head.euler else "headings by rotations", ", ".join(bodies))
+        % (
+            program,
+            unit,
+            "angles %s in degrees" % head.order if head.euler else "headings by rotations",
+            ", ".join(bodies),
+        )
     )
 
 
@@ -123,9 +126,18 @@ def _qualisys(lines: Sequence[str]) -> Head:
     if last is None:
         raise GroundError("an export of Qualisys without a row that names Roll, Pitch and Yaw")
     bodies = [_body(name) for name in facts.get("BODY_NAMES", []) if name]
-    found = Head(last + 1, [], separator, rate=float((facts.get("FREQUENCY") or ["0"])[0] or 0), zero_is_lost=True)
+    found = Head(
+        last + 1, [], separator, rate=float((facts.get("FREQUENCY") or ["0"])[0] or 0), zero_is_lost=True
+    )
     number = -1
-    plain = {"X": "position.x", "Y": "position.y", "Z": "position.z", "Roll": "roll", "Pitch": "pitch", "Yaw": "yaw"}
+    plain = {
+        "X": "position.x",
+        "Y": "position.y",
+        "Z": "position.z",
+        "Roll": "roll",
+        "Pitch": "pitch",
+        "Yaw": "yaw",
+    }
     names: List[str] = []
     values = _cells(lines[last + 1], separator) if len(lines) > last + 1 else []
     for cell in rows[last][1]:
@@ -135,7 +147,11 @@ def _qualisys(lines: Sequence[str]) -> Head:
         if number < 0 and cell in ("Frame", "Time"):
             names.append(cell.lower())
         elif words[-1] in plain and number >= 0:
-            body = bodies[number] if number < len(bodies) else _body(" ".join(words[:-1])) or "body_%d" % (number + 1)
+            body = (
+                bodies[number]
+                if number < len(bodies)
+                else _body(" ".join(words[:-1])) or "body_%d" % (number + 1)
+            )
             names.append("%s.%s" % (body, plain[words[-1]]))
             found.units[names[-1]] = "mm" if words[-1] in "XYZ" else "deg"
         elif cell in bodies:  # a cell of its own, above no values, or above X
@@ -160,7 +176,15 @@ def _vicon(lines: Sequence[str]) -> Head:
     bodies, units = _filled(rows[last - 1][1]), _cells(lines[last + 1], separator)
     digits = re.search(r"[\d.]+", rows[last - 2][1][0])
     found = Head(last + 2, [], separator, rate=float(digits.group()) if digits else 0.0)
-    parts = {"TX": "position.x", "TY": "position.y", "TZ": "position.z", "RX": "angle.x", "RY": "angle.y", "RZ": "yaw", "RW": "angle.w"}
+    parts = {
+        "TX": "position.x",
+        "TY": "position.y",
+        "TZ": "position.z",
+        "RX": "angle.x",
+        "RY": "angle.y",
+        "RZ": "yaw",
+        "RW": "angle.w",
+    }
     for column, cell in enumerate(rows[last][1]):
         body = _body((bodies[column] if column < len(bodies) else "").split(":")[-1])
         name = "%s.%s" % (body, parts[cell]) if cell in parts else cell.lower().replace(" ", "_")

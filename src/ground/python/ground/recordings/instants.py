@@ -50,9 +50,10 @@ def check(columns: Columns, clock: Clock, stamps: Indices, used: Flags, where: s
     given = containers.column(columns, clock.field) if clock.field else None
     if given is None or not used.any():
         return
-    if clock.stamps != UNPADDED and not clock.nanoseconds and given.dtype.kind not in "iu":
+    is_glued = clock.stamps != UNPADDED and not clock.nanoseconds and given.dtype.kind not in "iu"
+    if is_glued and (np.diff(stamps[used]) < 0).any():
         texts = _written(columns, clock.field)
-        if texts is not None and (np.diff(stamps[used]) < 0).any():
+        if texts is not None:
             _check_padding(stamps[used], np.asarray(texts, object)[used], where)
     _check_digits(stamps[used], clock, where)
     _check_restarts(stamps[used], np.flatnonzero(used), where)
@@ -140,8 +141,12 @@ def _of_texts(
         found = pandas.to_datetime(series.where(known), format=clock.format, errors="coerce", utc=True)
         known &= found.notna().to_numpy()
         if not known.any():
-            raise GroundError("%s: no time fits the format '%s'; the first is '%s'" % (where, clock.format, series[0]))
-        return found.dt.tz_localize(None).fillna(pandas.Timestamp(0)).to_numpy("datetime64[ns]").astype(np.int64), known
+            raise GroundError(
+                "%s: no time fits the format '%s'; the first is '%s'" % (where, clock.format, series[0])
+            )
+        return found.dt.tz_localize(None).fillna(pandas.Timestamp(0)).to_numpy("datetime64[ns]").astype(
+            np.int64
+        ), known
     parts = series.str.extract(FORM)
     good = (parts["h"].notna() & series.str.fullmatch(FORM.pattern)).to_numpy()
     bad = known & ~good
@@ -152,7 +157,10 @@ def _of_texts(
             % (where, clock.field, series[np.argmax(bad)], clock.field)
         )
     if bad.any():
-        notes.append("times that cannot be read are left out (%d, the first is '%s')" % (bad.sum(), series[np.argmax(bad)]))
+        notes.append(
+            "times that cannot be read are left out (%d, the first is '%s')"
+            % (bad.sum(), series[np.argmax(bad)])
+        )
     parts = parts[good]
     total = np.zeros(len(series), np.int64)
     total[good] = _of_day(parts, clock.stamps == UNPADDED)
@@ -206,7 +214,9 @@ def _days(dates: "pandas.Series", notes: List[str]) -> Indices:
         raise GroundError("the date %s is not known; name the format in the mapping's time" % every[0])
     order, days = min(valid, key=lambda item: max(item[1]) - min(item[1]))  # type: ignore[type-var,operator]
     if len(valid) > 1 and valid[0][1] != valid[1][1]:
-        notes.append("the date %s is taken for day/month/year or month/day/year: %s" % (every[0], "/".join(order)))
+        notes.append(
+            "the date %s is taken for day/month/year or month/day/year: %s" % (every[0], "/".join(order))
+        )
     by_date = dict(zip(every, days))
     return dates.map(by_date).to_numpy(np.int64)
 

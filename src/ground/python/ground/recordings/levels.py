@@ -29,7 +29,9 @@ def likely(topic: str, values: Mapping[str, Array]) -> Dict[str, Array]:
     changing = {p: v for p, v in named.items() if np.any(v != 0)}
     if changing:
         return {p: v for p, v in named.items() if p in changing or _siblings(p, changing)}
-    commanded = words.is_command(topic) or re.search("cmd|command|control|thrust|pwm|actuator|demand", topic, re.I)
+    commanded = words.is_command(topic) or re.search(
+        "cmd|command|control|thrust|pwm|actuator|demand", topic, re.I
+    )
     return {
         path: v
         for path, v in there.items()

@@ -190,7 +190,9 @@ def load(path: str) -> FieldMapping:
     offset, drift = root.get("clock_offset", 0.0), root.get("clock_drift", 0.0)
     rows = tuple(root.get("rows", ()))
     if rows and not 1 <= rows[0] < rows[1]:
-        raise GroundError("%s: rows is %s, but must be the first and the last row, from 1" % (path, list(rows)))
+        raise GroundError(
+            "%s: rows is %s, but must be the first and the last row, from 1" % (path, list(rows))
+        )
     found = FieldMapping(poses, commands, inertial, offset, drift, rows, path, given)
     return found._with_stamps(root["stamps"]) if "stamps" in root else found
 

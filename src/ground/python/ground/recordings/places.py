@@ -17,9 +17,7 @@ LATITUDE = re.compile(r"(^|[^a-z])(lat|latitude)([^a-z]|$)", re.I)
 STILL = 1e-3  # positions that change by less than this share of themselves may be degrees
 
 
-def unit_of(
-    columns: Columns, paths: Sequence[str], known: Iterable[str], what: str, notes: List[str]
-) -> str:
+def unit_of(columns: Columns, paths: Sequence[str], known: Iterable[str], what: str, notes: List[str]) -> str:
     """The unit that the file gives the columns of something; empty where it gives none or several."""
     said = getattr(columns, "units", {})
     found = {str(said.get(path, "")) for path in paths}
@@ -36,7 +34,11 @@ def metres(
     """Positions (n, k) of fields in metres. notes: told what was assumed."""
     lengths = {**LENGTHS, **FURTHER_LENGTHS}
     unit = poses.unit
-    if not unit and LATITUDE.search(paths[0] + " " + paths[1]) and LONGITUDE.search(paths[0] + " " + paths[1]):
+    if (
+        not unit
+        and LATITUDE.search(paths[0] + " " + paths[1])
+        and LONGITUDE.search(paths[0] + " " + paths[1])
+    ):
         unit = GEODETIC
     unit = unit or unit_of(columns, paths, {*lengths, GEODETIC} - {"m"}, "positions are", notes)
     if unit == GEODETIC:
@@ -66,7 +68,8 @@ def _local(numbers: Array, paths: Sequence[str], where: str, notes: List[str]) -
     found = numbers.copy()
     found[:, [north, 1 - north]] = (fixes - first) * scale
     notes.append(
-        "positions are latitude and longitude: distances north and east of the first fix, %.7f, %.7f deg" % tuple(first)
+        "positions are latitude and longitude: distances north and east of the first fix, %.7f, %.7f deg"
+        % tuple(first)
     )
     return found
 

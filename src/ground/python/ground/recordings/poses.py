@@ -139,7 +139,11 @@ def read(
     if len(rotation) == 4:
         turned[:, :3] *= poses.heading_sign
     else:
-        unit = poses.heading_unit or places.unit_of(columns, paths[count:], {"deg"}, "headings are", notes) or "rad"
+        unit = (
+            poses.heading_unit
+            or places.unit_of(columns, paths[count:], {"deg"}, "headings are", notes)
+            or "rad"
+        )
         turned *= ANGLES[unit] * poses.heading_sign
     rows, raw = _planar(placed, turned, paths[:count], where, stamps[chosen], settings)
     places.subtract_origin(rows, notes)

@@ -10,7 +10,8 @@ from ground.recordings import places, poses, words
 from ground.support.annotations import Array
 
 FULL_TURN = 2 * math.pi
-CLEAR, UNCLEAR = 0.75, 0.5  # mean resultants of headings against the course that decide, and that do not
+CLEAR = 0.75  # mean resultant of headings against the course that may decide
+TURNED, SHARE = 0.1, 0.35  # least lack of the other sign's, and largest share of it that decide
 LONG_WAY = 30.0  # steps of the course, in standard deviations of the noise of positions
 TURNS = 0.1  # size of a component of a quaternion that is not near 0
 COMPONENTS = ("x", "y", "z", "w")
@@ -33,7 +34,9 @@ def of_columns(values: Mapping[str, Array]) -> List[Pose]:
         for rotation, likely, about in turns:
             if set(rotation) & set(position) or (kind != "xy" and len(position) == 2 and len(rotation) == 4):
                 continue
-            alike = len(set(stem) & set(about)) - 0.5 * len(set(about) - set(stem) - words.TURNED - words.MEASURED)
+            alike = len(set(stem) & set(about)) - 0.5 * len(
+                set(about) - set(stem) - words.TURNED - words.MEASURED
+            )
             found.append((worth + likely + alike, Pose(position, rotation, kind)))
     return [pose for _, pose in sorted(found, key=lambda one: -one[0])]
 
@@ -118,7 +121,8 @@ class Turn:
     @property
     def is_clear(self) -> bool:
         """Whether the motion decides the sign."""
-        return self.resultant > CLEAR and self.other < UNCLEAR
+        lack = 1 - self.other
+        return self.resultant > CLEAR and lack > TURNED and 1 - self.resultant < SHARE * lack
 
 
 def against_course(position: Array, headings: Array) -> Turn:

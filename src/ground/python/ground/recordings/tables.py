@@ -28,7 +28,20 @@ SAMPLE = 200  # lines from the end that show what separates cells
 SEARCHED = 200000  # lines in which the first row of values is looked for
 RAGGED = 0.01  # share of short lines from which they are rows without their last cells
 TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-TYPES = {"float", "float32", "float64", "double", "int", "int32", "int64", "uint8", "bool", "boolean", "string", "str"}
+TYPES = {
+    "float",
+    "float32",
+    "float64",
+    "double",
+    "int",
+    "int32",
+    "int64",
+    "uint8",
+    "bool",
+    "boolean",
+    "string",
+    "str",
+}
 
 
 @dataclass
@@ -104,7 +117,7 @@ def _quoted_lists(line: str) -> str:
     """A line with quotes around lists, whose commas separate no cells."""
     if "[" not in line and "(" not in line:
         return line
-    return re.sub(r'(^|[,;\t|])\s*([\[(][-+\w., ;]*[\])])\s*(?=$|[,;\t|])', r'\1"\2"', line)
+    return re.sub(r"(^|[,;\t|])\s*([\[(][-+\w., ;]*[\])])\s*(?=$|[,;\t|])", r'\1"\2"', line)
 
 
 def _head(lines: Sequence[str]) -> Head:
@@ -158,7 +171,11 @@ def _name(head: Head, lines: Sequence[str], first: int, width: int) -> None:
         line = lines[at]
         if line.strip():
             row = _names(line, head.separator, width)
-            if len(row) < 2 or (not head.separator and len(row) != width) or (block and abs(len(row) - len(block[0])) > 1):
+            if (
+                len(row) < 2
+                or (not head.separator and len(row) != width)
+                or (block and abs(len(row) - len(block[0])) > 1)
+            ):
                 break
             block.insert(0, row)
         at -= 1
@@ -315,11 +332,11 @@ def _decimal(row: Sequence[str]) -> str:
 def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> Table:
     import pandas
 
-    text = "\n".join(rows)
+    content = "\n".join(rows)
 
     def parsed(**options: Any) -> "pandas.DataFrame":
         return pandas.read_csv(
-            io.StringIO(text), sep=head.separator or r"\s+", header=None, names=range(len(head.names)),
+            io.StringIO(content), sep=head.separator or r"\s+", header=None, names=range(len(head.names)),
             skipinitialspace=True, index_col=False, na_values=list(cells.MISSING), decimal=decimal, **options
         )  # fmt: skip
 
@@ -335,7 +352,11 @@ def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> T
     frame, in_cells = cells.read(frame, notes)
     found = Table(frame, {**in_cells, **_units(head, names)}, notes)
     found.empty = [name for at, name in enumerate(names) if name and empty[at]]
-    found.text = lambda name: parsed(dtype=str, usecols=[of_name[name]]).iloc[:, 0].to_numpy()
+
+    def text(name: str) -> Any:
+        return parsed(dtype=str, usecols=[of_name[name]]).iloc[:, 0].to_numpy() if name in of_name else None
+
+    found.text = text
     _finish(found, head)
     return found
 
@@ -368,7 +389,9 @@ def _distinct(names: Sequence[str], frame: "pandas.DataFrame", notes: List[str])
         if count == 1:
             continue
         if all(frame[at[0]].equals(frame[i]) for i in at[1:]):
-            notes.append("%d columns are named %s and have the same values: the first is read" % (count, name))
+            notes.append(
+                "%d columns are named %s and have the same values: the first is read" % (count, name)
+            )
             for i in at[1:]:
                 found[i] = ""
             continue

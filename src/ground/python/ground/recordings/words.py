@@ -52,7 +52,9 @@ def split(name: str) -> List[str]:
     return [word.lower() for word in re.findall(r"[A-Za-z]+|\d+", text)]
 
 
-TIME = set("t time times timestamp timestamps stamp stamps sec secs seconds epoch utc clock datetime unix elapsed ts".split())
+TIME = set(
+    "t time times timestamp timestamps stamp stamps sec secs seconds epoch utc clock datetime unix elapsed ts".split()
+)
 TIME |= {"unixtime", "rostime", "walltime", "zeit", "msec", "usec", "nsec", "millis", "micros", "date"}
 # Times that are other ones than those of the samples
 OTHER_TIMES = set(
@@ -86,12 +88,38 @@ STRONG = set(
     "tau hover demand solenoid solenoids output outputs nprop delta rc main tail fin fins pump deflection steering "
     "steer surge_cmd nozzle".split()
 )
-ACTUATORS = STRONG - set("cmd cmds command commands control controls ctrl input inputs u pwm demand output outputs".split())
+ACTUATORS = STRONG - set(
+    "cmd cmds command commands control controls ctrl input inputs u pwm demand output outputs".split()
+)
 LIFT = {"lift", "hover", "skirt", "levitation", "levitate", "cushion"}
 LEFT, RIGHT = {"left", "port", "l"}, {"right", "starboard", "stbd", "r"}
-PLACED = {"pos", "position", "pose", "translation", "location", "loc", "p", "tx", "place", "coordinate", "coord"}
+PLACED = {
+    "pos",
+    "position",
+    "pose",
+    "translation",
+    "location",
+    "loc",
+    "p",
+    "tx",
+    "place",
+    "coordinate",
+    "coord",
+}
 FRAMED = {"ned", "enu", "mid", "world", "map", "odom", "global", "local", "m", "wgs", "utm"}
-MEASURED = {"telemetry", "mocap", "optitrack", "vicon", "vrpn", "qualisys", "measured", "meas", "gnss", "gps", "tracker"}
+MEASURED = {
+    "telemetry",
+    "mocap",
+    "optitrack",
+    "vicon",
+    "vrpn",
+    "qualisys",
+    "measured",
+    "meas",
+    "gnss",
+    "gps",
+    "tracker",
+}
 TURNED = {"q", "quat", "quaternion", "orientation", "rotation", "rot", "ori", "att", "attitude", "transform"}
 AXES: Dict[str, str] = {
     **{prefix + axis: axis for axis in "xyz" for prefix in ("", "p", "t", "pos", "position")},
