@@ -39,8 +39,9 @@ def read(
     that match it. axes: world_ned x, y, z in the mocap's axes ("x, z, -y"); heading_offset: measured
     minus true heading [rad]; both replace what was recorded with the run. mapping: a mapping file, or its
     content; pose_topic, command_topic and body (child frame, or part of the topic's name) replace its
-    own. stamps: "unpadded" where nanoseconds after the point have no leading zeros. Runs of the same name get the names of their folders in front. GroundError when a bag cannot be
-    read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
+    own. stamps: "unpadded" where nanoseconds after the point have no leading zeros. Runs of the same
+    name get the names of their folders in front. GroundError when a bag cannot be read or is given
+    twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift

@@ -99,8 +99,8 @@ def read(
         held = int((gone & np.isfinite(found[:, number])).sum())
         if held:
             notes.append(
-                "command %s is missing in %d rows and held from the one before (empty: off under commands in a "
-                "mapping takes it for off)" % (channel.name, held)
+                "command %s is missing in %d rows and held from the one before (empty: off under commands "
+                "in a mapping takes it for off)" % (channel.name, held)
             )
     before = given & ~np.isfinite(found).all(axis=1)
     if before.any():

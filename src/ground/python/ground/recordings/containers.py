@@ -441,7 +441,7 @@ def _parquet(path: str) -> "pandas.DataFrame":
 
 
 READERS = {".parquet": _parquet}  #: of tables that are not text, by the end of their names
-#: of tables; files of the first ones are tables wherever they are, the others where a folder has none of these
+#: of tables; the further ones are tables in a folder that has none of the first
 SUFFIXES = (*READERS, ".csv", ".tsv", ".csv.gz", ".tsv.gz")
 FURTHER = (".txt", ".dat", ".log", ".asc", ".tab", ".tum", ".txt.gz", ".dat.gz")
 
@@ -483,21 +483,22 @@ def numbers(columns: Columns) -> List[str]:
     ]
 
 
+def no_field(columns: Columns, missing: Sequence[str], where: str) -> GroundError:
+    """The error of fields that are missing, with those that are there."""
+    named = ", ".join(path + _absent(columns, path) for path in missing)
+    there = ", ".join(numbers(columns)) or "none"
+    return GroundError("%s: a message has no field %s; its numbers are %s" % (where, named, there))
+
+
 def values(columns: Columns, paths: Sequence[str], where: str) -> Any:
     """The numbers of fields (n, k); text becomes NaN. GroundError for fields that are missing."""
     found = [column(columns, path) for path in paths]
     missing = [path for path, one in zip(paths, found) if one is None]
     if missing:
-        raise GroundError(
-            "%s: a message has no field %s; its numbers are %s"
-            % (
-                where,
-                ", ".join(path + _absent(columns, path) for path in missing),
-                ", ".join(numbers(columns)) or "none",
-            )
-        )
-    read = [_number(one) for one in found]
-    for path, one, given in zip(paths, read, found):
+        raise no_field(columns, missing, where)
+    there = [one for one in found if one is not None]
+    read = [_number(one) for one in there]
+    for path, one, given in zip(paths, read, there):
         texts = [text for text in given if text and isinstance(text, str)] if given.dtype == object else []
         if texts and np.isnan(one).all():
             raise GroundError(

@@ -1,15 +1,14 @@
 """Drafts of mapping files: what a file has, and what of it is probably what, with the evidence."""
 
 import math
-import re
 from dataclasses import dataclass, field
 from typing import Dict, Iterator, List, Mapping, Sequence, Set, Tuple
 
 import numpy as np
 
-from ground.recordings import containers, instants, levels, poses, sightings, units, words
+from ground.recordings import clocks, containers, levels, poses, sightings, units
 from ground.recordings.containers import RECEIVED, STAMP, TABLE, Columns, Container
-from ground.recordings.mapping import LENGTHS, SCHEMA, TIMES, Clock
+from ground.recordings.mapping import LENGTHS, SCHEMA
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
@@ -84,7 +83,8 @@ def _seen(topic: str, kind: str, count: int, columns: Columns, shared: Set[str])
     if kind == TABLE:
         numbers = {name: columns[name].astype(float) for name in containers.numbers(columns)}
         seen = Seen(topic, kind, count, numbers, np.arange(rows, dtype=float), units=said)
-        _find_clock(seen, columns, shared)
+        found = clocks.find(columns, numbers, said, topic, shared)
+        seen.clock, seen.clock_fields, seen.times = found.key, found.fields, found.times
         seen.values = {name: column[:MAX_ROWS] for name, column in numbers.items()}
         seen.times = seen.times[:MAX_ROWS]
         _find_pose(seen)
@@ -103,118 +103,6 @@ def _seen(topic: str, kind: str, count: int, columns: Columns, shared: Set[str])
         seen = Seen(topic, kind, count, values, times[of_body], str(body))
         _find_pose(seen)
         yield seen
-
-
-def _find_clock(seen: Seen, columns: Columns, shared: Set[str]) -> None:
-    """Which columns of a table are the time."""
-    clocks = sorted(_clocks(seen, columns), key=lambda one: one[0].field not in shared)
-    lost = ""
-    for clock, unit in clocks:
-        fields = tuple(filter(None, (clock.field, clock.nanoseconds, clock.date)))
-        try:
-            stamps, known = instants.read(columns, clock, seen.topic, [])
-        except GroundError:
-            continue
-        comment = ""
-        try:
-            instants.check(columns, clock, stamps, known, seen.topic)
-        except GroundError as error:
-            comment = "  # " + str(error)
-            if "unpadded" in str(error):
-                unit += ", stamps: unpadded"
-                comment = "  # seconds and nanoseconds were written without leading zeros between them"
-            elif "digits" in str(error):
-                lost = "the stamps of %s have lost their last digits" % clock.field
-                continue
-        keys = [("field", clock.field), ("date", clock.date), ("nanoseconds", clock.nanoseconds)]
-        named = ", ".join("%s: %s" % (key, _quoted(value)) for key, value in keys if value)
-        seen.clock, seen.clock_fields = "{%s%s}%s" % (named, unit, comment), fields
-        seen.times = np.where(known, containers.seconds(stamps), np.nan)
-        return
-    frames = [n for n in _rising(seen) if set(words.split(n)) & words.FRAMES]
-    named = "field: %s, " % _quoted(frames[0]) if frames else ""
-    seen.clock = "{%srate: }  # %s: put in how many rows come per second [Hz]" % (
-        named,
-        lost or "no column is a time",
-    )
-    seen.clock_fields = tuple(frames[:1])
-
-
-def _clocks(seen: Seen, columns: Columns) -> Iterator[Tuple[Clock, str]]:
-    """Clocks that a table may have, the likeliest first, and the rest of their keys."""
-    names = list(columns)
-    for seconds in names:
-        found = words.split(seconds.replace("nsec", "nano"))
-        for end, rest in (("secs", "nsecs"), ("sec", "nanosec"), ("sec", "nsec"), ("s", "ns")):
-            other = seconds[: -len(end)] + rest if seconds.endswith(end) else ""
-            if other in seen.values and seconds in seen.values and found:
-                yield Clock(field=seconds, unit="s", nanoseconds=other), ", unit: s"
-    likely = [(_time_worth(name), -names.index(name), name) for name in names]
-    for worth, _, name in sorted(likely, reverse=True):
-        if worth <= 0:
-            continue
-        if name in seen.values:
-            values = seen.values[name][np.isfinite(seen.values[name])]
-            steps = np.diff(values)
-            still = len(values) < 2 or (np.ptp(values) <= 0 and values[0] < 1e8) or (steps >= 0).mean() < 0.5
-            if still and not _is_date(name):
-                continue
-            unit = _time_unit(name, seen.units.get(name, ""), values)
-            yield Clock(field=name, unit=unit), ", unit: %s" % unit
-        elif columns[name].dtype == object:
-            dates = [n for n in names if _is_date(n) and n != name]
-            if dates and not re.search(r"\d[-/.]\d+[-/.]\d", str(next(filter(None, columns[name]), ""))):
-                yield Clock(field=name, date=dates[0]), ""
-            yield Clock(field=name), ""
-    for name in _rising(seen):
-        if not set(words.split(name)) & (words.FRAMES | words.MOTION) and not words.axis(name)[0]:
-            unit = _time_unit(name, "", seen.values[name])
-            yield Clock(field=name, unit=unit), ", unit: %s" % unit
-
-
-def _is_date(name: str) -> bool:
-    return words.split(name)[-1:] == ["date"] or words.split(name)[:1] == ["date"]
-
-
-def _time_worth(name: str) -> float:
-    """How likely a name is that of the time of the samples."""
-    found = words.split(name)
-    if not set(found) & words.TIME:
-        return 0.0
-    unlike = len(set(found) & words.OTHER_TIMES)
-    return (
-        3.0
-        - 0.2 * len(found)
-        - unlike
-        - 2.5 * (found == ["date"])
-        - 0.5 * bool({"dt", "interval"} & set(found))
-    )
-
-
-def _rising(seen: Seen) -> List[str]:
-    """Columns that rise all the time."""
-    return [
-        name
-        for name, values in seen.values.items()
-        if np.isfinite(values).all() and (np.diff(values) > 0).mean() > 0.95
-    ]
-
-
-def _time_unit(name: str, said: str, values: Array) -> str:
-    """By the file, its size if it is a time since 1970, or its steps."""
-    if said in TIMES:
-        return said
-    for unit, since in (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8)):
-        if values[0] > since:
-            return unit
-    steps = np.diff(values)
-    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    return "s" if step <= 1 else "ms" if step < 1000 else "us" if step < 1e6 else "ns"
-
-
-def _quoted(name: str) -> str:
-    plain = re.fullmatch(r"[A-Za-z_][\w.]*", name) and name not in ("off", "on", "yes", "no", "y", "n")
-    return name if plain else '"%s"' % name.replace("\\", "\\\\").replace('"', '\\"')
 
 
 def _find_pose(seen: Seen) -> None:
@@ -263,12 +151,12 @@ def _ranges(seen: Seen) -> Iterator[str]:
 def _place(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
     seen = candidates[0]
     if seen.kind != TABLE:
-        yield "topic: %s" % _quoted(seen.topic)
+        yield "topic: %s" % clocks.quoted(seen.topic)
         yield "type: %s" % seen.kind
         if seen.body:
-            yield "body: %s" % _quoted(seen.body)
+            yield "body: %s" % clocks.quoted(seen.body)
     elif in_folder:
-        yield "file: %s" % _quoted(seen.topic)
+        yield "file: %s" % clocks.quoted(seen.topic)
     if len(candidates) > 1:
         yield "# others: %s" % ", ".join("%s (%s)" % (c.name, c.kind) for c in candidates[1:])
 
@@ -313,10 +201,10 @@ def _whole_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
     times, position, rotation = seen.rows(pose)
     known = seen.kind in poses.KINDS
     unit, fast = _unit_of(seen, pose, times, position)
-    names = "" if known else "fields: [%s], " % ", ".join(map(_quoted, pose.position))
+    names = "" if known else "fields: [%s], " % ", ".join(map(clocks.quoted, pose.position))
     yield _position_line(names, unit, fast, pose, position)
     if not known:
-        yield "orientation: [%s]" % ", ".join(map(_quoted, pose.rotation))
+        yield "orientation: [%s]" % ", ".join(map(clocks.quoted, pose.rotation))
     if position.shape[1] == 3:
         yield _axes(LENGTHS.get(unit, 1.0) * position, rotation)
     else:
@@ -348,12 +236,12 @@ def _planar_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
             offset = "heading_offset: %.7f  # it counts from east" % (-math.pi / 2)
     elif pose.kind != "xy":
         why = ", taken for clockwise from north"
-    names = "" if known else "fields: [%s], " % ", ".join(map(_quoted, fields))
+    names = "" if known else "fields: [%s], " % ", ".join(map(clocks.quoted, fields))
     yield _position_line(names, unit, fast, pose, position)
     if not known:
         ends = rotation.min(), rotation.max()
         line = "heading: {field: %s, unit: %s, sign: %d}  # %.4g to %.4g"
-        yield line % (_quoted(name), turn_unit, sign, *ends) + why
+        yield line % (clocks.quoted(name), turn_unit, sign, *ends) + why
         if offset:
             yield offset
         elif pose.kind == "xy":
@@ -401,4 +289,4 @@ def _command_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]
     for number, (path, values) in enumerate(found.items()):
         mark = "# further: " if number >= MAX_CHANNELS else ""
         meaning, why = levels.meaning(path, values, chosen.units.get(path, ""))
-        yield "  %s%s: {field: %s, %s}  # %s" % (mark, names[path], _quoted(path), meaning, why)
+        yield "  %s%s: {field: %s, %s}  # %s" % (mark, names[path], clocks.quoted(path), meaning, why)

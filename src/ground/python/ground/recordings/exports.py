@@ -7,9 +7,15 @@ Bodies are side by side in them, below several rows of names. A Head names each 
 import csv
 import re
 from dataclasses import dataclass, field
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Dict, List, Optional, Sequence, Tuple
 
+import numpy as np
+
+from ground.support.annotations import Array
 from ground.support.errors import GroundError
+
+if TYPE_CHECKING:
+    import pandas
 
 LENGTHS = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inches": "in"}
 
@@ -200,4 +206,34 @@ def _vicon(lines: Sequence[str]) -> Head:
             found.names[at] = "%srotation.%s" % (body, new)
     position = next((found.units.get(name, "") for name in found.names if ".position." in name), "")
     _note_bodies(found, "Vicon", position or "mm")
+    return found
+
+
+def complete(frame: "pandas.DataFrame", units: Dict[str, str], head: Head, notes: List[str]) -> None:
+    """Adds quaternions to a table of angles, and leaves out the rows of lost bodies, in place. notes: told of
+    these."""
+    for body in head.euler:
+        columns = ["%s.rotation.%s" % (body, axis.lower()) for axis in head.order]
+        if set(columns) <= set(frame.columns):
+            turned = _quaternions(frame[columns].to_numpy(float), head.order)
+            for number, axis in enumerate("xyzw"):
+                units.pop("%s.rotation.%s" % (body, axis), "")
+                frame["%s.rotation.%s" % (body, axis)] = turned[:, number]
+    bodies = {name.split(".")[0] for name in frame.columns if ".position." in name}
+    for body in sorted(bodies) if head.zero_is_lost else ():
+        columns = [name for name in frame.columns if name.startswith(body + ".")]
+        lost = (frame[columns] == 0).all(axis=1)
+        if lost.any():
+            notes.append("rows without body %s are zero and left out (%d)" % (body, lost.sum()))
+            frame.loc[lost, columns] = np.nan
+
+
+def _quaternions(angles: Array, order: str) -> Array:
+    """Quaternions x, y, z, w (n, 4) of angles (n, 3) [deg] about the axes of the body, in their order."""
+    from scipy.spatial.transform import Rotation
+
+    known = np.isfinite(angles).all(axis=1)
+    found = np.full((len(angles), 4), np.nan)
+    if known.any():
+        found[known] = Rotation.from_euler(order.upper(), angles[known], degrees=True).as_quat()
     return found

@@ -20,7 +20,10 @@ DAY = 86400 * 10**9  # [ns]
 RESTART = 5 * 10**8  # a clock that goes back by more starts anew [ns]
 MANY_LOST = 3  # rows for each stamp from which the stamps have lost digits
 UNPADDED = "unpadded"
-DATE = r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{8}|\d{1,2}[- ][A-Za-z]{3,9}[- ,]+\d{2,4}|\d{4}[- ][A-Za-z]{3,9}[- ]\d{1,2}"
+DATE = (
+    r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{8}|\d{1,2}[- ][A-Za-z]{3,9}[- ,]+\d{2,4}"
+    r"|\d{4}[- ][A-Za-z]{3,9}[- ]\d{1,2}"
+)
 TIME = (
     r"(?P<h>\d{1,2})[:.hH](?P<m>\d{1,2})(?:[:.](?P<s>\d{1,2})(?:[.,:](?P<f>\d+))?)?"
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|GMT|[-+]\d\d:?\d\d|[-+]\d\d)?(?:\[[\w/]+\])?"
@@ -37,7 +40,7 @@ def read(columns: Columns, clock: Clock, where: str, notes: List[str]) -> Tuple[
         return np.rint(np.arange(count) * (1e9 / clock.rate)).astype(np.int64), np.ones(count, bool)
     given = containers.column(columns, clock.field)
     if given is None:
-        containers.values(columns, [clock.field], where)  # says what there is
+        raise containers.no_field(columns, [clock.field], where)
     if given.dtype.kind not in "biuf" or clock.format:
         texts = given if given.dtype.kind == "O" else _written(columns, clock.field)
         return _of_texts(columns, given if texts is None else texts, clock, where, notes)
@@ -131,8 +134,8 @@ def _of_texts(
     if clock.date:
         dates = containers.column(columns, clock.date)
         if dates is None:
-            containers.values(columns, [clock.date], where)
-        if dates is not None and dates.dtype.kind in "biuf":  # 20231114
+            raise containers.no_field(columns, [clock.date], where)
+        if dates.dtype.kind in "biuf":  # 20231114
             dates = _written(columns, clock.date)
         known_dates = pandas.Series(dates, dtype=object).ffill().fillna("").astype(str).str.strip()
         series = (known_dates + " " + series).where(series != "", "")
@@ -218,7 +221,7 @@ def _days(dates: "pandas.Series", notes: List[str]) -> Indices:
             "the date %s is taken for day/month/year or month/day/year: %s" % (every[0], "/".join(order))
         )
     by_date = dict(zip(every, days))
-    return dates.map(by_date).to_numpy(np.int64)
+    return np.asarray(dates.map(by_date), np.int64)
 
 
 def _day(parts: Sequence[str], order: str) -> Optional[int]:
@@ -266,8 +269,8 @@ def _check_digits(stamps: Indices, clock: Clock, where: str) -> None:
         return
     step = 1e-9 * float(np.median(np.diff(different))) if len(different) > 1 else 0.0
     raise GroundError(
-        "%s: %d stamps have only %d different value%s%s: their last digits were lost when they were written (%%g "
-        "writes six); write them anew with all digits (%%.9f) or, where the rows are evenly spaced, give "
+        "%s: %d stamps have only %d different value%s%s: their last digits were lost when they were written "
+        "(%%g writes six); write them anew with all digits (%%.9f) or, where rows are evenly spaced, give "
         "time: {rate: HZ} in the mapping in place of the field %s"
         % (
             where, len(stamps), len(different), "s" * (len(different) > 1),
@@ -285,8 +288,8 @@ def _check_restarts(stamps: Indices, rows: Indices, where: str) -> None:
     ends = [0, *(int(rows[at + 1]) for at in far), int(rows[-1]) + 1]
     parts = ["rows: [%d, %d]" % (a + 1, b) for a, b in zip(ends, ends[1:])]
     raise GroundError(
-        "%s: the clock starts anew at row %d, from %.3f to %.3f s: the clock was set, or these are %d runs; read "
-        "one of them by %s in the mapping"
+        "%s: the clock starts anew at row %d, from %.3f to %.3f s: the clock was set, or these are %d runs; "
+        "read one of them by %s in the mapping"
         % (
             where, ends[1] + 1, 1e-9 * stamps[far[0]], 1e-9 * stamps[far[0] + 1], len(parts),
             " or ".join(parts[:4]),

@@ -16,7 +16,7 @@ STEPS = (255.0, 1023.0, 4095.0, 32767.0, 65535.0)  # largest values of whole num
 
 def finite(values: Array) -> Array:
     """The values that are there."""
-    return values[np.isfinite(values)]
+    return np.asarray(values[np.isfinite(values)])
 
 
 def likely(topic: str, values: Mapping[str, Array]) -> Dict[str, Array]:

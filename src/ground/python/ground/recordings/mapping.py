@@ -152,11 +152,16 @@ class FieldMapping:
 
     def _with_stamps(self, stamps: str) -> "FieldMapping":
         """The same with what all stamps are written like."""
-        poses, commands, inertial = (
-            replace(part, time=replace(part.time, stamps=stamps))
-            for part in (self.poses, self.commands, self.inertial)
+
+        def changed(clock: Clock) -> Clock:
+            return replace(clock, stamps=stamps)
+
+        return replace(
+            self,
+            poses=replace(self.poses, time=changed(self.poses.time)),
+            commands=replace(self.commands, time=changed(self.commands.time)),
+            inertial=replace(self.inertial, time=changed(self.inertial.time)),
         )
-        return replace(self, poses=poses, commands=commands, inertial=inertial)
 
     @property
     def of_tables(self) -> bool:

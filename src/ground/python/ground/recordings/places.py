@@ -49,15 +49,15 @@ def metres(
 
 
 def _local(numbers: Array, paths: Sequence[str], where: str, notes: List[str]) -> Array:
-    """Distances north and east of the first fix (n, k) [m], in the columns of latitude and longitude [deg]."""
+    """Distances north and east of the first fix (n, k) [m], in the columns of latitude and longitude."""
     north = 1 if LONGITUDE.search(paths[0]) or LATITUDE.search(paths[1]) else 0
     fixes = numbers[:, [north, 1 - north]]
     fixes = np.where((fixes == 0).all(axis=1)[:, None], np.nan, fixes)  # no fix
     valid = np.isfinite(fixes).all(axis=1)
     if not valid.any() or (np.abs(fixes[valid]) > [90, 360]).any():
         raise GroundError(
-            "%s: %s and %s are not latitude and longitude in degrees: they reach from %g to %g and from %g to %g"
-            % (where, paths[0], paths[1], *np.ravel(_reach(numbers[:, :2])))
+            "%s: %s and %s are not latitude and longitude in degrees: they reach from %g to %g and from "
+            "%g to %g" % (where, paths[0], paths[1], *np.ravel(_reach(numbers[:, :2])))
         )
     first = fixes[valid][0]
     sine = np.sin(np.radians(first[0]))
@@ -96,9 +96,9 @@ def _check_degrees(numbers: Array, where: str) -> None:
     if look_geodetic(numbers):
         reach = _reach(numbers[:, :2])
         raise GroundError(
-            "%s: positions stay within %.2g of %.6g and %.6g: they look like latitude and longitude in degrees; "
-            "position: {unit: deg} under poses in the mapping turns them into metres (unit: m if they are metres)"
-            % (where, np.ptp(reach, axis=1).max(), *np.abs(reach).max(axis=1))
+            "%s: positions stay within %.2g of %.6g and %.6g: they look like latitude and longitude in "
+            "degrees; position: {unit: deg} under poses in the mapping makes metres of them (unit: m if they "
+            "are metres)" % (where, np.ptp(reach, axis=1).max(), *np.abs(reach).max(axis=1))
         )
 
 
@@ -114,6 +114,6 @@ def subtract_origin(rows: Array, notes: List[str]) -> None:
     origin = rows[near][0, :2].copy() if near.any() else middle
     rows[:, :2] -= origin
     notes.append(
-        "positions are far from the origin, as coordinates of maps are: x %.3f m, y %.3f m, those of the first "
-        "pose, are subtracted" % tuple(origin)
+        "positions are far from the origin, as coordinates of maps are: x %.3f m, y %.3f m, those of the "
+        "first pose, are subtracted" % tuple(origin)
     )

@@ -55,11 +55,12 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     is_table = _is_table(path)
     if is_table and not mapping.of_tables:
         if mapping.file:
-            parts = [("poses", mapping.poses), ("commands", mapping.commands)]
-            named = [name for name, part in parts if not part.time.is_of_fields]
+            parts = (("poses", mapping.poses.time), ("commands", mapping.commands.time))
+            named = [name for name, clock in parts if not clock.is_of_fields]
             raise GroundError(
-                "%s: the mapping %s does not say which column is the time of the %s: write time: {field: NAME} "
-                "under %s" % (path, mapping.file, " and of the ".join(named), " and ".join(named))
+                "%s: the mapping %s does not say which column is the time of the %s: write time: "
+                "{field: NAME} under %s"
+                % (path, mapping.file, " and of the ".join(named), " and ".join(named))
             )
         raise GroundError(
             "%s: which columns are times, poses and commands is not known; identify info %s "
@@ -158,7 +159,7 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
         flown_by=flown_by,
         files=run_files,
         # One recorder received both: if their delays differ by much, their stamps have two clocks.
-        inertial=sensors.read(source, mapping, lambda *given: _stamps(*given, [])),
+        inertial=sensors.read(source, mapping, lambda table, clock, where: _stamps(table, clock, where, [])),
         clock_offset=0.0 if mapping.clock_offset or mapping.clock_drift else delay,
     )
 

@@ -99,7 +99,7 @@ def _headings(values: Mapping[str, Array]) -> Iterator[Tuple[Tuple[str, ...], fl
 
 
 def _finite(values: Array) -> Array:
-    found = values[np.isfinite(values)]
+    found: Array = values[np.isfinite(values)]
     return found if len(found) else np.zeros(1)
 
 
@@ -141,5 +141,5 @@ def against_course(position: Array, headings: Array) -> Turn:
     if not weight.sum() > 0:
         return Turn(1, 0.0, 0.0, 0.0)
     means = {sign: np.average(np.exp(1j * (sign * middle - course)), weights=weight) for sign in (1, -1)}
-    best = max(means, key=lambda sign: abs(means[sign]))
+    best = 1 if abs(means[1]) >= abs(means[-1]) else -1
     return Turn(best, float(np.angle(means[best])), float(abs(means[best])), float(abs(means[-best])))

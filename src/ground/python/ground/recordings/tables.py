@@ -5,18 +5,17 @@ reads the values. Nothing is left out or assumed without a note.
 """
 
 import csv
-import gzip
 import io
 import re
-import zlib
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Sequence, Tuple
 
 import numpy as np
 
 from ground.recordings import cells, exports, words
 from ground.recordings.exports import Head
+from ground.recordings.text import lines_of
 from ground.support.errors import GroundError
 
 if TYPE_CHECKING:
@@ -58,51 +57,13 @@ class Table:
 def read(path: str) -> Table:
     """The table in a text file. GroundError says why there is none."""
     notes: List[str] = []
-    lines = _lines(path, notes)
+    lines = lines_of(path, notes)
     head = exports.recognised(lines)
     if head is None:
         head = _head(lines)
     notes += head.notes
     rows, decimal = _rows(lines, head, notes)
     return _table(rows, head, decimal, notes)
-
-
-def _lines(path: str, notes: List[str]) -> List[str]:
-    """The lines of a file, whatever its encoding and ends of lines."""
-    with open(path, "rb") as file:
-        data = file.read()
-    if data[:2] == b"\x1f\x8b":
-        data = _unpacked(data, notes)
-    for mark, encoding in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
-        if data.startswith(mark):
-            break
-    else:
-        wide = data[1:400:2].count(0) > 0.8 * len(data[1:400:2]) > 0
-        encoding = "utf-16-le" if wide else "utf-8"
-    try:
-        text = data.decode(encoding)
-    except UnicodeDecodeError:
-        text = data.decode("cp1252", "replace")
-    if "\0" in text:
-        notes.append("bytes of value 0 are left out (%d), as a loss of power leaves them" % text.count("\0"))
-        text = text.replace("\0", "")
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-
-
-def _unpacked(data: bytes, notes: List[str]) -> bytes:
-    """The content of a file of gzip, as far as it goes."""
-    try:
-        return gzip.decompress(data)
-    except (OSError, EOFError, zlib.error):
-        notes.append("the compressed file is damaged: read as far as it goes")
-        unpacking = zlib.decompressobj(16 + zlib.MAX_WBITS)
-        found = b""
-        try:
-            for at in range(0, len(data), 4096):
-                found += unpacking.decompress(data[at : at + 4096])
-        except zlib.error:
-            pass
-        return found
 
 
 def _split(line: str, separator: str) -> List[str]:
@@ -202,11 +163,12 @@ def _name(head: Head, lines: Sequence[str], first: int, width: int) -> None:
 
 def _rate(above: Sequence[str]) -> float:
     """The rate of the rows that a line above them says [Hz]; 0 without one."""
-    form = r"(?:rate|frequency|fps|hz)\b[^\d\w]*(?:\[?hz\]?[^\d\w]*)?([\d.]+)\s*(?:hz|fps)?\W*$|\b([\d.]+)\s*(?:hz|fps)\b"
+    named = r"(?:rate|frequency|fps|hz)\b[^\d\w]*(?:\[?hz\]?[^\d\w]*)?(\d+(?:\.\d+)?)\s*(?:hz|fps)?\W*$"
     for line in above:
-        said = re.search(form, line.strip(), re.I)
-        if said and float((said.group(1) or said.group(2)).strip(".") or 0) > 0:
-            return float((said.group(1) or said.group(2)).strip("."))
+        said = re.search(named + r"|\b(\d+(?:\.\d+)?)\s*(?:hz|fps)\b", line.strip(), re.I)
+        rate = float(said.group(1) or said.group(2)) if said else 0.0
+        if rate > 0:
+            return rate
     return 0.0
 
 
@@ -249,7 +211,7 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def _joined(block: Sequence[Sequence[str]]) -> List[str]:
-    """Names of one row, or of two of which the upper one groups those of the lower one, where these repeat."""
+    """Names of one row, or of two of which the upper one groups names of the lower one that repeat."""
     names = list(block[-1])
     plain = [name for name in names if name]
     if len(block) > 1 and (len(set(plain)) < len(plain) or "" in names):
@@ -357,7 +319,8 @@ def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> T
         return parsed(dtype=str, usecols=[of_name[name]]).iloc[:, 0].to_numpy() if name in of_name else None
 
     found.text = text
-    _finish(found, head)
+    _add_times(found, head)
+    exports.complete(frame, found.units, head, notes)
     return found
 
 
@@ -401,30 +364,9 @@ def _distinct(names: Sequence[str], frame: "pandas.DataFrame", notes: List[str])
     return found
 
 
-def _finish(table: Table, head: Head) -> None:
-    """Quaternions of angles, times of numbers of frames, and lost bodies of exports."""
-    from scipy.spatial.transform import Rotation
-
+def _add_times(table: Table, head: Head) -> None:
+    """Times of the numbers of frames, where the file says their rate and has no time."""
     frame = table.frame
-    for body in head.euler:
-        columns = ["%s.rotation.%s" % (body, axis) for axis in "xyz"]
-        if not set(columns) <= set(frame.columns):
-            continue
-        # The order of angles is that of their letters, about the axes of the body.
-        angles = frame[["%s.rotation.%s" % (body, axis.lower()) for axis in head.order]].to_numpy(float)
-        known = np.isfinite(angles).all(axis=1)
-        turned = np.full((len(angles), 4), np.nan)
-        turned[known] = Rotation.from_euler(head.order.upper(), angles[known], degrees=True).as_quat()
-        for number, axis in enumerate("xyzw"):
-            table.units.pop("%s.rotation.%s" % (body, axis), "")
-            frame["%s.rotation.%s" % (body, axis)] = turned[:, number]
-    if head.zero_is_lost:
-        for body in {name.split(".")[0] for name in frame.columns if ".position." in name}:
-            columns = [name for name in frame.columns if name.startswith(body + ".")]
-            lost = (frame[columns] == 0).all(axis=1)
-            if lost.any():
-                table.notes.append("rows without body %s are zero and left out (%d)" % (body, lost.sum()))
-                frame.loc[lost, columns] = np.nan
     frames = [name for name in frame.columns if name.lower() in ("frame", "frames", "frame number", "sample")]
     timed = any(set(words.split(name)) & words.TIME for name in frame.columns)
     if head.rate and frames and not timed:

@@ -1,19 +1,20 @@
 """Names of columns and fields in the words of the field: their units, and what they probably are."""
 
 import re
-from typing import Dict, FrozenSet, List, Tuple
+from typing import Dict, List, Tuple
 
 # By what is written; a unit that mappings know
 UNITS: Dict[str, str] = {
     "m": "m", "meter": "m", "meters": "m", "metre": "m", "metres": "m", "cm": "cm", "mm": "mm",
-    "millimeters": "mm", "centimeters": "cm", "in": "in", "inch": "in", "inches": "in", "km": "km", "ft": "ft",
+    "millimeters": "mm", "centimeters": "cm", "in": "in", "inch": "in", "inches": "in", "km": "km",
+    "ft": "ft",
     "rad": "rad", "rads": "rad", "radian": "rad", "radians": "rad",
     "deg": "deg", "degs": "deg", "degree": "deg", "degrees": "deg", "°": "deg",
     "s": "s", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "ms": "ms", "msec": "ms",
     "millis": "ms", "milliseconds": "ms", "us": "us", "µs": "us", "μs": "us", "usec": "us", "micros": "us",
     "microseconds": "us", "ns": "ns", "nsec": "ns", "nanos": "ns", "nanoseconds": "ns",
     "%": "%", "percent": "%", "pct": "%", "rpm": "rpm", "rps": "rps", "1/s": "rps", "hz": "rps", "v": "V",
-    "n": "N", "g": "g", "m/s": "m/s", "rad/s": "rad/s", "deg/s": "deg/s", "nm": "Nm", "m/s^2": "m/s2", "m/s2": "m/s2",
+    "n": "N", "g": "g", "m/s": "m/s", "rad/s": "rad/s", "deg/s": "deg/s", "nm": "Nm", "m/s^2": "m/s2",
 }  # fmt: skip
 IN_NAMES = ("cm", "mm", "km", "ft", "rad", "deg", "degrees", "radians", "sec", "secs", "ms", "msec", "us",
             "usec", "ns", "nsec", "percent", "pct", "m", "s", "in", "rpm", "rps")  # fmt: skip
@@ -53,73 +54,77 @@ def split(name: str) -> List[str]:
 
 
 TIME = set(
-    "t time times timestamp timestamps stamp stamps sec secs seconds epoch utc clock datetime unix elapsed ts".split()
+    """
+    t time times timestamp timestamps stamp stamps sec secs seconds epoch utc clock datetime unix
+    elapsed ts
+    """.split()
 )
 TIME |= {"unixtime", "rostime", "walltime", "zeit", "msec", "usec", "nsec", "millis", "micros", "date"}
 # Times that are other ones than those of the samples
 OTHER_TIMES = set(
-    "received receive receipt arrival sent send control command start end begin computation compute solve solver "
-    "limit dt loop interval period duration delay latency frame boot gps step".split()
+    """
+    received receive receipt arrival sent send control command start end begin computation compute
+    solve solver limit dt loop interval period duration delay latency frame boot gps step
+    """.split()
 )
-FRAMES = set("frame frames step index idx sample row seq count n counter number no id".split())
+FRAMES = set(
+    """
+    frame frames step index idx sample row seq count n counter number no id
+    """.split()
+)
 # What is no measured pose, although it has an axis in its name
 MOTION = set(
-    "vel velo velocity velocities speed rate twist linear angular angvel angvelo omega acc accel acceleration gyro "
-    "dot imu mag magnetometer jerk surge sway heave".split()
+    """
+    vel velo velocity velocities speed rate twist linear angular angvel angvelo omega acc accel
+    acceleration gyro dot imu mag magnetometer jerk surge sway heave
+    """.split()
 )
 OTHERS = set(
-    "error err target tgt ref reference desired des setpoint sp goal cmd command wind cov covariance std sigma var "
-    "variance force torque wrench bias marker residual predicted pred min max dt origin waypoint wp home joystick "
-    "joy stick limit noise moment thrust".split()
+    """
+    error err target tgt ref reference desired des setpoint sp goal cmd command wind cov covariance
+    std sigma var variance force torque wrench bias marker residual predicted pred min max dt origin
+    waypoint wp home joystick joy stick limit noise moment thrust
+    """.split()
 )
 # What is no command
 SENSED = set(
-    "dt interval period duration latency computation solve solver limit loop objective cost violation fallback "
-    "exceeded used status mode state wind battery batt bat volt volts voltage vbat amp amps ampere temp temperature "
-    "noise lat latitude lon longitude lng alt altitude sat sats satellites hdop rssi seq frame step index idx id "
-    "count counter row quality residual marker mean bias zero offset phase weight load force torque current power "
-    "energy armed arm estop flag valid received checksum crc position pos pose quaternion orientation error err "
-    "target desired setpoint goal hex fix gps roll pitch depth pressure humidity light sensor measured meas".split()
+    """
+    dt interval period duration latency computation solve solver limit loop objective cost violation
+    fallback exceeded used status mode state wind battery batt bat volt volts voltage vbat amp amps
+    ampere temp temperature noise lat latitude lon longitude lng alt altitude sat sats satellites
+    hdop rssi seq frame step index idx id count counter row quality residual marker mean bias zero
+    offset phase weight load force torque current power energy armed arm estop flag valid received
+    checksum crc position pos pose quaternion orientation error err target desired setpoint goal hex
+    fix gps roll pitch depth pressure humidity light sensor measured meas
+    """.split()
 )
 STRONG = set(
-    "thruster thrusters thr thrust motor motors mot pwm valve valves rudder rudders prop propeller propellers rpm rps "
-    "throttle lift fan servo servos esc cmd cmds command commands control controls ctrl actuator actuators act input "
-    "inputs u left right port starboard stbd jet jets duty switch switches azimuth vane vanes skirt sail bow stern "
-    "tau hover demand solenoid solenoids output outputs nprop delta rc main tail fin fins pump deflection steering "
-    "steer surge_cmd nozzle".split()
+    """
+    thruster thrusters thr thrust motor motors pwm valve valves rudder rudders prop propeller
+    propellers rpm rps throttle lift fan servo servos esc cmd cmds command commands control controls
+    ctrl actuator actuators act input inputs u left right port starboard stbd jet jets duty switch
+    switches azimuth vane vanes skirt sail bow stern tau hover demand solenoid solenoids output
+    outputs nprop delta rc main tail fin fins pump deflection steering steer nozzle
+    """.split()
 )
 ACTUATORS = STRONG - set(
-    "cmd cmds command commands control controls ctrl input inputs u pwm demand output outputs".split()
+    """
+    cmd cmds command commands control controls ctrl input inputs u pwm demand output outputs
+    """.split()
 )
 LIFT = {"lift", "hover", "skirt", "levitation", "levitate", "cushion"}
 LEFT, RIGHT = {"left", "port", "l"}, {"right", "starboard", "stbd", "r"}
-PLACED = {
-    "pos",
-    "position",
-    "pose",
-    "translation",
-    "location",
-    "loc",
-    "p",
-    "tx",
-    "place",
-    "coordinate",
-    "coord",
-}
+PLACED = set(
+    """
+    pos position pose translation location loc p tx place coordinate coord
+    """.split()
+)
 FRAMED = {"ned", "enu", "mid", "world", "map", "odom", "global", "local", "m", "wgs", "utm"}
-MEASURED = {
-    "telemetry",
-    "mocap",
-    "optitrack",
-    "vicon",
-    "vrpn",
-    "qualisys",
-    "measured",
-    "meas",
-    "gnss",
-    "gps",
-    "tracker",
-}
+MEASURED = set(
+    """
+    telemetry mocap optitrack vicon vrpn qualisys measured meas gnss gps tracker
+    """.split()
+)
 TURNED = {"q", "quat", "quaternion", "orientation", "rotation", "rot", "ori", "att", "attitude", "transform"}
 AXES: Dict[str, str] = {
     **{prefix + axis: axis for axis in "xyz" for prefix in ("", "p", "t", "pos", "position")},
@@ -127,8 +132,9 @@ AXES: Dict[str, str] = {
     "north": "n", "northing": "n", "n": "n", "east": "e", "easting": "e", "e": "e",
     "lat": "lat", "latitude": "lat", "lon": "lon", "lng": "lon", "long": "lon", "longitude": "lon",
 }  # fmt: skip
-HEADINGS = {"heading": 1.0, "hdg": 1.0, "yaw": 1.0, "psi": 1.0, "compass": 0.9, "theta": 0.7, "orientation": 0.5,
-            "bearing": 0.4, "angle": 0.3, "course": 0.2, "cog": 0.2, "rz": 0.5, "phi": 0.1}  # fmt: skip
+HEADINGS = {"heading": 1.0, "hdg": 1.0, "yaw": 1.0, "psi": 1.0, "compass": 0.9, "theta": 0.7,
+            "orientation": 0.5, "bearing": 0.4, "angle": 0.3, "course": 0.2, "cog": 0.2, "rz": 0.5, 
+            "phi": 0.1}  # fmt: skip
 Stem = Tuple[str, ...]
 
 
