@@ -81,7 +81,7 @@ def _seen(topic: str, kind: str, count: int, columns: Columns, shared: Set[str])
     said = getattr(columns, "units", {})
     rows = len(next(iter(columns.values())))
     if kind == TABLE:
-        numbers = {name: columns[name].astype(float) for name in containers.numbers(columns)}
+        numbers = {name: c.astype(float) for name, c in columns.items() if c.dtype.kind in "biuf"}
         seen = Seen(topic, kind, count, numbers, np.arange(rows, dtype=float), units=said)
         found = clocks.find(columns, numbers, said, topic, shared)
         seen.clock, seen.clock_fields, seen.times = found.key, found.fields, found.times

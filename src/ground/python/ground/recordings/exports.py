@@ -146,6 +146,7 @@ def _qualisys(lines: Sequence[str]) -> Head:
     }
     names: List[str] = []
     values = _cells(lines[last + 1], separator) if len(lines) > last + 1 else []
+    has_own = len(values) == len(rows[last][1])  # whether the cell of a body's name stands above one
     for cell in rows[last][1]:
         words = cell.split(" ")
         if words[-1] == "X":
@@ -160,14 +161,12 @@ def _qualisys(lines: Sequence[str]) -> Head:
             )
             names.append("%s.%s" % (body, plain[words[-1]]))
             found.units[names[-1]] = "mm" if words[-1] in "XYZ" else "deg"
-        elif cell in bodies:  # a cell of its own, above no values, or above X
+        elif cell in bodies and not has_own:  # a cell of its own above no values
             continue
         else:
             names.append("")
     found.names = names + [""] * (len([v for v in values if v]) - len(names))
     found.units.update(time="s")
-    if "time" not in names and "frame" not in names:
-        found.rate = found.rate or 0.0
     _note_bodies(found, "Qualisys", "mm")
     return found
 

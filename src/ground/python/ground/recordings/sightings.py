@@ -1,6 +1,7 @@
 """Which columns probably have a pose, and in which frame its heading is, by names and by the motion."""
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
 
@@ -50,6 +51,10 @@ def _positions(values: Mapping[str, Array]) -> Iterator[Tuple[Tuple[str, ...], s
             axes = by_stem.setdefault(stem, {})
             if axis not in axes or np.ptp(_finite(values[axes[axis]])) == 0:  # of a repeated name, what moves
                 axes[axis] = name
+    for first in (name for name in values if words.split(name)[-2:] in (["eta", "0"], ["pose", "0"])):
+        names = first, re.sub("0(?=[^0]*$)", "1", first), re.sub("0(?=[^0]*$)", "2", first)
+        if set(names) <= set(values):
+            yield names[:2], "xy", 2.0, (names[2],)
     for stem, axes in by_stem.items():
         others = set(stem) - words.PLACED - words.MEASURED
         worth = 2.0 - 0.5 * len(others) + 0.7 * bool(set(stem) & words.MEASURED)
@@ -94,6 +99,8 @@ def _w_first(names: Sequence[str], values: Mapping[str, Array]) -> Tuple[str, ..
 def _headings(values: Mapping[str, Array]) -> Iterator[Tuple[Tuple[str, ...], float, words.Stem]]:
     for name in values:
         likely, stem = words.heading(name)
+        if words.split(name)[-2:] in (["eta", "2"], ["pose", "2"]):
+            likely, stem = 0.6, (name,)
         if likely and np.ptp(_finite(values[name])) > 0:
             yield (name,), likely, stem
 

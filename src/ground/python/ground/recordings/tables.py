@@ -211,14 +211,15 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def _joined(block: Sequence[Sequence[str]]) -> List[str]:
-    """Names of one row, or of two of which the upper one groups names of the lower one that repeat."""
+    """Names of one row, or of two of which the upper one has groups of columns."""
     names = list(block[-1])
     plain = [name for name in names if name]
-    if len(block) > 1 and (len(set(plain)) < len(plain) or "" in names):
+    above = block[-2] if len(block) > 1 else []
+    grouped = len(above) == len(names) and "" not in above and len(set(above)) < len(above)
+    if above and (len(set(plain)) < len(plain) or "" in names or grouped):
         group = ""
         for at, name in enumerate(names):
-            above = block[-2][at] if at < len(block[-2]) else ""
-            group = above or group
+            group = (above[at] if at < len(above) else "") or group
             names[at] = ".".join(filter(None, (group, name)))
     return names
 

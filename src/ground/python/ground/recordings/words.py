@@ -76,7 +76,7 @@ FRAMES = set(
 MOTION = set(
     """
     vel velo velocity velocities speed rate twist linear angular angvel angvelo omega acc accel
-    acceleration gyro dot imu mag magnetometer jerk surge sway heave
+    acceleration gyro dot imu mag magnetometer jerk surge sway heave nu
     """.split()
 )
 OTHERS = set(
@@ -133,7 +133,7 @@ AXES: Dict[str, str] = {
     "lat": "lat", "latitude": "lat", "lon": "lon", "lng": "lon", "long": "lon", "longitude": "lon",
 }  # fmt: skip
 HEADINGS = {"heading": 1.0, "hdg": 1.0, "yaw": 1.0, "psi": 1.0, "compass": 0.9, "theta": 0.7,
-            "orientation": 0.5, "bearing": 0.4, "angle": 0.3, "course": 0.2, "cog": 0.2, "rz": 0.5, 
+            "orientation": 0.5, "bearing": 0.4, "angle": 0.3, "course": 0.2, "cog": 0.2, "rz": 0.5,
             "phi": 0.1}  # fmt: skip
 Stem = Tuple[str, ...]
 
