@@ -151,9 +151,11 @@ def _without_marks(name: str, values: "pandas.Series", notes: List[str]) -> "pan
     if infinite.any():
         notes.append("infinite values of column %s are left out (%d)" % (name, infinite.sum()))
         values = values.where(~infinite)
-    for mark in (sign * one for one in MARKS for sign in (-1, 1)):
+    there = numbers[np.isfinite(numbers)]
+    ends = {float(there.min()), float(there.max())} if len(there) else set()
+    for mark in (end for end in ends if abs(end) in MARKS):
         marked = numbers == mark
-        if not marked.any() or marked.all():
+        if marked.all():
             continue
         others = numbers[~marked & np.isfinite(numbers)]
         if not len(others) or np.abs(others - mark).min() <= FAR * max(np.ptp(others), np.abs(others).max()):

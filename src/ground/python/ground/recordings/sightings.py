@@ -52,9 +52,9 @@ def _positions(values: Mapping[str, Array]) -> Iterator[Tuple[Tuple[str, ...], s
             if axis not in axes or np.ptp(_finite(values[axes[axis]])) == 0:  # of a repeated name, what moves
                 axes[axis] = name
     for first in (name for name in values if words.split(name)[-2:] in (["eta", "0"], ["pose", "0"])):
-        names = first, re.sub("0(?=[^0]*$)", "1", first), re.sub("0(?=[^0]*$)", "2", first)
-        if set(names) <= set(values):
-            yield names[:2], "xy", 2.0, (names[2],)
+        every = [re.sub("0(?=[^0]*$)", str(number), first) for number in range(3)]
+        if set(every) <= set(values):
+            yield (every[0], every[1]), "xy", 2.0, (every[2],)
     for stem, axes in by_stem.items():
         others = set(stem) - words.PLACED - words.MEASURED
         worth = 2.0 - 0.5 * len(others) + 0.7 * bool(set(stem) & words.MEASURED)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 SEPARATORS = (",", ";", "\t", "|", "")  # empty: blanks
 COMMENT = re.compile(r"\s*(#|%|//|!|\*)\s*")
+COMMENTS = "#%!*"  # first signs of comments between rows
 SAMPLE = 200  # lines from the end that show what separates cells
 SEARCHED = 200000  # lines in which the first row of values is looked for
 RAGGED = 0.01  # share of short lines from which they are rows without their last cells
@@ -242,14 +243,14 @@ def _without_names(head: Head, lines: Sequence[str], width: int) -> None:
 def _rows(lines: Sequence[str], head: Head, notes: List[str]) -> Tuple[List[str], str]:
     """The lines that have values, and the sign before decimals."""
     separator, width = head.separator, len(head.names)
-    repeated = lines[head.first - 1].strip() if head.first else ""
-    rows = [line for line in lines[head.first :] if line.strip() and not COMMENT.match(line)]
+    repeated = lines[head.first - 1] if head.first else ""
+    rows = [line for line in lines[head.first :] if (line.lstrip()[:1] or "#") not in COMMENTS]
     if any("[" in line or "(" in line for line in rows[:20]):
         rows = [_quoted_lists(line) for line in rows]
-    again = [line for line in rows if line.strip() == repeated]
-    if again:
-        notes.append("lines that name the columns again are left out (%d)" % len(again))
-        rows = [line for line in rows if line.strip() != repeated]
+    again = rows.count(repeated)
+    if again and repeated:
+        notes.append("lines that name the columns again are left out (%d)" % again)
+        rows = [line for line in rows if line != repeated]
     if not rows:
         raise GroundError("the table has only 0 rows")
     counts = np.array(_widths(rows, separator))
