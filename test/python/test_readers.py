@@ -51,10 +51,12 @@ def test_the_mapping_of_the_page_reads_its_log(log):
 
 
 def test_files_that_no_reader_takes_are_refused(log, tmp_path):
-    with pytest.raises(ground.GroundError, match="run.log: not a bag or a bag of ROS 2 or a table$"):
-        ground.read("run.log")
-    with pytest.raises(ground.GroundError, match="log.csv: which columns.*--write-mapping M.yaml"):
-        ground.read("log.csv")
+    (tmp_path / "run.exe").write_bytes(b"MZ\0\0")
+    with pytest.raises(ground.GroundError, match="run.exe: not a bag or a bag of ROS 2 or a table$"):
+        ground.read("run.exe")
+    for name in ("log.csv", "run.log"):
+        with pytest.raises(ground.GroundError, match=name + ": which columns.*--write-mapping M.yaml"):
+            ground.read(name)
     (tmp_path / "empty").mkdir()
     with pytest.raises(ground.GroundError, match="there is no bag or bag of ROS 2 or table in this"):
         ground.read("empty")

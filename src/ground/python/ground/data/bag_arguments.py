@@ -62,6 +62,11 @@ def add_reading_arguments(parser: "argparse._ActionsContainer") -> None:
         metavar="HZ",
         help="of the mocap's camera, if the stamps are late [Hz] (of stamps and motion)",
     )
+    parser.add_argument(
+        "--stamps",
+        choices=["unpadded"],
+        help="nanoseconds after the point of the stamps in a table have no leading zeros: mend them",
+    )
 
 
 def add_holdout_argument(parser: argparse.ArgumentParser) -> None:
@@ -82,6 +87,7 @@ def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
         arguments.heading_offset,
         arguments.noise,
         arguments.frame_rate,
+        arguments.stamps,
     )
 
 

@@ -34,6 +34,7 @@ def read(
     body: Optional[str] = None,
     noise: Optional[Tuple[float, float]] = None,
     frame_rate: Optional[float] = None,
+    stamps: Optional[str] = None,
 ) -> Tuple[Recording, ...]:
     """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
@@ -42,8 +43,9 @@ def read(
     minus true heading [rad]; both replace what was recorded with the run. mapping: a mapping file, or its
     content; pose_topic, command_topic and body (child frame, or part of the topic's name) replace its
     own. noise: of the positions [m] and headings [rad], in place of the scatter of the poses; frame_rate: of
-    the mocap's camera [Hz], in place of what late stamps say. Runs of the same name get the names of their folders in front. GroundError when a bag cannot be
-    read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
+    the mocap's camera [Hz], in place of what late stamps say. stamps: "unpadded" where nanoseconds after the
+    point have no leading zeros. Runs of the same name get the names of their folders in front. GroundError
+    when a bag cannot be read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -57,7 +59,9 @@ def read(
         mapping = FieldMapping()
     elif not isinstance(mapping, FieldMapping):
         mapping = load(os.fspath(mapping))
-    given = mapping.with_options(pose_topic, command_topic, body, axes, heading_offset, noise, frame_rate)
+    given = mapping.with_options(
+        pose_topic, command_topic, body, axes, heading_offset, noise, frame_rate, stamps
+    )
     return tuple(reading(paths, given))
 
 

@@ -63,8 +63,9 @@ def read(source: Container, mapping: FieldMapping, stamps: Stamps, table: Table)
     if not given.voltage and containers.column(columns, field) is None:
         return None  # telemetry of an earlier version
     volts = containers.values(columns, [field], where)[:, 0] * VOLTS[given.unit]
-    times = containers.seconds(stamps(columns, _clock(mapping, given, topic), where))
-    good = np.isfinite(volts) & (volts > 0)
+    stamped, known = stamps(columns, _clock(mapping, given, topic), where)
+    times = containers.seconds(stamped)
+    good = known & np.isfinite(volts) & (volts > 0)
     if good.sum() < 2:  # a craft that does not measure it leaves zeros
         return None
     order = np.argsort(times[good], kind="stable")
@@ -74,7 +75,7 @@ def read(source: Container, mapping: FieldMapping, stamps: Stamps, table: Table)
 
 def _clock(mapping: FieldMapping, given: Battery, topic: str) -> Clock:
     """Its own clock, or that of the table which it shares."""
-    if given.time.field or given.time.source:
+    if given.time.is_of_fields or given.time.source:
         return given.time
     for other in (mapping.poses, mapping.commands):
         if other.topic == topic:

@@ -1,13 +1,14 @@
 """Commands of topics with any type that has numbers, and of tables, by named channels."""
 
-from typing import Mapping, Set, Tuple
+from dataclasses import replace
+from typing import List, Mapping, Set, Tuple
 
 import numpy as np
 
 from ground.recordings import containers
 from ground.recordings.containers import Columns, Topic
-from ground.recordings.mapping import Channel, Commands
-from ground.support.annotations import Array
+from ground.recordings.mapping import COMMANDS, Channel, Commands
+from ground.support.annotations import Array, Flags
 from ground.support.errors import GroundError
 
 OWN = "ground_msgs/Controls"
@@ -65,7 +66,53 @@ def _named(columns: Columns, where: str) -> Tuple[str, ...]:
     return one
 
 
-def read(columns: Columns, channels: Tuple[Channel, ...], where: str) -> Array:
-    """Normalised commands (n, c) by `channels`. GroundError when one has no column."""
+def read(
+    columns: Columns,
+    channels: Tuple[Channel, ...],
+    where: str,
+    empty: str,
+    known: Flags,
+    notes: List[str],
+) -> Tuple[Array, Flags]:
+    """Normalised commands (n, c) by `channels`, and which rows have some (n,). empty: what a missing value
+    means, "held" or "off"; known: rows that have a time (n,); notes: told what is missing. GroundError when
+    a channel has no column."""
+    said = getattr(columns, "units", {})
+    channels = tuple(_by_file(channel, str(said.get(channel.field, "")), notes) for channel in channels)
     rows = containers.values(columns, [channel.field for channel in channels], where)
-    return np.column_stack([channel.commands(v) for channel, v in zip(channels, rows.T)])
+    found = np.column_stack([channel.commands(v) for channel, v in zip(channels, rows.T)])
+    missing = ~np.isfinite(found)
+    given = known & ~missing.all(axis=1)
+    if empty == "off":
+        counts = ["%s %d" % (c.name, n) for c, n in zip(channels, missing.sum(axis=0)) if n]
+        if counts:
+            notes.append("missing values of commands are off: %s" % ", ".join(counts))
+        return np.where(missing, 0.0, found), known
+    if not given.all():
+        notes.append("commands are the %d of %d rows that have one" % (given.sum(), len(given)))
+    for number, channel in enumerate(channels):
+        gone = missing[:, number] & given
+        if not gone.any():
+            continue
+        there = np.where(missing[:, number], 0, np.arange(len(found)))
+        found[:, number] = found[np.maximum.accumulate(there), number]
+        held = int((gone & np.isfinite(found[:, number])).sum())
+        if held:
+            notes.append(
+                "command %s is missing in %d rows and held from the one before (empty: off under commands "
+                "in a mapping takes it for off)" % (channel.name, held)
+            )
+    before = given & ~np.isfinite(found).all(axis=1)
+    if before.any():
+        notes.append("rows before the first command of each channel are left out (%d)" % before.sum())
+    return found, given & ~before
+
+
+def _by_file(channel: Channel, unit: str, notes: List[str]) -> Channel:
+    """A channel whose values mean what the unit in the file says, where the mapping leaves it open."""
+    named = {"%": "percent", "us": "microseconds"}.get(unit)
+    if channel.is_given or named is None:
+        return channel
+    off, full = COMMANDS[named]
+    notes.append("command %s is in %s, as its column says" % (channel.name, named))
+    return replace(channel, off=off, full=full)

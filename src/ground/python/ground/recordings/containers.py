@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, 
 
 import numpy as np
 
+from ground.recordings import tables
 from ground.support.annotations import Array, Indices
 from ground.support.errors import GroundError, reason
 
@@ -384,30 +385,49 @@ def _joined(parts: Sequence[Columns]) -> Columns:
     return found
 
 
-class Tables(Container):
-    """CSV and Parquet files: each is a topic, each row a message. Raises GroundError when one cannot be
-    read."""
+class TableColumns(Dict[str, Any]):
+    """The columns of a table, with what else its file says."""
 
-    def __init__(self, paths: Sequence[str]) -> None:
+    def __init__(self, table: "tables.Table", rows: slice) -> None:
+        super().__init__((str(n), table.frame[n].to_numpy()[rows]) for n in table.frame.columns)
+        self.units, self.empty = table.units, table.empty
+        self._table, self._rows = table, rows
+
+    def text(self, name: str) -> Column:
+        """The cells of a column as they are written; None where the file has no texts."""
+        texts = self._table.text(name)
+        return None if texts is None else texts[self._rows]
+
+
+class Tables(Container):
+    """Text tables and Parquet files: each is a topic, each row a message. rows: the first and the last one
+    that are read, from 1. Raises GroundError when one cannot be read."""
+
+    def __init__(self, paths: Sequence[str], rows: Tuple[int, ...] = ()) -> None:
         super().__init__(paths[0] if paths else "")
-        self._frames = {os.path.basename(path): _frame(path) for path in paths}
-        self.topics = {name: Topic(TABLE, len(frame)) for name, frame in self._frames.items()}
+        self._rows = slice(rows[0] - 1, rows[1]) if rows else slice(None)
+        self._tables = {os.path.basename(path): _table(path) for path in paths}
+        self.topics = {n: Topic(TABLE, len(t.frame[self._rows])) for n, t in self._tables.items()}
+        for name, table in self._tables.items():
+            self.warnings += ["%s: %s" % (name, n) if len(paths) > 1 else n for n in table.notes]
 
     def table(self, topic: str) -> Columns:
         """See Container."""
-        frame = self._frames[topic]
-        return {str(name): frame[name].to_numpy() for name in frame.columns}
+        return TableColumns(self._tables[topic], self._rows)
 
 
-def _frame(path: str) -> "pandas.DataFrame":
+def _table(path: str) -> tables.Table:
     """The table in a file. GroundError when it cannot be read."""
     import pandas
 
-    read = next((READERS[suffix] for suffix in READERS if path.lower().endswith(suffix)), _csv)
+    plain = path.lower()[: -len(".gz")] if path.lower().endswith(".gz") else path.lower()
+    read = next((READERS[suffix] for suffix in READERS if plain.endswith(suffix)), None)
     try:
-        return read(path)
+        return tables.Table(read(path), {}, []) if read else tables.read(path)
     except OSError as error:
         raise GroundError("%s: %s" % (path, reason(error)))
+    except GroundError as error:
+        raise error if str(error).startswith(path) else GroundError("%s: %s" % (path, error))
     except (ValueError, csv.Error, pandas.errors.ParserError, pandas.errors.EmptyDataError) as error:
         raise GroundError("%s: cannot be read as a table (%s)" % (path, str(error).splitlines()[0]))
 
@@ -420,40 +440,10 @@ def _parquet(path: str) -> "pandas.DataFrame":
     return pandas.read_parquet(path)
 
 
-def _csv(path: str) -> "pandas.DataFrame":
-    """In exports of bags a column without values heads those that follow:
-    `position,x,y,z,orientation,x,y,z,w` is read as position.x, position.y and so on."""
-    import pandas
-
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        rows = csv.reader(file, skipinitialspace=True)
-        head: List[str] = next(rows, [])
-        first: List[str] = next(rows, [])
-    if len(head) < 2:
-        raise GroundError("%s: its first line does not name columns, separated by commas" % path)
-    names = [name.strip() for name in head] + [""] * (len(first) - len(head))
-    frame = pandas.read_csv(
-        path, header=None, skiprows=1, names=range(len(names)), skipinitialspace=True, index_col=False
-    )
-    if frame.empty:
-        raise GroundError("%s: the table has only 0 rows" % path)
-    empty = frame.isna().all().tolist()
-    if not all(empty[len(head) :]):
-        raise GroundError("%s: its rows have more values than its first line names columns" % path)
-    grouped, group = [], ""
-    for name, is_group in zip(names, empty):
-        group = name if is_group else group
-        grouped.append("%s.%s" % (group, name) if group and not is_group else name)
-    frame.columns = pandas.Index(grouped)
-    frame = frame.loc[:, [bool(name) and not e for name, e in zip(names, empty)]]
-    again = frame.columns[frame.columns.duplicated()]
-    if len(again):
-        raise GroundError("%s: two columns are named %s; rename one" % (path, again[0]))
-    return frame
-
-
-READERS = {".csv": _csv, ".parquet": _parquet}  #: of tables, by the end of their names
-SUFFIXES = tuple(READERS)
+READERS = {".parquet": _parquet}  #: of tables that are not text, by the end of their names
+#: of tables; the further ones are tables in a folder that has none of the first
+SUFFIXES = (*READERS, ".csv", ".tsv", ".csv.gz", ".tsv.gz")
+FURTHER = (".txt", ".dat", ".log", ".asc", ".tab", ".tum", ".txt.gz", ".dat.gz")
 
 
 def seconds(nanoseconds: Indices) -> Array:
@@ -470,6 +460,20 @@ def column(columns: Columns, path: str) -> Optional[Column]:
     return columns[ends[0]] if len(ends) == 1 else None
 
 
+def _absent(columns: Columns, path: str) -> str:
+    """Why there is no column of a field, where that is known."""
+    same = [name for name in columns if name.startswith(path + "#")]
+    if same:
+        return " (%d columns are named so: write %s)" % (len(same), " or ".join(same))
+    ends = [name for name in columns if name.endswith("." + path)]
+    if len(ends) > 1:
+        return " (there are several: write %s)" % " or ".join(ends[:4])
+    elements = [name for name in columns if name.startswith(path + "[")]
+    if elements:
+        return " (it is a list: write %s to %s)" % (elements[0], elements[-1])
+    return " (that column has no values)" * (path in getattr(columns, "empty", ()))
+
+
 def numbers(columns: Columns) -> List[str]:
     """Names of the columns that are numbers, without those of the header and the receipt."""
     return [
@@ -479,16 +483,28 @@ def numbers(columns: Columns) -> List[str]:
     ]
 
 
+def no_field(columns: Columns, missing: Sequence[str], where: str) -> GroundError:
+    """The error of fields that are missing, with those that are there."""
+    named = ", ".join(path + _absent(columns, path) for path in missing)
+    there = ", ".join(numbers(columns)) or "none"
+    return GroundError("%s: a message has no field %s; its numbers are %s" % (where, named, there))
+
+
 def values(columns: Columns, paths: Sequence[str], where: str) -> Any:
     """The numbers of fields (n, k); text becomes NaN. GroundError for fields that are missing."""
     found = [column(columns, path) for path in paths]
     missing = [path for path, one in zip(paths, found) if one is None]
     if missing:
-        raise GroundError(
-            "%s: a message has no field %s; its numbers are %s"
-            % (where, ", ".join(missing), ", ".join(numbers(columns)) or "none")
-        )
-    return np.column_stack([_number(one) for one in found]) if found else np.empty((0, 0))
+        raise no_field(columns, missing, where)
+    there = [one for one in found if one is not None]
+    read = [_number(one) for one in there]
+    for path, one, given in zip(paths, read, there):
+        texts = [text for text in given if text and isinstance(text, str)] if given.dtype == object else []
+        if texts and np.isnan(one).all():
+            raise GroundError(
+                "%s: field %s has no numbers, but text such as '%s'" % (where, path, texts[0][:40])
+            )
+    return np.column_stack(read) if read else np.empty((0, 0))
 
 
 def _number(given: Column) -> Any:

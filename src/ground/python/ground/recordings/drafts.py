@@ -1,24 +1,20 @@
 """Drafts of mapping files: what a file has, and what of it is probably what, with the evidence."""
 
-import re
-from dataclasses import dataclass
-from typing import Dict, Iterator, Mapping, Sequence, Tuple
+import math
+from dataclasses import dataclass, field
+from typing import Dict, Iterator, List, Mapping, Sequence, Set, Tuple
 
 import numpy as np
 
-from ground.recordings import containers, poses, units
+from ground.recordings import clocks, containers, levels, poses, sightings, units
 from ground.recordings.containers import RECEIVED, STAMP, TABLE, Columns, Container
-from ground.recordings.mapping import LENGTHS, SCHEMA, TIMES
+from ground.recordings.mapping import LENGTHS, SCHEMA
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
 MAX_ROWS = 20000  # messages of a topic to look at
-MAX_LEVELS = 40  # levels of a command that switches
-LIKELY = re.compile(r"cmd|command|control|thrust|motor|pwm|input|actuator|demand", re.I)
-HEADING = re.compile(r"(^|[._ ])(heading|yaw|psi|theta)\b", re.I)
-TIME = re.compile(r"time|stamp|secs|^t\b", re.I)
-COUNTER = re.compile(r"(^|\.)(seq|secs|nsecs)$")
-DEGREES = re.compile(r"deg|°", re.I)
+MAX_CHANNELS = 9  # that a mapping may have
+UPWARD = '# axes: "x, -y, -z"  # where z points up and headings are counter-clockwise'
 NOT_COMMANDS = set(poses.KINDS) - {"geometry_msgs/Pose", "geometry_msgs/PointStamped"}
 
 
@@ -32,129 +28,94 @@ class Seen:
     values: Dict[str, Array]  # by path; each (n,)
     times: Array  # (n,) by the header, of receipt, or of a column [s]
     body: str = ""  # that the poses are of
+    units: Mapping[str, str] = field(default_factory=dict)  # that the file says, by path
     clock: str = ""  # the key `time` of a table
     clock_fields: Tuple[str, ...] = ()
-    position: Tuple[str, ...] = ()  # empty where it has no pose
-    rotation: Tuple[str, ...] = ()  # quaternion, or heading
+    poses: List[sightings.Pose] = field(default_factory=list)  # the likeliest first
 
     @property
     def name(self) -> str:
         """Topic and body."""
         return self.topic + (", body %s" % self.body if self.body else "")
 
-    def table(self, paths: Sequence[str]) -> Array:
-        """Some of the numbers (n, k)."""
-        return np.column_stack([self.values[path] for path in paths])
+    @property
+    def pose(self) -> sightings.Pose:
+        """The likeliest pose, empty without any."""
+        return self.poses[0] if self.poses else sightings.Pose()
+
+    def rows(self, pose: sightings.Pose) -> Tuple[Array, Array, Array]:
+        """Times (n,), position (n, k) and rotation (n, k) of a pose, where there are all of them."""
+        found = np.column_stack([self.values[path] for path in pose.position + pose.rotation])
+        good = np.isfinite(found).all(axis=1) & np.isfinite(self.times)
+        count = len(pose.position)
+        return self.times[good], found[good, :count], found[good, count:]
 
 
 def draft(source: Container, in_folder: bool) -> str:
     """The text of a mapping for a file; in_folder: its tables are files of a folder."""
-    every = [
-        seen
-        for topic, entry in sorted(source.topics.items())
-        if entry.count
-        for seen in _seen(topic, entry.kind, entry.count, source.table(topic))
-    ]
-    with_poses = sorted((c for c in every if c.position), key=_pose_order)
-    scores = {id(c): _command_score(c) for c in every if c.kind not in NOT_COMMANDS}
+    read = [(topic, e, source.table(topic)) for topic, e in sorted(source.topics.items()) if e.count]
+    several = len(read) > 1 and all(e.kind == TABLE for _, e, _ in read)
+    shared = set.intersection(*(set(columns) for _, _, columns in read)) if several else set()
+    every = [seen for topic, e, columns in read for seen in _seen(topic, e.kind, e.count, columns, shared)]
+    with_poses = sorted((c for c in every if c.poses), key=_pose_order)
+    scores = {id(c): levels.score(c.topic, _free(c)) for c in every if c.kind not in NOT_COMMANDS}
     scored = sorted((c for c in every if scores.get(id(c), 0) > 0), key=lambda c: -scores[id(c)])
     chosen = with_poses[0] if with_poses else None
     other = [c for c in scored if c is not chosen or c.kind == TABLE]
-    if chosen is None and not other:
+    if chosen is None and not other and not any(seen.values for seen in every):
         raise GroundError("%s: nothing in it has poses or numbers that could be commands" % source.path)
     lines = ["# Drafted from %s. Look through it: what is guessed says why." % source.path]
     lines += ["schema: %s" % SCHEMA, "", "# In the file:"]
     lines += ["#   %s (%s), %d messages%s" % (c.name, c.kind, c.count, _rate(c)) for c in every]
+    lines += ["#   %s" % warning for warning in source.warnings]
+    if not with_poses or not other:
+        lines += ["#     %s" % line for c in every for line in _ranges(c)]
     lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder))]
     lines += ["commands:", *("  " + line for line in _command_lines(other, in_folder))]
     return "\n".join(lines) + "\n"
 
 
-def _seen(topic: str, kind: str, count: int, columns: Columns) -> Iterator[Seen]:
-    """What a topic has, for each body."""
+def _seen(topic: str, kind: str, count: int, columns: Columns, shared: Set[str]) -> Iterator[Seen]:
+    """What a topic has, for each body. shared: columns that all tables have, whose clock is one."""
     known = poses.KINDS.get(kind)
-    columns = {name: column[:MAX_ROWS] for name, column in columns.items()}
+    said = getattr(columns, "units", {})
     rows = len(next(iter(columns.values())))
-    names = columns[known.body] if known and known.body in columns else np.full(rows, "", object)
+    if kind == TABLE:
+        numbers = {name: c.astype(float) for name, c in columns.items() if c.dtype.kind in "biuf"}
+        seen = Seen(topic, kind, count, numbers, np.arange(rows, dtype=float), units=said)
+        found = clocks.find(columns, numbers, said, topic, shared)
+        seen.clock, seen.clock_fields, seen.times = found.key, found.fields, found.times
+        seen.values = {name: column[:MAX_ROWS] for name, column in numbers.items()}
+        seen.times = seen.times[:MAX_ROWS]
+        _find_pose(seen)
+        yield seen
+        return
+    columns = {name: column[:MAX_ROWS] for name, column in columns.items()}
+    names = (
+        columns[known.body] if known and known.body in columns else np.full(min(rows, MAX_ROWS), "", object)
+    )
     stamps = columns.get(STAMP, columns.get(RECEIVED))
-    times = np.arange(rows, dtype=float) if stamps is None else containers.seconds(stamps)
+    times = np.arange(len(names), dtype=float) if stamps is None else containers.seconds(stamps)
     numbers = {name: columns[name].astype(float) for name in containers.numbers(columns)}
     for body in sorted(set(names)):
         of_body = names == body
         values = {name: column[of_body] for name, column in numbers.items()}
         seen = Seen(topic, kind, count, values, times[of_body], str(body))
-        if kind == TABLE:
-            _find_clock(seen)
         _find_pose(seen)
         yield seen
 
 
-def _find_clock(seen: Seen) -> None:
-    """Which columns of a table are the time."""
-    for seconds in (name for name in seen.values if re.search(r"(^|\.)secs$", name)):
-        rest = seconds[:-4] + "nsecs"
-        if rest in seen.values:
-            seen.clock = "{field: %s, unit: s, nanoseconds: %s}" % (_quoted(seconds), _quoted(rest))
-            seen.clock_fields = (seconds, rest)
-            seen.times = seen.values[seconds] + 1e-9 * seen.values[rest]
-            return
-    rising = [
-        name
-        for name, values in seen.values.items()
-        if np.isfinite(values).all() and (np.diff(values) >= 0).mean() > 0.95 and np.ptp(values) > 0
-    ]
-    likely = [name for name in rising if TIME.search(name)] or rising
-    if likely:
-        values = seen.values[likely[0]]
-        unit = _time_unit(likely[0], values)
-        seen.clock = "{field: %s, unit: %s}" % (_quoted(likely[0]), unit)
-        seen.clock_fields = (likely[0],)
-        seen.times = values * (TIMES[unit] * 1e-9)
-
-
-def _time_unit(name: str, values: Array) -> str:
-    """By the name of a column, its size if it is a time since 1970, or its steps."""
-    said = re.search(r"[\[(_ ](s|ms|us|ns)[\])]?$", name)
-    if said:
-        return said.group(1)
-    for unit, since in (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8)):
-        if values[0] > since:
-            return unit
-    step = float(np.median(np.diff(values)))
-    return "s" if step < 1 else "ms" if step < 1000 else "us" if step < 1e6 else "ns"
-
-
-def _quoted(name: str) -> str:
-    plain = re.fullmatch(r"[A-Za-z_][\w.]*", name) and name not in ("off", "on", "yes", "no", "y", "n")
-    return name if plain else '"%s"' % name.replace('"', '\\"')
-
-
 def _find_pose(seen: Seen) -> None:
     """Where a topic has a pose: by its type, or by the names of fields; a quaternion has length 1."""
-    for position, rotation in _pose_fields(seen):
-        if set(position + rotation) <= set(seen.values):
-            length = (seen.table(rotation) ** 2).sum(axis=1)
-            if len(rotation) == 1 or np.median(np.abs(length - 1)) < 0.1:
-                seen.position, seen.rotation = position, rotation
-                return
-
-
-def _pose_fields(seen: Seen) -> Iterator[Tuple[Tuple[str, ...], Tuple[str, ...]]]:
-    known = poses.KINDS.get(seen.kind)
-    if known:
-        yield known.fields()
+    if seen.kind not in poses.KINDS:
+        free = {name: column for name, column in seen.values.items() if name not in seen.clock_fields}
+        seen.poses = sightings.of_columns(free)
         return
-    for name in seen.values:
-        if re.search(r"(^|\.)w$", name):
-            stem = name[:-1]
-            before = re.sub(r"(orientation|rotation)\.$", "", stem)
-            for middle in ("position.", "translation.", ""):
-                if before + middle != stem:
-                    yield tuple(before + middle + a for a in "xyz"), tuple(stem + a for a in "xyzw")
-    headings = [name for name in seen.values if HEADING.search(name)]
-    planar = tuple(n for n in seen.values if re.search(r"(^|\.)[xy]( |$|\[|_)", n))
-    if headings and len(planar) == 2:
-        yield planar, (headings[0],)
+    pose = sightings.fields_of_kind(seen.kind)
+    if set(pose.position + pose.rotation) <= set(seen.values):
+        length = (seen.rows(pose)[2] ** 2).sum(axis=1)
+        if len(length) and (len(pose.rotation) == 1 or np.median(np.abs(length - 1)) < 0.1):
+            seen.poses = [pose]
 
 
 def _axes(position: Array, quaternion: Array) -> str:
@@ -169,118 +130,163 @@ def _axes(position: Array, quaternion: Array) -> str:
 def _pose_order(seen: Seen) -> Tuple[int, float]:
     """The likely types first, and of them the one that moves most."""
     order = poses.rank(seen.topic.rsplit("/", 1)[-1], seen.kind)
-    moved = np.linalg.norm(np.ptp(seen.table(seen.position), axis=0))
+    moved = np.linalg.norm(np.ptp(seen.rows(seen.pose)[1], axis=0))
     return (5 if order is None else order), -float(moved)
 
 
 def _rate(seen: Seen) -> str:
-    length = float(np.ptp(seen.times)) if len(seen.times) > 1 else 0.0
-    return " at %.1f Hz" % ((len(seen.times) - 1) / length) if length > 0 else ""
+    times = seen.times[np.isfinite(seen.times)]
+    length = float(np.ptp(times)) if len(times) > 1 else 0.0
+    return " at %.1f Hz" % ((len(times) - 1) / length) if length > 0 else ""
+
+
+def _ranges(seen: Seen) -> Iterator[str]:
+    """All numbers of a topic with their reach, for who completes the draft."""
+    for name, values in seen.values.items():
+        there = values[np.isfinite(values)]
+        if len(there):
+            yield "%s: %.6g to %.6g, first %.6g" % (name, there.min(), there.max(), there[0])
 
 
 def _place(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
     seen = candidates[0]
     if seen.kind != TABLE:
-        yield "topic: %s" % _quoted(seen.topic)
+        yield "topic: %s" % clocks.quoted(seen.topic)
         yield "type: %s" % seen.kind
         if seen.body:
-            yield "body: %s" % _quoted(seen.body)
+            yield "body: %s" % clocks.quoted(seen.body)
     elif in_folder:
-        yield "file: %s" % _quoted(seen.topic)
+        yield "file: %s" % clocks.quoted(seen.topic)
     if len(candidates) > 1:
         yield "# others: %s" % ", ".join("%s (%s)" % (c.name, c.kind) for c in candidates[1:])
 
 
 def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
     if not candidates:
-        yield "topic: ''  # nothing in the file seems to have poses"
+        yield "topic: ''  # nothing in the file seems to have poses; name the fields that have them:"
+        yield "# position: {fields: [X, Y], unit: m}"
+        yield "# heading: {field: PSI, unit: rad}"
         return
-    chosen, known = candidates[0], candidates[0].kind in poses.KINDS
+    chosen, pose = candidates[0], candidates[0].pose
     yield from _place(candidates, in_folder)
-    position, rotation = chosen.table(chosen.position), chosen.table(chosen.rotation)
-    likely, fast = units.length_units(chosen.times, position)
-    unit = likely[0] if likely else "m"
-    names = "" if known else "fields: [%s], " % ", ".join(map(_quoted, chosen.position))
-    ranges = ", ".join(
-        "%s %.4g to %.4g" % (path.rsplit(".", 1)[-1], low, high)
-        for path, low, high in zip(chosen.position, position.min(axis=0), position.max(axis=0))
-    )
-    yield "position: {%sunit: %s}  # %s, %.3g a second" % (names, unit, ranges, fast)
-    if rotation.shape[1] == 4:
-        if not known:
-            yield "orientation: [%s]" % ", ".join(map(_quoted, chosen.rotation))
-        yield _axes(LENGTHS[unit] * position, rotation)
-    elif not known:
-        (heading,) = chosen.rotation
-        degrees = bool(DEGREES.search(heading)) or units.in_degrees(chosen.times, rotation[:, 0])
-        unit = "deg" if degrees else "rad"
-        ends = rotation.min(), rotation.max()
-        yield "heading: {field: %s, unit: %s, sign: 1}  # %.4g to %.4g" % (_quoted(heading), unit, *ends)
-        yield '# axes: "x, -y, -z"  # where z points up and headings are counter-clockwise'
+    for other in [one for one in chosen.poses[1:] if one.position != pose.position][:3]:
+        yield "# other positions: %s" % ", ".join(other.position + other.rotation)
+    if len(pose.rotation) == 4:
+        yield from _whole_lines(chosen, pose)
+    else:
+        yield from _planar_lines(chosen, pose)
     if chosen.clock:
         yield "time: %s" % chosen.clock
 
 
-def _inputs(seen: Seen) -> Dict[str, Array]:
-    """Numbers that could be commands: of few levels, or that do not change but are not 0."""
-    taken = {*seen.clock_fields, *seen.position, *seen.rotation}
-    return {
-        path: values
-        for path, values in seen.values.items()
-        if path not in taken
-        and not COUNTER.search(path)
-        and np.isfinite(values).all()
-        and (units.command_unit(values) or LIKELY.search(seen.topic + path))
-        and np.any(values != 0)
+def _unit_of(seen: Seen, pose: sightings.Pose, times: Array, position: Array) -> Tuple[str, float]:
+    """The unit of a position, and its speed."""
+    likely, fast = units.length_units(times, position)
+    said = seen.units.get(pose.position[0], "")
+    if pose.kind == "fix":
+        return "deg", fast
+    return (said if said in LENGTHS or said in ("km", "ft") else likely[0] if likely else "m"), fast
+
+
+def _position_line(names: str, unit: str, fast: float, pose: sightings.Pose, position: Array) -> str:
+    ranges = ", ".join(
+        "%s %.4g to %.4g" % (path.rsplit(".", 1)[-1], low, high)
+        for path, low, high in zip(pose.position, position.min(axis=0), position.max(axis=0))
+    )
+    return "position: {%sunit: %s}  # %s, %.3g a second" % (names, unit, ranges, fast)
+
+
+def _whole_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
+    """Keys of a pose with a quaternion."""
+    times, position, rotation = seen.rows(pose)
+    known = seen.kind in poses.KINDS
+    unit, fast = _unit_of(seen, pose, times, position)
+    names = "" if known else "fields: [%s], " % ", ".join(map(clocks.quoted, pose.position))
+    yield _position_line(names, unit, fast, pose, position)
+    if not known:
+        yield "orientation: [%s]" % ", ".join(map(clocks.quoted, pose.rotation))
+    if position.shape[1] == 3:
+        yield _axes(LENGTHS.get(unit, 1.0) * position, rotation)
+    else:
+        yield UPWARD
+
+
+def _planar_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
+    """Keys of a pose with a heading; the motion decides how the heading counts, where it does."""
+    times, position, rotation = seen.rows(pose)
+    known = seen.kind in poses.KINDS
+    unit, fast = _unit_of(seen, pose, times, position)
+    if position.shape[1] == 3:  # of three axes the vertical one moves least
+        flat = sorted(np.argsort(np.ptp(position, axis=0))[1:])
+        if np.ptp(position, axis=0).min() > 0.5 * np.ptp(position[:, flat], axis=0).min():
+            flat = [0, 1]
+        pose = sightings.Pose(tuple(pose.position[i] for i in flat), pose.rotation, pose.kind)
+        position = position[:, flat]
+    (name,), metres = pose.rotation, LENGTHS.get(unit, 1.0) * position
+    if unit == "deg":
+        metres = position * [1.0, math.cos(math.radians(float(np.mean(position[:, 0]))))]
+    turn_unit, turn = _heading_unit(seen.units.get(name, ""), times, metres, rotation[:, 0])
+    fields, sign, offset, why = pose.position, 1, "", ""
+    if turn.is_clear and turn.sign < 0:
+        sideways = abs(abs(turn.offset) - math.pi / 2) < math.pi / 4
+        sign, why = -1, ", falls where the course rises (agreement %.2f)" % turn.resultant
+        if sideways and pose.kind == "xy":  # a compass over east and north
+            fields, sign, why = fields[::-1], 1, ", a compass's, by the course: %s is north" % fields[1]
+        elif pose.kind != "xy" and sideways:  # counter-clockwise from east
+            offset = "heading_offset: %.7f  # it counts from east" % (-math.pi / 2)
+    elif pose.kind != "xy":
+        why = ", taken for clockwise from north"
+    names = "" if known else "fields: [%s], " % ", ".join(map(clocks.quoted, fields))
+    yield _position_line(names, unit, fast, pose, position)
+    if not known:
+        ends = rotation.min(), rotation.max()
+        line = "heading: {field: %s, unit: %s, sign: %d}  # %.4g to %.4g"
+        yield line % (clocks.quoted(name), turn_unit, sign, *ends) + why
+        if offset:
+            yield offset
+        elif pose.kind == "xy":
+            yield UPWARD
+
+
+def _heading_unit(said: str, times: Array, position: Array, headings: Array) -> Tuple[str, sightings.Turn]:
+    """The unit of headings (n,): what the file says, or by their size, their speed and the course over
+    ground; and how they relate to that."""
+    turns = {
+        unit: sightings.against_course(position, factor * np.asarray(headings))
+        for unit, factor in (("rad", 1.0), ("deg", math.pi / 180))
     }
+    if said in turns:
+        return said, turns[said]
+    largest = np.abs(headings).max()
+    if largest <= 2 * math.pi + 0.01:
+        return "rad", turns["rad"]
+    better = turns["deg"].resultant > turns["rad"].resultant
+    far = abs(headings[0]) > 2 * math.pi
+    degrees = units.in_degrees(times, headings) or far or (better and largest < 361)
+    return ("deg", turns["deg"]) if degrees else ("rad", turns["rad"])
 
 
-def _command_score(seen: Seen) -> float:
-    """How likely a topic has the commands."""
-    found = _inputs(seen)
-    if not found:
-        return 0.0
-    switching = [
-        len(np.unique(v)) <= MAX_LEVELS or units.command_unit(v) != "normalised" for v in found.values()
-    ]
-    likely = bool(LIKELY.search(seen.topic)) or any(LIKELY.search(path) for path in found)
-    changes = any(np.any(np.diff(v) != 0) for v in found.values())
-    return 2.0 * likely + changes + float(np.mean(switching))
+def _free(seen: Seen) -> Dict[str, Array]:
+    """Numbers that are neither a time nor the pose."""
+    every = {path for pose in seen.poses[:1] for path in pose.position + pose.rotation}
+    return {p: v for p, v in seen.values.items() if p not in every and p not in seen.clock_fields}
 
 
 def _command_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
     if not candidates:
-        yield "topic: ''  # nothing in the file seems to have commands"
+        yield "topic: ''  # nothing in the file seems to have commands; name the fields that have them:"
+        yield "# channels: {left: {field: LEFT}, right: {field: RIGHT}}"
         return
+    chosen = candidates[0]
     yield from _place(candidates, in_folder)
-    if candidates[0].clock:
-        yield "time: %s" % candidates[0].clock
-    elif candidates[0].kind != TABLE:
+    if chosen.clock:
+        yield "time: %s" % chosen.clock
+    elif chosen.kind != TABLE:
         yield "# time: receipt  # in place of the header's stamp, which a type without one has not"
-    found = _inputs(candidates[0])
+    found = levels.likely(chosen.topic, _free(chosen))
     yield "channels:  # name each as the model names its thruster, or lift"
-    names = _names(found)
-    for path, values in found.items():
-        unit = units.command_unit(values)
-        low, high = float(values.min()), float(values.max())
-        meaning = "unit: %s" % unit if unit else "off: %g, full: %g" % (low, high)
-        meaning += ", range: [-1, 1]" * (unit != "microseconds" and low < 0)
-        changes = int((np.diff(values) != 0).sum())
-        line = "  %s: {field: %s, %s}  # %g to %g, %d changes"
-        yield line % (names[path], _quoted(path), meaning, low, high, changes)
-
-
-def _names(found: Mapping[str, Array]) -> Dict[str, str]:
-    """Names of channels: those of the fields; of three, the one that changes least is the lift."""
-    plain = {path: re.sub(r"\W+", "_", path).strip("_") for path in found}
-    last = {path: path.rsplit(".", 1)[-1] for path in found}
-    if set(last.values()) >= {"left", "right"}:
-        return last
-    changes = {path: int((np.diff(v) != 0).sum()) for path, v in found.items()}
-    if len(found) > 1:
-        lift = min(found, key=lambda path: changes[path])
-        rest = [path for path in found if path != lift]
-        plain[lift] = "lift"
-        if len(rest) == 2:
-            plain.update(zip(rest, ("left", "right")))
-    return plain
+    names = levels.names(found)
+    for number, (path, values) in enumerate(found.items()):
+        mark = "# further: " if number >= MAX_CHANNELS else ""
+        meaning, why = levels.meaning(path, values, chosen.units.get(path, ""))
+        yield "  %s%s: {field: %s, %s}  # %s" % (mark, names[path], clocks.quoted(path), meaning, why)

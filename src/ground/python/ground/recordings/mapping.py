@@ -21,6 +21,8 @@ from ground.support.errors import GroundError, reason
 
 SCHEMA = "ground/mapping/1"
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # [m]
+FURTHER_LENGTHS = {"km": 1e3, "ft": 0.3048}  # of files that name them [m]
+GEODETIC = "deg"  # unit of positions that are latitude and longitude
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}  # [rad]
 TIMES = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # [ns]
 # values of a command that mean off and full
@@ -36,8 +38,17 @@ class Clock:
 
     source: str = ""  #: HEADER, RECEIPT, or empty: the header where there is one
     field: str = ""  #: path of a field that is the time, in place of a source
-    unit: str = "s"  #: unit of that field
+    unit: str = ""  #: unit of that field; empty: what the file says, or s
     nanoseconds: str = ""  #: path of a field to add [ns]
+    date: str = ""  #: path of a field with the date of a time of day
+    format: str = ""  #: of a time as text, with the codes of strptime
+    rate: float = 0.0  #: numbers of frames, or rows without a field, per second [Hz]
+    stamps: str = ""  #: "unpadded": nanoseconds after the point have no leading zeros
+
+    @property
+    def is_of_fields(self) -> bool:
+        """Whether fields or rows are the time, and no header or receipt."""
+        return bool(self.field or self.rate)
 
 
 @dataclass(frozen=True)
@@ -49,11 +60,11 @@ class Poses:
     type: str = ""  #: type of the topic's messages; empty: any
     body: str = ""  #: child frame, or part of the topic's name
     position: Tuple[str, ...] = ()  #: paths of x, y, z or x, y, "-y" mirrors; empty: the type's
-    unit: str = "m"
+    unit: str = ""  #: of lengths, or "deg" for latitude and longitude; empty: what the file says, or m
     scale: float = 1.0
     orientation: Tuple[str, ...] = ()  #: paths of the quaternion's x, y, z, w
     heading: str = ""  #: path of an angle in place of a quaternion
-    heading_unit: str = "rad"
+    heading_unit: str = ""  #: empty: what the file says, or rad
     heading_sign: int = 1  #: -1: it, or the quaternion's turn, is positive the other way round
     axes: Optional[str] = None
     heading_offset: Optional[float] = None  #: [rad]
@@ -71,6 +82,7 @@ class Channel:
     scale: float = 1.0
     sign: int = 1
     range: Tuple[float, float] = RANGE
+    is_given: bool = True  #: whether the mapping says what the values mean, and not the file
 
     def commands(self, values: Array) -> Array:
         """Normalised commands of a field's values."""
@@ -87,6 +99,7 @@ class Commands:
     type: str = ""
     channels: Tuple[Channel, ...] = ()  #: empty: left, right, lift as the type has them
     lift: str = LIFT  #: the channel of the lift fan
+    empty: str = "held"  #: what a missing value means: the one before is held, or "off"
     time: Clock = Clock()
 
 
@@ -127,6 +140,7 @@ class FieldMapping:
     clock_offset: float = 0.0  #: added to the stamps of poses [s]
     clock_drift: float = 0.0  #: added to them for each second since the first pose [s/s]
     loads: Tuple[Load, ...] = ()  #: what the craft carried
+    rows: Tuple[int, ...] = ()  #: first and last row of tables that are read, from 1; empty: all
     file: str = ""  #: that it was read from
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
     noise: Optional[Tuple[float, float]] = None  #: of positions [m] and headings [rad]; None: of their scatter
@@ -141,13 +155,14 @@ class FieldMapping:
         heading_offset: Optional[float] = None,
         noise: Optional[Sequence[float]] = None,
         frame_rate: Optional[float] = None,
+        stamps: Optional[str] = None,
     ) -> "FieldMapping":
         """The same with what options say in its place; None leaves it as it is."""
         given = {"axes": axes, "heading_offset": heading_offset, "topic": pose_topic, "body": body}
         changed: Dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         options = {n: "--" + n.replace("_", "-") for n in ("axes", "heading_offset") if n in changed}
         topic = self.commands.topic if command_topic is None else command_topic
-        return replace(
+        found = replace(
             self,
             poses=replace(self.poses, **changed),
             commands=replace(self.commands, topic=topic),
@@ -155,11 +170,26 @@ class FieldMapping:
             noise=self.noise if noise is None else (noise[0], noise[1]),
             frame_rate=frame_rate or self.frame_rate,
         )
+        return found if stamps is None else found._with_stamps(stamps)
+
+    def _with_stamps(self, stamps: str) -> "FieldMapping":
+        """The same with what all stamps are written like."""
+
+        def changed(clock: Clock) -> Clock:
+            return replace(clock, stamps=stamps)
+
+        return replace(
+            self,
+            poses=replace(self.poses, time=changed(self.poses.time)),
+            commands=replace(self.commands, time=changed(self.commands.time)),
+            inertial=replace(self.inertial, time=changed(self.inertial.time)),
+            battery=replace(self.battery, time=changed(self.battery.time)),
+        )
 
     @property
     def of_tables(self) -> bool:
         """Whether it says what tables need: which columns are the time."""
-        return bool(self.poses.time.field and self.commands.time.field)
+        return self.poses.time.is_of_fields and self.commands.time.is_of_fields
 
 
 DEFAULT = FieldMapping()
@@ -188,7 +218,13 @@ def load(path: str) -> FieldMapping:
     given = {n: path for n in ("axes", "heading_offset") if getattr(poses, n) is not None}
     offset, drift = root.get("clock_offset", 0.0), root.get("clock_drift", 0.0)
     loads = tuple(map(Load.of, root.get("payload", [])))
-    return FieldMapping(poses, commands, inertial, battery, offset, drift, loads, path, given)
+    rows = tuple(root.get("rows", ()))
+    if rows and not 1 <= rows[0] < rows[1]:
+        raise GroundError(
+            "%s: rows is %s, but must be the first and the last row, from 1" % (path, list(rows))
+        )
+    found = FieldMapping(poses, commands, inertial, battery, offset, drift, loads, rows, path, given)
+    return found._with_stamps(root["stamps"]) if "stamps" in root else found
 
 
 def _plain(value: Any) -> Any:
@@ -221,11 +257,13 @@ def _apart(what: str, keys: Document, one: str, *others: str) -> None:
         raise ValueError("%s.%s and %s are both given; keep one" % (what, one, " or ".join(others)))
 
 
-def _place(keys: Document) -> Document:
+def _place(what: str, keys: Document) -> Document:
     """Topic, file, type and time."""
     found: Document = {key: keys.get(key, "") for key in ("topic", "file", "type")}
     time = keys.get("time", "")
     clock = Clock(**time) if isinstance(time, dict) else Clock(time)
+    if isinstance(time, dict) and not clock.is_of_fields:
+        raise ValueError("%s.time: must name a field, or a rate" % what)
     return dict(found, type=found["type"].replace("/msg/", "/"), time=clock)
 
 
@@ -234,14 +272,14 @@ def _poses(keys: Document) -> Poses:
     _apart("poses", keys, "heading", "orientation")
     position, heading = keys.get("position", {}), keys.get("heading", {})
     poses = Poses(
-        **_place(keys),
+        **_place("poses", keys),
         body=keys.get("body", ""),
         position=tuple(position.get("fields", ())),
-        unit=position.get("unit", "m"),
+        unit=position.get("unit", ""),
         scale=position.get("scale", 1.0),
         orientation=tuple(keys.get("orientation", ())),
         heading=heading.get("field", ""),
-        heading_unit=heading.get("unit", "rad"),
+        heading_unit=heading.get("unit", ""),
         heading_sign=heading.get("sign", 1),
         axes=keys.get("axes"),
         heading_offset=keys.get("heading_offset"),
@@ -261,7 +299,7 @@ def _sensors(keys: Document) -> Sensors:
     if ("yaw_rate" in keys) != ("acceleration" in keys):
         raise ValueError("inertial has yaw_rate or acceleration; name the fields of both")
     return Sensors(
-        **_place(keys),
+        **_place("inertial", keys),
         use=keys.get("use", True),
         yaw_rate=keys.get("yaw_rate", ""),
         acceleration=tuple(keys.get("acceleration", ())),
@@ -284,7 +322,8 @@ def _commands(keys: Document) -> Commands:
     names, lift = [channel.name for channel in channels], keys.get("lift", LIFT)
     if lift != LIFT and lift not in names:
         raise ValueError("commands.lift is %s, which is none of the channels: %s" % (lift, ", ".join(names)))
-    return Commands(**_place(keys), channels=channels, lift=lift)
+    empty = "held" if keys.get("empty", "held") == "held" else "off"  # YAML takes a plain off for false
+    return Commands(**_place("commands", keys), channels=channels, lift=lift, empty=empty)
 
 
 def _channel(name: str, keys: Document) -> Channel:
@@ -293,6 +332,7 @@ def _channel(name: str, keys: Document) -> Channel:
     off, full = COMMANDS[keys.get("unit", "normalised")]
     low, high = keys.get("range", RANGE)
     given: Document = {"off": off, "full": full, **keys, "name": name, "range": (low, high)}
+    given["is_given"] = bool({"unit", "off", "full"} & set(keys))
     given.pop("unit", None)
     channel = Channel(**given)
     if channel.off == channel.full:

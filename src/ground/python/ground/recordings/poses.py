@@ -6,9 +6,9 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import containers
+from ground.recordings import containers, places
 from ground.recordings.containers import Columns, Topic
-from ground.recordings.mapping import ANGLES, LENGTHS, Poses
+from ground.recordings.mapping import ANGLES, Poses
 from ground.recordings.run_settings import Settings
 from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
@@ -94,6 +94,7 @@ class Measured:
     rows: Array  #: (n, 3) x, y [m], psi [rad], world_ned; NaN for invalid ones
     raw: Array  #: (n, 7) position [m] and quaternion x, y, z, w; empty for planar poses
     chosen: Flags  #: which rows of the table they are: those of the body
+    absent: Flags  #: which of these have no number of a pose at all
 
     @property
     def valid(self) -> Flags:
@@ -102,14 +103,20 @@ class Measured:
 
 
 def read(
-    columns: Columns, stamps: Indices, where: str, kind: str, poses: Poses, settings: Settings
+    columns: Columns,
+    stamps: Indices,
+    where: str,
+    kind: str,
+    poses: Poses,
+    settings: Settings,
+    notes: List[str],
 ) -> Measured:
-    """The poses of a topic's columns, with stamps (n,) [ns]. where: file and topic, for errors. GroundError
-    when it has no such fields, or poses of several bodies."""
+    """The poses of a topic's columns, with stamps (n,) [ns]. where: file and topic, for errors; notes: told
+    what was assumed. GroundError when it has no such fields, or poses of several bodies."""
     if kind == STATE:
         eta = containers.values(columns, ["eta[0]", "eta[1]", "eta[2]"], where)
         eta[columns["valid"] == 0] = np.nan
-        return Measured(eta, np.empty((0, 7)), np.ones(len(eta), bool))
+        return Measured(eta, np.empty((0, 7)), np.ones(len(eta), bool), np.zeros(len(eta), bool))
     known = KINDS.get(poses.type or kind)
     if poses.position:
         position, rotation = poses.position, poses.orientation or (poses.heading,)
@@ -121,17 +128,32 @@ def read(
             "--write-mapping drafts one)" % (where, kind)
         )
     chosen = _of_body(columns, known.body if known else "", poses.body.strip("/"), where, len(stamps))
-    paths = [path.lstrip("-") for path in position + rotation]
+    paths = [_of_column(columns, path.lstrip("-"), poses.body) for path in position + rotation]
     numbers = containers.values(columns, paths, where)[chosen]
-    numbers *= [-1.0 if path.startswith("-") else 1.0 for path in position + rotation]
     count = len(position)
-    placed, turned = LENGTHS[poses.unit] * poses.scale * numbers[:, :count], numbers[:, count:]
+    absent = np.isnan(numbers[:, :count]).all(axis=1)
+    placed = places.metres(numbers[:, :count], paths[:count], columns, poses, where, notes)
+    turned = numbers[:, count:]
+    placed *= [-1.0 if path.startswith("-") else 1.0 for path in position]
+    turned *= [-1.0 if path.startswith("-") else 1.0 for path in rotation]
     if len(rotation) == 4:
         turned[:, :3] *= poses.heading_sign
     else:
-        turned *= ANGLES[poses.heading_unit] * poses.heading_sign
+        unit = (
+            poses.heading_unit
+            or places.unit_of(columns, paths[count:], {"deg"}, "headings are", notes)
+            or "rad"
+        )
+        turned *= ANGLES[unit] * poses.heading_sign
     rows, raw = _planar(placed, turned, paths[:count], where, stamps[chosen], settings)
-    return Measured(rows, raw, chosen)
+    places.subtract_origin(rows, notes)
+    return Measured(rows, raw, chosen, absent)
+
+
+def _of_column(columns: Columns, path: str, body: str) -> str:
+    """The path of a field, below the name of the body where the table has several side by side."""
+    below = "%s.%s" % (body, path)
+    return below if body and below in columns else path
 
 
 def _planar(

@@ -9,9 +9,9 @@ from typing import Dict, Iterable, List, Mapping, Tuple
 
 import numpy as np
 
-from ground.recordings import battery, commands, containers, poses, run_settings, sensors, units
-from ground.recordings.containers import RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
-from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, TIMES, Clock, FieldMapping
+from ground.recordings import battery, commands, containers, instants, poses, run_settings, sensors, units
+from ground.recordings.containers import FURTHER, RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
+from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, Clock, FieldMapping
 from ground.recordings.payloads import payload_of
 from ground.recordings.recording import Recording, checked
 from ground.support.annotations import Array, Flags, Indices
@@ -20,8 +20,7 @@ from ground.support.origin import digest_of_files
 
 METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
-LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
-FARTHEST = 1e4  # largest plausible coordinate of a pose [m]
+FARTHEST = 1e5  # largest plausible distance from the first pose [m]
 MANY_LOST = 0.1  # share of lost poses from which their axes are checked
 MOST_RAW = 2000  # poses as measured that axes are judged by
 
@@ -33,7 +32,7 @@ def _is_table(path: str) -> bool:
     if os.path.isfile(os.path.join(path, METADATA)) or path.endswith((".mcap", ".db3")):
         return False
     is_folder = os.path.isdir(path)
-    if path.lower().endswith(SUFFIXES) or (is_folder and _tables(path)):
+    if path.lower().endswith((*SUFFIXES, *FURTHER)) or (is_folder and _tables(path)):
         return True
     if is_folder:
         raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
@@ -57,6 +56,14 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     """The Recording in a file of any kind, by what the mapping says. Raises GroundError."""
     is_table = _is_table(path)
     if is_table and not mapping.of_tables:
+        if mapping.file:
+            parts = (("poses", mapping.poses.time), ("commands", mapping.commands.time))
+            named = [name for name, clock in parts if not clock.is_of_fields]
+            raise GroundError(
+                "%s: the mapping %s does not say which column is the time of the %s: write time: "
+                "{field: NAME} under %s"
+                % (path, mapping.file, " and of the ".join(named), " and ".join(named))
+            )
         raise GroundError(
             "%s: which columns are times, poses and commands is not known; identify info %s "
             "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, path)
@@ -64,7 +71,7 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     files = contents(path, mapping)
     if is_table:
         mapping = mapping.with_options(os.path.basename(files[0]), os.path.basename(files[-1]))
-    with Tables(files) if is_table else Bag(path) as container:
+    with Tables(files, mapping.rows) if is_table else Bag(path) as container:
         container.path = path
         found = of_container(container, mapping)
     # The description of a folder is not part of a run: the same run may be given without it.
@@ -118,12 +125,17 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     settings = run_settings.settings_of(source, taken, mapping, warnings)
 
     columns, where = source.table(posed), "%s: %s" % (path, posed)
-    stamps = _stamps(columns, mapping.poses.time, where)
-    measured = poses.read(columns, stamps, where, kind, mapping.poses, settings)
-    stamps = stamps[measured.chosen]
-    valid = measured.valid & ~(np.abs(measured.rows[:, :2]) > FARTHEST).any(axis=1)
-    if not valid.all():
-        warnings.append(_lost(path, valid, measured.raw, settings))
+    stamps, known = _stamps(columns, mapping.poses.time, where, warnings)
+    measured = poses.read(columns, stamps, where, kind, mapping.poses, settings, warnings)
+    stamps, known = stamps[measured.chosen], known[measured.chosen]
+    given = known & ~measured.absent
+    instants.check(columns, mapping.poses.time, stamps, given, where)
+    valid = given & measured.valid & ~(np.abs(measured.rows[:, :2]) > FARTHEST).any(axis=1)
+    if not given.all():
+        warnings.append(_without_pose(given))
+    if not valid[given].all():
+        raw = measured.raw[given] if len(measured.raw) else measured.raw
+        warnings.append(_lost(path, valid[given], raw, settings))
     times = containers.seconds(stamps[valid])
     delay = _delay(columns, measured.chosen, stamps)
     shifted = times + mapping.clock_offset + mapping.clock_drift * (times - times[:1])
@@ -131,14 +143,21 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
 
     columns, where = source.table(commanded), "%s: %s" % (path, commanded)
     channels, lift = commands.channels_of(columns, topics[commanded].kind, mapping.commands, where)
-    sent_at = _stamps(columns, mapping.commands.time, where)
-    sent = np.column_stack([containers.seconds(sent_at), commands.read(columns, channels, where)])
+    sent_at, known = _stamps(columns, mapping.commands.time, where, warnings)
+    values, given = commands.read(columns, channels, where, mapping.commands.empty, known, warnings)
+    instants.check(columns, mapping.commands.time, sent_at, given, where)
+    sent_at = sent_at[given]
+    sent = np.column_stack([containers.seconds(sent_at), values[given]])
     disorder = int((np.diff(sent_at) < 0).sum())
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
-    delay -= _delay(columns, np.ones(len(sent_at), bool), sent_at)
+    delay -= _delay(columns, given, sent_at)
 
     table = functools.lru_cache(maxsize=None)(source.table)  # telemetry has several sensors
+
+    def quietly(table: Columns, clock: Clock, where: str) -> Tuple[Indices, Flags]:
+        return _stamps(table, clock, where, [])
+
     read_from = ", ".join("%s (%s)" % (topic, topics[topic].kind) for topic in (posed, commanded))
     ranges = {channel.name: channel.range for channel in channels}
     return replace(
@@ -151,40 +170,25 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
         flown_by=flown_by,
         files=run_files,
         # One recorder received both: if their delays differ by much, their stamps have two clocks.
-        inertial=sensors.read(source, mapping, _stamps, table),
-        voltage=battery.read(source, mapping, _stamps, table),
+        inertial=sensors.read(source, mapping, quietly, table),
+        voltage=battery.read(source, mapping, quietly, table),
         noise=mapping.noise,
         frame_rate=mapping.frame_rate,
         clock_offset=0.0 if mapping.clock_offset or mapping.clock_drift else delay,
     )
 
 
-def _stamps(columns: Columns, clock: Clock, where: str) -> Indices:
-    """The stamps of a table [ns], from a field, the header or the times of receipt. GroundError when there
-    are none."""
-    if not clock.field:
-        name = STAMP if clock.source != RECEIPT and STAMP in columns else RECEIVED
-        if name not in columns or (clock.source == HEADER and name != STAMP):
-            missing = "no header" if clock.source == HEADER else "no time of receipt"
-            raise GroundError("%s: %s; name the field that is the time in a mapping" % (where, missing))
-        return np.asarray(columns[name])
-    paths = list(filter(None, (clock.field, clock.nanoseconds)))
-    as_numbers = containers.values(columns, paths, where)
-    bad = ~np.isfinite(as_numbers).all(axis=1)
-    if bad.any():
-        raise GroundError("%s: time number %d is not a number" % (where, np.argmax(bad) + 1))
-    total = np.zeros(len(as_numbers), np.int64)
-    for path, unit, as_number in zip(paths, (TIMES[clock.unit], 1), as_numbers.T):
-        far = (as_number < 0) | (as_number * unit >= LATEST)
-        if far.any():
-            raise GroundError(
-                "%s: a time is %g %s, which is not between 1970 and 2106; the key unit of the "
-                "mapping's time may be wrong" % (where, as_number[far][0], clock.unit)
-            )
-        given = containers.column(columns, path)
-        exact = given is not None and given.dtype.kind in "iu"  # nanoseconds have more digits than a float
-        total += np.asarray(given, np.int64) * unit if exact else np.rint(as_number * unit).astype(np.int64)
-    return total
+def _stamps(columns: Columns, clock: Clock, where: str, warnings: List[str]) -> Tuple[Indices, Flags]:
+    """The stamps of a table [ns], from a field, the header or the times of receipt, and which rows have one.
+    GroundError when there are none."""
+    if clock.is_of_fields:
+        return instants.read(columns, clock, where, warnings)
+    name = STAMP if clock.source != RECEIPT and STAMP in columns else RECEIVED
+    if name not in columns or (clock.source == HEADER and name != STAMP):
+        missing = "no header" if clock.source == HEADER else "no time of receipt"
+        raise GroundError("%s: %s; name the field that is the time in a mapping" % (where, missing))
+    found = np.asarray(columns[name])
+    return found, np.ones(len(found), bool)
 
 
 def _delay(columns: Columns, chosen: Flags, stamps: Indices) -> float:
@@ -200,6 +204,13 @@ def _drives(source: Container) -> Array:
     found: Dict[int, int] = {m["began"]: m[STAMP] for m in source.rows("ground_msgs/Drive")}
     ordered = sorted(found.items(), key=lambda row: row[1])
     return containers.seconds(np.array(ordered, np.int64).reshape(-1, 2))
+
+
+def _without_pose(given: Flags) -> str:
+    """How many rows have no pose: some are lost, or most are those of other messages."""
+    if given.mean() > 1 - MANY_LOST:
+        return "rows without a pose are left out (%d of %d)" % ((~given).sum(), len(given))
+    return "poses are the %d of %d rows that have one" % (given.sum(), len(given))
 
 
 def _lost(path: str, valid: Flags, raw: Array, settings: run_settings.Settings) -> str:
@@ -295,8 +306,10 @@ def to_draft(path: str) -> str:
 
 
 def _tables(folder: str) -> List[str]:
+    """The tables in a folder; those of plain text only where there are no others."""
     names = sorted(os.listdir(folder))
-    return [os.path.join(folder, name) for name in names if name.lower().endswith(SUFFIXES)]
+    found = [[name for name in names if name.lower().endswith(ends)] for ends in (SUFFIXES, FURTHER)]
+    return [os.path.join(folder, name) for name in found[0] or found[1]]
 
 
 def _pairs(folder: str, mapping: FieldMapping) -> List[Tuple[str, str]]:
@@ -313,7 +326,8 @@ def _matching(folder: str, pattern: str) -> Dict[Tuple[str, ...], str]:
     """Tables whose names match a pattern, by what stands for each *."""
     parts = [re.escape(part) for part in (pattern or "*").split("*")]
     form = re.compile("(.*)".join(parts))
-    names = {path: form.fullmatch(os.path.basename(path)) for path in _tables(folder)}
+    every = _tables(folder) if not pattern else sorted(entry.path for entry in os.scandir(folder))
+    names = {path: form.fullmatch(os.path.basename(path)) for path in every}
     return {found.groups(): path for path, found in names.items() if found}
 
 

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
+OVERSHOOT = 0.2  # share of its range by which a command may exceed it, and is clipped
 JUMP_BACK = 0.5  # largest lateness of a message [s]
 SAME_INSTANT = 1e-5  # instants differ by less after rounding [s]
 POSE = ("x", "y", "psi")
@@ -359,8 +360,9 @@ def checked(
                 "%s: the stamps of the %s jump back by %.2f s at number %d: the clock was set, or "
                 "these are two runs" % (path, what, -back.min(), np.argmin(back) + 2)
             )
+    every = controls[:, 1:].copy()
     for name, values in zip(channels, controls[:, 1:].T):
-        _check_range(path, controls[:, 1:], values, (ranges or {}).get(name, RANGE))
+        _limit(path, name, every, values, (ranges or {}).get(name, RANGE), warnings)
     if units.in_degrees(poses[:, 0], poses[:, 3]):
         raise GroundError(
             "%s: headings reach %.0f and change by up to %.1f from pose to pose: they seem to be in "
@@ -381,10 +383,27 @@ def checked(
     )
 
 
-def _check_range(path: str, every: Array, values: Array, limits: Tuple[float, float]) -> None:
-    """GroundError when a command is outside the range of its channel. every: commands of all channels."""
-    low = values.min()
-    if low >= limits[0] - 1e-9 and values.max() <= limits[1] + 1e-9:
+def _limit(
+    path: str,
+    name: str,
+    every: Array,
+    values: Array,
+    limits: Tuple[float, float],
+    warnings: List[str],
+) -> None:
+    """Clips a command to the range of its channel, in place, and counts. every: commands of all channels.
+    GroundError when it exceeds the range by more than OVERSHOOT of it."""
+    low, high = values.min(), values.max()
+    if low >= limits[0] - 1e-9 and high <= limits[1] + 1e-9:
+        return
+    room = OVERSHOOT * (limits[1] - limits[0])
+    if low >= limits[0] - room and high <= limits[1] + room:
+        outside = int(((values < limits[0] - 1e-9) | (values > limits[1] + 1e-9)).sum())
+        warnings.append(
+            "command %s reaches from %.4g to %.4g: %d of %d values are beyond %g to %g and were clipped"
+            % (name, low, high, outside, len(values), *limits)
+        )
+        np.clip(values, *limits, out=values)
         return
     unit = units.command_unit(every[every != 0]) if (every != 0).any() else None
     raise GroundError(

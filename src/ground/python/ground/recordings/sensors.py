@@ -9,7 +9,7 @@ from ground.recordings import containers
 from ground.recordings.containers import TABLE, Columns, Container
 from ground.recordings.inertial import Samples
 from ground.recordings.mapping import Clock, FieldMapping, Sensors
-from ground.support.annotations import Indices
+from ground.support.annotations import Flags, Indices
 from ground.support.errors import GroundError
 
 FIELDS: Dict[
@@ -19,7 +19,7 @@ FIELDS: Dict[
     "sensor_msgs/Imu": ("angular_velocity.z", ("linear_acceleration.x", "linear_acceleration.y")),
 }
 
-Stamps = Callable[[Columns, Clock, str], Indices]
+Stamps = Callable[[Columns, Clock, str], Tuple[Indices, Flags]]
 Table = Callable[[str], Columns]
 
 
@@ -41,8 +41,9 @@ def read(source: Container, mapping: FieldMapping, stamps: Stamps, table: Table)
         )
     columns = table(topic)
     values = containers.values(columns, [turn, *axes], where)
-    times = containers.seconds(stamps(columns, given.time, where))
-    good = np.isfinite(values).all(axis=1)
+    stamped, known = stamps(columns, given.time, where)
+    times = containers.seconds(stamped)
+    good = known & np.isfinite(values).all(axis=1)
     values, times = values[good], times[good]
     if len(times) < 2 or not np.ptp(values[:, 0]) > 0:  # a craft without sensors leaves zeros
         return None

@@ -1,0 +1,651 @@
+"""Tables as people have them: each is read with the values that were written, or refused with what helps."""
+
+import datetime
+import gzip
+import math
+
+import numpy as np
+import pytest
+
+import ground
+from conftest import identify, simulate_run
+
+START = 1700000000.0
+
+
+class Run:
+    """A short simulated run: times [s], poses in world_ned and commands, a row for each pose."""
+
+    def __init__(self, duration=3.0):
+        times, eta, inputs = simulate_run(duration=duration)
+        at = np.searchsorted(inputs[:, 0], times, side="right") - 1
+        self.times, self.eta, self.commands = START + times, eta, inputs[at, 1:].copy()
+        self.commands[:5] = 0
+        self.x, self.y, self.psi = eta.T
+        self.left, self.right, self.lift = self.commands.T
+
+
+@pytest.fixture(scope="module")
+def run():
+    return Run()
+
+
+def numbers(values, form="%.9f"):
+    return [form % value for value in np.asarray(values)]
+
+
+def written(folder, columns, separator=",", name="log.csv", above=(), encoding="utf-8", end="\n", names=True):
+    """A text table of columns of texts or numbers, by name; the path of it."""
+    cells = [list(c) if isinstance(c[0], str) else numbers(c) for c in columns.values()]
+    lines = [*above, *([separator.join(columns)] if names else [])]
+    lines += [separator.join(row) for row in zip(*cells)]
+    path = folder / name
+    data = (end.join(lines) + end).encode(encoding)
+    path.write_bytes(gzip.compress(data) if name.endswith(".gz") else data)
+    return path
+
+
+def plain(run, **changed):
+    """The columns of a plain table, of which some are others; None: it is not there."""
+    columns = {"t": run.times, "x": run.x, "y": run.y, "psi": run.psi}
+    columns.update(left=run.left, right=run.right, lift=run.lift)
+    columns.update(changed)
+    return {name: column for name, column in columns.items() if column is not None}
+
+
+def renamed(run, names):
+    """The columns of a plain table under other names."""
+    return dict(zip(names.split("|"), plain(run).values()))
+
+
+def drafted(path, folder):
+    """The Recording of a table by the mapping that is drafted from it."""
+    draft = folder / "draft.yaml"
+    result = identify("info", path, "--write-mapping", draft, "--force")
+    assert result.returncode == 0, result.stderr
+    (found,) = ground.read(path, mapping=draft)
+    return found
+
+
+def same(found, run, places=1e-6, angles=1e-6, channels=("left", "right", "lift"), times=2e-6):
+    """Whether a Recording has the values of a run."""
+    assert found.channels == channels
+    assert found.pose_times - found.pose_times[0] == pytest.approx(run.times - run.times[0], abs=times)
+    moved = run.eta[:, :2] - (run.eta[0, :2] - found.eta[0, :2] if places > 1e-5 else 0)
+    assert found.eta[:, :2] == pytest.approx(moved, abs=places)
+    assert np.abs(np.angle(np.exp(1j * (found.eta[:, 2] - run.psi)))).max() < angles
+    held = found.held(found.controls, found.pose_times)
+    assert held == pytest.approx(run.commands[:, : len(channels)], abs=1e-6)
+
+
+# --- separators, encodings, heads
+
+
+def comma(column):
+    return [cell.replace(".", ",") for cell in numbers(column)]
+
+
+def quoted(columns):
+    return {'"%s"' % name: ['"%s"' % cell for cell in numbers(c)] for name, c in columns.items()}
+
+
+TABLES = {
+    "commas": lambda f, r: written(f, plain(r)),
+    "blanks after commas": lambda f, r: written(f, plain(r), ", "),
+    "semicolons": lambda f, r: written(f, plain(r), ";"),
+    "decimal commas": lambda f, r: written(f, {n: comma(c) for n, c in plain(r).items()}, ";"),
+    "decimal commas, tabs": lambda f, r: written(
+        f, {n: comma(c) for n, c in plain(r).items()}, "\t", "log.txt"
+    ),
+    "quoted decimal commas": lambda f, r: written(
+        f, {n: ['"%s"' % cell for cell in comma(c)] for n, c in plain(r).items()}
+    ),
+    "tabs": lambda f, r: written(f, plain(r), "\t", "log.tsv"),
+    "bars": lambda f, r: written(f, plain(r), "|"),
+    "blanks": lambda f, r: written(f, plain(r), " ", "log.txt"),
+    "columns of blanks": lambda f, r: written(f, plain(r), "    ", "log.dat"),
+    "marked names": lambda f, r: written(f, renamed(r, "# t|x|y|psi|left|right|lift"), " ", "log.txt"),
+    "marked names, other separator": lambda f, r: written(
+        f, plain(r), " ", "log.txt", ["% made by a logger", "% t, x, y, psi, left, right, lift"], names=False
+    ),
+    "byte order mark": lambda f, r: written(f, plain(r), encoding="utf-8-sig"),
+    "utf-16": lambda f, r: written(f, plain(r), "\t", "log.txt", encoding="utf-16"),
+    "utf-16 without mark": lambda f, r: written(f, plain(r), encoding="utf-16-le"),
+    "latin-1": lambda f, r: written(
+        f, renamed(r, "t [s]|x [m]|y [m]|Gierwinkel psi [rad]|left|right|lift"), above=["Größe: 3 µm"],
+        encoding="latin-1",
+    ),
+    "ends of Windows": lambda f, r: written(f, plain(r), end="\r\n"),
+    "ends of old Macs": lambda f, r: written(f, plain(r), end="\r"),
+    "quotes": lambda f, r: written(f, quoted(plain(r))),
+    "separator at the end": lambda f, r: written(f, {**plain(r), "": [""] * len(r.x)}),
+    "packed": lambda f, r: written(f, plain(r), name="log.csv.gz"),
+    "a long head": lambda f, r: written(f, plain(r), above=["parameter %d" % i for i in range(5000)]),
+    "a head of pairs": lambda f, r: written(f, plain(r), above=["Date,2023-11-14", "Operator,N. N.", ""]),
+    "a row of units": lambda f, r: written(
+        f, {n: [u, *numbers(c)] for (n, c), u in zip(plain(r).items(), ["s", "m", "m", "rad", "-", "-", "-"])}
+    ),
+    "a row of other units": lambda f, r: written(
+        f,
+        {
+            n: [u, *numbers(k * c)]
+            for (n, c), u, k in zip(
+                plain(r).items(),
+                ["[ms]", "[mm]", "[mm]", "[deg]", "", "", ""],
+                [1e3, 1e3, 1e3, 180 / math.pi, 1, 1, 1],
+            )
+        },
+    ),
+    "a row of types": lambda f, r: written(f, {n: ["float", *numbers(c)] for n, c in plain(r).items()}),
+    "comments between": lambda f, r: written(
+        f, {n: [*numbers(c[:9]), "# a" if n == "t" else "", *numbers(c[9:])] for n, c in plain(r).items()}
+    ),
+    "names again": lambda f, r: written(
+        f, {n: [*numbers(c[:9]), n, *numbers(c[9:])] for n, c in plain(r).items()}
+    ),
+    "groups": lambda f, r: written(
+        f,
+        {"t": r.times, "x": r.x, "y": r.y, "yaw": r.psi, "left": r.left, "right": r.right, "lift": r.lift},
+        above=[",mocap,,,fans,,"],
+    ),
+    "an index without a name": lambda f, r: written(f, {"": numbers(np.arange(len(r.x)), "%d"), **plain(r)}),
+    "a column without values": lambda f, r: written(f, {"t": r.times, "note": [""] * len(r.x), **plain(r)}),
+    "other columns": lambda f, r: written(
+        f,
+        {**plain(r), "CONTROL_DT": r.times * 0 + 0.01, "battery_voltage": 11.9 - 1e-3 * (r.times - START),
+         "Status": ["OPTIMAL"] * len(r.x), "solve_time": r.left * 0.001, "temperature": r.times * 0 + 21.5},
+    ),
+    "exponents of Fortran": lambda f, r: written(
+        f, plain(r, x=[("%.9e" % x).replace("e", "D") for x in r.x])
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_a_table_of_any_form_is_drafted_and_read(kind, run, tmp_path):
+    same(drafted(TABLES[kind](tmp_path, run), tmp_path), run)
+
+
+# --- names and units
+
+DEG = 180 / math.pi
+NAMES = {
+    "pos_x": "time_s|pos_x|pos_y|heading|left|right|lift",
+    "brackets": "Time (s)|X [m]|Y [m]|Yaw [rad]|Left Thruster|Right Thruster|Lift Fan",
+    "PlotJuggler": "__time|/a/pose/position/x|/a/pose/position/y|/a/pose/yaw|/cmd/left|/cmd/right|/cmd/lift",
+    "rosbag to csv": "stamp|pose.position.x|pose.position.y|pose.theta|cmd.left|cmd.right|cmd.lift",
+    "camels": "timestamp|positionX|positionY|yawAngle|thrusterLeft|thrusterRight|liftFan",
+    "port and starboard": "t|x_m|y_m|psi_hat [rad]|port_motor|starboard_motor|lift_motor",
+    "ned": "t|x_ned|y_ned|yaw|thr_left|thr_right|thr_lift",
+    "north and east": "utc|north|east|course_psi|u_left|u_right|u_lift",
+}
+
+
+@pytest.mark.parametrize("kind", NAMES)
+def test_usual_names_are_drafted(kind, run, tmp_path):
+    same(drafted(written(tmp_path, renamed(run, NAMES[kind])), tmp_path), run)
+
+
+def turned(psi):
+    """Components of the quaternion of a turn about z by psi (n,), x, y, z, w."""
+    return [0 * psi, 0 * psi, np.sin(psi / 2), np.cos(psi / 2)]
+
+
+QUATERNIONS = {
+    "qx qy qz qw": ("x|y|z|qx|qy|qz|qw", (0, 1, 2, 3)),
+    "w first": ("x|y|z|qw|qx|qy|qz", (3, 0, 1, 2)),
+    "pose_orientation": (
+        "pose_position_x|pose_position_y|pose_position_z|pose_orientation_x|pose_orientation_y|"
+        "pose_orientation_z|pose_orientation_w",
+        (0, 1, 2, 3),
+    ),
+    "q0 to q3": ("px|py|pz|q0|q1|q2|q3", (3, 0, 1, 2)),
+    "PX4": ("x|y|z|q[0]|q[1]|q[2]|q[3]", (3, 0, 1, 2)),
+    "EuRoC": ("p_RS_R_x [m]|p_RS_R_y [m]|p_RS_R_z [m]|q_RS_w []|q_RS_x []|q_RS_y []|q_RS_z []", (3, 0, 1, 2)),
+    "TUM": ("tx|ty|tz|qx|qy|qz|qw", (0, 1, 2, 3)),
+}
+
+
+@pytest.mark.parametrize("kind", QUATERNIONS)
+def test_quaternions_of_any_order_and_name_are_drafted(kind, run, tmp_path):
+    names, order = QUATERNIONS[kind]
+    parts = turned(-run.psi)  # z up
+    values = [run.x, -run.y, 0.04 + 0 * run.x, *(parts[i] for i in order)]
+    columns = {"t": run.times, **dict(zip(names.split("|"), values)), "left": run.left, "right": run.right}
+    same(drafted(written(tmp_path, columns), tmp_path), run, channels=("left", "right"))
+
+
+def test_a_trajectory_without_names_is_that_of_tum(run, tmp_path):
+    parts = turned(-run.psi)
+    columns = [run.times, run.x, -run.y, 0.04 + 0 * run.x, *parts]
+    written(tmp_path, dict(zip("abcdefgh", columns)), " ", "pose.csv", names=False)
+    written(
+        tmp_path, {"t": run.times, "left": run.left, "right": run.right, "lift": run.lift}, name="cmd.csv"
+    )
+    draft = tmp_path.parent / "tum.yaml"
+    assert identify("info", tmp_path, "--write-mapping", draft, "--force").returncode == 0
+    with pytest.warns(ground.GroundWarning, match="no row names the columns: as of a trajectory of TUM"):
+        (found,) = ground.read(tmp_path, mapping=draft)
+    same(found, run)
+
+
+MAPPING = """schema: ground/mapping/1
+poses:
+  position: {fields: [x, y]}
+  heading: {field: psi}
+  time: {field: t}
+commands:
+  time: {field: t}
+  channels: {left: {field: left}, right: {field: right}, lift: {field: lift}}
+"""
+
+
+def mapped(path, text=MAPPING, **options):
+    """The Recording of a table by a mapping."""
+    file = path.parent / "m.yaml"
+    file.write_text(text)
+    (found,) = ground.read(path, mapping=file, **options)
+    return found
+
+
+def test_units_of_names_and_cells_are_taken_where_the_mapping_has_none(run, tmp_path):
+    columns = {"t_ms": 1e3 * run.times, "x_mm": 1e3 * run.x, "y_mm": 1e3 * run.y, "psi_deg": DEG * run.psi}
+    columns["left [%]"] = 100 * run.left
+    columns["right"] = ["%d us" % (1000 + 1000 * v) for v in run.right]
+    columns["lift"] = ["on" if v else "off" for v in run.lift]
+    path = written(tmp_path, columns)
+    text = MAPPING
+    for old, new in (
+        ("x, y", "x_mm, y_mm"),
+        ("psi", "psi_deg"),
+        (": t}", ": t_ms}"),
+        (": left}", ': "left [%]"}'),
+    ):
+        text = text.replace(old, new)
+    with pytest.warns(ground.GroundWarning) as said:
+        same(mapped(path, text), run)
+    for what in (
+        "positions are in mm",
+        "headings are in deg",
+        "left is in percent",
+        "right is in microseconds",
+    ):
+        assert any(what in str(one.message) for one in said), what
+    same(drafted(path, tmp_path), run)
+
+
+# --- cells
+
+
+def test_cells_without_values_are_left_out_and_counted(run, tmp_path):
+    x = numbers(run.x)
+    for at, cell in zip((20, 40, 60, 80, 100, 120), ("NaN", "", "--", "null", "-9999", "inf")):
+        x[at] = cell
+    with pytest.warns(ground.GroundWarning) as said:
+        found = mapped(written(tmp_path, plain(run, x=x)))
+    assert len(found.eta) == len(run.x) - 6 and np.isfinite(found.eta).all()
+    text = " ".join(str(one.message) for one in said)
+    assert "-9999" in text and "infinite" in text and "6" in text
+
+
+def test_poses_are_the_rows_with_a_pose_and_commands_those_with_a_command(run, tmp_path):
+    at, to = run.times[::2], run.times[::4] + 1e-3
+    order = np.argsort(np.concatenate([at, to]))
+    empty = np.full(len(to), "")
+    columns = {"t": np.concatenate([at, to])[order]}
+    for name in ("x", "y", "psi"):
+        columns[name] = np.concatenate([numbers(getattr(run, name)[::2]), empty])[order]
+    for name in ("left", "right", "lift"):
+        columns[name] = np.concatenate([np.full(len(at), ""), numbers(getattr(run, name)[::4])])[order]
+    path = written(tmp_path, {n: [str(v) for v in c] if n != "t" else c for n, c in columns.items()})
+    for found in (mapped(path), drafted(path, tmp_path)):
+        assert found.eta == pytest.approx(run.eta[::2], abs=1e-8)
+        assert found.controls == pytest.approx(run.commands[::4], abs=1e-8)
+
+
+def test_an_empty_command_is_held_or_off_as_the_mapping_says(run, tmp_path):
+    left = [cell if value else "" for cell, value in zip(numbers(run.left), run.left)]
+    path = written(tmp_path, plain(run, left=left))
+    off = MAPPING.replace("commands:\n", "commands:\n  empty: off\n")
+    with pytest.warns(ground.GroundWarning, match="missing values of commands are off: left"):
+        same(mapped(path, off), run)
+    with pytest.warns(ground.GroundWarning, match="left is missing in .* held .*empty: off"):
+        held = mapped(path)
+    first = int(np.flatnonzero(run.left)[0])
+    assert len(held.controls) == len(run.left) - first and held.controls[:, 0].min() == 1
+
+
+def test_lists_and_words_in_cells_are_commands(run, tmp_path):
+    fans = ["[%d, %d]" % pair for pair in zip(run.left, run.right)]
+    for cells in (['"%s"' % one for one in fans], fans, [one.replace(",", "") for one in fans]):
+        columns = plain(run, left=None, right=None, lift=["true" if v else "False" for v in run.lift])
+        path = written(tmp_path, {**columns, "switches": cells})
+        text = MAPPING.replace("field: left", 'field: "switches[0]"').replace(
+            "field: right", 'field: "switches[1]"'
+        )
+        same(mapped(path, text), run)
+    with pytest.raises(ground.GroundError, match=r"switches .*it is a list: write switches\[0\]"):
+        mapped(path, text.replace('"switches[0]"', "switches"))
+    found = drafted(path, tmp_path)
+    assert found.channels == ("lift", "switches_0", "switches_1")
+
+
+def test_commands_that_overshoot_are_clipped_and_refused_from_a_fifth(run, tmp_path):
+    with pytest.warns(ground.GroundWarning, match="left reaches from 0 to 1.02: .* were clipped"):
+        same(mapped(written(tmp_path, plain(run, left=1.02 * run.left))), run)
+    with pytest.raises(ground.GroundError, match="must be between 0 and 1"):
+        mapped(written(tmp_path, plain(run, left=1.25 * run.left)))
+
+
+def test_a_name_that_stands_twice_is_named_by_its_number(run, tmp_path):
+    columns = {**plain(run), "x ": run.x * 0 + 0.1}
+    path = written(tmp_path, columns)
+    same(mapped(path, MAPPING.replace("[x, y]", '["x#1", y]')), run)
+    with pytest.raises(ground.GroundError, match="2 columns are named so: write x#1 or x#2"):
+        mapped(path)
+    same(drafted(path, tmp_path), run)
+    same(mapped(written(tmp_path, {**plain(run), "x ": run.x})), run)  # both are the same
+
+
+def test_a_cut_file_is_read_to_its_last_whole_line(run, tmp_path):
+    path = written(tmp_path, plain(run))
+    path.write_bytes(path.read_bytes()[:-40] + b"\0" * 100)
+    with pytest.warns(ground.GroundWarning, match="last line is cut"):
+        found = mapped(path)
+    assert (
+        found.eta == pytest.approx(run.eta[: len(found.eta)], abs=1e-8) and len(found.eta) == len(run.eta) - 1
+    )
+
+
+# --- stamps
+
+
+def texts(run, form, digits=6):
+    stamps = [datetime.datetime.utcfromtimestamp(round(t, digits)) for t in run.times]
+    return [one.strftime(form) for one in stamps]
+
+
+STAMPS = {
+    "ISO 8601": lambda r: {"t": texts(r, "%Y-%m-%dT%H:%M:%S.%fZ")},
+    "a zone": lambda r: {"t": texts(r, "%Y-%m-%d %H:%M:%S.%f+01:00")},
+    "German": lambda r: {"t": texts(r, "%d.%m.%Y %H:%M:%S.%f")},
+    "American": lambda r: {"t": texts(r, "%m/%d/%Y %I:%M:%S.%f %p")},
+    "slashes": lambda r: {"t": texts(r, "%Y/%m/%d %H:%M:%S.%f")},
+    "month by name": lambda r: {"t": texts(r, "%d-%b-%Y %H:%M:%S.%f")},
+    "date and time": lambda r: {"Date": texts(r, "%Y-%m-%d"), "Time": texts(r, "%H:%M:%S.%f")},
+    "date without signs": lambda r: {"date": texts(r, "%Y%m%d"), "time": texts(r, "%H:%M:%S.%f")},
+    "time of day": lambda r: {"time": texts(r, "%H:%M:%S.%f")},
+    "milliseconds": lambda r: {"t": numbers(1e3 * r.times, "%.3f")},
+    "microseconds": lambda r: {"t": numbers(np.rint(1e6 * r.times), "%d")},
+    "nanoseconds": lambda r: {"t": ["%d" % n for n in np.rint(1e6 * r.times).astype(np.int64) * 1000]},
+    "two columns": lambda r: {
+        "sec": numbers(r.times // 1, "%d"),
+        "nanosec": numbers(np.rint(1e6 * (r.times % 1)) * 1000, "%d"),
+    },
+    "from 0": lambda r: {"Time": numbers(r.times - START)},
+    "milliseconds from 0": lambda r: {"millis": numbers(np.rint(1e3 * (r.times - START)), "%d")},
+}
+
+
+@pytest.mark.parametrize("kind", STAMPS)
+def test_stamps_of_any_form_are_drafted_and_read(kind, run, tmp_path):
+    columns = {**STAMPS[kind](run), **plain(run, t=None)}
+    same(drafted(written(tmp_path, columns), tmp_path), run)
+
+
+def test_times_of_day_pass_midnight(run, tmp_path):
+    times = [(86399.0 + t - START) % 86400 for t in run.times]
+    clock = ["%02d:%02d:%09.6f" % (t // 3600, t // 60 % 60, t % 60) for t in times]
+    with pytest.warns(ground.GroundWarning, match="pass midnight"):
+        same(mapped(written(tmp_path, plain(run, t=clock))), run)
+
+
+def test_nanoseconds_without_zeros_are_named_and_mended(run, tmp_path):
+    glued = [
+        "%d.%d" % divmod(n, 10**9) for n in (np.rint(1e6 * (run.times + 0.027)).astype(np.int64) * 1000 + 7)
+    ]
+    path = written(tmp_path, plain(run, t=glued))
+    with pytest.raises(ground.GroundError, match="without leading zeros; stamps: unpadded in the mapping"):
+        mapped(path)
+    same(mapped(path, MAPPING + "stamps: unpadded\n"), run)
+    same(mapped(path, stamps="unpadded"), run)
+    same(drafted(path, tmp_path), run)
+    dated = [
+        datetime.datetime.utcfromtimestamp(int(one[:10])).strftime("%Y/%m/%d %H:%M:%S") + one[10:]
+        for one in glued
+    ]
+    path = written(tmp_path, plain(run, t=dated))
+    with pytest.raises(ground.GroundError, match="stamps: unpadded in the mapping"):
+        mapped(path)
+    same(drafted(path, tmp_path), run)
+
+
+def test_lost_digits_are_named_and_a_rate_takes_their_place(run, tmp_path):
+    path = written(tmp_path, plain(run, t=numbers(run.times, "%g")))
+    with pytest.raises(ground.GroundError, match=r"last digits were lost .*time: \{rate: HZ\}"):
+        mapped(path)
+    same(mapped(path, MAPPING.replace("field: t}", "rate: 100}")), run)
+    draft = tmp_path / "draft.yaml"
+    identify("info", path, "--write-mapping", draft)
+    assert "lost their last digits" in draft.read_text()
+
+
+def test_frames_are_times_by_their_rate(run, tmp_path):
+    frames = numbers(np.arange(len(run.x)) + 100, "%d")
+    columns = {"frame": frames, **plain(run, t=None)}
+    path = written(tmp_path, columns)
+    same(mapped(path, MAPPING.replace("field: t}", "field: frame, rate: 100}")), run)
+    with pytest.warns(ground.GroundWarning, match="numbers of frames at the 100 Hz that the file says"):
+        same(drafted(written(tmp_path, columns, above=["# Capture rate: 100 Hz"]), tmp_path), run)
+
+
+def test_a_clock_that_starts_anew_is_named_with_the_rows_of_each_run(run, tmp_path):
+    columns = {n: [*numbers(c), *numbers(c)] for n, c in plain(run).items()}
+    path = written(tmp_path, columns)
+    with pytest.raises(ground.GroundError, match=r"rows: \[1, 300\] or rows: \[301, 600\]"):
+        mapped(path)
+    same(mapped(path, MAPPING + "rows: [301, 600]\n"), run)
+
+
+def test_a_format_is_given_where_it_cannot_be_guessed(run, tmp_path):
+    odd = texts(run, "%S.%f past %M of %H on day %j of %Y")
+    path = written(tmp_path, plain(run, t=odd))
+    with pytest.raises(ground.GroundError, match="no times that are known.*format: "):
+        mapped(path)
+    text = MAPPING.replace("field: t}", 'field: t, format: "%S.%f past %M of %H on day %j of %Y"}')
+    same(mapped(path, text), run)
+
+
+# --- places
+
+
+def test_coordinates_of_maps_count_from_the_first_pose(run, tmp_path):
+    columns = plain(run, x=7034000 + run.x, y=569000 + run.y)
+    path = written(tmp_path, columns)
+    with pytest.warns(ground.GroundWarning, match="far from the origin.* are subtracted"):
+        same(mapped(path), run, places=1e-4)
+    names = {"t": run.times, "easting": columns["y"], "northing": columns["x"], "heading": run.psi}
+    path = written(tmp_path, {**names, "left": run.left, "right": run.right, "lift": run.lift})
+    same(drafted(path, tmp_path), run, places=1e-4)
+
+
+def test_latitude_and_longitude_are_distances_from_the_first_fix(run, tmp_path):
+    latitude = 46.5 + run.x / 111166.0
+    longitude = 6.6 + run.y / (111320.0 * math.cos(math.radians(46.5)) * 1.00176)
+    fixes = {
+        "time": run.times,
+        "latitude": numbers(latitude, "%.10f"),
+        "longitude": numbers(longitude, "%.10f"),
+    }
+    rest = {"heading_deg": DEG * run.psi % 360, "left": run.left, "right": run.right, "lift": run.lift}
+    path = written(tmp_path, {**fixes, **rest})
+    same(drafted(path, tmp_path), run, places=5e-3)
+    path = written(tmp_path, plain(run, x=fixes["latitude"], y=fixes["longitude"]))
+    with pytest.raises(ground.GroundError, match="look like latitude and longitude.*unit: deg"):
+        mapped(path)
+    same(mapped(path, MAPPING.replace("[x, y]", "[x, y], unit: deg")), run, places=5e-3)
+
+
+@pytest.fixture(scope="module")
+def boat():
+    """A run of a craft that goes where it points, over east and north."""
+    run = Run()
+    angle = np.cumsum(0.02 * np.sin(0.05 * np.arange(len(run.x)) + 1)) + 1.0
+    run.psi = np.angle(np.exp(1j * angle))
+    run.x, run.y = np.cumsum([0.01 * np.cos(angle), 0.01 * np.sin(angle)], axis=1)
+    run.eta = np.column_stack([run.x, run.y, run.psi])
+    return run
+
+
+def test_compass_and_map_headings_are_told_apart_by_the_motion(boat, tmp_path):
+    rest = {"left": boat.left, "right": boat.right, "lift": boat.lift}
+    compass = {"t": boat.times, "x": boat.y, "y": boat.x, "heading": DEG * boat.psi % 360, **rest}
+    same(drafted(written(tmp_path, compass), tmp_path), boat)
+    east = {"t": boat.times, "E": 5e5 + boat.y, "N": 5e6 + boat.x, "yaw_deg": 90 - DEG * boat.psi, **rest}
+    same(drafted(written(tmp_path, east), tmp_path), boat, places=1e-4)
+
+
+# --- exports of motion capture programs
+
+
+def folder_of(tmp_path, run, lines, name="mocap.csv"):
+    """A folder with an export and a table of commands."""
+    (tmp_path / name).write_text("\n".join(lines) + "\n")
+    written(
+        tmp_path,
+        {"t": run.times - START, "left": run.left, "right": run.right, "lift": run.lift},
+        name="cmd.csv",
+    )
+    return tmp_path
+
+
+def motive(run, euler, unit="Millimeters"):
+    """An export of Motive, y up, with two bodies and markers."""
+    kind = "XYZ" if euler else "Quaternion"
+    parts = ["X", "Y", "Z"] if euler else ["X", "Y", "Z", "W"]
+    one = ["Rotation"] * len(parts) + ["Position"] * 3 + ["Mean Marker Error"]
+    axes = [*parts, "X", "Y", "Z", ""]
+    bodies = ["craft"] * len(one) + ["wand"] * len(one) + ["craft:Marker1"] * 3
+    head = "Format Version,1.23,Take Name,T,Capture Frame Rate,100,Rotation Type,%s,Length Units,%s"
+    lines = [head % (kind, unit), ""]
+    lines.append(",Type," + ",".join(["Rigid Body"] * 2 * len(one) + ["Rigid Body Marker"] * 3))
+    lines += [",Name," + ",".join(bodies), ",ID," + ",".join('"12"' for _ in bodies)]
+    lines.append(",," + ",".join(one * 2 + ["Position"] * 3))
+    lines.append("Frame,Time (Seconds)," + ",".join(axes * 2 + ["X", "Y", "Z"]))
+    still = ["0"] * len(parts[:-1]) + ["0" if euler else "1"] + ["5", "50", "5", "0.1"]
+    for i, (x, y, psi) in enumerate(run.eta):
+        turn = -psi  # about y up
+        angles = [0, math.degrees(turn), 0]
+        if euler and abs(angles[1]) > 90:
+            angles = [180, math.degrees(math.pi - turn), 180]
+        rotation = angles if euler else [0, math.sin(turn / 2), 0, math.cos(turn / 2)]
+        values = [*rotation, 1000 * x, 40, 1000 * y, 0.2]
+        cells = ["%.7f" % v for v in values] if i % 50 != 20 else [""] * len(values)
+        lines.append("%d,%.6f," % (i, i / 100) + ",".join([*cells, *still, "1", "2", "3"]))
+    return lines
+
+
+@pytest.mark.parametrize("euler", [False, True])
+def test_an_export_of_motive_is_read_from_its_head(euler, run, tmp_path):
+    found = drafted(folder_of(tmp_path, run, motive(run, euler)), tmp_path.parent)
+    kept = np.arange(len(run.x)) % 50 != 20
+    assert found.eta[:, :2] == pytest.approx(run.eta[kept, :2], abs=1e-6)
+    assert np.abs(np.angle(np.exp(1j * (found.eta[:, 2] - run.psi[kept])))).max() < 1e-5
+    assert any("its bodies are craft, wand" in warning for warning in found.warnings)
+
+
+def test_an_export_of_qualisys_is_read_from_its_head(run, tmp_path):
+    lines = ["NO_OF_FRAMES\t%d" % len(run.x), "NO_OF_CAMERAS\t4", "NO_OF_BODIES\t2", "FREQUENCY\t100"]
+    lines += ["DESCRIPTION\t--", "DATA_INCLUDED\t6D", "BODY_NAMES\tcraft\twand"]
+    one = ["X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *("Rot[%d]" % i for i in range(9))]
+    for body_cell in (True, False):
+        named = [cell for body in ("craft", "wand") for cell in ([body] * body_cell + one)]
+        if not body_cell:
+            named[0], named[len(one)] = "craft X", "wand X"
+        head = "\t".join(["Frame", "Time", *named])
+        rows = []
+        for i, (x, y, psi) in enumerate(run.eta):
+            c, s = math.cos(-psi), math.sin(-psi)
+            values = [1000 * x, -1000 * y, 40, 0, 0, -DEG * psi, 0.3, c, s, 0, -s, c, 0, 0, 0, 1]
+            values = values if i % 50 != 20 else [0] * 16
+            rows.append(
+                "\t".join(["%d" % (i + 1), "%.5f" % (i / 100), *map("{:.7f}".format, values + [0] * 16)])
+            )
+        found = drafted(folder_of(tmp_path, run, [*lines, head, *rows], "mocap.tsv"), tmp_path.parent)
+        kept = np.arange(len(run.x)) % 50 != 20
+        text = (tmp_path.parent / "draft.yaml").read_text()
+        assert "craft.position.x" in text and "unit: mm" in text and "unit: deg" in text
+        mirrored = run.eta[kept] * [1, -1, -1]  # z up: as the comment of the draft says
+        if "\n  axes:" in text:
+            mirrored = run.eta[kept]
+        assert found.eta[:, :2] == pytest.approx(mirrored[:, :2], abs=1e-6)
+        assert np.abs(np.angle(np.exp(1j * (found.eta[:, 2] - mirrored[:, 2])))).max() < 1e-5
+
+
+def test_an_export_of_vicon_is_read_from_its_head(run, tmp_path):
+    lines = ["Objects", "100", ",,Global Angle craft:craft,,,,,", "Frame,Sub Frame,RX,RY,RZ,TX,TY,TZ"]
+    lines.append(",,rad,rad,rad,mm,mm,mm")
+    for i, (x, y, psi) in enumerate(run.eta):
+        lines.append("%d,0,0,0,%.8f,%.6f,%.6f,40" % (i, -psi, 1000 * x, -1000 * y))
+    found = drafted(folder_of(tmp_path, run, lines), tmp_path.parent)
+    text = (tmp_path.parent / "draft.yaml").read_text()
+    assert "unit: mm" in text
+    mirrored = run.eta if "\n  axes:" in text else run.eta * [1, -1, -1]
+    assert found.eta == pytest.approx(mirrored, abs=1e-6)
+
+
+# --- commands
+
+
+def test_what_commands_mean_is_drafted_from_their_values(run, tmp_path):
+    pulses = 1511 + 389 * np.where(run.left > 0, 1, np.where(run.right > 0, -1, 0))
+    columns = {"t": run.times, "x": run.x, "y": run.y, "psi": run.psi, "thr_pwm": numbers(pulses, "%d")}
+    columns.update({"delta_rudder [deg]": 35 * (run.left - run.right), "n_prop [rps]": 8 * run.right})
+    columns.update(
+        {"valve_0": run.lift, "throttle": numbers(255 * run.left, "%d"), "motor_pct": 100 * run.right}
+    )
+    path = written(tmp_path, columns)
+    found = drafted(path, tmp_path)
+    assert found.channels == ("thr_pwm", "delta_rudder", "n_prop", "valve_0", "throttle", "motor")
+    wanted = [(pulses - 1511) / 389, run.left - run.right, run.right, run.lift, run.left, run.right]
+    assert found.controls == pytest.approx(np.column_stack(wanted), abs=1e-4)
+    text = (tmp_path / "draft.yaml").read_text()
+    assert "off: 1511" in text and "an angle in deg" in text and "unit: percent" in text
+
+
+def test_a_time_a_period_and_a_sensor_are_no_commands(run, tmp_path):
+    more = {"MPC_Start_Time": run.times - START, "CONTROL_DT": 0 * run.x + 0.06, "gyro_z": run.psi * 0.1,
+            "u": run.left, "v": run.left, "r": run.right, "wind_speed": run.x, "error_x": run.x}  # fmt: skip
+    names = "valve_0|valve_1|valve_2"
+    columns = {**plain(run, left=None, right=None, lift=None), **more}
+    columns.update(zip(names.split("|"), (run.left, run.right, run.lift)))
+    same(drafted(written(tmp_path, columns), tmp_path), run, channels=tuple(names.split("|")))
+
+
+def test_a_table_whose_columns_have_no_names_is_listed_for_who_completes_the_draft(run, tmp_path):
+    path = written(
+        tmp_path, plain(run), " ", "log.dat", above=[" A basin", " Time series of motions"], names=False
+    )
+    draft = tmp_path / "draft.yaml"
+    result = identify("info", path, "--write-mapping", draft)
+    assert result.returncode == 0 and "column_2: " in draft.read_text()
+    text = MAPPING
+    for number, name in enumerate(("t", "x", "y", "psi", "left", "right", "lift"), 1):
+        text = text.replace("field: %s}" % name, "field: column_%d}" % number)
+    same(mapped(path, text.replace("[x, y]", "[column_2, column_3]")), run)
+
+
+@pytest.mark.parametrize(
+    "content, reason",
+    [
+        ("", "it has no rows"),
+        ("name,place\na,b\nc,d\n", "no row has numbers"),
+        ("t,x,y\n", "no row has numbers"),
+        ("3.5\n4.5\n5.5\n", "its lines are no rows of two values"),
+    ],
+)
+def test_what_is_no_table_is_refused_in_a_sentence(content, reason, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(content)
+    with pytest.raises(ground.GroundError, match=reason):
+        mapped(path)
