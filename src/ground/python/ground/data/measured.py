@@ -31,6 +31,7 @@ def read(
     pose_topic: Optional[str] = None,
     command_topic: Optional[str] = None,
     body: Optional[str] = None,
+    types: Union[Path, Sequence[Path]] = (),
 ) -> Tuple[Recording, ...]:
     """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
@@ -38,8 +39,9 @@ def read(
     that match it. axes: world_ned x, y, z in the mocap's axes ("x, z, -y"); heading_offset: measured
     minus true heading [rad]; both replace what was recorded with the run. mapping: a mapping file, or its
     content; pose_topic, command_topic and body (child frame, or part of the topic's name) replace its
-    own. Runs of the same name get the names of their folders in front. GroundError when a bag cannot be
-    read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
+    own; types: .msg files, or folders of them, for types that a bag does not define. Runs of the same name
+    get the names of their folders in front. GroundError when a bag cannot be read or is given twice, also as
+    a copy; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -53,7 +55,10 @@ def read(
         mapping = FieldMapping()
     elif not isinstance(mapping, FieldMapping):
         mapping = load(os.fspath(mapping))
-    given = mapping.with_options(pose_topic, command_topic, body, axes, heading_offset)
+    files = [types] if isinstance(types, (str, os.PathLike)) else types
+    given = mapping.with_options(
+        pose_topic, command_topic, body, axes, heading_offset, [os.fspath(file) for file in files]
+    )
     return tuple(reading(paths, given))
 
 

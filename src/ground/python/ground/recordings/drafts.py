@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import dataclass
-from typing import Dict, Iterator, Mapping, Sequence, Tuple
+from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
@@ -47,24 +47,33 @@ class Seen:
         return np.column_stack([self.values[path] for path in paths])
 
 
-def draft(source: Container, in_folder: bool) -> str:
-    """The text of a mapping for a file; in_folder: its tables are files of a folder."""
-    every = [
-        seen
-        for topic, entry in sorted(source.topics.items())
-        if entry.count
-        for seen in _seen(topic, entry.kind, entry.count, source.table(topic))
-    ]
+def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
+    """The text of a mapping for a file; in_folder: its tables are files of a folder; types: what the mapping
+    names for types that the file does not define."""
+    every: List[Seen] = []
+    unread: List[str] = []
+    for topic, entry in sorted(source.topics.items()):
+        try:
+            columns = source.table(topic) if entry.count else {}
+            every += _seen(topic, entry.kind, entry.count, columns) if columns else []
+            unread += [] if columns else ["#   %s (%s), without messages" % (topic, entry.kind)]
+        except GroundError as error:
+            why = str(error).replace(source.path + ": ", "")
+            unread.append("#   %s (%s), %d messages, not read: %s" % (topic, entry.kind, entry.count, why))
     with_poses = sorted((c for c in every if c.position), key=_pose_order)
     scores = {id(c): _command_score(c) for c in every if c.kind not in NOT_COMMANDS}
     scored = sorted((c for c in every if scores.get(id(c), 0) > 0), key=lambda c: -scores[id(c)])
     chosen = with_poses[0] if with_poses else None
     other = [c for c in scored if c is not chosen or c.kind == TABLE]
     if chosen is None and not other:
-        raise GroundError("%s: nothing in it has poses or numbers that could be commands" % source.path)
+        why = "".join("\n  " + line.lstrip("# ") for line in unread)
+        raise GroundError(
+            "%s: nothing in it has poses or numbers that could be commands%s" % (source.path, why)
+        )
     lines = ["# Drafted from %s. Look through it: what is guessed says why." % source.path]
     lines += ["schema: %s" % SCHEMA, "", "# In the file:"]
-    lines += ["#   %s (%s), %d messages%s" % (c.name, c.kind, c.count, _rate(c)) for c in every]
+    lines += ["#   %s (%s), %d messages%s" % (c.name, c.kind, c.count, _rate(c)) for c in every] + unread
+    lines += ["types: [%s]" % ", ".join(map(_quoted, types))] if types else []
     lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder))]
     lines += ["commands:", *("  " + line for line in _command_lines(other, in_folder))]
     return "\n".join(lines) + "\n"

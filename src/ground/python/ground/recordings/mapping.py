@@ -8,7 +8,7 @@ import json
 import math
 import os
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, Mapping, Optional, Tuple
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import yaml
@@ -111,6 +111,7 @@ class FieldMapping:
     inertial: Sensors = Sensors()
     clock_offset: float = 0.0  #: added to the stamps of poses [s]
     clock_drift: float = 0.0  #: added to them for each second since the first pose [s/s]
+    types: Tuple[str, ...] = ()  #: files with definitions of types, or folders of them
     file: str = ""  #: that it was read from
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
 
@@ -121,6 +122,7 @@ class FieldMapping:
         body: Optional[str] = None,
         axes: Optional[str] = None,
         heading_offset: Optional[float] = None,
+        types: Sequence[str] = (),
     ) -> "FieldMapping":
         """The same with what options say in its place; None leaves it as it is."""
         given = {"axes": axes, "heading_offset": heading_offset, "topic": pose_topic, "body": body}
@@ -131,6 +133,7 @@ class FieldMapping:
             self,
             poses=replace(self.poses, **changed),
             commands=replace(self.commands, topic=topic),
+            types=tuple(types) or self.types,
             sources={**self.sources, **options},
         )
 
@@ -164,7 +167,9 @@ def load(path: str) -> FieldMapping:
         raise GroundError("%s: %s" % (path, error))
     given = {n: path for n in ("axes", "heading_offset") if getattr(poses, n) is not None}
     offset, drift = root.get("clock_offset", 0.0), root.get("clock_drift", 0.0)
-    return FieldMapping(poses, commands, inertial, offset, drift, path, given)
+    folder = os.path.dirname(path)
+    types = tuple(os.path.join(folder, os.path.expanduser(one)) for one in root.get("types", ()))
+    return FieldMapping(poses, commands, inertial, offset, drift, types, path, given)
 
 
 def _plain(value: Any) -> Any:

@@ -4,19 +4,29 @@ import glob
 import os
 import re
 from dataclasses import replace
-from typing import Dict, Iterable, List, Mapping, Tuple
+from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import commands, containers, poses, run_settings, sensors, units
-from ground.recordings.containers import RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
+from ground.recordings import (
+    bags,
+    commands,
+    containers,
+    damaged,
+    definitions,
+    poses,
+    run_settings,
+    sensors,
+    units,
+)
+from ground.recordings.bags import METADATA, Bag
+from ground.recordings.containers import RECEIVED, STAMP, SUFFIXES, Columns, Container, Tables
 from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, TIMES, Clock, FieldMapping
 from ground.recordings.recording import Recording, checked
 from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 from ground.support.origin import digest_of_files
 
-METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
 LATEST = 2**32 * 10**9  # seconds of ROS have 32 bits [ns]
 FARTHEST = 1e4  # largest plausible coordinate of a pose [m]
@@ -28,17 +38,14 @@ def _is_table(path: str) -> bool:
     """Whether a file or folder is read as a table; GroundError where it is neither that nor a bag."""
     if not os.path.exists(path):
         raise GroundError("%s: no such file" % path)
-    if os.path.isfile(os.path.join(path, METADATA)) or path.endswith((".mcap", ".db3")):
+    if bags.is_bag(path):
         return False
     is_folder = os.path.isdir(path)
     if path.lower().endswith(SUFFIXES) or (is_folder and _tables(path)):
         return True
     if is_folder:
         raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
-    with open(path, "rb") as file:
-        if file.read(len(containers.MAGIC)) != containers.MAGIC:
-            raise GroundError("%s: %s" % (path, NO_RECORDING))
-    return False
+    raise GroundError("%s: %s" % (path, NO_RECORDING))
 
 
 def contents(path: str, mapping: FieldMapping) -> List[str]:
@@ -47,8 +54,7 @@ def contents(path: str, mapping: FieldMapping) -> List[str]:
         return list(dict.fromkeys(_pair(path, mapping)))
     if os.path.isdir(path):
         return sorted(entry.path for entry in os.scandir(path) if entry.is_file())
-    log = path + "-wal"  # where SQLite may have what was written last
-    return [path] + ([log] if os.path.isfile(log) else [])
+    return [path] + [path + end for end in damaged.BESIDE if os.path.isfile(path + end)]
 
 
 def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
@@ -62,18 +68,19 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     files = contents(path, mapping)
     if is_table:
         mapping = mapping.with_options(os.path.basename(files[0]), os.path.basename(files[-1]))
-    with Tables(files) if is_table else Bag(path) as container:
+    with Tables(files) if is_table else Bag(path, definitions.Definitions(mapping.types)) as container:
         container.path = path
         found = of_container(container, mapping)
     # The description of a folder is not part of a run: the same run may be given without it.
     return replace(found, digest=digest_of_files(f for f in files if os.path.basename(f) != METADATA))
 
 
-def opened(path: str) -> Container:
-    """All that is in a file or folder, of which a mapping may choose. Raises GroundError."""
+def opened(path: str, types: Sequence[str] = ()) -> Container:
+    """All that is in a file or folder, of which a mapping may choose. types: files with definitions of types,
+    or folders of them. Raises GroundError."""
     if _is_table(path):
         return Tables(_tables(path) if os.path.isdir(path) else [path])
-    return Bag(path)
+    return Bag(path, definitions.Definitions(types))
 
 
 def size(path: str) -> int:
@@ -85,7 +92,7 @@ def size(path: str) -> int:
 
 def settings_in(path: str, mapping: FieldMapping = DEFAULT) -> run_settings.Settings:
     """The Settings by which the mocap's poses in a bag become world_ned. Raises GroundError."""
-    with opened(path) as bag:
+    with opened(path, mapping.types) as bag:
         return run_settings.settings_of(bag, ("axes", "heading_offset"), mapping, [])
 
 
@@ -209,7 +216,7 @@ def _lost(path: str, valid: Flags, raw: Array, settings: run_settings.Settings) 
 def _topics(source: Container, mapping: FieldMapping) -> Tuple[str, str]:
     """Topics of the poses and of the controls."""
     info, path = source.topics, source.path
-    there = ", ".join("%s (%s)" % (t, e.kind) for t, e in sorted(info.items())) or "no messages at all"
+    there = ", ".join(map(_described, sorted(info.items()))) or "no messages at all"
     for topic, kind, option in (
         (mapping.poses.topic, mapping.poses.type, "--pose-topic"),
         (mapping.commands.topic, mapping.commands.type, "--command-topic"),
@@ -228,6 +235,14 @@ def _topics(source: Container, mapping: FieldMapping) -> Tuple[str, str]:
         mapping.poses.topic or _best(path, "poses", likely, "--pose-topic", there),
         mapping.commands.topic or _best(path, "controls", ranked, "--command-topic", there),
     )
+
+
+def _described(entry: Tuple[str, containers.Topic]) -> str:
+    """A topic and its type."""
+    topic, about = entry
+    undefined = "" if not about.undefined else ", whose definition is not in the file: give it by --types"
+    empty = "" if about.count else ", without messages"
+    return "%s (%s%s%s)" % (topic, about.kind, empty, undefined)
 
 
 def _best(path: str, what: str, ranks: Mapping[str, int], option: str, there: str) -> str:
@@ -256,13 +271,15 @@ def listed(paths: Iterable[str], mapping: FieldMapping = DEFAULT) -> List[str]:
 
 
 def _inside(folder: str, mapping: FieldMapping) -> List[str]:
-    if os.path.isfile(os.path.join(folder, METADATA)):
+    if bags.is_bag(folder):
         return [folder]
     found: List[str] = []
-    for suffix in (".bag", ".mcap"):
+    for suffix in (".bag", *bags.SUFFIXES):
         found += glob.glob(os.path.join(glob.escape(folder), "*" + suffix))
+    for path in glob.glob(os.path.join(glob.escape(folder), "*.bag.active")):  # left by a killed recorder
+        found += [path] if path[: -len(".active")] not in found else []
     below = sorted(entry.path for entry in os.scandir(folder) if entry.is_dir())
-    found += [path for path in below if os.path.isfile(os.path.join(path, METADATA))]
+    found += [path for path in below if bags.is_bag(path)]
     if not found and not mapping.of_tables:
         found = [folder] if any(_tables(path) for path in [folder, *below]) else []
     elif not found and (mapping.poses.file or mapping.commands.file):
