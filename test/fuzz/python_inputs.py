@@ -22,7 +22,8 @@ with atheris.instrument_imports(include=["ground"]):
     from ground.data import import_csv
     from ground.exporting import viewers
     from ground.mocap import natnet
-    from ground.recordings import containers, drafts, mapping, quality, readers, run_settings
+    from ground.recordings import bags, containers, decoding, definitions, drafts, mapping, quality, readers
+    from ground.recordings import run_settings, streams
     from ground.simulation import gains
     from ground.support.errors import GroundError
 
@@ -60,7 +61,7 @@ def mcap(data):
     name = path("any.mcap", data)
     with contextlib.suppress(GroundError):
         quality.repaired(readers.read(name))
-    with contextlib.suppress(GroundError), containers.Bag(name) as found:
+    with contextlib.suppress(GroundError), bags.Bag(name) as found:
         for topic in found.topics:
             with contextlib.suppress(GroundError):
                 found.table(topic)
@@ -163,18 +164,13 @@ def definition(data):
     text, _, message = data[1:].partition(b"\0")
     is_ros1 = data[:1] < b"U"
 
-    class Definition:
-        topic, msgtype = "/pose", "own_msgs/msg/Pose"
-
-        class msgdef:
-            class format:
-                name = "IDL" if data[:1] >= b"\xaa" else "MSG"
-
-    Definition.msgdef.data = text.decode("utf-8", "replace")
+    form = "idl" if data[:1] >= b"\xaa" else "msg"
+    encoding = "ros1" if is_ros1 else "cdr"
+    stream = streams.Stream(0, "/pose", "own_msgs/msg/Pose", encoding, form, text.decode("utf-8", "replace"))
     is_watched = True
     try:
-        types = containers._types(Definition, is_ros1)
-        containers._Layouts(types, Definition.msgtype, is_ros1).columns([message] * 3, "")
+        types = definitions.types_of(stream)
+        decoding.Layouts(types, stream.kind, is_ros1).columns([message] * 3, "")
     except AssertionError as error:
         if "led to" in str(error):
             raise

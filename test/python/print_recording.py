@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from ground.recordings import containers, readers
+from ground.recordings import bags, readers
 
 
 def plain(value):
@@ -24,6 +24,6 @@ def plain(value):
 
 
 for path in sys.argv[1:]:
-    with containers.Bag(path) as bag:
+    with bags.Bag(path) as bag:
         tables = {topic: bag.table(topic) for topic in sorted(bag.topics)}
     print(json.dumps([plain(readers.read(path)), plain(tables)]))

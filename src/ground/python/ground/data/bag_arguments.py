@@ -44,6 +44,13 @@ def add_reading_arguments(parser: "argparse._ActionsContainer") -> None:
         metavar="M.yaml",
         help="topics, fields, units and channels (identify info --write-mapping drafts one)",
     )
+    parser.add_argument(
+        "--types",
+        metavar="PATH",
+        nargs="+",
+        default=(),
+        help=".msg files, or folders of them, for types of messages that a bag does not define",
+    )
     parser.add_argument("--pose-topic", metavar="TOPIC", help="topic of the poses")
     parser.add_argument("--command-topic", metavar="TOPIC", help="topic of the commands")
     parser.add_argument(
@@ -88,6 +95,7 @@ def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
         arguments.noise,
         arguments.frame_rate,
         arguments.stamps,
+        arguments.types,
     )
 
 

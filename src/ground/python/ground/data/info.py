@@ -80,14 +80,21 @@ def _headline(described: Sequence[Document]) -> Iterator[Line]:
         yield "Next", "nothing to mend"
 
 
+def _from(mapping_file: str, path: str) -> str:
+    """A path as a mapping file beside it names it."""
+    folder = os.path.dirname(os.path.abspath(mapping_file))
+    return path if os.path.isabs(path) else os.path.relpath(path, folder)
+
+
 def _write_mapping(arguments: argparse.Namespace) -> List[Document]:
     """Drafts a mapping file."""
     path, output = arguments.bags[0], arguments.output
     files.refuse_existing(output, arguments.force)
     with arguments.work.stage("drafting"):
         path = readers.to_draft(readers.listed([path])[0])
-        with readers.opened(path) as source:
-            text = drafts.draft(source, os.path.isdir(path))
+        types = bag_arguments.mapping_of(arguments).types
+        with readers.opened(path, types) as source:
+            text = drafts.draft(source, os.path.isdir(path), [_from(output, one) for one in types])
     with files.new_file(output, arguments.force) as temporary:
         with open(temporary, "w", encoding="utf-8") as file:
             file.write(text)

@@ -35,6 +35,7 @@ def read(
     noise: Optional[Tuple[float, float]] = None,
     frame_rate: Optional[float] = None,
     stamps: Optional[str] = None,
+    types: Union[Path, Sequence[Path]] = (),
 ) -> Tuple[Recording, ...]:
     """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
@@ -44,8 +45,9 @@ def read(
     content; pose_topic, command_topic and body (child frame, or part of the topic's name) replace its
     own. noise: of the positions [m] and headings [rad], in place of the scatter of the poses; frame_rate: of
     the mocap's camera [Hz], in place of what late stamps say. stamps: "unpadded" where nanoseconds after the
-    point have no leading zeros. Runs of the same name get the names of their folders in front. GroundError
-    when a bag cannot be read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
+    point have no leading zeros. types: .msg files, or folders of them, for types that a bag does not define.
+    Runs of the same name get the names of their folders in front. GroundError when a bag cannot be read or is
+    given twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift
@@ -59,8 +61,10 @@ def read(
         mapping = FieldMapping()
     elif not isinstance(mapping, FieldMapping):
         mapping = load(os.fspath(mapping))
+    files = [types] if isinstance(types, (str, os.PathLike)) else types
+    own_types = [os.fspath(file) for file in files]
     given = mapping.with_options(
-        pose_topic, command_topic, body, axes, heading_offset, noise, frame_rate, stamps
+        pose_topic, command_topic, body, axes, heading_offset, noise, frame_rate, stamps, own_types
     )
     return tuple(reading(paths, given))
 

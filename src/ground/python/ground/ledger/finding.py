@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
-from ground.recordings import readers
+from ground.recordings import bags, readers
 from ground.recordings.mapping import FieldMapping
 from ground.support.annotations import Document
 from ground.support.errors import GroundError, OptionError
@@ -68,7 +68,7 @@ def _recordings(folder: str, mapping: FieldMapping) -> Iterator[str]:
     except GroundError:
         return
     for path in listed:
-        if mapping.of_tables or path != folder or os.path.isfile(os.path.join(path, readers.METADATA)):
+        if mapping.of_tables or path != folder or bags.is_bag(path):
             yield path
 
 

@@ -7,7 +7,7 @@ from typing import Dict, Iterator, List, Mapping, Sequence, Set, Tuple
 import numpy as np
 
 from ground.recordings import clocks, containers, levels, poses, sightings, units
-from ground.recordings.containers import RECEIVED, STAMP, TABLE, Columns, Container
+from ground.recordings.containers import RECEIVED, STAMP, TABLE, Columns, Container, Topic
 from ground.recordings.mapping import LENGTHS, SCHEMA
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
@@ -51,9 +51,10 @@ class Seen:
         return self.times[good], found[good, :count], found[good, count:]
 
 
-def draft(source: Container, in_folder: bool) -> str:
-    """The text of a mapping for a file; in_folder: its tables are files of a folder."""
-    read = [(topic, e, source.table(topic)) for topic, e in sorted(source.topics.items()) if e.count]
+def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
+    """The text of a mapping for a file; in_folder: its tables are files of a folder; types: what the mapping
+    names for types that the file does not define."""
+    read, unread = _read(source)
     several = len(read) > 1 and all(e.kind == TABLE for _, e, _ in read)
     shared = set.intersection(*(set(columns) for _, _, columns in read)) if several else set()
     every = [seen for topic, e, columns in read for seen in _seen(topic, e.kind, e.count, columns, shared)]
@@ -63,16 +64,38 @@ def draft(source: Container, in_folder: bool) -> str:
     chosen = with_poses[0] if with_poses else None
     other = [c for c in scored if c is not chosen or c.kind == TABLE]
     if chosen is None and not other and not any(seen.values for seen in every):
-        raise GroundError("%s: nothing in it has poses or numbers that could be commands" % source.path)
+        why = "".join("\n  " + line.lstrip("# ") for line in unread)
+        raise GroundError(
+            "%s: nothing in it has poses or numbers that could be commands%s" % (source.path, why)
+        )
     lines = ["# Drafted from %s. Look through it: what is guessed says why." % source.path]
     lines += ["schema: %s" % SCHEMA, "", "# In the file:"]
-    lines += ["#   %s (%s), %d messages%s" % (c.name, c.kind, c.count, _rate(c)) for c in every]
+    lines += ["#   %s (%s), %d messages%s" % (c.name, c.kind, c.count, _rate(c)) for c in every] + unread
     lines += ["#   %s" % warning for warning in source.warnings]
     if not with_poses or not other:
         lines += ["#     %s" % line for c in every for line in _ranges(c)]
+    lines += ["types: [%s]" % ", ".join(map(clocks.quoted, types))] if types else []
     lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder))]
     lines += ["commands:", *("  " + line for line in _command_lines(other, in_folder))]
     return "\n".join(lines) + "\n"
+
+
+def _read(source: Container) -> Tuple[List[Tuple[str, Topic, Columns]], List[str]]:
+    """The topics that can be read, with their columns, and a line on each of the others."""
+    read: List[Tuple[str, Topic, Columns]] = []
+    unread: List[str] = []
+    for topic, entry in sorted(source.topics.items()):
+        try:
+            columns = source.table(topic) if entry.count else {}
+        except GroundError as error:
+            why = str(error).replace(source.path + ": ", "")
+            unread.append("#   %s (%s), %d messages, not read: %s" % (topic, entry.kind, entry.count, why))
+            continue
+        if columns:
+            read.append((topic, entry, columns))
+        else:
+            unread.append("#   %s (%s), without messages" % (topic, entry.kind))
+    return read, unread
 
 
 def _seen(topic: str, kind: str, count: int, columns: Columns, shared: Set[str]) -> Iterator[Seen]:

@@ -141,6 +141,7 @@ class FieldMapping:
     clock_drift: float = 0.0  #: added to them for each second since the first pose [s/s]
     loads: Tuple[Load, ...] = ()  #: what the craft carried
     rows: Tuple[int, ...] = ()  #: first and last row of tables that are read, from 1; empty: all
+    types: Tuple[str, ...] = ()  #: files with definitions of types, or folders of them
     file: str = ""  #: that it was read from
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
     noise: Optional[Tuple[float, float]] = None  #: of positions [m] and headings [rad]; None: of their scatter
@@ -156,6 +157,7 @@ class FieldMapping:
         noise: Optional[Sequence[float]] = None,
         frame_rate: Optional[float] = None,
         stamps: Optional[str] = None,
+        types: Sequence[str] = (),
     ) -> "FieldMapping":
         """The same with what options say in its place; None leaves it as it is."""
         given = {"axes": axes, "heading_offset": heading_offset, "topic": pose_topic, "body": body}
@@ -166,6 +168,7 @@ class FieldMapping:
             self,
             poses=replace(self.poses, **changed),
             commands=replace(self.commands, topic=topic),
+            types=tuple(types) or self.types,
             sources={**self.sources, **options},
             noise=self.noise if noise is None else (noise[0], noise[1]),
             frame_rate=frame_rate or self.frame_rate,
@@ -223,7 +226,9 @@ def load(path: str) -> FieldMapping:
         raise GroundError(
             "%s: rows is %s, but must be the first and the last row, from 1" % (path, list(rows))
         )
-    found = FieldMapping(poses, commands, inertial, battery, offset, drift, loads, rows, path, given)
+    folder = os.path.dirname(path)
+    types = tuple(os.path.join(folder, os.path.expanduser(one)) for one in root.get("types", ()))
+    found = FieldMapping(poses, commands, inertial, battery, offset, drift, loads, rows, types, path, given)
     return found._with_stamps(root["stamps"]) if "stamps" in root else found
 
 

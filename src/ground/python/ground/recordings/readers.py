@@ -5,12 +5,24 @@ import glob
 import os
 import re
 from dataclasses import replace
-from typing import Dict, Iterable, List, Mapping, Tuple
+from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import battery, commands, containers, instants, poses, run_settings, sensors, units
-from ground.recordings.containers import FURTHER, RECEIVED, STAMP, SUFFIXES, Bag, Columns, Container, Tables
+from ground.recordings import (
+    battery,
+    commands,
+    containers,
+    damaged,
+    definitions,
+    instants,
+    poses,
+    run_settings,
+    sensors,
+    units,
+)
+from ground.recordings.bags import METADATA, Bag
+from ground.recordings.containers import FURTHER, RECEIVED, STAMP, SUFFIXES, Columns, Container, Tables
 from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, Clock, FieldMapping
 from ground.recordings.payloads import payload_of
 from ground.recordings.recording import Recording, checked
@@ -18,7 +30,6 @@ from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 from ground.support.origin import digest_of_files
 
-METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
 FARTHEST = 1e5  # largest plausible distance from the first pose [m]
 MANY_LOST = 0.1  # share of lost poses from which their axes are checked
@@ -29,17 +40,14 @@ def _is_table(path: str) -> bool:
     """Whether a file or folder is read as a table; GroundError where it is neither that nor a bag."""
     if not os.path.exists(path):
         raise GroundError("%s: no such file" % path)
-    if os.path.isfile(os.path.join(path, METADATA)) or path.endswith((".mcap", ".db3")):
+    if bags.is_bag(path):
         return False
     is_folder = os.path.isdir(path)
     if path.lower().endswith((*SUFFIXES, *FURTHER)) or (is_folder and _tables(path)):
         return True
     if is_folder:
         raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
-    with open(path, "rb") as file:
-        if file.read(len(containers.MAGIC)) != containers.MAGIC:
-            raise GroundError("%s: %s" % (path, NO_RECORDING))
-    return False
+    raise GroundError("%s: %s" % (path, NO_RECORDING))
 
 
 def contents(path: str, mapping: FieldMapping) -> List[str]:
@@ -48,8 +56,7 @@ def contents(path: str, mapping: FieldMapping) -> List[str]:
         return list(dict.fromkeys(_pair(path, mapping)))
     if os.path.isdir(path):
         return sorted(entry.path for entry in os.scandir(path) if entry.is_file())
-    log = path + "-wal"  # where SQLite may have what was written last
-    return [path] + ([log] if os.path.isfile(log) else [])
+    return [path] + [path + end for end in damaged.BESIDE if os.path.isfile(path + end)]
 
 
 def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
@@ -71,7 +78,8 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     files = contents(path, mapping)
     if is_table:
         mapping = mapping.with_options(os.path.basename(files[0]), os.path.basename(files[-1]))
-    with Tables(files, mapping.rows) if is_table else Bag(path) as container:
+    given_types = definitions.Definitions(mapping.types)
+    with Tables(files, mapping.rows) if is_table else Bag(path, given_types) as container:
         container.path = path
         found = of_container(container, mapping)
     # The description of a folder is not part of a run: the same run may be given without it.
@@ -82,11 +90,12 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     )
 
 
-def opened(path: str) -> Container:
-    """All that is in a file or folder, of which a mapping may choose. Raises GroundError."""
+def opened(path: str, types: Sequence[str] = ()) -> Container:
+    """All that is in a file or folder, of which a mapping may choose. types: files with definitions of types,
+    or folders of them. Raises GroundError."""
     if _is_table(path):
         return Tables(_tables(path) if os.path.isdir(path) else [path])
-    return Bag(path)
+    return Bag(path, definitions.Definitions(types))
 
 
 def size(path: str) -> int:
@@ -98,7 +107,7 @@ def size(path: str) -> int:
 
 def settings_in(path: str, mapping: FieldMapping = DEFAULT) -> run_settings.Settings:
     """The Settings by which the mocap's poses in a bag become world_ned. Raises GroundError."""
-    with opened(path) as bag:
+    with opened(path, mapping.types) as bag:
         return run_settings.settings_of(bag, ("axes", "heading_offset"), mapping, [])
 
 
@@ -230,7 +239,7 @@ def _lost(path: str, valid: Flags, raw: Array, settings: run_settings.Settings) 
 def _topics(source: Container, mapping: FieldMapping) -> Tuple[str, str]:
     """Topics of the poses and of the controls."""
     info, path = source.topics, source.path
-    there = ", ".join("%s (%s)" % (t, e.kind) for t, e in sorted(info.items())) or "no messages at all"
+    there = ", ".join(map(_described, sorted(info.items()))) or "no messages at all"
     for topic, kind, option in (
         (mapping.poses.topic, mapping.poses.type, "--pose-topic"),
         (mapping.commands.topic, mapping.commands.type, "--command-topic"),
@@ -249,6 +258,14 @@ def _topics(source: Container, mapping: FieldMapping) -> Tuple[str, str]:
         mapping.poses.topic or _best(path, "poses", likely, "--pose-topic", there),
         mapping.commands.topic or _best(path, "controls", ranked, "--command-topic", there),
     )
+
+
+def _described(entry: Tuple[str, containers.Topic]) -> str:
+    """A topic and its type."""
+    topic, about = entry
+    undefined = "" if not about.undefined else ", whose definition is not in the file: give it by --types"
+    empty = "" if about.count else ", without messages"
+    return "%s (%s%s%s)" % (topic, about.kind, empty, undefined)
 
 
 def _best(path: str, what: str, ranks: Mapping[str, int], option: str, there: str) -> str:
@@ -277,13 +294,15 @@ def listed(paths: Iterable[str], mapping: FieldMapping = DEFAULT) -> List[str]:
 
 
 def _inside(folder: str, mapping: FieldMapping) -> List[str]:
-    if os.path.isfile(os.path.join(folder, METADATA)):
+    if bags.is_bag(folder):
         return [folder]
     found: List[str] = []
-    for suffix in (".bag", ".mcap"):
+    for suffix in (".bag", *bags.SUFFIXES):
         found += glob.glob(os.path.join(glob.escape(folder), "*" + suffix))
+    for path in glob.glob(os.path.join(glob.escape(folder), "*.bag.active")):  # left by a killed recorder
+        found += [path] if path[: -len(".active")] not in found else []
     below = sorted(entry.path for entry in os.scandir(folder) if entry.is_dir())
-    found += [path for path in below if os.path.isfile(os.path.join(path, METADATA))]
+    found += [path for path in below if bags.is_bag(path)]
     if not found and not mapping.of_tables:
         found = [folder] if any(_tables(path) for path in [folder, *below]) else []
     elif not found and (mapping.poses.file or mapping.commands.file):

@@ -5,7 +5,8 @@ from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from ground.recordings.containers import STAMP, Bag, Container, seconds
+from ground.recordings.bags import Bag
+from ground.recordings.containers import STAMP, Container, seconds
 from ground.recordings.recording import Recording
 from ground.support.annotations import Array, Document, Flags
 from ground.support.errors import GroundError
