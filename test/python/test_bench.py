@@ -69,7 +69,8 @@ def test_a_curve_in_grams_over_pwm_of_both_thrusters_together(tmp_path):
         ("input,front\n0,0\n", "line 1 must name the columns"),
         ("input,left\n0,0\n0.5,x\n", "line 3: must be 2 numbers"),
         ("input,left\n0,0\n1500,0.1\n", "line 3: input 1500 is not between 0 and 1"),
-        ("input,left\n0,0\n1,0.1\n", "a fit needs forces at two inputs above zero"),
+        ("input,left\n0,0\n", "a fit needs a force at an input above zero"),
+        ("input,left\n0,0\n0.5,0.1\n", "there are forces at the input 0.5 only"),
         ("input,left\n0.5,0\n1,0\n", "no force is positive"),
         ("input,left\n0.5,-0.04\n1,-0.1\n", "no force is positive"),
     ],
@@ -187,6 +188,186 @@ def test_a_bad_option_is_refused(tmp_path, options, message):
     assert not (tmp_path / "thrust.yaml").exists()
 
 
+VALVES = ROOT / "cfg" / "craft" / "air_table.yaml"
+
+
+def switches(path, rows=("1",), repeat=6, seed=1, gain=None):
+    """Writes a bench of eight on/off valves of 0.4 N, in grams; rows: inputs, of which each but the last is
+    computed from it."""
+    random = np.random.default_rng(seed)
+    names = [one["name"] for one in _core.load_model(str(VALVES)).thrusters]
+    gain = gain or dict.fromkeys(names, 1.0)
+    full = [round(40 * gain[n] * (1 + 0.01 * random.normal()), 1) for n in names for _ in range(repeat)]
+    lines = ["input," + ",".join("%s_%d" % (n, i + 1) for n in names for i in range(repeat))]
+    lines += ["0" + ",0" * len(full)]
+    for row in rows:
+        lines.append(row + "," + ",".join("%.6g" % (float(row) * value) for value in full))
+    path.write_text("\n".join(lines) + "\n")
+    return path, names
+
+
+def test_valves_get_gains_and_keep_their_curve(tmp_path):
+    names = [one["name"] for one in _core.load_model(str(VALVES)).thrusters]
+    gain = dict(zip(names, (1.05, 0.95, 1.0, 1.0, 1.1, 0.9, 1.0, 1.0)))
+    path, _ = switches(tmp_path / "bench.csv", gain=gain)
+    out = tmp_path / "bench.yaml"
+    result = identify("bench", path, "--model", VALVES, "--unit", "g", "-o", out, "--json")
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["curve"] == "switch" and report["rejected"] == []
+    low, high = report["parameters"]["k"]["ci95"]
+    assert low < 40 * 9.80665e-3 < high and high - low < 0.02
+    held = [report["parameters"][n]["ci95"][0] < gain[n] < report["parameters"][n]["ci95"][1] for n in names]
+    assert sum(held) >= 6
+    before, after = (_core.load_model(str(p)).format() for p in (VALVES, out))
+    assert before.count("curve") == after.count("curve")
+
+
+def test_a_row_that_was_computed_is_left_out_and_named(tmp_path):
+    path, _ = switches(tmp_path / "bench.csv", ("0.5", "1"))
+    out = tmp_path / "bench.yaml"
+    result = identify("bench", path, "--model", VALVES, "--unit", "g", "-o", out, "--json")
+    assert result.returncode == 0 and json.loads(result.stdout)["curve"] == "switch"
+    assert "line 3 is left out: its forces are those of line 4 times 0.5" in result.stderr
+
+
+def test_measured_rows_are_never_taken_for_computed_ones(tmp_path):
+    from ground.fitting import bench_copies
+
+    random = np.random.default_rng(2)
+    columns = [(1.0, 0.0)] * 3 + [(0.0, 1.0)] * 3
+    for _ in range(200):
+        rows = [
+            (line, [level, *(round(50 * level * (1 + 0.005 * random.normal()), 1) for _ in columns)])
+            for line, level in enumerate((0.25, 0.5, 0.75, 1.0))
+        ]
+        assert bench_copies.without_copies("bench.csv", rows, columns) == (rows, [])
+
+
+def log(
+    path, thruster=0, names=("t_s", "weight_g", "bitmask"), on=None, force=45.0, lag=0.25, late=0.0, seed=1
+):
+    """Writes a log of a load cell at 50 Hz: ten pulses of 3 s, which the scale follows with a lag. late: how
+    much later a valve closes than it opens [s]."""
+    random = np.random.default_rng(seed)
+    times = np.arange(0, 62, 0.02)
+    command = ((times % 6) >= 3) & (times < 60)
+    delayed = np.interp(times - 0.04, times, command) > 0.5
+    for shift in np.arange(0, late + 0.01, 0.02):
+        delayed |= np.interp(times - 0.04 - shift, times, command) > 0.5
+    shown, rows = 0.0, []
+    for time, is_on, pushes in zip(times, command, delayed):
+        shown += 0.02 / lag * (force * pushes - shown)
+        value = (1 << thruster if on is None else on) if is_on else 0
+        rows.append("%.2f,%.2f,%g" % (time, 2.0 + shown + 0.05 * random.normal(), value))
+    path.write_text(",".join(names) + "\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def test_logs_of_a_load_cell_are_read_pulse_by_pulse(tmp_path):
+    names = [one["name"] for one in _core.load_model(str(VALVES)).thrusters]
+    logs = [
+        log(tmp_path / ("log_%s.csv" % name), i, force=45.0 + i, seed=i, late=0.06)
+        for i, name in enumerate(names)
+    ]
+    out = tmp_path / "bench.yaml"
+    result = identify("bench", *logs, "--model", VALVES, "-o", out, "--json", "--details")
+    assert result.returncode == 0, result.stderr
+    report = json.loads(result.stdout)
+    assert report["curve"] == "switch"
+    mean = 45.0 + np.arange(8).mean()
+    assert report["parameters"]["k"]["value"] == pytest.approx(mean * 9.80665e-3, rel=0.002)
+    for i, name in enumerate(names):
+        assert report["parameters"][name]["value"] == pytest.approx((45.0 + i) / mean, abs=0.003)
+    timing = report["timing"]
+    low, high = timing["longer_ci95"]
+    assert low < 0.06 < high and high - low < 0.05
+    assert timing["rise"][1] == pytest.approx(0.04 + 0.25 * np.log(2), abs=0.03)
+    text = identify("bench", *logs, "--model", VALVES, "-o", out, "--details", "--force").stdout
+    assert "80 pulses in 8 logs" in text and "closing is slower" in text and "at most" in text
+
+
+def test_a_log_of_one_thruster_with_its_command_and_unit(tmp_path):
+    path = log(tmp_path / "left-1.csv", names=("time [s]", "force [mN]", "pwm_us"), on=1000, force=300.0)
+    path.write_text(path.read_text().replace(",1000\n", ",2000\n").replace(",0\n", ",1000\n"))
+    report, model = fitted(tmp_path, path, "--inputs", 1000, 2000)
+    assert model.value("k") == pytest.approx(0.3, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    "names, name, options, message",
+    [
+        (
+            ("t", "force", "bitmask"),
+            "log.csv",
+            [],
+            "the unit of column force is not known; give it with --unit",
+        ),
+        (("t", "a_g", "b"), "log.csv", [], "--log-columns TIME FORCE COMMAND"),
+        (("t", "weight_g", "pwm"), "log.csv", [], "which thruster it is of is not known"),
+        (("t", "weight_g", "bitmask"), "right.csv", [], "named after right, but its bits say left"),
+        (
+            ("t", "a_g", "b"),
+            "left.csv",
+            ["--log-columns", "t", "a_g", "c"],
+            "no column of numbers is named c",
+        ),
+    ],
+)
+def test_a_log_that_is_not_clear_says_what_is_missing(tmp_path, names, name, options, message):
+    path = log(tmp_path / name, names=names)
+    refused = identify("bench", path, "--model", MODEL, "-o", tmp_path / "out.yaml", *options)
+    assert refused.returncode == 1 and message in refused.stderr and refused.stderr.count("\n") == 1
+
+
+def test_pulses_too_short_for_the_scale_are_refused(tmp_path):
+    path = log(tmp_path / "log.csv", lag=20.0)
+    refused = identify("bench", path, "--model", MODEL, "-o", tmp_path / "out.yaml")
+    assert refused.returncode == 1 and "held until the force is steady" in refused.stderr
+
+
+def test_mass_and_inertia_follow_from_motion_with_the_bench(tmp_path):
+    """The model is told a wrong mass; the valves act 60 ms late."""
+    true = _core.load_model(str(VALVES))
+    wrong = tmp_path / "wrong.yaml"
+    text = true.format()
+    mass, inertia = true.value("m"), true.value("I_z")
+    copy = true.copy()
+    copy.set_value("m", 0.7 * mass)
+    copy.set_value("I_z", 1.3 * inertia)
+    copy.save(str(wrong)) if hasattr(copy, "save") else wrong.write_text(copy.format())
+    craft = tmp_path / "true.yaml"
+    craft.write_text(
+        text.rstrip().rsplit("effects:", 1)[0] + "effects:\n  - {name: input_delay, delay: 0.06}\n"
+    )
+    run = tmp_path / "run.bag"
+    options = ("--input", "prbs", "--duration", 40, "--seed", 3, "-o", run)
+    assert identify("simulate", "--model", craft, *options).returncode == 0
+    names = [one["name"] for one in true.thrusters]
+    force = true.value("k")
+    random = np.random.default_rng(1)
+    path = tmp_path / "bench.csv"
+    values = [force * (1 + 0.01 * random.normal()) for _ in range(4 * len(names))]
+    path.write_text(
+        "input,"
+        + ",".join("%s_%d" % (n, i) for n in names for i in range(1, 5))
+        + "\n1,"
+        + ",".join("%.5f" % v for v in values)
+        + "\n"
+    )
+    out = tmp_path / "out.yaml"
+    result = identify("bench", path, "--model", wrong, "-o", out, "--json", "--runs", run)
+    assert result.returncode == 0, result.stderr
+    motion = json.loads(result.stdout)["mass"]
+    for name, value in (("m", mass), ("I_z", inertia)):
+        low, high = motion["parameters"][name]["ci95"]
+        assert low < value < high and high - low < 0.2 * value
+    assert motion["delay"]["effect"] == "input_delay"
+    assert motion["delay"]["value"] == pytest.approx(0.06, abs=0.005)
+    low, high = motion["ratio"]["ci95"]
+    assert low < 0.7 < high  # what the wrong mass makes of the thrust
+
+
 @pytest.fixture(scope="module")
 def real(tmp_path_factory):
     """The bench of the second craft, and its runs."""
@@ -218,3 +399,9 @@ def test_motion_tells_less_thrust_than_the_real_bench(real):
     report, _ = real
     low, high = report["motion"]["parameters"]["k"]["ci95"]
     assert 0.03 < low < high < report["parameters"]["k"]["ci95"][0]
+
+
+def test_mass_by_motion_is_what_was_weighed(real):
+    report, model = real
+    low, high = report["mass"]["parameters"]["m"]["ci95"]
+    assert low < 0.1763 < high and high - low < 0.03  # [kg]

@@ -2,7 +2,8 @@
 
 import argparse
 import os
-from typing import Any, Dict, Iterator, Sequence, Tuple
+from dataclasses import asdict
+from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 import yaml
@@ -11,17 +12,15 @@ from ground import _core
 from ground.analysis import candidates
 from ground.analysis.formula_words import quantity, with_interval
 from ground.data import bag_arguments
-from ground.fitting import thrust_bench
+from ground.fitting import bench_logs, bench_motion, thrust_bench
 from ground.fitting.fit import fit
-from ground.fitting.result import Fit
 from ground.models import Model, with_provenance
 from ground.support import command_line, files
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, warn
 from ground.support.headline import Line, formatted
 from ground.support.origin import digest_of_files
 
-NEWTONS = {"N": 1.0, "mN": 1e-3, "g": 9.80665e-3}
 EFFECTS = {"a": "thrust_asymmetry", "p": "thrust_curve"}  # of a left and a right thruster
 CURVES = ("linear", "power", "polynomial")
 REACH = 0.8  # least largest input measured; otherwise thrust at an input of 1 is an extrapolation
@@ -30,10 +29,11 @@ REACH = 0.8  # least largest input measured; otherwise thrust at an input of 1 i
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the verb's arguments."""
     parser.add_argument(
-        "table",
+        "tables",
         metavar="BENCH.csv",
-        help="columns input, then thrusters by name (left, right), a+b or both, repeated ones as left_1, "
-        "left_2",
+        nargs="+",
+        help="a table: columns input, then thrusters by name (left, right), a+b or both, repeated ones as "
+        "left_1, left_2; or logs of a load cell: columns of time, force and command",
     )
     parser.add_argument("--model", metavar="M.yaml", required=True, help="model whose thrust is replaced")
     parser.add_argument("-o", "--output", metavar="N.yaml", required=True)
@@ -45,7 +45,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar=("OFF", "FULL"),
         help="values of the column input that mean 0 and 1, such as microseconds of PWM (0 1)",
     )
-    parser.add_argument("--unit", choices=sorted(NEWTONS), default="N", help="unit of the forces (N)")
+    parser.add_argument(
+        "--unit",
+        choices=sorted(bench_logs.NEWTONS),
+        help="unit of the forces (N; of a log that of its column's name)",
+    )
+    parser.add_argument(
+        "--log-columns",
+        metavar=("TIME", "FORCE", "COMMAND"),
+        nargs=3,
+        default=(),
+        help="names of a log's columns, where they are not found",
+    )
     parser.add_argument(
         "--thrusters",
         metavar="NAME",
@@ -61,7 +72,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="BAG",
         nargs="+",
         default=[],
-        help="recorded runs, to say how the bench agrees with motion",
+        help="recorded runs, to say how the bench agrees with motion, and which mass follows",
     )
     bag_arguments.add_reading_arguments(parser)
     parser.add_argument("--force", action="store_true", help="overwrite the model file")
@@ -76,32 +87,42 @@ def run(arguments: argparse.Namespace) -> Document:
         arguments.refuse("--inputs needs two different numbers")
     model = Model.load(arguments.model).core
     names = [one["name"] for one in model.thrusters]
-    measured = thrust_bench.read(
-        arguments.table, names, off, full, NEWTONS[arguments.unit], arguments.thrusters
+    measured = thrust_bench.read_files(
+        arguments.tables, names, off, full, arguments.unit, arguments.thrusters, arguments.log_columns
     )
+    for remark in measured.remarks:
+        warn(remark)
     found = thrust_bench.fit(measured, names, arguments.curve)
     with_thrust, factors = _put_into(model, found, arguments.model)
     fitted = with_provenance(
         with_thrust,
-        [os.path.basename(arguments.table)],
+        [os.path.basename(table) for table in arguments.tables],
         {},
         {"bench": found.residual},
         {name: _scaled(found.intervals[short], factor) for short, (name, factor) in factors.items()},
         [],
-        [digest_of_files([arguments.table])],
+        [digest_of_files(arguments.tables)],
     )
-    motion = None
+    windows = motion = None
+    agrees: List[str] = []
     if arguments.runs:
-        runs = bag_arguments.reading(arguments, arguments.runs)
-        motion = fit(fitted, runs, progress=arguments.work)
+        runs = list(bag_arguments.reading(arguments, arguments.runs))
+        k = found.values["k"], *found.intervals["k"]
+        windows = fit(fitted, runs, progress=arguments.work)
+        motion = bench_motion.motion(fitted, k, runs, bag_arguments.Part(), arguments.work)
+        at = "at full input" if found.curve.power is not None else "at %.3g" % found.curve.largest
+        over = bench_motion.over_windows(windows, fitted.core.value("k"), at)
+        agrees = [over, *motion.lines(), motion.verdict(windows)]
     fitted.save(arguments.output, arguments.force)
-    agrees = list(_agreement(fitted.core, found, motion)) if motion else []
-    for line in formatted(_headline(found, arguments, agrees)):
+    mass = motion.mass if motion else ""
+    for line in formatted(_headline(found, arguments, mass, agrees[-1:])):
         command_line.say(arguments, line)
-    command_line.say_details(arguments, [*_lines(found), *agrees])
+    timing = [measured.source] * bool(measured.source)
+    timing += measured.timing.lines() if measured.timing else []
+    command_line.say_details(arguments, [*_lines(found), *timing, *agrees])
     return {
         "model": arguments.output,
-        "curve": found.curve.kind,
+        "curve": "switch" if found.switches else found.curve.kind,
         "parameters": {n: {"value": v, "ci95": list(found.intervals[n])} for n, v in found.values.items()},
         "p_equal_gains": found.p_value,
         "rejected": [{"curve": words, "p_value": p} for words, p in found.rejected],
@@ -109,7 +130,10 @@ def run(arguments: argparse.Namespace) -> Document:
         "scatter": None if np.isnan(found.scatter) else found.scatter,
         "largest_input": found.curve.largest,
         "k_before": model.value("k") * model.input_max,
-        "motion": None if motion is None else motion.to_dict(),
+        "timing": asdict(measured.timing) if measured.timing else None,
+        "left_out": list(measured.remarks),
+        "motion": windows.to_dict() if windows else None,
+        "mass": motion.to_dict() if motion else None,
     }
 
 
@@ -127,7 +151,7 @@ def _put_into(model: _core.Model, found: thrust_bench.Thrust, path: str) -> Tupl
             "%s has inputs up to %g, which are no normalised ones: a %s cannot be written into it; "
             "--curve power can" % (path, model.input_max, found.curve.words)
         )
-    plain = _without_effects(model)
+    plain = _without_effects(model, found)
     document = yaml.safe_load(plain.format())
     body = document["body"]
     body.pop("l", None)
@@ -145,18 +169,18 @@ def _put_into(model: _core.Model, found: thrust_bench.Thrust, path: str) -> Tupl
                     "curve into the model file" % (path, thruster["name"])
                 )
             thruster["range"] = [0.0, found.curve.largest]
-        else:
+        elif not found.switches:
             thruster["curve"] = {"power": found.values.get("p", 1.0)}
     body["k"] = found.values["k"]
     fitted = _core.parse_model(yaml.safe_dump(document, sort_keys=False), path)
     return fitted, {"k": ("k", 1.0)}
 
 
-def _without_effects(model: _core.Model) -> _core.Model:
-    """The model without effects on the thrust of a pair."""
+def _without_effects(model: _core.Model, thrust: thrust_bench.Thrust) -> _core.Model:
+    """The model without effects on the thrust of a pair, of which the bench says more."""
     found = model.copy()
-    for effect in EFFECTS.values():
-        if effect in found.effects:
+    for name, effect in EFFECTS.items():
+        if effect in found.effects and not (thrust.switches and name == "p"):
             found.remove_effect(effect)
     return found
 
@@ -176,7 +200,7 @@ def _listed(thruster: Document) -> Dict[str, Any]:
 
 def _put_into_pair(model: _core.Model, found: thrust_bench.Thrust) -> Tuple[_core.Model, Places]:
     """The model of a left and a right thruster with the fitted thrust."""
-    fitted = _without_effects(model)
+    fitted = _without_effects(model, found)
     fitted.set_value("k", found.values["k"] / model.input_max)
     places: Places = {"k": ("k", 1 / model.input_max)}
     if "p" in found.values:
@@ -189,32 +213,8 @@ def _put_into_pair(model: _core.Model, found: thrust_bench.Thrust) -> Tuple[_cor
     return fitted, places
 
 
-def _agreement(model: _core.Model, found: thrust_bench.Thrust, motion: Fit) -> Iterator[str]:
-    """How the bench agrees with what motion tells."""
-    moved = motion.parameters["k"]
-    low, high = moved.ci95 or (float("nan"), float("nan"))
-    bench = model.value("k")
-    at = "at full input" if found.curve.power is not None else "at %.3g" % found.curve.largest
-    yield "motion tells %.4g N %s [%.4g, %.4g], %.2f times the bench's" % (
-        moved.value,
-        at,
-        low,
-        high,
-        moved.value / bench,
-    )
-    below, above = found.intervals["k"]
-    scale = bench / found.values["k"]
-    if low > above * scale or high < below * scale:
-        yield (
-            "the intervals are apart: losses in motion, a low battery, a wrong mass or a wrong lever make "
-            "the two differ. Controllers and diagnosis need what motion tells: fit with k free"
-        )
-    else:
-        yield "the intervals of bench and motion meet"
-
-
 def _headline(
-    found: thrust_bench.Thrust, arguments: argparse.Namespace, agrees: Sequence[str]
+    found: thrust_bench.Thrust, arguments: argparse.Namespace, mass: str, agrees: Sequence[str]
 ) -> Iterator[Line]:
     """The first lines: the curve, how well it fits, and what to do next."""
     curve = found.curve
@@ -222,7 +222,10 @@ def _headline(
         "%s %s" % (name, with_interval(value, *found.intervals[name], "N" if name == "k" else ""))
         for name, value in found.values.items()
     ]
-    yield "Thrust", "%s: %s." % (curve.words, ", ".join(values))
+    kind = "on or off" if found.switches else curve.words
+    yield "Thrust", "%s: %s." % (kind, ", ".join(values))
+    if mass:
+        yield "Mass by motion", mass
     yield "Misfit", "%s (standard deviation)" % quantity(found.residual, "N", 2)
     yield "Model", arguments.output
     if curve.power is not None and curve.largest < REACH:
@@ -236,7 +239,10 @@ def _headline(
 def _lines(found: thrust_bench.Thrust) -> Iterator[str]:
     """The evidence: curve, parameters, misfit and reach."""
     curve = found.curve
-    yield "curve: %s" % curve.words
+    if found.switches:
+        yield "curve: on or off; nothing was measured between, so the model's is left as it is"
+    else:
+        yield "curve: %s" % curve.words
     for words, p_value in found.rejected:
         yield "  not a %s (p %.2g)" % (words, p_value)
     at = "at full input" if curve.power is not None else "at input %.3g" % curve.largest

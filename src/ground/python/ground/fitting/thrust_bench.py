@@ -2,7 +2,7 @@
 
 Thruster j gives the force g_j f(w) at input w (0..1): one curve f for all (thrust_curve), and gains g_j
 whose mean is 1. Gains are fitted if they differ significantly. The curve is the simplest one that the
-Bayesian information criterion does not clearly reject.
+Bayesian information criterion does not clearly reject. Of thrusters that are on or off, there are gains only.
 """
 
 import csv
@@ -15,7 +15,7 @@ from typing import Counter as CounterType
 import numpy as np
 from scipy import stats
 
-from ground.fitting import thrust_curve
+from ground.fitting import bench_copies, bench_logs, thrust_curve
 from ground.support.annotations import Array, Flags
 from ground.support.errors import GroundError
 
@@ -24,6 +24,7 @@ STRONG = 6.0  # difference of the information criterion that is strong evidence 
 OFF = 1e-9  # input of a thruster that is off
 ROUNDS = 8  # fits of curve and gains, in turn
 BOTH = "both"  # column of all thrusters together
+BATCHES = 5  # of repetitions in a row, whose drift is common
 
 
 @dataclass(frozen=True)
@@ -34,10 +35,20 @@ class Bench:
     together: Array  # (n, m) 1 where thruster j is at work, else 0
     repetition: Array  # (n,) how many rows before it have the same input and thrusters
     forces: Array  # (n,) [N]
+    remarks: Tuple[str, ...] = ()  # what was left out
+    source: str = ""  # how many pulses of how many logs they are
+    timing: Optional[bench_logs.Timing] = None  # how the force follows commands, of logs
+
+    @property
+    def levels(self) -> Array:
+        """The different inputs above zero."""
+        return np.asarray(np.unique(self.inputs[self.inputs > OFF]))
 
     def part(self, rows: Flags) -> "Bench":
         """Some rows, by their mask (n,)."""
-        return Bench(*(a[rows] for a in (self.inputs, self.together, self.repetition, self.forces)))
+        chosen = (self.inputs, self.together, self.repetition, self.forces)
+        inputs, together, repetition, forces = (a[rows] for a in chosen)
+        return Bench(inputs, together, repetition, forces)
 
 
 @dataclass(frozen=True)
@@ -52,6 +63,7 @@ class Thrust:
     rejected: List[Tuple[str, float]]  # simpler curves, with their probability relative to the best one
     residual: float  # standard deviation of the forces about the fit [N]
     scatter: float  # standard deviation of repeated measurements [N]; nan without any
+    switches: bool = False  # whether thrusters were on or off only, so that nothing is known of the curve
 
 
 def read(
@@ -72,6 +84,7 @@ def read(
     """
     header, rows = _cells(path)
     columns = _columns(path, header, names, measured)
+    rows, remarks = bench_copies.without_copies(path, rows, columns, off)
     found = []
     for number, values in rows:
         level = (values[0] - off) / (full - off)
@@ -82,18 +95,63 @@ def read(
             )
         level = min(max(level, 0.0), 1.0)
         found += [(level, at, i, unit * values[1 + i]) for i, at in enumerate(columns)]
-    if len({level for level, *_ in found if level > OFF}) < 2:
-        raise GroundError("%s: a fit needs forces at two inputs above zero" % path)
+    return _bench(path, found, remarks)
+
+
+def read_files(
+    paths: Sequence[str],
+    names: Sequence[str],
+    off: float = 0.0,
+    full: float = 1.0,
+    unit: Optional[str] = None,
+    measured: Optional[Sequence[str]] = None,
+    columns: Sequence[str] = (),
+) -> Bench:
+    """The Bench in a table (read), or in logs of a load cell (bench_logs.read). unit: of the force; N in a
+    table without it. columns: of a log. Raises GroundError."""
+    logs = [path for path in paths if columns or bench_logs.is_log(_cells(path, only_header=True)[0])]
+    if not logs and len(paths) == 1:
+        return read(paths[0], names, off, full, bench_logs.NEWTONS[unit or "N"], measured)
+    others = [path for path in paths if path not in logs]
+    if others:
+        raise GroundError("%s: no column of it is a time; give one table, or logs only" % others[0])
+    read_logs = [bench_logs.read(path, names, off, full, unit, columns) for path in logs]
+    pulses = [pulse for log in read_logs for pulse in log.pulses]
+    remarks = [
+        "%s: %d of its pulses are left out: the force was not steady in them, or without command beside them"
+        % (path, log.lost)
+        for path, log in zip(logs, read_logs)
+        if log.lost
+    ]
+    bench = _bench(", ".join(logs), [(p.level, p.together, 0, p.force) for p in pulses], remarks)
+    source = "%d pulses in %d logs" % (len(pulses), len(logs))
+    return replace(bench, source=source, timing=bench_logs.timing(read_logs))
+
+
+def _bench(
+    path: str, found: Sequence[Tuple[float, Tuple[float, ...], int, float]], remarks: Sequence[str]
+) -> Bench:
+    """The Bench of forces with their levels, and the thrusters at work. GroundError where thrust at full
+    input does not follow from them."""
+    levels = {level for level, *_ in found if level > OFF}
+    if not levels:
+        raise GroundError("%s: a fit needs a force at an input above zero" % path)
+    if len(levels) == 1 and min(levels) < 1 - 1e-6:
+        raise GroundError(
+            "%s: there are forces at the input %g only, so that thrust at full input would be a guess: "
+            "measure others; of a thruster that is on or off, say by --inputs which value is on"
+            % (path, min(levels))
+        )
     seen: "CounterType[Tuple[float, ...]]" = Counter()
     repetition = []
     for level, at, *_ in found:
         repetition.append(seen[(level, *at)])
         seen[(level, *at)] += 1
     inputs, together, _, forces = (np.array(column) for column in zip(*found))
-    return Bench(inputs, together, np.array(repetition), forces)
+    return Bench(inputs, together, np.array(repetition), forces, tuple(remarks))
 
 
-def _cells(path: str) -> Tuple[List[str], List[Tuple[int, List[float]]]]:
+def _cells(path: str, only_header: bool = False) -> Tuple[List[str], List[Tuple[int, List[float]]]]:
     """The header, and the numbers of each line that is not empty, with the line's number."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:  # spreadsheets write a BOM
@@ -101,7 +159,9 @@ def _cells(path: str) -> Tuple[List[str], List[Tuple[int, List[float]]]]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise GroundError("%s: cannot be read: %s" % (path, error))
     header = [name.strip() for name in rows[0]] if rows else []
-    found = []
+    found: List[Tuple[int, List[float]]] = []
+    if only_header:
+        return header, found
     for number, row in enumerate(rows[1:], 2):
         if not "".join(row).strip():
             continue
@@ -180,6 +240,9 @@ def fit(bench: Bench, names: Sequence[str], only: Optional[str] = None) -> Thrus
     driven = bench.part(bench.inputs > OFF)
     if not np.max(driven.forces) > 0:
         raise GroundError("no force is positive: thrusters push, so turn the sign or the table")
+    switches = len(bench.levels) == 1
+    if switches and only not in (None, "linear"):
+        raise GroundError("a %s needs forces at more inputs than the table has, and that rise" % only)
     gains, p_value = _gains(driven)
     curves = [c for c in _curves(driven, gains) if only is None or c.kind == only]
     if not curves:
@@ -203,6 +266,7 @@ def fit(bench: Bench, names: Sequence[str], only: Optional[str] = None) -> Thrus
         rejected,
         float(np.sqrt(misfit @ misfit / max(1, len(misfit) - free))),
         _scatter(driven),
+        switches,
     )
 
 
@@ -219,7 +283,8 @@ def _values(curve: thrust_curve.Curve, gains: Array, names: Sequence[str]) -> Di
 
 def _curves(bench: Bench, gains: Array) -> List[thrust_curve.Curve]:
     working = bench.together @ gains
-    found = [kind(bench.inputs, working, bench.forces) for kind in thrust_curve.KINDS]
+    kinds = thrust_curve.KINDS if len(bench.levels) > 1 else thrust_curve.KINDS[:1]
+    found = [kind(bench.inputs, working, bench.forces) for kind in kinds]
     return [curve for curve in found if curve is not None and curve.full > 0]
 
 
@@ -293,15 +358,19 @@ def _choose(
 def _intervals(
     bench: Bench, values: Dict[str, float], refit: Callable[[Bench], Dict[str, float]]
 ) -> Dict[str, Tuple[float, float]]:
-    """95% intervals by the jackknife: the wider one of leaving out levels and leaving out repetitions,
-    whose errors are not independent when a whole repetition is off."""
+    """95% intervals by the jackknife: the widest one of leaving out levels, repetitions, whose errors are not
+    independent when a whole repetition is off, and batches of many repetitions, which drift."""
     away = {name: 0.0 for name in values}
-    for key in (bench.inputs, bench.repetition):
+    count = int(bench.repetition.max()) + 1
+    batches = bench.repetition * BATCHES // count if count >= 2 * BATCHES else bench.repetition
+    for key in (bench.inputs, bench.repetition, batches):
         groups = np.unique(key)
         if len(groups) < 2:
             continue
         parts = [bench.part(key != group) for group in groups]
-        found = [refit(part) for part in parts if len(np.unique(part.inputs)) > 1]
+        found = [
+            refit(part) for part in parts if len(part.levels) == len(bench.levels) or len(part.levels) > 1
+        ]
         count = len(found)
         if count < 2:
             continue
