@@ -158,7 +158,9 @@ void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   if (has & Effect::kAir) hooks.air(p, air_);
   if ((has & Effect::kSteer) && layout_->steers()) hooks.steer(p, steering_);
   if (has & Effect::kInertia) hooks.inertia(p, body_, mass_);
-  if (has & Effect::kActuate) actuators_.push_back(active);
+  // What an actuator does at once, such as a dead band, comes before what takes time.
+  const bool at_once = info.stateCount(layout_->size()) == 0;
+  if (has & Effect::kActuate) actuators_.insert(at_once ? actuators_.begin() : actuators_.end(), active);
   if (has & Effect::kRates) rates_.push_back(active);
   if (has & Effect::kThrust) thrust_.push_back(active);
   if (has & Effect::kWrench) wrench_.push_back(active);
