@@ -12,6 +12,7 @@ namespace {
 
 constexpr double kTolerance = 0.01;   // relative to full thrust and to full moment
 constexpr double kHeldFirst = 1e-5;   // weight of the moment if the thrust must hold
+constexpr double kFreeSway = 1e-8;    // weight of the force to the side that a rudder's moment brings
 constexpr int kDirections = 72;       // directions of a thrust that are tried
 constexpr double kNegligible = 1e-3;  // relative to full thrust; with less, any heading is possible
 
@@ -20,11 +21,12 @@ class Limits {
  public:
   explicit Limits(const Model& model)
       : all_(*model.thrusters, model.body),
-        held_(*model.thrusters, model.body, {1, 1, kHeldFirst}),
+        held_(*model.thrusters, model.body, {1, model.thrusters->steers() ? kFreeSway : 1, kHeldFirst}),
         forward_(most({1, 0, 0})),
         backward_(most({-1, 0, 0})),
         full_moment_(std::max(most({0, 0, 1}), most({0, 0, -1}))) {
     sways_ = std::min(most({0, 1, 0}), most({0, -1, 0})) > kTolerance * model.body.k;
+    if (model.thrusters->steers()) sways_ = sways_ && swaysAlone(model.body);
     for (int i = 0; i < kDirections && sways_; ++i) {
       const double angle = 2 * M_PI * i / kDirections;
       forward_ = std::max(forward_, most({std::cos(angle), std::sin(angle), 0}));
@@ -42,6 +44,14 @@ class Limits {
   }
 
  private:
+  /// Whether the thrusters push to both sides without turning the craft, as a rudder cannot.
+  bool swaysAlone(const Body<double>& body) const {
+    for (const double force : {-0.1 * body.k, 0.1 * body.k}) {
+      const Vector3<double> given = all_.run({0, force, 0}).wrench;
+      if (std::abs(given.y() - force) > 0.5 * std::abs(force)) return false;
+    }
+    return true;
+  }
   double most(const Vector3<double>& along) const { return along.dot(all_.most(along).wrench); }
 
   Allocation all_, held_;

@@ -27,7 +27,7 @@ const Tunables<PredictiveParams>& PredictiveParams::table() {
 
 PredictiveControl::PredictiveControl(const Model& model, const PredictiveParams& params)
     : model_(model), turns_{turnTo(false), turnTo(true)}, seen_(model), observer_(model, params) {
-  const Allocation::Output full = Allocation(*model.thrusters, model.body).most({1, 0, 0});
+  const Allocation::Output full = Allocation(model, {}).most({1, 0, 0});
   forward_ = full.inputs;
   full_thrust_ = full.wrench.x();
   wanted_ = Thrusters<double>::zero(forward_.size());
@@ -38,7 +38,7 @@ PredictiveControl::Turn PredictiveControl::turnTo(bool starboard) const {
   const ThrusterLayout& layout = *model_.thrusters;
   const Body<double>& body = model_.body;
   const Thrusters<double> inputs = fastestTurn(layout, starboard, body.input_max);
-  return {inputs, body.l * body.k * std::abs(layout.total(layout.forces(inputs)).z())};
+  return {inputs, body.l * body.k * std::abs(layout.atRest(inputs).z())};
 }
 
 void PredictiveControl::setParams(const PredictiveParams& params) {

@@ -10,10 +10,17 @@ namespace {
 
 /// Smallest useful force and moment of all thrusters, relative to one at its lever.
 constexpr double kMinShare = 0.01;
+constexpr double kSteeredSway = 1e-4;  ///< weight of the force to the side of a craft with angles
+
+/// A rudder's force to the side comes with its moment: the law, which commands no such force, takes it.
+Allocation allocationOf(const Model& model) {
+  const double sway = model.thrusters->steers() ? kSteeredSway : 1;
+  return Allocation(model, {1, sway, 1});
+}
 
 /// Why a craft's thrusters cannot follow the law; empty if they can.
 std::string steeringProblem(const Model& model) {
-  const Allocation allocation(*model.thrusters, model.body);
+  const Allocation allocation = allocationOf(model);
   const auto most = [&](const Vector3<double>& along) { return along.dot(allocation.most(along).wrench); };
   const char* missing = nullptr;
   if (most({0, 0, -1}) < kMinShare * model.body.l * model.body.k) missing = "turn it to port";
@@ -34,7 +41,7 @@ EffectUse BacksteppingControl::effectUse(const Model& model) {
 
 BacksteppingControl::BacksteppingControl(const Model& model, const TrackingGains& gains)
     : body_(model.body),
-      allocation_(*model.thrusters, model.body),
+      allocation_(allocationOf(model)),
       least_force_(allocation_.most({-1, 0, 0}).wrench.x()),
       most_force_(allocation_.most({1, 0, 0}).wrench.x()),
       gains_(gains) {

@@ -33,6 +33,17 @@ Columns times(const Eigen::Matrix<double, kSize, kSize>& A, const Columns& B) {
   return product;
 }
 
+/// Moment of an input of 1, over k l; of an angle, at full thrust.
+double leverOf(const ThrusterLayout& layout, int channel) {
+  if (layout.pushes(channel)) return layout.lever(channel);
+  Thrusters<double> inputs = Thrusters<double>::zero(layout.size());
+  for (int i = 0; i < inputs.size(); ++i)
+    if (layout.pushes(i)) inputs(i) = layout[i].most;
+  const double without = layout.atRest(inputs).z();
+  inputs(channel) = 1;
+  return layout.atRest(inputs).z() - without;
+}
+
 }  // namespace
 
 TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double step)
@@ -51,7 +62,7 @@ TrajectoryOptimizer::TrajectoryOptimizer(const Model& model, int steps, double s
   for (int i = 0; i < inputs; ++i) {
     low_(i) = layout[i].least * input_max_;
     high_(i) = layout[i].most * input_max_;
-    levers_(i) = layout.lever(i);
+    levers_(i) = leverOf(layout, i);
     if (!layout[i].curve.linear()) least_input_(i) = inputFor(layout[i].curve, kSmallForce);
   }
   const auto number = static_cast<std::size_t>(steps);

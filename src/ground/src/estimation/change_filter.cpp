@@ -52,7 +52,7 @@ ChangeFilter::ChangeFilter(const Model& model, const ObserverParams& params)
   const Body<double>& body = model.body;
   const ThrusterLayout& layout = *model.thrusters;
   const double surge = layout.fullThrust() * body.k * body.input_max / body.m;
-  const Vector3<double> turn = layout.total(layout.forces(fastestTurn(layout, true, body.input_max)));
+  const Vector3<double> turn = layout.atRest(fastestTurn(layout, true, body.input_max));
   most_ << surge, surge, std::abs(turn.z()) * body.k * body.l / body.I_z;
   const Disturbance& known = model.disturbance;
   const Vector3<double> mass(body.m, body.m, body.I_z);

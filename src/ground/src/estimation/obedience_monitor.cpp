@@ -51,8 +51,8 @@ double fullYaw(const Model& model) {
   const ThrusterLayout& layout = *model.thrusters;
   double most = 0;
   for (bool starboard : {false, true}) {
-    const Thrusters<double> forces = layout.forces(fastestTurn(layout, starboard, body.input_max));
-    most = std::max(most, std::abs(layout.total(forces).z()));
+    const Vector3<double> wrench = layout.atRest(fastestTurn(layout, starboard, body.input_max));
+    most = std::max(most, std::abs(wrench.z()));
   }
   return body.k * body.l * most / body.I_z;
 }
@@ -96,7 +96,7 @@ void ObedienceMonitor::addExplanations() {
   explanations_ = {{"as without thrust", Thrusters<double>::zero(layout.size())},
                    {"as with a fifth of the model's thrust", all, 0.2},
                    {"as with five times the model's thrust", all, 5}};
-  if (layout.size() == 2)
+  if (layout.size() == 2 && !layout.steers())
     explanations_.push_back(
         {"as if " + layout[0].name + " and " + layout[1].name + " were swapped", all, 1, true});
   for (int i = 0; i < layout.size() && layout.size() > 1; ++i) {

@@ -14,10 +14,17 @@ constexpr double kPeerTimeout = 2;    // silence after which a craft may return 
 constexpr double kSendTimeout = 0.2;  // longest failure to send while armed [s]
 constexpr double kNever = -std::numeric_limits<double>::infinity();
 
+/// The largest input of a thruster that pushes; angles do not.
+double pushing(const Thrusters<double>& inputs, const ThrusterLayout& layout) {
+  double most = 0;
+  for (int i = 0; i < inputs.size(); ++i)
+    if (layout.pushes(i)) most = std::max(most, std::abs(inputs(i)));
+  return most;
+}
+
 /// Whether a thruster pushes without lift. An input of the wrong sign for the thruster is clipped.
 bool thrustAlone(const MotorCommand& c, const ThrusterLayout& layout) {
-  const Thrusters<double> inside = layout.clipped(c.thrusters, 1);
-  return MotorCommand(inside, 0).thrust() > 0 && !(c.lift > 0);
+  return pushing(layout.clipped(c.thrusters, 1), layout) > 0 && !(c.lift > 0);
 }
 
 std::string because(const std::string& what, const std::string& why) {
@@ -209,7 +216,7 @@ std::string GroundLink::silence(double now, double duration) {
   if (silent_until_ || lost_since_ != kNever) return reason_;
   if (!(duration > 0 && duration <= kLongestSilence))
     return "a silence must be longer than 0 s and at most 2 s";
-  if (command_.thrust() > kMaxSilentThrust)
+  if (pushing(command_.thrusters, *layout_) > kMaxSilentThrust)
     return "the thrust is above 0.5, too much for a craft that may not stop";
   transmit(now);  // so that the silence begins with a packet at a known time
   if (!send_problem_.empty()) return because("packets cannot be sent", send_problem_);

@@ -13,6 +13,12 @@ constexpr double kDeadThruster = -0.98;  // keeps the model's shares of thrust d
 
 constexpr double kWorthTaking = 0.04;  // smallest difference that a controller takes
 
+/// The effect by which a channel does less or more.
+std::string gainOf(const Thruster& one) {
+  const bool foil = one.kind == Thruster::Kind::kFoil;
+  return (foil ? "foil_gain_" : one.isAngle() ? "angle_gain_" : "thruster_gain_") + one.name;
+}
+
 }  // namespace
 
 CraftChange::CraftChange(const Model& model) : model_(model) {
@@ -24,7 +30,11 @@ CraftChange::CraftChange(const Model& model) : model_(model) {
   for (int i = 0; i < layout.size(); ++i) {
     parameters_.push_back({"thruster_" + layout[i].name, kDeadThruster, 0.5, true});
     if (layout.isPair()) continue;
-    const std::string effect = require("thruster_gain_" + layout[i].name);
+    if (layout.forces() == 1 && layout.pushes(i)) {
+      terms_.push_back({Term::kScaled, i, model_.index("k")});
+      continue;
+    }
+    const std::string effect = require(gainOf(layout[i]));
     terms_.push_back({Term::kGain, i, model_.index(effect + ".a")});
   }
   thrust_ = model_.index("k");

@@ -108,7 +108,11 @@ Dynamics<T>::Dynamics(const Model& model, const Payload& payload)
 
 template <typename T>
 Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates, const Payload& payload)
-    : layout_(model.thrusters), coordinates_(coordinates), air_(Vector2<T>::Zero()), delay_(0.0) {
+    : layout_(model.thrusters),
+      steering_(steeringOf<T>(*layout_)),
+      coordinates_(coordinates),
+      air_(Vector2<T>::Zero()),
+      delay_(0.0) {
   if (static_cast<int>(coordinates_.size()) != model.parameterCount())
     throw std::invalid_argument("Dynamics: wrong number of coordinates");
   const T* p = coordinates_.data();
@@ -125,8 +129,8 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates, con
   }
   if (!payload.empty()) load(payload);
   mass_inverse_ = inverseOf(mass_);
-  is_alone_ = !couples(mass_) && !has_air_ && !layout_->sways() && thrust_.empty() && wrench_.empty() &&
-              rates_.empty();
+  is_alone_ = !couples(mass_) && !has_air_ && !layout_->sways() && !layout_->steers() && thrust_.empty() &&
+              wrench_.empty() && rates_.empty();
   stages_ = {initial_, initial_, std::vector<T>(initial_.size(), T(0.0))};
   damping_ = {body_.X_u / body_.m, body_.Y_v / body_.m, body_.N_r / body_.I_z};
   surge_gain_ = body_.k / body_.m;
@@ -150,6 +154,7 @@ void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   const Active active{&hooks, p, state};
   if (has & Effect::kDelay) hooks.delay(p, delay_);
   if (has & Effect::kAir) hooks.air(p, air_);
+  if ((has & Effect::kSteer) && layout_->steers()) hooks.steer(p, steering_);
   if (has & Effect::kInertia) hooks.inertia(p, body_, mass_);
   if (has & Effect::kActuate) actuators_.push_back(active);
   if (has & Effect::kRates) rates_.push_back(active);
@@ -186,7 +191,7 @@ void Dynamics<T>::requireThrusters(int count) const {
 
 template <typename T>
 StepInputs<T> Dynamics<T>::actuate(const Thrusters<T>& command, Given<T> lift, const T& h, T* states) const {
-  StepInputs<T> inputs{{command}, lift, actuators_.empty(), states};
+  StepInputs<T> inputs{{command}, lift, actuators_.empty(), states, layout_.get()};
   if (!inputs.held) inputs.thrusters[1] = inputs.thrusters[2] = command;
   for (const Active& a : actuators_) a.effect->actuate(a.p, h, states + a.state, inputs);
   return inputs;
@@ -222,7 +227,7 @@ void Dynamics<T>::settle(const T& t, const RigidState<T>& state, const Thrusters
 
 template <typename T>
 Dynamics<T>::Drive::Drive(const Dynamics& d, const Thrusters<T>& inputs)
-    : input(inputs), thrust(d.layout_->forces(inputs)) {
+    : input(inputs), thrust(d.layout_->forces(inputs)), angles(*d.layout_, d.steering_, inputs) {
   thrust *= d.body_.k;
 }
 
@@ -250,6 +255,8 @@ void Dynamics<T>::derive(const T& t, const RigidState<T>& state, const Drive& dr
   Vector3<T> wrench(total.x() + r * p.y() - body_.X_u * nu_air.x(),
                     total.y() - r * p.x() - body_.Y_v * nu_air.y(),
                     body_.l * total.z() + v * p.x() - u * p.y() - body_.N_r * r);
+  if (layout_->steers())
+    addSteering(*layout_, steering_, drive.angles, instant.point.thrust, nu_air, body_.l, wrench);
   for (const Active& a : wrench_) a.effect->wrench(a.p, instant.of(a, states), wrench);
   dot.nu = mass_inverse_ * wrench;
 }

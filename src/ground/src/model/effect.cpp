@@ -97,8 +97,13 @@ std::vector<EffectPtr> ofThrusters(const Registry& all, const ThrusterLayout& la
   std::vector<EffectPtr> effects;
   if (layout.isPair() || layout.size() == 1) return effects;
   for (const auto& [name, make] : all.of_thrusters)
-    for (int i = 0; i < layout.size(); ++i) effects.push_back(make(i, layout));
+    for (int i = 0; i < layout.size(); ++i)
+      if (EffectPtr effect = make(i, layout)) effects.push_back(std::move(effect));
   return effects;
+}
+
+bool suits(const Effect& effect, const ThrusterLayout& layout) {
+  return !effect.info().suits || effect.info().suits(layout);
 }
 
 }  // namespace
@@ -107,15 +112,20 @@ EffectPtr makeEffect(const std::string& name, const ThrusterLayout& layout) {
   Registry& all = registry();
   const std::lock_guard<std::mutex> lock(all.mutex);
   const auto found = all.effects.find(name);
-  if (found != all.effects.end()) return found->second;
+  if (found != all.effects.end() && suits(*found->second, layout)) return found->second;
   std::vector<std::string> known;
-  for (const auto& entry : all.effects) known.push_back(entry.first);
+  for (const auto& entry : all.effects)
+    if (suits(*entry.second, layout)) known.push_back(entry.first);
   for (EffectPtr& effect : ofThrusters(all, layout)) {
     if (effect->info().name == name) return std::move(effect);
     known.push_back(effect->info().name);
   }
   std::ostringstream text;
-  text << "unknown effect '" << shortened(name) << "'" << didYouMean(name, known) << "; known are";
+  if (found != all.effects.end())
+    text << "no craft with the thrusters " << layout.names() << " has the effect '" << name << "'";
+  else
+    text << "unknown effect '" << shortened(name) << "'" << didYouMean(name, known);
+  text << "; known are";
   for (const std::string& one : known) text << ' ' << one;
   text << " (those of other packages: " << kLibraries << " lists their libraries)";
   throw std::invalid_argument(text.str());
@@ -125,7 +135,8 @@ std::vector<std::string> effectNames(const ThrusterLayout& layout) {
   Registry& all = registry();
   const std::lock_guard<std::mutex> lock(all.mutex);
   std::vector<std::string> names;
-  for (const auto& entry : all.effects) names.push_back(entry.first);
+  for (const auto& entry : all.effects)
+    if (suits(*entry.second, layout)) names.push_back(entry.first);
   for (const EffectPtr& effect : ofThrusters(all, layout)) names.push_back(effect->info().name);
   return names;
 }

@@ -71,6 +71,7 @@ YamlKeys componentKeys(const YamlReader& reader, const ThrusterLayout& layout,
   keys.value("Y", definition.Y).silentIf(definition.Y.empty());
   keys.value("N", definition.N).silentIf(definition.N.empty());
   for (const Thruster& one : layout.thrusters()) {
+    if (one.isAngle()) continue;
     std::string& formula = definition.thrusts[one.name];
     if (layout.isPair()) keys.value(one.name == "left" ? "thrust_L" : "thrust_R", formula).silentIf(true);
     keys.value("thrust_" + one.name, formula).silentIf(formula.empty());

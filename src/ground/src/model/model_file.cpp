@@ -16,7 +16,37 @@ static YamlKeys keysOf(const YamlReader& reader, ForceCurve& curve) {
   return keys;
 }
 
+static YamlKeys keysOf(const YamlReader& reader, Foil& foil) {
+  YamlKeys keys(reader, "the foil of a thruster list", true);
+  keys.word("stream", foil.stream).silentIf(foil.stream.empty());
+  keys.value("force", foil.force).required("N s^2/m^2, normal force per square of the inflow");
+  keys.value("jet", foil.jet).silentIf(foil.jet == 0);
+  keys.value("own_speed", foil.own_speed).silentIf(foil.own_speed == 1);
+  keys.value("own_sway", foil.own_sway).silentIf(foil.own_sway == 1);
+  keys.value("drag", foil.drag).silentIf(foil.drag == 1);
+  return keys;
+}
+
+/// Of a foil, or of the angle of a thruster that turns.
+static YamlKeys angleKeys(const YamlReader& reader, Thruster& one) {
+  const bool foil = one.kind == Thruster::Kind::kFoil;
+  YamlKeys keys(reader, foil ? "a foil" : "the angle of a thruster", true);
+  keys.word("name", one.name).required("");
+  if (foil) {
+    keys.pair("position", one.position.x(), one.position.y()).required("[forward, to starboard] in m");
+    keys.value("foil", one.foil).required("");
+  } else {
+    keys.word("turns", one.turns).required("the thruster that it turns");
+  }
+  keys.value("angle", one.angle).required("at input 1 in degrees");
+  keys.value("offset", one.offset).silentIf(one.offset == 0);
+  keys.value("channel", one.channel).silentIf(one.channel == one.name);
+  keys.pair("range", one.least, one.most).silentIf(one.least == -1 && one.most == 1);
+  return keys;
+}
+
 static YamlKeys keysOf(const YamlReader& reader, Thruster& one) {
+  if (one.isAngle()) return angleKeys(reader, one);
   YamlKeys keys(reader, "a thruster", true);
   keys.word("name", one.name).required("");
   keys.pair("position", one.position.x(), one.position.y()).required("[forward, to starboard] in m");
@@ -25,7 +55,17 @@ static YamlKeys keysOf(const YamlReader& reader, Thruster& one) {
   keys.pair("range", one.least, one.most).silentIf(one.least == 0 && one.most == 1);
   keys.value("gain", one.gain).silentIf(one.gain == 1);
   keys.value("curve", one.curve).silentIf(one.curve.linear());
+  keys.choice("command", "continuous", "on_off", one.on_off).silentIf(!one.on_off);
+  keys.word("supply", one.supply).silentIf(one.supply.empty());
   return keys;
+}
+
+/// The kind of a thruster, which its keys say, comes first.
+static void readValue(const YamlReader& reader, const YAML::Node& node, const std::string&, Thruster& one) {
+  if (node.IsMap() && node["foil"]) one.kind = Thruster::Kind::kFoil;
+  if (node.IsMap() && node["turns"]) one.kind = Thruster::Kind::kTurn;
+  if (one.isAngle()) one.least = -1;
+  keysOf(reader, one).read(node);
 }
 
 namespace {

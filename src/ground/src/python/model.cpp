@@ -64,6 +64,8 @@ py::list describeThrusters(const Model& model) {
     d["direction"] = one.direction;
     d["range"] = py::make_tuple(one.least, one.most);
     d["gain"] = one.gain;
+    d["is_angle"] = one.isAngle();
+    d["on_off"] = one.on_off;
     list.append(d);
   }
   return list;
@@ -76,7 +78,7 @@ Eigen::MatrixX3d forcesOf(const Model& model, const Eigen::Ref<const Eigen::Matr
   requireFinite(inputs, "an input");
   Eigen::MatrixX3d wrench(inputs.rows(), 3);
   for (Eigen::Index i = 0; i < inputs.rows(); ++i)
-    wrench.row(i) = layout.total(layout.forces(Thrusters<double>(inputs.row(i).transpose()))).transpose();
+    wrench.row(i) = layout.atRest(Thrusters<double>(inputs.row(i).transpose())).transpose();
   return wrench;
 }
 

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <vector>
+
 #include "ground/control/box_minimum.h"
 #include "ground/model/body.h"
-#include "ground/model/thruster.h"
+#include "ground/model/model.h"
 
 namespace ground {
 
@@ -18,6 +20,10 @@ namespace ground {
 /// of Harkegard, Efficient active set algorithms for solving constrained least squares problems in
 /// aircraft control allocation, CDC 2002. Allocates no memory after construction. One thread at a
 /// time.
+///
+/// The wrench of a craft with rudders or turning thrusters is not linear in their angles. It minimises the
+/// same errors over the inputs, e times whose squares are the effort, by Gauss-Newton steps from several
+/// starts; forces are those of a craft at rest, with the effects on its angles.
 class Allocation {
  public:
   /// Weights of the squared errors of X, Y and N / l. Equal weights give the pair the inputs of
@@ -36,6 +42,8 @@ class Allocation {
 
   Allocation(const ThrusterLayout& layout, const Body<double>& body) : Allocation(layout, body, Weights()) {}
   Allocation(const ThrusterLayout& layout, const Body<double>& body, const Weights& weights);
+  /// With the effects on the angles of a craft.
+  Allocation(const Model& model, const Weights& weights);
 
   /// Inputs for a wrench: X, Y [N], N [N m], body.
   Output run(const Vector3<double>& wrench) const;
@@ -46,17 +54,28 @@ class Allocation {
  private:
   using Forces = PerThruster;
 
+  using Columns = Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxThrusters>;
+
   Thrusters<double> inputsOf(const Forces& force) const;
+  Output steered(const Vector3<double>& demand) const;
+  double descend(const Vector3<double>& demand, Forces& input) const;
+  double cost(const Vector3<double>& demand, const Forces& input, const Vector3<double>& given) const;
+  Vector3<double> wrenchAt(const Forces& input, Columns* slopes) const;
 
   ThrusterLayout layout_;
   double lever_;  ///< l [m]
   Vector3<double> weights_;
   /// X, Y, N / l of a force of 1 N.
-  Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, kMaxThrusters> columns_;
+  Columns columns_;
   Forces full_;        ///< force at input 1 [N]
   Forces low_, high_;  ///< range [N]
   mutable BoxMinimum problem_;
   BoxMinimum::Square hessian_;
+
+  // Of a craft that steers.
+  double k_;  ///< thrust per unit input [N]
+  std::vector<Steered<double>> steering_;
+  std::vector<Steered<Jet>> slopes_;
 };
 
 /// The input at which a force curve has a value, the smallest in size if there are several. Beyond

@@ -79,6 +79,7 @@ class Dynamics {
   struct Drive {
     const Thrusters<T>& input;
     Thrusters<T> thrust;  ///< before effects change it [N]
+    Angles<T> angles;
 
     Drive(const Dynamics& d, const Thrusters<T>& inputs);
   };
@@ -104,6 +105,7 @@ class Dynamics {
   };
 
   ThrusterLayoutPtr layout_;
+  std::vector<Steered<T>> steering_;  ///< with all effects inside
   std::vector<EffectPtr> instances_;
   std::vector<T> coordinates_;
   std::vector<Active> actuators_, rates_, thrust_, wrench_, measure_;

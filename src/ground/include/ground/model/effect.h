@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "ground/model/body.h"
+#include "ground/model/steering.h"
 #include "ground/model/thruster.h"
 #include "ground/model/types.h"
 
@@ -65,6 +66,8 @@ struct EffectInfo {
   /// neutral coordinates x0. An empty function means no prior.
   std::function<Eigen::MatrixXd(const Body<double>&)> penalty = nullptr;
   int states_per_thruster = 0;  ///< additional states for each thruster of the craft
+  /// Whether a craft can have the effect; an empty function means that all can.
+  std::function<bool(const ThrusterLayout&)> suits = nullptr;
   Surroundings surroundings = Surroundings::kAny;
 
   int stateCount(int thrusters) const { return states + thrusters * states_per_thruster; }
@@ -85,6 +88,10 @@ struct StepInputs {
   /// States of all effects, integrated over the step with the motion. If null, the states stay at
   /// their initial values.
   T* states = nullptr;
+  const ThrusterLayout* layout = nullptr;  ///< of the craft
+
+  /// Whether a channel is an angle.
+  bool isAngle(int i) const { return layout && !layout->pushes(i); }
 };
 
 /// Everything that a wrench may depend on, at one instant.
@@ -127,6 +134,8 @@ class EffectHooks {
   /// Sets the time derivatives of all the effect's own states (Point::states). The states are
   /// integrated together with the motion, by the same Runge-Kutta step.
   virtual void rates(const T* /*p*/, const Point<T>&, T* /*rates*/) const {}
+  /// What is known of the craft's angles, one for each channel; called only if it has angles.
+  virtual void steer(const T* /*p*/, std::vector<Steered<T>>&) const {}
   /// Force of each thruster [N].
   virtual void thrust(const T* /*p*/, const Point<T>&, Thrusters<T>&) const {}
   /// Velocity of the air over the floor, world_ned [m/s].
@@ -151,6 +160,7 @@ class Effect : public EffectHooks<double>, public EffectHooks<Jet>, public Effec
     kWrench = 1u << 5,
     kMeasure = 1u << 6,
     kRates = 1u << 7,
+    kSteer = 1u << 9,
     kPose = 1u << 8  ///< motion depends on the pose: the default unless the effect denies it
   };
   virtual const EffectInfo& info() const = 0;

@@ -25,6 +25,7 @@ std::vector<std::string> effectNames(const ThrusterLayout& layout = *thrusterPai
 bool registerEffect(EffectPtr effect);
 /// Adds an effect of a single thruster: `make` gives it for thruster number i under a name
 /// (GROUND_REGISTER_THRUSTER_EFFECT).
+/// It gives nullptr if that one cannot have the effect.
 using MakeThrusterEffect = EffectPtr (*)(int thruster, const ThrusterLayout& layout);
 bool registerThrusterEffect(const std::string& name, MakeThrusterEffect make);
 
@@ -70,6 +71,7 @@ using Static = typename StaticOf<Member>::Type;
     }                                                                                                       \
   }
 GROUND_HOOK(delay)
+GROUND_HOOK(steer)
 GROUND_HOOK(actuate)
 GROUND_HOOK(rates)
 GROUND_HOOK(thrust)
@@ -91,6 +93,7 @@ constexpr unsigned hooksOf() {
   unsigned set = 0;
   if (Has_delay<E>::value) set |= Effect::kDelay;
   if (Has_actuate<E>::value) set |= Effect::kActuate;
+  if (Has_steer<E>::value) set |= Effect::kSteer;
   if (Has_rates<E>::value) set |= Effect::kRates;
   if (Has_thrust<E>::value) set |= Effect::kThrust;
   if (Has_air<E>::value) set |= Effect::kAir;
@@ -106,6 +109,7 @@ template <class E, class T, class Base>
 class HooksOf : public Base {
  public:
   void delay(const T* p, T& d) const override { call_delay<E, T>(p, d); }
+  void steer(const T* p, std::vector<Steered<T>>& a) const override { call_steer<E, T>(p, a); }
   void actuate(const T* p, const T& h, T* states, StepInputs<T>& u) const override {
     call_actuate<E, T>(p, h, states, u);
   }
@@ -145,6 +149,24 @@ class ThrusterHooks : public Base {
   void wrench(const T* p, const Point<T>& s, Vector3<T>& w) const override {
     if constexpr (E::kHook == Effect::kWrench) E::act(p, s, this->thruster_, w);
   }
+  void steer(const T* p, std::vector<Steered<T>>& all) const override {
+    if constexpr (E::kHook == Effect::kSteer) E::act(p, all[static_cast<std::size_t>(this->thruster_)]);
+  }
+  void actuate(const T* p, const T& h, T* states, StepInputs<T>& inputs) const override {
+    if constexpr (E::kHook == Effect::kActuate) E::act(p, h, states, this->thruster_, inputs);
+  }
+};
+
+/// Which channels have the effect E: E::suits, by default forces, of which the craft has several.
+template <class E, class = void>
+struct ThrusterSuits {
+  static bool in(const ThrusterLayout& layout, int thruster) {
+    return layout.pushes(thruster) && layout.forces() > 1;
+  }
+};
+template <class E>
+struct ThrusterSuits<E, std::void_t<decltype(&E::suits)>> {
+  static bool in(const ThrusterLayout& layout, int thruster) { return E::suits(layout, thruster); }
 };
 
 class OfThruster : public Effect {
@@ -163,6 +185,7 @@ class ThrusterEffect final
     info_.summary += ' ' + layout[thruster].name;
   }
   static EffectPtr make(int thruster, const ThrusterLayout& layout) {
+    if (!ThrusterSuits<E>::in(layout, thruster)) return nullptr;
     return std::make_shared<ThrusterEffect>(thruster, layout);
   }
   const EffectInfo& info() const override { return info_; }
@@ -176,9 +199,15 @@ class ThrusterEffect final
 }  // namespace detail
 
 /// Makes struct E an effect of each single thruster. E has `static EffectInfo info()`, with a summary
-/// to which the thruster's name is added, `static constexpr Effect::Hook kHook`, kThrust or kWrench,
-/// and `act(p, point, thruster, force or wrench)`, a template on the scalar T that does not look at
-/// the pose. See src/model/effects/thruster_gain.cpp.
+/// to which the thruster's name is added, `static constexpr Effect::Hook kHook`, and act(), a template on
+/// the scalar T that does not look at the pose:
+///
+///     kThrust, kWrench   act(p, point, thruster, force or wrench)
+///     kSteer             act(p, the Steered of that channel)
+///     kActuate           act(p, h, the effect's states, thruster, step inputs)
+///
+/// `static bool suits(layout, thruster)`, if it has one, says which channels have the effect; by default
+/// those of forces. See src/model/effects/thruster_gain.cpp.
 #define GROUND_REGISTER_THRUSTER_EFFECT(E)                                                          \
   namespace {                                                                                       \
   [[maybe_unused]] const bool E##_registered =                                                      \

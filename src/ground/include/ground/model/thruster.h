@@ -54,8 +54,22 @@ struct ForceCurve {
   }
 };
 
-/// A thruster of a craft, fixed in the body's frame.
+/// A rudder or vane: a foil in the stream of a thruster and in the craft's own speed (FoilFlow).
+struct Foil {
+  std::string stream;    ///< the thruster in whose stream it works; empty without one
+  double force = 0;      ///< c: normal force per square of the inflow, at right angles [N s^2/m^2]
+  double jet = 0;        ///< square of the stream's speed per thrust [m^2/s^2/N]
+  double own_speed = 1;  ///< share of the craft's speed along the foil that reaches it
+  double own_sway = 1;   ///< the same across
+  double drag = 1;       ///< share of the force along the foil that the craft feels
+};
+
+/// A thruster of a craft, fixed in the body's frame, or an angle: that of a foil, or of a thruster that
+/// turns. Each has a channel of commands.
 struct Thruster {
+  enum class Kind { kThruster, kTurn, kFoil };
+
+  Kind kind = Kind::kThruster;
   std::string name;                ///< an identifier
   std::string channel;             ///< name of its commands in recordings
   Vector2<double> position{0, 0};  ///< forward, to starboard [m]
@@ -63,6 +77,14 @@ struct Thruster {
   double least = 0, most = 1;      ///< range of the input; `least` is negative if it is reversible
   double gain = 1;                 ///< force at input 1 divided by k
   ForceCurve curve;
+  bool on_off = false;  ///< a valve: its input is 0 or 1
+  std::string supply;   ///< of air or current, which it shares with others of the same supply
+
+  double angle = 0, offset = 0;  ///< of an angle [deg]: scale, at input 1; at input 0
+  std::string turns;             ///< the thruster that it turns
+  Foil foil;
+
+  bool isAngle() const { return kind != Kind::kThruster; }
 };
 
 /// Throws std::invalid_argument that names the thruster and says what is wrong with it.
@@ -75,7 +97,9 @@ void validate(const Thruster& thruster);
 ///     X = c F,   Y = s F,   N = (x s - y c) F
 ///
 /// The body's l is the root mean square of the levers x s - y c. A layout stores the levers divided by
-/// it, so that all of them scale with l, which stays one of the seven parameters of the body.
+/// it, so that all of them scale with l, which stays one of the seven parameters of the body. In a craft
+/// with angles, a foil has the lever of its normal force, a thruster that turns its distance from the
+/// origin, and those without lever do not count.
 class ThrusterLayout {
  public:
   /// A left and a right thruster, both forward, at a lever of l: the model of the thesis.
@@ -93,6 +117,22 @@ class ThrusterLayout {
   bool isPair() const { return pair_; }
   /// True if some thruster pushes to the side.
   bool sways() const { return sways_; }
+  /// True if some channel is an angle.
+  bool steers() const { return !links_.empty(); }
+  /// Whether the channel is that of a force.
+  bool pushes(int i) const { return !(*this)[i].isAngle(); }
+  /// Number of channels that are those of forces.
+  int forces() const { return size() - static_cast<int>(links_.size()); }
+
+  /// An angle of the craft, and what it acts on.
+  struct Link {
+    int channel;
+    int thruster;               ///< that is turned, or in whose stream the foil works; -1 without one
+    double forward, starboard;  ///< cosine and sine of the direction of a foil at angle 0
+    double x, y;                ///< place, divided by l
+    bool foil;
+  };
+  const std::vector<Link>& links() const { return links_; }
   /// Root mean square of the levers by `thrusters()` [m]; 1 for the pair.
   double lever() const { return lever_; }
   /// "left, right"
@@ -109,7 +149,7 @@ class ThrusterLayout {
     Thrusters<T> force = input;
     for (int i = 0; i < force.size() && !linear_; ++i) {
       const Thruster& one = (*this)[i];
-      force(i) = one.gain * one.curve.at(input(i));
+      force(i) = one.isAngle() ? T(0.0) : T(one.gain * one.curve.at(input(i)));
     }
     return force;
   }
@@ -129,6 +169,8 @@ class ThrusterLayout {
   Vector3<T> totalAt(const Thrusters<T>& input) const {
     return linear_ ? total(input) : total(forces(input));
   }
+  /// The wrench of a craft at rest with all angles: X, Y, N / l, each divided by k.
+  Vector3<double> atRest(const Thrusters<double>& input) const;
   /// Inputs clipped to the ranges of the thrusters; `full` is the input of full thrust.
   Thrusters<double> clipped(const Thrusters<double>& input, double full) const;
   /// Largest total force along the direction of a thruster, divided by k; 2 for the pair.
@@ -140,10 +182,13 @@ class ThrusterLayout {
   };
 
   void validateAll() const;
+  void link();
+  double leverOf(std::size_t i) const;
 
   std::vector<Thruster> thrusters_;
   std::string lift_channel_ = "lift";
   std::array<Arm, kMaxThrusters> arms_{};
+  std::vector<Link> links_;
   double lever_ = 1;
   bool pair_ = false, sways_ = false;
   bool linear_ = true;  ///< each force is its input times k

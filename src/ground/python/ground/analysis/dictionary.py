@@ -282,7 +282,8 @@ def _directions(model: _core.Model) -> Dict[str, Array]:
     rows = np.array(model.forces(np.eye(len(inputs(model)))), float)
     size = np.maximum(np.hypot(rows[:, 0], rows[:, 1]), 1e-12)
     rows = rows / size[:, None] * np.array([1.0, 1.0, model.value("l")])
-    return {"thrust_" + name[2:]: row for name, row in zip(inputs(model), rows)}
+    angles = {"u_" + thruster["name"] for thruster in model.thrusters if thruster["is_angle"]}
+    return {"thrust_" + name[2:]: row for name, row in zip(inputs(model), rows) if name not in angles}
 
 
 def dependence(feature: Feature) -> str:

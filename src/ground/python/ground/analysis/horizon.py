@@ -1,6 +1,7 @@
 """Predicted poses at the horizon that suits a craft: the size of an error, or of an effect, as a
 person sees it."""
 
+import itertools
 from dataclasses import asdict, dataclass
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -67,6 +68,10 @@ def _full_thrust(model: _core.Model) -> Array:
     if model.is_pair or not len(ends):
         ends = np.array([[0.0, model.input_max]] * 2)
     scale = model.value("k") * np.array([1.0, 1.0, model.value("l")])
+    if any(t["is_angle"] for t in thrusters):  # a rudder needs the stream of its thruster
+        corners = np.array(list(itertools.product(*ends)))
+        wrench = np.asarray(model.forces(corners)) * scale
+        return np.array([wrench.min(axis=0), wrench.max(axis=0)])
     each = np.array([model.forces(np.diag(ends[:, i])) * scale for i in (0, 1)])
     return np.array([each.min(axis=0).sum(axis=0), each.max(axis=0).sum(axis=0)])
 

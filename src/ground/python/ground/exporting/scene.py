@@ -237,7 +237,8 @@ class Body:
         """model: None for a craft of usual size without thrusters."""
         self.l = model["l"] if model else 0.04
         self._full = model["k"] * model.core.input_max if model else 1.0  # of a thruster of gain 1 [N]
-        self._thrusters = list(model.core.thrusters) if model else []
+        every = list(model.core.thrusters) if model else []
+        self._thrusters = [one for one in every if not one["is_angle"]]
         places = [math.hypot(*one["position"]) for one in self._thrusters]
         self._half = max([1.8 * self.l, *places])  # of its width [m]
         self.full_thrust = 2 * self._full

@@ -153,8 +153,9 @@ CHECKS: Sequence[Callable[[Recording], Iterator[Suspicion]]] = (lengths, clocks,
 def of_thrusters(recordings: Sequence[Recording], model: _core.Model) -> List[Suspicion]:
     """Suspicions about the channels and headings of a craft with other thrusters than a left and a right
     one; those of a pair are among those of each Recording. What all together look like says it all, unless
-    one of them alone looks like something else."""
-    if model.is_pair:
+    one of them alone looks like something else. A craft with angles is not judged: its accelerations are not
+    linear in its commands."""
+    if model.is_pair or any(thruster["is_angle"] for thruster in model.thrusters):
         return []
     thrusters = layouts.thrusters_of(model)
     alone = [one for recording in recordings for one in _of_layout([recording], thrusters)]

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include "ground/model/effect_registry.h"
@@ -13,7 +14,16 @@ struct ThrustMisalignment {
     return {"thrust_misalignment",
             "thrust at an angle to the body axis",
             {{"angle", "rad", "angle, positive to starboard", 0, -M_PI, M_PI,
-              [](const Body<double>&) { return 0.1; }}}};
+              [](const Body<double>&) { return 0.1; }}},
+            0,
+            {},
+            false,
+            nullptr,
+            0,
+            [](const ThrusterLayout& layout) {  // one that turns has angle_offset
+              const auto& all = layout.links();
+              return std::all_of(all.begin(), all.end(), [](const auto& one) { return one.foil; });
+            }};
   }
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {

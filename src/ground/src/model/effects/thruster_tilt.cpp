@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include "ground/model/effect_registry.h"
@@ -14,6 +15,12 @@ struct ThrusterTilt {
             "turned thruster",
             {{"angle", "rad", "angle, positive clockwise seen from above", 0, -M_PI, M_PI,
               [](const Body<double>&) { return 0.1; }}}};
+  }
+  /// One that turns has angle_offset.
+  static bool suits(const ThrusterLayout& layout, int thruster) {
+    const auto& all = layout.links();
+    const auto turned = [&](const ThrusterLayout::Link& one) { return !one.foil && one.thruster == thruster; };
+    return layout.pushes(thruster) && layout.size() > 1 && std::none_of(all.begin(), all.end(), turned);
   }
   template <typename T>
   static void act(const T* p, const Point<T>& point, int thruster, Vector3<T>& wrench) {

@@ -1,0 +1,38 @@
+#include <cmath>
+
+#include "ground/model/effect_registry.h"
+
+namespace ground {
+
+/// Thrusters that share a supply of air or current: the force of each falls with the inputs of the others,
+/// F / (1 + s sum |u_j|).
+struct SupplyDroop {
+  static constexpr bool kUsesPose = false;
+
+  static EffectInfo info() {
+    return {"supply_droop",
+            "thrust that falls with the number of thrusters that work",
+            {{"s", "-", "relative loss per other thruster at full input", 0, 0, 10,
+              [](const Body<double>&) { return 0.05; }}},
+            0,
+            {},
+            false,
+            nullptr,
+            0,
+            [](const ThrusterLayout& layout) { return layout.forces() > 2; }};
+  }
+  template <typename T>
+  static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
+    using std::abs;
+    for (int i = 0; i < force.size(); ++i) {
+      T others(0.0);
+      for (int j = 0; j < force.size(); ++j)
+        if (j != i && point.layout.pushes(j) && point.layout[j].supply == point.layout[i].supply)
+          others += abs(point.input(j));
+      force(i) = force(i) / (1.0 + p[0] * others);
+    }
+  }
+};
+GROUND_REGISTER_EFFECT(SupplyDroop)
+
+}  // namespace ground

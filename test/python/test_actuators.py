@@ -1,0 +1,107 @@
+"""Crafts with other actuators than fixed thrusters: one fan and a rudder in its stream, valves, ships."""
+
+import os
+import sys
+
+import numpy as np
+import pytest
+
+import ground
+from conftest import ROOT, identify
+from ground import _core
+from ground.analysis import candidates, diagnosis
+from ground.recordings import suspicions
+
+sys.path.insert(0, os.path.join(str(ROOT), "test", "bench"))
+import one_fan  # noqa: E402
+
+CRAFTS = ROOT / "cfg" / "craft"
+ONE_FAN = CRAFTS / "one_fan_rudder.yaml"
+NEW = ["one_fan_rudder", "free_flyer", "twin_screw_catamaran", "propeller_ship"]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return _core.load_model(str(ONE_FAN))
+
+
+def test_the_core_moves_the_craft_as_the_truth_of_the_bench(model):
+    edges = np.arange(0, 5, one_fan.HOLD)
+    random = np.random.default_rng(1)
+    commands = np.column_stack([random.uniform(0, 1, len(edges)), random.uniform(-1, 1, len(edges))])
+    truth = one_fan.OneFan(model, offset=0.1, dead_band=0.1).poses(commands, [0.0, 0.0, 0.4])
+    wrong = model.copy()
+    wrong.add_effect("angle_offset_rudder")
+    wrong.set_value("angle_offset_rudder.angle", 0.1)
+    # The dead band comes before the lag of the servo: effects of actuators act in their order.
+    text = wrong.format().replace(
+        "  - name: motor_lag", "  - {name: dead_band_rudder, width: 0.1}\n  - name: motor_lag"
+    )
+    wrong = _core.parse_model(text, "wrong.yaml")
+    inputs = np.column_stack([edges, commands, np.ones(len(edges))])
+    times = np.arange(len(truth)) / one_fan.RATE
+    eta = _core.simulate(wrong, inputs, times, [0.0, 0.0, 0.4], np.zeros(3))["eta"]
+    assert np.abs(eta - truth).max() < 1e-5
+    plain = _core.simulate(model, inputs, times, [0.0, 0.0, 0.4], np.zeros(3))["eta"]
+    assert np.abs(plain - truth).max() > 0.1
+
+
+def test_a_fit_recovers_the_craft(model):
+    """A user has recordings, and a model file whose values are guessed."""
+    truth = ground.Model.load(ONE_FAN).with_effect("foil_gain_rudder", a=0.4)
+    run = ground.simulate(truth, "multilevel-prbs", seed=3, duration=30)
+    start = truth.core.copy()
+    for name, factor in (("k", 0.7), ("I_z", 1.5), ("N_r", 0.5), ("Y_v", 2.0)):
+        start.set_value(name, factor * start.value(name))
+    start.set_value("foil_gain_rudder.a", 0.0)
+    free = ["k", "I_z", "N_r", "Y_v", "X_u", "foil_gain_rudder.a"]
+    found = ground.fit(ground.Model(start), [run], free=free).parameters
+    for name in ("k", "I_z", "N_r", "Y_v"):
+        assert found[name].value == pytest.approx(truth.core.value(name), rel=0.05), name
+    assert found["foil_gain_rudder.a"].value == pytest.approx(0.4, abs=0.07)
+
+
+def test_a_diagnosis_names_the_offset_of_a_rudder(model):
+    craft = one_fan.OneFan(model, offset=np.radians(4))
+    runs = one_fan.runs_of(craft, np.random.default_rng(7), count=3, duration=12.0)
+    found = diagnosis.Diagnosis(runs, model, candidates.library(model))
+    found.grow()
+    assert list(found.names) == ["angle_offset_rudder"]
+    values = {p["name"]: p["value"] for p in found.fit.parameters}
+    assert values["angle_offset_rudder.angle"] == pytest.approx(np.radians(4), abs=0.01)
+
+
+def test_nothing_is_suspected_of_channels_that_are_angles(model):
+    run = ground.simulate(ground.Model.load(ONE_FAN), "multilevel-prbs", seed=4, duration=20)
+    assert suspicions.of_thrusters([run], model) == []
+
+
+@pytest.mark.parametrize("name", NEW)
+def test_each_craft_is_a_model_that_runs(name):
+    craft = ground.Model.load(CRAFTS / (name + ".yaml"))
+    assert _core.parse_model(craft.core.format(), "again.yaml").format() == craft.core.format()
+    run = ground.simulate(craft, "multilevel-prbs", seed=2, duration=8)
+    assert np.isfinite(run.eta).all()
+
+
+def test_valves_have_times_and_a_supply(tmp_path):
+    craft = ground.Model.load(CRAFTS / "free_flyer.yaml")
+    assert {"valve_lag", "supply_droop"} <= set(_core.effects(craft.core))
+    assert "angle_offset_valve_1" not in _core.effects(craft.core)
+    assert not {"valve_lag", "supply_droop"} & set(_core.effects())
+
+
+def test_a_wrong_file_is_refused_by_key_line_and_range(tmp_path):
+    text = ONE_FAN.read_text()
+    for old, new, what in (
+        ("stream: fan", "stream: fin", "in the stream of fin"),
+        ("angle: 30", "angle: 1000", "angle must be between -360 and 360 degrees, not 1000"),
+        ("jet: 212", "jett: 212", "jett"),
+        ("own_sway: 1", "own_sway: 7", "own_sway must be between 0 and 3"),
+    ):
+        assert old in text
+        path = tmp_path / "craft.yaml"
+        path.write_text(text.replace(old, new, 1))
+        result = identify("simulate", "--model", path, "--input", "prbs", "-o", tmp_path / "run.bag")
+        assert result.returncode != 0 and what in result.stderr and "line" in result.stderr
+        assert "Traceback" not in result.stderr
