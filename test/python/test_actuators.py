@@ -33,11 +33,8 @@ def test_the_core_moves_the_craft_as_the_truth_of_the_bench(model):
     wrong = model.copy()
     wrong.add_effect("angle_offset_rudder")
     wrong.set_value("angle_offset_rudder.angle", 0.1)
-    # The dead band comes before the lag of the servo: effects of actuators act in their order.
-    text = wrong.format().replace(
-        "  - name: motor_lag", "  - {name: dead_band_rudder, width: 0.1}\n  - name: motor_lag"
-    )
-    wrong = _core.parse_model(text, "wrong.yaml")
+    wrong.add_effect("dead_band_rudder")
+    wrong.set_value("dead_band_rudder.width", 0.1)
     inputs = np.column_stack([edges, commands, np.ones(len(edges))])
     times = np.arange(len(truth)) / one_fan.RATE
     eta = _core.simulate(wrong, inputs, times, [0.0, 0.0, 0.4], np.zeros(3))["eta"]

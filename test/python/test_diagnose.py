@@ -80,7 +80,11 @@ def tried_by_default():
     """Names of the library's effects that a diagnosis tries by default."""
     from ground import _core
 
-    return {name for name, effect in _core.effects().items() if not effect["opt_in"]}
+    return {
+        name
+        for name, effect in _core.effects().items()
+        if effect["surroundings"] != "water" and not effect["opt_in"]
+    }
 
 
 def test_a_lag_is_found_and_its_model_can_be_used(tmp_path, lagging):

@@ -14,7 +14,8 @@ namespace hull_test {
 
 Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 
-Model with(Model model, const std::string& effect, const std::vector<std::pair<std::string, double>>& values) {
+Model with(Model model, const std::string& effect,
+           const std::vector<std::pair<std::string, double>>& values) {
   model.addEffect(makeEffect(effect));
   for (const auto& [name, value] : values) model.setValue(effect + "." + name, value);
   return model;
@@ -93,8 +94,8 @@ TEST(PayloadOf, ACraftActsAsAHeavierCraftWithAnotherCentre) {
   const Vector2<double> centre = payload.mass * payload.place / all;
   Model heavy = with(light, "com_offset", {{"xg", centre.x()}, {"yg", centre.y()}});
   heavy.body.m = all;
-  heavy.body.I_z += payload.inertia + m * centre.squaredNorm() +
-                    payload.mass * (payload.place - centre).squaredNorm();
+  heavy.body.I_z +=
+      payload.inertia + m * centre.squaredNorm() + payload.mass * (payload.place - centre).squaredNorm();
   const RigidState<double> state = moving(0.4, -0.3, 5, 0.7);
   const Dynamics<double> loaded(light, payload);
   EXPECT_LT((accelerationOf(loaded, state) - accelerationOf(Dynamics<double>(heavy), state)).norm(), 1e-10);

@@ -15,6 +15,11 @@ bool ascends(const std::vector<double>& times) {
          std::all_of(times.begin(), times.end(), [](double t) { return std::isfinite(t); });
 }
 
+bool isValid(const Payload& payload) {
+  return payload.mass >= 0 && payload.inertia >= 0 && std::isfinite(payload.mass) &&
+         std::isfinite(payload.inertia) && payload.place.allFinite();
+}
+
 }  // namespace
 
 void checkRun(const RunData& run) {
@@ -36,8 +41,7 @@ void checkRun(const RunData& run) {
   require(inertial.values.rows() == static_cast<Eigen::Index>(inertial.times.size()) &&
               inertial.values.allFinite() && ascends(inertial.times),
           "inertial samples are not finite, or their times are not or descend");
-  require(run.payload.mass >= 0 && run.payload.inertia >= 0 && std::isfinite(run.payload.mass) &&
-              std::isfinite(run.payload.inertia) && run.payload.place.allFinite(),
+  require(isValid(run.payload),
           "the mass and inertia of its payload must be finite and not negative, its place finite");
   require(inertial.noise.allFinite() && inertial.noise.minCoeff() > 0 && inertial.place.allFinite(),
           "the noise of inertial samples must be positive and finite, their place finite");

@@ -211,9 +211,7 @@ void defModel(py::module_& module) {
       .def_property_readonly(
           "is_pair", [](const Model& m) { return m.thrusters->isPair(); },
           "Whether the thrusters are a left and a right one, which model files do not list.")
-      .def_property_readonly(
-          "hull_length", [](const Model& m) { return m.body.hull_length; },
-          "Length of the hull of a craft on water [m]; 0: it is not on water.")
+      .def_property_readonly("hull_length", [](const Model& m) { return m.body.hull_length; })
       .def("forces", &forcesOf, py::arg("inputs"),
            "The wrench of inputs (n, thrusters) without effects, over k and k l: X, Y, N (n, 3).")
       .def("copy", [](const Model& m) { return Model(m); })

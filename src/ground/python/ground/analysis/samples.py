@@ -103,8 +103,8 @@ def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
         wrench = known[span] + constants[first, :3]
         try:
             motion = _core.simulate(
-                fit.model, data.inputs, times[span], states[first, :3], states[first, 3:], data.drives, wrench,
-                payload=data.payload,
+                fit.model, data.inputs, times[span], states[first, :3], states[first, 3:], data.drives,
+                wrench, payload=data.payload,
             )  # fmt: skip
         except RuntimeError:
             continue

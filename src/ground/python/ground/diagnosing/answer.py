@@ -6,7 +6,7 @@ from typing import Iterator, List
 
 from ground.analysis.diagnosis import EXPLAINED
 from ground.diagnosing import words
-from ground.reports.words import listed, prediction
+from ground.reports.words import listed, prediction, vector
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
@@ -79,10 +79,17 @@ def _effect(report: Document, step: Document) -> str:
     own = {key.split(".", 1)[1]: p for key, p in values.items() if key.startswith(name + ".")}
     told = "%s - %s: " % (name, report["means"][name]) if name in report["means"] else name + ": "
     told += ", ".join(words.parameter(key, p) for key, p in own.items())
+    if all(p["identified"] and None not in p["ci95"] for p in own.values()):
+        deviations = {key: (p["ci95"][1] - p["ci95"][0]) / 3.92 for key, p in own.items()}
+        told += _after_comma(vector(name, {key: p["value"] for key, p in own.items()}, deviations))
     others = [other for other in step["group"] if other != name]
     if others:
         told += ". These runs do not distinguish it from %s" % words.effects(report, others)
     return "%s. %s." % (told, _certainty(step))
+
+
+def _after_comma(text: str) -> str:
+    return ", so that " + text if text else ""
 
 
 def _certainty(step: Document) -> str:

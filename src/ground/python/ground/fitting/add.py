@@ -99,6 +99,13 @@ class Addition(Shown):
         """Its first lines: whether the effect helps, by how much, and what to do next."""
         own = [p for name, p in self.parameters.items() if name.split(".")[0] == self.effect]
         values = ", ".join("%s %s" % (p.name.split(".", 1)[1], p.words) for p in own)
+        by_name = {p.name.split(".", 1)[1]: p for p in own}
+        told = words.vector(
+            self.effect,
+            {name: p.value for name, p in by_name.items()},
+            {name: p.deviation for name, p in by_name.items()},
+        )
+        values += "; " + told if told else ""
         answer = "yes" if self.verdict.helps else "no"
         do = "use the model with it" if self.verdict.helps else "keep the model without it"
         return [

@@ -31,7 +31,10 @@ def of_payloads(runs: Sequence[_core.RunData], free: Sequence[str]) -> Iterator[
     if not all(run.payload.empty() for run in runs):
         yield "payloads: " + "; ".join(carried)
     if payloads.differ(runs) and {"m", "I_z", "k"} <= set(free):
-        yield "the runs differ in mass by known payloads, so m, I_z and k themselves are identifiable, not only ratios"
+        yield (
+            "the runs differ in mass by known payloads, so m, I_z and k themselves are identifiable, not "
+            "only ratios"
+        )
 
 
 def weak_directions(fit: Document) -> List[Document]:

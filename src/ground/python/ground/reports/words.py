@@ -50,6 +50,38 @@ def two_digits(value: float) -> str:
     return "%.0f" % value if value >= 99.5 else "%.2g" % value
 
 
+# Effects that are a vector in the room: its components, its unit and what it says
+VECTORS = {
+    "floor_tilt": ("sx", "sy", "it descends by %s deg"),
+    "wind": ("wx", "wy", "it blows at %s m/s"),
+    "current": ("wx", "wy", "it flows at %s m/s"),
+}
+
+
+def vector(effect: str, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
+    """Size and direction of an effect that is a vector in the room, from its parameters and their standard
+    deviations: "it descends by 0.023 deg towards 135 deg (95%: 8 deg either way; 0: the room's x, 90: its
+    y)"; empty for others."""
+    if effect not in VECTORS:
+        return ""
+    first, second, text = VECTORS[effect]
+    x, y = values[first], values[second]
+    size = math.hypot(x, y)
+    if not size > 0:
+        return ""
+    # across the vector, without the correlation of its components
+    across = math.hypot(y * deviations[first], x * deviations[second]) / size
+    either_way = math.degrees(1.96 * across / size)
+    shown = math.degrees(math.atan(size)) if effect == "floor_tilt" else size
+    told = text % two_digits(shown)
+    if not either_way < 90:
+        return told + " in a direction that these runs do not show"
+    angle = math.degrees(math.atan2(y, x))
+    return "%s towards %.0f deg (95%%: %s deg either way; 0: the room's x, 90: its y)" % (
+        told, angle, two_digits(either_way),
+    )  # fmt: skip
+
+
 def after(found: Document) -> str:
     """The label of predictions: "Prediction after 1 s"."""
     return "Prediction after %.3g s" % found["seconds"]
