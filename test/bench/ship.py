@@ -6,7 +6,7 @@ not belong to this project. Their columns, after four lines: time [s], x, y [m],
 x and y of the tank [m/s], yaw rate [deg/s], roll [deg], rudder [deg], revolutions [1/s], thrust [N], torque
 [N m]. A positive rudder turns the ship to negative headings.
 
-The model is cfg/craft/propeller_ship.yaml, whose rudder, propeller and added mass come from the literature.
+The model is cfg/craft/tanker.yaml, whose rudder, propeller and added mass come from the literature.
 The hull is fitted to the zigzags that are not held out. Prints the first overshoots of those that are, as
 predicted with the recorded rudder from the first pose on, and a turning circle with 35 degrees of rudder in
 lengths of the ship beside what is published of such models (SIMMAN 2008).
@@ -23,6 +23,7 @@ from scipy.signal import argrelextrema
 
 import ground
 from ground import _core
+from ground.recordings import quality, windows
 
 LENGTH, SPEED = 7.0, 1.179  # [m], [m/s] at which tests begin
 RUDDER, REVOLUTIONS = 35.0, 13.0  # of inputs of 1 [deg], [1/s]
@@ -46,7 +47,7 @@ def recorded(path):
 
 def craft():
     """The ship with all effects of a hull."""
-    path = find_in_workspaces(["share"], "ground", "cfg/craft/propeller_ship.yaml")[0]
+    path = find_in_workspaces(["share"], "ground", "cfg/craft/tanker.yaml")[0]
     model = ground.Model.load(path)
     for effect in ("drift_resistance", "body_force_bias", "yaw_bias"):
         if effect not in model.effects:
@@ -99,22 +100,25 @@ def main():
     runs = {run.name: run for run in map(recorded, sorted(glob.glob(options.folder + "/*_Z_*.dat")))}
     fitted = [run for name, run in runs.items() if name not in options.held + options.leave]
     began, model = time.time(), craft()
-    found = ground.fit(model, fitted, free=HULL, window=options.window, everything=True)
+    data = [quality.repaired(run).data(model.core, everything=True) for run in fitted]
+    cut = windows.cut(data, options.window)
+    found = windows.problem(data, cut).fit(model.core, HULL)
+    ship = ground.Model(found["model"])
     print("fitted to %s in %.0f s" % (", ".join(run.name for run in fitted), time.time() - began))
-    for parameter in found.parameters.values():
-        print("  %-24s %10.4g  %s" % (parameter.name, parameter.value, parameter.interval))
+    for parameter in found["parameters"]:
+        print("  %(name)-24s %(value)10.4g  %(ci95)s %(unit)s" % parameter)
     for name in options.held:
-        times, made, seen = predicted(found.model, runs[name])
+        times, made, seen = predicted(ship, runs[name])
         a, b = overshoots(times, made), overshoots(times, seen)
         count = min(len(a), len(b))
         print("%s: overshoots predicted %s, measured %s deg" % (name, a[:count].round(1), b[:count].round(1)))
     for side, word in ((1, "starboard"), (-1, "port")):
-        advance, diameter, speed = circle(found.model, side)
+        advance, diameter, speed = circle(ship, side)
         text = "35 deg to %s: advance %.2f L (published %g to %g), "
         text += "tactical diameter %.2f L (%g to %g), speed %.2f"
         print(text % (word, advance, *PUBLISHED["advance"], diameter, *PUBLISHED["tactical diameter"], speed))
     if options.out:
-        found.save(options.out, force=True)
+        ship.save(options.out, force=True)
 
 
 if __name__ == "__main__":
