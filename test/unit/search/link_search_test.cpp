@@ -69,7 +69,8 @@ TEST(EverySequence, OfALinkOnTheBench) {
 TEST(EverySequence, OfALinkToACraftOfFixedAddress) {
   const Names peers = {"hello", "hello of a stranger", "telemetry", "telemetry of the other port",
                        "telemetry of a stranger"};
-  const Names events = peers + kTimes + Names{"state", "zero command", "arm", "disarm", "nobody calls for 3 s"};
+  const Names events =
+      peers + kTimes + Names{"state", "zero command", "arm", "disarm", "nobody calls for 3 s"};
   for (const std::uint16_t port : {0, 4000})
     searchLink(linkParams(0.25), {{}, {"state", "zero command"}}, events, 100000, {kCraftHost, port});
 }

@@ -373,8 +373,13 @@ void LinkWorld::pass(double until, Feed feed) {
 LinkWorld::Before LinkWorld::before() const {
   wire_->packets.clear();
   wire_->broken = broken_;
-  return {link_.current(),  link_.reason(),   link_.peer(),
-          link_.revision(), link_.counters(), spec_.silent_until.has_value(), spec_.lost_since.has_value()};
+  return {link_.current(),
+          link_.reason(),
+          link_.peer(),
+          link_.revision(),
+          link_.counters(),
+          spec_.silent_until.has_value(),
+          spec_.lost_since.has_value()};
 }
 
 void LinkWorld::check(const Before& seen, const std::string& call, bool accepted) {

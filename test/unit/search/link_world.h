@@ -83,7 +83,7 @@ class LinkWorld {
   double attempted_at_ = -1e9;  ///< time of the last packet [s]
   MotorCommand attempted_;
   double scheduled_at_ = -1e9;  ///< time of the last packet after which the next one is a period later [s]
-  double known_since_ = -1e9;  ///< time since which the craft has its address [s]
+  double known_since_ = -1e9;   ///< time since which the craft has its address [s]
   bool broken_ = false;
   bool begins_silence_ = false;
   std::string violation_, story_;
