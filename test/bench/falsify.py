@@ -3,11 +3,12 @@
 
 The controller, its life cycle and the fence are those of the nodelets; the controller follows a line that
 leads through a wall. CMA-ES chooses start, line, push, loss of poses, loss of packets, error of the model,
-asymmetry, delay and losses of the mocap, for the smallest distance from a wall. A flight within the bound that
-the controllers print for this room and craft must not leave the room; the others are counted, too.
+asymmetry, delay and losses of the mocap, for the smallest distance from a wall. A flight within the bound
+that the controllers print for this room and craft must not leave the room; others are counted, too.
 """
 
 import argparse
+import functools
 import itertools
 import json
 import os
@@ -28,8 +29,9 @@ UPSETS = {  # push [share of full thrust], time without poses [s], error of the 
     "much": (0.12, 0.25, 0.2),
 }
 NAMES = (
-    "where", "how_near", "heading", "line", "line_speed", "line_end", "push", "push_way", "push_from", "push_for",
-    "blind_from", "blind_for", "deaf_from", "deaf_for", "thrust", "damping", "asymmetry", "delay", "loss", "seed",
+    "where", "how_near", "heading", "line", "line_speed", "line_end", "push", "push_way", "push_from",
+    "push_for", "blind_from", "blind_for", "deaf_from", "deaf_for", "thrust", "damping", "asymmetry", "delay",
+    "loss", "seed",
 )  # fmt: skip
 PREDICTIVE = 100  # one generation of so many is flown by ModelPredictive, which takes a hundred times as long
 TOO_FAST = 2.0  # what a speed above the bound costs [m per m/s]
@@ -187,8 +189,10 @@ def search(place, flights, seed, axes=(None,), generations=GENERATIONS):
                 tried += 1
                 kind = "TrajectoryTracking" if tried % PREDICTIVE else "ModelPredictive"
                 asked = [optimizer.ask() for _ in range(POPULATION)]
-                flights_of = team.map(lambda x: flight(place, upset, x, kind, axis), asked)
-                optimizer.tell([(x, found[upset].add(x, *one)) for x, one in zip(asked, flights_of)])
+                fly = functools.partial(flight, place, upset, kind=kind, axes=axis)
+                optimizer.tell(
+                    [(x, found[upset].add(x, *one)) for x, one in zip(asked, team.map(fly, asked))]
+                )
                 flown += POPULATION
                 if flown >= flights or optimizer.should_stop():
                     break

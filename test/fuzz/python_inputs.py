@@ -91,8 +91,9 @@ def plain_yaml(data):
 
 FRAMES = contextlib.ExitStack()  # the server of the viewer
 HELLO = (
-    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: "
-    b"13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+    b"Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
 )
 
 
@@ -103,7 +104,7 @@ def port():
 
 
 def websocket(data):
-    """Sends bytes to the viewer's port, after a valid greeting or in its place; the server then still greets."""
+    """Sends bytes to the viewer's port, after a greeting or in its place; the server then still greets."""
     greeted = data[:1] < b"\x80"
     for sent, answered in ((HELLO * greeted + data[1:], False), (HELLO, True)):
         with socket.create_connection(("127.0.0.1", port()), timeout=10) as line:
@@ -196,8 +197,8 @@ def packets(data):
 
 def main():
     targets = {
-        "csv": csv, "bag": bag, "mcap": mcap, "mapping": mapped, "options": options, "definitions": definition,
-        "packets": packets, "yaml": plain_yaml, "websocket": websocket,
+        "csv": csv, "bag": bag, "mcap": mcap, "mapping": mapped, "options": options,
+        "definitions": definition, "packets": packets, "yaml": plain_yaml, "websocket": websocket,
     }  # fmt: skip
     if len(sys.argv) < 2 or sys.argv[1] not in targets:
         sys.exit("python_inputs: name one of %s" % ", ".join(targets))

@@ -11,7 +11,7 @@ from ground import _core
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "bench"))
 
-import falsify  # noqa: E402
+import falsify
 
 ROOM = ROOT / "cfg" / "room" / "room_4x4.yaml"
 

@@ -1,4 +1,4 @@
-"""Names, topics, units and notes with markup or control characters, from files of somebody else, do nothing."""
+"""Names, units and notes with markup or control characters, from files of others, do nothing."""
 
 import html.parser
 import re
@@ -18,8 +18,9 @@ from ground.support.progress import harmless
 MARKUP = "</script><script>window.ran=1</script>\"'><img src=x onerror=window.ran=2>{{7*7}}"
 LINK = '<a href="javascript:window.ran=3">here</a><iframe srcdoc="<script>parent.ran=4</script>">'
 FILE = "run '\"><img src=x onerror=window.ran=5><b onmouseover=window.ran=6>"  # of a recording: without /
-TRAPS = """return [...document.querySelectorAll("*")].filter(e => e.tagName === "IFRAME" || e.tagName === "OBJECT"
-    || (e.tagName === "IMG" && !e.src.startsWith("data:")) || /^javascript:/i.test(e.getAttribute("href") || "")
+TRAPS = """return [...document.querySelectorAll("*")].filter(e => ["IFRAME", "OBJECT"].includes(e.tagName)
+    || (e.tagName === "IMG" && !e.src.startsWith("data:"))
+    || /^javascript:/i.test(e.getAttribute("href") || "")
     || [...e.attributes].some(a => a.name.startsWith("on"))).map(e => e.outerHTML.slice(0, 200))"""
 
 

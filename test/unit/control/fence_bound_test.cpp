@@ -21,14 +21,19 @@ RigidState<double> moving(const Point& at, double psi, double u, double v) {
   return {{at.x(), at.y(), psi}, {u, v, 0}};
 }
 
-/// Position at rest by small steps: a thrust, then gliding until the motors are off, then the floor.
-Point atRest(const RigidState<double>& state, double age, const Fence::Thrust& thrust, const Room& room) {
+/// Position at rest by small steps: thrusts, then gliding until the motors are off, then the floor.
+Point atRest(const RigidState<double>& state, double age, const Fence::Thrusts& thrusts, const Room& room) {
   constexpr double kStep = 1e-4;
   Point at = state.eta.head<2>();
   Point velocity = bodyToWorld<double>(state.eta.z(), state.nu.head<2>().eval());
-  const Point acceleration = bodyToWorld<double>(state.eta.z(), thrust.acceleration);
   for (double t = 0; t < age + room.latency; t += kStep) {
-    if (t < thrust.duration + room.latency) velocity += kStep * acceleration;
+    double ends = 0;
+    for (std::size_t i = 0; i < thrusts.size(); ++i) {
+      const double begins = ends;
+      ends += thrusts[i].duration + (i + 1 == thrusts.size() ? room.latency : 0);
+      if (t >= begins && t < ends)
+        velocity += kStep * bodyToWorld<double>(state.eta.z(), thrusts[i].acceleration);
+    }
     at += kStep * velocity;
   }
   while (velocity.norm() > kStep * room.braking) {
@@ -47,9 +52,11 @@ TEST(FenceThrust, RestIsThatOfACraftWithThrust) {
     const RigidState<double> state =
         moving({uniform(random), uniform(random)}, 3 * uniform(random), uniform(random), uniform(random));
     const double age = 0.2 + 0.2 * uniform(random);
-    const Fence::Thrust thrust{{2 * uniform(random), uniform(random)}, age * std::abs(uniform(random))};
-    EXPECT_LT((fence.stoppingPoint(state, age, thrust) - atRest(state, age, thrust, room)).norm(), 2e-3);
-    EXPECT_LT((fence.stoppingPoint(state, age, {}) - fence.stoppingPoint(state, age)).norm(), 1e-12);
+    Fence::Thrusts thrusts;
+    for (int j = 0; j < 2; ++j)
+      thrusts.push_back({{2 * uniform(random), uniform(random)}, 0.5 * age * std::abs(uniform(random))});
+    EXPECT_LT((fence.stoppingPoint(state, age, thrusts, 2) - atRest(state, age, thrusts, room)).norm(), 2e-3);
+    EXPECT_LT((fence.stoppingPoint(state, age, thrusts, 0) - fence.stoppingPoint(state, age)).norm(), 1e-12);
   }
 }
 
@@ -62,6 +69,7 @@ TEST(FenceThrust, CountsOnlyTowardsAWall) {
   EXPECT_EQ(fence.objection(state, 0.2, {{{0.01, 0}, 0.2}}), "");
   const RigidState<double> quick = moving({1.6, 0}, 0, 1.0, 0);
   EXPECT_NE(fence.objection(quick, 0.2, {{{-2, 0}, 0.2}}), "") << "that it brakes is not relied on";
+  EXPECT_NE(fence.objection(state, 0.4, {{{2, 0}, 0.2}, {{-2, 0}, 0.2}}), "");
 }
 
 TEST(FenceBound, FullAccelerationIsThatOfAllThrusters) {
@@ -101,9 +109,8 @@ TEST(FenceBound, HoldsForACraftThatIsPushedTowardsAWall) {
     const Fence fence(room, room.margin);
     for (double speed = 0; speed < bound; speed += 0.05) {
       // As near to the wall as the fence allows, with full thrust; then no pose for `blind`.
-      const Fence::Thrust thrust{{full, 0}, 0};
       double x = 2;
-      while (!fence.objection(moving({x, 0}, 0, speed, 0), 0, {thrust}).empty()) x -= 0.001;
+      while (!fence.objection(moving({x, 0}, 0, speed, 0), 0, {{{full, 0}, 0}}).empty()) x -= 0.001;
       const double push = upset.push * full, steps = 1e-4;
       double at = x, v = speed, fastest = v, stopped = -1;
       for (double t = 0; stopped < 0 || t < stopped + room.latency; t += steps) {

@@ -188,18 +188,23 @@ bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
 std::string ControllerLifecycle::fenceProblem(Instant now) const {
   if (!fence_ || !params_.require_state || !stateIsFinite()) return "";
   const double age = now.time - measured_->stamp;
-  std::vector<Fence::Thrust> thrusts;
+  Fence::Thrusts thrusts;
   if (driving()) {
     const double ended = lost_since_ ? now.steady - *lost_since_ : 0;  // without thrust since then [s]
-    for (const auto& acceleration : thrusts_) thrusts.push_back({acceleration, age - ended});
+    for (std::size_t i = 0; i < thrusts_.size(); ++i) {
+      const double begin = std::max(thrusts_[i].since, measured_->stamp);
+      const double end = i + 1 < thrusts_.size() ? thrusts_[i + 1].since : now.time - ended;
+      thrusts.push_back({thrusts_[i].acceleration, std::max(0.0, end - begin)});
+    }
   }
   return fence_->objection(measured_->state, age, thrusts);
 }
 
 /// Stores the thrust of a command for the fence; while a state ages, the thrusts before it still count.
-void ControllerLifecycle::noteThrust(const Inputs& inputs) {
+void ControllerLifecycle::noteThrust(double time, const Inputs& inputs) {
   const Vector2<double> acceleration = pilot_.acceleration(inputs);
-  if (thrusts_.empty() || thrusts_.back() != acceleration) thrusts_.push_back(acceleration);
+  if (thrusts_.empty() || thrusts_.back().acceleration != acceleration)
+    thrusts_.push_back({time, acceleration});
 }
 
 void ControllerLifecycle::schedule(double elapsed) {
@@ -237,7 +242,7 @@ void ControllerLifecycle::control(Instant now, double stamp) {
   last_update_ = stamp;
   schedule(elapsed);
   if (!inputs.finite()) return enter(now, State::kStopped, "the command is not finite");
-  noteThrust(inputs);
+  noteThrust(now.time, inputs);
   send(now, inputs);
 }
 

@@ -22,17 +22,21 @@ Vector2<double> Fence::stoppingPoint(const RigidState<double>& state, double age
   return state.eta.head<2>() + coasting(velocity.norm(), age) * velocity;
 }
 
-Vector2<double> Fence::stoppingPoint(const RigidState<double>& state, double age,
-                                     const Thrust& thrust) const {
-  const double pushed = std::max(0.0, thrust.duration) + room_.latency;
-  const double until_off = std::max(std::max(0.0, age) + room_.latency, pushed);
-  // The heading half way through the thrust.
-  const double heading = state.eta.z() + 0.5 * pushed * state.nu.z();
-  const Vector2<double> gained = pushed * bodyToWorld<double>(heading, thrust.acceleration);
-  const Vector2<double> velocity = bodyToWorld<double>(state.eta.z(), state.nu.head<2>().eval());
-  const Vector2<double> last = velocity + gained;
-  return state.eta.head<2>() + until_off * velocity + (until_off - 0.5 * pushed) * gained +
-         0.5 * last.norm() / room_.braking * last;
+Vector2<double> Fence::stoppingPoint(const RigidState<double>& state, double age, const Thrusts& thrusts,
+                                     std::size_t count) const {
+  Vector2<double> at = state.eta.head<2>();
+  Vector2<double> velocity = bodyToWorld<double>(state.eta.z(), state.nu.head<2>().eval());
+  double time = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const double lasts = thrusts[i].duration + (i + 1 == thrusts.size() ? room_.latency : 0);
+    const double heading = state.eta.z() + (time + 0.5 * lasts) * state.nu.z();  // half way through it
+    const Vector2<double> gained = lasts * bodyToWorld<double>(heading, thrusts[i].acceleration);
+    at += lasts * (velocity + 0.5 * gained);
+    velocity += gained;
+    time += lasts;
+  }
+  const double glides = std::max(0.0, std::max(0.0, age) + room_.latency - time);
+  return at + (glides + 0.5 * velocity.norm() / room_.braking) * velocity;
 }
 
 double Fence::violation(const RigidState<double>& state, double age,
@@ -52,8 +56,7 @@ double Fence::violation(const RigidState<double>& state, double age,
   return violation;
 }
 
-std::string Fence::objection(const RigidState<double>& state, double age,
-                             const std::vector<Thrust>& thrusts) const {
+std::string Fence::objection(const RigidState<double>& state, double age, const Thrusts& thrusts) const {
   const Vector2<double> here = state.eta.head<2>();
   const double now = room_.clearance(here);
   char text[160] = "";
@@ -63,8 +66,8 @@ std::string Fence::objection(const RigidState<double>& state, double age,
     std::snprintf(text, sizeof text, "the craft is %.2f m from a wall of the room", now);
   } else {
     double then = room_.clearanceOfWay(here, stoppingPoint(state, age));
-    for (const Thrust& thrust : thrusts)
-      then = std::min(then, room_.clearanceOfWay(here, stoppingPoint(state, age, thrust)));
+    for (std::size_t count = 1; count <= thrusts.size(); ++count)
+      then = std::min(then, room_.clearanceOfWay(here, stoppingPoint(state, age, thrusts, count)));
     if (then < distance_)
       std::snprintf(text, sizeof text,
                     "the craft would come to rest %.2f m %s of the room if it were stopped later",

@@ -47,7 +47,7 @@ void ModelCraft::command(const Thrusters<double>& thrusters, double lift) {
 
 RigidState<double> ModelCraft::derivative() const {
   RigidState<double> rate = moving_->simulation.derivative();
-  if (source_ || pushed()) rate.nu += moving_->mobility * wrench();
+  if (disturbed()) rate.nu += moving_->mobility * wrench();
   if (sits()) {
     const Vector3<double> most = friction();
     for (int i = 0; i < 3; ++i) {
@@ -82,7 +82,7 @@ Vector3<double> ModelCraft::friction() const {
 /// wrench acts before each step and half after it. Friction does not reverse the velocity.
 void ModelCraft::advance(double time) {
   Simulation<double>& simulation = moving_->simulation;
-  while ((source_ || pushed() || sits()) && simulation.time() < time) {
+  while ((disturbed() || sits()) && simulation.time() < time) {
     double until = time;
     Vector3<double> push = Vector3<double>::Zero();
     if (source_) {
@@ -92,13 +92,10 @@ void ModelCraft::advance(double time) {
       }
       until = std::min(until, next_wrench_);
     }
-    if (pushed()) {
-      const bool begins = simulation.time() < params_.push.from;
-      until = std::min(until, begins ? params_.push.from : params_.push.until);
-    }
+    if (pushed()) until = std::min(until, nextPush());
     if (pushed() || sits()) until = std::min(until, simulation.time() + kDefaultStep);
     const double dt = until - simulation.time();
-    if (source_ || pushed()) push = 0.5 * dt * (moving_->mobility * wrench());
+    if (disturbed()) push = 0.5 * dt * (moving_->mobility * wrench());
     for (const bool before : {true, false}) {
       Vector3<double>& nu = simulation.state().nu;
       nu += push;

@@ -183,7 +183,7 @@ class ControllerLifecycle {
   std::string jumped(const MeasuredState& state) const;
   bool bridge(Instant now, const std::string& problem);
   std::string fenceProblem(Instant now) const;
-  void noteThrust(const Inputs& inputs);
+  void noteThrust(double time, const Inputs& inputs);
   void act(Instant now);
   void schedule(double elapsed);
   void begin(Instant now);
@@ -209,7 +209,12 @@ class ControllerLifecycle {
   std::optional<MeasuredState> known_;            ///< the last state used for control
   double lifting_since_ = 0, running_since_ = 0;  ///< clock of stamps [s]
   std::optional<double> last_update_;             ///< stamp [s]
-  std::vector<Vector2<double>> thrusts_;          ///< accelerations since the last valid state [m/s^2]
+  /// Thrust from a time on, clock of stamps [s].
+  struct Driven {
+    double since;
+    Vector2<double> acceleration;  ///< [m/s^2]
+  };
+  std::vector<Driven> thrusts_;  ///< that of the last valid state, and those since then
   /// Next change of open-loop inputs, clock of stamps [s]; no value for closed-loop control.
   std::optional<double> change_at_;
   double started_at_ = 0;          ///< steady clock [s]

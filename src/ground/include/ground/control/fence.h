@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -17,11 +18,12 @@ namespace ground {
 /// has acted since the state was measured counts if it takes the craft closer to a wall.
 class Fence {
  public:
-  /// Thrust since the state was measured.
+  /// A thrust since the state was measured.
   struct Thrust {
-    Vector2<double> acceleration{0, 0};  ///< body axes of the state [m/s^2]
-    double duration = 0;                 ///< until the command to end it, at most the age of the state [s]
+    Vector2<double> acceleration{0, 0};  ///< body axes [m/s^2]
+    double duration = 0;                 ///< until the next command [s]
   };
+  using Thrusts = std::vector<Thrust>;  ///< one after the other, from the time of the state on
   /// Loss of the mocap that should not end a drive; plans leave room for it [s].
   static constexpr double kLoss = 0.3;
 
@@ -31,16 +33,16 @@ class Fence {
   const Room& room() const { return room_; }
   /// Where the craft comes to rest if thrust and lift are cut now; `age`: age of the state [s].
   Vector2<double> stoppingPoint(const RigidState<double>& state, double age) const;
-  /// The same with a thrust, which lasts on for the room's latency.
-  Vector2<double> stoppingPoint(const RigidState<double>& state, double age, const Thrust& thrust) const;
+  /// The same with the first `count` thrusts. If these are all, the last one lasts on for the room's latency.
+  Vector2<double> stoppingPoint(const RigidState<double>& state, double age, const Thrusts& thrusts,
+                                std::size_t count) const;
   /// By how much stoppingPoint() is too close to a wall [m], at least 0. `derivative`: its derivatives by x,
   /// y, psi, u, v, set only if it is positive.
   double violation(const RigidState<double>& state, double age,
                    Eigen::Matrix<double, 1, 5>& derivative) const;
   /// Why thrust and lift have to be cut now; empty if the craft may continue.
-  /// `thrusts`: those since the state was measured; each is taken as if it alone had acted.
-  std::string objection(const RigidState<double>& state, double age,
-                        const std::vector<Thrust>& thrusts = {}) const;
+  /// That a later thrust brakes an earlier one is not relied on.
+  std::string objection(const RigidState<double>& state, double age, const Thrusts& thrusts = {}) const;
 
  private:
   double coasting(double speed, double age) const;

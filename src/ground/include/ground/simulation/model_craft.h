@@ -59,6 +59,9 @@ class ModelCraft : public Plant {
   Model onThisRun(Model model) const;
   double time() const { return moving_->simulation.time(); }
   bool pushed() const { return time() < params_.push.until; }
+  /// Time at which the push begins or ends [s].
+  double nextPush() const { return time() < params_.push.from ? params_.push.from : params_.push.until; }
+  bool disturbed() const { return source_ || pushed(); }
   bool sits() const { return untouched_ || (lift_ && *lift_ == 0); }
   Vector3<double> friction() const;
   /// Advances the simulation, and the battery, to a time.
