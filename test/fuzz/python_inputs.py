@@ -22,8 +22,18 @@ with atheris.instrument_imports(include=["ground"]):
     from ground.data import import_csv
     from ground.exporting import viewers
     from ground.mocap import natnet
-    from ground.recordings import bags, containers, decoding, definitions, drafts, mapping, quality, readers
-    from ground.recordings import run_settings, streams
+    from ground.recordings import (
+        bags,
+        containers,
+        decoding,
+        definitions,
+        drafts,
+        mapping,
+        quality,
+        readers,
+        run_settings,
+        streams,
+    )
     from ground.simulation import gains
     from ground.support.errors import GroundError
 

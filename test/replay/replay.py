@@ -127,7 +127,9 @@ def main():
         changed = list(differences(released.get(name, {}), now))
         explained = "replay: " + name in said
         unexplained += bool(changed) and not explained and not arguments.release
-        verdict = "as released" if not changed else "differs, as the change log says" if explained else "differs"
+        verdict = (
+            "as released" if not changed else "differs, as the change log says" if explained else "differs"
+        )
         print("%-20s %s" % (name, verdict), flush=True)
         for what, a, b in changed:
             print("  %-26s %s -> %s" % (what, a, b), flush=True)

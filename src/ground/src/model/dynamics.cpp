@@ -156,7 +156,7 @@ void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   const Active active{&hooks, p, state};
   if (has & Effect::kDelay) hooks.delay(p, delay_);
   if (has & Effect::kAir) hooks.air(p, air_);
-  if ((has & Effect::kSteer) && layout_->steers()) hooks.steer(p, steering_);
+  if (has & (layout_->steers() ? Effect::kSteer : 0U)) hooks.steer(p, steering_);
   if (has & Effect::kInertia) hooks.inertia(p, body_, mass_);
   // What an actuator does at once, such as a dead band, comes before what takes time.
   const bool at_once = info.stateCount(layout_->size()) == 0;

@@ -167,7 +167,7 @@ void readBody(const YamlReader& reader, const YAML::Node& node, Model& model) {
 
 void writeBody(YAML::Emitter& out, const Model& model) {
   const ThrusterLayout& layout = *model.thrusters;
-  BodyText body{model.values(),     model.body.input_max, model.body.volts,        !layout.isPair(),
+  BodyText body{model.values(),     model.body.input_max, model.body.volts,      !layout.isPair(),
                 layout.thrusters(), layout.liftChannel(), model.body.hull_length};
   for (Thruster& one : body.thrusters) one.position *= model.body.l / layout.lever();
   bodyKeys(YamlReader(""), body).write(out);

@@ -153,12 +153,12 @@ auto pickled() {
                               r.scales);
       },
       [](const py::tuple& t) {
-        return makeRun(
-            t[0].cast<std::string>(), t[1].cast<std::vector<double>>(), t[2].cast<Eigen::MatrixX3d>(),
-            t[3].cast<Eigen::MatrixX3d>(), t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
-            t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(), t[8].cast<Eigen::MatrixX3d>(),
-            t[9].cast<InertialData>(), t[10].cast<Payload>(), t[11].cast<Eigen::MatrixX2d>(),
-            t[12].cast<RunScales>());
+        return makeRun(t[0].cast<std::string>(), t[1].cast<std::vector<double>>(),
+                       t[2].cast<Eigen::MatrixX3d>(), t[3].cast<Eigen::MatrixX3d>(),
+                       t[4].cast<Eigen::MatrixXd>(), t[5].cast<Eigen::MatrixX3d>(),
+                       t[6].cast<Vector3<double>>(), t[7].cast<std::vector<double>>(),
+                       t[8].cast<Eigen::MatrixX3d>(), t[9].cast<InertialData>(), t[10].cast<Payload>(),
+                       t[11].cast<Eigen::MatrixX2d>(), t[12].cast<RunScales>());
       });
 }
 

@@ -28,7 +28,7 @@ class ModelCraft : public Plant {
     /// Deceleration by dry friction of the floor while the lift is off [m/s^2].
     double braking = 2.0;
     BatteryParams battery = {};  ///< its voltage acts by effects of the model, such as battery_voltage
-    Push push = {};  ///< besides the disturbance
+    Push push = {};              ///< besides the disturbance
   };
 
   /// Throws std::invalid_argument if the disturbance is bad.

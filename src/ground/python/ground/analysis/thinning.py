@@ -34,8 +34,8 @@ def thinned(run: _core.RunData) -> _core.RunData:
     noise = np.array(run.noise) / np.sqrt(count)
     stamps = mean(times[:, None])[:, 0]
     wrench = mean(run.wrench) if len(run.wrench) else None
-    means = {"eta": mean(run.eta), "nu": mean(run.nu), "poses": poses}
-    return run.replaced(times=stamps, noise=noise, wrench=wrench, **means)
+    eta, nu = mean(run.eta), mean(run.nu)
+    return run.replaced(times=stamps, eta=eta, nu=nu, poses=poses, noise=noise, wrench=wrench)
 
 
 def by_poses_alone(run: _core.RunData) -> _core.RunData:

@@ -344,8 +344,8 @@ def recorded(
             raise GroundError("the model's motion along %s is not finite" % run.name)
         poses[stretch] = found["eta"] + noise * random.normal(size=(len(stretch), 3))
     smoothed = repair.again(run, poses)
-    others = {"eta": smoothed["eta"], "nu": smoothed["nu"], "poses": poses}
-    return run.replaced(wrench=np.empty((0, 3)), inertial=_core.InertialData(), **others)
+    alone = run.replaced(wrench=np.empty((0, 3)), inertial=_core.InertialData())
+    return alone.replaced(eta=smoothed["eta"], nu=smoothed["nu"], poses=poses)
 
 
 def pushes(run: _core.RunData, levels: Mapping[str, float], random: Random) -> Tuple[Array, Array]:

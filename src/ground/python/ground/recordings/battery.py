@@ -77,10 +77,8 @@ def _clock(mapping: FieldMapping, given: Battery, topic: str) -> Clock:
     """Its own clock, or that of the table which it shares."""
     if given.time.is_of_fields or given.time.source:
         return given.time
-    for other in (mapping.poses, mapping.commands):
-        if other.topic == topic:
-            return other.time
-    return given.time
+    shared = {mapping.commands.topic: mapping.commands.time, mapping.poses.topic: mapping.poses.time}
+    return shared.get(topic, given.time)
 
 
 def _topic(source: Container, mapping: FieldMapping, given: Battery, table: Table) -> str:

@@ -98,7 +98,11 @@ def _poses_of(run: RepairedRun) -> Document:
     poses: Document = {
         "count": len(stamps),
         "rate": float((len(stamps) - 1) / (stamps.max() - stamps.min())),
-        "noise": {"position": motion.noise[0], "heading": motion.noise[1], "given": recording.noise is not None},
+        "noise": {
+            "position": motion.noise[0],
+            "heading": motion.noise[1],
+            "given": recording.noise is not None,
+        },
         "third_differences": None
         if third is None
         else {"position": float(np.hypot(*third[:2]) / np.sqrt(2)), "heading": float(third[2])},

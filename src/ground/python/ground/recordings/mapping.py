@@ -144,7 +144,9 @@ class FieldMapping:
     types: Tuple[str, ...] = ()  #: files with definitions of types, or folders of them
     file: str = ""  #: that it was read from
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
-    noise: Optional[Tuple[float, float]] = None  #: of positions [m] and headings [rad]; None: of their scatter
+    noise: Optional[Tuple[float, float]] = (
+        None  #: of positions [m] and headings [rad]; None: of their scatter
+    )
     frame_rate: Optional[float] = None  #: of the mocap's camera [Hz]; None: of stamps and motion
 
     def with_options(
@@ -314,7 +316,7 @@ def _sensors(keys: Document) -> Sensors:
 def _battery(keys: Document) -> Battery:
     _apart("battery", keys, "file", "topic")
     return Battery(
-        **_place(keys),
+        **_place("battery", keys),
         use=keys.get("use", True),
         voltage=keys.get("voltage", ""),
         unit=keys.get("unit", "V"),

@@ -21,7 +21,8 @@ class Load:
     @classmethod
     def of(cls, given: Document) -> "Load":
         """The Load of a mapping's keys."""
-        return cls(given["mass"], tuple(given["place"]), given.get("inertia", 0.0), given.get("runs", "*"))
+        forward, starboard = given["place"]
+        return cls(given["mass"], (forward, starboard), given.get("inertia", 0.0), given.get("runs", "*"))
 
     @property
     def payload(self) -> _core.Payload:

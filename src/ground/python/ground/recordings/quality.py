@@ -118,7 +118,10 @@ class RepairedRun:
         inside = (times >= start) & (times <= end) & lifted(self.recording, self.motion.times)
         for a, b in cuts:
             inside &= (times < a) | (times > b)
-        ends = [(float(times[s[0]]), float(times[s[-1]])) for s in reply.stretches(times, inside, self.motion.scales.max_gap)]
+        ends = [
+            (float(times[s[0]]), float(times[s[-1]]))
+            for s in reply.stretches(times, inside, self.motion.scales.max_gap)
+        ]
         return [(a, b) for a, b in ends if b - a >= SHORTEST * scatter.interval(self.motion.times)]
 
     def inputs(self, model: _core.Model) -> Array:
@@ -303,7 +306,10 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     for start, end in odd:
         near |= (motion.times > start - margin) & (motion.times < end + margin)
     hit = ((beyond > 1) & floats & ~near) | jumps
-    return [(motion.times[s[0]], motion.times[s[-1]]) for s in reply.stretches(motion.times, hit, motion.scales.max_gap)]
+    return [
+        (motion.times[s[0]], motion.times[s[-1]])
+        for s in reply.stretches(motion.times, hit, motion.scales.max_gap)
+    ]
 
 
 def _steps(motion: repair.Motion) -> Flags:
@@ -316,7 +322,9 @@ def _steps(motion: repair.Motion) -> Flags:
         before, after = slice(max(0, i - 2 * MARGIN), max(0, i - MARGIN)), slice(i, i + MARGIN)
         if len(motion.times[before]) < MARGIN or len(motion.times[after]) < MARGIN:
             continue
-        lines = [np.polyfit(motion.times[s] - motion.times[i], motion.measured[s], 1) for s in (before, after)]
+        lines = [
+            np.polyfit(motion.times[s] - motion.times[i], motion.measured[s], 1) for s in (before, after)
+        ]
         change, step = np.abs(lines[1] - lines[0])
         apart = 2 * MARGIN * usual  # between the middles of both
         usually = 1.4826 * np.median(np.abs(motion.nu_dot[:, :2]), axis=0).max() * apart

@@ -10,6 +10,7 @@ from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 import numpy as np
 
 from ground.recordings import (
+    bags,
     battery,
     commands,
     containers,
