@@ -49,7 +49,8 @@ std::vector<Window> shortPieces(const SimulationError& problem) {
   std::vector<Window> all;
   for (const Window& w : problem.windows()) {
     const RunData& run = problem.runs()[w.run];
-    const auto found = cutWindows(run, w.run, run.times[w.first], run.times[w.last], kPart * run.scales.window);
+    const auto found =
+        cutWindows(run, w.run, run.times[w.first], run.times[w.last], kPart * run.scales.window);
     all.insert(all.end(), found.begin(), found.end());
   }
   if (all.empty()) return problem.windows();

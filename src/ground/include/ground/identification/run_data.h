@@ -50,8 +50,8 @@ struct RunData {
 inline Motion motionOf(const RunData& run) { return {&run.times, &run.eta, &run.nu}; }
 
 /// Throws std::invalid_argument unless a run has samples, arrays of equal length, finite measurements
-/// at finite ascending times, a positive noise, positive scales, no known wrench or a finite one, and the same of what is
-/// inertial.
+/// at finite ascending times, a positive noise, positive scales, no known wrench or a finite one, and the
+/// same of what is inertial.
 void checkRun(const RunData& run);
 
 /// A stretch of a run that is simulated from its own initial state.
@@ -62,8 +62,8 @@ struct Window {
 
 /// Cuts the part [from, to] s of a run into windows of `length` seconds that share their end
 /// points. Drops a last piece of half a window or less. Windows do not contain gaps in the measurements
-/// longer than `max_gap` seconds (default: that of the run). Throws std::invalid_argument if checkRun(run) does, a time
-/// is NaN, or the length or the gap is not positive.
+/// longer than `max_gap` seconds (default: that of the run). Throws std::invalid_argument if checkRun(run)
+/// does, a time is NaN, or the length or the gap is not positive.
 std::vector<Window> cutWindows(const RunData& run, int run_index, double from, double to, double length,
                                std::optional<double> max_gap = std::nullopt);
 

@@ -234,7 +234,15 @@ def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
 def with_known(run: _core.RunData, wrench: Array) -> _core.RunData:
     """A run on which a known wrench (n, 3) acts."""
     return _core.RunData(
-        run.name, run.times, run.eta, run.nu, run.inputs, run.poses, run.noise, run.drives, wrench,
+        run.name,
+        run.times,
+        run.eta,
+        run.nu,
+        run.inputs,
+        run.poses,
+        run.noise,
+        run.drives,
+        wrench,
         scales=run.scales,
     )
 

@@ -233,7 +233,8 @@ class Fit(Shown, Plotted):
 
     def details(self) -> Iterator[str]:
         """Errors, each run, and how many starts agree."""
-        yield "%-50s %8s %8s %9s" % ("error over windows of %.3g s" % windows.length(self.data), "start", "fitted", "held out")
+        title = "error over windows of %.3g s" % windows.length(self.data)
+        yield "%-50s %8s %8s %9s" % (title, "start", "fitted", "held out")
         for what, values in self._errors():
             yield "  %-48s %8s %8s %9s" % ((what,) + tuple("" if v is None else "%.3f" % v for v in values))
         if self.runs:

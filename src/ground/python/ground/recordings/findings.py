@@ -22,7 +22,6 @@ CERTAIN = 3.0  # standard errors that an effect of a thruster exceeds
 MAX_NAMED = 4  # gaps and other events that are listed; the rest is counted
 GAP = 6.0  # a longer pause is a gap [usual intervals between poses]
 LATE = 0.05  # a stamp with a larger delay after its frame is late [s]
-DIFFERENT = 1.5  # ratio of the noise to third differences from which both are said
 EFFECTS = (  # what a thruster does: key, words, unit
     ("forward", ("pushes forward", "pushes backward"), "m/s2"),
     ("right", ("pushes to the right", "pushes to the left"), "m/s2"),
@@ -97,7 +96,11 @@ def _poses_of(run: RepairedRun) -> Document:
     poses: Document = {
         "count": len(stamps),
         "rate": float((len(stamps) - 1) / (stamps.max() - stamps.min())),
-        "noise": {"position": motion.noise[0], "heading": motion.noise[1], "given": recording.noise is not None},
+        "noise": {
+            "position": motion.noise[0],
+            "heading": motion.noise[1],
+            "given": recording.noise is not None,
+        },
         "third_differences": None
         if third is None
         else {"position": float(np.hypot(*third[:2]) / np.sqrt(2)), "heading": float(third[2])},
@@ -261,10 +264,10 @@ def grave(d: Document) -> Iterator[str]:
         if share is not None and share >= reply.POWER:
             yield "the motion does not follow the commands: are poses and commands of the same run?"
         elif share is not None:
-            yield (
-                "whether the motion follows the commands cannot be decided, because %.0f%% of the "
-                "accelerations are noise of the poses" % (100 * (1 - max(share, 0)))
-            )
+            why = "most of the accelerations are noise of the poses"
+            if share == 0:
+                why = "they change too seldom for it"
+            yield "whether the motion follows the commands cannot be decided, because " + why
 
 
 def findings(d: Document) -> Iterator[str]:

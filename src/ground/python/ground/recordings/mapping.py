@@ -113,7 +113,7 @@ class FieldMapping:
     clock_drift: float = 0.0  #: added to them for each second since the first pose [s/s]
     file: str = ""  #: that it was read from
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
-    noise: Optional[Tuple[float, float]] = None  #: of positions [m] and headings [rad]; None: of their scatter
+    noise: Optional[Tuple[float, float]] = None  #: of positions [m], headings [rad]; None: their scatter
     frame_rate: Optional[float] = None  #: of the mocap's camera [Hz]; None: of stamps and motion
 
     def with_options(

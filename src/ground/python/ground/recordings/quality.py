@@ -16,6 +16,7 @@ from ground.support.errors import GroundError
 SHORTEST, IDLE, MARGIN = 36, 120, 12
 MOVED = 20.0  # largest movement of a craft at rest [standard deviations of a pose]
 FROZEN = 36  # poses in a row that repeat the last one, if thrusters act, from which they are no measurement
+STEPS = 0.25  # largest change of velocity of a pose that steps, relative to that of one interval
 STEP = 300.0  # largest step of poses that is none of the craft [standard deviations of a pose]
 ODD = 0.05  # largest share of poses that repeat the last one by chance
 CONTACT = (0.85, 1.3)  # excess over any input, relative to the largest thrust and yaw moment
@@ -32,7 +33,9 @@ class RepairedRun:
     """A recording with its motion repaired; findings and usable spans are on the run's clock.
 
     Attributes: recording; motion; zero [s], the origin of the run's clock, and end [s] on it; spans and
-    contacts, silent (pauses of the commands) and frozen (repeated poses), lists of (start, end) [s]; active, (start, end) of the experiment [s]; reply, how the motion
+    contacts, silent (pauses of the commands) and frozen (repeated poses), lists of (start, end) [s]; steps of
+    the measured pose [s]; margin around such events [s]; active, (start, end) of the experiment [s]; reply,
+    how the motion
     follows the commands; inertial, the craft's calibrated sensors (None: it has none); drives, when each
     drive began [s], the origins of the model's t; drives_by, the source of these: "record", "lift" (the
     first command with lift), "first command" (which has lift already) or "start" (of the run, because no
@@ -55,8 +58,10 @@ class RepairedRun:
         landing = _landing(recording, contacts)
         regression = reply.regression(recording)
         self.reply = None if found is None else {"lag": found["lag"], "share": found["share"]}
-        # share of the accelerations that is no noise, if commands explain none of them
+        # share of the accelerations that is no noise, if commands explain none; 0: they may explain some
         self.unexplained = regression["power"] if regression and not found else None
+        if self.unexplained and not reply.decides(recording):
+            self.unexplained = 0.0
         self.steps = [float(t - self.zero) for t in self.motion.times[_steps(self.motion)]]
         self.silent, self.frozen = (self._on_clock(s) for s in (_silences(recording), _frozen(recording)))
         self.contacts = self._on_clock([(a, b) for a, b in contacts if a < landing])
@@ -118,7 +123,10 @@ class RepairedRun:
         inside = (times >= start) & (times <= end) & lifted(self.recording, self.motion.times)
         for a, b in cuts:
             inside &= (times < a) | (times > b)
-        ends = [(float(times[s[0]]), float(times[s[-1]])) for s in reply.stretches(times, inside, self.motion.scales.max_gap)]
+        ends = [
+            (float(times[s[0]]), float(times[s[-1]]))
+            for s in reply.stretches(times, inside, self.motion.scales.max_gap)
+        ]
         return [(a, b) for a, b in ends if b - a >= SHORTEST * scatter.interval(self.motion.times)]
 
     def inputs(self, model: _core.Model) -> Array:
@@ -249,7 +257,7 @@ def _silences(recording: Recording) -> List[Span]:
 
 
 def _frozen(recording: Recording) -> List[Span]:
-    """Where poses repeat the last one while thrusters act, although poses scatter [s, clock of the stamps]."""
+    """Where poses that scatter repeat the last one while thrusters act [s, clock of the stamps]."""
     order = np.argsort(recording.pose_times, kind="stable")
     times = repair.on_commands_clock(recording.pose_times[order], recording.clock_offset)
     same = np.append(False, (np.diff(recording.eta[order], axis=0) == 0).all(axis=1))
@@ -286,7 +294,8 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     # Noise must not count as contact, even if the commands hardly determine the thrusters' effect.
     rest = wanted - reply.commands_at(recording, recording.thrust, motion.times - found["lag"]) @ by_input
     noise = 1.4826 * np.median(np.abs(rest - np.median(rest, axis=0)), axis=0)
-    scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * np.maximum(noise, reply.accuracy(motion)))
+    noise = np.maximum(noise, reply.accuracy(motion))
+    scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * noise)
     beyond = np.full(len(wanted), np.inf)
     for effect in reachable:
         off = (wanted - effect) / scale
@@ -301,25 +310,26 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     for start, end in odd:
         near |= (motion.times > start - margin) & (motion.times < end + margin)
     hit = ((beyond > 1) & floats & ~near) | jumps
-    return [(motion.times[s[0]], motion.times[s[-1]]) for s in reply.stretches(motion.times, hit, motion.scales.max_gap)]
+    return [
+        (motion.times[s[0]], motion.times[s[-1]])
+        for s in reply.stretches(motion.times, hit, motion.scales.max_gap)
+    ]
 
 
 def _steps(motion: repair.Motion) -> Flags:
     """At which jumps only the measured pose steps, as when the mocap's cameras change: the craft goes on as
-    before."""
+    before, whereas a blow leaves it with another velocity."""
     found = np.zeros(len(motion.times), bool)
     usual = scatter.interval(motion.times)
-    noise = np.array(motion.noise)[[0, 0, 1]]
     for i in np.flatnonzero(motion.jumps):
         before, after = slice(max(0, i - 2 * MARGIN), max(0, i - MARGIN)), slice(i, i + MARGIN)
         if len(motion.times[before]) < MARGIN or len(motion.times[after]) < MARGIN:
             continue
-        lines = [np.polyfit(motion.times[s] - motion.times[i], motion.measured[s], 1) for s in (before, after)]
-        change, step = np.abs(lines[1] - lines[0])
-        apart = 2 * MARGIN * usual  # between the middles of both
-        usually = 1.4826 * np.median(np.abs(motion.nu_dot[:, :2]), axis=0).max() * apart
-        error = 10 * noise / (usual * MARGIN**1.5)
-        found[i] = bool((change[:2] < usually + error[:2]).all() and step[:2].max() < STEP * noise[0])
+        places = motion.measured[:, :2]
+        lines = [np.polyfit(motion.times[s] - motion.times[i], places[s], 1) for s in (before, after)]
+        change, step = np.linalg.norm(lines[1] - lines[0], axis=1)
+        bend = np.linalg.norm(np.diff(places[i - MARGIN : i + 2], 2, axis=0), axis=1).max()
+        found[i] = bool(change * usual < STEPS * bend and step < STEP * motion.noise[0])
     return found
 
 

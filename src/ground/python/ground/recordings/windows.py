@@ -7,6 +7,7 @@ import numpy as np
 from ground import _core
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
+
 LENGTHS = 20.0  # travelled at full thrust within the time scale [radii of gyration]; some five lengths
 TURN = 2 * np.pi  # turned at full moment within the time scale [rad]
 STEPS = (1.0, 2.0, 5.0)  # time scales are these times a power of ten [s]
