@@ -170,7 +170,9 @@ def load(path: str) -> FieldMapping:
         raise GroundError("%s: %s" % (path, error))
     given = {n: path for n in ("axes", "heading_offset") if getattr(poses, n) is not None}
     offset, drift = root.get("clock_offset", 0.0), root.get("clock_drift", 0.0)
-    return FieldMapping(poses, commands, inertial, offset, drift, path, given)
+    noise, frame_rate = root.get("noise"), root.get("frame_rate")
+    noise = None if noise is None else (noise[0], noise[1])
+    return FieldMapping(poses, commands, inertial, offset, drift, path, given, noise, frame_rate)
 
 
 def _plain(value: Any) -> Any:
