@@ -46,7 +46,9 @@ def body(m, l, I_z, X_u, Y_v, N_r, k):
 
 
 CRAFT = {
-    "palm-sized": Craft(body(0.0583, 0.0325, 8.8e-5, 0.0055, 0.0271, 4.6e-5, 0.062), 120, (3e-4, 5e-3), 0.1, 20),
+    "palm-sized": Craft(
+        body(0.0583, 0.0325, 8.8e-5, 0.0055, 0.0271, 4.6e-5, 0.062), 120, (3e-4, 5e-3), 0.1, 20
+    ),
     "free-flyer": Craft(body(16, 0.1, 0.16, 0.3, 0.3, 0.008, 0.1), 120, (1.5e-5, 1e-4), 0.5, 60),
     "ship": Craft(body(3272, 1.0, 1e4, 60, 300, 2000, 40), 10, (0.01, 1e-3), 10, 900),
     "boat with GNSS": Craft(body(40, 0.2, 12, 30, 60, 6, 30), 5, (0.5, 5e-3), 6, 900),
@@ -158,7 +160,9 @@ def test_a_pause_of_a_publisher_with_a_rate_is_left_out_and_named(name):
     run = recording(craft, times, eta, again)
     assert quality.repaired(run).usable() == pytest.approx(0.8 * craft.duration, rel=0.05)
     assert any("no commands" in line for line in findings.findings(described(run)))
-    on_change = recording(craft, times, eta, rows[(rows[:, 0] < 0.4 * craft.duration) | (rows[:, 0] > 0.6 * craft.duration)])
+    on_change = recording(
+        craft, times, eta, rows[(rows[:, 0] < 0.4 * craft.duration) | (rows[:, 0] > 0.6 * craft.duration)]
+    )
     assert not [s for s in quality.repaired(on_change).silent if craft.held > s[1] - s[0]]
 
 
