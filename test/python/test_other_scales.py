@@ -41,8 +41,8 @@ class Craft:
         return times, eta + random.normal(0, level, eta.shape), rows
 
 
-def body(m, l, I_z, X_u, Y_v, N_r, k):
-    return dict(m=m, l=l, I_z=I_z, X_u=X_u, Y_v=Y_v, N_r=N_r, k=k)
+def body(*values):
+    return dict(zip(("m", "l", "I_z", "X_u", "Y_v", "N_r", "k"), values))
 
 
 CRAFT = {

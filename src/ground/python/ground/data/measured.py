@@ -41,8 +41,9 @@ def read(
     minus true heading [rad]; both replace what was recorded with the run. mapping: a mapping file, or its
     content; pose_topic, command_topic and body (child frame, or part of the topic's name) replace its
     own. noise: of the positions [m] and headings [rad], in place of the scatter of the poses; frame_rate: of
-    the mocap's camera [Hz], in place of what late stamps say. Runs of the same name get the names of their
-    folders in front. GroundError when a bag cannot be read or is given twice, also as a copy; anything odd in a bag gives a GroundWarning.
+    the mocap's camera [Hz], in place of what late stamps say. Runs of the same name get the names of
+    their folders in front. GroundError when a bag cannot be read or is given twice, also as a copy;
+    anything odd in a bag gives a GroundWarning.
 
     >>> run, = ground.read(bag)
     >>> run.name, run.eta.shape[1], run.controls.shape[1]  # x, y, psi; left, right, lift

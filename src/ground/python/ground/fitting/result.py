@@ -213,8 +213,8 @@ class Fit(Shown, Plotted):
 
     @property
     def runaway(self) -> List[Parameter]:
-        """Parameters that ran to the end of their range far from where the fit began, so that the model is not
-        one of the craft."""
+        """Parameters that ran to the end of their range far from where the fit began: the model is not one of
+        the craft."""
         return [
             p
             for p in self.parameters.values()
@@ -226,8 +226,8 @@ class Fit(Shown, Plotted):
         if self.runaway:
             far = ("%s = %.2g %s" % (p.name, p.value, p.unit) for p in self.runaway)
             return (
-                "do not use this model: %s ran to the end of its range, so the runs contradict the model; look at "
-                "what info says of them, and at thrusters, units and missing effects" % ", ".join(far)
+                "do not use this model: %s ran to the end of its range, so the runs contradict the model; look at what "
+                "info says of them, and at thrusters, units and missing effects" % ", ".join(far)
             )
         if unknown:
             return "fix %s, or record runs with other commands" % words.listed(list(unknown))
