@@ -226,8 +226,8 @@ class Fit(Shown, Plotted):
         if self.runaway:
             far = ("%s = %.2g %s" % (p.name, p.value, p.unit) for p in self.runaway)
             return (
-                "do not use this model: %s ran to the end of its range, so the runs contradict the model; look at what "
-                "info says of them, and at thrusters, units and missing effects" % ", ".join(far)
+                "do not use this model: %s ran to the end of its range, so the runs contradict it; look at "
+                "what info says of them, and at thrusters, units and missing effects" % ", ".join(far)
             )
         if unknown:
             return "fix %s, or record runs with other commands" % words.listed(list(unknown))
