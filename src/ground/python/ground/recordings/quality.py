@@ -179,7 +179,7 @@ class RepairedRun:
             np.array(motion.noise)[[0, 0, 1]],
             self.drives,
             inertial=self._inertial(),
-            scales=_core.RunScales(*scales, window or max(windows.usual(model), least)),
+            scales=_core.RunScales(*scales, max(window or windows.usual(model), least)),
         )
 
     def _inertial(self) -> Optional[_core.InertialData]:
