@@ -14,7 +14,6 @@ import numpy as np
 from ground import _core
 from ground.analysis.likelihood import ABSENT
 from ground.analysis.thinning import thinned
-from ground.recordings import repair
 from ground.support.annotations import Array, Document, Indices
 
 CHANNELS = ("ahead", "starboard", "heading")

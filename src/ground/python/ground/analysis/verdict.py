@@ -193,9 +193,8 @@ def _refits(found: Diagnosis) -> List[Tuple[Refit, ModelsAt]]:
     free = window_error.free_parameters(found.given)
     for length in LENGTHS:
         with contextlib.suppress(GroundError):  # the simulation diverges
-            fitter = window_error.WindowFitter(
-                found.runs, threads=1, length=length * windows.length(found.runs)
-            )
+            seconds = length * windows.length(found.runs)
+            fitter = window_error.WindowFitter(found.runs, threads=1, length=seconds)
             fitted = fitter.fit(found.given, free, also=[found.nominal.model])
             refits.append((_refit(SIMULATION, fitted), functools.partial(fitter.models_at, fitted)))
     return refits

@@ -47,7 +47,8 @@ class WindowFitter:
 
     Of long runs about `most` windows are used, spread evenly, so that the work does not grow with them.
     threads: 0 for all cores; with one thread results are reproducible; most_parts: parts that several runs
-    are held out in; length: of the windows fitted to [s] (default: that of the error); target, options: what is simulated, and of the
+    are held out in; length: of the windows fitted to [s] (default: that of the error); target, options: what
+    is simulated, and of the
     core's fit. Raises GroundError when runs are too short.
     """
 

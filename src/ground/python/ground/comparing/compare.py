@@ -6,7 +6,7 @@ models    by label: file, text (of a model file), effects, fitted_to (names of b
 runs      name, bag, models: by label
   role              fit or held_out, by the digests of recordings in the model's provenance; fit where
                     its file has names only
-  error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows of a length that suits the craft; error_by_channel
+  error             mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r, windows that suit the craft; error_by_channel
   prediction_error  the same with initial velocities from the first 0.4 s, of the rest
   thesis_objective  (3.4) over the first 4 s
   fit_percent, rms  per channel, of the windows

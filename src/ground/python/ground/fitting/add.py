@@ -125,12 +125,8 @@ class Addition(Shown):
             yield ("%-28s %12s %12.4g   %s %s" % (name, before, p.value, p.interval, unit)).rstrip()
         kinds = {"fit": "the runs fitted to", "heldout": "held out: " + self.folds}
         yield ""
-        yield "%-48s %8s %8s %8s" % (
-            "error over windows of %.3g s" % self.window,
-            "before",
-            "after",
-            "change",
-        )
+        title = "error over windows of %.3g s" % self.window
+        yield "%-48s %8s %8s %8s" % (title, "before", "after", "change")
         for kind, error in self.error.items():
             name = kinds.get(kind, "the held-out runs")
             percent = "%+.0f%%" % (100 * error.change)

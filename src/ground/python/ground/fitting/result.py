@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from ground import Prediction, Recording
 
+FAR = 100.0  # ratio to the start value of a parameter at its bound that is none of the craft
+
 
 @dataclass(frozen=True)
 class Change:
@@ -209,8 +211,24 @@ class Fit(Shown, Plotted):
             ("Next", self._next(unknown, written)),
         ]
 
+    @property
+    def runaway(self) -> List[Parameter]:
+        """Parameters that ran to the end of their range far from where the fit began: the model is not one of
+        the craft."""
+        return [
+            p
+            for p in self.parameters.values()
+            if p.at_bound and p.value and p.start and not 1 / FAR < abs(p.value / p.start) < FAR
+        ]
+
     def _next(self, unknown: Sequence[str], written: str) -> str:
         ratio = words.times_the_mocap(as_document(self.prediction), "fitted")
+        if self.runaway:
+            far = ("%s = %.2g %s" % (p.name, p.value, p.unit) for p in self.runaway)
+            return (
+                "do not use this model: %s ran to the end of its range, so the runs contradict it; look at "
+                "what info says of them, and at thrusters, units and missing effects" % ", ".join(far)
+            )
         if unknown:
             return "fix %s, or record runs with other commands" % words.listed(list(unknown))
         if ratio > words.MISSING:
@@ -233,14 +251,13 @@ class Fit(Shown, Plotted):
 
     def details(self) -> Iterator[str]:
         """Errors, each run, and how many starts agree."""
-        yield "%-50s %8s %8s %9s" % (
-            "error over windows of %.3g s" % windows.length(self.data),
-            "start",
-            "fitted",
-            "held out",
-        )
+        title = "error over windows of %.3g s" % windows.length(self.data)
+        yield "%-50s %8s %8s %9s" % (title, "start", "fitted", "held out")
         for what, values in self._errors():
             yield "  %-48s %8s %8s %9s" % ((what,) + tuple("" if v is None else "%.3f" % v for v in values))
+        if self.data:
+            noise = 1e3 * np.max([run.noise for run in self.data], axis=0)
+            yield "assumed noise of the poses: up to %.2g mm, %.2g mrad" % (noise[0], noise[2])
         if self.runs:
             yield ""
             yield from _table(list(self.parameters), self.runs)

@@ -22,7 +22,6 @@ CERTAIN = 3.0  # standard errors that an effect of a thruster exceeds
 MAX_NAMED = 4  # gaps and other events that are listed; the rest is counted
 GAP = 6.0  # a longer pause is a gap [usual intervals between poses]
 LATE = 0.05  # a stamp with a larger delay after its frame is late [s]
-DIFFERENT = 1.5  # ratio of the noise to third differences from which both are said
 EFFECTS = (  # what a thruster does: key, words, unit
     ("forward", ("pushes forward", "pushes backward"), "m/s2"),
     ("right", ("pushes to the right", "pushes to the left"), "m/s2"),
@@ -174,7 +173,8 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     spans = ", ".join("%.2f to %.2f" % tuple(span) for span in usable["spans"]) or "nothing"
     yield "usable", "%.2f of %.2f s: %s" % (usable["duration"], d["duration"], spans)
     noise = 1e3 * poses["noise"]["position"], 1e3 * poses["noise"]["heading"]
-    text = "%d at %.1f Hz, noise %.3g mm, %.3g mrad" % (poses["count"], poses["rate"], *noise)
+    mm, mrad = ("%.2f", "%.1f") if noise[0] >= 0.1 and noise[1] >= 1 else ("%.2g", "%.2g")
+    text = "%d at %.1f Hz, noise " % (poses["count"], poses["rate"]) + (mm + " mm, " + mrad + " mrad") % noise
     yield "poses", text + (" (as given)" if poses["noise"]["given"] else "")
     thrusters = controls["thrusters"]
     names = "thrusters" if thrusters == PAIR else ", ".join(thrusters)
@@ -279,10 +279,10 @@ def grave(d: Document) -> Iterator[str]:
         if share is not None and share >= reply.POWER:
             yield "the motion does not follow the commands: are poses and commands of the same run?"
         elif share is not None:
-            yield (
-                "whether the motion follows the commands cannot be decided, because %.0f%% of the "
-                "accelerations are noise of the poses" % (100 * (1 - max(share, 0)))
-            )
+            why = "most of the accelerations are noise of the poses"
+            if share == 0:
+                why = "they change too seldom for it"
+            yield "whether the motion follows the commands cannot be decided, because " + why
 
 
 def findings(d: Document) -> Iterator[str]:

@@ -46,14 +46,15 @@ def rebuild(
 ) -> Optional[FrameClock]:
     """The frame clock of poses with stamps `times` (n,) [s], not descending, and `eta` (n, 3) of noise (3,).
 
-    known_rate: of the frames [Hz], else what stamps and motion say. Returns None if the stamps are regular already, if there is too little motion, or if the new
-    instants do not make the motion smoother.
+    known_rate: of the frames [Hz], else what stamps and motion say. Returns None if the stamps are regular
+    already, if there is too little motion, or if the new instants do not make the motion smoother.
     """
     if len(times) < 200 or not _irregular(times):
         return None
     alone = _without_loss(times)
-    found = [alone] if alone else [_with_losses(times, eta, wide * noise, known_rate) for wide in WIDTHS]
-    clocks = [(start, known_rate or rate, numbers) for start, rate, numbers in filter(None, found)]
+    tried = (_with_losses(times, eta, wide * noise, known_rate) for wide in WIDTHS)
+    found = [alone] if alone else [clock for clock in tried if clock]
+    clocks = [(start, known_rate or rate, numbers) for start, rate, numbers in found]
     if not clocks:
         return None
 
@@ -70,7 +71,8 @@ def rebuild(
 
 
 def _without_loss(times: Array) -> Optional[Clock]:
-    """The Clock if the order of the poses alone gives it, because no frame is lost: the earliest stamps are not late in any part of the recording."""
+    """The Clock if the order of the poses alone gives it, because no frame is lost: the earliest stamps are
+    not late in any part of the recording."""
     numbers = np.arange(len(times))
     start, rate = _line(times, numbers)
     late = times - start - numbers / rate

@@ -144,9 +144,7 @@ class FieldMapping:
     types: Tuple[str, ...] = ()  #: files with definitions of types, or folders of them
     file: str = ""  #: that it was read from
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
-    noise: Optional[Tuple[float, float]] = (
-        None  #: of positions [m] and headings [rad]; None: of their scatter
-    )
+    noise: Optional[Tuple[float, float]] = None  #: of positions [m], headings [rad]; None: their scatter
     frame_rate: Optional[float] = None  #: of the mocap's camera [Hz]; None: of stamps and motion
 
     def with_options(
@@ -230,7 +228,10 @@ def load(path: str) -> FieldMapping:
         )
     folder = os.path.dirname(path)
     types = tuple(os.path.join(folder, os.path.expanduser(one)) for one in root.get("types", ()))
+    noise, frame_rate = root.get("noise"), root.get("frame_rate")
+    noise = None if noise is None else (noise[0], noise[1])
     found = FieldMapping(poses, commands, inertial, battery, offset, drift, loads, rows, types, path, given)
+    found = replace(found, noise=noise, frame_rate=frame_rate)
     return found._with_stamps(root["stamps"]) if "stamps" in root else found
 
 

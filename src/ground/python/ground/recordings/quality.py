@@ -15,7 +15,9 @@ from ground.support.errors import GroundError
 # after a contact, of a silence, and that is kept of a rest [usual intervals between poses]
 SHORTEST, IDLE, MARGIN = 36, 120, 12
 MOVED = 20.0  # largest movement of a craft at rest [standard deviations of a pose]
+FEWEST_POSES = 10  # intervals between poses in the shortest window
 FROZEN = 36  # poses in a row that repeat the last one, if thrusters act, from which they are no measurement
+STEPS = 0.25  # largest change of velocity of a pose that steps, relative to that of one interval
 STEP = 300.0  # largest step of poses that is none of the craft [standard deviations of a pose]
 ODD = 0.05  # largest share of poses that repeat the last one by chance
 CONTACT = (0.85, 1.3)  # excess over any input, relative to the largest thrust and yaw moment
@@ -32,7 +34,9 @@ class RepairedRun:
     """A recording with its motion repaired; findings and usable spans are on the run's clock.
 
     Attributes: recording; motion; zero [s], the origin of the run's clock, and end [s] on it; spans and
-    contacts, silent (pauses of the commands) and frozen (repeated poses), lists of (start, end) [s]; active, (start, end) of the experiment [s]; reply, how the motion
+    contacts, silent (pauses of the commands) and frozen (repeated poses), lists of (start, end) [s]; steps of
+    the measured pose [s]; margin around such events [s]; active, (start, end) of the experiment [s]; reply,
+    how the motion
     follows the commands; inertial, the craft's calibrated sensors (None: it has none); drives, when each
     drive began [s], the origins of the model's t; drives_by, the source of these: "record", "lift" (the
     first command with lift), "first command" (which has lift already) or "start" (of the run, because no
@@ -55,8 +59,10 @@ class RepairedRun:
         landing = _landing(recording, contacts)
         regression = reply.regression(recording)
         self.reply = None if found is None else {"lag": found["lag"], "share": found["share"]}
-        # share of the accelerations that is no noise, if commands explain none of them
+        # share of the accelerations that is no noise, if commands explain none; 0: they may explain some
         self.unexplained = regression["power"] if regression and not found else None
+        if self.unexplained and not reply.decides(recording):
+            self.unexplained = 0.0
         self.steps = [float(t - self.zero) for t in self.motion.times[_steps(self.motion)]]
         self.silent, self.frozen = (self._on_clock(s) for s in (_silences(recording), _frozen(recording)))
         self.contacts = self._on_clock([(a, b) for a, b in contacts if a < landing])
@@ -160,7 +166,7 @@ class RepairedRun:
                 % (self.recording.name, inside.sum(), self.end, self.usable())
             )
         inputs = self.inputs(model)
-        least = SHORTEST * scatter.interval(motion.times)
+        least = FEWEST_POSES * scatter.interval(motion.times)
         scales = motion.scales.max_gap, motion.scales.linear_jerk, motion.scales.angular_jerk
         inputs[:, 1:-1] *= model.input_max
         return _core.RunData(
@@ -174,7 +180,7 @@ class RepairedRun:
             self.drives,
             inertial=self._inertial(),
             payload=self.recording.payload,
-            scales=_core.RunScales(*scales, window or max(windows.usual(model), least)),
+            scales=_core.RunScales(*scales, max(window or windows.usual(model), least)),
             battery=None if self.recording.voltage is None else self.recording.voltage.rows(self.zero),
         )
 
@@ -254,7 +260,7 @@ def _silences(recording: Recording) -> List[Span]:
 
 
 def _frozen(recording: Recording) -> List[Span]:
-    """Where poses repeat the last one while thrusters act, although poses scatter [s, clock of the stamps]."""
+    """Where poses that scatter repeat the last one while thrusters act [s, clock of the stamps]."""
     order = np.argsort(recording.pose_times, kind="stable")
     times = repair.on_commands_clock(recording.pose_times[order], recording.clock_offset)
     same = np.append(False, (np.diff(recording.eta[order], axis=0) == 0).all(axis=1))
@@ -291,7 +297,8 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     # Noise must not count as contact, even if the commands hardly determine the thrusters' effect.
     rest = wanted - reply.commands_at(recording, recording.thrust, motion.times - found["lag"]) @ by_input
     noise = 1.4826 * np.median(np.abs(rest - np.median(rest, axis=0)), axis=0)
-    scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * np.maximum(noise, reply.accuracy(motion)))
+    noise = np.maximum(noise, reply.accuracy(motion))
+    scale = np.maximum([thrust, thrust, turn], CONTACT_NOISE * noise)
     beyond = np.full(len(wanted), np.inf)
     for effect in reachable:
         off = (wanted - effect) / scale
@@ -314,22 +321,18 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
 
 def _steps(motion: repair.Motion) -> Flags:
     """At which jumps only the measured pose steps, as when the mocap's cameras change: the craft goes on as
-    before."""
+    before, whereas a blow leaves it with another velocity."""
     found = np.zeros(len(motion.times), bool)
     usual = scatter.interval(motion.times)
-    noise = np.array(motion.noise)[[0, 0, 1]]
     for i in np.flatnonzero(motion.jumps):
         before, after = slice(max(0, i - 2 * MARGIN), max(0, i - MARGIN)), slice(i, i + MARGIN)
         if len(motion.times[before]) < MARGIN or len(motion.times[after]) < MARGIN:
             continue
-        lines = [
-            np.polyfit(motion.times[s] - motion.times[i], motion.measured[s], 1) for s in (before, after)
-        ]
-        change, step = np.abs(lines[1] - lines[0])
-        apart = 2 * MARGIN * usual  # between the middles of both
-        usually = 1.4826 * np.median(np.abs(motion.nu_dot[:, :2]), axis=0).max() * apart
-        error = 10 * noise / (usual * MARGIN**1.5)
-        found[i] = bool((change[:2] < usually + error[:2]).all() and step[:2].max() < STEP * noise[0])
+        places = motion.measured[:, :2]
+        lines = [np.polyfit(motion.times[s] - motion.times[i], places[s], 1) for s in (before, after)]
+        change, step = np.linalg.norm(lines[1] - lines[0], axis=1)
+        bend = np.linalg.norm(np.diff(places[i - MARGIN : i + 2], 2, axis=0), axis=1).max()
+        found[i] = bool(change * usual < STEPS * bend and step < STEP * motion.noise[0])
     return found
 
 

@@ -88,13 +88,15 @@ def repair(
     smoothed = smooth(times, eta, noise, scales, GATE * excess)
     spikes = ~np.asarray(smoothed["used"])
     jumps = np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= max_gap)
-    motion = (smoothed[key] for key in ("eta", "nu", "nu_dot"))
-    return Motion(times, eta, *motion, noise, scales, spikes, jumps, clock, repairs)
+    moved, nu, nu_dot = (smoothed[key] for key in ("eta", "nu", "nu_dot"))
+    return Motion(times, eta, moved, nu, nu_dot, noise, scales, spikes, jumps, clock, repairs)
 
 
-def smooth(times: Array, eta: Array, noise: scatter.Levels, scales: _core.RunScales, gate: float = GATE) -> Document:
-    """_core.smooth for poses with this noise (position [m], heading [rad]) and of these scales; gate: [standard
-    deviations] beyond which a pose is a spike."""
+def smooth(
+    times: Array, eta: Array, noise: scatter.Levels, scales: _core.RunScales, gate: float = GATE
+) -> Document:
+    """_core.smooth for poses with this noise (position [m], heading [rad]) and of these scales; gate:
+    [standard deviations] beyond which a pose is a spike."""
     params = _core.EstimatorParams()
     params.position_noise, params.heading_noise = noise
     params.linear_jerk, params.angular_jerk = scales.linear_jerk, scales.angular_jerk

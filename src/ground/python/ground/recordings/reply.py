@@ -26,6 +26,7 @@ PLACEBOS = 9  # tried lags at which no motion follows
 # Share of the accelerations that commands explain which the motion follows: at least, or by so many times
 # the share that commands of other times explain and at least the last one.
 FOLLOWS, CLEARLY, MIN_FOLLOWED = 0.1, 3.0, 0.02
+EXCLUDED = 3.0  # standard errors beyond which an effect is excluded
 POWER = 0.5  # least share of accelerations that is no noise, where it can be decided
 BLOCKS = 10  # blocks of time that errors are estimated from
 ALIKE = 1e-2  # commands whose singular values are in a smaller ratio do not distinguish channels
@@ -47,7 +48,9 @@ class Reply(TypedDict):
     lag: float  # lag of the motion behind the commands [s]
     share: float  # share of the accelerations that the commands explain
     chance: float  # the largest share by commands of other times
-    power: float  # share of the accelerations that is not noise of the poses, of the best channel
+    # share of the accelerations that is not noise of the poses, of the best channel; 0 where commands of
+    # other times explain so much that it does not show whether these do
+    power: float
     follows: bool  # whether the commands explain some
     coefficients: Array  # (n + 11, 3) of the thrusters, and smooth_terms
 
@@ -131,7 +134,7 @@ def regression(recording: Recording) -> Optional[Reply]:
     most = np.abs((wanted - others @ without) / scale).mean()
     rough = slice(None, None, 1 + len(times) // CLOCK_SAMPLES)
     chance = 1 - min(regressed(lag, rough)[0] for lag in _placebos(recording)) / most
-    share, power = float(1 - misfit / most), _power(motion, wanted)
+    share, power = float(1 - misfit / most), _power(motion, wanted) if chance < 0.5 * FOLLOWS else 0.0
     follows = share > FOLLOWS or share > max(CLEARLY * chance, MIN_FOLLOWED)
     return {
         "lag": lag,
@@ -339,3 +342,15 @@ def authorities(recording: Recording) -> Document:
         name: {"forward": forward, "right": right, "turn": turn, "errors": error}
         for name, (forward, right, turn), error in zip(recording.thrusters, fit(-1).tolist(), errors)
     }
+
+
+def decides(recording: Recording) -> bool:
+    """Whether a craft that follows its commands would show it: effects of thrusters as large as the
+    accelerations are excluded."""
+    motion = recording.motion
+    sizes = _clipped(accelerations(motion)[middle(motion)]).std(axis=0)
+    return all(
+        abs(effect[key]) + EXCLUDED * error < size
+        for effect in authorities(recording).values()
+        for key, error, size in zip(("forward", "right", "turn"), effect["errors"], sizes)
+    )

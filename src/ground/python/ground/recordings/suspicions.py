@@ -10,7 +10,7 @@ from typing import Callable, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import layouts, reply, units
+from ground.recordings import layouts, reply, scatter, units
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording, once
 from ground.support.annotations import Document
@@ -19,6 +19,7 @@ from ground.support.errors import GroundError
 MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
 TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]
 EARLIEST, DELAYED = -0.03, 0.15  # delays of the motion that one clock explains [s]
+BLURRED = 0.05  # uncertainty of a delay by poses of 100 Hz [s]
 LATEST = 0.3  # largest delay that may be the craft's own, all at once [s]
 MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run [s]
 CLEAR = 2.5  # least evidence of another clock, in its standard errors
@@ -98,10 +99,13 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
     if (np.abs(np.diff(recording.thrust, axis=0)) > 1e-6).any(axis=1).sum() < MIN_CHANGES:
         return
     follows = repaired(recording).reply
+    motion = repaired(recording).motion
+    # beside that of fast poses, which the limits have
+    slack = max(0.0, max(reply.blur(motion)) + scatter.interval(motion.times) - BLURRED)
     for clock in reply.clocks(recording):
         lag = follows["lag"] if follows else clock.lag
         drifts = abs(clock.rate) > MIN_DRIFT / repaired(recording).end
-        if not drifts and (clock.rate or EARLIEST <= lag <= DELAYED):
+        if not drifts and (clock.rate or EARLIEST - slack <= lag <= DELAYED + slack):
             continue
         if clock.evidence() < CLEAR:  # slow motors, or a loop that a controller closes
             continue

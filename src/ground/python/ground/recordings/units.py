@@ -20,12 +20,12 @@ TURN = 60.0  # faster turns are those of degrees [rad/s]
 VERTICAL = (("y, -z, -x", "y, z, x"), ("x, z, -y", "x, -z, y"), ("x, -y, -z", "x, y, z"))
 
 
-def speed(times: Array, positions: Array) -> float:
+def speed(times: Array, positions: Array, step_time: float = SPEED_STEP) -> float:
     """The speed that is exceeded 5% of the time, per second of times (n,) and in the unit of positions
-    (n, k)."""
+    (n, k), over steps of some time [s]."""
     order = np.argsort(times, kind="stable")
     times, positions = times[order], positions[order]
-    ahead = np.searchsorted(times, times + SPEED_STEP)
+    ahead = np.searchsorted(times, times + step_time)
     inside = ahead < len(times)
     if not inside.any():
         return 0.0
@@ -39,7 +39,8 @@ def length_units(
 ) -> Tuple[Tuple[str, ...], float]:
     """The units that positions (n, k) are probably in where that is not the metre, the most probable first,
     and their speed; by their noise as well where it is known."""
-    fast = speed(times, positions)
+    # over a time in which noise is no speed that no craft has
+    fast = speed(times, positions, max(SPEED_STEP, 20 * (noise or 0.0) / HASTY))
     noisy = noise is not None and noise > 0
 
     def unlikely(unit: str) -> float:
