@@ -115,6 +115,7 @@ TABLES = {
         f, renamed(r, "t [s]|x [m]|y [m]|Gierwinkel psi [rad]|left|right|lift"), above=["Größe: 3 µm"],
         encoding="latin-1",
     ),
+    "a line for Excel": lambda f, r: written(f, plain(r), ";", above=["sep=;"]),
     "ends of Windows": lambda f, r: written(f, plain(r), end="\r\n"),
     "ends of old Macs": lambda f, r: written(f, plain(r), end="\r"),
     "quotes": lambda f, r: written(f, quoted(plain(r))),
@@ -445,6 +446,48 @@ def test_a_clock_that_starts_anew_is_named_with_the_rows_of_each_run(run, tmp_pa
     with pytest.raises(ground.GroundError, match=r"rows: \[1, 300\] or rows: \[301, 600\]"):
         mapped(path)
     same(mapped(path, MAPPING + "rows: [301, 600]\n"), run)
+
+
+def test_the_latest_rows_may_come_first(run, tmp_path):
+    path = written(tmp_path, {name: column[::-1] for name, column in plain(run).items()})
+    with pytest.warns(ground.GroundWarning, match="the latest poses come first"):
+        same(mapped(path), run)
+
+
+def test_a_clock_of_32_bits_that_begins_again_goes_on(run, tmp_path):
+    counts = (np.rint(1e6 * (run.times - START)).astype(np.int64) + 2**32 - 1000000) % 2**32
+    path = written(tmp_path, plain(run, t=["%d" % count for count in counts]))
+    with pytest.warns(ground.GroundWarning, match="32 bits begins again"):
+        same(mapped(path, MAPPING.replace("field: t}", "field: t, unit: us}")), run)
+
+
+def test_poses_and_commands_have_clocks_of_their_own_in_one_table(run, tmp_path):
+    few = np.arange(0, len(run.x), 4)
+    rest = [""] * (len(run.x) - len(few))
+    columns = plain(run, left=None, right=None, lift=None)
+    columns["t_cmd"] = numbers(run.times[few]) + rest
+    columns.update({n: numbers(getattr(run, n)[few]) + rest for n in ("left", "right", "lift")})
+    text = MAPPING.replace("commands:\n  time: {field: t}", "commands:\n  time: {field: t_cmd}")
+    found = mapped(written(tmp_path, columns), text)
+    assert found.eta == pytest.approx(run.eta, abs=1e-8)
+    assert found.controls == pytest.approx(run.commands[few], abs=1e-8)
+
+
+def test_rows_of_several_bodies_are_told_apart_by_their_name(run, tmp_path):
+    columns = {n: np.repeat(numbers(c), 2).tolist() for n, c in plain(run).items()}
+    columns["x"][1::2] = ["7"] * len(run.x)
+    path = written(tmp_path, {"body": ["craft", "wand"] * len(run.x), **columns})
+    with pytest.raises(ground.GroundError, match="several bodies: craft, wand; choose one by --body"):
+        mapped(path)
+    found = mapped(path, body="craft")
+    assert found.eta == pytest.approx(run.eta, abs=1e-8)
+    assert drafted(path, tmp_path).eta == pytest.approx(run.eta, abs=1e-8)
+
+
+def test_files_of_other_programs_are_refused_with_what_to_export(tmp_path):
+    (tmp_path / "log.xlsx").write_bytes(b"PK")
+    with pytest.raises(ground.GroundError, match="export the sheet as CSV"):
+        ground.read(tmp_path / "log.xlsx")
 
 
 def test_a_format_is_given_where_it_cannot_be_guessed(run, tmp_path):

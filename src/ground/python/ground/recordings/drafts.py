@@ -1,7 +1,7 @@
 """Drafts of mapping files: what a file has, and what of it is probably what, with the evidence."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Dict, Iterator, List, Mapping, Sequence, Set, Tuple
 
 import numpy as np
@@ -87,8 +87,13 @@ def _seen(topic: str, kind: str, count: int, columns: Columns, shared: Set[str])
         seen.clock, seen.clock_fields, seen.times = found.key, found.fields, found.times
         seen.values = {name: column[:MAX_ROWS] for name, column in numbers.items()}
         seen.times = seen.times[:MAX_ROWS]
-        _find_pose(seen)
-        yield seen
+        of_rows = poses.body_columns(columns)[:1]
+        names = columns[of_rows[0]][:MAX_ROWS].astype(str) if of_rows else np.full(len(seen.times), "")
+        for body in sorted(set(names)):
+            part = replace(seen, values={n: v[names == body] for n, v in seen.values.items()}, body=body)
+            part.times = seen.times[names == body]
+            _find_pose(part)
+            yield part
         return
     columns = {name: column[:MAX_ROWS] for name, column in columns.items()}
     names = (
@@ -169,6 +174,8 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
         return
     chosen, pose = candidates[0], candidates[0].pose
     yield from _place(candidates, in_folder)
+    if chosen.kind == TABLE and chosen.body:
+        yield "body: %s" % clocks.quoted(chosen.body)
     for other in [one for one in chosen.poses[1:] if one.position != pose.position][:3]:
         yield "# other positions: %s" % ", ".join(other.position + other.rotation)
     if len(pose.rotation) == 4:

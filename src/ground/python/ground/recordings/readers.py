@@ -19,6 +19,11 @@ from ground.support.origin import digest_of_files
 METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
 FARTHEST = 1e5  # largest plausible distance from the first pose [m]
+FOREIGN = {  # files that other programs export as tables
+    ".xlsx": "the sheet", ".xls": "the sheet", ".ods": "the sheet", ".mat": "its variables",
+    ".c3d": "the take", ".tak": "the take", ".qtm": "the measurement as 6D TSV, or it", ".h5": "its data", ".npz": "its arrays",
+    ".npy": "its array", ".zip": "unpack it, or its content",
+}  # fmt: skip
 MANY_LOST = 0.1  # share of lost poses from which their axes are checked
 MOST_RAW = 2000  # poses as measured that axes are judged by
 
@@ -36,7 +41,9 @@ def _is_table(path: str) -> bool:
         raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
     with open(path, "rb") as file:
         if file.read(len(containers.MAGIC)) != containers.MAGIC:
-            raise GroundError("%s: %s" % (path, NO_RECORDING))
+            what = next((what for end, what in FOREIGN.items() if path.lower().endswith(end)), "")
+            hint = "; export %s as CSV" % what if what else ""
+            raise GroundError("%s: %s%s" % (path, NO_RECORDING, hint))
     return False
 
 
@@ -62,9 +69,10 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
                 "{field: NAME} under %s"
                 % (path, mapping.file, " and of the ".join(named), " and ".join(named))
             )
+        said = "".join(note + "; " for note in opened(path).warnings if note.startswith("an export"))
         raise GroundError(
-            "%s: which columns are times, poses and commands is not known; identify info %s "
-            "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, path)
+            "%s: %swhich columns are times, poses and commands is not known; identify info %s "
+            "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, said, path)
         )
     files = contents(path, mapping)
     if is_table:
@@ -133,7 +141,7 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     times = containers.seconds(stamps[valid])
     delay = _delay(columns, measured.chosen, stamps)
     shifted = times + mapping.clock_offset + mapping.clock_drift * (times - times[:1])
-    rows = np.column_stack([shifted, measured.rows[valid]])
+    rows = _ascending(np.column_stack([shifted, measured.rows[valid]]), "poses", warnings)
 
     columns, where = source.table(commanded), "%s: %s" % (path, commanded)
     channels, lift = commands.channels_of(columns, topics[commanded].kind, mapping.commands, where)
@@ -142,7 +150,8 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     instants.check(columns, mapping.commands.time, sent_at, given, where)
     sent_at = sent_at[given]
     sent = np.column_stack([containers.seconds(sent_at), values[given]])
-    disorder = int((np.diff(sent_at) < 0).sum())
+    sent = _ascending(sent, "commands", warnings)
+    disorder = int((np.diff(sent[:, 0]) < 0).sum())
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     delay -= _delay(columns, given, sent_at)
@@ -190,6 +199,14 @@ def _drives(source: Container) -> Array:
     found: Dict[int, int] = {m["began"]: m[STAMP] for m in source.rows("ground_msgs/Drive")}
     ordered = sorted(found.items(), key=lambda row: row[1])
     return containers.seconds(np.array(ordered, np.int64).reshape(-1, 2))
+
+
+def _ascending(rows: Array, what: str, warnings: List[str]) -> Array:
+    """Rows that begin with a time; those of which the latest come first are turned round."""
+    if not instants.descends(rows[:, 0]):
+        return rows
+    warnings.append("the latest %s come first: their order is turned round" % what)
+    return np.asarray(rows[np.argsort(rows[:, 0], kind="stable")])
 
 
 def _without_pose(given: Flags) -> str:
