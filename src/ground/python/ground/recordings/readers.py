@@ -20,9 +20,9 @@ METADATA = "metadata.yaml"  # description of a bag of ROS 2, in its folder
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
 FARTHEST = 1e5  # largest plausible distance from the first pose [m]
 FOREIGN = {  # files that other programs export as tables
-    ".xlsx": "the sheet", ".xls": "the sheet", ".ods": "the sheet", ".mat": "its variables",
-    ".c3d": "the take", ".tak": "the take", ".qtm": "the measurement as 6D TSV, or it", ".h5": "its data", ".npz": "its arrays",
-    ".npy": "its array", ".zip": "unpack it, or its content",
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "the sheet"), ".mat": "its variables", ".h5": "its data",
+    **dict.fromkeys((".c3d", ".tak"), "the take"), ".qtm": "the measurement as 6D TSV, or it",
+    **dict.fromkeys((".npz", ".npy"), "its arrays"), ".zip": "unpack it, or its content",
 }  # fmt: skip
 MANY_LOST = 0.1  # share of lost poses from which their axes are checked
 MOST_RAW = 2000  # poses as measured that axes are judged by
