@@ -431,6 +431,12 @@ def test_lost_digits_are_named_and_a_rate_takes_their_place(run, tmp_path):
     assert "lost their last digits" in draft.read_text()
 
 
+def test_rows_that_are_repeated_have_not_lost_digits(run, tmp_path):
+    columns = {name: np.repeat(column, 5) for name, column in plain(run).items()}
+    found = mapped(written(tmp_path, columns))
+    assert found.motion.measured[:, :2] == pytest.approx(run.eta[:, :2], abs=1e-3)
+
+
 def test_frames_are_times_by_their_rate(run, tmp_path):
     frames = numbers(np.arange(len(run.x)) + 100, "%d")
     columns = {"frame": frames, **plain(run, t=None)}

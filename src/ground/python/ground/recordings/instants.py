@@ -47,9 +47,12 @@ def read(columns: Columns, clock: Clock, where: str, notes: List[str]) -> Tuple[
     return _of_numbers(columns, given, clock, where, notes)
 
 
-def check(columns: Columns, clock: Clock, stamps: Indices, used: Flags, where: str) -> None:
+def check(
+    columns: Columns, clock: Clock, stamps: Indices, used: Flags, where: str, rows: Optional[Array] = None
+) -> None:
     """GroundError where stamps (n,) [ns] of a table are none, of the rows that are used (n,): nanoseconds
-    without leading zeros, lost digits, or a clock that starts anew."""
+    without leading zeros, lost digits, or a clock that starts anew. rows: what was measured (n, k); a row
+    that is there twice has not lost the digits of its stamp."""
     given = containers.column(columns, clock.field) if clock.field else None
     if given is None or not used.any() or descends(stamps[used]):
         return
@@ -58,7 +61,10 @@ def check(columns: Columns, clock: Clock, stamps: Indices, used: Flags, where: s
         texts = _written(columns, clock.field)
         if texts is not None:
             _check_padding(stamps[used], np.asarray(texts, object)[used], where)
-    _check_digits(stamps[used], clock, where)
+    count = int(used.sum())
+    if rows is not None:
+        count = len(np.unique(np.column_stack([stamps[used], rows[used]]), axis=0))
+    _check_digits(stamps[used], count, clock, where)
     _check_restarts(stamps[used], np.flatnonzero(used), where)
 
 
@@ -110,7 +116,7 @@ def _unwrapped(counts: Indices, notes: List[str]) -> Indices:
     steps = np.diff(counts)
     usual = np.median(np.abs(steps)) if len(steps) else 0
     for size in (2**32, 2**16):
-        wraps = np.abs(steps + size) <= 100 * usual
+        wraps = np.abs(steps + size) <= 5 * usual
         if wraps.any() and (counts < size).all() and 100 * usual < size / 4:
             notes.append("the clock of %d bits begins again at 0 (%d)" % (np.log2(size), wraps.sum()))
             return np.asarray(counts + size * np.concatenate([[0], np.cumsum(wraps)]), np.int64)
@@ -282,10 +288,11 @@ def _check_padding(stamps: Indices, texts: Column, where: str) -> None:
         )
 
 
-def _check_digits(stamps: Indices, clock: Clock, where: str) -> None:
-    """GroundError where most stamps are the same, because their last digits are lost."""
+def _check_digits(stamps: Indices, count: int, clock: Clock, where: str) -> None:
+    """GroundError where most stamps are the same, because their last digits are lost. count: of different
+    rows."""
     different = np.unique(stamps)
-    if len(stamps) < 10 or len(different) * MANY_LOST > len(stamps) or not stamps.any():
+    if count < 10 or len(different) * MANY_LOST > count or not stamps.any():
         return
     step = 1e-9 * float(np.median(np.diff(different))) if len(different) > 1 else 0.0
     raise GroundError(
@@ -293,7 +300,7 @@ def _check_digits(stamps: Indices, clock: Clock, where: str) -> None:
         "(%%g writes six); write them anew with all digits (%%.9f) or, where rows are evenly spaced, give "
         "time: {rate: HZ} in the mapping in place of the field %s"
         % (
-            where, len(stamps), len(different), "s" * (len(different) > 1),
+            where, count, len(different), "s" * (len(different) > 1),
             ", %g s apart" % step if step else "", clock.field,
         )
     )  # fmt: skip

@@ -131,7 +131,7 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     measured = poses.read(columns, stamps, where, kind, mapping.poses, settings, warnings)
     stamps, known = stamps[measured.chosen], known[measured.chosen]
     given = known & ~measured.absent
-    instants.check(columns, mapping.poses.time, stamps, given, where)
+    instants.check(columns, mapping.poses.time, stamps, given, where, measured.rows)
     valid = given & measured.valid & ~(np.abs(measured.rows[:, :2]) > FARTHEST).any(axis=1)
     if not given.all():
         warnings.append(_without_pose(given))
@@ -146,8 +146,9 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     columns, where = source.table(commanded), "%s: %s" % (path, commanded)
     channels, lift = commands.channels_of(columns, topics[commanded].kind, mapping.commands, where)
     sent_at, known = _stamps(columns, mapping.commands.time, where, warnings)
-    values, given = commands.read(columns, channels, where, mapping.commands.empty, known, warnings)
-    instants.check(columns, mapping.commands.time, sent_at, given, where)
+    backward = instants.descends(sent_at[known])
+    values, given = commands.read(columns, channels, where, mapping.commands.empty, known, backward, warnings)
+    instants.check(columns, mapping.commands.time, sent_at, given, where, values)
     sent_at = sent_at[given]
     sent = np.column_stack([containers.seconds(sent_at), values[given]])
     sent = _ascending(sent, "commands", warnings)
