@@ -451,7 +451,13 @@ def test_a_clock_that_starts_anew_is_named_with_the_rows_of_each_run(run, tmp_pa
     path = written(tmp_path, columns)
     with pytest.raises(ground.GroundError, match=r"rows: \[1, 300\] or rows: \[301, 600\]"):
         mapped(path)
-    same(mapped(path, MAPPING + "rows: [301, 600]\n"), run)
+    second = mapped(path, MAPPING + "rows: [301, 600]\n")
+    same(second, run)
+    columns = {n: [*numbers(c), *numbers(0.5 * c)] for n, c in plain(run).items()}
+    first, second = (
+        mapped(written(tmp_path, columns), MAPPING + "rows: %s\n" % r) for r in ([1, 300], [302, 600])
+    )
+    assert first.identity != second.identity
 
 
 def test_the_latest_rows_may_come_first(run, tmp_path):

@@ -80,6 +80,8 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     with Tables(files, mapping.rows) if is_table else Bag(path) as container:
         container.path = path
         found = of_container(container, mapping)
+    if mapping.rows:  # one of several runs in a file
+        return found
     # The description of a folder is not part of a run: the same run may be given without it.
     return replace(found, digest=digest_of_files(f for f in files if os.path.basename(f) != METADATA))
 
