@@ -115,6 +115,7 @@ TABLES = {
         f, renamed(r, "t [s]|x [m]|y [m]|Gierwinkel psi [rad]|left|right|lift"), above=["Größe: 3 µm"],
         encoding="latin-1",
     ),
+    "a line for Excel": lambda f, r: written(f, plain(r), ";", above=["sep=;"]),
     "ends of Windows": lambda f, r: written(f, plain(r), end="\r\n"),
     "ends of old Macs": lambda f, r: written(f, plain(r), end="\r"),
     "quotes": lambda f, r: written(f, quoted(plain(r))),
@@ -430,6 +431,12 @@ def test_lost_digits_are_named_and_a_rate_takes_their_place(run, tmp_path):
     assert "lost their last digits" in draft.read_text()
 
 
+def test_rows_that_are_repeated_have_not_lost_digits(run, tmp_path):
+    columns = {name: np.repeat(column, 5) for name, column in plain(run).items()}
+    found = mapped(written(tmp_path, columns))
+    assert found.motion.measured[:, :2] == pytest.approx(run.eta[:, :2], abs=1e-3)
+
+
 def test_frames_are_times_by_their_rate(run, tmp_path):
     frames = numbers(np.arange(len(run.x)) + 100, "%d")
     columns = {"frame": frames, **plain(run, t=None)}
@@ -444,7 +451,55 @@ def test_a_clock_that_starts_anew_is_named_with_the_rows_of_each_run(run, tmp_pa
     path = written(tmp_path, columns)
     with pytest.raises(ground.GroundError, match=r"rows: \[1, 300\] or rows: \[301, 600\]"):
         mapped(path)
-    same(mapped(path, MAPPING + "rows: [301, 600]\n"), run)
+    second = mapped(path, MAPPING + "rows: [301, 600]\n")
+    same(second, run)
+    columns = {n: [*numbers(c), *numbers(0.5 * c)] for n, c in plain(run).items()}
+    first, second = (
+        mapped(written(tmp_path, columns), MAPPING + "rows: %s\n" % r) for r in ([1, 300], [302, 600])
+    )
+    assert first.identity != second.identity
+
+
+def test_the_latest_rows_may_come_first(run, tmp_path):
+    path = written(tmp_path, {name: column[::-1] for name, column in plain(run).items()})
+    with pytest.warns(ground.GroundWarning, match="the latest poses come first"):
+        same(mapped(path), run)
+
+
+def test_a_clock_of_32_bits_that_begins_again_goes_on(run, tmp_path):
+    counts = (np.rint(1e6 * (run.times - START)).astype(np.int64) + 2**32 - 1000000) % 2**32
+    path = written(tmp_path, plain(run, t=["%d" % count for count in counts]))
+    with pytest.warns(ground.GroundWarning, match="32 bits begins again"):
+        same(mapped(path, MAPPING.replace("field: t}", "field: t, unit: us}")), run)
+
+
+def test_poses_and_commands_have_clocks_of_their_own_in_one_table(run, tmp_path):
+    few = np.arange(0, len(run.x), 4)
+    rest = [""] * (len(run.x) - len(few))
+    columns = plain(run, left=None, right=None, lift=None)
+    columns["t_cmd"] = numbers(run.times[few]) + rest
+    columns.update({n: numbers(getattr(run, n)[few]) + rest for n in ("left", "right", "lift")})
+    text = MAPPING.replace("commands:\n  time: {field: t}", "commands:\n  time: {field: t_cmd}")
+    found = mapped(written(tmp_path, columns), text)
+    assert found.eta == pytest.approx(run.eta, abs=1e-8)
+    assert found.controls == pytest.approx(run.commands[few], abs=1e-8)
+
+
+def test_rows_of_several_bodies_are_told_apart_by_their_name(run, tmp_path):
+    columns = {n: np.repeat(numbers(c), 2).tolist() for n, c in plain(run).items()}
+    columns["x"][1::2] = ["7"] * len(run.x)
+    path = written(tmp_path, {"body": ["craft", "wand"] * len(run.x), **columns})
+    with pytest.raises(ground.GroundError, match="several bodies: craft, wand; choose one by --body"):
+        mapped(path)
+    found = mapped(path, body="craft")
+    assert found.eta == pytest.approx(run.eta, abs=1e-8)
+    assert drafted(path, tmp_path).eta == pytest.approx(run.eta, abs=1e-8)
+
+
+def test_files_of_other_programs_are_refused_with_what_to_export(tmp_path):
+    (tmp_path / "log.xlsx").write_bytes(b"PK")
+    with pytest.raises(ground.GroundError, match="export the sheet as CSV"):
+        ground.read(tmp_path / "log.xlsx")
 
 
 def test_a_format_is_given_where_it_cannot_be_guessed(run, tmp_path):
@@ -573,13 +628,8 @@ def test_an_export_of_qualisys_is_read_from_its_head(run, tmp_path):
             )
         found = drafted(folder_of(tmp_path, run, [*lines, head, *rows], "mocap.tsv"), tmp_path.parent)
         kept = np.arange(len(run.x)) % 50 != 20
-        text = (tmp_path.parent / "draft.yaml").read_text()
-        assert "craft.position.x" in text and "unit: mm" in text and "unit: deg" in text
-        mirrored = run.eta[kept] * [1, -1, -1]  # z up: as the comment of the draft says
-        if "\n  axes:" in text:
-            mirrored = run.eta[kept]
-        assert found.eta[:, :2] == pytest.approx(mirrored[:, :2], abs=1e-6)
-        assert np.abs(np.angle(np.exp(1j * (found.eta[:, 2] - mirrored[:, 2])))).max() < 1e-5
+        assert found.eta[:, :2] == pytest.approx(run.eta[kept, :2], abs=1e-6)
+        assert np.abs(np.angle(np.exp(1j * (found.eta[:, 2] - run.psi[kept])))).max() < 1e-5
 
 
 def test_an_export_of_vicon_is_read_from_its_head(run, tmp_path):
@@ -588,10 +638,7 @@ def test_an_export_of_vicon_is_read_from_its_head(run, tmp_path):
     for i, (x, y, psi) in enumerate(run.eta):
         lines.append("%d,0,0,0,%.8f,%.6f,%.6f,40" % (i, -psi, 1000 * x, -1000 * y))
     found = drafted(folder_of(tmp_path, run, lines), tmp_path.parent)
-    text = (tmp_path.parent / "draft.yaml").read_text()
-    assert "unit: mm" in text
-    mirrored = run.eta if "\n  axes:" in text else run.eta * [1, -1, -1]
-    assert found.eta == pytest.approx(mirrored, abs=1e-6)
+    assert found.eta == pytest.approx(run.eta, abs=1e-6)
 
 
 # --- commands
@@ -638,7 +685,7 @@ def test_a_table_whose_columns_have_no_names_is_listed_for_who_completes_the_dra
 @pytest.mark.parametrize(
     "content, reason",
     [
-        ("", "it has no rows"),
+        ("", "only 0 rows"),
         ("name,place\na,b\nc,d\n", "no row has numbers"),
         ("t,x,y\n", "no row has numbers"),
         ("3.5\n4.5\n5.5\n", "its lines are no rows of two values"),

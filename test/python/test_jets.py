@@ -95,7 +95,8 @@ def test_a_simulated_bag_of_the_table_is_read_by_its_channels(table, tmp_path):
 def test_commands_of_two_crafts_in_one_bag_are_an_error():
     old = {"left": np.array([0.5]), "right": np.array([0.25]), "lift": np.ones(1)}
     channels, lift = commands.channels_of(old, commands.OWN, mapping.Commands(), "a.bag")
-    assert commands.read(old, channels, "a.bag").tolist() == [[0.5, 0.25, 1.0]] and lift == "lift"
+    values, given = commands.read(old, channels, "a.bag", "held", np.ones(1, bool), False, [])
+    assert values.tolist() == [[0.5, 0.25, 1.0]] and given.all() and lift == "lift"
     two = {name: np.append(values, 0) for name, values in old.items()}
     two.update({"channels[0]": np.array(["", "bow"]), "channels[1]": np.array(["", "air"])})
     two["thrusters[0]"] = np.array([np.nan, 0.5])

@@ -72,11 +72,12 @@ def read(
     where: str,
     empty: str,
     known: Flags,
+    backward: bool,
     notes: List[str],
 ) -> Tuple[Array, Flags]:
     """Normalised commands (n, c) by `channels`, and which rows have some (n,). empty: what a missing value
-    means, "held" or "off"; known: rows that have a time (n,); notes: told what is missing. GroundError when
-    a channel has no column."""
+    means, "held" or "off"; known: rows that have a time (n,); backward: whether the latest rows come first;
+    notes: told what is missing. GroundError when a channel has no column."""
     said = getattr(columns, "units", {})
     channels = tuple(_by_file(channel, str(said.get(channel.field, "")), notes) for channel in channels)
     rows = containers.values(columns, [channel.field for channel in channels], where)
@@ -94,8 +95,7 @@ def read(
         gone = missing[:, number] & given
         if not gone.any():
             continue
-        there = np.where(missing[:, number], 0, np.arange(len(found)))
-        found[:, number] = found[np.maximum.accumulate(there), number]
+        found[:, number] = _held(found[:, number], backward)
         held = int((gone & np.isfinite(found[:, number])).sum())
         if held:
             notes.append(
@@ -106,6 +106,14 @@ def read(
     if before.any():
         notes.append("rows before the first command of each channel are left out (%d)" % before.sum())
     return found, given & ~before
+
+
+def _held(values: Array, backward: bool) -> Array:
+    """Values (n,) of which missing ones are those before them."""
+    ordered = values[::-1] if backward else values
+    there = np.where(np.isfinite(ordered), np.arange(len(ordered)), 0)
+    found = ordered[np.maximum.accumulate(there)]
+    return np.asarray(found[::-1] if backward else found)
 
 
 def _by_file(channel: Channel, unit: str, notes: List[str]) -> Channel:

@@ -1,12 +1,12 @@
 """Drafts of mapping files: what a file has, and what of it is probably what, with the evidence."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Dict, Iterator, List, Mapping, Sequence, Set, Tuple
 
 import numpy as np
 
-from ground.recordings import clocks, containers, levels, poses, sightings, units
+from ground.recordings import clocks, containers, levels, poses, sightings, units, words
 from ground.recordings.containers import RECEIVED, STAMP, TABLE, Columns, Container, Topic
 from ground.recordings.mapping import LENGTHS, SCHEMA
 from ground.support.annotations import Array
@@ -14,7 +14,7 @@ from ground.support.errors import GroundError
 
 MAX_ROWS = 20000  # messages of a topic to look at
 MAX_CHANNELS = 9  # that a mapping may have
-UPWARD = '# axes: "x, -y, -z"  # where z points up and headings are counter-clockwise'
+UPWARD = {"z": "x, -y, -z", "y": "x, z, -y", "x": "y, -z, -x"}  # axes by the one that points up
 NOT_COMMANDS = set(poses.KINDS) - {"geometry_msgs/Pose", "geometry_msgs/PointStamped"}
 
 
@@ -110,8 +110,13 @@ def _seen(topic: str, kind: str, count: int, columns: Columns, shared: Set[str])
         seen.clock, seen.clock_fields, seen.times = found.key, found.fields, found.times
         seen.values = {name: column[:MAX_ROWS] for name, column in numbers.items()}
         seen.times = seen.times[:MAX_ROWS]
-        _find_pose(seen)
-        yield seen
+        of_rows = poses.body_columns(columns)[:1]
+        names = columns[of_rows[0]][:MAX_ROWS].astype(str) if of_rows else np.full(len(seen.times), "")
+        for body in sorted(set(names)):
+            part = replace(seen, values={n: v[names == body] for n, v in seen.values.items()}, body=body)
+            part.times = seen.times[names == body]
+            _find_pose(part)
+            yield part
         return
     columns = {name: column[:MAX_ROWS] for name, column in columns.items()}
     names = (
@@ -192,6 +197,8 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
         return
     chosen, pose = candidates[0], candidates[0].pose
     yield from _place(candidates, in_folder)
+    if chosen.kind == TABLE and chosen.body:
+        yield "body: %s" % clocks.quoted(chosen.body)
     for other in [one for one in chosen.poses[1:] if one.position != pose.position][:3]:
         yield "# other positions: %s" % ", ".join(other.position + other.rotation)
     if len(pose.rotation) == 4:
@@ -231,7 +238,33 @@ def _whole_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
     if position.shape[1] == 3:
         yield _axes(LENGTHS.get(unit, 1.0) * position, rotation)
     else:
-        yield UPWARD
+        yield _upward(pose, "# ") + "  # where the other axis points up"
+
+
+def _upward(pose: sightings.Pose, mark: str) -> str:
+    """The axes of a frame whose vertical axis points up, by the names of the horizontal ones."""
+    flat = "".join(words.axis(name)[0] for name in pose.position)
+    vertical = next((letter for letter in "zyx" if letter not in flat), "z")
+    return '%saxes: "%s"' % (mark, UPWARD[vertical])
+
+
+def _flat(pose: sightings.Pose, position: Array) -> Tuple[sightings.Pose, Array, str]:
+    """A pose by its two horizontal fields, their values (n, 2), and its frame in a line."""
+    turns = "where headings are counter-clockwise from above"
+    if position.shape[1] == 2:
+        return pose, position, "%s  # %s" % (_upward(pose, "# "), turns)
+    spread = np.ptp(position, axis=0)  # the vertical one moves least
+    flat = sorted(np.argsort(spread)[1:])
+    if spread.min() > 0.5 * spread[flat].min():
+        flat = [0, 1]
+    (vertical,) = {0, 1, 2} - set(flat)
+    height, name = float(np.median(position[:, vertical])), pose.position[vertical]
+    pose = sightings.Pose(tuple(pose.position[i] for i in flat), pose.rotation, pose.kind)
+    if height > 0:
+        line = "%s  # %s moves least and is mostly positive: up" % (_upward(pose, ""), name)
+    else:
+        line = "%s  # %s, %s is %.3g" % (_upward(pose, "# "), turns, name, height)
+    return pose, position[:, flat], line
 
 
 def _planar_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
@@ -239,12 +272,7 @@ def _planar_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
     times, position, rotation = seen.rows(pose)
     known = seen.kind in poses.KINDS
     unit, fast = _unit_of(seen, pose, times, position)
-    if position.shape[1] == 3:  # of three axes the vertical one moves least
-        flat = sorted(np.argsort(np.ptp(position, axis=0))[1:])
-        if np.ptp(position, axis=0).min() > 0.5 * np.ptp(position[:, flat], axis=0).min():
-            flat = [0, 1]
-        pose = sightings.Pose(tuple(pose.position[i] for i in flat), pose.rotation, pose.kind)
-        position = position[:, flat]
+    pose, position, frame = _flat(pose, position)
     (name,), metres = pose.rotation, LENGTHS.get(unit, 1.0) * position
     if unit == "deg":
         metres = position * [1.0, math.cos(math.radians(float(np.mean(position[:, 0]))))]
@@ -255,6 +283,7 @@ def _planar_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
         sign, why = -1, ", falls where the course rises (agreement %.2f)" % turn.resultant
         if sideways and pose.kind == "xy":  # a compass over east and north
             fields, sign, why = fields[::-1], 1, ", a compass's, by the course: %s is north" % fields[1]
+            frame = ""
         elif pose.kind != "xy" and sideways:  # counter-clockwise from east
             offset = "heading_offset: %.7f  # it counts from east" % (-math.pi / 2)
     elif pose.kind != "xy":
@@ -265,10 +294,7 @@ def _planar_lines(seen: Seen, pose: sightings.Pose) -> Iterator[str]:
         ends = rotation.min(), rotation.max()
         line = "heading: {field: %s, unit: %s, sign: %d}  # %.4g to %.4g"
         yield line % (clocks.quoted(name), turn_unit, sign, *ends) + why
-        if offset:
-            yield offset
-        elif pose.kind == "xy":
-            yield UPWARD
+        yield from filter(None, [offset or (frame if pose.kind == "xy" else "")])
 
 
 def _heading_unit(said: str, times: Array, position: Array, headings: Array) -> Tuple[str, sightings.Turn]:

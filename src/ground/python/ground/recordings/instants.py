@@ -2,14 +2,14 @@
 
 import datetime
 import re
-from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from ground.recordings import containers
 from ground.recordings.containers import Column, Columns
 from ground.recordings.mapping import TIMES, Clock
-from ground.support.annotations import Flags, Indices
+from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 
 if TYPE_CHECKING:
@@ -44,22 +44,34 @@ def read(columns: Columns, clock: Clock, where: str, notes: List[str]) -> Tuple[
     if given.dtype.kind not in "biuf" or clock.format:
         texts = given if given.dtype.kind == "O" else _written(columns, clock.field)
         return _of_texts(columns, given if texts is None else texts, clock, where, notes)
-    return _of_numbers(columns, given, clock, where)
+    return _of_numbers(columns, given, clock, where, notes)
 
 
-def check(columns: Columns, clock: Clock, stamps: Indices, used: Flags, where: str) -> None:
+def check(
+    columns: Columns, clock: Clock, stamps: Indices, used: Flags, where: str, rows: Optional[Array] = None
+) -> None:
     """GroundError where stamps (n,) [ns] of a table are none, of the rows that are used (n,): nanoseconds
-    without leading zeros, lost digits, or a clock that starts anew."""
+    without leading zeros, lost digits, or a clock that starts anew. rows: what was measured (n, k); a row
+    that is there twice has not lost the digits of its stamp."""
     given = containers.column(columns, clock.field) if clock.field else None
-    if given is None or not used.any():
+    if given is None or not used.any() or descends(stamps[used]):
         return
     is_glued = clock.stamps != UNPADDED and not clock.nanoseconds and given.dtype.kind not in "iu"
     if is_glued and (np.diff(stamps[used]) < 0).any():
         texts = _written(columns, clock.field)
         if texts is not None:
             _check_padding(stamps[used], np.asarray(texts, object)[used], where)
-    _check_digits(stamps[used], clock, where)
+    count = int(used.sum())
+    if rows is not None:
+        count = len(np.unique(np.column_stack([stamps[used], rows[used]]), axis=0))
+    _check_digits(stamps[used], count, clock, where)
     _check_restarts(stamps[used], np.flatnonzero(used), where)
+
+
+def descends(stamps: Union[Array, Indices]) -> bool:
+    """Whether the latest of stamps (n,) come first, as databases export them."""
+    steps = np.diff(stamps)
+    return bool(len(steps) and (steps < 0).sum() > 0.9 * (steps != 0).sum() > 0)
 
 
 def _written(columns: Columns, name: str) -> Optional[Column]:
@@ -69,7 +81,9 @@ def _written(columns: Columns, name: str) -> Optional[Column]:
     return text(ends[0]) if text is not None and ends else None
 
 
-def _of_numbers(columns: Columns, given: Column, clock: Clock, where: str) -> Tuple[Indices, Flags]:
+def _of_numbers(
+    columns: Columns, given: Column, clock: Clock, where: str, notes: List[str]
+) -> Tuple[Indices, Flags]:
     """Stamps by a field that is a number, and one to add."""
     unit = clock.unit or _unit(columns, clock.field)
     if clock.stamps == UNPADDED and given.dtype.kind == "f" and not clock.nanoseconds:
@@ -91,10 +105,22 @@ def _of_numbers(columns: Columns, given: Column, clock: Clock, where: str) -> Tu
                 "mapping's time may be wrong%s" % (where, numbers[far][0], unit, _better(numbers[far][0]))
             )
         if values.dtype.kind in "iu" and float(factor).is_integer():  # more digits than a float
-            total += np.asarray(values, np.int64) * int(factor)
+            total += _unwrapped(np.asarray(values, np.int64), notes) * int(factor)
         else:
             total += np.rint(np.where(finite, numbers, 0.0) * factor).astype(np.int64)
     return total, known
+
+
+def _unwrapped(counts: Indices, notes: List[str]) -> Indices:
+    """Counts of a clock of 16 or 32 bits that begins again at 0, as counts that go on."""
+    steps = np.diff(counts)
+    usual = np.median(np.abs(steps)) if len(steps) else 0
+    for size in (2**32, 2**16):
+        wraps = np.abs(steps + size) <= 5 * usual
+        if wraps.any() and (counts < size).all() and 100 * usual < size / 4:
+            notes.append("the clock of %d bits begins again at 0 (%d)" % (np.log2(size), wraps.sum()))
+            return np.asarray(counts + size * np.concatenate([[0], np.cumsum(wraps)]), np.int64)
+    return counts
 
 
 def _unit(columns: Columns, name: str) -> str:
@@ -262,10 +288,11 @@ def _check_padding(stamps: Indices, texts: Column, where: str) -> None:
         )
 
 
-def _check_digits(stamps: Indices, clock: Clock, where: str) -> None:
-    """GroundError where most stamps are the same, because their last digits are lost."""
+def _check_digits(stamps: Indices, count: int, clock: Clock, where: str) -> None:
+    """GroundError where most stamps are the same, because their last digits are lost. count: of different
+    rows."""
     different = np.unique(stamps)
-    if len(stamps) < 10 or len(different) * MANY_LOST > len(stamps) or not stamps.any():
+    if count < 10 or len(different) * MANY_LOST > count or not stamps.any():
         return
     step = 1e-9 * float(np.median(np.diff(different))) if len(different) > 1 else 0.0
     raise GroundError(
@@ -273,7 +300,7 @@ def _check_digits(stamps: Indices, clock: Clock, where: str) -> None:
         "(%%g writes six); write them anew with all digits (%%.9f) or, where rows are evenly spaced, give "
         "time: {rate: HZ} in the mapping in place of the field %s"
         % (
-            where, len(stamps), len(different), "s" * (len(different) > 1),
+            where, count, len(different), "s" * (len(different) > 1),
             ", %g s apart" % step if step else "", clock.field,
         )
     )  # fmt: skip

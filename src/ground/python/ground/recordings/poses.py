@@ -14,6 +14,10 @@ from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 
 STATE = "ground_msgs/State"  # its poses were corrected when they were recorded
+# Names of columns that say which body a row of a table is of
+BODY = re.compile(
+    r"(^|[^a-z])(body|rigid_?body|subject|object|robot|vehicle|craft|child_frame_id|name|agent)$", re.I
+)
 WORD = re.compile(r"[A-Za-z]+")
 
 
@@ -127,7 +131,7 @@ def read(
             "%s: it is not known which fields of %s are the pose; name them in a mapping (identify info "
             "--write-mapping drafts one)" % (where, kind)
         )
-    chosen = _of_body(columns, known.body if known else "", poses.body.strip("/"), where, len(stamps))
+    chosen = _of_body(columns, _body_column(columns, known), poses.body.strip("/"), where, len(stamps))
     paths = [_of_column(columns, path.lstrip("-"), poses.body) for path in position + rotation]
     numbers = containers.values(columns, paths, where)[chosen]
     count = len(position)
@@ -148,6 +152,17 @@ def read(
     rows, raw = _planar(placed, turned, paths[:count], where, stamps[chosen], settings)
     places.subtract_origin(rows, notes)
     return Measured(rows, raw, chosen, absent)
+
+
+def _body_column(columns: Columns, known: Optional[Kind]) -> str:
+    """The column that says which body a row is of; empty: there is none."""
+    return known.body if known else next(iter(body_columns(columns)), "")
+
+
+def body_columns(columns: Columns) -> List[str]:
+    """Columns of a table that name the body of each row."""
+    texts = [name for name, column in columns.items() if column.dtype == object]
+    return [name for name in texts if BODY.search(name) and len(set(map(str, columns[name]))) > 1]
 
 
 def _of_column(columns: Columns, path: str, body: str) -> str:

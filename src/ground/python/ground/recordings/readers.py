@@ -33,6 +33,11 @@ from ground.support.origin import digest_of_files
 
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
 FARTHEST = 1e5  # largest plausible distance from the first pose [m]
+FOREIGN = {  # files that other programs export as tables
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "the sheet"), ".mat": "its variables", ".h5": "its data",
+    **dict.fromkeys((".c3d", ".tak"), "the take"), ".qtm": "the measurement as 6D TSV, or it",
+    **dict.fromkeys((".npz", ".npy"), "its arrays"), ".zip": "unpack it, or its content",
+}  # fmt: skip
 MANY_LOST = 0.1  # share of lost poses from which their axes are checked
 MOST_RAW = 2000  # poses as measured that axes are judged by
 
@@ -48,7 +53,8 @@ def _is_table(path: str) -> bool:
         return True
     if is_folder:
         raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
-    raise GroundError("%s: %s" % (path, NO_RECORDING))
+    what = next((what for end, what in FOREIGN.items() if path.lower().endswith(end)), "")
+    raise GroundError("%s: %s%s" % (path, NO_RECORDING, "; export %s as CSV" % what if what else ""))
 
 
 def contents(path: str, mapping: FieldMapping) -> List[str]:
@@ -72,9 +78,10 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
                 "{field: NAME} under %s"
                 % (path, mapping.file, " and of the ".join(named), " and ".join(named))
             )
+        said = "".join(note + "; " for note in opened(path).warnings if note.startswith("an export"))
         raise GroundError(
-            "%s: which columns are times, poses and commands is not known; identify info %s "
-            "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, path)
+            "%s: %swhich columns are times, poses and commands is not known; identify info %s "
+            "--write-mapping M.yaml drafts a mapping, and --mapping M.yaml takes it" % (path, said, path)
         )
     files = contents(path, mapping)
     if is_table:
@@ -83,12 +90,11 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     with Tables(files, mapping.rows) if is_table else Bag(path, given_types) as container:
         container.path = path
         found = of_container(container, mapping)
+    found = replace(found, payload=payload_of(found.name, mapping.loads))
+    if mapping.rows:  # one of several runs in a file
+        return found
     # The description of a folder is not part of a run: the same run may be given without it.
-    return replace(
-        found,
-        digest=digest_of_files(f for f in files if os.path.basename(f) != METADATA),
-        payload=payload_of(found.name, mapping.loads),
-    )
+    return replace(found, digest=digest_of_files(f for f in files if os.path.basename(f) != METADATA))
 
 
 def opened(path: str, types: Sequence[str] = ()) -> Container:
@@ -139,7 +145,7 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     measured = poses.read(columns, stamps, where, kind, mapping.poses, settings, warnings)
     stamps, known = stamps[measured.chosen], known[measured.chosen]
     given = known & ~measured.absent
-    instants.check(columns, mapping.poses.time, stamps, given, where)
+    instants.check(columns, mapping.poses.time, stamps, given, where, measured.rows)
     valid = given & measured.valid & ~(np.abs(measured.rows[:, :2]) > FARTHEST).any(axis=1)
     if not given.all():
         warnings.append(_without_pose(given))
@@ -149,16 +155,18 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     times = containers.seconds(stamps[valid])
     delay = _delay(columns, measured.chosen, stamps)
     shifted = times + mapping.clock_offset + mapping.clock_drift * (times - times[:1])
-    rows = np.column_stack([shifted, measured.rows[valid]])
+    rows = _ascending(np.column_stack([shifted, measured.rows[valid]]), "poses", warnings)
 
     columns, where = source.table(commanded), "%s: %s" % (path, commanded)
     channels, lift = commands.channels_of(columns, topics[commanded].kind, mapping.commands, where)
     sent_at, known = _stamps(columns, mapping.commands.time, where, warnings)
-    values, given = commands.read(columns, channels, where, mapping.commands.empty, known, warnings)
-    instants.check(columns, mapping.commands.time, sent_at, given, where)
+    backward = instants.descends(sent_at[known])
+    values, given = commands.read(columns, channels, where, mapping.commands.empty, known, backward, warnings)
+    instants.check(columns, mapping.commands.time, sent_at, given, where, values)
     sent_at = sent_at[given]
     sent = np.column_stack([containers.seconds(sent_at), values[given]])
-    disorder = int((np.diff(sent_at) < 0).sum())
+    sent = _ascending(sent, "commands", warnings)
+    disorder = int((np.diff(sent[:, 0]) < 0).sum())
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     delay -= _delay(columns, given, sent_at)
@@ -214,6 +222,14 @@ def _drives(source: Container) -> Array:
     found: Dict[int, int] = {m["began"]: m[STAMP] for m in source.rows("ground_msgs/Drive")}
     ordered = sorted(found.items(), key=lambda row: row[1])
     return containers.seconds(np.array(ordered, np.int64).reshape(-1, 2))
+
+
+def _ascending(rows: Array, what: str, warnings: List[str]) -> Array:
+    """Rows that begin with a time; those of which the latest come first are turned round."""
+    if not instants.descends(rows[:, 0]):
+        return rows
+    warnings.append("the latest %s come first: their order is turned round" % what)
+    return np.asarray(rows[np.argsort(rows[:, 0], kind="stable")])
 
 
 def _without_pose(given: Flags) -> str:

@@ -86,7 +86,7 @@ def _head(lines: Sequence[str]) -> Head:
     """Separator, names of the columns and first line of values. GroundError where no lines are rows."""
     filled = [n for n, line in enumerate(lines) if line.strip() and not COMMENT.match(line)]
     if not filled:
-        raise GroundError("it has no rows")
+        raise GroundError("the table has only 0 rows")
     sample = [lines[n] for n in filled[-SAMPLE:]]
     sample = sample[:-1] if len(sample) > 2 else sample  # the last line may be cut
     separator, width, share = max((_fit(sample, one) for one in SEPARATORS), key=lambda fit: fit[2])

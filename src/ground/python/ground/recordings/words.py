@@ -17,7 +17,7 @@ UNITS: Dict[str, str] = {
     "n": "N", "g": "g", "m/s": "m/s", "rad/s": "rad/s", "deg/s": "deg/s", "nm": "Nm", "m/s^2": "m/s2",
 }  # fmt: skip
 IN_NAMES = ("cm", "mm", "km", "ft", "rad", "deg", "degrees", "radians", "sec", "secs", "ms", "msec", "us",
-            "usec", "ns", "nsec", "percent", "pct", "m", "s", "in", "rpm", "rps")  # fmt: skip
+            "usec", "ns", "nsec", "percent", "pct", "m", "s", "rpm", "rps")  # fmt: skip
 
 
 def unit(text: str) -> str:
