@@ -464,3 +464,32 @@ def test_a_file_that_is_no_bag_is_refused_in_a_sentence(tmp_path, name, content)
     refused = identify("info", tmp_path / name)
     assert refused.returncode == 1 and refused.stderr.count("\n") == 1
     assert "unexpected" not in refused.stderr and name in refused.stderr
+
+
+def test_a_log_of_px4_is_read(tmp_path):
+    pytest.importorskip("pyulog")
+    poses, commands = experiment()
+    formats = {
+        "vehicle_local_position": "uint64_t timestamp;float x;float y;float heading;bool xy_valid;",
+        "actuator_outputs": "uint64_t timestamp;float[4] output;",
+    }
+    parts = [(b"F", b"%s:%s" % (name.encode(), text.encode())) for name, text in formats.items()]
+    parts += [(b"A", struct.pack("<BH", 0, i) + name.encode()) for i, name in enumerate(formats)]
+    rows = [(s, struct.pack("<HQ3f?", 0, s // 1000, *eta, True)) for s, eta in poses]
+    for stamp, values in commands:
+        rows.append((stamp, struct.pack("<HQ4f", 1, stamp // 1000, *(1000 + 1000 * values), 0)))
+    parts += [(b"D", data) for _, data in sorted(rows, key=lambda row: row[0])]
+    log = tmp_path / "flight.ulg"
+    content = b"".join(struct.pack("<H", len(data)) + kind + data for kind, data in parts)
+    log.write_bytes(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0) + content)
+    draft = tmp_path / "draft.yaml"
+    drafted = identify("info", tmp_path, "--write-mapping", draft)
+    assert drafted.returncode == 0, drafted.stderr
+    (run,) = ground.read(log, mapping=draft)
+    eta = np.array([eta for _, eta in poses])
+    assert run.eta[:, :2] == pytest.approx(eta[:, :2], abs=1e-5)
+    assert run.pose_times == pytest.approx([stamp / 1e9 for stamp, _ in poses], abs=1e-6)
+    assert run.controls[:, :3] == pytest.approx(np.array([values for _, values in commands]), abs=1e-5)
+    (tmp_path / "cut.ulg").write_bytes(log.read_bytes()[:30])
+    refused = identify("info", tmp_path / "cut.ulg")
+    assert refused.returncode == 1 and "unexpected" not in refused.stderr
