@@ -455,6 +455,31 @@ def test_a_bag_of_a_killed_recorder_is_found_in_its_folder(tmp_path):
     assert len(run.eta) > 200
 
 
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("kind", ["mcap", "db3", "bag"])
+def test_damage_anywhere_is_read_or_refused_in_a_sentence(sound, tmp_path, kind, seed):
+    source, mapping, _ = sound
+    path = tmp_path / ("run." + kind)
+    if kind == "mcap":
+        cdr_in(path, [None, "zstd", "lz4"][seed % 3])
+    elif kind == "db3":
+        path.write_bytes(next(source.glob("*.db3")).read_bytes())
+    else:
+        from conftest import write_bag as write_ros1
+
+        write_ros1(path, duration=2)
+    random = np.random.default_rng(seed)
+    data = bytearray(path.read_bytes())
+    for at in random.integers(0, len(data), 1 + seed // 3):
+        size = int(random.integers(1, 100))
+        data[at : at + size] = random.bytes(size)
+    path.write_bytes(data)
+    try:
+        ground.read(path, mapping=None if kind == "bag" else mapping)
+    except ground.GroundError as error:
+        assert str(path) in str(error)
+
+
 @pytest.mark.parametrize("name", ["run.mcap", "run_0.db3", "run.bag"])
 @pytest.mark.parametrize(
     "content", [b"", b"x" * 1000, b"\x89MCAP0\r\n", b"#ROSBAG V2.0\n", b"SQLite format 3\0" + bytes(2000)]
@@ -464,3 +489,60 @@ def test_a_file_that_is_no_bag_is_refused_in_a_sentence(tmp_path, name, content)
     refused = identify("info", tmp_path / name)
     assert refused.returncode == 1 and refused.stderr.count("\n") == 1
     assert "unexpected" not in refused.stderr and name in refused.stderr
+
+
+def test_a_log_of_px4_is_read(tmp_path):
+    pytest.importorskip("pyulog")
+    poses, commands = experiment()
+    formats = {
+        "vehicle_local_position": "uint64_t timestamp;float x;float y;float heading;bool xy_valid;",
+        "actuator_outputs": "uint64_t timestamp;float[4] output;",
+    }
+    parts = [(b"F", b"%s:%s" % (name.encode(), text.encode())) for name, text in formats.items()]
+    parts += [(b"A", struct.pack("<BH", 0, i) + name.encode()) for i, name in enumerate(formats)]
+    rows = [(s, struct.pack("<HQ3f?", 0, s // 1000, *eta, True)) for s, eta in poses]
+    for stamp, values in commands:
+        rows.append((stamp, struct.pack("<HQ4f", 1, stamp // 1000, *(1000 + 1000 * values), 0)))
+    parts += [(b"D", data) for _, data in sorted(rows, key=lambda row: row[0])]
+    log = tmp_path / "flight.ulg"
+    content = b"".join(struct.pack("<H", len(data)) + kind + data for kind, data in parts)
+    log.write_bytes(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0) + content)
+    draft = tmp_path / "draft.yaml"
+    drafted = identify("info", tmp_path, "--write-mapping", draft)
+    assert drafted.returncode == 0, drafted.stderr
+    (run,) = ground.read(log, mapping=draft)
+    eta = np.array([eta for _, eta in poses])
+    assert run.eta[:, :2] == pytest.approx(eta[:, :2], abs=1e-5)
+    assert run.pose_times == pytest.approx([stamp / 1e9 for stamp, _ in poses], abs=1e-6)
+    assert run.controls[:, :3] == pytest.approx(np.array([values for _, values in commands]), abs=1e-5)
+    (tmp_path / "cut.ulg").write_bytes(log.read_bytes()[:30])
+    refused = identify("info", tmp_path / "cut.ulg")
+    assert refused.returncode == 1 and "unexpected" not in refused.stderr
+
+
+IDL = """module own_msgs { module msg {
+  typedef boolean boolean__8[8];
+  struct Valves { std_msgs::msg::Header header; boolean__8 switches; sequence<double> rest; };
+}; };
+"""
+
+
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_definitions_in_idl_are_read(tmp_path, is_cut):
+    pytest.importorskip("mcap")
+    text = "=" * 80 + "\nIDL: own_msgs/msg/Valves\n" + IDL
+    write, close = mcap_file(tmp_path / "run.mcap", "ros2", "lz4", lambda *_: ("ros2idl", text, "cdr"))
+    for i in range(3):
+        content = struct.pack("<IIi2s2x8B", i, 5, 2, b"m\0", *(j == i for j in range(8)))
+        content = content[:14] + content[16:]  # flags follow the text at once
+        content += bytes(-len(content) % 4) + struct.pack("<I", 1)
+        content += bytes(-len(content) % 8) + struct.pack("<d", 0.5 * i)
+        write("/valves", "own_msgs/msg/Valves", 10**9 + i, b"\0\1\0\0" + content)
+    close()
+    file = tmp_path / "run.mcap"
+    file.write_bytes(file.read_bytes()[: -30 if is_cut else None])
+    with bags.Bag(str(file)) as bag:
+        found = bag.table("/valves")
+    assert [found["switches[%d]" % i].tolist() for i in range(3)] == np.eye(3).tolist()
+    assert found["rest[0]"].tolist() == [0, 0.5, 1.0]
+    assert found["header.stamp"].tolist() == [5, 10**9 + 5, 2 * 10**9 + 5]

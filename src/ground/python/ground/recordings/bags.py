@@ -10,7 +10,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import damaged, decoding, definitions, plain_messages, streams
+from ground.recordings import damaged, decoding, definitions, plain_messages, streams, ulogs
 from ground.recordings.containers import RECEIVED, Columns, Container, Topic
 from ground.recordings.streams import Source, Stream
 from ground.support.annotations import Indices
@@ -18,7 +18,7 @@ from ground.support.errors import GroundError
 
 METADATA = "metadata.yaml"  #: description of a bag of ROS 2, in its folder
 ROS1, MCAP, SQLITE = b"#ROSBAG V", b"\x89MCAP", b"SQLite format 3"  #: first bytes of files
-MAGICS = (ROS1, MCAP, SQLITE)
+MAGICS = (ROS1, MCAP, SQLITE, ulogs.MAGIC)
 SUFFIXES = (".mcap", ".db3")  #: of files of ROS 2
 LISTS = {"tf2_msgs/TFMessage": "transforms", "tf/tfMessage": "transforms"}  # types that are lists of rows
 
@@ -37,6 +37,14 @@ def is_bag(path: str) -> bool:
     if os.path.isdir(path):
         return os.path.isfile(os.path.join(path, METADATA)) or bool(pieces(path))
     return path.endswith(SUFFIXES) or bool(begins(path))
+
+
+def opened(path: str, types: Sequence[str] = ()) -> Container:
+    """A bag, or a log of PX4. types: files with definitions of types, or folders of them. GroundError when it
+    cannot be read."""
+    if begins(path) == ulogs.MAGIC:
+        return ulogs.Ulog(path)
+    return Bag(path, definitions.Definitions(types))
 
 
 def pieces(folder: str) -> List[str]:

@@ -18,6 +18,7 @@ from typing import Any, BinaryIO, Callable, Dict, Iterator, List, Sequence, Tupl
 
 from ground.recordings.streams import Row, Source, Stream
 
+LARGE = 1 << 16  # bytes from which it is checked that so many are left
 PIECE = 4096  # bytes that are unpacked at once
 TRIES = 40  # jumps over damaged pages of SQLite, each twice as far as the one before
 
@@ -94,9 +95,18 @@ def _is_there(name: str) -> bool:
     return True
 
 
+def _up_to(file: BinaryIO, count: int) -> bytes:
+    """So many bytes, or those that are left: a damaged count may be larger than memory."""
+    if count > LARGE:
+        here = file.tell()
+        count = min(count, file.seek(0, os.SEEK_END) - here)
+        file.seek(here)
+    return file.read(count)
+
+
 def _exactly(file: BinaryIO, count: int) -> bytes:
     """EOFError where there are fewer bytes."""
-    data = file.read(count)
+    data = _up_to(file, count)
     if len(data) < count:
         raise EOFError(data)
     return data
@@ -120,7 +130,7 @@ def ros1(file: BinaryIO) -> Iterator[Found]:
             kind = fields.get(b"op", b"")
             if kind == b"\x03":
                 is_closed = any(fields.get(b"index_pos", b""))
-            data = file.read(size)
+            data = _up_to(file, size)
             ends = len(data) < size
             if kind == b"\x05":
                 content, is_whole = _unpacked(data, fields.get(b"compression", b"").decode("latin-1"))
@@ -205,7 +215,7 @@ class _Mcap:
             if len(start) < 9 or start[0] == 0:
                 return
             kind, size = start[0], int.from_bytes(start[1:], "little")
-            data = file.read(size)
+            data = _up_to(file, size)
             if len(data) < size and kind != 6:
                 return
             if kind in (2, 15):  # footer, end of data
@@ -285,6 +295,8 @@ class Sqlite(Source):
         for key, topic, kind, encoding in self._file.execute(
             "SELECT id, name, type, serialization_format FROM topics"
         ):
+            if list(map(type, (key, topic, kind, encoding))) != [int, str, str, str]:
+                continue
             form, text = definitions.get(kind, ("", ""))
             form = "idl" if form == "ros2idl" else "msg"
             self.streams.append(Stream(key, topic, kind, encoding, form, text, count=counts.get(key, 0)))
@@ -309,7 +321,8 @@ class Sqlite(Source):
                     [last],
                 ):
                     last, step = row, 1
-                    yield message[0], message[1], message[2]
+                    if list(map(type, message)) == [int, int, bytes]:  # damaged ones are of any type
+                        yield message[0], message[1], message[2]
                 return
             except sqlite3.Error:
                 last, step = last + step, 2 * step

@@ -15,14 +15,13 @@ from ground.recordings import (
     commands,
     containers,
     damaged,
-    definitions,
     instants,
     poses,
     run_settings,
     sensors,
     units,
 )
-from ground.recordings.bags import METADATA, Bag
+from ground.recordings.bags import METADATA
 from ground.recordings.containers import FURTHER, RECEIVED, STAMP, SUFFIXES, Columns, Container, Tables
 from ground.recordings.mapping import DEFAULT, HEADER, RECEIPT, Clock, FieldMapping
 from ground.recordings.payloads import payload_of
@@ -86,8 +85,7 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     files = contents(path, mapping)
     if is_table:
         mapping = mapping.with_options(os.path.basename(files[0]), os.path.basename(files[-1]))
-    given_types = definitions.Definitions(mapping.types)
-    with Tables(files, mapping.rows) if is_table else Bag(path, given_types) as container:
+    with Tables(files, mapping.rows) if is_table else bags.opened(path, mapping.types) as container:
         container.path = path
         found = of_container(container, mapping)
     found = replace(found, payload=payload_of(found.name, mapping.loads))
@@ -102,7 +100,7 @@ def opened(path: str, types: Sequence[str] = ()) -> Container:
     or folders of them. Raises GroundError."""
     if _is_table(path):
         return Tables(_tables(path) if os.path.isdir(path) else [path])
-    return Bag(path, definitions.Definitions(types))
+    return bags.opened(path, types)
 
 
 def size(path: str) -> int:
@@ -314,7 +312,7 @@ def _inside(folder: str, mapping: FieldMapping) -> List[str]:
     if bags.is_bag(folder):
         return [folder]
     found: List[str] = []
-    for suffix in (".bag", *bags.SUFFIXES):
+    for suffix in (".bag", ".ulg", *bags.SUFFIXES):
         found += glob.glob(os.path.join(glob.escape(folder), "*" + suffix))
     for path in glob.glob(os.path.join(glob.escape(folder), "*.bag.active")):  # left by a killed recorder
         found += [path] if path[: -len(".active")] not in found else []

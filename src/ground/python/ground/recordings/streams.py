@@ -65,6 +65,8 @@ class Sound(Source):
         """See Source."""
         chosen = [self._connections[stream.key] for stream in streams]
         for _, time, data in self._reader.messages(connections=chosen):
+            if not isinstance(time, int) or isinstance(data, (int, float, str, type(None))):
+                raise ValueError("a damaged row")  # SQLite takes any
             yield time, bytes(data)
 
     def close(self) -> None:
