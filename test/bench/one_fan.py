@@ -23,7 +23,12 @@ RUNS, DURATION, HOLD = 4, 20.0, 0.5  # runs of a case, their length [s], how lon
 RATE, STEP = 100.0, 0.0025  # rate of the poses [Hz]; step of the integration [s]
 NOISE = (3e-4, 2e-3)  # standard deviations of poses [m], [rad]
 KINDS = ("offset", "delay", "dead_band", "gain")
-NAMES = {"offset": "angle_offset_rudder", "delay": "input_delay", "dead_band": "dead_band_rudder", "gain": "k"}
+NAMES = {
+    "offset": "angle_offset_rudder",
+    "delay": "input_delay",
+    "dead_band": "dead_band_rudder",
+    "gain": "k",
+}
 
 
 class OneFan:
@@ -128,7 +133,14 @@ def diagnosed(seed, model, threads=0):
         named = ["k"]
     hidden = NAMES[kind]
     values = {p["name"]: p["value"] for p in found.fit.parameters}
-    return {"seed": seed, "hidden": hidden, "truth": value, "found": named, "right": named == [hidden], "values": values}
+    return {
+        "seed": seed,
+        "hidden": hidden,
+        "truth": value,
+        "found": named,
+        "right": named == [hidden],
+        "values": values,
+    }
 
 
 def interval(right, count):

@@ -24,7 +24,8 @@ Model craft(const std::string& thrusters, const std::string& effects = "[]") {
   return parseModel(kBody + thrusters + "effects: " + effects + '\n', "craft.yaml");
 }
 Model fanAndRudder(const std::string& foil, const std::string& effects = "[]") {
-  return craft(kFan + ("    - {name: rudder, position: [-0.25, 0], angle: 30, foil: {" + foil + "}}\n"), effects);
+  return craft(kFan + ("    - {name: rudder, position: [-0.25, 0], angle: 30, foil: {" + foil + "}}\n"),
+               effects);
 }
 constexpr char kStreamOnly[] = "stream: fan, force: 0.02, jet: 40, own_speed: 0, own_sway: 0";
 constexpr char kBoth[] = "stream: fan, force: 0.5, jet: 2, own_speed: 0.8, own_sway: 0.6";
@@ -142,8 +143,8 @@ TEST(TurningThruster, IsAFixedOneInItsDirection) {
   const std::string angle = "    - {name: swivel, turns: pod, angle: 90, offset: 10}\n";
   const Model turning = craft(pod + angle);
   for (const double input : {-1.0, -0.3, 0.0, 0.5, 1.0}) {
-    const Model fixed = craft("    - {name: pod, position: [-0.2, 0.1], direction: " +
-                              std::to_string(90 * input + 10) + "}\n");
+    const Model fixed = craft(
+        "    - {name: pod, position: [-0.2, 0.1], direction: " + std::to_string(90 * input + 10) + "}\n");
     const Vector3<double> difference = acceleration(turning, moving(0.1, -0.2, 0.3), {0.7, input}) -
                                        acceleration(fixed, moving(0.1, -0.2, 0.3), {0.7});
     EXPECT_NEAR(difference.norm(), 0, 1e-6);  // to_string has 6 digits
@@ -237,18 +238,22 @@ TEST(Valves, OpenAndCloseInTimesOfTheirOwn) {
 }
 
 TEST(Valves, ShareTheirSupply) {
-  const Vector3<double> alone = acceleration(freeFlyer("[{name: supply_droop, s: 0.2}]"), moving(0, 0, 0), {1, 0, 0, 0});
+  const Vector3<double> alone =
+      acceleration(freeFlyer("[{name: supply_droop, s: 0.2}]"), moving(0, 0, 0), {1, 0, 0, 0});
   const Vector3<double> plain = acceleration(freeFlyer("[]"), moving(0, 0, 0), {1, 0, 0, 0});
   EXPECT_EQ(alone, plain);  // one alone loses nothing
-  const Vector3<double> two = acceleration(freeFlyer("[{name: supply_droop, s: 0.2}]"), moving(0, 0, 0), {1, 1, 0, 0});
+  const Vector3<double> two =
+      acceleration(freeFlyer("[{name: supply_droop, s: 0.2}]"), moving(0, 0, 0), {1, 1, 0, 0});
   EXPECT_NEAR(two.x(), 2 * plain.x() / 1.2, 1e-12);
 }
 
 TEST(Propeller, LosesThrustWithSpeedOverRevolutions) {
-  const std::string screw = "    - {name: screw, position: [-0.2, 0.1], direction: 0, range: [-1, 1], curve: {power: 2}}\n";
+  const std::string screw =
+      "    - {name: screw, position: [-0.2, 0.1], direction: 0, range: [-1, 1], curve: {power: 2}}\n";
   const Model model = craft(screw, "[{name: propeller_loss, b: 0.3}]"), none = craft(screw);
   for (const double n : {-0.8, 0.5, 1.0}) {
-    const Vector3<double> lost = acceleration(none, moving(0.6, 0, 0), {n}) - acceleration(model, moving(0.6, 0, 0), {n});
+    const Vector3<double> lost =
+        acceleration(none, moving(0.6, 0, 0), {n}) - acceleration(model, moving(0.6, 0, 0), {n});
     EXPECT_NEAR(lost.x() * 1.2, 2 * 0.3 * std::abs(n) * 0.6, 1e-12);
     EXPECT_EQ(acceleration(none, moving(0, 0, 0), {n}), acceleration(model, moving(0, 0, 0), {n}));
   }
@@ -256,17 +261,19 @@ TEST(Propeller, LosesThrustWithSpeedOverRevolutions) {
 
 TEST(SteeringFile, IsWrittenAsItWasRead) {
   const Model model = craft(
-      kFan + std::string("    - {name: rudder, position: [-0.25, 0.01], angle: -30, offset: 2, channel: servo,\n"
-                         "       range: [-0.5, 1], foil: {stream: fan, force: 0.5, jet: 2, drag: 0.7}}\n"
-                         "    - {name: bow, position: [0.2, 0], direction: 90, command: on_off, supply: a}\n"
-                         "    - {name: swivel, turns: bow, angle: 180}\n"));
+      kFan +
+      std::string("    - {name: rudder, position: [-0.25, 0.01], angle: -30, offset: 2, channel: servo,\n"
+                  "       range: [-0.5, 1], foil: {stream: fan, force: 0.5, jet: 2, drag: 0.7}}\n"
+                  "    - {name: bow, position: [0.2, 0], direction: 90, command: on_off, supply: a}\n"
+                  "    - {name: swivel, turns: bow, angle: 180}\n"));
   const std::string text = formatModel(model);
   const Model again = parseModel(text, "again.yaml");
   EXPECT_EQ(formatModel(again), text);
   EXPECT_EQ(model.thrusters->channels(), again.thrusters->channels());
   const Thrusters<double> input{0.4, 0.3, 1, -0.2};
-  EXPECT_NEAR((acceleration(model, moving(1, 0.2, 1), input) - acceleration(again, moving(1, 0.2, 1), input)).norm(),
-              0, 1e-12);
+  EXPECT_NEAR(
+      (acceleration(model, moving(1, 0.2, 1), input) - acceleration(again, moving(1, 0.2, 1), input)).norm(),
+      0, 1e-12);
 }
 
 TEST(SteeringFile, SaysWhatIsWrong) {

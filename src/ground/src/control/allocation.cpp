@@ -7,8 +7,8 @@
 namespace ground {
 namespace {
 
-constexpr double kEffort = 1e-9;  // e of the class comment
-constexpr double kMet = 1e-6;     // relative error of a wrench that counts as met
+constexpr double kEffort = 1e-9;      // e of the class comment
+constexpr double kMet = 1e-6;         // relative error of a wrench that counts as met
 constexpr double kLeastInput = 1e-3;  // at which the slope of a force curve is taken
 
 /// The smallest input in size with a force on the side of `far`, the end of the table there.

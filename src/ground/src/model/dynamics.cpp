@@ -29,6 +29,13 @@ bool isNeutral(const EffectInfo& info, const T* coordinates) {
   });
 }
 
+/// Where an effect on the inputs acts among others: what acts at once, such as a dead band, comes before what
+/// takes time.
+template <class Actuators>
+auto placeOf(const EffectInfo& info, const ThrusterLayout& layout, Actuators& actuators) {
+  return info.stateCount(layout.size()) == 0 ? actuators.begin() : actuators.end();
+}
+
 /// Whether a mass matrix, including its derivatives, is not of the form diag(m, m, I_z).
 template <typename T>
 bool couples(const Matrix3<T>& mass) {
@@ -110,7 +117,8 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
     : layout_(model.thrusters),
       steering_(steeringOf<T>(*layout_)),
       coordinates_(coordinates),
-      air_(Vector2<T>::Zero()), delay_(0.0) {
+      air_(Vector2<T>::Zero()),
+      delay_(0.0) {
   if (static_cast<int>(coordinates_.size()) != model.parameterCount())
     throw std::invalid_argument("Dynamics: wrong number of coordinates");
   const T* p = coordinates_.data();
@@ -125,8 +133,8 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates)
     p += entry.effect->info().parameters.size();
   }
   mass_inverse_ = inverseOf(mass_);
-  is_alone_ = !couples(mass_) && !has_air_ && !layout_->sways() && !layout_->steers() && thrust_.empty() && wrench_.empty() &&
-              rates_.empty();
+  is_alone_ = !couples(mass_) && !has_air_ && !layout_->sways() && !layout_->steers() && thrust_.empty() &&
+              wrench_.empty() && rates_.empty();
   stages_ = {initial_, initial_, std::vector<T>(initial_.size(), T(0.0))};
   damping_ = {body_.X_u / body_.m, body_.Y_v / body_.m, body_.N_r / body_.I_z};
   surge_gain_ = body_.k / body_.m;
@@ -152,9 +160,7 @@ void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   if (has & Effect::kAir) hooks.air(p, air_);
   if ((has & Effect::kSteer) && layout_->steers()) hooks.steer(p, steering_);
   if (has & Effect::kInertia) hooks.inertia(p, body_, mass_);
-  // What an actuator does at once, such as a dead band, comes before what takes time.
-  const bool at_once = info.stateCount(layout_->size()) == 0;
-  if (has & Effect::kActuate) actuators_.insert(at_once ? actuators_.begin() : actuators_.end(), active);
+  if (has & Effect::kActuate) actuators_.insert(placeOf(info, *layout_, actuators_), active);
   if (has & Effect::kRates) rates_.push_back(active);
   if (has & Effect::kThrust) thrust_.push_back(active);
   if (has & Effect::kWrench) wrench_.push_back(active);

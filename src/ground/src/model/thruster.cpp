@@ -102,6 +102,17 @@ void validateAngle(const Thruster& thruster) {
     fail(thruster, "nothing flows at its foil: it has neither a stream nor own_speed");
 }
 
+void validateForce(const Thruster& thruster) {
+  if (!(thruster.gain > 0) || std::isinf(thruster.gain))
+    fail(thruster, "gain must be positive, not " + text(thruster.gain) +
+                       "; turn the direction by 180 for the opposite force");
+  if (!(thruster.curve.power >= 0.2 && thruster.curve.power <= 5))
+    fail(thruster, "the power of its curve must be between 0.2 and 5, not " + text(thruster.curve.power));
+  if (thruster.curve.power != 1 && !thruster.curve.table.empty())
+    fail(thruster, "its curve has a power and a table");
+  validateTable(thruster);
+}
+
 /// The thruster that an angle belongs to; -1 without one.
 int thrusterOf(const std::vector<Thruster>& all, const Thruster& one) {
   const bool turns = one.kind == Thruster::Kind::kTurn;
@@ -135,14 +146,7 @@ void validate(const Thruster& thruster) {
                        text(thruster.least) + ", " + text(thruster.most) +
                        (thruster.isAngle() ? "]" : "]; one that only pulls has the opposite direction"));
   if (thruster.isAngle()) return validateAngle(thruster);
-  if (!(thruster.gain > 0) || std::isinf(thruster.gain))
-    fail(thruster, "gain must be positive, not " + text(thruster.gain) +
-                       "; turn the direction by 180 for the opposite force");
-  if (!(thruster.curve.power >= 0.2 && thruster.curve.power <= 5))
-    fail(thruster, "the power of its curve must be between 0.2 and 5, not " + text(thruster.curve.power));
-  if (thruster.curve.power != 1 && !thruster.curve.table.empty())
-    fail(thruster, "its curve has a power and a table");
-  validateTable(thruster);
+  validateForce(thruster);
 }
 
 ThrusterLayout::ThrusterLayout() : ThrusterLayout(leftAndRight()) { pair_ = true; }
@@ -279,8 +283,8 @@ Thrusters<double> fastestSteered(const ThrusterLayout& layout, bool starboard, d
   for (int round = 0; round < 2; ++round) {
     for (int j = inputs.size() - 1; j >= 0; --j) {  // angles are often listed after their thrusters
       double best = turn(), chosen = inputs(j);
-      for (const double share : {layout[j].least, 0.5 * layout[j].least, 0.0, 0.5 * layout[j].most,
-                                 layout[j].most}) {
+      for (const double share :
+           {layout[j].least, 0.5 * layout[j].least, 0.0, 0.5 * layout[j].most, layout[j].most}) {
         inputs(j) = full * share;
         if (turn() <= best) continue;
         best = turn();

@@ -9,9 +9,10 @@ struct AngleOffset {
   static constexpr Effect::Hook kHook = Effect::kSteer;
 
   static EffectInfo info() {
-    return {"angle_offset",
-            "wrong zero of the angle of",
-            {{"angle", "rad", "added to its angle", 0, -M_PI, M_PI, [](const Body<double>&) { return 0.1; }}}};
+    return {
+        "angle_offset",
+        "wrong zero of the angle of",
+        {{"angle", "rad", "added to its angle", 0, -M_PI, M_PI, [](const Body<double>&) { return 0.1; }}}};
   }
   static bool suits(const ThrusterLayout& layout, int channel) { return !layout.pushes(channel); }
   template <typename T>

@@ -19,7 +19,9 @@ struct ThrusterTilt {
   /// One that turns has angle_offset.
   static bool suits(const ThrusterLayout& layout, int thruster) {
     const auto& all = layout.links();
-    const auto turned = [&](const ThrusterLayout::Link& one) { return !one.foil && one.thruster == thruster; };
+    const auto turned = [&](const ThrusterLayout::Link& one) {
+      return !one.foil && one.thruster == thruster;
+    };
     return layout.pushes(thruster) && layout.size() > 1 && std::none_of(all.begin(), all.end(), turned);
   }
   template <typename T>
