@@ -13,7 +13,7 @@ from ground.analysis import candidates, diagnosis
 from ground.recordings import suspicions
 
 sys.path.insert(0, os.path.join(str(ROOT), "test", "bench"))
-import one_fan  # noqa: E402
+import one_fan
 
 CRAFTS = ROOT / "cfg" / "craft"
 ONE_FAN = CRAFTS / "one_fan_rudder.yaml"

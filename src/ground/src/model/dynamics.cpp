@@ -29,6 +29,13 @@ bool isNeutral(const EffectInfo& info, const T* coordinates) {
   });
 }
 
+/// Where an effect on the inputs acts among others: what acts at once, such as a dead band, comes before what
+/// takes time.
+template <class Actuators>
+auto placeOf(const EffectInfo& info, const ThrusterLayout& layout, Actuators& actuators) {
+  return info.stateCount(layout.size()) == 0 ? actuators.begin() : actuators.end();
+}
+
 /// Whether a mass matrix, including its derivatives, is not of the form diag(m, m, I_z).
 template <typename T>
 bool couples(const Matrix3<T>& mass) {
@@ -158,9 +165,7 @@ void Dynamics<T>::add(const Model::Entry& entry, const T* p) {
   if (has & Effect::kAir) hooks.air(p, air_);
   if (has & (layout_->steers() ? Effect::kSteer : 0U)) hooks.steer(p, steering_);
   if (has & Effect::kInertia) hooks.inertia(p, body_, mass_);
-  // What an actuator does at once, such as a dead band, comes before what takes time.
-  const bool at_once = info.stateCount(layout_->size()) == 0;
-  if (has & Effect::kActuate) actuators_.insert(at_once ? actuators_.begin() : actuators_.end(), active);
+  if (has & Effect::kActuate) actuators_.insert(placeOf(info, *layout_, actuators_), active);
   if (has & Effect::kRates) rates_.push_back(active);
   if (has & Effect::kThrust) thrust_.push_back(active);
   if (has & Effect::kWrench) wrench_.push_back(active);

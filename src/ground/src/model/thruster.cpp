@@ -102,6 +102,17 @@ void validateAngle(const Thruster& thruster) {
     fail(thruster, "nothing flows at its foil: it has neither a stream nor own_speed");
 }
 
+void validateForce(const Thruster& thruster) {
+  if (!(thruster.gain > 0) || std::isinf(thruster.gain))
+    fail(thruster, "gain must be positive, not " + text(thruster.gain) +
+                       "; turn the direction by 180 for the opposite force");
+  if (!(thruster.curve.power >= 0.2 && thruster.curve.power <= 5))
+    fail(thruster, "the power of its curve must be between 0.2 and 5, not " + text(thruster.curve.power));
+  if (thruster.curve.power != 1 && !thruster.curve.table.empty())
+    fail(thruster, "its curve has a power and a table");
+  validateTable(thruster);
+}
+
 /// The thruster that an angle belongs to; -1 without one.
 int thrusterOf(const std::vector<Thruster>& all, const Thruster& one) {
   const bool turns = one.kind == Thruster::Kind::kTurn;
@@ -119,17 +130,6 @@ int thrusterOf(const std::vector<Thruster>& all, const Thruster& one) {
   return static_cast<int>(found - all.begin());
 }
 
-void validateForce(const Thruster& thruster) {
-  if (!(thruster.gain > 0) || std::isinf(thruster.gain))
-    fail(thruster, "gain must be positive, not " + text(thruster.gain) +
-                       "; turn the direction by 180 for the opposite force");
-  if (!(thruster.curve.power >= 0.2 && thruster.curve.power <= 5))
-    fail(thruster, "the power of its curve must be between 0.2 and 5, not " + text(thruster.curve.power));
-  if (thruster.curve.power != 1 && !thruster.curve.table.empty())
-    fail(thruster, "its curve has a power and a table");
-  validateTable(thruster);
-}
-
 }  // namespace
 
 void validate(const Thruster& thruster) {
@@ -145,7 +145,8 @@ void validate(const Thruster& thruster) {
     fail(thruster, "range must be [LEAST, MOST] with -1 <= LEAST <= 0 < MOST <= 1, not [" +
                        text(thruster.least) + ", " + text(thruster.most) +
                        (thruster.isAngle() ? "]" : "]; one that only pulls has the opposite direction"));
-  return thruster.isAngle() ? validateAngle(thruster) : validateForce(thruster);
+  if (thruster.isAngle()) return validateAngle(thruster);
+  validateForce(thruster);
 }
 
 ThrusterLayout::ThrusterLayout() : ThrusterLayout(leftAndRight()) { pair_ = true; }
