@@ -180,12 +180,12 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     names = "thrusters" if thrusters == PAIR else ", ".join(thrusters)
     text = "%(count)d at %(rate).1f Hz, %(changes)d changes, " % controls
     text += "%s %g to %g" % (names, *controls["levels"])
-    lift = ", lift %g to %g" % tuple(controls["lift"]) if len(thrusters) < len(controls["channels"]) else ""
-    yield "commands", text + lift
+    has_lift = len(thrusters) < len(controls["channels"])
+    yield "commands", text + (", lift %g to %g" % tuple(controls["lift"]) if has_lift else "")
     starts = (
         "from %.2f s on" % t if t >= 0 else "began %.2f s before the run" % -t for t in d["drives"]["begin"]
     )
-    yield "drive", ", ".join(starts) + DRIVES_BY.get(d["drives"]["by"], "")
+    yield "drive", ", ".join(starts) + (DRIVES_BY.get(d["drives"]["by"], "") if has_lift else "")
     if d["reply"]:
         yield "reply", "the craft reacts %.0f ms after a command" % (1e3 * d["reply"]["lag"])
     if d["inertial"]:
