@@ -76,10 +76,9 @@ def _clock(mapping: FieldMapping, given: Battery, topic: str) -> Clock:
     """Its own clock, or that of the table which it shares."""
     if given.time.field or given.time.source:
         return given.time
-    for other in (mapping.poses, mapping.commands):
-        if other.topic == topic:
-            return other.time
-    return given.time
+    if mapping.poses.topic == topic:
+        return mapping.poses.time
+    return mapping.commands.time if mapping.commands.topic == topic else given.time
 
 
 def _topic(source: Container, mapping: FieldMapping, given: Battery, table: Table) -> str:
