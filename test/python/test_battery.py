@@ -63,11 +63,11 @@ def test_a_diagnosis_finds_that_the_voltage_is_why(craft, runs):
     low, high = found.parameters["battery_voltage.p"].ci95
     assert low < POWER < high and high - low < 1, (low, high)
     # k is that at the median voltage, which the file says.
-    volts = found.model.core.volts
-    assert 6.5 < volts < 8.4 and "volts: %g" % volts in found.model.format()
-    assert found.model["k"] == pytest.approx(craft["k"] * (volts / NOMINAL) ** POWER, rel=0.03)
-    again = ground.Model.parse(found.model.format())
-    assert ground.compare([again, known], runs[3:]).best == again.label
+    volts = found.improved.core.volts
+    assert 6.5 < volts < 8.4 and "volts: %g" % volts in found.improved.format()
+    assert found.improved["k"] == pytest.approx(craft["k"] * (volts / NOMINAL) ** POWER, rel=0.03)
+    again = ground.Model.parse(found.improved.format())
+    assert ground.compare({"found": again, "known": known}, runs[3:]).best == "found"
 
 
 def test_it_is_not_tried_without_a_voltage(runs):

@@ -104,6 +104,16 @@ TEST_F(Fusion, SensorsMakeVelocitiesThreeTimesAsGood) {
   for (int i = 0; i < 3; ++i) EXPECT_LT(found.error(i), alone_.error(i) / 3) << i << " " << alone_.error(i);
 }
 
+TEST_F(Fusion, SensorsMayBeSlowerThanPoses) {
+  int number = 0;
+  const auto slower = [&](double, Sample&) { return number++ % 4 == 0; };  // 50 Hz
+  const Result found = fly(mounted(), slower);
+  EXPECT_EQ(found.valid, alone_.valid);
+  EXPECT_EQ(found.status, "");
+  EXPECT_GT(found.used, 1500);
+  EXPECT_LT(found.error(2), alone_.error(2) / 1.5);
+}
+
 TEST_F(Fusion, AGyroAloneMakesTheYawRateBetter) {
   InertialMounting gyro = mounted();
   gyro.acceleration_scale = 0;

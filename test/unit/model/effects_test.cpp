@@ -22,6 +22,7 @@ Model tinyWhoover() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 Model with(const std::string& effect) {
   Model model = tinyWhoover();
   model.addEffect(makeEffect(effect));
+  model.body.volts = 7.4;
   return model;
 }
 
@@ -31,6 +32,7 @@ InputSequence excitation() {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> level(0.1, 1.0);
   for (int i = 0; i < 25; ++i) inputs.add(0.0813 * i, level(random), level(random), 0.9);
+  for (int i = 0; i < 5; ++i) inputs.battery.add(0.5 * i, 8 - 0.3 * i);
   return inputs;
 }
 

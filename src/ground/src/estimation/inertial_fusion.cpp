@@ -58,7 +58,9 @@ void InertialFusion::update(double stamp, const Vector3<double>& eta, const Moti
       correctBy(*sample);
     }
   }
-  count_ = static_cast<std::size_t>(std::copy(later, end, samples_.begin()) - samples_.begin());
+  // The last one stays: there may be fewer samples than poses.
+  const auto kept = later == samples_.begin() ? later : later - 1;
+  count_ = static_cast<std::size_t>(std::copy(kept, end, samples_.begin()) - samples_.begin());
   if (!fresh) return;
   if (!following_) {
     motion_ = by_poses;
