@@ -53,7 +53,7 @@ fuzz: build
 	@$(in_ros) FUZZ_SECONDS=$(FUZZ_SECONDS) .ci/fuzz
 
 # Tries every sequence of events on the state machines of sender and controllers: 20 million transitions, minutes.
-# TRANSITIONS=5000000: of each of 15 searches
+# TRANSITIONS=5000000: of each search
 search: build
 	@.ci/build build ground_search_test
 	@GROUND_SEARCH_TRANSITIONS=$(or $(TRANSITIONS),1500000) build/devel/lib/ground/ground_search_test

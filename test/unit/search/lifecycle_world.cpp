@@ -20,6 +20,8 @@ const Inputs kDrive{0.5, 0.25, 0};
 }  // namespace
 
 Inputs SearchPilot::update(double elapsed, double, const RigidState<double>& state, double lift) {
+  asked = elapsed;
+  invented = invented || (blind && (state.eta.array() == state.eta.array()).any());
   const bool by_state = loop == Loop::kClosed || switched;
   switched = switched || (loop == Loop::kOpenThenClosed && elapsed >= kOpenFor);
   failed = fails || (by_state && !state.eta.allFinite());
@@ -95,6 +97,7 @@ LifecycleWorld::LifecycleWorld(const LifecycleParams& params, SearchPilot& pilot
   life_.setFence(Fence(Room(), 0.2));
   spec_.params = params;
   spec_.end = pilot.end();
+  pilot.blind = !params.require_state;
   spec_.closed_loop = pilot.loop == SearchPilot::Loop::kClosed;
 }
 
@@ -169,9 +172,15 @@ void LifecycleWorld::other(double lift) {
 
 void LifecycleWorld::tick() {
   const Before seen = before();
+  const double sent_before = sent_at_;
   spec_.pass(instant());
   life_.tick(instant());
   check(seen, "tick");
+  const bool waits = spec_.closed_loop && seen.state == LifecycleSpec::State::kRunning &&
+                     spec_.state == LifecycleSpec::State::kRunning;
+  if (violation_.empty() && waits && !pilot_->sent.empty() &&
+      now_ - sent_before < ControllerLifecycle::kKeepalive + 1 / spec_.params.rate - kTick)
+    violation_ = "keepalive: a closed loop does not wait for the next state";
   if (violation_.empty()) violation_ = pauseProblem();
 }
 
@@ -290,6 +299,14 @@ std::string LifecycleWorld::stateProblem(const Before& seen) const {
   const bool sent_now = sent_at_ == now_ && !pilot_->sent.empty();
   if (ended && !spec_.othersDrive(instant()) && !(sent_now && sent_.zero()))
     return "zeros: none follows the end: " + became;
+  const bool begins =
+      seen.state != State::kRunning && seen.state != State::kRecovering && is == State::kRunning;
+  if (begins && !spec_.closed_loop && !(sent_now && sent_.thrust() > 0))
+    return "thrust: an open loop begins late";
+  if (pilot_->invented) return "pilot: it is given a state, and none is required";
+  const double newest = std::max(instant().time, spec_.seen ? spec_.seen->stamp : 0);
+  if (pilot_->asked > std::max(0.0, newest - spec_.running_since) + 1e-9)
+    return "pilot: it is asked for a time that is to come";
   if (seen.state == State::kRunning && is == State::kRecovering && !(sent_now && sent_.thrust() == 0))
     return "zeros: thrust is not cut when the state is lost";
   if (is == State::kRecovering && sent_.thrust() > 0) return "zeros: thrust goes on without a state";

@@ -35,7 +35,8 @@ struct SearchPilot : Pilot {
     switched = has_switched;
     fails = failing;
     active = 0;
-    failed = disregarded = false;
+    failed = disregarded = invented = false;
+    asked = 0;
     sent.clear();
   }
 
@@ -44,6 +45,9 @@ struct SearchPilot : Pilot {
   bool switched = false;     ///< it drives by the state from now on
   int active = 0;            ///< activations less deactivations
   bool failed = false;       ///< it gave a command of NaN
+  bool blind = false;        ///< it drives without a state
+  bool invented = false;     ///< it was given a state nevertheless
+  double asked = 0;          ///< elapsed time of the last command [s]
   bool disregarded = false;  ///< it was asked for a command by state while it objected
   std::vector<Inputs> sent;  ///< what the life cycle sent
   int changes = 0;           ///< calls of Changed
