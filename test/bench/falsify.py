@@ -8,6 +8,7 @@ that the controllers print for this room and craft must not leave the room; othe
 """
 
 import argparse
+import contextlib
 import functools
 import itertools
 import json
@@ -173,12 +174,13 @@ class Found:
 
 
 def search(place, flights, seed, axes=(None,), generations=GENERATIONS):
-    """Found by upset; for each restart CMA-ES begins anywhere with the next upset and axes."""
-    found = {name: Found(speed if axes == (None,) else 0.0) for name, speed in place.speeds.items()}
+    """Found by upset; for each restart CMA-ES begins anywhere with the next upset and axes. Ctrl-C ends it
+    with what was found so far."""
+    found = {name: Found(speed if axes == (None,) else np.inf) for name, speed in place.speeds.items()}
     upsets, settings = itertools.cycle(UPSETS), itertools.cycle(axes)
     random, flown, tried = np.random.default_rng(seed), 0, 0
     bounds = np.tile([0.0, 1.0], (len(NAMES), 1))
-    with workers.Workers() as team:
+    with workers.Workers() as team, contextlib.suppress(KeyboardInterrupt):
         while flown < flights:
             upset, axis = next(upsets), next(settings)
             optimizer = CMA(
@@ -229,7 +231,7 @@ def main():
     if options.json:
         with open(options.json, "w") as file:
             json.dump({name: vars(one) for name, one in found.items()}, file, indent=1)
-    return 1 if any(one.left for one in found.values()) else 0
+    return 1 if any(one.left for one in found.values()) and not options.axes else 0
 
 
 if __name__ == "__main__":
