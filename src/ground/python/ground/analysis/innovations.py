@@ -6,7 +6,6 @@ from typing import List, Sequence
 
 import numpy as np
 
-from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.support.annotations import Array, Flags
 
