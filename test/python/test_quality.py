@@ -60,7 +60,7 @@ def test_a_long_rest_at_the_end_is_left_out(rest, cut):
     stops = np.searchsorted(times, 3.2)
     eta[stops:] = eta[stops] + np.random.default_rng(3).normal(0, NOISE, eta[stops:].shape)
     run = run_of(times, eta, rows)
-    assert run.active[1] == pytest.approx(3.3 if cut else run.end, abs=0.05)
+    assert run.active[1] == pytest.approx(3.3 if cut else run.end, abs=0.1)
 
 
 def test_a_run_ends_with_its_lift():

@@ -21,6 +21,7 @@ MOST_SAMPLES, PIECE = 8000, 1000  # poses, and those of a piece, from which leve
 MOTION = 0.55  # variance of third differences of an integrated random walk [jerk^2 interval^5]
 SMALL = 0.5  # part of motion in third differences up to which these are noise ...
 WIDTHS, LARGE = (5, 3), 2.0  # ... and up to which the jerk is that of medians of so many poses
+WOBBLE = 1.3  # ... where poses are off by so many times their noise from frame to frame
 MOSTLY = 0.5  # least share of evenly spaced poses for third differences
 ROUNDED = np.array([1.0, 2.0, 5.0, 10.0])  # jerks are these times a power of ten
 FACTOR, PRECISE = 10.0, 1.02  # first and last steps of the search for the likeliest levels
@@ -109,11 +110,13 @@ def levels(times: Array, poses: Array, max_gap: float) -> Tuple[Levels, Levels, 
             """Variance of third differences of poses that are `width` apart by motion, over that by noise."""
             return MOTION * jerk**2 * (width * usual) ** 5 / (20 * own**2)
 
+        wobble = 1.0
         # Vibration and a camera's wobble add to what is likeliest, but not from frame to frame.
         if third is not None and motion(1) < SMALL:
-            excess, noise = max(excess, noise / own), own
+            wobble, noise = noise / own, own
+            excess = max(excess, wobble)
         width = next((width for width in WIDTHS if motion(width) < LARGE), 1)
-        if width > 1 and len(some) > FEWEST * width:
+        if wobble > WOBBLE and width > 1 and len(some) > FEWEST * width:
             medians = _medians(times[some], samples, width)
             jerk = _likeliest(*medians, width * max_gap, own / np.sqrt(width), 0.1 * finest)[1]
         found.append((noise, _rounded(jerk)))
