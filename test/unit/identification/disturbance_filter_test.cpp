@@ -281,7 +281,7 @@ class PlainFilter {
 
 class Filtered : public testing::TestWithParam<double> {
  protected:
-  Filtered() : plain_(model_, run_), filter_(run_, kMaxGap), kept_(4) {
+  Filtered() : plain_(model_, run_), filter_(run_), kept_(4) {
     const int samples[] = {0, 30, 125, 205};
     for (std::size_t i = 0; i < kept_.size(); ++i) kept_[i].sample = samples[i];
     likelihood_ = filter_.run(model_, levels_, GetParam(), &kept_);

@@ -78,7 +78,7 @@ TEST_F(Sensed, NothingIsInterpolatedOverALongPauseOfTheSensor) {
 }
 
 TEST_F(Sensed, LevelScoresAreThoseOfFiniteDifferences) {
-  DisturbanceFilter filter(run_, 0.1);
+  DisturbanceFilter filter(run_);
   ASSERT_TRUE(std::isfinite(filter.run(model_, levels_, kCap)));
   const RunLevelScores found = filter.levelScores(levels_);
   for (int i = 0; i < kLevels; ++i) {
@@ -86,7 +86,7 @@ TEST_F(Sensed, LevelScoresAreThoseOfFiniteDifferences) {
     auto up = levels_.values(), down = up;
     up[static_cast<std::size_t>(i)] *= std::exp(kChange);
     down[static_cast<std::size_t>(i)] *= std::exp(-kChange);
-    DisturbanceFilter other(run_, 0.1);
+    DisturbanceFilter other(run_);
     const double above = other.run(model_, DisturbanceLevels::of(up), kCap);
     const double below = other.run(model_, DisturbanceLevels::of(down), kCap);
     const double slope = (above - below) / (2 * kChange);
@@ -102,11 +102,11 @@ TEST_F(Sensed, ResponsesAreWhatAKnownWrenchChanges) {
   const Vector3<double> size = levels_.sigma;
   for (Eigen::Index k = 0; k < count; ++k)
     wrench.row(k) = 0.01 * std::sin(0.05 * static_cast<double>(k)) * size.transpose();
-  DisturbanceFilter filter(run_, 0.1);
+  DisturbanceFilter filter(run_);
   ASSERT_TRUE(std::isfinite(filter.run(model_, levels_, kCap)));
   RunData known = run_;
   known.wrench = wrench;
-  DisturbanceFilter explained(known, 0.1);
+  DisturbanceFilter explained(known);
   ASSERT_TRUE(std::isfinite(explained.run(model_, levels_, kCap)));
   const Eigen::MatrixXd change = filter.whitened() - explained.whitened();
   const Eigen::MatrixXd response = filter.responses(wrench);
@@ -123,8 +123,8 @@ TEST_F(Sensed, ResponsesAreWhatAKnownWrenchChanges) {
 TEST_F(Sensed, TheSmoothedWrenchIsNearerToTheTruthAndAsCertainAsItSays) {
   RunData blind = run_;
   blind.inertial = {};
-  const SmoothedWrench with = DisturbanceFilter(run_, 0.1).smooth(model_, levels_, kCap);
-  const SmoothedWrench without = DisturbanceFilter(blind, 0.1).smooth(model_, levels_, kCap);
+  const SmoothedWrench with = DisturbanceFilter(run_).smooth(model_, levels_, kCap);
+  const SmoothedWrench without = DisturbanceFilter(blind).smooth(model_, levels_, kCap);
   EXPECT_LT(with.sigma.col(2).mean(), 0.8 * without.sigma.col(2).mean());
   // Both estimate one wrench: they differ by no more than the worse one may be off.
   const Eigen::ArrayX3d away = (with.wrench - without.wrench).array() / without.sigma.array();
@@ -132,7 +132,7 @@ TEST_F(Sensed, TheSmoothedWrenchIsNearerToTheTruthAndAsCertainAsItSays) {
 }
 
 TEST_F(Sensed, InnovationsOfTheTrueModelAreWhite) {
-  DisturbanceFilter filter(run_, 0.1);
+  DisturbanceFilter filter(run_);
   ASSERT_TRUE(std::isfinite(filter.run(model_, levels_, kCap)));
   const Eigen::MatrixXd rows = filter.whitened().bottomRows(800);
   for (Eigen::Index c = 0; c < 6; ++c) {
