@@ -73,7 +73,7 @@ def runs_of(plate, random):
         noise = np.array([NOISE[0], NOISE[0], NOISE[1]])
         poses = eta + noise * random.normal(size=eta.shape)
         times = np.arange(len(poses)) / RATE
-        smoothed = repair.smooth(times, poses, NOISE)
+        smoothed = repair.smooth(times, poses, NOISE, _core.RunScales())
         inputs = np.column_stack([edges, commands, np.ones(len(edges))])
         name = "run %d" % (number + 1)
         runs.append(_core.RunData(name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, [0.0]))

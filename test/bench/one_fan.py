@@ -113,7 +113,7 @@ def runs_of(craft, random, count=RUNS, duration=DURATION):
         eta = craft.poses(commands, [0.0, 0.0, random.uniform(-math.pi, math.pi)])
         poses = eta + noise * random.normal(size=eta.shape)
         times = np.arange(len(poses)) / RATE
-        smoothed = repair.smooth(times, poses, NOISE)
+        smoothed = repair.smooth(times, poses, NOISE, _core.RunScales())
         inputs = np.column_stack([edges, commands, np.ones(len(edges))])
         name = "run %d" % (number + 1)
         runs.append(_core.RunData(name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, [0.0]))

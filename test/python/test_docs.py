@@ -170,11 +170,16 @@ def test_every_effect_has_its_equation():
 
     page = (ROOT / "docs" / "theory" / "effects.md").read_text()
     described = set(re.findall(r"^\| `(\w+)` \|", page, re.M))
-    table = _core.load_model(str(ROOT / "cfg" / "craft" / "air_table.yaml"))
-    jet = table.thrusters[0]["name"]
-    of_one = [name for name in _core.effects(table) if name.endswith("_" + jet)]
-    single = {name[: -len(jet)] + "NAME" for name in of_one}
-    assert len(single) == 2 and described == set(_core.effects()) | single
+    known = set(_core.effects())
+    folder = ROOT / "cfg" / "craft"
+    crafts = [path.read_text() for path in sorted(folder.glob("*.yaml"))]
+    fan = (folder / "one_fan_rudder.yaml").read_text()
+    crafts.append(re.sub(r"- name: rudder(\n.*){3}", "- {name: rudder, turns: fan, angle: 90}", fan))
+    for craft in crafts:
+        model = _core.parse_model(craft, "craft.yaml")
+        channels = "|".join(one["name"] for one in model.thrusters)
+        known |= {re.sub("_(%s)$" % channels, "_NAME", name) for name in _core.effects(model)}
+    assert described == known
 
 
 def test_every_program_is_in_the_reference():

@@ -25,7 +25,7 @@ import requirements
 from fake_lab import FakeLab
 from fake_motive import FakeMotive
 
-FOLDER = sys.path[0]
+FOLDER = os.path.dirname(os.path.realpath(__file__))
 HOST = "127.0.0.4"
 LIMIT = requirements.limit("thrust-after-state")  # longest thrust after the last right frame [s]
 GOES_ON, STOPS, FAULTS = "goes on", "stops", "stops, FAULT"
