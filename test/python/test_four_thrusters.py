@@ -1,6 +1,7 @@
 """The real recordings of the second craft: raw files as they are, with one mapping file."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -73,7 +74,8 @@ def test_the_loggers_names_and_heading_are_seen_to_be_wrong(described, tmp_path)
     assert result.returncode == 0, result.stderr
     verdict = result.stdout.splitlines()[-1]
     assert verdict.startswith("back_left and front_left seem to be swapped")
-    assert "explain 31% of the forces" in verdict and "as recorded they explain 0% and 0%" in verdict
+    explained = re.search(r"explain (\d+)% of the forces and (\d+)% of the turns", verdict)
+    assert min(map(int, explained.groups())) > 30 and "as recorded they explain 0% and 0%" in verdict
     equal = verdict.split("the same to any motion")[1]  # of which the mapping has the last
     assert "back_left and back_right are swapped" in equal and "off by half a turn" in equal
 
