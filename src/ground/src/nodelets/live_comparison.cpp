@@ -15,6 +15,7 @@
 #include <mutex>
 #include <optional>
 #include <pluginlib/class_list_macros.hpp>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -218,7 +219,8 @@ class LiveComparison : public Shell {
     message->header = header;
     message->model = contestants_[0].name;
     message->text = report.text();
-    std::string named;
+    if (report.began != std::exchange(watched_since_, report.began)) named_.clear();
+    bool is_new = false;
     for (const ChangeMonitor::Change& change : report.changes) {
       message->what.push_back(change.what);
       message->alternatives.push_back(change.alternatives);
@@ -226,7 +228,7 @@ class LiveComparison : public Shell {
       message->size.push_back(change.size);
       message->lower.push_back(change.lower);
       message->upper.push_back(change.upper);
-      named += change.what + '/' + change.alternatives + ' ';
+      is_new = named_.insert(change.what).second || is_new;
     }
     const auto numbers = [](const Eigen::VectorXd& all) {
       return std::vector<double>(all.begin(), all.end());
@@ -239,8 +241,7 @@ class LiveComparison : public Shell {
     message->asymmetry = report.asymmetry;
     message->asymmetry_deviation = report.asymmetry_deviation;
     change_publisher_.publish(message);
-    if (named != std::exchange(named_, named) && !named.empty())
-      NODELET_WARN("live_comparison: the craft has changed: %s", message->text.c_str());
+    if (is_new) NODELET_WARN("live_comparison: the craft has changed: %s", message->text.c_str());
   }
 
   static void publishPath(Contestant& c, const ros::Time& stamp) {
@@ -276,7 +277,8 @@ class LiveComparison : public Shell {
   ground_msgs::Drive::ConstPtr recorded_;  ///< newest start of a drive, recorded by the sender
   double last_paths_ = 0;
   std::unique_ptr<ChangeMonitor> changes_;  ///< by the first model; null until that is loaded
-  std::string named_;                       ///< changes that are in the log
+  double watched_since_ = 0;                ///< when the watch of changes began
+  std::set<std::string> named_;             ///< changes since then that are in the log
   ros::Publisher comparison_publisher_, change_publisher_;
   ros::Subscriber state_subscriber_, controls_subscriber_, drive_subscriber_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
