@@ -6,7 +6,7 @@ not belong to this project. Their columns, after four lines: time [s], x, y [m],
 x and y of the tank [m/s], yaw rate [deg/s], roll [deg], rudder [deg], revolutions [1/s], thrust [N], torque
 [N m]. A positive rudder turns the ship to negative headings.
 
-The model is cfg/craft/tanker.yaml, whose rudder, propeller and added mass come from the literature.
+The model is cfg/craft/propeller_ship.yaml, whose rudder, propeller and added mass come from the literature.
 The hull is fitted to the zigzags that are not held out. Prints the first overshoots of those that are, as
 predicted with the recorded rudder from the first pose on, and a turning circle with 35 degrees of rudder in
 lengths of the ship beside what is published of such models (SIMMAN 2008).
@@ -47,7 +47,7 @@ def recorded(path):
 
 def craft():
     """The ship with all effects of a hull."""
-    path = find_in_workspaces(["share"], "ground", "cfg/craft/tanker.yaml")[0]
+    path = find_in_workspaces(["share"], "ground", "cfg/craft/propeller_ship.yaml")[0]
     model = ground.Model.load(path)
     for effect in ("drift_resistance", "body_force_bias", "yaw_bias"):
         if effect not in model.effects:
