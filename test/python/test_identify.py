@@ -285,7 +285,9 @@ def test_bad_files_are_refused_with_a_reason(tmp_path, bag, guess):
     wild.write_text(guess.read_text().replace("2.0e-4", "1e-300").replace("1.0e-4", "1e300"))
     fails(identify("fit", bag, "--model", wild, "-o", out), "not finite in run")
     fails(identify("fit", bag, "--model", guess, "-o", out, "--free", "K"), "no parameter 'K'")
-    fails(identify("fit", bag, "--model", guess, "-o", out, "--free", "m", "k", "I_z"), "payload of known mass")
+    fails(
+        identify("fit", bag, "--model", guess, "-o", out, "--free", "m", "k", "I_z"), "payload of known mass"
+    )
     fails(identify("fit", bag, "--model", guess, "-o", tmp_path / "no" / "f.yaml"), "no folder")
     fails(identify("fit", bag, bag, "--model", guess, "-o", out), "twice")
     fails(identify("fit", bag, "--model", guess, "-o", out, "--from", "100"), "only 0 poses", "--all")

@@ -146,7 +146,7 @@ def test_a_discovery_is_read_from_its_folder(discovered):
         ("other.json", "[]", "not the file of a result"),
         ("other.json", "{}", "not the file of a result"),
         ("model.yaml", "a: 1", "model.yaml"),
-        ("notes.txt", "hello", "not a bag"),
+        ("notes.txt", "hello", "no row has numbers"),
     ],
 )
 def test_what_cannot_be_loaded_is_named(name, text, words, tmp_path):

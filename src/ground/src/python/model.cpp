@@ -168,10 +168,11 @@ void defDisturbance(py::module_& module) {
 
 void defPayload(py::module_& module) {
   py::class_<Payload>(module, "Payload", "A load of known mass that a craft carries beside its own.")
-      .def(py::init([](double mass, const Eigen::Vector2d& place, double inertia) {
-             return Payload{mass, place, inertia};
+      .def(py::init([](double mass, const std::pair<double, double>& place, double inertia) {
+             return Payload{mass, {place.first, place.second}, inertia};
            }),
-           py::arg("mass") = 0.0, py::arg("place") = Eigen::Vector2d(0, 0), py::arg("inertia") = 0.0)
+           py::arg("mass") = 0.0, py::arg("place") = std::pair<double, double>(0, 0),
+           py::arg("inertia") = 0.0)
       .def_readonly("mass", &Payload::mass, "[kg]")
       .def_readonly("place", &Payload::place, "Of its centre of mass: forward, to starboard [m].")
       .def_readonly("inertia", &Payload::inertia, "About its own centre of mass [kg m^2].")
