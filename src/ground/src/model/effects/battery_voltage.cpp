@@ -14,7 +14,7 @@ struct BatteryVoltage {
 
   static EffectInfo info() {
     return {"battery_voltage",
-            "thrust that follows the battery's voltage",
+            "thrust that follows the battery voltage",
             {{"p", "-", "power of the voltage over that at which k holds", 0, 0, 5,
               [](const Body<double>&) { return 1.0; }}},
             0,

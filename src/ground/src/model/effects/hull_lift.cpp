@@ -24,7 +24,7 @@ struct HullLift {
       return 0.1 * typical::force(b) / (typical::speed(b) * typical::yawRate(b));
     };
     return EffectInfo{"hull_lift",
-                      "linear manoeuvring derivatives of the hull, Y_uv, Y_ur, N_uv, N_ur",
+                      "linear manoeuvring derivatives of a hull",
                       {{"yv", "N s^2/m^2", "side force by drift", 0, -kUnbounded, kUnbounded, sway},
                        {"yr", "N s^2/m", "side force by turning", 0, -kUnbounded, kUnbounded, both},
                        {"nv", "N s^2/m", "yaw moment by drift", 0, -kUnbounded, kUnbounded, drift},

@@ -11,7 +11,7 @@ struct SupplyDroop {
 
   static EffectInfo info() {
     return {"supply_droop",
-            "thrust that falls with the number of thrusters that work",
+            "thrust that falls as more thrusters work",
             {{"s", "-", "relative loss per other thruster at full input", 0, 0, 10,
               [](const Body<double>&) { return 0.05; }}},
             0,
