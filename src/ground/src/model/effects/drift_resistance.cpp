@@ -18,7 +18,7 @@ struct DriftResistance {
       };
     };
     return EffectInfo{"drift_resistance",
-                      "resistance of a hull that drifts or turns",
+                      "resistance of a hull that drifts, turns",
                       {{"xvv", "N s^2/m^2", "by sway", 0, -kUnbounded, kUnbounded, per(2)},
                        {"xvr", "N s^2/m", "by sway and yaw", 0, -kUnbounded, kUnbounded, per(1)},
                        {"xrr", "N s^2", "by yaw", 0, -kUnbounded, kUnbounded, per(0)}}}
