@@ -176,10 +176,11 @@ def test_commands_of_another_run_are_noticed(name):
     assert ("cannot be decided, because" if slow else "does not follow the commands") in line
 
 
-def test_nobody_is_accused_where_noise_hides_the_motion():
+@pytest.mark.parametrize("heading", [0.5, 1.0])  # [rad]
+def test_nobody_is_accused_where_noise_hides_the_motion(heading):
     craft = CRAFT["free-flyer"]
     times, eta, rows = craft.recorded()
-    eta += np.random.default_rng(5).normal(0, 0.5, eta.shape)
+    eta += np.random.default_rng(5).normal(0, [0.5, 0.5, heading], eta.shape)
     run = recording(craft, times, eta, rows)
     lines = list(findings.grave(described(run)))
     assert not any("does not follow" in line for line in lines)

@@ -72,7 +72,7 @@ class Allocation {
   mutable BoxMinimum problem_;
   BoxMinimum::Square hessian_;
 
-  // Of a craft that steers.
+  // For a craft with rudders or turning thrusters:
   double k_;  ///< thrust per unit input [N]
   std::vector<Steered<double>> steering_;
   std::vector<Steered<Jet>> slopes_;

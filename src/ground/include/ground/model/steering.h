@@ -16,7 +16,7 @@ struct Steered {
   T own_square{}, own_sway{};  ///< square of Foil::own_speed; Foil::own_sway
 };
 
-/// Of each channel of a layout that steers; empty without angles.
+/// What each channel of the layout steers; empty for a craft without angles.
 template <typename T>
 std::vector<Steered<T>> steeringOf(const ThrusterLayout& layout) {
   std::vector<Steered<T>> all;

@@ -10,7 +10,7 @@ from ground.models import Model
 from ground.recordings.recording import Recording
 from ground.support.errors import GroundError, GroundNote, warn
 
-EFFECT = "battery_voltage"  # of the library
+EFFECT = "battery_voltage"  # name in the library of effects
 
 
 def at_recorded(model: Model, recordings: Sequence[Recording]) -> Model:

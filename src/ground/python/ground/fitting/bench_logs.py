@@ -27,7 +27,7 @@ COMMAND = re.compile(r"mask|bits|command|cmd|input|pwm|throttle|duty|valve|switc
 MASK = re.compile(r"mask|bits", re.I)
 STILL = 0.1  # change within the second half of a stretch, relative to that in the whole, that is too much
 FEWEST = 4  # readings in half of a stretch
-SHARES = (0.1, 0.5, 0.9)  # of a pulse's force, whose times are measured
+SHARES = (0.1, 0.5, 0.9)  # shares of the force of a pulse whose times are measured
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from ground.support.progress import Work
 
 MOVING, STAGE = ("input_delay", "motor_lag"), "fitting mass and inertia to motion"
 LEVEL = 0.01  # probability of adding a delay that is not there
-STARTS = (0.02, 0.05, 0.1, 0.2)  # of a delay or a lag [s]
+STARTS = (0.02, 0.05, 0.1, 0.2)  # initial values of a delay or a lag [s]
 UNSURE = 1.0  # relative half-width of an interval from which a number is not identifiable
 
 

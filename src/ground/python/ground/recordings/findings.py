@@ -280,8 +280,10 @@ def grave(d: Document) -> Iterator[str]:
             yield "the motion does not follow the commands: are poses and commands of the same run?"
         elif share is not None:
             why = "most of the accelerations are noise of the poses"
-            if share == 0:
-                why = "they change too seldom for it"
+            if d["poses"]["noise"]["heading"] > reply.AMBIGUOUS:
+                why = "the headings scatter so much that it is not known which way the craft turned"
+            elif share == 0:
+                why = "the same commands at other times explain as much of it"
             yield "whether the motion follows the commands cannot be decided, because " + why
 
 

@@ -27,6 +27,7 @@ PLACEBOS = 9  # tried lags at which no motion follows
 # the share that commands of other times explain and at least the last one.
 FOLLOWS, CLEARLY, MIN_FOLLOWED = 0.1, 3.0, 0.02
 EXCLUDED = 3.0  # standard errors beyond which an effect is excluded
+AMBIGUOUS = 0.6  # noise of headings from which it is not known which way the craft turned [rad]
 POWER = 0.5  # least share of accelerations that is no noise, where it can be decided
 BLOCKS = 10  # blocks of time that errors are estimated from
 ALIKE = 1e-2  # commands whose singular values are in a smaller ratio do not distinguish channels
@@ -48,8 +49,8 @@ class Reply(TypedDict):
     lag: float  # lag of the motion behind the commands [s]
     share: float  # share of the accelerations that the commands explain
     chance: float  # the largest share by commands of other times
-    # share of the accelerations that is not noise of the poses, of the best channel; 0 where commands of
-    # other times explain so much that it does not show whether these do
+    # share of the accelerations that is not noise of the poses, of the best channel; 0 where headings are
+    # ambiguous, or commands of other times explain so much that it does not show whether these do
     power: float
     follows: bool  # whether the commands explain some
     coefficients: Array  # (n + 11, 3) of the thrusters, and smooth_terms
@@ -153,7 +154,10 @@ def _placebos(recording: Recording) -> Array:
 
 
 def _power(motion: Motion, wanted: Array) -> float:
-    """Share of the accelerations (n, 3) that is not noise of the poses, of the best channel."""
+    """Share of the accelerations (n, 3) that is not noise of the poses, of the best channel; 0 where headings
+    scatter so much that unwrapping them makes turns of noise."""
+    if motion.noise[1] > AMBIGUOUS:
+        return 0.0
     return float(np.max(1 - accuracy(motion) ** 2 / np.maximum(wanted.var(axis=0), 1e-300)))
 
 
