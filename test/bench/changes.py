@@ -19,6 +19,7 @@ import numpy as np
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import changes_craft as flights
 from ground import _core
+from shares import share
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 MODEL = os.path.join(ROOT, "cfg", "hovercraft", "tiny_whoover.yaml")
@@ -136,20 +137,6 @@ def recovered(job):
         ]
         found[label + "_stopped"] = log["stopped"]
     return found
-
-
-def wilson(hits, count, z=1.96):
-    """95% interval of a rate."""
-    if not count:
-        return 0.0, 1.0
-    rate, unit = hits / count, z * z / count
-    middle, half = rate + unit / 2, z * math.sqrt(rate * (1 - rate) / count + unit / (4 * count))
-    return (middle - half) / (1 + unit), (middle + half) / (1 + unit)
-
-
-def share(hits, count):
-    """Text of a rate with its interval."""
-    return "%d of %d (%.0f to %.0f%%)" % ((hits, count) + tuple(100 * x for x in wilson(hits, count)))
 
 
 def tell_named(rows):

@@ -37,6 +37,7 @@ from ground.models import Model
 from ground.recordings import quality
 from ground.recordings.recording import Recording
 from ground.simulation import experiments
+from shares import share
 
 RUNS, A_DAY, FALL = 30, 3, 0.05  # of a history
 CHARGE, FADE, DAY = 0.035, 0.02, 0.003  # of thrust: range by charge; fall over a day; deviation between days
@@ -143,16 +144,6 @@ def table(folder, name, columns, rows):
         csv.writer(file).writerows([columns.split(), *np.round(rows, 7).tolist()])
 
 
-def wilson(hits, count):
-    """A share with its 95% interval."""
-    z, p = 1.96, hits / count
-    middle, scale = p + z * z / (2 * count), 1 + z * z / count
-    reach = z * np.sqrt(p * (1 - p) / count + z * z / (4 * count * count))
-    return "%d of %d, %.0f%% (%.0f to %.0f%%)" % (
-        hits, count, 100 * p, 100 * (middle - reach) / scale, 100 * (middle + reach) / scale,
-    )  # fmt: skip
-
-
 def falls(changes):
     return any(change[:3] == ("k", "drift", True) for change in changes)
 
@@ -163,14 +154,14 @@ def changed_down(changes):
 
 def report(name, falling, flat):
     count = max(1, len(falling))
-    print("%s: 5%% fall of k found as a drift: %s" % (name, wilson(sum(map(falls, falling)), count)))
+    print("%s: 5%% fall of k found as a drift: %s" % (name, share(sum(map(falls, falling)), count)))
     print(
         "%s: 5%% fall of k found as a drift or a jump: %s"
-        % (name, wilson(sum(map(changed_down, falling)), count))
+        % (name, share(sum(map(changed_down, falling)), count))
     )
     others = sum(any(change[0] != "k" for change in changes) for changes in falling)
-    print("%s: another parameter said to change beside it: %s" % (name, wilson(others, count)))
-    print("%s: any change said of flat ones: %s" % (name, wilson(sum(map(bool, flat)), max(1, len(flat)))))
+    print("%s: another parameter said to change beside it: %s" % (name, share(others, count)))
+    print("%s: any change said of flat ones: %s" % (name, share(sum(map(bool, flat)), max(1, len(flat)))))
 
 
 def speed(team, folder, count):

@@ -63,6 +63,17 @@ class Plate:
         return np.array(found)
 
 
+def recorded(name, edges, commands, eta, levels, random):
+    """_core.RunData of poses (n, 3) at RATE that are measured with noise of some levels [m], [rad], and of
+    commands (m, k) from the instants edges (m,) [s] on."""
+    noise = np.array([levels[0], levels[0], levels[1]])
+    poses = eta + noise * random.normal(size=eta.shape)
+    times = np.arange(len(poses)) / RATE
+    smoothed = repair.smooth(times, poses, levels, _core.RunScales())
+    inputs = np.column_stack([edges, commands, np.ones(len(edges))])
+    return _core.RunData(name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, [0.0])
+
+
 def runs_of(plate, random):
     """_core.RunData of a case: each jet off or on by chance, every HOLD anew."""
     runs = []
@@ -70,13 +81,7 @@ def runs_of(plate, random):
         edges = np.arange(0, DURATION, HOLD)
         commands = random.choice([0.0, 0.5, 1.0], (len(edges), 8))
         eta = plate.poses(commands, [0.0, 0.0, random.uniform(-math.pi, math.pi)])
-        noise = np.array([NOISE[0], NOISE[0], NOISE[1]])
-        poses = eta + noise * random.normal(size=eta.shape)
-        times = np.arange(len(poses)) / RATE
-        smoothed = repair.smooth(times, poses, NOISE, _core.RunScales())
-        inputs = np.column_stack([edges, commands, np.ones(len(edges))])
-        name = "run %d" % (number + 1)
-        runs.append(_core.RunData(name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, [0.0]))
+        runs.append(recorded("run %d" % (number + 1), edges, commands, eta, NOISE, random))
     return runs
 
 

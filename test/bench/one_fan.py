@@ -15,12 +15,13 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates, diagnosis
-from ground.recordings import repair
+from jets import RATE, recorded
+from shares import share
 
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 MODEL = os.path.join(ROOT, "cfg", "craft", "one_fan_rudder.yaml")
 RUNS, DURATION, HOLD = 4, 20.0, 0.5  # runs of a case, their length [s], how long commands last [s]
-RATE, STEP = 100.0, 0.0025  # rate of the poses [Hz]; step of the integration [s]
+STEP = 0.0025  # of the integration [s]
 NOISE = (3e-4, 2e-3)  # standard deviations of poses [m], [rad]
 KINDS = ("offset", "delay", "dead_band", "gain")
 NAMES = {
@@ -105,18 +106,13 @@ def truth_of(seed):
 
 def runs_of(craft, random, count=RUNS, duration=DURATION):
     """_core.RunData of a case: levels of the fan and angles by chance, every HOLD anew."""
-    runs, noise = [], np.array([NOISE[0], NOISE[0], NOISE[1]])
+    runs = []
     for number in range(count):
         edges = np.arange(0, duration, HOLD)
         fan = random.choice([0.0, 0.4, 0.7, 1.0], len(edges))
         commands = np.column_stack([fan, random.uniform(-1, 1, len(edges))])
         eta = craft.poses(commands, [0.0, 0.0, random.uniform(-math.pi, math.pi)])
-        poses = eta + noise * random.normal(size=eta.shape)
-        times = np.arange(len(poses)) / RATE
-        smoothed = repair.smooth(times, poses, NOISE, _core.RunScales())
-        inputs = np.column_stack([edges, commands, np.ones(len(edges))])
-        name = "run %d" % (number + 1)
-        runs.append(_core.RunData(name, times, smoothed["eta"], smoothed["nu"], inputs, poses, noise, [0.0]))
+        runs.append(recorded("run %d" % (number + 1), edges, commands, eta, NOISE, random))
     return runs
 
 
@@ -132,22 +128,16 @@ def diagnosed(seed, model, threads=0):
     if not named and not low <= model.value("k") <= high:
         named = ["k"]
     hidden = NAMES[kind]
+    holds = kind != "gain" or low <= (1 + value) * model.value("k") <= high
     values = {p["name"]: p["value"] for p in found.fit.parameters}
     return {
         "seed": seed,
         "hidden": hidden,
         "truth": value,
         "found": named,
-        "right": named == [hidden],
+        "right": named == [hidden] and holds,
         "values": values,
     }
-
-
-def interval(right, count):
-    """95% interval of a share by Wilson."""
-    z, p = 1.96, right / count
-    middle, half = p + z**2 / (2 * count), z * math.sqrt(p * (1 - p) / count + z**2 / (4 * count**2))
-    return (middle - half) / (1 + z**2 / count), (middle + half) / (1 + z**2 / count)
 
 
 def main():
@@ -161,7 +151,7 @@ def main():
         right += found["right"]
         words = seed, found["hidden"], found["truth"], ", ".join(found["found"]) or "nothing", right, i
         print("%3d  %-20s %8.4f  %s   (%d of %d)" % words, flush=True)
-    print("named: %d of %d, 95%% interval %.2f to %.2f" % (right, i, *interval(right, i)))
+    print("named: " + share(right, i))
 
 
 if __name__ == "__main__":

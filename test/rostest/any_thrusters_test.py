@@ -3,65 +3,39 @@
 
 import os
 import sys
-import unittest
 
 import numpy as np
 import rospy
 import rostest
-from ground_msgs.msg import ControllerStatus, Controls, Reference, SenderStatus, State
-from std_srvs.srv import Trigger
+from ground_msgs.msg import Controls, SenderStatus
 from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
+from closed_loop_case import ClosedLoopCase, S
 
-S = ControllerStatus
 SETTLING = 10  # time to reach the circle [s]
 WATCHED = 15  # [s]
 BOUND = 0.02  # error of the predictive controller [m]; some millimetres without a network
 
 
-class AnyThrustersTest(unittest.TestCase):
+class AnyThrustersTest(ClosedLoopCase):
     def setUp(self):
-        self.truth = harness.Latest("simulator/truth", State, keep=True)
-        self.reference = harness.Latest("reference", Reference, keep=True)
+        super().setUp()
         self.sender = harness.Latest("sender/status", SenderStatus, keep=True)
-        self.controls = harness.Latest("controls", Controls, keep=True)
         self.wanted = harness.Latest("controls/wanted", Controls)
-        self.status = harness.Latest("controller/status", S, keep=True)
         self.markers = harness.Latest("markers", MarkerArray)
-
-    def expect(self, state):
-        harness.wait_for(
-            lambda: self.status.message and self.status.message.state == state, 40, "state %d" % state
-        )
-
-    def sleep(self, duration):
-        until = rospy.Time.now().to_sec() + duration
-        harness.wait_for(lambda: rospy.Time.now().to_sec() > until, 10 * duration, "time")
 
     def test_it_follows_a_circle(self):
         self.expect(S.RUNNING)
         self.sleep(SETTLING)
         begin = rospy.Time.now().to_sec()
         self.sleep(WATCHED)
-        self.check_error(begin)
+        self.check_error(begin, WATCHED, BOUND)
         self.check_commands()
         self.check_a_command_for_another_craft()
         self.assertEqual(self.status.message.state, S.RUNNING, self.status.message.reason)
         self.check_stop()
-
-    def check_error(self, begin):
-        truth, reference = (
-            np.array([(m.header.stamp.to_sec(), *get(m)[:2]) for _, m in list(heard.all)])
-            for heard, get in ((self.truth, lambda m: m.eta), (self.reference, lambda m: m.p))
-        )
-        reference = reference[(reference[:, 0] > begin) & (reference[:, 0] <= truth[-1, 0])]
-        self.assertGreater(len(reference), 25 * WATCHED)
-        off = [np.interp(reference[:, 0], truth[:, 0], truth[:, i]) - reference[:, i] for i in (1, 2)]
-        error = np.sqrt(np.square(off).sum(axis=0).mean())
-        print("error: %.1f mm" % (1e3 * error))
-        self.assertLess(error, BOUND)
 
     def check_commands(self):
         """Every jet is used; commands and wanted ones name the channels of the model."""
@@ -86,16 +60,6 @@ class AnyThrustersTest(unittest.TestCase):
         stranger.publish(message)
         harness.wait_for(lambda: self.sender.message.refused > refused, 10, "a refused command")
         self.assertEqual(self.sender.message.state, SenderStatus.ARMED)
-
-    def check_stop(self):
-        """All thrusters are off after a stop."""
-        rospy.ServiceProxy("controller/stop", Trigger)()
-        self.expect(S.STOPPED)
-        harness.wait_for(
-            lambda: self.controls.message.thrusters == (0.0,) * 8 and self.controls.message.lift == 0,
-            10,
-            "zero commands",
-        )
 
 
 if __name__ == "__main__":
