@@ -1,6 +1,7 @@
 #include "ground/control/fence_bound.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 
@@ -34,10 +35,13 @@ std::string sentence(const Room& room, double full, const Upset& upset) {
 double fullAcceleration(const Pilot& pilot) {
   const ThrusterLayout& layout = pilot.layout();
   double largest = 0;
-  for (unsigned corner = 0; corner < 1u << layout.size(); ++corner) {
+  // A rudder takes thrust away at both ends of its range: the neutral input counts as well.
+  int combinations = 1;
+  for (int i = 0; i < layout.size(); ++i) combinations *= 3;
+  for (int combination = 0; combination < combinations; ++combination) {
     Inputs inputs = Inputs::off(layout.size());
-    for (int i = 0; i < layout.size(); ++i)
-      inputs.thrusters(i) = (corner >> i & 1u) != 0 ? layout[i].most : layout[i].least;
+    for (int i = 0, digits = combination; i < layout.size(); ++i, digits /= 3)
+      inputs.thrusters(i) = std::array{layout[i].least, 0.0, layout[i].most}[digits % 3];
     largest = std::max(largest, pilot.acceleration(inputs).norm());
   }
   return largest;
