@@ -173,7 +173,13 @@ void ChangeMonitor::judge(double time) {
 
 /// Describes the change by its best explanation, and follows it when it is clear.
 void ChangeMonitor::refine(double time, const std::vector<Finding>& found, const Finding& best) {
-  report_.changes.push_back(described(best));
+  Change change = described(best);
+  // One whose interval holds 0 is none yet; a load may leave the mass as it is and move its centre.
+  if (best.part->hypothesis.states.size() == 1 && change.lower < 0 && change.upper > 0) {
+    if (time - *named_ > kLongestRefining) named_.reset();
+    return;
+  }
+  report_.changes.push_back(std::move(change));
   report_.changes.back().alternatives = alternatives(found, best);
   const bool clear = report_.changes.back().alternatives.empty();
   if (time - *named_ < (clear ? kRefining : kLongestRefining)) return;
