@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 
+from ground import _core
 from ground.recordings import bags, readers
 
 
@@ -14,6 +15,8 @@ def plain(value):
     """The value as JSON can hold it; numbers keep all their digits."""
     if dataclasses.is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, _core.Payload):
+        return {name: plain(getattr(value, name)) for name in ("mass", "place", "inertia")}
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 SCHEMA = "ground/compare/1"
 ROLES = ("fit", "held_out")  # a model was fitted to a run, or was not
 WRENCH = "t [s],X [N],Y [N],N [N m],sigma X [N],sigma Y [N],sigma N [N m]"
-COLUMNS = "%9s %7s %10s %9s %14s %15s"
-HEAD = COLUMNS % ("runs", "error", "prediction", "(3.4) 4 s", "fit u,v,r [%]", "off after 1 s")
+COLUMNS = "%9s %7s %10s %9s %14s %20s"
+HEAD = COLUMNS % ("runs", "error", "prediction", "(3.4) 4 s", "fit u,v,r [%]", "off after")
 Files = Mapping[str, str]  # CSV files of one run, by model
 
 
@@ -318,7 +318,7 @@ def _table(rows: Sequence[Sequence[Any]]) -> Iterator[str]:
             number(n["prediction_error"]),
             number(n["thesis_objective"]),
             ", ".join("%.0f" % n["fit_percent"][c] for c in comparison.CHANNELS),
-            appearance.off_after_a_second(n),
+            appearance.off_after(n),
         )
         yield "  %-*s " % (width, label) + COLUMNS % cells
 
