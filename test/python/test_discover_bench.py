@@ -106,20 +106,22 @@ def test_cases_follow_from_their_seeds():
 
 
 @slow
-def test_a_craft_finds_its_effect(monkeypatch, tmp_path, capsys):
-    """A short discovery; `make bench-discover` runs whole ones."""
-    monkeypatch.setitem(cases.KINDS, "one", (cases.one, 1, 48.0))
+def test_crafts_find_their_effects(monkeypatch, tmp_path, capsys):
+    """Short discoveries; `make bench-discover` runs whole ones. A flight of 15 s may name an effect too many
+    (1 of 16 seeds): most of three must be right."""
+    monkeypatch.setitem(cases.KINDS, "one", (cases.one, 3, 48.0))
     options = ["--kinds", "one", "--choosers", "informed", "--jobs", "1"]
     path = tmp_path / "results.jsonl"
     monkeypatch.setattr(sys, "argv", ["discover.py", *options, "--results", str(path)])
     assert discover.main() is None
-    result = json.loads(path.read_text())
-    assert result["hidden"] == ["input_delay"]
-    assert hidden_score.is_right(result)
-    assert result["clearance"] > 0
-    assert result["tracking"]["after"] < result["tracking"]["before"]
-    assert result["confirmation"]["final"] < 1.2 * result["confirmation"]["truth"]
+    results = [json.loads(line) for line in path.read_text().splitlines()]
+    assert len(results) == 3 and sum(map(hidden_score.is_right, results)) >= 2
+    for result in results:
+        assert set(result["hidden"]) <= set(result["found"]["chosen"])
+        assert result["clearance"] > 0
+        assert result["tracking"]["after"] < result["tracking"]["before"]
+        assert result["confirmation"]["final"] < 1.2 * result["confirmation"]["truth"]
     said = capsys.readouterr().out
-    assert "one effect: right or a group, in time" in said and "100.0%" in said
+    assert "one effect: right or a group, in time" in said
     assert discover.main() is None
     assert "0 of them to do" in capsys.readouterr().out
