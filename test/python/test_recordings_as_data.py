@@ -14,7 +14,7 @@ from geometry_msgs.msg import PointStamped
 import ground
 from conftest import MODEL, identify, simulate_run
 from containers import write_csv
-from ground.recordings import repair
+from ground.recordings import headings
 
 START, EARLY = 1000.0, 2.0  # the mocap's clock is behind by EARLY [s]
 MAPPING = """schema: ground/mapping/1
@@ -79,7 +79,7 @@ def test_a_frame_has_the_repaired_motion_and_its_velocities(two_clocks):
     def off(found, name, column):
         wanted = np.interp(found.t, times, np.unwrap(eta[:, 2]) if name == "psi" else eta[:, column])
         difference = found[name] - wanted
-        return np.abs(repair.wrap(difference) if name == "psi" else difference).max()
+        return np.abs(headings.wrap(difference) if name == "psi" else difference).max()
 
     assert off(frame, "x", 0) < 0.02 and off(frame, "psi", 2) < 0.05
     assert off(raw, "x", 0) > 2 and off(raw, "psi", 2) > 0.5  # as they were measured

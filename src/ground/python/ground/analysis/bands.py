@@ -19,7 +19,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import folds, likelihood
 from ground.analysis.likelihood import CAP, call
-from ground.recordings import repair, windows
+from ground.recordings import headings, repair, windows
 from ground.support.annotations import Array, Document, Each, Flags
 from ground.support.errors import GroundError
 
@@ -185,7 +185,7 @@ def _measured(run: _core.RunData) -> Array:
     """(n, 6) of CHANNELS; headings are unwrapped as the smoothed ones are."""
     eta, poses = np.array(run.eta), np.array(run.poses)
     if len(poses):
-        eta = np.column_stack([poses[:, :2], eta[:, 2] + repair.wrap(poses[:, 2] - eta[:, 2])])
+        eta = np.column_stack([poses[:, :2], eta[:, 2] + headings.wrap(poses[:, 2] - eta[:, 2])])
     return np.column_stack([eta, np.array(run.nu)])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import window_error
 from ground.analysis.likelihood import call
-from ground.recordings import repair, windows
+from ground.recordings import headings, windows
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
@@ -237,4 +237,4 @@ def pose_noise(runs: Sequence[_core.RunData]) -> Array:
 def _apart(a: Array, b: Array) -> Array:
     off = a - b
     position = 1e3 * np.hypot(off[:, 0], off[:, 1])
-    return np.column_stack([position, np.degrees(np.abs(repair.wrap(off[:, 2])))])
+    return np.column_stack([position, np.degrees(np.abs(headings.wrap(off[:, 2])))])

@@ -12,7 +12,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.recordings import repair
+from ground.recordings import headings
 from ground.support.annotations import Array
 
 RESTART = 0.25  # time that velocities are simulated from a filtered state [s]
@@ -69,7 +69,7 @@ def of_run(likelihood: Likelihood, fit: Fit, run: int) -> Samples:
     values = {
         "x": poses[:, 0],
         "y": poses[:, 1],
-        "psi": np.array(repair.wrap(poses[:, 2])),
+        "psi": np.array(headings.wrap(poses[:, 2])),
         "u": nu[:, 0],
         "v": nu[:, 1],
         "r": nu[:, 2],

@@ -10,7 +10,7 @@ from ground.analysis import horizon as horizons
 from ground.analysis.likelihood import call
 from ground.data.measured import Part, Recordings, taken
 from ground.models import Model, ModelLike
-from ground.recordings import quality, repair, windows
+from ground.recordings import headings, quality, windows
 from ground.recordings.recording import POSE, PREDICTED, RESIDUAL, SAME_INSTANT, VELOCITY, unit
 from ground.reports.words import after, off
 from ground.support import command_line
@@ -58,7 +58,7 @@ class Prediction(Shown, Plotted):
     def residuals(self) -> Array:
         """Measured minus predicted (n, 6), psi within a half turn."""
         left = self.measured - self.predicted
-        left[:, 2] = repair.wrap(left[:, 2])
+        left[:, 2] = headings.wrap(left[:, 2])
         return left
 
     @property

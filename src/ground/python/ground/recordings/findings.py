@@ -6,7 +6,7 @@ from typing import Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import repair, reply, scatter, suspicions
+from ground.recordings import headings, repair, reply, scatter, suspicions
 from ground.recordings.quality import RepairedRun, lifted, same_inputs
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import NAMES, RunFile
@@ -115,8 +115,9 @@ def _poses_of(run: RepairedRun) -> Document:
         "duplicate_stamps": int((steps == 0).sum()),
         "stamps_out_of_order": int((np.diff(stamps) < 0).sum()),
         "bursts": int((steps < repair.APART * usual).sum()),
-        "heading_wraps": int((np.abs(np.diff(repair.wrap(motion.measured[:, 2]))) > np.pi).sum()),
+        "heading_wraps": int((np.abs(np.diff(headings.wrap(motion.measured[:, 2]))) > np.pi).sum()),
         "mirrored_headings": motion.repairs["headings mirrored back"],
+        "heading_steps": [{"time": float(t - run.zero), "angle": angle} for t, angle in motion.heading_steps],
         "frozen": motion.repairs["frozen poses dropped"],
         "overtaken": motion.repairs["poses that overtook each other put in order"],
         "spikes": [float(t - run.zero) for t in motion.times[motion.spikes]],
@@ -269,6 +270,12 @@ def grave(d: Document) -> Iterator[str]:
         yield "stamps out of order, sorted: %d" % poses["stamps_out_of_order"]
     if poses["frozen"]:
         yield "frozen poses (repeated samples of a moving craft), dropped: %d" % poses["frozen"]
+    if poses["heading_steps"]:
+        steps = ["%.0f deg at %.2f s" % (np.degrees(s["angle"]), s["time"]) for s in poses["heading_steps"]]
+        yield (
+            "the measured heading steps while the craft goes on, as when the mocap takes one pattern of "
+            "markers for another; turned back to that of the longest part: " + _named(steps)
+        )
     if abs(d["clock_offset"]) > repair.CLOCK_OFFSET:
         text = "the stamps of the poses are %.3f s off the clock of the commands, shifted"
         yield text % -d["clock_offset"]

@@ -35,7 +35,8 @@ FARTHEST = 1e5  # largest plausible distance from the first pose [m]
 FOREIGN = {  # files that other programs export as tables
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "the sheet"), ".mat": "its variables", ".h5": "its data",
     **dict.fromkeys((".c3d", ".tak"), "the take"), ".qtm": "the measurement as 6D TSV, or it",
-    **dict.fromkeys((".npz", ".npy"), "its arrays"), ".zip": "unpack it, or its content",
+    **dict.fromkeys((".json", ".jsonl", ".parquet", ".feather"), "its rows, by pandas for example,"),
+    **dict.fromkeys((".npz", ".npy"), "its arrays"), ".zip": "its content",
 }  # fmt: skip
 MANY_LOST = 0.1  # share of lost poses from which their axes are checked
 MOST_RAW = 2000  # poses as measured that axes are judged by

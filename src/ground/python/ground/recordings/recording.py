@@ -20,7 +20,7 @@ from typing import (
 import numpy as np
 
 from ground import _core
-from ground.recordings import repair, units
+from ground.recordings import headings, repair, units
 from ground.recordings.battery import Voltage
 from ground.recordings.commands import CHANNELS
 from ground.recordings.inertial import Samples
@@ -253,7 +253,7 @@ class Recording(Plotted):
         else:
             times, names = self.motion.times, [*POSE, *VELOCITY]
             eta = np.where(self.motion.spikes[:, None], self.motion.eta, self.motion.measured)
-            motion = np.column_stack([eta[:, :2], repair.wrap(eta[:, 2]), self.motion.nu])
+            motion = np.column_stack([eta[:, :2], headings.wrap(eta[:, 2]), self.motion.nu])
         commands = self.held(self.controls, times)
         commands[times < self.control_times[0]] = np.nan
         taken = ["t", *names]

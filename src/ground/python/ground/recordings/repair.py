@@ -6,13 +6,13 @@ from typing import Dict, Optional, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import frame_clock, scatter
-from ground.support.annotations import Array, ArrayLike, Document, Flags, Indices
+from ground.recordings import frame_clock, headings, scatter
+from ground.support.annotations import Array, Document, Flags, Indices
 from ground.support.errors import GroundError
 
 CLOCK_OFFSET = 0.05  # least offset between the topics' clocks that is corrected [s]
 FROZEN = 3  # least number of equal poses in a row that are a repeated sample, if the craft moves
-FLIP_COST = (3.0, 0.5)  # minus log-likelihood of a change of mirroring, and of a mirrored heading
+RARE = 0.01  # expected number of equal poses by chance, below which all are repeated samples
 HELD = 0.2  # least share of positions that repeat the last one of a table that is faster than the fixes
 QUANTA = 4.0  # such positions change by more than so many roundings
 APART = 0.1  # stamps of a burst are not further apart [usual intervals]
@@ -38,11 +38,7 @@ class Motion:
     jumps: Flags  # (n,) where the motion restarts although no pose is missing
     clock: Optional[frame_clock.FrameClock]  # if the frames' instants were rebuilt
     repairs: Dict[str, float] = field(default_factory=dict)  # kind of repair -> how often
-
-
-def wrap(angle: ArrayLike) -> Array:
-    """The angle [rad] within a half turn of zero."""
-    return np.asarray(np.angle(np.exp(1j * np.asarray(angle))))
+    heading_steps: headings.Steps = field(default_factory=list)  # that were undone
 
 
 def on_commands_clock(times: Array, offset: float) -> Array:
@@ -75,8 +71,8 @@ def repair(
         raise GroundError("%s: only %d distinct poses" % (name, len(times)))
     rough = scatter.in_order(np.column_stack([eta[:, :2], np.unwrap(eta[:, 2])]))
     eta, repairs["poses that overtook each other put in order"] = _in_order(times, eta, rough)
-    eta[:, 2], repairs["headings mirrored back"] = _unmirror(eta[:, 2])
-    eta[:, 2] = np.unwrap(eta[:, 2])
+    eta[:, 2], repairs["headings mirrored back"] = headings.unmirrored(eta[:, 2])
+    eta[:, 2], heading_steps = headings.turned_back(times, np.unwrap(eta[:, 2]))
     clock = frame_clock.rebuild(times, eta, rough, frame_rate)
     if clock is not None:
         repairs["stamps replaced by the frame clock"] = len(times)
@@ -89,7 +85,7 @@ def repair(
     spikes = ~np.asarray(smoothed["used"])
     jumps = np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= max_gap)
     moved, nu, nu_dot = (smoothed[key] for key in ("eta", "nu", "nu_dot"))
-    return Motion(times, eta, moved, nu, nu_dot, noise, scales, spikes, jumps, clock, repairs)
+    return Motion(times, eta, moved, nu, nu_dot, noise, scales, spikes, jumps, clock, repairs, heading_steps)
 
 
 def smooth(
@@ -116,17 +112,25 @@ def _distinct(times: Array, eta: Array, repairs: Dict[str, float]) -> Flags:
     repairs["duplicates dropped"] = int(again.sum())
     frozen = np.zeros(len(times), bool)
     starts = np.flatnonzero(~same)
+    rare = scatter.BRIDGED if _by_chance(eta[~same]) * len(eta) < RARE else 0
     ends = np.append(starts[1:], len(times))
     moves = np.linalg.norm(np.diff(eta[:, :2], axis=0), axis=1)
     typical = np.median(moves[moves > 0]) if (moves > 0).any() else np.inf
     for start, end in zip(starts, ends):
         jumps = end < len(times) and moves[end - 1] > 2 * typical
-        if end - start >= FROZEN and jumps:
+        if end - start >= FROZEN and jumps or end - start <= rare:
             frozen[start + 1 : end] = True
     held = _held(eta) & ~again & ~frozen
     repairs["frozen poses dropped"] = int((frozen & ~again).sum())
     repairs["positions held between fixes left out"] = int(held.sum())
     return np.asarray(~(again | frozen | held))
+
+
+def _by_chance(eta: Array) -> float:
+    """How likely it is that a pose equals the one before by rounding, although it was measured anew."""
+    unwrapped = np.column_stack([eta[:, :2], np.unwrap(eta[:, 2])])
+    quantum, noise = scatter.resolution(unwrapped) * np.sqrt(12), scatter.in_order(unwrapped)
+    return float(np.prod(np.minimum(1, quantum / (2 * np.sqrt(np.pi) * noise))))
 
 
 def _held(eta: Array) -> Flags:
@@ -185,45 +189,3 @@ def _sorted(places: Array, columns: int) -> Indices:
 def _roughness(places: Array) -> float:
     """Sum of the squared second differences of consecutive places [variances of the noise]."""
     return float((np.diff(places, 2, axis=0) ** 2).sum())
-
-
-def _unmirror(psi: Array) -> Tuple[Array, int]:
-    """Undoes mirrored headings, which the mocap gave as `centre - psi`. Returns the headings and how
-    many were mirrored.
-
-    Mocap software may confuse a rigid body with its mirror image: for single frames or several in a
-    row the heading's sign is wrong. A tilt of the axes shifts the mirrored heading by a constant, which
-    is estimated from single frames. The most likely sequence (Viterbi 1967) says which are mirrored.
-    """
-    centre = _mirror_centre(psi)
-    if centre is None:
-        return psi, 0
-    readings = np.stack([psi, centre - psi])  # row 1: the heading if it was mirrored
-    steps = np.diff(psi)
-    padded = np.pad(wrap(steps), (7, 7), mode="edge")
-    turning = np.median(np.stack([padded[i : i + len(steps)] for i in range(15)]), axis=0)
-    width = 0.02 + 0.3 * np.abs(turning)
-    change, mirrored = FLIP_COST
-
-    def step(k: int) -> Array:
-        off = wrap(readings[None, :, k] - readings[:, k - 1, None] - turning[k - 1]) / width[k - 1]
-        return np.asarray(np.minimum(np.abs(off), 20) + change * (1 - np.eye(2)))
-
-    own = np.array([0.0, mirrored])
-    later = ((step(k), own) for k in range(1, len(psi)))
-    state = frame_clock.likeliest(np.array([0.0, change]), later)
-    return readings[state, np.arange(len(psi))], int(state.sum())
-
-
-def _mirror_centre(psi: Array) -> Optional[float]:
-    """Sum of a heading and its mirrored one [rad]; None when no heading is mirrored."""
-    before, here, after = psi[:-2], psi[1:-1], psi[2:]
-    middle = before + 0.5 * wrap(after - before)
-    # Neighbours that agree, and a heading between them that does not.
-    odd = (np.abs(wrap(after - before)) < 0.3) & (np.abs(wrap(here - middle)) > 0.5)
-    if not odd.any():
-        return None
-    sums = wrap(here[odd] + middle[odd])
-    centre = np.median(sums)
-    near = np.abs(wrap(sums - centre)) < 0.1
-    return float(np.median(sums[near])) if near.mean() > 0.5 else None

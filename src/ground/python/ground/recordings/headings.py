@@ -1,0 +1,111 @@
+"""Headings of which the mocap mistook the craft: mirrored, or turned because it confused its markers."""
+
+from typing import List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from ground.recordings import frame_clock, scatter
+from ground.support.annotations import Array, ArrayLike
+
+FLIP_COST = (3.0, 0.5)  # minus log-likelihood of a change of mirroring, and of a mirrored heading
+AROUND = 6  # poses before and after a step of the heading that are compared
+LEAST_STEP = np.radians(20.0)  # least step between patterns of markers that look alike
+BEYOND = 10.0  # least step [standard deviations of the headings around]
+EXPLAINED = 4.0  # least step [what the change of the rate explains]
+AT_ONCE = 2.0 * AROUND  # longest time in which a step is told from a turn [usual intervals]
+
+Steps = List[Tuple[float, float]]  # when [s], by how much [rad]
+
+
+def wrap(angle: ArrayLike) -> Array:
+    """The angle [rad] within a half turn of zero."""
+    return np.asarray(np.angle(np.exp(1j * np.asarray(angle))))
+
+
+def turned_back(times: Array, psi: Array) -> Tuple[Array, Steps]:
+    """Undoes steps of unwrapped headings psi (n,) [rad] at ascending stamps (n,) [s] that no craft makes: it
+    turns as fast after the step as before it. Mocap software whose markers look alike after a turn takes one
+    pattern for the other, at once or after it lost the craft. Returns the headings as in the part that lasts
+    longest, and the steps."""
+    found = [(i, step) for i in _odd(times, psi) for step in [_step(times, psi, i)] if step]
+    if not found:
+        return psi, []
+    off = np.zeros(len(psi))
+    for i, step in found:
+        off[i:] += step
+    begins = [0, *(i for i, _ in found)]
+    ends = [*begins[1:], len(psi)]
+    longest = int(np.argmax([times[end - 1] - times[begin] for begin, end in zip(begins, ends)]))
+    off -= off[begins[longest]]
+    return psi - off, [(float(times[i]), step) for i, step in found]
+
+
+def _odd(times: Array, psi: Array) -> Sequence[int]:
+    """Indices of the poses before which the heading changes by far more than around."""
+    steps = wrap(np.diff(psi))
+    padded = np.pad(steps, (AROUND, AROUND), mode="edge")
+    usual = np.median(np.stack([padded[i : i + len(steps)] for i in range(2 * AROUND + 1)]), axis=0)
+    close = np.diff(times) <= AT_ONCE * scatter.interval(times)
+    odd = (np.abs(wrap(steps - usual)) > LEAST_STEP) & close
+    return [int(i) + 1 for i in np.flatnonzero(odd)]
+
+
+def _step(times: Array, psi: Array, at: int) -> float:
+    """By how much the heading steps before pose `at` [rad]; 0 where it does not, or may have turned."""
+    before, after = slice(at - AROUND, at), slice(at, at + AROUND)
+    if at < AROUND or at + AROUND > len(psi):
+        return 0.0
+    if np.ptp(times[after]) > AT_ONCE * scatter.interval(times) or times[before][0] == times[before][-1]:
+        return 0.0
+    lines, spread = [], 0.0
+    for piece in (before, after):
+        rows, stamps = np.unwrap(psi[piece]), times[piece] - times[at]
+        line = np.polyfit(stamps, rows, 1)
+        lines.append(line)
+        spread = max(spread, float(np.std(rows - np.polyval(line, stamps), ddof=2)))
+    step = float(wrap(lines[1][1] - lines[0][1]))
+    passed = times[at] - times[at - 1] + AROUND * scatter.interval(times) / 2
+    turned = abs(lines[1][0] - lines[0][0]) * passed
+    return step if abs(step) > max(LEAST_STEP, BEYOND * spread, EXPLAINED * turned) else 0.0
+
+
+def unmirrored(psi: Array) -> Tuple[Array, int]:
+    """Undoes mirrored headings, which the mocap gave as `centre - psi`. Returns the headings and how
+    many were mirrored.
+
+    Mocap software may confuse a rigid body with its mirror image: for single frames or several in a
+    row the heading's sign is wrong. A tilt of the axes shifts the mirrored heading by a constant, which
+    is estimated from single frames. The most likely sequence (Viterbi 1967) says which are mirrored.
+    """
+    centre = _mirror_centre(psi)
+    if centre is None:
+        return psi, 0
+    readings = np.stack([psi, centre - psi])  # row 1: the heading if it was mirrored
+    steps = np.diff(psi)
+    padded = np.pad(wrap(steps), (7, 7), mode="edge")
+    turning = np.median(np.stack([padded[i : i + len(steps)] for i in range(15)]), axis=0)
+    width = 0.02 + 0.3 * np.abs(turning)
+    change, mirrored = FLIP_COST
+
+    def step(k: int) -> Array:
+        off = wrap(readings[None, :, k] - readings[:, k - 1, None] - turning[k - 1]) / width[k - 1]
+        return np.asarray(np.minimum(np.abs(off), 20) + change * (1 - np.eye(2)))
+
+    own = np.array([0.0, mirrored])
+    later = ((step(k), own) for k in range(1, len(psi)))
+    state = frame_clock.likeliest(np.array([0.0, change]), later)
+    return readings[state, np.arange(len(psi))], int(state.sum())
+
+
+def _mirror_centre(psi: Array) -> Optional[float]:
+    """Sum of a heading and its mirrored one [rad]; None when no heading is mirrored."""
+    before, here, after = psi[:-2], psi[1:-1], psi[2:]
+    middle = before + 0.5 * wrap(after - before)
+    # Neighbours that agree, and a heading between them that does not.
+    odd = (np.abs(wrap(after - before)) < 0.3) & (np.abs(wrap(here - middle)) > 0.5)
+    if not odd.any():
+        return None
+    sums = wrap(here[odd] + middle[odd])
+    centre = np.median(sums)
+    near = np.abs(wrap(sums - centre)) < 0.1
+    return float(np.median(sums[near])) if near.mean() > 0.5 else None
