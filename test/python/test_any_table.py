@@ -178,6 +178,8 @@ NAMES = {
     "camels": "timestamp|positionX|positionY|yawAngle|thrusterLeft|thrusterRight|liftFan",
     "port and starboard": "t|x_m|y_m|psi_hat [rad]|port_motor|starboard_motor|lift_motor",
     "ned": "t|x_ned|y_ned|yaw|thr_left|thr_right|thr_lift",
+    "x north": "t [s]|x_n [m]|y_e [m]|psi [rad]|tau_port|tau_stbd|lift",
+    "German": "Zeit [s]|x [m]|y [m]|Winkel [rad]|links|rechts|Auftrieb",
     "north and east": "utc|north|east|course_psi|u_left|u_right|u_lift",
 }
 
@@ -442,6 +444,8 @@ def test_frames_are_times_by_their_rate(run, tmp_path):
     columns = {"frame": frames, **plain(run, t=None)}
     path = written(tmp_path, columns)
     same(mapped(path, MAPPING.replace("field: t}", "field: frame, rate: 100}")), run)
+    with pytest.raises(ground.GroundError, match="poses.time.rate has no value"):
+        mapped(path, MAPPING.replace("field: t}", "field: frame, rate: }"))
     with pytest.warns(ground.GroundWarning, match="numbers of frames at the 100 Hz that the file says"):
         same(drafted(written(tmp_path, columns, above=["# Capture rate: 100 Hz"]), tmp_path), run)
 

@@ -9,6 +9,7 @@ from ground.recordings import units, words
 from ground.support.annotations import Array
 
 MAX_LEVELS = 40  # levels of a command that switches
+LENGTHS = ("m", "cm", "mm", "km", "in", "ft")
 COUNTER = re.compile(r"(^|\.)(seq|secs|nsecs)$")
 NEUTRAL = (1450.0, 1550.0)  # pulses at which servos and controllers of reversible motors rest [us]
 STEPS = (255.0, 1023.0, 4095.0, 32767.0, 65535.0)  # largest values of whole numbers of a few bits
@@ -36,7 +37,7 @@ def likely(topic: str, values: Mapping[str, Array]) -> Dict[str, Array]:
         path: v
         for path, v in there.items()
         if (commanded or not words.is_measured(path))
-        and not (words.axis(path)[0] and words.heading(path)[0])
+        and not (words.axis(path)[0] and (words.heading(path)[0] or words.unit_in(path) in LENGTHS))
         and not (bodily and path in "uvwpqr")
         and (units.command_unit(v) or commanded)
         and np.any(v != 0)

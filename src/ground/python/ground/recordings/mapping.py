@@ -235,14 +235,17 @@ def load(path: str) -> FieldMapping:
     return found._with_stamps(root["stamps"]) if "stamps" in root else found
 
 
-def _plain(value: Any) -> Any:
-    """A document without empty keys. YAML takes a plain `off` for false, which is the name of a key."""
+def _plain(value: Any, keys: Tuple[str, ...] = ()) -> Any:
+    """A document without empty sections. YAML takes a plain `off` for false, which is the name of a key."""
     if isinstance(value, dict):
-        kept = {"off" if key is False else str(key): _plain(inner) for key, inner in value.items()}
-        return {key: inner for key, inner in kept.items() if inner is not None}
+        named = {"off" if key is False else str(key): inner for key, inner in value.items()}
+        for key in named if len(keys) > 1 else ():
+            if named[key] is None:
+                raise ValueError("%s has no value: put it in" % ".".join((*keys, key)))
+        return {k: _plain(inner, (*keys, k)) for k, inner in named.items() if inner is not None}
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError("%s is not a finite number" % value)
-    return [_plain(inner) for inner in value] if isinstance(value, list) else value
+    return [_plain(inner, keys) for inner in value] if isinstance(value, list) else value
 
 
 def _check(root: Document) -> None:

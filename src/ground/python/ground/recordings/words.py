@@ -112,8 +112,9 @@ ACTUATORS = STRONG - set(
     cmd cmds command commands control controls ctrl input inputs u pwm demand output outputs
     """.split()
 )
-LIFT = {"lift", "hover", "skirt", "levitation", "levitate", "cushion"}
-LEFT, RIGHT = {"left", "port", "l"}, {"right", "starboard", "stbd", "r"}
+LIFT = {"lift", "hover", "skirt", "levitation", "levitate", "cushion", "auftrieb"}
+LEFT = {"left", "port", "l", "links", "backbord", "gauche"}
+RIGHT = {"right", "starboard", "stbd", "r", "rechts", "steuerbord", "droite"}
 PLACED = set(
     """
     pos position pose translation location loc p tx place coordinate coord
@@ -134,7 +135,7 @@ AXES: Dict[str, str] = {
 }  # fmt: skip
 HEADINGS = {"heading": 1.0, "hdg": 1.0, "yaw": 1.0, "psi": 1.0, "compass": 0.9, "theta": 0.7,
             "orientation": 0.5, "bearing": 0.4, "angle": 0.3, "course": 0.2, "cog": 0.2, "rz": 0.5,
-            "phi": 0.1}  # fmt: skip
+            "phi": 0.1, "winkel": 0.3, "gierwinkel": 1.0, "kurs": 0.5, "cap": 0.5, "rumbo": 0.5}  # fmt: skip
 Stem = Tuple[str, ...]
 
 
@@ -147,6 +148,9 @@ def axis(name: str) -> Tuple[str, Stem]:
     if not named or TURNED - {"transform"} & set(found):
         return "", ()
     word = named[-1] if found[-1] in AXES else named[0]
+    if len({*named} & {*"xyz"}) == 1 and {AXES[one] for one in named} & {*"ne"}:  # x_n: of x north, y east
+        word = next(one for one in named if one in "xyz")
+        found = [one for one in found if AXES.get(one) not in ("n", "e")]
     rest = list(found)
     rest.remove(word)
     return AXES[word], tuple(word for word in rest if word not in FRAMED)
