@@ -51,6 +51,7 @@ CRAFT = {
     ),
     "free-flyer": Craft(body(16, 0.1, 0.16, 0.3, 0.3, 0.008, 0.1), 120, (1.5e-5, 1e-4), 0.5, 60),
     "ship": Craft(body(3272, 1.0, 1e4, 60, 300, 2000, 40), 10, (0.01, 1e-3), 10, 900),
+    "fast boat": Craft(body(180, 0.6, 120, 25, 300, 120, 80), 20, (0.02, 3e-3), 3, 240),
     "boat with GNSS": Craft(body(40, 0.2, 12, 30, 60, 6, 30), 5, (0.5, 5e-3), 6, 900),
 }
 every = pytest.mark.parametrize("name", CRAFT)
@@ -79,7 +80,7 @@ def test_sound_recordings_are_read_alike(name):
 def test_the_window_of_the_error_follows_the_craft(name):
     craft = CRAFT[name]
     usual = windows.usual(craft.model())
-    assert usual == {"palm-sized": 1.5, "free-flyer": 30, "ship": 75, "boat with GNSS": 15}[name]
+    assert usual == {"palm-sized": 1.5, "free-flyer": 30, "ship": 75}.get(name, 15)
     data = quality.repaired(recording(craft, *craft.recorded())).data(craft.model())
     cut = windows.cut([data])
     assert windows.length([data]) == usual

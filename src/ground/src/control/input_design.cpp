@@ -245,8 +245,8 @@ std::string DesignParams::validate() const {
   const auto within = [](double x, double low, double high) { return x >= low && x <= high; };
   if (!findNamed(designTable(), kind))
     return "no design is named '" + shortened(kind) + "'; there are " + namesOf(designTable());
-  if (!within(clock, 0.1, 500)) return "clock must be between 0.1 and 500 Hz";
-  if (!within(hold, 0.02, 100)) return "hold must be between 0.02 and 100 s";
+  if (!within(clock, 0.001, 500)) return "clock must be between 0.001 and 500 Hz";
+  if (!within(hold, 0.02, 3600)) return "hold must be between 0.02 and 3600 s";
   if (!within(order, 2, 20)) return "order must be between 2 and 20";
   if (rows_per_bit < 0) return "rows_per_bit must be positive, or 0 to find it in the file";
   return wrongLevels(*this);

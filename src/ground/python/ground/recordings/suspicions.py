@@ -17,6 +17,8 @@ from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
 MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
+FINEST = 5e-6  # no mocap measures a craft that moves more precisely [m]
+GRAVITY = 9.80665  # thrusters hardly accelerate a craft by more [m/s^2]
 TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]
 EARLIEST, DELAYED = -0.03, 0.15  # delays of the motion that one clock explains [s]
 BLURRED = 0.05  # uncertainty of a delay by poses of 100 Hz [s]
@@ -77,7 +79,8 @@ def lengths(recording: Recording) -> Iterator[Suspicion]:
     motion = recording.motion
     noise = motion.noise[0]
     likely, fast = units.length_units(recording.pose_times, recording.eta[:, :2], noise)
-    if likely:
+    hard = float(np.quantile(np.linalg.norm(motion.nu_dot[:, :2], axis=1), 0.95))
+    if likely and (fast > units.FASTEST or hard > GRAVITY):  # a boat is fast as well, but slow to be so
         yield Suspicion(
             "length",
             "the craft goes %.0f m/s and the poses scatter by %.2g m: positions seem to be in %s%s"
@@ -85,7 +88,7 @@ def lengths(recording: Recording) -> Iterator[Suspicion]:
             " or ".join("position: {unit: %s}" % unit for unit in likely) + " under poses in a mapping",
         )
     turning = units.speed(recording.pose_times, np.unwrap(recording.eta[:, 2])[:, None])
-    if fast < MIN_SPEED and turning > TURNS:
+    if fast < MIN_SPEED and turning > TURNS and noise < FINEST:
         yield Suspicion(
             "length",
             "the craft turns by %.2g rad/s, but goes %.1g m/s only: positions seem to be in a larger "

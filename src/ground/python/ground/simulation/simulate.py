@@ -128,7 +128,7 @@ class _Options(Acting, Mocap):
         nargs=3,
         metavar=("U", "V", "R"),
     )
-    clock: Optional[float] = _input("bits per second (15)", range=(0.1, 500.0), metavar="HZ")
+    clock: Optional[float] = _input("bits per second (15)", range=(0.001, 500.0), metavar="HZ")
     order: Optional[int] = _input(
         "order N of a sequence of 2^N - 1 bits (9)", type=int, range=(2, 20), metavar="2..20"
     )
@@ -144,7 +144,9 @@ class _Options(Acting, Mocap):
         nargs="+",
         metavar="LEVEL",
     )
-    hold: Optional[float] = _input("time for which a level is held [s] (1)", range=(0.02, 100.0), metavar="S")
+    hold: Optional[float] = _input(
+        "time for which a level is held [s] (1)", range=(0.02, 3600.0), metavar="S"
+    )
     room: Optional[RoomLike] = _input(
         "play bursts of the input between returns home, inside this room", metavar="ROOM.yaml"
     )
