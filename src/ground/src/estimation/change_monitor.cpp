@@ -40,12 +40,6 @@ double normalBetween(double low, double high) {
   return 0.5 * (std::erfc(-high / std::sqrt(2)) - std::erfc(-low / std::sqrt(2)));
 }
 
-std::string percent(double share) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.0f", 100 * share);
-  return text;
-}
-
 /// Weights by which the forces of thrusters give the asymmetry; 0 for those on the x axis.
 Eigen::VectorXd sidesOf(const ThrusterLayout& layout) {
   Eigen::VectorXd sides(layout.size());
@@ -102,6 +96,7 @@ void ChangeMonitor::reset() {
   filter_.reset();
   bank_.clear();
   settled_.clear();
+  puzzled_.reset();
   named_.reset();
   followed_.reset();
   trust_.reset();
@@ -143,6 +138,7 @@ bool ChangeMonitor::measure(double time, const RigidState<double>& measured) {
   }
   const std::optional<ChangeFilter::Step> step = filter_.measure(time, measured);
   if (!step || step->hit) {
+    if (step) trust_.hit(time);
     bank_.clear();
     return false;
   }
@@ -185,15 +181,19 @@ void ChangeMonitor::judge(double time) {
   const double lead = best->evidence.log_ratio - unknown->evidence.log_ratio;
   const double age = (time - first.evidence.start) / time_scale_;
   if (first.evidence.log_ratio < kNaming) {
+    puzzled_.reset();
     if (first.evidence.log_ratio < kDistinct) prove(time);
     return;
   }
+  if (!puzzled_) puzzled_ = time;
+  const bool clear = lead > kLead || -lead > kUnknown;
+  const bool too_long = time - *puzzled_ > kLongestRefining * time_scale_;
   if (lead > 0 && std::abs(first.evidence.jump(0)) < first.part->least) {
     if (age > kRefining) follow(first);
   } else if (lead > kLead && believed(first)) {
     named_ = time;
     refine(time, found, first);
-  } else if ((lead > kLead || -lead > kUnknown) && age > kUnknownAge) {
+  } else if ((clear && age > kUnknownAge) || too_long) {
     fail(time, first);
   } else if (!believed(*best)) {
     trust_.disturb(time);
@@ -271,6 +271,7 @@ void ChangeMonitor::settle(double time) {
   const double deviation = std::hypot(std::sqrt(variance) / before_,
                                       (1 + change.size) * before_deviation_ / before_, kCurved * change.size);
   setSize(change, *followed_part_, change.size, deviation);
+  change.parameters(state - ChangeFilter::kChange) = change.size * before_;
   if (time - *followed_ > kSettling * time_scale_) followed_.reset();
 }
 
@@ -321,6 +322,7 @@ std::map<std::string, double> ChangeMonitor::logRatios() const {
 void ChangeMonitor::follow(const Finding& finding) {
   filter_.shift(finding.evidence.now, finding.evidence.now_covariance);
   bank_.clear();
+  puzzled_.reset();
 }
 
 ChangeMonitor::Change ChangeMonitor::described(const Finding& finding) const {
@@ -370,23 +372,6 @@ std::string ChangeMonitor::doubt() const {
   char since[48] = "the drive began";
   if (trust_.hasHeld()) std::snprintf(since, sizeof since, "%.1f s", *trust_.doubtSince() - report_.began);
   return "the model has not predicted the motion since " + std::string(since) + ": diagnose it";
-}
-
-std::string ChangeMonitor::Report::text() const {
-  std::string all;
-  for (const Change& one : changes) {
-    double near = std::abs(one.lower), far = std::abs(one.upper);
-    if (one.size < 0) std::swap(near, far);
-    const bool same_side = one.lower * one.upper > 0;
-    const std::string interval =
-        same_side ? percent(near) + " to " + percent(far) : percent(one.lower) + " to " + percent(one.upper);
-    char since[48];
-    std::snprintf(since, sizeof since, " since %.1f s", one.since - began);
-    all += (all.empty() ? "" : "; ") + one.what + (one.size < 0 ? " -" : " +") + percent(std::abs(one.size)) +
-           "% (" + interval + ")" + one.details + since +
-           (one.alternatives.empty() ? "" : " (or " + one.alternatives + ")");
-  }
-  return all;
 }
 
 }  // namespace ground

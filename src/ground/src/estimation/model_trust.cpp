@@ -30,10 +30,14 @@ void ModelTrust::fail(double time) {
   failures_.push_back(time);
   if (static_cast<int>(failures_.size()) == kFailures)
     doubt_since_ = has_held_ ? failures_.front() : began_.value_or(time);
-  named(time);
+  interrupt(time);
 }
 
-void ModelTrust::named(double time) {
+void ModelTrust::hit(double time) {
+  if (began_ && !has_held_) fail(time);
+}
+
+void ModelTrust::interrupt(double time) {
   held_since_ = time;
   interruptions_.push_back(time);
   while (time - interruptions_.front() > kMemory * scale_) interruptions_.pop_front();

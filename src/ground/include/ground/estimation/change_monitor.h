@@ -117,6 +117,7 @@ class ChangeMonitor {
   double last_ = 0;                 ///< time of the last measurement [s]
   double judged_ = 0;               ///< time of the last judgement [s]
   double lifted_ = 0;               ///< start of the present lift [s]; infinity without it
+  std::optional<double> puzzled_;   ///< since when the motion has not been as predicted, without a name [s]
   std::optional<double> named_;     ///< when the change that is being refined was named [s]
   std::optional<double> followed_;  ///< when the filter began to follow it [s]
   const Part* followed_part_ = nullptr;

@@ -25,8 +25,10 @@ class ModelTrust {
   void disturb(double time) { held_since_ = time; }
   /// No change explains the motion.
   void fail(double time);
+  /// Something hit the craft: a failure only of a model that has never held.
+  void hit(double time);
   /// A change was named; the changed model has to hold before the next is believed.
-  void named(double time);
+  void named(double time) { interrupt(time); }
   /// Start of the failures that have not been followed by a hold; the beginning of the watch if the model has
   /// never held. Empty if there are fewer than kFailures.
   std::optional<double> doubtSince() const { return doubt_since_; }
@@ -39,11 +41,12 @@ class ModelTrust {
   static constexpr int kFailures = 2;    ///< that are no accident, such as one collision
 
   double required(double time) const;
+  void interrupt(double time);
 
   double scale_;                      ///< of time [s]
   std::optional<double> began_;       ///< of the watch [s]
   double held_since_ = 0;             ///< [s]
-  std::deque<double> interruptions_;  ///< times of failures and of names within the memory [s]
+  std::deque<double> interruptions_;  ///< times of failures and names within the memory [s]
   std::deque<double> failures_;       ///< times of failures since the last hold [s]
   bool has_held_ = false;
   std::optional<double> doubt_since_;
