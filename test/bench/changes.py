@@ -86,8 +86,8 @@ def separable(job):
     found, known = {}, None
     for time, monitor in flights.watch(model, flights.fly(model, chosen, chosen.time + NAMED + 0.5)):
         since = time - chosen.time
-        if since > NAMED or (monitor.changes and since > 1):
-            break  # the name of a change is settled by forgetting the innovations
+        if since > NAMED:
+            break
         information = monitor.information(chosen.time)
         if since <= 0 or not len(information):
             continue

@@ -24,8 +24,7 @@ Model fourThrusters() { return loadModel("cfg/hovercraft/four_thrusters.yaml"); 
 Model slowCraft(double slower) {
   Model model = craft();
   model.setValue("k", model.value("k") / (slower * slower));
-  for (const char* damping : {"X_u", "Y_v", "N_r"})
-    model.setValue(damping, model.value(damping) / slower);
+  for (const char* damping : {"X_u", "Y_v", "N_r"}) model.setValue(damping, model.value(damping) / slower);
   return model;
 }
 

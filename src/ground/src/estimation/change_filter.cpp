@@ -20,8 +20,9 @@ constexpr double kCommandMemory = 12;   // commands kept, for delay and lag [s]
 constexpr double kRelinearised = 5e-3;  // change of parameters that needs new derivatives
 constexpr double kOutlying = 25;        // squared innovation beyond which a pose has less weight
 
-constexpr double kWhiteShare = 0.2;   // of the observer's white noise, which has no push beside it
-constexpr double kMostWhite = 0.005;  // of it, as a share of the acceleration by full thrust [time scales^0.5]
+constexpr double kWhiteShare = 0.2;  // of the observer's white noise, which has no push beside it
+constexpr double kMostWhite =
+    0.005;  // of it, as a share of the acceleration by full thrust [time scales^0.5]
 // Change of velocity by a collision: the velocity turns round, or changes as by full thrust for so long
 // [time scales].
 constexpr double kHitTime = 0.25;
@@ -53,10 +54,7 @@ struct ChangeFilter::Moved {
 };
 
 ChangeFilter::ChangeFilter(const Model& model, const ObserverParams& params)
-    : craft_(model),
-      params_(params),
-      time_scale_(timeScale(model)),
-      inputs_(model.thrusters->size()) {
+    : craft_(model), params_(params), time_scale_(timeScale(model)), inputs_(model.thrusters->size()) {
   if (model.stateCount() > kMaxStates)
     throw std::invalid_argument("a model whose effects have more than " + std::to_string(kMaxStates) +
                                 " states cannot be observed");
@@ -121,7 +119,8 @@ std::vector<ChangeFilter::Piece> ChangeFilter::pieces(double until) {
   while (time_ < until) {
     while (acting_ < inputs_.size() && begins() <= time_) ++acting_;
     const double end = acting_ < inputs_.size() ? std::min(until, begins()) : until;
-    const int steps = std::max(1, static_cast<int>(std::ceil((end - time_) / (kFilterStep * time_scale_) - 1e-9)));
+    const int steps =
+        std::max(1, static_cast<int>(std::ceil((end - time_) / (kFilterStep * time_scale_) - 1e-9)));
     all.push_back({steps, (end - time_) / steps, time_ - began, acting_});
     time_ = end;
   }
@@ -327,7 +326,8 @@ void ChangeFilter::hit(const Vector3<double>& eta) {
   RigidState<double> seen{eta, x_.segment<3>(kNu)};
   begin(seen);
   const double speed = 2 * seen.nu.head<2>().norm(), turn = 2 * std::abs(seen.nu.z());
-  P_.diagonal().segment<3>(kNu) = squared(Vector3<double>(speed, speed, turn)) + squared(kHitTime * time_scale_ * most_);
+  P_.diagonal().segment<3>(kNu) =
+      squared(Vector3<double>(speed, speed, turn)) + squared(kHitTime * time_scale_ * most_);
   hit_ = time_;
 }
 

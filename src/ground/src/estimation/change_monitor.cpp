@@ -13,16 +13,16 @@ namespace {
 
 constexpr double kPosePeriod = 0.0095;  // between measurements that are used: more would cost time [s]
 // Times [time scales of the model]
-constexpr double kJudgePeriod = 0.1;      // of judgements
-constexpr double kStartSpacing = 0.25;    // of starts
-constexpr double kStartMemory = 8;        // of starts
-constexpr double kAfterLift = 0.5;        // that a craft takes to rise
-constexpr double kUnknownAge = 1.0;       // shortest age of what is followed as an unknown force
-constexpr double kRefining = 2.5;         // of a clear change
-constexpr double kLongestRefining = 5;    // of one with alternatives
-constexpr double kSettling = 3;           // of the size, while the filter follows it
-constexpr double kScaleMemory = 20;       // of the innovations' variances
-constexpr double kJumpTime = 0.5;         // full thrust for so long changes the velocity as a hit may
+constexpr double kJudgePeriod = 0.1;    // of judgements
+constexpr double kStartSpacing = 0.25;  // of starts
+constexpr double kStartMemory = 8;      // of starts
+constexpr double kAfterLift = 0.5;      // that a craft takes to rise
+constexpr double kUnknownAge = 1.0;     // shortest age of what is followed as an unknown force
+constexpr double kRefining = 2.5;       // of a clear change
+constexpr double kLongestRefining = 5;  // of one with alternatives
+constexpr double kSettling = 3;         // of the size, while the filter follows it
+constexpr double kScaleMemory = 20;     // of the innovations' variances
+constexpr double kJumpTime = 0.5;       // full thrust for so long changes the velocity as a hit may
 // Log-likelihood ratios
 constexpr double kNaming = 6;    // that names a change
 constexpr double kDistinct = 3;  // by which it exceeds explanations that are then left out
@@ -169,22 +169,27 @@ void ChangeMonitor::judge(double time) {
   report_.changes = settled_;
   if (bank_.empty()) return;
   const std::vector<Finding> found = findings();
-  const auto best =
-      std::find_if(found.begin(), found.end(), [](const Finding& f) { return f.part->of_craft; });
-  const auto unknown =
-      std::find_if(found.begin(), found.end(), [](const Finding& f) { return !f.part->of_craft; });
   if (named_) {
-    refine(time, found, *best);
-    return;
-  }
-  const Finding& first = found.front();
-  const double lead = best->evidence.log_ratio - unknown->evidence.log_ratio;
-  const double age = (time - first.evidence.start) / time_scale_;
-  if (first.evidence.log_ratio < kNaming) {
+    refine(time, found, likeliest(found, true));
+  } else if (found.front().evidence.log_ratio >= kNaming) {
+    decide(time, found);
+  } else {
     puzzled_.reset();
-    if (first.evidence.log_ratio < kDistinct) prove(time);
-    return;
+    if (found.front().evidence.log_ratio < kDistinct) prove(time);
   }
+}
+
+/// The first of the parts of the craft, or of the unknown forces.
+const ChangeMonitor::Finding& ChangeMonitor::likeliest(const std::vector<Finding>& found, bool of_craft) {
+  return *std::find_if(found.begin(), found.end(),
+                       [&](const Finding& f) { return f.part->of_craft == of_craft; });
+}
+
+/// The motion is not as predicted: names a change, follows, or waits for more.
+void ChangeMonitor::decide(double time, const std::vector<Finding>& found) {
+  const Finding &first = found.front(), &best = likeliest(found, true);
+  const double lead = best.evidence.log_ratio - likeliest(found, false).evidence.log_ratio;
+  const double age = (time - first.evidence.start) / time_scale_;
   if (!puzzled_) puzzled_ = time;
   const bool clear = lead > kLead || -lead > kUnknown;
   const bool too_long = time - *puzzled_ > kLongestRefining * time_scale_;
@@ -195,7 +200,7 @@ void ChangeMonitor::judge(double time) {
     refine(time, found, first);
   } else if ((clear && age > kUnknownAge) || too_long) {
     fail(time, first);
-  } else if (!believed(*best)) {
+  } else if (!believed(best)) {
     trust_.disturb(time);
   }
 }
@@ -206,7 +211,8 @@ void ChangeMonitor::prove(double time) {
   for (Part& part : parts_) {
     if (!part.of_craft || part.shown) continue;
     const double usual = part.hypothesis.prior(0, 0);
-    if (0.5 * usual * usual * bank_.oldestInformation(part.hypothesis.states.front()) > kNaming) part.shown = time;
+    if (0.5 * usual * usual * bank_.oldestInformation(part.hypothesis.states.front()) > kNaming)
+      part.shown = time;
   }
 }
 
@@ -271,7 +277,7 @@ void ChangeMonitor::settle(double time) {
   const double deviation = std::hypot(std::sqrt(variance) / before_,
                                       (1 + change.size) * before_deviation_ / before_, kCurved * change.size);
   setSize(change, *followed_part_, change.size, deviation);
-  change.parameters(state - ChangeFilter::kChange) = change.size * before_;
+  change.parameters(state - ChangeFilter::kChange) = change.size;
   if (time - *followed_ > kSettling * time_scale_) followed_.reset();
 }
 
@@ -330,13 +336,14 @@ ChangeMonitor::Change ChangeMonitor::described(const Finding& finding) const {
   const std::vector<int>& states = finding.part->hypothesis.states;
   const int first = states.front();
   const double was = before(*finding.part, evidence), size = evidence.jump(0) / was;
-  const double deviation = std::hypot(std::sqrt(evidence.covariance(0, 0)) / was,
-                                      size * deviationOf(first) / was, kCurved * size);
-  Change change{finding.part->name, evidence.start, 0, 0, 0, Eigen::VectorXd::Zero(filter_.craft().size()),
-                "", ""};
+  const double deviation =
+      std::hypot(std::sqrt(evidence.covariance(0, 0)) / was, size * deviationOf(first) / was, kCurved * size);
+  Change change{
+      finding.part->name, evidence.start, 0, 0, 0, Eigen::VectorXd::Zero(filter_.craft().size()), "", ""};
   setSize(change, *finding.part, size, deviation);
   for (std::size_t i = 0; i < states.size(); ++i)
     change.parameters(states[i] - ChangeFilter::kChange) = evidence.jump(static_cast<Eigen::Index>(i));
+  change.parameters(first - ChangeFilter::kChange) = change.size;
   if (first == ChangeFilter::kChange + filter_.craft().mass()) change.details = centreText(change.parameters);
   return change;
 }

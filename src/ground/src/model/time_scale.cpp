@@ -45,7 +45,8 @@ double timeScale(const Model& model) {
   const double way = kLengths * std::sqrt(body.I_z / body.m);
   const Vector3<double> ways(way, way, kTurn), mass(body.m, body.m, body.I_z),
       damping(body.X_u, body.Y_v, body.N_r),
-      full = fullThrust(*model.thrusters, body.input_max).cwiseProduct(body.k * Vector3<double>(1, 1, body.l));
+      full =
+          fullThrust(*model.thrusters, body.input_max).cwiseProduct(body.k * Vector3<double>(1, 1, body.l));
   double shortest = std::numeric_limits<double>::infinity();
   for (int i = 0; i < 3; ++i) {
     if (!(full(i) > kNoThrust * full.head<2>().maxCoeff())) continue;

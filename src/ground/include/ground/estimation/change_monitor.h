@@ -90,6 +90,8 @@ class ChangeMonitor {
 
   void addParts();
   void judge(double time);
+  void decide(double time, const std::vector<Finding>& found);
+  static const Finding& likeliest(const std::vector<Finding>& found, bool of_craft);
   void prove(double time);
   bool believed(const Finding& finding) const;
   std::vector<Finding> findings() const;
@@ -121,8 +123,8 @@ class ChangeMonitor {
   std::optional<double> named_;     ///< when the change that is being refined was named [s]
   std::optional<double> followed_;  ///< when the filter began to follow it [s]
   const Part* followed_part_ = nullptr;
-  double before_ = 0;               ///< its parameter before the change
-  double before_deviation_ = 0;     ///< the standard deviation of that
+  double before_ = 0;            ///< its parameter before the change
+  double before_deviation_ = 0;  ///< the standard deviation of that
   std::vector<Change> settled_;
   Report report_;
 };

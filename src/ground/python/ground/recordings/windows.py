@@ -2,10 +2,7 @@
 
 from typing import Dict, List, Optional, Sequence
 
-import numpy as np
-
 from ground import _core
-from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
 WINDOW = 1.5  # length of the windows of the error [time scales]
