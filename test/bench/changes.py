@@ -310,7 +310,8 @@ def main():
             for seed in seeds[: options.wrong]
         ]
         wrong = pool.map(misled, jobs, chunksize=1)
-        tell_misled(wrong)
+        if wrong:
+            tell_misled(wrong)
         silent = pool.map(falsely, [(seed, options.share) for seed in long], chunksize=1)
         tell_false(silent)
     if options.json:
