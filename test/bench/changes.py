@@ -15,9 +15,11 @@ import os
 import sys
 
 import numpy as np
+from scipy import stats
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import changes_craft as flights
+import hidden_effects
 from ground import _core
 from shares import share
 
@@ -27,6 +29,10 @@ SIZES = {"thruster": -0.2, "mass": 0.15, "drag": 1.0}
 NAMED = 3.0  # time in which a change should be named [s]
 RECOVERY = 5.0  # time after which the error should be as before [s]
 LONG = 300.0  # a flight without change [s]
+WRONG = 40.0  # a flight by a model that misses an effect [s]
+MISSED = 3.0  # sizes of its effect, relative to those that benches hide
+ROOM = {"battery_sag", "floor_tilt", "wind", "marker_offset"}  # that are not missing, or not of the craft
+KNOWN = 0.95  # probability at which a change counts as known
 # States of the monitor's filter (ChangeFilter): those that a load changes; others, with deviations of a jump
 LOAD = [16, 17, 18, 19]
 OTHERS = {
@@ -44,12 +50,16 @@ def named(job):
     model = _core.load_model(MODEL)
     chosen = flights.setting(model, kind, seed, share)
     log = flights.fly(model, chosen)
-    found = dict(kind=kind, seed=seed, named=None, early=False, at_bound="", alternatives="")
+    found = dict(kind=kind, seed=seed, named=None, early=False, at_bound="", alternatives="", right=None)
     monitor = None
     for time, monitor in flights.watch(model, log):
         changes = monitor.changes
         if not changes:
             continue
+        if changes[-1]["what"] != chosen.name:
+            found["right"] = None
+        elif found["right"] is None:
+            found["right"] = float(time - chosen.time)
         if found["named"] is None:
             found["named"] = float(time - chosen.time)
             found["early"] = bool(time < chosen.time)
@@ -64,42 +74,99 @@ def named(job):
 
 
 def separable(job):
-    """How well the innovations of NAMED seconds could tell a load from other parts, by Fisher's information:
-    the probability that the likelihood of the true load, known exactly, is above that of the part."""
+    """How well the innovations since a load appeared could tell it from other parts, by Fisher's information:
+    the probability after NAMED seconds that the likelihood of the true load, known exactly, is above that of
+    the part; and the time at which it is KNOWN for all of them, None if that is later."""
     seed, share = job
     model = _core.load_model(MODEL)
     chosen = flights.setting(model, "mass", seed, share)
-    information = np.zeros((0, 0))
-    for time, monitor in flights.watch(model, flights.fly(model, chosen, chosen.time + NAMED + 0.5)):
-        if time > chosen.time + NAMED or (monitor.changes and time - chosen.time > 1):
-            break  # the name of a change is settled by forgetting the innovations
-        found = monitor.information(chosen.time)
-        if time > chosen.time and np.trace(found) > np.trace(information):
-            information = found
-    if not len(information):
-        return dict(seed=seed, separable={})
     before, after = chosen.before.body, chosen.after.body
     offset = chosen.after.effects["com_offset"]
+    load = after["m"] / before["m"] - 1, after["I_z"] / before["I_z"] - 1, offset["xg"], offset["yg"]
+    found, known = {}, None
+    for time, monitor in flights.watch(model, flights.fly(model, chosen, chosen.time + NAMED + 0.5)):
+        since = time - chosen.time
+        if since > NAMED:
+            break
+        information = monitor.information(chosen.time)
+        if since <= 0 or not len(information):
+            continue
+        told = {part: _told(information, load, *others) for part, others in OTHERS.items()}
+        if min(told.values()) >= min(found.values(), default=0):
+            found = told
+        if known is None and min(told.values()) > KNOWN:
+            known = float(since)
+    return dict(seed=seed, separable=found, known=known)
+
+
+def _told(information, load, states, deviations):
+    """The probability that a load is likelier than a jump of other states, by innovations of some
+    information."""
     jump = np.zeros(len(information))
-    jump[LOAD] = after["m"] / before["m"] - 1, after["I_z"] / before["I_z"] - 1, offset["xg"], offset["yg"]
-    found = {}
-    for part, (states, deviations) in OTHERS.items():
-        root = np.zeros((len(jump), len(states)))
-        root[states, range(len(states))] = deviations
-        A = np.eye(len(states)) + root.T @ information @ root
-        z = np.linalg.solve(A, root.T @ information @ jump)
-        rest = jump - root @ z
-        distance = math.sqrt(max(0.0, rest @ information @ rest + z @ z))
-        found[part] = 0.5 * (1 + math.erf(distance / 2 / math.sqrt(2)))
-    return dict(seed=seed, separable=found)
+    jump[LOAD] = load
+    root = np.zeros((len(jump), len(states)))
+    root[states, range(len(states))] = deviations
+    A = np.eye(len(states)) + root.T @ information @ root
+    z = np.linalg.solve(A, root.T @ information @ jump)
+    rest = jump - root @ z
+    distance = math.sqrt(max(0.0, rest @ information @ rest + z @ z))
+    return 0.5 * (1 + math.erf(distance / 2 / math.sqrt(2)))
 
 
-def tell_separable(rows):
+def tell_separable(rows, changes):
     found = [row["separable"] for row in rows if row["separable"]]
     for part in OTHERS:
         print("a load could be told from %s in %.0f%%" % (part, 100 * np.mean([row[part] for row in found])))
     worst = np.mean([min(row.values()) for row in found])
     print("and from the likest of them in %.0f%% of %d flights" % (100 * worst, len(found)))
+    named = {row["seed"]: row["right"] for row in changes if row["kind"] == "mass"}
+    for label, times in (
+        ("could be known at %.0f%% at the earliest" % (100 * KNOWN), [row["known"] for row in rows]),
+        ("was named for good", [named[row["seed"]] for row in rows]),
+    ):
+        times = np.array([np.inf if time is None else time for time in times])
+        print(
+            "a load %s after (10, 50, 90%% of flights) %s s; within %.0f s in %s"
+            % (
+                label,
+                ", ".join("%.1f" % q for q in np.quantile(times, (0.1, 0.5, 0.9), method="lower")),
+                NAMED,
+                share(int((times <= NAMED).sum()), len(times)),
+            )
+        )
+
+
+def misled(job):
+    """What the monitor said of a craft that does not change, by a model that misses an effect."""
+    effect, sizes, seed, share = job
+    model = _core.load_model(MODEL)
+    log = flights.fly(model, flights.setting(model, None, seed, share, missing={effect: sizes}), WRONG)
+    texts, doubted = [], None
+    for time, monitor in flights.watch(model, log):
+        if monitor.changes and not texts:
+            texts.append(monitor.text)
+        if monitor.doubt and doubted is None:
+            doubted = float(time)
+    return dict(effect=effect, seed=seed, texts=texts, doubted=doubted)
+
+
+def missing_effects():
+    """Effects that models miss, at MISSED times the sizes that benches hide, and motors with much lag."""
+    names = set(hidden_effects.strengths()) - ROOM
+    all_sizes = {
+        name: {key: MISSED * value for key, value in hidden_effects.STRENGTHS[name].items()}
+        for name in sorted(names)
+    }
+    return {**all_sizes, "motor_lag": {"tau": 0.1}}
+
+
+def tell_misled(rows):
+    texts = [(row["effect"], row["seed"], text) for row in rows for text in row["texts"]]
+    doubted = [row["doubted"] for row in rows if row["doubted"] is not None]
+    print(
+        "models that miss an effect: a change was named in %s %s; the model was doubted in %d, after %s s at "
+        "the median" % (share(len(texts), len(rows)), texts, len(doubted), np.median(doubted or [np.nan]))
+    )
 
 
 def falsely(job):
@@ -107,14 +174,15 @@ def falsely(job):
     seed, share = job
     model = _core.load_model(MODEL)
     log = flights.fly(model, flights.setting(model, None, seed, share), LONG)
-    texts, largest, monitor = [], 0.0, None
+    texts, doubt, largest, monitor = [], "", 0.0, None
     for _, monitor in flights.watch(model, log):
         ratios = monitor.log_ratios()
         parts = [value for part, value in ratios.items() if part != "an unknown force"]
         largest = max([largest, *parts])
-    if monitor and monitor.changes:
-        texts.append(monitor.text)
-    return dict(seed=seed, duration=float(log["frames"][-1, 0]), texts=texts, largest=largest)
+        doubt = doubt or monitor.doubt
+        if len(monitor.changes) > len(texts):
+            texts.append(monitor.text)
+    return dict(seed=seed, duration=float(log["frames"][-1, 0]), texts=texts, doubt=doubt, largest=largest)
 
 
 def recovered(job):
@@ -165,7 +233,23 @@ def tell_false(rows):
     hours = sum(row["duration"] for row in rows) / 3600
     texts = [(row["seed"], text) for row in rows for text in row["texts"]]
     largest = np.sort([row["largest"] for row in rows])[::-1][:5]
-    print("false: %d in %.1f h %s; largest log-likelihood ratios %s" % (len(texts), hours, texts, largest))
+    doubted = sum(bool(row["doubt"]) for row in rows)
+    # Bounds of the mean of a Poisson number, from quantiles of chi-squared.
+    least, most = stats.chi2.ppf([0.025, 0.975], [2 * len(texts), 2 * len(texts) + 2]) / 2
+    print(
+        "false: %d in %.2f h, %.2g to %.2g in 10 h at 95%%, %s; the model was doubted in %d of %d flights; "
+        "largest log-likelihood ratios %s"
+        % (
+            len(texts),
+            hours,
+            10 * np.nan_to_num(least) / hours,
+            10 * most / hours,
+            texts,
+            doubted,
+            len(rows),
+            largest,
+        )
+    )
 
 
 def tell_recovered(rows):
@@ -205,6 +289,7 @@ def main():
     parser.add_argument("--seed", type=int, default=2000)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--bound", action="store_true", help="also: what any detector could tell of a load")
+    parser.add_argument("--wrong", type=int, default=3, help="flights by each model that misses an effect")
     parser.add_argument("--json", help="file for all flights")
     options = parser.parse_args()
     seeds = range(options.seed, options.seed + options.flights)
@@ -218,12 +303,20 @@ def main():
         long = range(options.seed, options.seed + math.ceil(options.hours * 3600 / LONG))
         if options.bound:
             bound = [(seed, options.share) for seed in seeds]
-            tell_separable(pool.map(separable, bound, chunksize=1))
+            tell_separable(pool.map(separable, bound, chunksize=1), changes)
+        jobs = [
+            (effect, sizes, seed, options.share)
+            for effect, sizes in missing_effects().items()
+            for seed in seeds[: options.wrong]
+        ]
+        wrong = pool.map(misled, jobs, chunksize=1)
+        if wrong:
+            tell_misled(wrong)
         silent = pool.map(falsely, [(seed, options.share) for seed in long], chunksize=1)
         tell_false(silent)
     if options.json:
         with open(options.json, "w") as file:
-            json.dump(dict(changes=changes, recoveries=recoveries, silent=silent), file)
+            json.dump(dict(changes=changes, recoveries=recoveries, wrong=wrong, silent=silent), file)
 
 
 if __name__ == "__main__":

@@ -104,8 +104,9 @@ class ChangingPlant(_core.Plant):
         return self._wrench()
 
 
-def setting(model, kind, seed, share=0.02, trim=0.02):
-    """A random Setting. share, trim: of the disturbance and of constant errors, relative to full thrust."""
+def setting(model, kind, seed, share=0.02, trim=0.02, missing=None):
+    """A random Setting. share, trim: of the disturbance and of constant errors, relative to full thrust;
+    missing: effects that the model does not have, by name."""
     random = np.random.default_rng([seed, 1 + KINDS.index(kind) if kind else 0])
     body = {name: model.value(name) for name in ("m", "l", "I_z", "X_u", "Y_v", "N_r", "k")}
     unit = body["k"] * np.array([2.0, 2.0, body["l"]])
@@ -117,6 +118,7 @@ def setting(model, kind, seed, share=0.02, trim=0.02):
         "thrust_scale": {"a": scale},
         "thrust_asymmetry": {"a": asymmetry},
     }
+    effects.update(missing or {})
     before = hidden_craft.Craft(body, effects)
     after, name = _changed(before, kind, random)
     return Setting(

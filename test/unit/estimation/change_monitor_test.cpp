@@ -12,6 +12,7 @@
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
+#include "ground/model/time_scale.h"
 
 namespace ground {
 namespace change_monitor_test {
@@ -19,11 +20,20 @@ namespace change_monitor_test {
 Model craft() { return loadModel("cfg/hovercraft/tiny_whoover.yaml"); }
 Model fourThrusters() { return loadModel("cfg/hovercraft/four_thrusters.yaml"); }
 
-/// A craft under random commands, in steps of 10 ms, and the monitor that watches its noisy poses.
+/// A craft that moves as a palm-sized one does, `slower` times as slowly.
+Model slowCraft(double slower) {
+  Model model = craft();
+  model.setValue("k", model.value("k") / (slower * slower));
+  for (const char* damping : {"X_u", "Y_v", "N_r"}) model.setValue(damping, model.value(damping) / slower);
+  return model;
+}
+
+/// A craft under random commands, in steps of a hundredth of its time scale, and the monitor that watches its
+/// noisy poses.
 class Flight {
  public:
   explicit Flight(const Model& believed, unsigned seed = 1)
-      : monitor_(believed, ObserverParams()), truth_(believed), random_(seed) {
+      : scale_(timeScale(believed)), monitor_(believed, ObserverParams()), truth_(believed), random_(seed) {
     setTruth(believed);
   }
 
@@ -47,24 +57,25 @@ class Flight {
   }
   void hit(const Vector3<double>& change) { simulation_->state().nu += change; }
 
-  /// Flies for `duration` [s]; returns when the monitor first said something [s since now], or infinity.
-  double fly(double duration, double lift = 1) {
+  /// Flies for a duration; returns when the monitor first named something, since now, or infinity. Both in
+  /// time scales.
+  double fly(double duration, double lift = 1, double thrust = 1) {
     const double began = time_;
     double said = std::numeric_limits<double>::infinity();
     std::normal_distribution<double> normal;
-    std::uniform_real_distribution<double> level(0.05, 0.9);
+    std::uniform_real_distribution<double> level(0.05 * thrust, 0.9 * thrust);
     const ThrusterLayout& layout = *truth_.thrusters;
     for (int i = 0; i < std::lround(100 * duration); ++i) {
       if (i % 25 == 0)
         for (int j = 0; j < held_.size(); ++j) held_(j) = lift > 0 ? layout[j].most * level(random_) : 0;
       monitor_.command(time_, held_, lift);
       inputs_.add(time_, held_, lift);
-      time_ += 0.01;
+      time_ += 0.01 * scale_;
       simulation_->advance(time_);
       RigidState<double> seen = simulation_->state();
       for (int axis = 0; axis < 3; ++axis) seen.eta(axis) += (axis < 2 ? 4e-4 : 5e-3) * normal(random_);
       monitor_.measure(time_, seen);
-      if (std::isinf(said) && !monitor_.report().changes.empty()) said = time_ - began;
+      if (std::isinf(said) && !monitor_.report().changes.empty()) said = (time_ - began) / scale_;
     }
     return said;
   }
@@ -74,6 +85,7 @@ class Flight {
   double time() const { return time_; }
 
  private:
+  double scale_;  ///< [s]
   ChangeMonitor monitor_;
   Model truth_;
   std::mt19937 random_;
@@ -108,6 +120,109 @@ TEST(ChangeMonitor, NamesAWeakThruster) {
   }
 }
 
+TEST(ChangeMonitor, NamesAChangeOfASlowCraftInItsOwnTime) {
+  const Model model = slowCraft(20);
+  ASSERT_EQ(timeScale(model), 20);
+  Flight flight(model);
+  EXPECT_TRUE(std::isinf(flight.fly(8))) << flight.report().text();
+  flight.setParameter("thrust_asymmetry", "a", -0.15);
+  flight.scale("k", 0.85);
+  EXPECT_LT(flight.fly(3), 3);
+  flight.fly(4);
+  ASSERT_EQ(flight.report().changes.size(), 1u) << flight.report().text();
+  EXPECT_EQ(flight.report().changes.front().what, "left thruster") << flight.report().text();
+}
+
+struct Wrong {
+  const char *effect, *parameter;
+  double value;
+};
+
+// A model that was wrong from the start: the craft has not changed.
+TEST(ChangeMonitor, DoubtsAModelThatHasNeverHeld) {
+  for (const Wrong& wrong : {Wrong{"motor_lag", "tau", 0.1}, Wrong{"momentum_drag", "q", 0.05},
+                             Wrong{"thrust_curve", "p", 2}, Wrong{"differential_side_force", "c", 0.66}}) {
+    for (const unsigned seed : {1u, 2u, 3u}) {
+      Flight flight(craft(), seed);
+      flight.setParameter(wrong.effect, wrong.parameter, wrong.value);
+      EXPECT_TRUE(std::isinf(flight.fly(15))) << wrong.effect << ": " << flight.report().text();
+      EXPECT_EQ(flight.report().doubt,
+                "the model has not predicted the motion since the drive began: diagnose it")
+          << wrong.effect;
+      EXPECT_TRUE(flight.report().change.isZero());
+    }
+  }
+}
+
+TEST(ChangeMonitor, HasNoDoubtAboutARightModel) {
+  for (const unsigned seed : {1u, 2u, 3u}) {
+    Flight flight(craft(), seed);
+    flight.fly(20);
+    EXPECT_EQ(flight.report().doubt, "");
+  }
+}
+
+// A weak thruster shows when the craft is driven; it may have been weak before.
+TEST(ChangeMonitor, NamesNoChangeThatMayHaveBeenThereBefore) {
+  Flight flight(craft());
+  flight.scale("k", 0.85);
+  flight.setParameter("thrust_asymmetry", "a", 0.18);
+  flight.fly(10, 1, 0);
+  EXPECT_TRUE(std::isinf(flight.fly(10))) << flight.report().text();
+}
+
+TEST(ChangeMonitor, NamesNoSizeThatPhysicsExcludes) {
+  for (const Wrong& wrong : {Wrong{"motor_lag", "tau", 0.1}, Wrong{"differential_side_force", "c", 0.66},
+                             Wrong{"thrust_misalignment", "angle", 0.4}, Wrong{"momentum_drag", "q", 0.05}}) {
+    Flight flight(craft());
+    flight.fly(8);
+    flight.setParameter(wrong.effect, wrong.parameter, wrong.value);
+    for (int i = 0; i < 80; ++i) {
+      flight.fly(0.1);
+      for (const ChangeMonitor::Change& change : flight.report().changes) {
+        EXPECT_GE(change.lower, -1) << wrong.effect << ": " << flight.report().text();
+        EXPECT_LE(change.lower, change.size);
+        EXPECT_LE(change.size, change.upper);
+        EXPECT_LE(change.upper, change.what == "drag" ? 5 : 1) << flight.report().text();
+      }
+    }
+    EXPECT_LE(flight.report().changes.size(), 1u) << wrong.effect << ": " << flight.report().text();
+  }
+}
+
+TEST(ModelTrust, BelievesWhatBeganAfterAHold) {
+  ModelTrust trust(2);
+  trust.observe(10);
+  EXPECT_FALSE(trust.holdsBefore(17));
+  EXPECT_TRUE(trust.holdsBefore(18.1));
+  trust.observe(19);
+  EXPECT_TRUE(trust.hasHeld());
+  trust.named(20);
+  EXPECT_FALSE(trust.holdsBefore(35)) << "the changed model has to hold for longer";
+  EXPECT_TRUE(trust.holdsBefore(36.1));
+  EXPECT_FALSE(trust.doubtSince());
+}
+
+TEST(ModelTrust, DoubtsAfterTwoFailuresUntilTheModelHolds) {
+  ModelTrust trust(1);
+  trust.observe(3);
+  trust.fail(4);
+  EXPECT_FALSE(trust.doubtSince()) << "once may be a collision";
+  trust.hit(6);
+  ASSERT_TRUE(trust.doubtSince());
+  EXPECT_EQ(*trust.doubtSince(), 3) << "it never held";
+  for (double time = 6; time < 23; time += 0.1) trust.observe(time);
+  EXPECT_FALSE(trust.doubtSince());
+  trust.hit(24);
+  trust.hit(25);
+  EXPECT_FALSE(trust.doubtSince()) << "collisions of a craft whose model has held";
+  trust.fail(26);
+  trust.fail(27);
+  EXPECT_EQ(trust.doubtSince().value_or(0), 26);
+  trust.reset();
+  EXPECT_FALSE(trust.doubtSince() || trust.hasHeld());
+}
+
 TEST(ChangeMonitor, NamesEachOfFourThrusters) {
   const Model model = fourThrusters();
   for (int i = 0; i < 4; ++i) {
@@ -130,7 +245,7 @@ TEST(ChangeMonitor, NamesADeadJetOfACraftWithLittleThrust) {
     EXPECT_TRUE(std::isinf(flight.fly(8))) << flight.report().text();
     flight.setParameter("thruster_gain_" + name, "a", -1);
     EXPECT_LT(flight.fly(3), 3) << name;
-    flight.fly(3);
+    flight.fly(5);
     const CraftChange& craft = flight.monitor().craft();
     EXPECT_EQ(craft.deadNames(flight.report().change), name) << flight.report().text();
   }

@@ -7,32 +7,36 @@
 #include <string>
 
 #include "ground/model/measurement.h"
+#include "ground/model/time_scale.h"
 
 namespace ground {
 namespace {
 
 constexpr int kLanes = 8;             // derivatives of a Jet
-constexpr double kFilterStep = 0.01;  // [s]
-constexpr double kFilterGap =
-    0.15;  // a longer gap between measurements restarts it: commands may be lost, too [s]
+constexpr double kFilterStep = 0.01;  // longest step of the integration [time scales]
+// A longer gap between measurements restarts it, because commands may be lost, too [time scales].
+constexpr double kFilterGap = 0.15;
 constexpr double kCommandMemory = 12;   // commands kept, for delay and lag [s]
 constexpr double kRelinearised = 5e-3;  // change of parameters that needs new derivatives
 constexpr double kOutlying = 25;        // squared innovation beyond which a pose has less weight
 
-constexpr double kWhiteShare = 0.2;   // of the observer's white noise, which has no push beside it
-constexpr double kMostWhite = 0.005;  // of it, as a share of the acceleration by full thrust [s^0.5]
-// Change of velocity by a collision: the velocity turns round, or changes as by full thrust for so long [s].
+constexpr double kWhiteShare = 0.2;  // of the observer's white noise, which has no push beside it
+constexpr double kMostWhite =
+    0.005;  // of it, as a share of the acceleration by full thrust [time scales^0.5]
+// Change of velocity by a collision: the velocity turns round, or changes as by full thrust for so long
+// [time scales].
 constexpr double kHitTime = 0.25;
-constexpr double kBeginTime = 0.01;  // of the first velocity, which lags: what full thrust does meanwhile [s]
-constexpr double kHitPause = 1;      // shortest time between two [s]
-// Levels where the model file has no disturbance, as shares of the acceleration by full thrust.
+constexpr double kFirstPoses = 0.01;  // of poses that give the first velocity, which lags by so much [s]
+constexpr double kHitPause = 1;       // shortest time between two collisions [time scales]
+// Levels where the model file has no disturbance, as shares of the acceleration by full thrust, and how long
+// pushes last [time scales].
 constexpr double kPushShare = 0.02, kPushTime = 0.5, kTrimShare = 0.02;
-constexpr double kBiasDrift = 0.05;  // of the bias, relative to its level [1/s^0.5]
+constexpr double kBiasDrift = 0.05;  // of the bias, relative to its level [1/time scale^0.5]
 // A floor that is not level: its slope as in usual rooms, a share of full thrust for what else stays in the
-// room, and the most of it, because boats have no floor; its drift, relative to that [1/s^0.5].
+// room, and the most of it, because boats have no floor; its drift, relative to that [1/time scale^0.5].
 constexpr double kSlope = 2e-3, kTiltShare = 0.02, kMostTilt = 0.1, kTiltDrift = 0.04, kGravity = 9.80665;
 
-/// What is known of a craft by its file, and how fast it may change unnoticed [1/s^0.5].
+/// What is known of a craft by its file, and how fast it may change unnoticed [1/time scale^0.5].
 struct Level {
   double known, drift;
 };
@@ -50,7 +54,7 @@ struct ChangeFilter::Moved {
 };
 
 ChangeFilter::ChangeFilter(const Model& model, const ObserverParams& params)
-    : craft_(model), params_(params), inputs_(model.thrusters->size()) {
+    : craft_(model), params_(params), time_scale_(timeScale(model)), inputs_(model.thrusters->size()) {
   if (model.stateCount() > kMaxStates)
     throw std::invalid_argument("a model whose effects have more than " + std::to_string(kMaxStates) +
                                 " states cannot be observed");
@@ -62,16 +66,17 @@ ChangeFilter::ChangeFilter(const Model& model, const ObserverParams& params)
   const Disturbance& known = model.disturbance;
   const Vector3<double> mass(body.m, body.m, body.I_z);
   white_ = kWhiteShare * Vector3<double>(params.push, params.push, params.twist);
-  white_ = white_.cwiseMin(kMostWhite * most_);
+  white_ = white_.cwiseMin(kMostWhite * std::sqrt(time_scale_) * most_);
   tilt_ = std::min(std::hypot(kGravity * kSlope, kTiltShare * most_.x()), kMostTilt * most_.x());
   push_ = kPushShare * most_;
-  push_time_.setConstant(kPushTime);
+  push_time_.setConstant(kPushTime * time_scale_);
   bias_ = kTrimShare * most_;
   thrust_trim_ = std::max(kThrustLevel.known, known.trim_thrust);
   if (!known.empty()) {
     white_ = known.white.cwiseQuotient(mass).cwiseMax(0.5 * white_);
     push_ = known.sigma.cwiseQuotient(mass).cwiseMax(0.2 * push_);
-    for (int i = 0; i < 3; ++i) push_time_(i) = known.time(i) > 0 ? known.time(i) : kPushTime;
+    for (int i = 0; i < 3; ++i)
+      if (known.time(i) > 0) push_time_(i) = known.time(i);
     bias_ = known.trim.cwiseQuotient(mass).cwiseMax(0.2 * bias_);
   }
   reset();
@@ -114,7 +119,8 @@ std::vector<ChangeFilter::Piece> ChangeFilter::pieces(double until) {
   while (time_ < until) {
     while (acting_ < inputs_.size() && begins() <= time_) ++acting_;
     const double end = acting_ < inputs_.size() ? std::min(until, begins()) : until;
-    const int steps = std::max(1, static_cast<int>(std::ceil((end - time_) / kFilterStep - 1e-9)));
+    const int steps =
+        std::max(1, static_cast<int>(std::ceil((end - time_) / (kFilterStep * time_scale_) - 1e-9)));
     all.push_back({steps, (end - time_) / steps, time_ - began, acting_});
     time_ = end;
   }
@@ -155,7 +161,7 @@ void ChangeFilter::begin(const RigidState<double>& measured) {
   Eigen::Matrix<double, 6, 1> deviation;
   // The first velocity is as certain as that by two poses.
   const Vector3<double> noise(position, position, heading);
-  deviation << noise, std::sqrt(2) / kFilterStep * noise + kBeginTime * most_;
+  deviation << noise, std::sqrt(2) / kFirstPoses * noise + kFirstPoses * most_;
   P_.diagonal().head<6>() = deviation.cwiseAbs2();
   P_.diagonal().segment<3>(kPush) = squared(push_);
   started_ = true;
@@ -177,7 +183,7 @@ void ChangeFilter::settle(double until) {
 }
 
 std::optional<ChangeFilter::Step> ChangeFilter::measure(double time, const RigidState<double>& measured) {
-  if (!started_ || time - time_ > kFilterGap) {
+  if (!started_ || time - time_ > kFilterGap * time_scale_) {
     settle(time);
     begin(measured);
     return std::nullopt;
@@ -262,10 +268,10 @@ ChangeFilter::Matrix ChangeFilter::predict(double until) {
 }
 
 void ChangeFilter::addNoise(double h) {
-  const auto walk = [h](double drift) { return drift * drift * h; };
+  const auto walk = [&](double drift) { return drift * drift * h / time_scale_; };
   auto all = P_.diagonal();
   for (int i = 0; i < 3; ++i) {
-    all(kNu + i) += walk(white_(i));
+    all(kNu + i) += white_(i) * white_(i) * h;
     all(kPush + i) += push_(i) * push_(i) * (1 - std::exp(-2 * h / push_time_(i)));
     all(kBias + i) += walk(kBiasDrift * bias_(i));
   }
@@ -296,7 +302,7 @@ ChangeFilter::Step ChangeFilter::correct(const Vector3<double>& eta) {
   step.covariance = step.output * PH + R;
   const double size_squared = step.innovation.dot(step.covariance.llt().solve(step.innovation));
   far_ = size_squared > kOutlying ? far_ + 1 : 0;
-  if (far_ > 0 && time_ - hit_ > kHitPause) {  // a wrong pose, or the second after a collision
+  if (far_ > 0 && time_ - hit_ > kHitPause * time_scale_) {  // a wrong pose, or the second after a collision
     step.hit = far_ > 1;
     if (step.hit) hit(eta);
     step.output.setZero();
@@ -320,7 +326,8 @@ void ChangeFilter::hit(const Vector3<double>& eta) {
   RigidState<double> seen{eta, x_.segment<3>(kNu)};
   begin(seen);
   const double speed = 2 * seen.nu.head<2>().norm(), turn = 2 * std::abs(seen.nu.z());
-  P_.diagonal().segment<3>(kNu) = squared(Vector3<double>(speed, speed, turn)) + squared(kHitTime * most_);
+  P_.diagonal().segment<3>(kNu) =
+      squared(Vector3<double>(speed, speed, turn)) + squared(kHitTime * time_scale_ * most_);
   hit_ = time_;
 }
 

@@ -219,7 +219,11 @@ class LiveComparison : public Shell {
     message->header = header;
     message->model = contestants_[0].name;
     message->text = report.text();
-    if (report.began != std::exchange(watched_since_, report.began)) named_.clear();
+    message->doubt = report.doubt;
+    if (report.began != std::exchange(watched_since_, report.began)) {
+      named_.clear();
+      doubt_.clear();
+    }
     bool is_new = false;
     for (const ChangeMonitor::Change& change : report.changes) {
       message->what.push_back(change.what);
@@ -242,6 +246,8 @@ class LiveComparison : public Shell {
     message->asymmetry_deviation = report.asymmetry_deviation;
     change_publisher_.publish(message);
     if (is_new) NODELET_WARN("live_comparison: the craft has changed: %s", message->text.c_str());
+    if (!report.doubt.empty() && report.doubt != std::exchange(doubt_, report.doubt))
+      NODELET_WARN("live_comparison: %s: %s", message->model.c_str(), report.doubt.c_str());
   }
 
   static void publishPath(Contestant& c, const ros::Time& stamp) {
@@ -279,6 +285,7 @@ class LiveComparison : public Shell {
   std::unique_ptr<ChangeMonitor> changes_;  ///< by the first model; null until that is loaded
   double watched_since_ = 0;                ///< when the watch of changes began
   std::set<std::string> named_;             ///< changes since then that are in the log
+  std::string doubt_;                       ///< the newest one in the log
   ros::Publisher comparison_publisher_, change_publisher_;
   ros::Subscriber state_subscriber_, controls_subscriber_, drive_subscriber_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;

@@ -293,7 +293,9 @@ class Visualizer : public Shell {
       const bool is_better = isRecent(errors_[1]) && comparison_ && comparison_->better == errors_[i]->model;
       addModel(lines, *errors_[i], is_better, palette::kModels[i]);
     }
-    if (isRecent(change_) && !change_->text.empty()) lines.push_back({change_->text, palette::kMissing});
+    if (isRecent(change_))
+      for (const std::string& said : {change_->text, change_->doubt})
+        if (!said.empty()) lines.push_back({said, palette::kMissing});
     lines.push_back(
         {"thrust of each thruster: " + rounded(config_.thrust_length) + " m is " + newtons(fullThrust()),
          palette::kThrusters[0]});

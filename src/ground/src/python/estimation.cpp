@@ -73,6 +73,9 @@ void bindChangeMonitor(py::module_& module) {
           "The named changes: what, since [s], size, lower, upper, parameters (n,), alternatives.")
       .def_property_readonly("text", [](const ChangeMonitor& m) { return m.report().text(); })
       .def_property_readonly(
+          "doubt", [](const ChangeMonitor& m) { return m.report().doubt; },
+          "Why changes cannot be named: the model does not predict the motion. Empty if they can.")
+      .def_property_readonly(
           "estimate", [](const ChangeMonitor& m) { return m.report().estimate; },
           "All parameters relative to the model (n,).")
       .def_property_readonly(

@@ -16,6 +16,7 @@
 #include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
 #include "ground/model/simulation.h"
+#include "ground/model/time_scale.h"
 
 namespace py = pybind11;
 
@@ -251,6 +252,12 @@ void defModel(py::module_& module) {
 void defFiles(py::module_& module) {
   module.def(
       "load_model", [](const std::string& path) { return loadModel(path); }, py::arg("path"));
+  module.def(
+      "time_scale", &timeScale, py::arg("model"),
+      "Time [s] in which full thrust moves a craft by some lengths or turns it round, rounded: 1 s for a "
+      "palm-sized hovercraft, 10 s for a free-flyer.");
+  module.def("rounded_time", &roundedTime, py::arg("seconds"),
+             "The nearest of 1, 2 and 5 times a power of ten [s].");
   module.def(
       "load_model_with_warnings",
       [](const std::string& path) {

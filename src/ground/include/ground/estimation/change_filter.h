@@ -87,6 +87,7 @@ class ChangeFilter {
 
   CraftChange craft_;
   ObserverParams params_;
+  double time_scale_;  ///< [s]
   Vector3<double> most_;
   Vector3<double> white_, push_, push_time_, bias_;  ///< levels, as accelerations
   double tilt_;                          ///< prior of the acceleration by a floor that is not level [m/s^2]

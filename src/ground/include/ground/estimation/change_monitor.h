@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "ground/estimation/jump_bank.h"
+#include "ground/estimation/model_trust.h"
 
 namespace ground {
 
@@ -19,6 +20,10 @@ namespace ground {
 /// thruster, for instance, differ little in a steady curve. The best explanation is kept up to date until
 /// none is beside it, or for kLongestRefining; then the filter continues from the changed craft, whose size
 /// it estimates better for kSettling. An unknown force, such as a collision, is followed without a word.
+///
+/// A craft can have changed only since a time until which its model held (ModelTrust), in a motion that would
+/// have shown such a change. Otherwise the model is in doubt, and no change is named. Sizes that physics
+/// excludes, such as a negative damping, are no explanation. All times are multiples of timeScale(model).
 ///
 /// The rate of false names was calibrated by test/bench/changes.py. Not for real-time threads.
 class ChangeMonitor {
@@ -42,6 +47,7 @@ class ChangeMonitor {
     double asymmetry = 0;            ///< (left - right) / (left + right) of the thrusters, estimated
     double asymmetry_deviation = 0;  ///< its standard deviation
     double began = 0;                ///< start of the drive, on the monitor's clock [s]
+    std::string doubt;               ///< why changes cannot be named; empty if they can
 
     /// "left thruster -22% (18 to 26) since 12.4 s", by the time since the drive began, with " (or mass)"
     /// where another part explains it alike; the changes so far one after another; empty if there is none.
@@ -72,8 +78,10 @@ class ChangeMonitor {
   struct Part {
     std::string name;
     JumpBank::Hypothesis hypothesis;
-    bool of_craft;  ///< otherwise an unknown force
-    double least;   ///< smaller sizes of its first parameter are followed without a word
+    bool of_craft;           ///< otherwise an unknown force
+    double least;            ///< smaller sizes of its first parameter are followed without a word
+    double lowest, highest;  ///< possible sizes of it, relative to the craft before
+    std::optional<double> shown = std::nullopt;  ///< when the motion began to show changes of it [s]
   };
   struct Finding {
     const Part* part;
@@ -82,29 +90,41 @@ class ChangeMonitor {
 
   void addParts();
   void judge(double time);
+  void decide(double time, const std::vector<Finding>& found);
+  static const Finding& likeliest(const std::vector<Finding>& found, bool of_craft);
+  void prove(double time);
+  bool believed(const Finding& finding) const;
   std::vector<Finding> findings() const;
+  double possible(const Part& part, const JumpBank::Evidence& evidence) const;
+  void fail(double time, const Finding& finding);
   void follow(const Finding& finding);
   void refine(double time, const std::vector<Finding>& found, const Finding& best);
   void settle(double time);
   std::string alternatives(const std::vector<Finding>& found, const Finding& best) const;
-  double before(const Finding& finding) const;
+  double before(const Part& part, const JumpBank::Evidence& evidence) const;
   double deviationOf(int state) const;
+  static void setSize(Change& change, const Part& part, double size, double deviation);
   static std::string partName(const Part& part);
   Change described(const Finding& finding) const;
   std::string centreText(const Eigen::VectorXd& parameters) const;
+  std::string doubt() const;
   void update();
 
+  double time_scale_;  ///< [s]
   ChangeFilter filter_;
   JumpBank bank_;
+  ModelTrust trust_;
   std::vector<Part> parts_;
   double scale_ = 1;                ///< of the innovations' variances
   double last_ = 0;                 ///< time of the last measurement [s]
   double judged_ = 0;               ///< time of the last judgement [s]
   double lifted_ = 0;               ///< start of the present lift [s]; infinity without it
+  std::optional<double> puzzled_;   ///< since when the motion has not been as predicted, without a name [s]
   std::optional<double> named_;     ///< when the change that is being refined was named [s]
   std::optional<double> followed_;  ///< when the filter began to follow it [s]
-  double before_ = 0;               ///< its parameter before the change
-  double before_deviation_ = 0;     ///< the standard deviation of that
+  const Part* followed_part_ = nullptr;
+  double before_ = 0;            ///< its parameter before the change
+  double before_deviation_ = 0;  ///< the standard deviation of that
   std::vector<Change> settled_;
   Report report_;
 };

@@ -47,6 +47,10 @@ class JumpBank {
   /// Fisher information that the innovations since the start nearest to a time [s] have about jumps of all
   /// states (n, n): what no detector can exceed. Empty without any start.
   Matrix information(double start) const;
+  /// Fisher information about a jump of a state at the oldest start; 0 without any start.
+  double oldestInformation(int state) const {
+    return starts_.empty() ? 0 : starts_.front().information(state, state);
+  }
 
  private:
   struct Start {

@@ -32,7 +32,7 @@ def horizon(runs: Sequence[_core.RunData], model: _core.Model) -> float:
     """Time [s] in which full thrust moves a craft by some lengths or turns it round: 1 s for a
     palm-sized hovercraft, 10 s for a free-flyer. Long enough for some poses, and short enough for some
     starts in the runs. Diagnoses use that of the given model for all models."""
-    usual = windows.time_scale(model)
+    usual = _core.time_scale(model)
     step = float(np.median(np.concatenate([np.diff(np.array(run.times)) for run in runs])))
     return _shortened(runs, max(usual, MIN_POSES * step), MIN_POSES * step)
 
@@ -42,7 +42,7 @@ def _shortened(runs: Sequence[_core.RunData], seconds: float, least: float) -> f
     while seconds > least:
         if sum(len(_starts_in(run, i, seconds)) for i, run in enumerate(runs)) >= MIN_STARTS:
             return seconds
-        seconds = windows.nearest(0.45 * seconds)
+        seconds = _core.rounded_time(0.45 * seconds)
     return least
 
 

@@ -1,65 +1,17 @@
 """Windows: stretches of runs that are simulated, each from its own initial state, and their error."""
 
-import itertools
 from typing import Dict, List, Optional, Sequence
 
-import numpy as np
-
 from ground import _core
-from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
-LENGTHS = 20.0  # travelled at full thrust within the time scale [radii of gyration]; some five lengths
-TURN = 2 * np.pi  # turned at full moment within the time scale [rad]
-STEPS = (1.0, 2.0, 5.0)  # time scales are these times a power of ten [s]
 WINDOW = 1.5  # length of the windows of the error [time scales]
-
-
-def time_scale(model: _core.Model) -> float:
-    """Time [s] in which full thrust moves a craft by some lengths or turns it round: 1 s for a palm-sized
-    hovercraft, 10 s for a free-flyer. It is rounded, so that models of a craft have the same."""
-    value = model.value
-    least, most = _full_thrust(model)
-    full = np.maximum(np.abs(least), most)
-    radius = np.sqrt(value("I_z") / value("m"))
-    way = np.array([LENGTHS * radius, LENGTHS * radius, TURN])
-    mass = np.array([value("m"), value("m"), value("I_z")])
-    damping = np.array([value("X_u"), value("Y_v"), value("N_r")])
-    moved = full > 1e-9 * full[:2].max()
-    if not moved.any():
-        return 1.0
-    way, mass, damping, full = (a[moved] for a in (way, mass, damping, full))
-    # The time t with mass 2 way / t^2 + damping way / t = full.
-    half = 0.5 * way * damping / full
-    return nearest(float(np.min(half + np.sqrt(half**2 + 2 * way * mass / full))))
-
-
-def _full_thrust(model: _core.Model) -> Array:
-    """Least and most X, Y [N], N [N m] that the thrusters give, (2, 3)."""
-    thrusters = model.thrusters
-    ends = np.array([t["range"] for t in thrusters]) if thrusters else np.empty((0, 2))
-    if model.is_pair or not len(ends):
-        ends = np.array([[0.0, model.input_max]] * 2)
-    scale = model.value("k") * np.array([1.0, 1.0, model.value("l")])
-    if any(t["is_angle"] for t in thrusters):  # a rudder needs the stream of its thruster
-        corners = np.array(list(itertools.product(*ends)))
-        wrench = np.asarray(model.forces(corners)) * scale
-        return np.array([wrench.min(axis=0), wrench.max(axis=0)])
-    each = np.array([model.forces(np.diag(ends[:, i])) * scale for i in (0, 1)])
-    return np.array([each.min(axis=0).sum(axis=0), each.max(axis=0).sum(axis=0)])
-
-
-def nearest(seconds: float) -> float:
-    """The nearest of STEPS times a power of ten."""
-    power = np.floor(np.log10(seconds))
-    near = np.array([step * 10.0 ** (power + i) for i in (0, 1) for step in STEPS])
-    return float(near[np.argmin(np.abs(np.log(near / seconds)))])
 
 
 def usual(model: _core.Model) -> float:
     """Length of the windows of the error that suits a model [s]: long enough for what is missing to show,
     and short enough that random pushes do not hide it. 1.5 s for a palm-sized hovercraft."""
-    return WINDOW * time_scale(model)
+    return WINDOW * _core.time_scale(model)
 
 
 def length(runs: Sequence[_core.RunData]) -> float:
