@@ -21,6 +21,12 @@ RigidState<double> noState() {
   return state;
 }
 
+/// Removes thrusts that ended before a time.
+template <class Thrusts>
+void forgetThrusts(Thrusts& thrusts, double time) {
+  while (thrusts.size() > 1 && thrusts[1].since <= time) thrusts.erase(thrusts.begin());
+}
+
 }  // namespace
 
 const char* nameOf(ControllerLifecycle::State state) {
@@ -66,7 +72,7 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (!params_.require_state) return;
   measured_ = measured;
   measured_at_ = now.steady;
-  while (thrusts_.size() > 1 && thrusts_[1].since <= measured.stamp) thrusts_.erase(thrusts_.begin());
+  forgetThrusts(thrusts_, measured.stamp);
   if (driving() && measured.valid && stateIsFinite()) {
     const std::string jump = jumped(measured);
     known_ = measured;
