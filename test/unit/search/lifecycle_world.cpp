@@ -264,6 +264,7 @@ LifecycleWorld::Before LifecycleWorld::before() const {
 void LifecycleWorld::check(const Before& seen, const std::string& call) {
   using State = LifecycleSpec::State;
   active_ += pilot_->active;
+  const bool drove_by_state = switched_;
   switched_ = pilot_->switched;
   if (!pilot_->sent.empty()) {
     sent_at_ = now_;
@@ -271,9 +272,9 @@ void LifecycleWorld::check(const Before& seen, const std::string& call) {
   }
   for (const Inputs& inputs : pilot_->sent) spec_.sends(instant(), pilot_->acceleration(inputs).x());
   if (!violation_.empty()) return;
-  // The pilot may end the drive whenever it is asked.
-  const bool by_pilot =
-      life_.current() == State::kStopped && spec_.state == State::kRunning && (pilot_->failed || objects_);
+  // The pilot may end the drive whenever it is asked, and on the bench when it begins to drive by the state.
+  const bool by_pilot = life_.current() == State::kStopped && spec_.state == State::kRunning &&
+                        (pilot_->failed || objects_ || (pilot_->blind && drove_by_state));
   if (pilot_->disregarded) violation_ = "pilot: it objects, and is asked for a command";
   if (pilot_->failed && life_.current() != State::kStopped)
     violation_ = "finite: a command of NaN stops nothing";

@@ -24,7 +24,10 @@ struct SearchPilot : Pilot {
     ++active;
     switched = false;
   }
-  void deactivate() override { --active; }
+  void deactivate() override {
+    --active;
+    switched = false;
+  }
   std::string objection(const MeasuredState&) override { return objects ? "it objects" : ""; }
   Vector2<double> acceleration(const Inputs& inputs) const override;
   Inputs update(double elapsed, double, const RigidState<double>& state, double lift) override;
