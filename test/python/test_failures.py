@@ -1,6 +1,7 @@
 """A failure to read or write ends with one line and status 1; only --debug shows a traceback."""
 
 import contextlib
+import json
 import resource
 import runpy
 import shutil
@@ -110,6 +111,48 @@ def test_a_full_disk_is_one_line_and_leaves_no_partial_file(here, capsys, verb):
     assert status == 1 and stderr.count("\n") == 1 and "Traceback" not in stderr, stderr
     assert "cannot be written" in stderr and "out" in stderr
     assert left(here) == []
+
+
+REPEATED = {
+    "fit": ["fit", "run.bag", "--model", "model.yaml", "-o", "out.yaml", "--force"],
+    "compare": ["compare", "run.bag", "--model", "model.yaml", "-o", "out", "--force"],
+    "history": ["history", "run.bag", "--model", "model.yaml", "-o", "out", "--force"],
+}
+
+
+def is_whole(name, data):
+    """Whether a result can be read to its end."""
+    text = data.decode()
+    if name.endswith(".json"):
+        return bool(json.loads(text))
+    return text.rstrip().endswith("</html>") if name.endswith(".html") else text.endswith("\n")
+
+
+@pytest.mark.parametrize("verb", list(REPEATED))
+def test_a_full_disk_leaves_no_result_in_part(here, capsys, verb):
+    """Wherever in its results a command finds the disk full, each file is the old or the new one; a page that
+    does not belong to the numbers any more is gone."""
+    assert cli.main(REPEATED[verb]) == 0
+    sizes = {name: (here / path).stat().st_size for name, path in results(here).items()}
+    assert sizes
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for size in sorted(max(200, size - 1) for size in sizes.values()):
+        capsys.readouterr()
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+        try:
+            status = cli.main(REPEATED[verb])
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        stderr = capsys.readouterr().err
+        assert status == 1 and "Traceback" not in stderr and "written" in stderr, stderr
+        assert set(sizes) - {"report.html"} <= set(results(here)) <= set(sizes)
+        for name, path in results(here).items():
+            assert is_whole(name, (here / path).read_bytes()), "%s, %d bytes" % (name, size)
+
+
+def results(folder):
+    """Files that a command has left, by name; hidden ones included."""
+    return {p.name: p for p in folder.rglob("*") if p.is_file() and not p.is_symlink()}
 
 
 def test_output_to_a_full_device_is_one_line(here, capsys):

@@ -164,7 +164,13 @@ def test_a_full_disk_ends_the_recording_only(stack, tmp_path):
         (bag,) = folder.glob("*_0.bag*")
         copy = tmp_path / ("copy.bag" + (".active" if bag.suffix == ".active" else ""))
         copy.write_bytes(bag.read_bytes())
-        refused = subprocess.run(record, env=stack.env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        os.truncate(str(folder / "others"), 60 * 10**6)  # what becomes free is too little for a flight
+        refused = subprocess.run(
+            ["timeout", "--signal=INT", "60", *record],
+            env=stack.env,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
         assert b"make room" in refused.stdout
     finally:
         subprocess.run(["umount", "-l", str(folder)], check=True)

@@ -5,8 +5,10 @@ import subprocess
 import xml.etree.ElementTree
 
 from conftest import ROOT, slow
+from ground import _core
 
 PACKAGES = [ROOT / "src" / name / "package.xml" for name in ("ground", "ground_msgs")]
+CHANGES = ROOT / "CHANGELOG.md"
 # Keys in package.xml of Debian packages, where they are not the name without lib, python3 and dev.
 KEYS = {
     "googletest": "gtest",
@@ -53,6 +55,13 @@ def test_package_xml_has_what_debian_needs():
     assert missing == [], "neither in a package.xml nor in TOOLS"
     assert TOOLS <= set(packages) and set(KEYS) <= set(packages)
     assert {key for p in packages for key in keys_of(p)} >= {"boost", "python3-cmaes", "benchmark"}
+
+
+def test_the_version_is_that_of_the_newest_release_in_the_change_log():
+    versions = {xml.etree.ElementTree.parse(str(path)).getroot().findtext("version") for path in PACKAGES}
+    newest, *older = re.findall(r"^## \[(.+)\]( - \d{4}-\d\d-\d\d)?$", CHANGES.read_text(), re.M)
+    assert newest == ("Unreleased", "") and all(date for _, date in older)
+    assert versions == {older[0][0]} == {_core.version}
 
 
 @slow

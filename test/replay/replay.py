@@ -2,8 +2,8 @@
 """make replay: recordings through reader, repair, fit and diagnosis, compared with the last release.
 
 Each case of cases.yaml gives numbers and words. Those that differ from released.json are printed; a case that
-differs needs a line with `replay: CASE` in the section Unreleased of CHANGELOG.md that says why. Exit status
-1 without one. --release writes what the cases give now, for the release that is being made.
+differs needs a line with `replay: CASE` in CHANGELOG.md, above that release, that says why. Exit status 1
+without one. --release writes what the cases give now, for the version of package.xml.
 """
 
 import argparse
@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 
 import ground
+from ground import _core
 from ground.data import import_csv
 from ground.data.measured import repaired
 from ground.recordings import findings
@@ -104,9 +105,9 @@ def differences(before, now):
             yield name, a, b
 
 
-def reasons():
-    """The section Unreleased of the change log."""
-    return (ROOT / "CHANGELOG.md").read_text().split("\n## [")[1]
+def reasons(version):
+    """What the change log says of the versions after this one."""
+    return (ROOT / "CHANGELOG.md").read_text().split("\n## [%s]" % version)[0]
 
 
 def main():
@@ -116,8 +117,8 @@ def main():
     arguments = parser.parse_args()
     listed = yaml.safe_load((HERE / "cases.yaml").read_text())
     cases = {**listed["simulated"], **listed["recorded"]}
-    released = json.loads(RELEASED.read_text()) if RELEASED.exists() else {}
-    unexplained, said = 0, reasons()
+    kept = json.loads(RELEASED.read_text())
+    released, unexplained, said = kept["cases"], 0, reasons(kept["version"])
     for name in arguments.only or cases:
         with tempfile.TemporaryDirectory() as folder:
             now = tried(cases[name], folder)
@@ -135,7 +136,8 @@ def main():
             print("  %-26s %s -> %s" % (what, a, b), flush=True)
         released[name] = now
     if arguments.release:
-        RELEASED.write_text(json.dumps(released, indent=1, sort_keys=True) + "\n")
+        kept["version"] = _core.version
+        RELEASED.write_text(json.dumps(kept, indent=1, sort_keys=True) + "\n")
     elif unexplained:
         print("%d cases differ: say why in CHANGELOG.md, in a line with `replay: CASE`" % unexplained)
     return 1 if unexplained else 0

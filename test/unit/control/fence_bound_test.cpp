@@ -70,6 +70,10 @@ TEST(FenceThrust, CountsOnlyTowardsAWall) {
   const RigidState<double> quick = moving({1.6, 0}, 0, 1.0, 0);
   EXPECT_NE(fence.objection(quick, 0.2, {{{-2, 0}, 0.2}}), "") << "that it brakes is not relied on";
   EXPECT_NE(fence.objection(state, 0.4, {{{2, 0}, 0.2}, {{-2, 0}, 0.2}}), "");
+  // A thrust that has just been replaced lasts on for the latency, as if it had not been.
+  const std::string lasting = fence.objection(state, 0.15, {{{1.5, 0}, 0.15}});
+  EXPECT_NE(lasting, "");
+  EXPECT_EQ(fence.objection(state, 0.15, {{{1.5, 0}, 0.15}, {{0, 0}, 0}}), lasting);
 }
 
 TEST(FenceBound, FullAccelerationIsThatOfAllThrusters) {

@@ -66,7 +66,7 @@ TEST(MotorsOfAnyThrusters, RoundTripWithinTheRanges) {
     Inputs heard;
     std::string reason;
     ASSERT_TRUE(decodeMotors(encodeMotors(sent, one), heard, &reason, one)) << reason;
-    const Thrusters<double> inside = one.clipped(sent.thrusters, 1);
+    const Thrusters<double> inside = one.clipped(sent.thrusters);
     for (int i = 0; i < one.size(); ++i) EXPECT_NEAR(heard.thrusters(i), inside(i), 1e-12) << i;
     EXPECT_NEAR(heard.lift, 0.7, 1e-12);
   }

@@ -35,6 +35,9 @@ TEST(EverySequence, OfALifecycleOpenLoop) { searchLifecycle(SearchPilot::Loop::k
 TEST(EverySequence, OfALifecycleOpenLoopOnTheBench) {
   searchLifecycle(SearchPilot::Loop::kOpen, 0.25, false);
 }
+TEST(EverySequence, OfALifecycleOpenThenClosedLoopOnTheBench) {
+  searchLifecycle(SearchPilot::Loop::kOpenThenClosed, 0.25, false);
+}
 TEST(EverySequence, OfALifecycleOpenThenClosedLoop) {
   searchLifecycle(SearchPilot::Loop::kOpenThenClosed, 0.25);
 }

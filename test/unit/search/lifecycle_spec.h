@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <vector>
 
 #include "ground/control/controller_lifecycle.h"
 
@@ -19,8 +20,12 @@ struct LifecycleSpec {
 
   /// A state, as far as it matters.
   struct Seen {
-    double stamp, x, heading;
-    bool valid, finite, leaves;
+    double stamp, x, u, heading;
+    bool valid, finite;
+  };
+  /// Thrust from a time on, clock of stamps.
+  struct Push {
+    double since, acceleration;  ///< [s], [m/s^2]
   };
 
   LifecycleParams params;
@@ -29,7 +34,10 @@ struct LifecycleSpec {
   State state = State::kIdle;
   bool armed = false, lifted = false;
   std::optional<Seen> seen;
-  double known_x = 0, known_heading = 0, known_stamp = 0;  ///< of the last state used for control
+  Fence fence{Room(), 0.2};
+  std::vector<Push> pushes;  ///< at the time of the last state, and since then
+  double known_x = 0, known_u = 0, known_heading = 0,
+         known_stamp = 0;  ///< of the last state used for control
   double seen_at = 0, started_at = 0, others_until = -1e9;
   double lifting_since = 0, running_since = 0;  ///< clock of stamps [s]
   std::optional<double> lost_since;
@@ -50,9 +58,29 @@ struct LifecycleSpec {
 
   void know(const Seen& used) {
     known_x = used.x;
+    known_u = used.u;
     known_heading = used.heading;
     known_stamp = used.stamp;
   }
+  /// Notes a command on the wire by the acceleration that it causes.
+  void sends(Instant now, double acceleration) {
+    if (!seen) pushes.clear();
+    if (pushes.empty() || pushes.back().acceleration != acceleration)
+      pushes.push_back({now.time, acceleration});
+  }
+  /// Whether the craft could leave the room, by the last state and all thrust since then.
+  bool leaves(Instant now) const {
+    if (!params.require_state || !seen || !seen->finite) return false;
+    Fence::Thrusts thrusts;
+    for (std::size_t i = 0; i < pushes.size(); ++i) {
+      const double until = i + 1 < pushes.size() ? pushes[i + 1].since : now.time;
+      const double lasted = std::max(0.0, until - std::max(pushes[i].since, seen->stamp));
+      thrusts.push_back({{pushes[i].acceleration, 0}, lasted});
+    }
+    RigidState<double> craft{Vector3<double>(seen->x, 0, seen->heading), Vector3<double>(seen->u, 0, 0)};
+    return !fence.objection(craft, now.time - seen->stamp, thrusts).empty();
+  }
+
   /// Time to the next limit that a tick must not miss [s]; infinite if there is none.
   double untilLimit(Instant now) const {
     double left = std::numeric_limits<double>::infinity();
@@ -86,7 +114,7 @@ struct LifecycleSpec {
       const bool patient = params.recovery_time > 0 && seen && seen->finite;
       if (!patient || now.steady >= *lost_since + params.recovery_time) change(State::kStopped);
     }
-    if (flying() && params.require_state && seen && seen->finite && seen->leaves) change(State::kStopped);
+    if (flying() && leaves(now)) change(State::kStopped);
     if (state == State::kLifting && good && now.time >= lifting_since + liftTime()) {
       state = State::kRunning;
       running_since = now.time;
@@ -99,9 +127,10 @@ struct LifecycleSpec {
     if (!params.require_state) return;
     seen = measured;
     seen_at = now.steady;
+    while (pushes.size() > 1 && pushes[1].since <= measured.stamp) pushes.erase(pushes.begin());
     if (driving() && measured.valid && measured.finite) {
       const double dt = std::max(0.0, measured.stamp - known_stamp);
-      const bool jumped = std::abs(measured.x - known_x) > kJump + kJumpSpeed * dt ||
+      const bool jumped = std::abs(measured.x - known_x - known_u * dt) > kJump + kJumpSpeed * dt ||
                           std::abs(measured.heading - known_heading) > kTurn + kTurnRate * dt;
       know(measured);
       if (jumped) change(State::kStopped);
@@ -141,8 +170,11 @@ struct LifecycleSpec {
     v.value(lost_since.has_value());
     if (lost_since) v.since(*lost_since);
     if (seen) v.deadline(seen_at + params.state_timeout);
-    for (const bool flag : {armed, lifted, seen && seen->valid, seen && seen->finite, seen && seen->leaves})
-      v.value(flag);
+    for (const Push& one : pushes) {
+      v.stamp(seen ? std::max(one.since, seen->stamp) : one.since);
+      v.value(one.acceleration);
+    }
+    for (const bool flag : {armed, lifted, seen && seen->valid, seen && seen->finite}) v.value(flag);
   }
 };
 

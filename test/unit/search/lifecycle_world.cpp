@@ -15,9 +15,16 @@ constexpr double kFrame = 1.0 / 16;  // time between states that are fed [s]
 constexpr double kStall = 3;         // nobody calls for so long [s]
 constexpr double kDrift = 0.1;       // a clock that is set by less is not noticed [s]
 constexpr double kFast = 3;          // a craft at this speed cannot stop inside the room [m/s]
-const Inputs kDrive{0.5, 0.25, 0};
+constexpr double kQuick = 1.5;       // at this one it can, unless thrust goes on [m/s]
+constexpr double kPush = 3;          // acceleration by the thrust, forwards and backwards in turn [m/s^2]
+const Inputs kDrive{0.5, 0.25, 0}, kBrake{0.25, 0.5, 0};
 
 }  // namespace
+
+Vector2<double> SearchPilot::acceleration(const Inputs& inputs) const {
+  const double difference = inputs.thrusters(0) - inputs.thrusters(1);
+  return {difference > 0 ? kPush : difference < 0 ? -kPush : 0, 0};
+}
 
 Inputs SearchPilot::update(double elapsed, double, const RigidState<double>& state, double lift) {
   asked = elapsed;
@@ -26,7 +33,10 @@ Inputs SearchPilot::update(double elapsed, double, const RigidState<double>& sta
   switched = switched || (loop == Loop::kOpenThenClosed && elapsed >= kOpenFor);
   failed = fails || (by_state && !state.eta.allFinite());
   disregarded = disregarded || (objects && by_state);
-  return failed ? Inputs(kNan, 0, lift) : Inputs(kDrive.thrusters, lift);
+  if (failed) return {kNan, 0, lift};
+  const bool forwards = static_cast<int>(elapsed / kBit) % 2 == 0;
+  computed.push_back((forwards ? kDrive : kBrake).thrusters);
+  return {computed.back(), lift};
 }
 
 double SearchPilot::nextChange(double elapsed) const {
@@ -54,6 +64,8 @@ struct LifecycleEvents {
         {"state 1 m off", [](W& w) { w.state(1); }},
         {"state turned by 0.5 rad", [](W& w) { w.state(0, 0, true, 0, 0.5); }},
         {"state turned by 0.65 rad", [](W& w) { w.state(0, 0, true, 0, 0.65); }},
+        {"state of a quick craft", [](W& w) { w.state(0, kQuick); }},
+        {"old state of a quick craft", [](W& w) { w.state(0, kQuick, true, 0.125); }},
         {"state of a craft that leaves the room", [](W& w) { w.state(0, kFast); }},
         {"start", [](W& w) { w.start(); }},
         {"stop", [](W& w) { w.stop(); }},
@@ -94,7 +106,7 @@ LifecycleWorld::LifecycleWorld(const LifecycleParams& params, SearchPilot& pilot
           pilot, [at = &pilot](const Inputs& inputs) { at->sent.push_back(inputs); },
           [at = &pilot] { ++at->changes; }) {
   life_.setParams(params);
-  life_.setFence(Fence(Room(), 0.2));
+  life_.setFence(spec_.fence);
   spec_.params = params;
   spec_.end = pilot.end();
   pilot.blind = !params.require_state;
@@ -134,7 +146,7 @@ void LifecycleWorld::state(double x, double u, bool valid, double age, double he
   measured.state.nu = Vector3<double>(u, 0, 0);
   measured.valid = valid;
   if (!valid) measured.problem = "lost";
-  spec_.measure(instant(), {measured.stamp, x, heading, valid, std::isfinite(x), u == kFast});
+  spec_.measure(instant(), {measured.stamp, x, u, heading, valid, std::isfinite(x)});
   life_.state(instant(), measured);
   check(seen, "state");
 }
@@ -190,7 +202,9 @@ void LifecycleWorld::zero() {
   const bool sent = pilot_->sent.size() == 1 && pilot_->sent.back().zero();
   if (violation_.empty() && sent == spec_.othersDrive(instant()))
     violation_ = "zeros: none was sent, or beside another's";
-  if (sent) sent_at_ = now_;
+  if (!sent) return;
+  sent_at_ = now_;
+  spec_.sends(instant(), 0);
 }
 
 void LifecycleWorld::clockSet(double by) {
@@ -250,15 +264,17 @@ LifecycleWorld::Before LifecycleWorld::before() const {
 void LifecycleWorld::check(const Before& seen, const std::string& call) {
   using State = LifecycleSpec::State;
   active_ += pilot_->active;
+  const bool drove_by_state = switched_;
   switched_ = pilot_->switched;
   if (!pilot_->sent.empty()) {
     sent_at_ = now_;
     sent_ = pilot_->sent.back();
   }
+  for (const Inputs& inputs : pilot_->sent) spec_.sends(instant(), pilot_->acceleration(inputs).x());
   if (!violation_.empty()) return;
-  // The pilot may end the drive whenever it is asked.
-  const bool by_pilot =
-      life_.current() == State::kStopped && spec_.state == State::kRunning && (pilot_->failed || objects_);
+  // The pilot may end the drive whenever it is asked, and on the bench when it begins to drive by the state.
+  const bool by_pilot = life_.current() == State::kStopped && spec_.state == State::kRunning &&
+                        (pilot_->failed || objects_ || (pilot_->blind && drove_by_state));
   if (pilot_->disregarded) violation_ = "pilot: it objects, and is asked for a command";
   if (pilot_->failed && life_.current() != State::kStopped)
     violation_ = "finite: a command of NaN stops nothing";
@@ -271,6 +287,7 @@ void LifecycleWorld::check(const Before& seen, const std::string& call) {
 /// Which commands it may send.
 std::string LifecycleWorld::sentProblem() const {
   using State = LifecycleSpec::State;
+  auto computed = pilot_->computed.begin();
   for (const Inputs& inputs : pilot_->sent) {
     if (spec_.othersDrive(instant())) return "other: a command was sent while another controller drives";
     if (!inputs.finite()) return "finite: a command of NaN was sent";
@@ -278,7 +295,8 @@ std::string LifecycleWorld::sentProblem() const {
       if (spec_.state != State::kRunning) return std::string("thrust: sent while ") + nameOf(spec_.state);
       if (!spec_.supported(instant())) return "state: thrust without a valid state";
       if (!spec_.maySend()) return "armed: thrust while the sender is not armed";
-      if (!(inputs.thrusters == kDrive.thrusters)) return "thrust: not what the pilot computes";
+      if (computed == pilot_->computed.end() || inputs.thrusters != *computed++)
+        return "thrust: not what the pilot computes";
     }
     if (inputs.lift != 0 && inputs.lift != spec_.params.lift) return "lift: not that of the parameters";
   }

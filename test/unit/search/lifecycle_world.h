@@ -17,15 +17,19 @@ using search::onTick;
 /// A pilot, and what the life cycle did with it in a call; copies of a world share it.
 struct SearchPilot : Pilot {
   enum class Loop { kClosed, kOpen, kOpenThenClosed };
-  static constexpr double kBit = 0.25, kOpenFor = 0.5;  ///< [s]
+  static constexpr double kBit = 0.125, kOpenFor = 0.5;  ///< [s]
 
   explicit SearchPilot(Loop kind) : loop(kind) {}
   void activate(double) override {
     ++active;
     switched = false;
   }
-  void deactivate() override { --active; }
+  void deactivate() override {
+    --active;
+    switched = false;
+  }
   std::string objection(const MeasuredState&) override { return objects ? "it objects" : ""; }
+  Vector2<double> acceleration(const Inputs& inputs) const override;
   Inputs update(double elapsed, double, const RigidState<double>& state, double lift) override;
   double end() const override { return loop == Loop::kClosed ? std::numeric_limits<double>::infinity() : 1; }
   double nextChange(double elapsed) const override;
@@ -38,6 +42,7 @@ struct SearchPilot : Pilot {
     failed = disregarded = invented = false;
     asked = 0;
     sent.clear();
+    computed.clear();
   }
 
   Loop loop;
@@ -50,7 +55,8 @@ struct SearchPilot : Pilot {
   double asked = 0;          ///< elapsed time of the last command [s]
   bool disregarded = false;  ///< it was asked for a command by state while it objected
   std::vector<Inputs> sent;  ///< what the life cycle sent
-  int changes = 0;           ///< calls of Changed
+  std::vector<Thrusters<double>> computed;
+  int changes = 0;  ///< calls of Changed
 };
 
 class LifecycleWorld {

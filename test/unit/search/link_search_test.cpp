@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <iostream>
+#include <memory>
 
 #include "link_world.h"
 
@@ -34,9 +35,10 @@ GroundLinkParams linkParams(double recovery) {
 }
 
 void searchLink(const GroundLinkParams& params, const std::vector<Names>& roots, const Names& events,
-                std::uint64_t transitions, const UdpAddress& craft = {}) {
+                std::uint64_t transitions, const UdpAddress& craft = {},
+                const ThrusterLayoutPtr& layout = thrusterPair()) {
   Wire wire;
-  search::Search<LinkWorld> search([&] { return LinkWorld(params, wire, craft); }, roots, events,
+  search::Search<LinkWorld> search([&] { return LinkWorld(params, wire, craft, layout); }, roots, events,
                                    search::bounds(transitions));
   const search::Found found = search.run();
   std::cout << found.text() << "\n";
@@ -73,6 +75,14 @@ TEST(EverySequence, OfALinkToACraftOfFixedAddress) {
       peers + kTimes + Names{"state", "zero command", "arm", "disarm", "nobody calls for 3 s"};
   for (const std::uint16_t port : {0, 4000})
     searchLink(linkParams(0.25), {{}, {"state", "zero command"}}, events, 100000, {kCraftHost, port});
+}
+
+TEST(EverySequence, OfALinkToACraftOfThreeThrusters) {
+  std::vector<Thruster> thrusters = thrusterPair()->thrusters();
+  thrusters.push_back(thrusters.front());
+  thrusters.back().name = "bow";
+  searchLink(linkParams(0.25), {{}, kArmed}, LinkWorld::events(), 50000, {},
+             std::make_shared<const ThrusterLayout>(thrusters));
 }
 
 // Fewer kinds of events, and so longer sequences.

@@ -2,6 +2,7 @@
 // commands it may send and to whom. The search compares GroundLink with it after every call.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -18,12 +19,14 @@ struct LinkSpec {
   static constexpr double kSendTimeout = 0.2, kReturn = 2.0, kAhead = 1.0;  ///< [s]
 
   GroundLinkParams params;
+  int thrusters = 2;
   State state = State::kDisarmed;
   bool stopped = false;
   std::optional<double> silent_until, lost_since, broken_since;
   double measured = kNever, issued = kNever, clash_until = kNever;
   bool valid = false, in_room = true;
   MotorCommand accepted;
+  bool refused = false;  ///< the newest command of the controller was
   std::string source, armed_source;
   UdpAddress fixed, craft;  ///< address as given, and as known
   bool speaks = false, locked = false;
@@ -70,19 +73,22 @@ struct LinkSpec {
   /// Whether a command is accepted.
   bool command(double now, double age, const std::string& from, const MotorCommand& c) {
     pass(now);
-    bool good = c.finite() && c.thrusters.size() == 2 && age < params.command_timeout && age >= -kAhead;
+    bool good =
+        c.finite() && c.thrusters.size() == thrusters && age < params.command_timeout && age >= -kAhead;
     if (armed()) {
       good = good && from == armed_source;
-      const bool pushes = c.thrusters.size() == 2 && (c.thrusters(0) > 0 || c.thrusters(1) > 0);
+      const bool pushes = *std::max_element(c.thrusters.begin(), c.thrusters.end()) > 0;
       if (params.require_lift && pushes && !(c.lift > 0)) good = false;
     }
     if (!good) {
+      refused = refused || !armed() || from == armed_source;
       if (!armed()) issued = kNever;
       return false;
     }
     if (from != source && commanded(now)) clash_until = now + params.command_timeout;
     source = from;
     accepted = c;
+    refused = false;
     issued = now - std::max(0.0, age);
     return true;
   }
@@ -152,7 +158,8 @@ struct LinkSpec {
     }
     v.since(heard);
     v.since(counted);
-    for (const bool flag : {stopped, valid, in_room, speaks, locked, count.has_value()}) v.value(flag);
+    for (const bool flag : {stopped, refused, valid, in_room, speaks, locked, count.has_value()})
+      v.value(flag);
     v.value(static_cast<int>(state));
     v.value(accepted.thrust());
     v.value(source);

@@ -66,10 +66,7 @@ struct LinkEvents {
          [](W& w) {
            w.command({0, 0, 0.5});
          }},
-        {"command for three thrusters",
-         [](W& w) {
-           w.command({{0.5, 0.5, 0.5}, 1});
-         }},
+        {"command for more thrusters", [](W& w) { w.command(kDrive, "/a", 0, 1); }},
         {"zero command of another", [](W& w) { w.command(kZero, "/b"); }},
         {"command of another", [](W& w) { w.command(kOther, "/b"); }},
         {"hello", [](W& w) { w.datagram("hello", kCraft, {}); }},
@@ -129,19 +126,26 @@ struct LinkWorld::Before {
   UdpAddress peer;
   std::uint64_t revision;
   GroundLink::Counters counters;
-  bool silent, lost;
+  bool silent, lost, refused;
 };
 
-LinkWorld::LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddress& craft)
+LinkWorld::LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddress& craft,
+                     const ThrusterLayoutPtr& layout)
     : params_(params),
       wire_(&wire),
-      link_(params, craft, [at = &wire](const std::string& datagram, const UdpAddress& to) {
-        Wire::Packet packet{{}, to};
-        if (!decodeMotors(datagram, packet.command)) throw std::logic_error("a packet cannot be read");
-        at->packets.push_back(packet);
-        return at->broken ? std::string("the network is unreachable") : std::string();
-      }) {
+      link_(
+          params, craft,
+          [at = &wire, layout](const std::string& datagram, const UdpAddress& to) {
+            Wire::Packet packet{{}, to};
+            if (!decodeMotors(datagram, packet.command, nullptr, *layout))
+              throw std::logic_error("a packet cannot be read");
+            at->packets.push_back(packet);
+            return at->broken ? std::string("the network is unreachable") : std::string();
+          },
+          layout),
+      attempted_(MotorCommand::off(layout->size())) {
   spec_.params = params;
+  spec_.thrusters = layout->size();
   spec_.fixed = spec_.craft = craft;
   if (craft.port != 0) known_since_ = now_;
 }
@@ -175,8 +179,10 @@ void LinkWorld::show(Key& key) const {
 
 // --- Events
 
-void LinkWorld::command(const MotorCommand& command, const std::string& source, double age) {
+void LinkWorld::command(const MotorCommand& of_two, const std::string& source, double age, int more) {
   const Before seen = before();
+  MotorCommand command = MotorCommand::off(spec_.thrusters + more, of_two.lift);
+  std::copy(of_two.thrusters.begin(), of_two.thrusters.end(), command.thrusters.begin());
   const bool accepted = spec_.command(now_, age, source, command);
   link_.command(now_, age, source, command);
   if (link_.counters().refused - seen.counters.refused != (accepted ? 0u : 1u) && violation_.empty())
@@ -314,11 +320,18 @@ void LinkWorld::setBadParams() {
   const Before seen = before();
   GroundLinkParams params = params_;
   params.state_timeout = -1;
-  try {
-    link_.setParams(params);
+  const auto refused = [](const std::function<void()>& call) {
+    try {
+      call();
+      return false;
+    } catch (const std::invalid_argument&) {
+      return true;
+    }
+  };
+  if (!refused([&] { link_.setParams(params); }) || !refused([&] {
+        GroundLink(params, {}, [](const std::string&, const UdpAddress&) { return std::string(); });
+      }))
     violation_ = "parameters: bad ones are taken";
-  } catch (const std::invalid_argument&) {
-  }
   check(seen, "params");
 }
 
@@ -379,7 +392,8 @@ LinkWorld::Before LinkWorld::before() const {
           link_.revision(),
           link_.counters(),
           spec_.silent_until.has_value(),
-          spec_.lost_since.has_value()};
+          spec_.lost_since.has_value(),
+          spec_.refused};
 }
 
 void LinkWorld::check(const Before& seen, const std::string& call, bool accepted) {
@@ -459,10 +473,13 @@ std::string LinkWorld::reportProblem(const Before& seen) const {
   if (spec_.armed() && seen.state == GroundLink::State::kArmed && spec_.lost_since.has_value() != seen.lost &&
       link_.reason() == seen.reason)
     return "report: the loss of the state, or its end, is not told";
+  const bool stale = link_.reason() != seen.reason && link_.reason().rfind("commands are stale", 0) == 0;
+  if (stale && (link_.reason().find("a command of") != std::string::npos) != seen.refused)
+    return "report: it does not say whether the newest command was refused";
   const bool lifts = spec_.armed();
   const MotorCommand& lifting = spec_.silent_until ? attempted_ : spec_.accepted;
   if (link_.lift() != (lifts ? lifting.lift : 0)) return "report: the lift is wrong";
-  if (attempted_at_ > 0 && link_.sent() != attempted_) return "report: the last packet is wrong";
+  if (link_.sent() != attempted_) return "report: the last packet is wrong";
   const std::uint64_t left = broken_ ? 0 : wire_->packets.size();
   if (link_.counters().sent - seen.counters.sent != left) return "report: packets are counted wrongly";
   if (link_.sendProblem().empty() == spec_.broken_since.has_value()) return "report: sending fails unseen";

@@ -27,7 +27,8 @@ struct Wire {
 class LinkWorld {
  public:
   /// `craft`: its address if fixed, port 0 for any port; unknown if it is learned.
-  LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddress& craft = {});
+  LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddress& craft = {},
+            const ThrusterLayoutPtr& layout = thrusterPair());
 
   static const std::vector<std::string>& events();
   bool possible(int event) const;
@@ -46,7 +47,9 @@ class LinkWorld {
   enum class Feed { kNothing, kDrive, kStuckCount };
   struct Before;
 
-  void command(const MotorCommand& command, const std::string& source = "/a", double age = 0);
+  /// `of_two`: inputs of the first two thrusters, the others are off; `more`: thrusters that it has in
+  /// excess.
+  void command(const MotorCommand& of_two, const std::string& source = "/a", double age = 0, int more = 0);
   void state(bool valid = true, double age = 0);
   void datagram(const std::string& data, const UdpAddress& from, std::optional<CraftTelemetry> content);
   void telemetry(const UdpAddress& from, std::optional<std::uint32_t> count = {});

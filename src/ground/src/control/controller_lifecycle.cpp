@@ -21,6 +21,12 @@ RigidState<double> noState() {
   return state;
 }
 
+/// Removes thrusts that ended before a time.
+template <class Thrusts>
+void forgetThrusts(Thrusts& thrusts, double time) {
+  while (thrusts.size() > 1 && thrusts[1].since <= time) thrusts.erase(thrusts.begin());
+}
+
 }  // namespace
 
 const char* nameOf(ControllerLifecycle::State state) {
@@ -66,10 +72,10 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   if (!params_.require_state) return;
   measured_ = measured;
   measured_at_ = now.steady;
+  forgetThrusts(thrusts_, measured.stamp);
   if (driving() && measured.valid && stateIsFinite()) {
     const std::string jump = jumped(measured);
     known_ = measured;
-    if (thrusts_.size() > 1) thrusts_.erase(thrusts_.begin(), thrusts_.end() - 1);
     if (!jump.empty()) enter(now, State::kStopped, jump);
   }
   tick(now);
@@ -186,22 +192,19 @@ bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
 
 /// Why the craft has to be stopped to stay inside; empty if it may continue.
 std::string ControllerLifecycle::fenceProblem(Instant now) const {
-  if (!fence_ || !params_.require_state || !stateIsFinite()) return "";
-  const double age = now.time - measured_->stamp;
+  if (!fence_ || !stateIsFinite()) return "";
   Fence::Thrusts thrusts;
-  if (driving()) {
-    const double ended = lost_since_ ? now.steady - *lost_since_ : 0;  // without thrust since then [s]
-    for (std::size_t i = 0; i < thrusts_.size(); ++i) {
-      const double begin = std::max(thrusts_[i].since, measured_->stamp);
-      const double end = i + 1 < thrusts_.size() ? thrusts_[i + 1].since : now.time - ended;
-      thrusts.push_back({thrusts_[i].acceleration, std::max(0.0, end - begin)});
-    }
+  for (std::size_t i = 0; i < thrusts_.size(); ++i) {
+    const double begin = std::max(thrusts_[i].since, measured_->stamp);
+    const double end = i + 1 < thrusts_.size() ? thrusts_[i + 1].since : now.time;
+    thrusts.push_back({thrusts_[i].acceleration, std::max(0.0, end - begin)});
   }
-  return fence_->objection(measured_->state, age, thrusts);
+  return fence_->objection(measured_->state, now.time - measured_->stamp, thrusts);
 }
 
-/// Stores the thrust of a command for the fence; while a state ages, the thrusts before it still count.
+/// Stores the thrust of a command for the fence.
 void ControllerLifecycle::noteThrust(double time, const Inputs& inputs) {
+  if (!measured_) thrusts_.clear();  // only the last one may count
   const Vector2<double> acceleration = pilot_.acceleration(inputs);
   if (thrusts_.empty() || thrusts_.back().acceleration != acceleration)
     thrusts_.push_back({time, acceleration});
@@ -216,7 +219,6 @@ void ControllerLifecycle::begin(Instant now) {
   running_since_ = now.time;
   last_update_.reset();
   known_ = measured_;
-  thrusts_.clear();
   try {
     pilot_.activate(now.time);
     schedule(0);
@@ -242,7 +244,6 @@ void ControllerLifecycle::control(Instant now, double stamp) {
   last_update_ = stamp;
   schedule(elapsed);
   if (!inputs.finite()) return enter(now, State::kStopped, "the command is not finite");
-  noteThrust(now.time, inputs);
   send(now, inputs);
 }
 
@@ -262,7 +263,9 @@ void ControllerLifecycle::change(State state, const std::string& reason) {
 
 void ControllerLifecycle::send(Instant now, const Inputs& inputs) {
   next_keepalive_ = now.steady + kKeepalive;
-  if (started() || now.steady >= others_until_) send_(inputs);
+  if (!started() && now.steady < others_until_) return;
+  noteThrust(now.time, inputs);
+  send_(inputs);
 }
 
 /// Lift input while the thrusters are off; a controller that takes over keeps the lift on.

@@ -28,7 +28,7 @@ Vector2<double> Fence::stoppingPoint(const RigidState<double>& state, double age
   Vector2<double> velocity = bodyToWorld<double>(state.eta.z(), state.nu.head<2>().eval());
   double time = 0;
   for (std::size_t i = 0; i < count; ++i) {
-    const double lasts = thrusts[i].duration + (i + 1 == thrusts.size() ? room_.latency : 0);
+    const double lasts = thrusts[i].duration + (i + 1 == count ? room_.latency : 0);
     const double heading = state.eta.z() + (time + 0.5 * lasts) * state.nu.z();  // half way through it
     const Vector2<double> gained = lasts * bodyToWorld<double>(heading, thrusts[i].acceleration);
     at += lasts * (velocity + 0.5 * gained);

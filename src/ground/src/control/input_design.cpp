@@ -35,7 +35,7 @@ InputSignal repeated(const DesignParams& p, const std::vector<Row>& rows, double
   signal.end = duration;
   for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
     signal.times.push_back(static_cast<double>(i) / row_rate);
-    signal.inputs.emplace_back(p.thrusters->clipped(rows[i % rows.size()], 1), 1.0);
+    signal.inputs.emplace_back(p.thrusters->clipped(rows[i % rows.size()]), 1.0);
   }
   return signal;
 }

@@ -24,7 +24,7 @@ double pushing(const Thrusters<double>& inputs, const ThrusterLayout& layout) {
 
 /// Whether a thruster pushes without lift. An input of the wrong sign for the thruster is clipped.
 bool thrustAlone(const MotorCommand& c, const ThrusterLayout& layout) {
-  return pushing(layout.clipped(c.thrusters, 1), layout) > 0 && !(c.lift > 0);
+  return pushing(layout.clipped(c.thrusters), layout) > 0 && !(c.lift > 0);
 }
 
 std::string because(const std::string& what, const std::string& why) {

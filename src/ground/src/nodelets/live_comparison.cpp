@@ -159,7 +159,7 @@ class LiveComparison : public Shell {
         NODELET_WARN_THROTTLE(5, "live_comparison: %s: a command %s", c.name.c_str(), other.c_str());
         continue;
       }
-      Thrusters<double> thrusters = model.thrusters->clipped(inputs.thrusters, 1);
+      Thrusters<double> thrusters = model.thrusters->clipped(inputs.thrusters);
       thrusters *= model.body.input_max;
       c.monitor->command(time, thrusters, inputs.lift);
       if (&c == &contestants_[0]) changes_->command(time, thrusters, inputs.lift);

@@ -182,7 +182,7 @@ class Visualizer : public Shell {
     const ThrusterLayout& layout = *model_.thrusters;
     const bool fits = controls_ && misfit(*controls_, layout).empty();
     const Inputs inputs = fits ? readInputs(*controls_) : Inputs::off(layout.size());
-    Thrusters<double> forces = layout.forces(layout.clipped(inputs.thrusters, 1));
+    Thrusters<double> forces = layout.forces(layout.clipped(inputs.thrusters));
     forces *= model_.body.k * model_.body.input_max;
     return forces;
   }

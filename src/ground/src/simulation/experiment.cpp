@@ -224,7 +224,7 @@ ExperimentLog playSchedule(const Model& model, const InputSequence& schedule, do
   if (!(duration > 0) || !std::isfinite(duration)) throw std::invalid_argument("duration must be positive");
   Dynamics<double>(model).requireThrusters(schedule.thruster_count);
   for (std::size_t i = 0; i < schedule.size(); ++i) {
-    const Thrusters<double> inside = model.thrusters->clipped(schedule.thrusters[i], 1);
+    const Thrusters<double> inside = model.thrusters->clipped(schedule.thrusters[i]);
     for (int j = 0; j < inside.size(); ++j)
       if (inside(j) != schedule.thrusters[i](j))
         throw std::invalid_argument("an input is outside the range of its thruster");

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <functional>
 #include <limits>
 #include <optional>
@@ -168,6 +169,10 @@ class ControllerLifecycle {
         visitor.value((*measured)->state.nu(i));
       }
     }
+    for (const Driven& one : thrusts_) {
+      visitor.stamp(measured_ ? std::max(one.since, measured_->stamp) : one.since);
+      for (const double a : one.acceleration) visitor.value(a);
+    }
     visitor.value(static_cast<int>(state_));
     visitor.value(armed_);
     visitor.value(lifted_);
@@ -214,7 +219,7 @@ class ControllerLifecycle {
     double since;
     Vector2<double> acceleration;  ///< [m/s^2]
   };
-  std::vector<Driven> thrusts_;  ///< that of the last valid state, and those since then
+  std::vector<Driven> thrusts_;  ///< at the time of the last state, and those since then
   /// Next change of open-loop inputs, clock of stamps [s]; no value for closed-loop control.
   std::optional<double> change_at_;
   double started_at_ = 0;          ///< steady clock [s]

@@ -33,7 +33,7 @@ class Fence {
   const Room& room() const { return room_; }
   /// Where the craft comes to rest if thrust and lift are cut now; `age`: age of the state [s].
   Vector2<double> stoppingPoint(const RigidState<double>& state, double age) const;
-  /// The same with the first `count` thrusts. If these are all, the last one lasts on for the room's latency.
+  /// The same with the first `count` thrusts, the last of which lasts on for the room's latency.
   Vector2<double> stoppingPoint(const RigidState<double>& state, double age, const Thrusts& thrusts,
                                 std::size_t count) const;
   /// By how much stoppingPoint() is too close to a wall [m], at least 0. `derivative`: its derivatives by x,
