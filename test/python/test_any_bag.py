@@ -128,7 +128,8 @@ def test_commands_that_came_late_are_said(own_type, tmp_path, is_late, clock):
     shutil.copy(file, tmp_path / "run.db3")
     if is_late:  # one command is 0.3 s under way
         with sqlite3.connect(str(tmp_path / "run.db3")) as data:
-            late = "UPDATE messages SET timestamp = timestamp + 300000000 WHERE topic_id = 9 AND timestamp = ?"
+            late = "UPDATE messages SET timestamp = timestamp + 300000000 WHERE topic_id = 9 "
+            late += "AND timestamp = ?"
             data.execute(late, (commands[20][0] + 10**6,))
         data.close()
     mapping = VALVES + ("  time: receipt\n" if clock else "")

@@ -225,8 +225,8 @@ def _late(columns: Columns, given: Flags, sent_at: Indices) -> Iterator[str]:
     interval = 1e-9 * float(np.ptp(sent_at)) / (len(sent_at) - 1)
     if (late > max(interval, LATE)).any():
         yield (
-            "%d of %d commands came late, by up to %.2g s after their stamps; if the craft acted when they came, "
-            "take `time: receipt` for the commands in a mapping, and compare the errors"
+            "%d of %d commands came late, by up to %.2g s after their stamps; if the craft acted when they "
+            "came, take `time: receipt` for the commands in a mapping, and compare the errors"
         ) % ((late > max(interval, LATE)).sum(), len(late), late.max())
 
 
