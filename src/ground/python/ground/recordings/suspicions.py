@@ -190,10 +190,9 @@ def _weak(recording: Recording, thrusters: Sequence[layouts.Thruster]) -> Iterat
         if most < WEAK * abs(usual):
             yield Suspicion(
                 "weak",
-                "%s turns the craft by %.2g +- %.1g rad/s2, where its place promises %.2g: it does little "
-                "or nothing in this run" % (name, found[name]["turn"], error, usual * levers[name]),
-                "leave the run out, which makes the thrust of all look smaller, or fit thruster_gain_%s to it "
-                "alone" % name,
+                "%s turns the craft by %.2g +- %.1g rad/s2, where its place promises %.2g: it does little or "
+                "nothing in this run" % (name, found[name]["turn"], error, usual * levers[name]),
+                "leave the run out, because it makes the thrust of all look smaller",
                 (recording.name,),
             )
 
