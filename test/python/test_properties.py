@@ -95,7 +95,7 @@ def test_thinning_averages_neighbours_and_never_across_a_gap():
 @pytest.mark.parametrize("acceleration", [0.002, 0.05, 2.0])
 def test_slow_craft_are_thinned_as_far_as_the_noise_hides_the_error_of_means(acceleration):
     times = np.arange(1200) / 120.0
-    rate = 2.0  # of a motion to and fro [rad/s]
+    rate = 2.0  # of a swinging motion [rad/s]
     eta = np.column_stack([acceleration / rate**2 * np.sin(rate * times), 0 * times, 0 * times])
     nu = np.column_stack([acceleration / rate * np.cos(rate * times), 0 * times, 0 * times])
     noise, inputs = np.array([2e-5, 2e-5, 1e-4]), np.array([[0.0, 0.5, 0.5, 1.0]])
