@@ -1,6 +1,7 @@
 """Bags of other people: own types, other encodings, killed recorders, files that are cut."""
 
 import json
+import shutil
 import sqlite3
 import struct
 
@@ -119,6 +120,23 @@ def test_a_draft_names_the_definitions_for_later(own_type, tmp_path):
     assert "switches[6]" in draft.read_text()
     (run,) = ground.read(file, mapping=draft)
     assert len(run.controls) == len(commands)
+
+
+@pytest.mark.parametrize("is_late, clock", [(True, ""), (False, ""), (True, "receipt")])
+def test_commands_that_came_late_are_said(own_type, tmp_path, is_late, clock):
+    folder, file, commands = own_type
+    shutil.copy(file, tmp_path / "run.db3")
+    if is_late:  # one command is 0.3 s under way
+        with sqlite3.connect(str(tmp_path / "run.db3")) as data:
+            late = "UPDATE messages SET timestamp = timestamp + 300000000 WHERE topic_id = 9 "
+            late += "AND timestamp = ?"
+            data.execute(late, (commands[20][0] + 10**6,))
+        data.close()
+    mapping = VALVES + ("  time: receipt\n" if clock else "")
+    (tmp_path / "m.yaml").write_text(mapping)
+    (run,) = ground.read(tmp_path / "run.db3", mapping=tmp_path / "m.yaml", types=folder / "src")
+    said = [w for w in run.warnings if "came late, by up to 0.3 s" in w and "time: receipt" in w]
+    assert len(said) == (is_late and not clock)
 
 
 WRONG = [

@@ -157,3 +157,27 @@ def test_the_second_craft_is_read_and_what_cannot_be_told_is_said(tmp_path):
         alone = layouts.judge([recording], FOUR)
         open_still = [alone.best, *alone.undecided]
         assert verdict.best.hypothesis in [found.hypothesis for found in open_still]
+
+
+@pytest.mark.parametrize("dead", [None, "valve_3", "valve_8"])
+def test_a_valve_that_stays_shut_in_a_run_stands_out_by_the_turns(dead):
+    """Although the measured point is off the centre of mass, so that turns look like forces."""
+    model = _core.load_model(str(ROOT / "cfg" / "craft" / "free_flyer.yaml"))
+    truth = model.copy()
+    truth.add_effect("marker_offset")
+    truth.set_value("marker_offset.dx", 0.05)
+    names = [thruster["channel"] for thruster in model.thrusters]
+    random = np.random.default_rng(3)
+    edges, times = np.arange(0, 60, 0.7), np.arange(0, 60, 0.02)
+    commands = random.choice([0.0, 1.0], (len(edges), len(names)), p=[0.7, 0.3])
+    acting = commands * [name != dead for name in names]
+    inputs = np.column_stack([edges, acting, np.ones(len(edges))])
+    eta = _core.simulate(truth, inputs, times, np.zeros(3), np.zeros(3))["eta"]
+    eta = eta + random.normal(0, [2e-5, 2e-5, 1e-4], eta.shape)
+    eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))
+    rows = np.column_stack([1000 + edges, commands])
+    run = checked("run.bag", np.column_stack([1000 + times, eta]), rows, "a test", [], names)
+    findings = suspicions.of_thrusters([run], model)
+    assert len(findings) == (dead is not None)
+    if dead:
+        assert findings[0].kind in ("dead", "weak") and dead in findings[0].evidence

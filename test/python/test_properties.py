@@ -92,6 +92,24 @@ def test_thinning_averages_neighbours_and_never_across_a_gap():
     assert len(thinning.thinned(thin).times) == len(thin.times)
 
 
+@pytest.mark.parametrize("acceleration", [0.002, 0.05, 2.0])
+def test_slow_craft_are_thinned_as_far_as_the_noise_hides_the_error_of_means(acceleration):
+    times = np.arange(1200) / 120.0
+    rate = 2.0  # of a swinging motion [rad/s]
+    eta = np.column_stack([acceleration / rate**2 * np.sin(rate * times), 0 * times, 0 * times])
+    nu = np.column_stack([acceleration / rate * np.cos(rate * times), 0 * times, 0 * times])
+    noise, inputs = np.array([2e-5, 2e-5, 1e-4]), np.array([[0.0, 0.5, 0.5, 1.0]])
+    scales = _core.RunScales(window=15.0)
+    thin = thinning.thinned(_core.RunData("run", times, eta, nu, inputs, eta, noise, scales=scales))
+    exact = acceleration / rate**2 * np.sin(rate * np.array(thin.times))
+    step = np.median(np.diff(thin.times))
+    assert 1 / 60 - 1e-9 <= step <= 0.2 + 1e-9  # as a palm-sized craft, or a tenth of its rate
+    if step > 1 / 50:
+        assert np.abs(np.array(thin.eta)[:, 0] - exact).max() < 0.21 * noise[0]
+    assert (step < 0.02) == (acceleration == 2.0) and (step > 0.15) == (acceleration == 0.002)
+    assert thinning.thinned(thin) is thin
+
+
 @pytest.mark.parametrize("begin", [0.0, 0.1, 1.7e9], ids=["0", "0.1", "since_1970"])
 @pytest.mark.parametrize(
     "rate,count",

@@ -3,7 +3,8 @@
 Forces on the craft change within tens of milliseconds, and a motion capture's noise is independent
 from frame to frame. The mean of two poses within 10 ms therefore has the same information, at half
 the work. At full thrust its error is at most a fifth of the noise of heading, as from a delay of
-0.05 ms.
+0.05 ms. Slow craft are thinned further, as long as the mean's error stays as small: over a time T, an
+acceleration a moves it by a T^2 / 24.
 """
 
 import numpy as np
@@ -11,8 +12,11 @@ import numpy as np
 from ground import _core
 from ground.support.annotations import Array, Indices
 
-RATE = 50.0  # least rate after thinning [Hz] ...
+RATE = 50.0  # least rate after thinning of a craft with windows of WINDOW [Hz] ...
 TOLERANCE = 0.02  # ... up to this share, because steps are rounded: 200 Hz become 50 Hz, not 67 Hz
+WINDOW = 1.5  # [s]; those of slower craft are longer, and the least rate is as much lower
+ERROR = 0.2  # most error of a mean, in the noise of a pose
+STRONG = 99  # percentile of the accelerations that a run has [%]
 UNEVEN = 1.5  # a step longer than this multiple of the usual one separates groups
 
 
@@ -21,7 +25,7 @@ def thinned(run: _core.RunData) -> _core.RunData:
     that is one. Its noise is that of the means."""
     times = np.array(run.times)
     step = np.median(np.diff(times)) if len(times) > 1 else 1.0
-    count = int((1 + TOLERANCE) / (RATE * step)) if step > 0 else 1
+    count = int((1 + TOLERANCE) * _span(run) / step) if step > 0 else 1
     if count < 2:
         return run
     groups = _groups(times, step, count)
@@ -36,6 +40,19 @@ def thinned(run: _core.RunData) -> _core.RunData:
     wrench = mean(run.wrench) if len(run.wrench) else None
     eta, nu = mean(run.eta), mean(run.nu)
     return run.replaced(times=stamps, eta=eta, nu=nu, poses=poses, noise=noise, wrench=wrench)
+
+
+def _span(run: _core.RunData) -> float:
+    """Time over which poses are averaged [s]."""
+    least, most = 1 / RATE, run.scales.window / WINDOW / RATE
+    if not most > least:
+        return least
+    nu, along = np.array(run.nu), np.diff(np.array(run.times))
+    turning = np.column_stack([-nu[:-1, 2] * nu[:-1, 1], nu[:-1, 2] * nu[:-1, 0], 0 * nu[:-1, 2]])
+    accelerations = np.abs(np.diff(nu, axis=0) / along[:, None] + turning)
+    strong = np.maximum(np.percentile(accelerations, STRONG, axis=0), 1e-300)
+    error = ERROR * np.array(run.noise)
+    return float(np.clip(np.sqrt(24 * error / strong).min(), least, most))
 
 
 def by_poses_alone(run: _core.RunData) -> _core.RunData:

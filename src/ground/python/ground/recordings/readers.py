@@ -5,7 +5,7 @@ import glob
 import os
 import re
 from dataclasses import replace
-from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
+from typing import Dict, Iterable, Iterator, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from ground.support.origin import digest_of_files
 
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
 FARTHEST = 1e5  # largest plausible distance from the first pose [m]
+LATE = 0.05  # least delay beyond the usual one that is late [s]
 FOREIGN = {  # files that other programs export as tables
     **dict.fromkeys((".xlsx", ".xls", ".ods"), "the sheet"), ".mat": "its variables", ".h5": "its data",
     **dict.fromkeys((".c3d", ".tak"), "the take"), ".qtm": "the measurement as 6D TSV, or it",
@@ -169,6 +170,7 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     if disorder:
         warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
     delay -= _delay(columns, given, sent_at)
+    warnings.extend(_late(columns, given, sent_at))
 
     table = functools.lru_cache(maxsize=None)(source.table)  # telemetry has several sensors
 
@@ -213,6 +215,20 @@ def _delay(columns: Columns, chosen: Flags, stamps: Indices) -> float:
     if RECEIVED not in columns or not len(stamps):
         return 0.0
     return 1e-9 * float(np.median(columns[RECEIVED][chosen] - stamps))
+
+
+def _late(columns: Columns, given: Flags, sent_at: Indices) -> Iterator[str]:
+    """Commands that came later than others do by more than the usual interval: which time acted?"""
+    if RECEIVED not in columns or len(sent_at) < 2:
+        return
+    delays = 1e-9 * (np.asarray(columns[RECEIVED])[given] - sent_at)
+    late = delays - np.median(delays)
+    interval = 1e-9 * float(np.ptp(sent_at)) / (len(sent_at) - 1)
+    if (late > max(interval, LATE)).any():
+        yield (
+            "%d of %d commands came late, by up to %.2g s after their stamps; if the craft acted when they "
+            "came, take `time: receipt` for the commands in a mapping, and compare the errors"
+        ) % ((late > max(interval, LATE)).sum(), len(late), late.max())
 
 
 def _drives(source: Container) -> Array:

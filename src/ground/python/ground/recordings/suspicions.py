@@ -27,8 +27,11 @@ MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run
 CLEAR = 2.5  # least evidence of another clock, in its standard errors
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
 MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
-# Kinds of mistakes that effects of a model can also explain: heading_offset, input_delay, other thrust.
-EXPLAINED = ("offset", "delay", "command")
+# Kinds of mistakes that effects of a model can also explain: heading_offset, input_delay, other thrust,
+# thruster_gain.
+EXPLAINED = ("offset", "delay", "command", "weak")
+MIN_TURNING = 4  # thrusters that turn the craft, from which one that does not stands out
+WEAK = 0.5  # share of the moment that its place promises, below which a thruster is weak
 # A left and a right thruster; the moments of any lever are the same but for a factor.
 PAIR = (layouts.Thruster("left", 0.0, -1.0, 0.0), layouts.Thruster("right", 0.0, 1.0, 0.0))
 
@@ -168,7 +171,33 @@ def of_thrusters(recordings: Sequence[Recording], model: _core.Model) -> List[Su
     alone = [one for recording in recordings for one in _of_layout([recording], thrusters)]
     together = list(_of_layout(recordings, thrusters))
     what, every = ({one.evidence.split(":")[0] for one in some} for some in (alone, together))
-    return together if what <= every else alone
+    found = together if what <= every else alone
+    return found or [one for recording in recordings for one in _weak(recording, thrusters)]
+
+
+def _weak(recording: Recording, thrusters: Sequence[layouts.Thruster]) -> Iterator[Suspicion]:
+    """Thrusters that turn the craft much less in a run than their place and the others promise."""
+    found = reply.authorities(recording)
+    levers = {one.name: one.effect[2] for one in thrusters}
+    if not found or set(found) != set(levers):
+        return
+    longest = max(abs(lever) for lever in levers.values())
+    turning = [name for name, lever in levers.items() if abs(lever) > WEAK * longest > 0]
+    if len(turning) < MIN_TURNING:
+        return
+    rates = {name: found[name]["turn"] / levers[name] for name in turning}
+    usual = float(np.median(list(rates.values())))
+    for name in turning:
+        error = found[name]["errors"][2]
+        most = rates[name] * np.sign(usual) + reply.EXCLUDED * error / abs(levers[name])
+        if most < WEAK * abs(usual):
+            yield Suspicion(
+                "weak",
+                "%s turns the craft by %.2g +- %.1g rad/s2, where its place promises %.2g: it does little or "
+                "nothing in this run" % (name, found[name]["turn"], error, usual * levers[name]),
+                "leave the run out, because it makes the thrust of all look smaller",
+                (recording.name,),
+            )
 
 
 def _of_layout(recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster]) -> Iterator[Suspicion]:
