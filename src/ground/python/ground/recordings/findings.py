@@ -187,7 +187,9 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     )
     yield "drive", ", ".join(starts) + (DRIVES_BY.get(d["drives"]["by"], "") if has_lift else "")
     if d["reply"]:
-        yield "reply", "the craft reacts %.0f ms after a command" % (1e3 * d["reply"]["lag"])
+        text = "the craft reacts %.0f ms after a command" % (1e3 * d["reply"]["lag"])
+        slow = "the craft follows its commands, too slowly for poses with this noise to show its delay"
+        yield "reply", slow if d["reply"]["slow"] else text
     if d["inertial"]:
         yield "sensors", _sensors(d["inertial"], poses)
     if d["inertial"] and d["inertial"]["noise"]:
@@ -283,7 +285,7 @@ def grave(d: Document) -> Iterator[str]:
             if d["poses"]["noise"]["heading"] > reply.AMBIGUOUS:
                 why = "the headings scatter so much that it is not known which way the craft turned"
             elif share == 0:
-                why = "the same commands at other times explain as much of it"
+                why = "the same commands at other times, or noise of the poses, explain as much of it"
             yield "whether the motion follows the commands cannot be decided, because " + why
 
 
