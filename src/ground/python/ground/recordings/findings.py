@@ -298,8 +298,10 @@ def findings(d: Document) -> Iterator[str]:
     if d["rest"] > 0.2:
         yield "the first %.2f s are left out, because the craft does not move (--all keeps them)" % d["rest"]
     if d["rest_at_end"] > 0.2:
-        text = "the last %.2f s are left out, without lift or motion (--all keeps them)"
-        yield text % d["rest_at_end"]
+        controls = d["controls"]
+        none = "lift" if len(controls["thrusters"]) < len(controls["channels"]) else "commands"
+        text = "the last %.2f s are left out, without %s or motion (--all keeps them)"
+        yield text % (d["rest_at_end"], none)
     for spans, what in (
         (d["without_lift"], "no lift, left out"),
         (d["steps"], "the measured pose steps, as when cameras change, but the craft does not; left out"),
