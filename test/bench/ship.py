@@ -6,10 +6,11 @@ not belong to this project. Their columns, after four lines: time [s], x, y [m],
 x and y of the tank [m/s], yaw rate [deg/s], roll [deg], rudder [deg], revolutions [1/s], thrust [N], torque
 [N m]. A positive rudder turns the ship to negative headings.
 
-The model is cfg/craft/propeller_ship.yaml, whose rudder, propeller and added mass come from the literature.
-The hull is fitted to the zigzags that are not held out. Prints the first overshoots of those that are, as
-predicted with the recorded rudder from the first pose on, and a turning circle with 35 degrees of rudder in
-lengths of the ship beside what is published of such models (SIMMAN 2008).
+The model is cfg/craft/propeller_ship.yaml, whose propeller, added mass and cubic terms of the hull are of the
+literature: zigzags hardly show them. Resistance, linear terms of the hull and the strength of the rudder are
+fitted to the zigzags that are not held out. Prints the first overshoots of those that are, as predicted with
+the recorded rudder from the first pose on, and a turning circle with 35 degrees of rudder, in lengths of the
+ship, beside what is published of such models (SIMMAN 2008).
 """
 
 import argparse
@@ -29,10 +30,9 @@ LENGTH, SPEED = 7.0, 1.179  # [m], [m/s] at which tests begin
 RUDDER, REVOLUTIONS = 35.0, 13.0  # of inputs of 1 [deg], [1/s]
 RATE = 15.8  # of the rudder [deg/s]: 2.34 at full scale
 CHANNELS = ("propeller", "rudder", "lift")
-# The inertia, which has the added one, and all of the hull.
-HULL = ["I_z", "surge_resistance.xuu", "drift_resistance.xvv", "drift_resistance.xrr"]
+# The inertia, which has the added one, and what zigzags show of hull and rudder.
+HULL = ["I_z", "surge_resistance.xuu", "foil_gain_rudder.a", "body_force_bias.y0", "yaw_bias.n0"]
 HULL += ["hull_lift." + name for name in ("yv", "yr", "nv", "nr")]
-HULL += ["cross_flow_drag.fore", "cross_flow_drag.aft", "body_force_bias.y0", "yaw_bias.n0"]
 PUBLISHED = {"advance": (3.0, 3.25), "tactical diameter": (3.1, 3.4)}
 
 
@@ -49,7 +49,7 @@ def craft():
     """The ship with all effects of a hull."""
     path = find_in_workspaces(["share"], "ground", "cfg/craft/propeller_ship.yaml")[0]
     model = ground.Model.load(path)
-    for effect in ("drift_resistance", "body_force_bias", "yaw_bias"):
+    for effect in ("foil_gain_rudder", "body_force_bias", "yaw_bias"):
         if effect not in model.effects:
             model = model.with_effect(effect)
     return model - "angle_rate_rudder"  # recorded is the angle of the rudder itself

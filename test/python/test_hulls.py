@@ -1,12 +1,19 @@
 """Crafts on water: what a diagnosis tries, and that it finds a hidden current and cross-flow."""
 
+import sys
+
 import numpy as np
 import pytest
 
 import ground
+from conftest import ROOT
 from ground import _core
 from ground.analysis import candidates
 from ground.reports import words
+from ground.support import errors
+
+sys.path.insert(0, str(ROOT / "test" / "bench"))
+import ship
 
 BOAT = """
 schema: ground/model/1
@@ -55,9 +62,18 @@ def test_a_diagnosis_tries_what_suits_a_hull():
         c.name
         for c in candidates.library(ground.Model.parse(BOAT.replace("  hull: {length: 1.2}\n", "")).core)
     }
-    assert {"surge_resistance", "hull_lift", "cross_flow_drag", "drift_resistance", "current"} <= afloat
+    assert {"surge_resistance", "hull_lift", "cross_flow_drag", "current"} <= afloat
+    assert {"drift_resistance", "hull_nonlinear"} <= afloat
     assert not {"skirt_friction", "momentum_drag", "floor_tilt", "coulomb_friction", "wind"} & afloat
     assert {"skirt_friction", "floor_tilt", "wind"} <= on_floor and "current" not in on_floor
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_tanker_turns_as_a_model_of_it_does_in_a_tank(side):
+    advance, diameter, speed = ship.circle(ship.craft(), side)
+    for found, (least, most) in zip((advance, diameter), ship.PUBLISHED.values()):
+        assert 0.95 * least < found < 1.05 * most
+    assert 0.2 < speed < 0.5
 
 
 def test_a_current_is_found_with_its_direction():
@@ -87,3 +103,10 @@ def test_a_tilt_is_told_as_a_direction_in_the_room():
     unknown = words.vector("current", {"wx": 0.01, "wy": 0.0}, {"wx": 0.1, "wy": 0.1})
     assert unknown == "it flows at 0.01 m/s in a direction that these runs do not show"
     assert words.vector("motor_lag", {"tau": 0.1}, {"tau": 0.01}) == ""
+
+
+def test_a_verb_says_a_warning_once(capsys):
+    with errors.warnings_as_lines():
+        for text in ("runs differ", "runs differ", "no voltage"):
+            errors.warn(text)
+    assert capsys.readouterr().err == "warning: runs differ\nwarning: no voltage\n"

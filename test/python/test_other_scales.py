@@ -177,6 +177,25 @@ def test_commands_of_another_run_are_noticed(name):
     assert ("cannot be decided, because" if slow else "does not follow the commands") in line
 
 
+def under_corrections(seed, swapped=False):
+    """A boat whose poses are corrected once a second by far more than they scatter: the accelerations are
+    noise, except over seconds. The commands are those of a seed."""
+    craft = replace(CRAFT["boat with GNSS"], rate=10, noise=(0.003, 5e-4), duration=600)
+    times, eta, _ = craft.recorded(1)
+    corrections = np.random.default_rng(3).normal(size=(600, 3)) * [0.2, 0.2, 0.05]
+    rows = craft.recorded(seed)[2][:, [0, 2, 1, 3] if swapped else slice(None)]
+    return recording(craft, times, eta + np.repeat(corrections, 10, axis=0), rows)
+
+
+def test_a_slow_craft_is_seen_to_follow_where_single_accelerations_are_noise():
+    (line,) = (text for word, text in findings.facts(described(under_corrections(1))) if word == "reply")
+    assert "too slowly" in line
+    assert not suspicions.of(under_corrections(1))
+    assert any("swapped" in str(one) for one in suspicions.of(under_corrections(1, swapped=True)))
+    said = list(findings.grave(described(under_corrections(2))))
+    assert not any("does not follow" in line for line in said), said
+
+
 @pytest.mark.parametrize("heading", [0.5, 1.0])  # [rad]
 def test_nobody_is_accused_where_noise_hides_the_motion(heading):
     craft = CRAFT["free-flyer"]

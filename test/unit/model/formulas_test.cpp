@@ -30,6 +30,16 @@ const std::map<std::string, Values> kEffects = {
     {"drift_resistance", {{"xvv", 0.02}, {"xvr", -0.003}, {"xrr", 4e-4}}},
     {"floor_tilt", {{"sx", 0.02}, {"sy", -0.01}}},
     {"hull_lift", {{"yv", 0.03}, {"yr", -0.002}, {"nv", 0.001}, {"nr", 2e-4}}},
+    {"hull_nonlinear",
+     {{"xvvvv", 0.02},
+      {"yvvv", 0.03},
+      {"yvvr", 0.002},
+      {"yvrr", 4e-4},
+      {"yrrr", 2e-5},
+      {"nvvv", 0.001},
+      {"nvvr", 3e-4},
+      {"nvrr", 2e-5},
+      {"nrrr", 1e-6}}},
     {"momentum_drag", {{"q", 0.02}}},
     {"quadratic_drag", {{"cx", 0.02}, {"cy", 0.05}, {"cr", 1e-5}}},
     {"skirt_friction", {{"f0", 0.04}, {"n0", 6e-4}}},
@@ -88,19 +98,27 @@ Vector3<double> accelerationOf(const Model& model, const Instant& at) {
   const double slope_x = c * gx + s * gy, slope_y = -s * gx + c * gy;
   const double xg = p("com_offset", "xg"), yg = p("com_offset", "yg");
 
+  const double arm = std::sqrt(3 * b.I_z / b.m) / 2, V = std::sqrt(ua * ua + va * va + arm * arm * r * r);
+  const auto cubic = [&](const std::string& of) {
+    const auto d = [&](const char* which) { return p("hull_nonlinear", (of + which).c_str()); };
+    return (d("vvv") * va * va * va + d("vvr") * va * va * r + d("vrr") * va * r * r + d("rrr") * r * r * r) /
+           V;
+  };
+
   const double X = F * std::cos(angle) - b.X_u * ua - p("quadratic_drag", "cx") * air * ua - drag * ua +
                    p("body_force_bias", "x0") - f * u / speed + slope_x -
                    p("surge_resistance", "xuu") * std::abs(ua) * ua - p("drift_resistance", "xvv") * va * va -
-                   p("drift_resistance", "xvr") * va * r - p("drift_resistance", "xrr") * r * r;
+                   p("drift_resistance", "xvr") * va * r - p("drift_resistance", "xrr") * r * r +
+                   p("hull_nonlinear", "xvvvv") * std::pow(va, 4) / (V * V);
   const double Y = F * std::sin(angle) - b.Y_v * va - p("quadratic_drag", "cy") * air * va - drag * va +
                    p("body_force_bias", "y0") - f * v / speed + slope_y - p("sway_yaw_damping", "yr") * r +
                    p("differential_side_force", "c") * (left - right) -
-                   std::abs(ua) * (p("hull_lift", "yv") * va + p("hull_lift", "yr") * r);
+                   std::abs(ua) * (p("hull_lift", "yv") * va + p("hull_lift", "yr") * r) - cubic("y");
   const double N = b.l * (left - right) * std::cos(angle) - b.N_r * r -
                    p("quadratic_drag", "cr") * std::abs(r) * r + p("yaw_bias", "n0") -
                    p("sway_yaw_damping", "nv") * va + p("thrust_sway_moment", "c") * F * va -
                    p("directional_yaw_damping", "na") * std::abs(r) -
-                   std::abs(ua) * (p("hull_lift", "nv") * va + p("hull_lift", "nr") * r) -
+                   std::abs(ua) * (p("hull_lift", "nv") * va + p("hull_lift", "nr") * r) - cubic("n") -
                    n * (r > 0 ? 1 : -1) + xg * slope_y - yg * slope_x;
 
   // Fossen 1994, 2.4, term by term

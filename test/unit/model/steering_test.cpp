@@ -116,7 +116,8 @@ TEST(Foil, ForceGrowsWithTheSquareOfSpeedAndTheThrust) {
 TEST(Foil, HasExactDerivatives) {
   std::mt19937 random(3);
   std::uniform_real_distribution<double> any(-1, 1);
-  const Model model = fanAndRudder(kBoth, "[{name: foil_inflow_rudder, speed: 0.1, sway: 0.1}]");
+  const Model model = fanAndRudder(
+      kBoth, "[{name: foil_inflow_rudder, speed: 0.1, sway: 0.1}, {name: foil_side_rudder, a: 0.2}]");
   for (int i = 0; i < 50; ++i) {
     const RigidState<double> state = moving(any(random), any(random), any(random));
     const Thrusters<double> input{0.5 + 0.5 * any(random), any(random)};
@@ -163,6 +164,17 @@ TEST(Steering, EffectsChangeWhatTheModelSays) {
   EXPECT_TRUE(close(fanAndRudder(kBoth, "[{name: foil_inflow_rudder, speed: 0.36, sway: 0.4}]"),
                     fanAndRudder("stream: fan, force: 0.5, jet: 2")));
   EXPECT_FALSE(close(fanAndRudder(kBoth), fanAndRudder(kBoth, "[{name: foil_gain_rudder, a: 0.5}]")));
+}
+
+TEST(Steering, OneSideReachesTheFoilMoreThanTheOther) {
+  const auto at = [](const std::string& foil, double v, const char* effects) {
+    return acceleration(fanAndRudder(foil, effects), moving(0.4, v, 0), {0.8, 0.3});
+  };
+  const std::string foil = "stream: fan, force: 0.5, jet: 2, own_sway: ";
+  const char* more_from_port = "[{name: foil_side_rudder, a: 0.2}]";
+  const double to_port = -0.3;  // water comes from port
+  EXPECT_LT((at(foil + "0.5", to_port, more_from_port) - at(foil + "0.6", to_port, "[]")).norm(), 1e-12);
+  EXPECT_LT((at(foil + "0.5", -to_port, more_from_port) - at(foil + "0.4", -to_port, "[]")).norm(), 1e-12);
 }
 
 TEST(Steering, EffectsAreThoseThatTheCraftCanHave) {

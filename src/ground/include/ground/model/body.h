@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 
 namespace ground {
 
@@ -21,6 +22,12 @@ struct Body {
   double hull_length = 0.0;
   /// Voltage of the battery at which k holds [V]; 0: not told.
   double volts = 0.0;
+
+  /// Half the length of the hull [m]; without one, that of a bar with the craft's radius of gyration.
+  T halfHull() const {
+    using std::sqrt;
+    return hull_length > 0 ? T(0.5 * hull_length) : T(sqrt(3.0 * I_z / m));
+  }
 };
 
 /// A load of known mass that a craft carries beside its own.

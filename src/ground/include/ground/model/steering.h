@@ -14,6 +14,7 @@ struct Steered {
   T scale{}, offset{};         ///< angle at input 1, without the offset; angle at input 0 [rad]
   T force{}, jet{};            ///< of Foil
   T own_square{}, own_sway{};  ///< square of Foil::own_speed; Foil::own_sway
+  T own_side{};                ///< relative part of own_sway, more where the flow comes from port
 };
 
 /// What each channel of the layout steers; empty for a craft without angles.
@@ -24,7 +25,7 @@ std::vector<Steered<T>> steeringOf(const ThrusterLayout& layout) {
   for (const Thruster& one : layout.thrusters()) {
     const Foil& foil = one.foil;
     all.push_back({T(one.angle * M_PI / 180), T(one.offset * M_PI / 180), T(foil.force), T(foil.jet),
-                   T(foil.own_speed * foil.own_speed), T(foil.own_sway)});
+                   T(foil.own_speed * foil.own_speed), T(foil.own_sway), T(0.0)});
   }
   return all;
 }
@@ -61,7 +62,8 @@ T signedRoot(const T& x) {
 /// The flow at a foil. With the speed of the craft along and across the foil's axis at its place, a and b,
 /// and the thrust T of the stream's thruster,
 ///
-///     q = own_speed^2 a |a| + jet max(T, 0);   f = sign(q) sqrt(|q|);   g = own_sway b
+///     q = own_speed^2 a |a| + jet max(T, 0);   f = sign(q) sqrt(|q|);
+///     g = own_sway (b - own_side |b|)
 ///
 /// f is the inflow along the axis: the speed of an ideal propeller's stream by momentum theory. The normal
 /// force on a foil at the angle d is
@@ -74,7 +76,7 @@ T signedRoot(const T& x) {
 template <typename T>
 T normalForce(const Steered<T>& foil, const T& a, const T& b, const T& thrust, const T& c, const T& s) {
   using std::abs;
-  const T g = foil.own_sway * b;
+  const T g = foil.own_sway * (b - foil.own_side * abs(b));
   const T q = foil.own_square * a * abs(a) + foil.jet * notBelowZero(thrust);
   // The two factors are kept apart only where something flows across: q has no root's derivative at 0.
   if (isConstant(g) && valueOf(g) == 0.0) return foil.force * q * s;

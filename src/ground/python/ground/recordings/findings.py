@@ -188,7 +188,9 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     )
     yield "drive", ", ".join(starts) + (DRIVES_BY.get(d["drives"]["by"], "") if has_lift else "")
     if d["reply"]:
-        yield "reply", "the craft reacts %.0f ms after a command" % (1e3 * d["reply"]["lag"])
+        text = "the craft reacts %.0f ms after a command" % (1e3 * d["reply"]["lag"])
+        slow = "the craft follows its commands, too slowly for poses with this noise to show its delay"
+        yield "reply", slow if d["reply"]["slow"] else text
     if d["inertial"]:
         yield "sensors", _sensors(d["inertial"], poses)
     if d["inertial"] and d["inertial"]["noise"]:
@@ -290,7 +292,7 @@ def grave(d: Document) -> Iterator[str]:
             if d["poses"]["noise"]["heading"] > reply.AMBIGUOUS:
                 why = "the headings scatter so much that it is not known which way the craft turned"
             elif share == 0:
-                why = "the same commands at other times explain as much of it"
+                why = "the same commands at other times, or noise of the poses, explain as much of it"
             yield "whether the motion follows the commands cannot be decided, because " + why
 
 
@@ -303,8 +305,10 @@ def findings(d: Document) -> Iterator[str]:
     if d["rest"] > 0.2:
         yield "the first %.2f s are left out, because the craft does not move (--all keeps them)" % d["rest"]
     if d["rest_at_end"] > 0.2:
-        text = "the last %.2f s are left out, without lift or motion (--all keeps them)"
-        yield text % d["rest_at_end"]
+        controls = d["controls"]
+        none = "lift" if len(controls["thrusters"]) < len(controls["channels"]) else "commands"
+        text = "the last %.2f s are left out, without %s or motion (--all keeps them)"
+        yield text % (d["rest_at_end"], none)
     for spans, what in (
         (d["without_lift"], "no lift, left out"),
         (d["steps"], "the measured pose steps, as when cameras change, but the craft does not; left out"),

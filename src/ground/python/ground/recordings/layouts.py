@@ -366,9 +366,9 @@ def _mistakes(
     driven = dict(zip(names, one.channels))
     moved = [(a, b) for a, b in driven.items() if a != b]
     pairs = [(a, b) for a, b in moved if driven[b] == a and names.index(a) < names.index(b)]
-    exchange = ", and of ".join("%s and %s" % pair for pair in pairs)
+    exchange = ", and ".join("%s and %s" % pair for pair in pairs)
     for pair in pairs:
-        remedy = "exchange the fields of %s %s" % (exchange, CHANNELS) if pair == pairs[0] else ""
+        remedy = "exchange the names %s %s" % (exchange, CHANNELS) if pair == pairs[0] else ""
         yield "swap", "%s and %s %s swapped" % (*pair, are), remedy
     for a, b in ((a, b) for a, b in moved if driven[b] != a):  # of a longer cycle
         yield "swap", "%s %s driven by %s" % (a, is_, b), "give %s the field of %s %s" % (a, b, CHANNELS)

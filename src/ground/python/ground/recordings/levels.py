@@ -79,14 +79,20 @@ def meaning(path: str, values: Array, said: str) -> Tuple[str, str]:
             return keys, why + ", and %g is its rest" % rest
         return "unit: microseconds", why
     if said in ("rad", "deg"):
-        keys = "off: 0, full: %.4g%s" % (most or 1, both)
+        keys = "off: 0, full: %s%s" % (_above(most), both)
         return keys, why + ", an angle in %s: full is its largest" % said
     if said == "%" or unit == "percent":
         return "unit: percent" + both, why
     if unit == "normalised" and said != "rpm":
         return "unit: normalised" + both, why
     top = next((step for step in STEPS if most == step), most)
-    return "off: 0, full: %g%s" % (top or 1, both), why + (", full is its largest" if top == most else "")
+    return "off: 0, full: %s%s" % (_above(top), both), why + (", full is its largest" if top == most else "")
+
+
+def _above(size: float) -> str:
+    """A size with six digits, rounded up, so that the largest value is not beyond it; 1 for none."""
+    digit = 10.0 ** (np.floor(np.log10(size or 1)) - 5)
+    return "%g" % (np.ceil((size or 1) / digit - 1e-6) * digit)
 
 
 def _neutral(values: Array) -> float:

@@ -57,7 +57,7 @@ class RepairedRun:
         contacts = _contacts(recording, found)
         landing = _landing(recording, contacts)
         regression = reply.regression(recording)
-        self.reply = None if found is None else {"lag": found["lag"], "share": found["share"]}
+        self.reply = found and {"lag": found["lag"], "share": found["share"], "slow": found["slow"]}
         # share of the accelerations that is no noise, if commands explain none; 0: they may explain some
         self.unexplained = regression["power"] if regression and not found else None
         if self.unexplained and not reply.decides(recording):

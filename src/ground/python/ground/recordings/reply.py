@@ -4,10 +4,8 @@ It needs no knowledge of the body's axes and drag: all accelerations are regress
 products of the velocities.
 """
 
-import functools
-import itertools
 from dataclasses import dataclass
-from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, TypedDict
+from typing import List, NamedTuple, Optional, Sequence, Tuple, TypedDict
 
 import numpy as np
 
@@ -30,17 +28,13 @@ EXCLUDED = 3.0  # standard errors beyond which an effect is excluded
 AMBIGUOUS = 0.6  # noise of headings from which it is not known which way the craft turned [rad]
 POWER = 0.5  # least share of accelerations that is no noise, where it can be decided
 BLOCKS = 10  # blocks of time that errors are estimated from
+# Time over which accelerations are averaged to see a slow craft's reply above noise: in times over which the
+# smoother averages, and at most so long that a run has as many of them.
+COARSE, FEWEST = 10.0, 60
+COARSE_LAGS = np.arange(-0.3, 0.41, 0.05)  # tried there [s]
 ALIKE = 1e-2  # commands whose singular values are in a smaller ratio do not distinguish channels
 
-# What a clock is looked for with
 CLOCK_SAMPLES, MIN_SAMPLES = 2000, 200
-TAUS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)  # tried time constants of motors [s]
-HONEST_LAGS = np.arange(-0.03, 0.155, 0.01)  # that one clock explains [s]
-FAR_LAGS = np.arange(-5.0, 5.01, 0.02)  # where clocks differ [s]
-RATES = np.arange(-0.012, 0.0121, 0.002)  # tried drifts of clocks [s/s]
-DRIFT_LAGS = np.arange(-0.4, 0.61, 0.05)  # tried beside them, in the middle of a run [s]
-MIN_SHARE = 0.2  # least share of the accelerations that the commands explain by another clock
-MIN_DRIFTING = 16.0  # length of a run from which a drift is looked for [s]
 
 
 class Reply(TypedDict):
@@ -53,6 +47,7 @@ class Reply(TypedDict):
     # ambiguous, or commands of other times explain so much that it does not show whether these do
     power: float
     follows: bool  # whether the commands explain some
+    slow: bool  # whether that only shows in accelerations averaged over the coarse time; lag is the usual one
     coefficients: Array  # (n + 11, 3) of the thrusters, and smooth_terms
 
 
@@ -137,14 +132,70 @@ def regression(recording: Recording) -> Optional[Reply]:
     chance = 1 - min(regressed(lag, rough)[0] for lag in _placebos(recording)) / most
     share, power = float(1 - misfit / most), _power(motion, wanted) if chance < 0.5 * FOLLOWS else 0.0
     follows = share > FOLLOWS or share > max(CLEARLY * chance, MIN_FOLLOWED)
+    slow = None if follows else _slow(recording)
+    if slow is not None and slow.share > max(FOLLOWS, CLEARLY * slow.chance):
+        lag, share, chance, follows = USUAL_LAG, slow.share, slow.chance, True
+    elif slow is not None and slow.chance >= 0.5 * FOLLOWS:
+        power = 0.0
     return {
         "lag": lag,
         "share": share,
         "chance": float(chance),
         "power": power,
         "follows": bool(follows),
+        "slow": slow is not None and bool(follows),
         "coefficients": coefficients,
     }
+
+
+class _Slow(NamedTuple):
+    """How accelerations that are averaged over the coarse time follow from the commands: the axis that shows
+    it best."""
+
+    share: float  # of their squares
+    chance: float  # the largest share by commands of other times
+
+
+def coarse_width(motion: Motion) -> float:
+    """Time over which averaged accelerations show a slow craft's reply [s]."""
+    return min(COARSE * KERNEL * max(blur(motion)), float(np.ptp(motion.times)) / FEWEST)
+
+
+def coarse(motion: Motion, times: Array, rows: Array) -> Array:
+    """Means (m, k) over coarse_width() of rows (n, k) at some times, without gaps."""
+    count = max(1, round(coarse_width(motion) / scatter.interval(motion.times)))
+    sums = np.vstack([0 * rows[:1], np.cumsum(rows, axis=0)])
+    begins = np.arange(0, len(rows) - count + 1, max(1, count // 4))
+    whole = times[begins + count - 1] - times[begins] < 1.5 * coarse_width(motion)
+    return np.asarray((sums[begins + count] - sums[begins])[whole] / count)
+
+
+def _slow(recording: Recording) -> Optional[_Slow]:
+    """The reply of a slow craft; None where the run is too short for it."""
+    motion = recording.motion
+    inside = middle(motion)
+    times = motion.times[inside]
+    if coarse_width(motion) < 2 * scatter.interval(motion.times) or len(times) < MIN_SAMPLES:
+        return None
+    base = coarse(motion, times, smooth_terms(motion.nu[inside]))
+    base = np.linalg.qr(base / np.maximum(np.abs(base).max(axis=0), 1e-300))[0]
+    wanted = coarse(motion, times, accelerations(motion)[inside])
+    wanted = wanted - base @ (base.T @ wanted)
+    most = np.maximum((wanted**2).sum(axis=0), 1e-300)
+
+    def share(lag: float) -> Array:
+        """Of the squares that commands explain, by axis (3,)."""
+        commands = coarse(motion, times, recording.held(recording.thrust, times - lag))
+        commands = commands - base @ (base.T @ commands)
+        rest = wanted - commands @ np.linalg.lstsq(commands, wanted, rcond=None)[0]
+        return np.asarray(1 - (rest**2).sum(axis=0) / most)
+
+    if not len(wanted) > FEWEST:
+        return None
+    shares = np.array([share(lag) for lag in COARSE_LAGS])
+    chances = np.max([share(lag) for lag in _placebos(recording)], axis=0)
+    axis = int(np.argmax(shares.max(axis=0) - CLEARLY * chances))
+    return _Slow(float(shares[:, axis].max()), float(chances[axis]))
 
 
 def _placebos(recording: Recording) -> Array:
@@ -181,102 +232,7 @@ def lag_of(recording: Recording) -> float:
     return USUAL_LAG if found is None else found["lag"]
 
 
-class Clock(NamedTuple):
-    """Another clock by which commands explain the motion."""
-
-    lag: float  # time from a command to the motion, in the middle of the run [s]
-    rate: float  # change of the lag per second [s/s]
-    # gives by how many standard errors it explains more than one clock and slow motors
-    evidence: Callable[[], float]
-
-
-def clocks(recording: Recording) -> List[Clock]:
-    """The Clock that explains the accelerations best with a drift, and the one without; none where the
-    commands explain little."""
-    motion = recording.motion
-    inside = np.flatnonzero(middle(motion))
-    inside = inside[:: 1 + len(inside) // CLOCK_SAMPLES]
-    if len(inside) < MIN_SAMPLES:
-        return []
-    times, base = motion.times[inside], np.linalg.qr(smooth_terms(motion.nu[inside]))[0]
-    wanted = _clipped(accelerations(motion)[inside])
-    wanted = wanted - base @ (base.T @ wanted)
-    if not (wanted**2).sum() > 0:
-        return []
-    wanted /= np.maximum(wanted.std(axis=0), 1e-12)
-    centre, motors = 0.5 * (times[0] + times[-1]), _Motors(recording)
-
-    def left(lag: float, rate: float, tau: float = 0.0) -> Array:
-        """What commands leave of the accelerations, by sample (n,)."""
-        at = times - rate * (times - centre) - lag
-        commands = motors.lagged(at, tau)
-        commands = commands - base @ (base.T @ commands)
-        rest = wanted - commands @ np.linalg.lstsq(commands, wanted, rcond=None)[0]
-        return np.asarray((rest**2).sum(axis=1))
-
-    known: Dict[Tuple[float, float], float] = {}
-
-    def size(way: Tuple[float, float]) -> float:
-        if way not in known:
-            known[way] = float(left(*way).sum())
-        return known[way]
-
-    def least(lags: Array, rate: float) -> Array:
-        """The least that commands leave at some lags, with slow motors as well."""
-        return np.asarray(min((left(lag, rate, tau) for tau in TAUS for lag in lags), key=np.sum))
-
-    def evidence(lag: float, rate: float) -> float:
-        honest = least(HONEST_LAGS, 0.0)
-        if rate:  # a constant lag at the same place is no drift
-            honest = min(honest, least(lag + np.arange(-0.15, 0.151, 0.01), 0.0), key=np.sum)
-        gain = np.array_split(honest - least(np.array([lag]), rate), BLOCKS)
-        blocks = np.array([block.sum() for block in gain])
-        error = blocks.std(ddof=1) / np.sqrt(BLOCKS)
-        return float(blocks.mean() / error) if error > 0 else 0.0
-
-    found = []
-    for lags, rates in ((DRIFT_LAGS, RATES), (FAR_LAGS, np.zeros(1))):
-        drifts = len(rates) > 1
-        if drifts and np.ptp(times) < MIN_DRIFTING:
-            continue
-        best = min(itertools.product(lags.tolist(), rates.tolist()), key=size)
-        for step in 0.5 ** np.arange(5) * drifts:
-            around = itertools.product((-0.05, -0.025, 0, 0.025, 0.05), (-0.002, -0.001, 0, 0.001, 0.002))
-            best = min(((best[0] + step * a, best[1] + step * b) for a, b in around), key=size)
-        if 1 - size(best) / (wanted**2).sum() < MIN_SHARE:
-            continue
-        lag, rate = best
-        found.append(Clock(lag, rate, functools.partial(evidence, lag, rate)))
-    return found
-
-
-class _Motors:
-    """Commands of the thrusters after first-order lags."""
-
-    def __init__(self, recording: Recording) -> None:
-        thrust = recording.thrust
-        kept = np.append(True, (np.diff(thrust, axis=0) != 0).any(axis=1))
-        self._begins, self._thrust = recording.control_times[kept], thrust[kept]
-        self._reached: Dict[float, Array] = {}  # by the lag when each command begins, by time constant
-
-    def lagged(self, times: Array, tau: float) -> Array:
-        """The commands after a lag of time constant tau [s], at times (n,) [s]."""
-        begins, thrust = self._begins, self._thrust
-        if not tau:
-            self._reached[tau] = thrust
-        if tau not in self._reached:
-            reached = self._reached[tau] = np.zeros_like(thrust)
-            for i, decay in enumerate(np.exp(-np.diff(begins) / tau), 1):
-                reached[i] = thrust[i - 1] + (reached[i - 1] - thrust[i - 1]) * decay
-        at = np.searchsorted(begins, times, side="right") - 1
-        begun = np.maximum(at, 0)
-        since = np.exp(-np.maximum(times - begins[begun], 0) / (tau or 1.0))[:, None]
-        found = thrust[begun] + (self._reached[tau][begun] - thrust[begun]) * since
-        found[at < 0] = 0
-        return np.asarray(found)
-
-
-def _clipped(values: Array) -> Array:
+def clipped(values: Array) -> Array:
     """Columns (n, k) without outliers."""
     centre = np.median(values, axis=0)
     scatter = 1.4826 * np.median(np.abs(values - centre), axis=0)
@@ -306,11 +262,16 @@ def rest(recording: Recording, names: Sequence[str], twisted: bool = False) -> O
         psi = -psi
         wanted, nu = (_turned(rows, -2 * psi) * [1, 1, -1] for rows in (wanted, nu))
     level = np.column_stack([np.cos(psi), np.sin(psi)])  # a slope in the body's frame
-    base = np.linalg.qr(np.column_stack([smooth_terms(nu), level]))[0]
+    base: Array = np.column_stack([smooth_terms(nu), level])
     commands = commands_at(recording, recording.commands_of(names), times - lag_of(recording))
-    found = np.column_stack([_clipped(wanted), commands])
-    found = found - base @ (base.T @ found)
-    return Rest(times, found[:, :3], found[:, 3:])
+    found = regression(recording)
+    if found and found["slow"]:
+        wanted, commands, base = (coarse(motion, times, rows) for rows in (wanted, commands, base))
+        times = coarse(motion, times, times[:, None]).ravel()
+    base = np.linalg.qr(base)[0]
+    left = np.column_stack([clipped(wanted), commands])
+    left = left - base @ (base.T @ left)
+    return Rest(times, left[:, :3], left[:, 3:])
 
 
 def _turned(rows: Array, angle: Array) -> Array:
@@ -325,7 +286,7 @@ def authorities(recording: Recording) -> Document:
     over blocks of time. Empty if the commands do not distinguish the thrusters."""
     motion, sent = recording.motion, recording.control_times
     inside = middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
-    others, wanted = smooth_terms(motion.nu[inside]), _clipped(accelerations(motion)[inside])
+    others, wanted = smooth_terms(motion.nu[inside]), clipped(accelerations(motion)[inside])
     if len(wanted) < MIN_SAMPLES:
         return {}
     commands = commands_at(recording, recording.thrust, motion.times[inside] - lag_of(recording))
@@ -350,10 +311,13 @@ def authorities(recording: Recording) -> Document:
 
 def decides(recording: Recording) -> bool:
     """Whether a craft that follows its commands would show it: effects of thrusters as large as the
-    accelerations are excluded."""
+    accelerations are excluded, and averaging over the coarse time leaves more of these than of noise."""
     motion = recording.motion
-    sizes = _clipped(accelerations(motion)[middle(motion)]).std(axis=0)
-    return all(
+    inside = middle(motion)
+    found = clipped(accelerations(motion)[inside])
+    sizes, slow = found.std(axis=0), coarse(motion, motion.times[inside], found).std(axis=0)
+    noise = np.sqrt(min(1.0, KERNEL * max(blur(motion)) / coarse_width(motion)))
+    return bool((slow > noise * sizes).any()) and all(
         abs(effect[key]) + EXCLUDED * error < size
         for effect in authorities(recording).values()
         for key, error, size in zip(("forward", "right", "turn"), effect["errors"], sizes)

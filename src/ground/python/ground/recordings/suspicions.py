@@ -10,7 +10,7 @@ from typing import Callable, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import layouts, reply, scatter, units
+from ground.recordings import layouts, other_clocks, reply, scatter, units
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording, once
 from ground.support.annotations import Document
@@ -108,8 +108,8 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
     motion = repaired(recording).motion
     # beside that of fast poses, which the limits have
     slack = max(0.0, max(reply.blur(motion)) + scatter.interval(motion.times) - BLURRED)
-    for clock in reply.clocks(recording):
-        lag = follows["lag"] if follows else clock.lag
+    for clock in other_clocks.find(recording):
+        lag = follows["lag"] if follows and not follows["slow"] else clock.lag
         drifts = abs(clock.rate) > MIN_DRIFT / repaired(recording).end
         if not drifts and (clock.rate or EARLIEST - slack <= lag <= DELAYED + slack):
             continue

@@ -8,7 +8,7 @@ import os
 import sys
 import traceback
 import warnings
-from typing import Any, Callable, Iterable, Iterator, TextIO, Type
+from typing import Any, Callable, Iterable, Iterator, Set, TextIO, Type
 
 from ground.support.progress import harmless, say
 
@@ -84,13 +84,17 @@ class RecordingWarning(GroundWarning):
 
 @contextlib.contextmanager
 def warnings_as_lines() -> Iterator[None]:
-    """Prints GroundWarnings inside the block on standard error, one line each, repeated ones too."""
+    """Prints GroundWarnings inside the block on standard error, one line each, every text once."""
+    shown: Set[str] = set()
     with warnings.catch_warnings():
         warnings.simplefilter("always", GroundWarning)
         usual = warnings.showwarning
 
         def show(message: Any, category: Type[Warning], *where: Any, **options: Any) -> None:
             if issubclass(category, GroundWarning):
+                if str(message) in shown:
+                    return
+                shown.add(str(message))
                 say("%s%s" % (category.PREFIX, message), sys.stderr)
             else:
                 usual(message, category, *where, **options)

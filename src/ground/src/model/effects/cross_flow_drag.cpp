@@ -25,12 +25,10 @@ struct CrossFlowDrag {
   template <typename T>
   static void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) {
     using std::abs;
-    using std::sqrt;
     // Gauss's points of three strips over a half, in half lengths from midship, and their weights.
     constexpr double kPlace[] = {0.1127016653792583, 0.5, 0.8872983346207417};
     constexpr double kWeight[] = {5.0 / 18, 4.0 / 9, 5.0 / 18};
-    const Body<T>& body = point.body;
-    const T half = body.hull_length > 0 ? T(0.5 * body.hull_length) : T(sqrt(3.0 * body.I_z / body.m));
+    const T half = point.body.halfHull();
     const T &v = point.nu_air.y(), &r = point.nu.z();
     for (int side = 0; side < 2; ++side)
       for (int i = 0; i < 3; ++i) {
