@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "disturbance_filter.h"
 #include "ground/model/measurement.h"
@@ -15,13 +16,35 @@ namespace ground::detail {
 constexpr int kN = kFilterStates + 1;
 constexpr int kProcesses = kConstant - kSlow;  ///< Ornstein-Uhlenbeck: X, Y, N, room x, room y
 
+/// Accelerations [m/s^2], [rad/s^2] by all thrusters at once; infinite where angles add to them.
+template <typename T>
+Vector2<double> fullAccelerations(const Dynamics<T>& dynamics) {
+  const ThrusterLayout& layout = dynamics.layout();
+  const Body<T>& body = dynamics.body();
+  double force = 0, moment = 0;
+  for (int i = 0; i < layout.size(); ++i) {
+    if (!layout.pushes(i)) return Vector2<double>::Constant(std::numeric_limits<double>::infinity());
+    const double most =
+        std::max(std::abs(layout[i].least), std::abs(layout[i].most)) * valueOf(body.input_max);
+    force += most;
+    moment += most * std::abs(layout.lever(i));
+  }
+  const double k = valueOf(body.k);
+  return {k * force / valueOf(body.m), k * valueOf(body.l) * moment / valueOf(body.I_z)};
+}
+
 /// Longest integration step [s] between poses of this noise [m], [rad]. The error of the motion grows
-/// with about the third power of the step; it changes the log-likelihood of a minute by less than 1.
+/// with about the third power of the step, and with the craft's accelerations; it changes the log-likelihood
+/// of a minute by less than 1.
 template <typename T>
 double longestStep(const Dynamics<T>& dynamics, const Vector3<double>& noise) {
-  constexpr double kPosition = 2e-4, kHeading = 2e-3;  // noise with which kMost is allowed
+  // Noise with which a craft of these full accelerations is allowed kMost.
+  constexpr double kPosition = 2e-4, kHeading = 2e-3, kForward = 2.0, kTurning = 40.0;  // m, rad, s
   constexpr double kLeast = 0.005, kMost = 0.02;
-  const double relative = std::min({noise(0) / kPosition, noise(1) / kPosition, noise(2) / kHeading});
+  const Vector2<double> full = fullAccelerations(dynamics);
+  const double slower = std::min(1.0, full(0) / kForward), calmer = std::min(1.0, full(1) / kTurning);
+  const double position = kPosition * slower, heading = kHeading * calmer;
+  const double relative = std::min({noise(0) / position, noise(1) / position, noise(2) / heading});
   const double step = std::clamp(kMost * std::cbrt(relative), kLeast, kMost);
   return std::min(step, dynamics.settling().step);
 }

@@ -20,17 +20,18 @@ struct HullNonlinear {
                std::pow(typical::speed(b), turns - 2) * std::pow(typical::yawRate(b), -turns);
       };
     };
-    return EffectInfo{"hull_nonlinear",
-                      "nonlinear manoeuvring derivatives of a hull",
-                      {{"xvvvv", "N s^2/m^2", "surge force by drift", 0, -kUnbounded, kUnbounded, per(0, false)},
-                       {"yvvv", "N s^2/m^2", "side force by drift", 0, -kUnbounded, kUnbounded, per(0, false)},
-                       {"yvvr", "N s^2/m", "by drift, turning", 0, -kUnbounded, kUnbounded, per(1, false)},
-                       {"yvrr", "N s^2", "by turning, drift", 0, -kUnbounded, kUnbounded, per(2, false)},
-                       {"yrrr", "N m s^2", "by turning", 0, -kUnbounded, kUnbounded, per(3, false)},
-                       {"nvvv", "N s^2/m", "yaw moment by drift", 0, -kUnbounded, kUnbounded, per(0, true)},
-                       {"nvvr", "N s^2", "by drift, turning", 0, -kUnbounded, kUnbounded, per(1, true)},
-                       {"nvrr", "N m s^2", "by turning, drift", 0, -kUnbounded, kUnbounded, per(2, true)},
-                       {"nrrr", "N m^2 s^2", "by turning", 0, -kUnbounded, kUnbounded, per(3, true)}}}
+    return EffectInfo{
+        "hull_nonlinear",
+        "nonlinear manoeuvring derivatives of a hull",
+        {{"xvvvv", "N s^2/m^2", "surge force by drift", 0, -kUnbounded, kUnbounded, per(0, false)},
+         {"yvvv", "N s^2/m^2", "side force by drift", 0, -kUnbounded, kUnbounded, per(0, false)},
+         {"yvvr", "N s^2/m", "by drift, turning", 0, -kUnbounded, kUnbounded, per(1, false)},
+         {"yvrr", "N s^2", "by turning, drift", 0, -kUnbounded, kUnbounded, per(2, false)},
+         {"yrrr", "N m s^2", "by turning", 0, -kUnbounded, kUnbounded, per(3, false)},
+         {"nvvv", "N s^2/m", "yaw moment by drift", 0, -kUnbounded, kUnbounded, per(0, true)},
+         {"nvvr", "N s^2", "by drift, turning", 0, -kUnbounded, kUnbounded, per(1, true)},
+         {"nvrr", "N m s^2", "by turning, drift", 0, -kUnbounded, kUnbounded, per(2, true)},
+         {"nrrr", "N m^2 s^2", "by turning", 0, -kUnbounded, kUnbounded, per(3, true)}}}
         .of(Surroundings::kWater);
   }
   template <typename T>
