@@ -100,6 +100,8 @@ def test_a_diagnosis_names_the_hidden_effect_of_the_hull():
 def test_a_tilt_is_told_as_a_direction_in_the_room():
     told = words.vector("floor_tilt", {"sx": -3e-4, "sy": 3e-4}, {"sx": 1e-5, "sy": 1e-5})
     assert told.startswith("it descends by 0.024 deg towards 135 deg (95%: 2.6 deg either way")
+    ahead = words.vector("wind", {"wx": 1.6, "wy": -1e-5}, {"wx": 1e-3, "wy": 1e-3})
+    assert "towards 0 deg" in ahead
     unknown = words.vector("current", {"wx": 0.01, "wy": 0.0}, {"wx": 0.1, "wy": 0.1})
     assert unknown == "it flows at 0.01 m/s in a direction that these runs do not show"
     assert words.vector("motor_lag", {"tau": 0.1}, {"tau": 0.01}) == ""

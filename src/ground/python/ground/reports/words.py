@@ -76,8 +76,8 @@ def vector(effect: str, values: Mapping[str, float], deviations: Mapping[str, fl
     told = text % two_digits(shown)
     if not either_way < 90:
         return told + " in a direction that these runs do not show"
-    angle = math.degrees(math.atan2(y, x))
-    return "%s towards %.0f deg (95%%: %s deg either way; 0: the room's x, 90: its y)" % (
+    angle = round(math.degrees(math.atan2(y, x))) or 0  # no "-0"
+    return "%s towards %d deg (95%%: %s deg either way; 0: the room's x, 90: its y)" % (
         told, angle, two_digits(either_way),
     )  # fmt: skip
 
