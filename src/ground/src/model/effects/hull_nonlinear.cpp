@@ -22,7 +22,7 @@ struct HullNonlinear {
     };
     return EffectInfo{
         "hull_nonlinear",
-        "nonlinear manoeuvring derivatives of a hull",
+        "nonlinear manoeuvring derivatives",
         {{"xvvvv", "N s^2/m^2", "surge force by drift", 0, -kUnbounded, kUnbounded, per(0, false)},
          {"yvvv", "N s^2/m^2", "side force by drift", 0, -kUnbounded, kUnbounded, per(0, false)},
          {"yvvr", "N s^2/m", "by drift, turning", 0, -kUnbounded, kUnbounded, per(1, false)},
