@@ -91,7 +91,7 @@ def tried(case, folder):
         runs = list(recorded(case, folder))
         return numbers(ground.Model.load(placed(case["model"])), runs) if runs else None
     except ground.GroundError as refusal:
-        return {"refused": str(refusal)}
+        return {"refused": str(refusal).replace(str(ROOT.parent), "..")}
 
 
 def differences(before, now):
