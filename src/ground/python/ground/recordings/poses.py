@@ -226,7 +226,8 @@ def _along(paths: Sequence[str], axes: str, vertical: int, where: str) -> List[i
     if set(named) != set(horizontal):
         raise GroundError(
             "%s: the axes '%s' need %s, but the position has the fields %s and %s; name the field that is "
-            "missing in the mapping, or correct its axes"
+            "missing in the mapping, or correct its axes; beside a heading, they may be left out: the fields "
+            "are then x and y, a minus before one of them mirrors it, and so does sign: -1 of the heading"
             % (where, axes, " and ".join("xyz"[axis] for axis in horizontal), *paths)
         )
     return named
