@@ -20,9 +20,10 @@ constexpr double kCommandMemory = 12;   // commands kept, for delay and lag [s]
 constexpr double kRelinearised = 5e-3;  // change of parameters that needs new derivatives
 constexpr double kOutlying = 25;        // squared innovation beyond which a pose has less weight
 
-constexpr double kWhiteShare = 0.2;  // of the observer's white noise, which has no push beside it
+constexpr double kWhiteShare =
+    0.2;  // part of the observer's white noise that is taken: the push is modelled apart
 constexpr double kMostWhite =
-    0.005;  // of it, as a share of the acceleration by full thrust [time scales^0.5]
+    0.005;  // most white noise, as a share of the acceleration by full thrust [time scales^0.5]
 // Change of velocity by a collision: the velocity turns round, or changes as by full thrust for so long
 // [time scales].
 constexpr double kHitTime = 0.25;
@@ -31,7 +32,7 @@ constexpr double kHitPause = 1;       // shortest time between two collisions [t
 // Levels where the model file has no disturbance, as shares of the acceleration by full thrust, and how long
 // pushes last [time scales].
 constexpr double kPushShare = 0.02, kPushTime = 0.5, kTrimShare = 0.02;
-constexpr double kBiasDrift = 0.05;  // of the bias, relative to its level [1/time scale^0.5]
+constexpr double kBiasDrift = 0.05;  // drift of the bias, relative to its level [1/time scale^0.5]
 // A floor that is not level: its slope as in usual rooms, a share of full thrust for what else stays in the
 // room, and the most of it, because boats have no floor; its drift, relative to that [1/time scale^0.5].
 constexpr double kSlope = 2e-3, kTiltShare = 0.02, kMostTilt = 0.1, kTiltDrift = 0.04, kGravity = 9.80665;

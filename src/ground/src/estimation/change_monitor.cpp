@@ -13,9 +13,9 @@ namespace {
 
 constexpr double kPosePeriod = 0.0095;  // between measurements that are used: more would cost time [s]
 // Times [time scales of the model]
-constexpr double kJudgePeriod = 0.1;    // of judgements
-constexpr double kStartSpacing = 0.25;  // of starts
-constexpr double kStartMemory = 8;      // of starts
+constexpr double kJudgePeriod = 0.1;    // time between judgements
+constexpr double kStartSpacing = 0.25;  // time between the starts that are tried
+constexpr double kStartMemory = 8;      // how long a start is tried
 constexpr double kAfterLift = 0.5;      // that a craft takes to rise
 constexpr double kUnknownAge = 1.0;     // shortest age of what is followed as an unknown force
 constexpr double kRefining = 2.5;       // of a clear change

@@ -43,8 +43,7 @@ def turned_back(times: Array, psi: Array) -> Tuple[Array, Steps]:
 def _odd(times: Array, psi: Array) -> Sequence[int]:
     """Indices of the poses before which the heading changes by far more than around."""
     steps = wrap(np.diff(psi))
-    padded = np.pad(steps, (AROUND, AROUND), mode="edge")
-    usual = np.median(np.stack([padded[i : i + len(steps)] for i in range(2 * AROUND + 1)]), axis=0)
+    usual = _running_median(steps, AROUND)
     close = np.diff(times) <= AT_ONCE * scatter.interval(times)
     odd = (np.abs(wrap(steps - usual)) > LEAST_STEP) & close
     return [int(i) + 1 for i in np.flatnonzero(odd)]
@@ -69,6 +68,13 @@ def _step(times: Array, psi: Array, at: int) -> float:
     return step if abs(step) > max(LEAST_STEP, BEYOND * spread, EXPLAINED * turned) else 0.0
 
 
+def _running_median(values: Array, around: int) -> Array:
+    """At each of the values (n,) the median of it and so many on either side."""
+    padded = np.pad(values, (around, around), mode="edge")
+    shifted = [padded[i : i + len(values)] for i in range(2 * around + 1)]
+    return np.asarray(np.median(np.stack(shifted), axis=0))
+
+
 def unmirrored(psi: Array) -> Tuple[Array, int]:
     """Undoes mirrored headings, which the mocap gave as `centre - psi`. Returns the headings and how
     many were mirrored.
@@ -82,8 +88,7 @@ def unmirrored(psi: Array) -> Tuple[Array, int]:
         return psi, 0
     readings = np.stack([psi, centre - psi])  # row 1: the heading if it was mirrored
     steps = np.diff(psi)
-    padded = np.pad(wrap(steps), (7, 7), mode="edge")
-    turning = np.median(np.stack([padded[i : i + len(steps)] for i in range(15)]), axis=0)
+    turning = _running_median(wrap(steps), 7)
     width = 0.02 + 0.3 * np.abs(turning)
     change, mirrored = FLIP_COST
 

@@ -38,7 +38,7 @@ class Motion:
     jumps: Flags  # (n,) where the motion restarts although no pose is missing
     clock: Optional[frame_clock.FrameClock]  # if the frames' instants were rebuilt
     repairs: Dict[str, float] = field(default_factory=dict)  # kind of repair -> how often
-    heading_steps: headings.Steps = field(default_factory=list)  # that were undone
+    heading_steps: headings.Steps = field(default_factory=list)  # steps of the heading that were undone
 
 
 def on_commands_clock(times: Array, offset: float) -> Array:
@@ -112,13 +112,15 @@ def _distinct(times: Array, eta: Array, repairs: Dict[str, float]) -> Flags:
     repairs["duplicates dropped"] = int(again.sum())
     frozen = np.zeros(len(times), bool)
     starts = np.flatnonzero(~same)
-    rare = scatter.BRIDGED if _by_chance(eta[~same]) * len(eta) < RARE else 0
+    # Up to so many equal poses in a row are repeated samples, whether the craft moves or not; longer ones may
+    # be a mocap's rest.
+    repeated = scatter.BRIDGED if _by_chance(eta[~same]) * len(eta) < RARE else 0
     ends = np.append(starts[1:], len(times))
     moves = np.linalg.norm(np.diff(eta[:, :2], axis=0), axis=1)
     typical = np.median(moves[moves > 0]) if (moves > 0).any() else np.inf
     for start, end in zip(starts, ends):
         jumps = end < len(times) and moves[end - 1] > 2 * typical
-        if end - start >= FROZEN and jumps or end - start <= rare:
+        if (end - start >= FROZEN and jumps) or end - start <= repeated:
             frozen[start + 1 : end] = True
     held = _held(eta) & ~again & ~frozen
     repairs["frozen poses dropped"] = int((frozen & ~again).sum())

@@ -152,7 +152,7 @@ class _Slow(NamedTuple):
     """How accelerations that are averaged over the coarse time follow from the commands: the axis that shows
     it best."""
 
-    share: float  # of their squares
+    share: float  # share of the squared accelerations that the commands explain
     chance: float  # the largest share by commands of other times
 
 
