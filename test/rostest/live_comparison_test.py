@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import unittest
 from xmlrpc.client import ServerProxy
@@ -22,11 +23,14 @@ from ground_msgs.msg import (
     ModelError,
     SenderStatus,
     State,
+    Telemetry,
 )
 from ground_msgs.srv import LoadModel
 from nav_msgs.msg import Path
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+import ground
 from ground import _core
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -97,6 +101,7 @@ class LiveComparisonTest(unittest.TestCase):
         self.check_sizes()
         self.check_displays()
         self.check_time_of_the_drive()
+        self.check_voltage()
 
     def load_the_true_model(self):
         """Loads a second model live, which must win; files without a model are refused."""
@@ -241,6 +246,30 @@ class LiveComparisonTest(unittest.TestCase):
                 20,
                 lambda error=error: "small errors of the sagging craft, not %s" % error.message,
             )
+
+    def check_voltage(self):
+        """A model whose thrust follows the voltage uses that of the telemetry: with half of it, it is wrong."""
+        with open(SAGGING) as text:
+            model = ground.Model.parse(text.read().replace("body:", "body:\n  volts: 7.4", 1))
+        file = os.path.join(tempfile.mkdtemp(), "by_voltage.yaml")
+        model.with_effect("battery_voltage", p=2).save(file)
+        answer = rospy.ServiceProxy("live_comparison/load_model2", LoadModel)(file=file)
+        self.assertTrue(answer.success, answer.message)
+
+        def error():
+            message = self.second.message
+            if message.model != "by_voltage" or message.window < 3:
+                return 0
+            return message.position_error / message.position_noise
+
+        harness.wait_for(lambda: 0 < error() < 3, 20, "small errors without a voltage")
+        craft = rospy.Publisher("sender/telemetry", Telemetry, queue_size=1)
+
+        def fails():
+            craft.publish(Telemetry(header=Header(stamp=rospy.Time.now()), voltage=3.7))
+            return error() > 6
+
+        harness.wait_for(fails, 20, "errors with half the voltage")
 
 
 if __name__ == "__main__":

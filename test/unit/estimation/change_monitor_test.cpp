@@ -299,6 +299,21 @@ TEST(ChangeMonitor, IsSilentAboutBatteryFloorAndTrim) {
   EXPECT_LT(flight.report().estimate(0), -0.15) << "the sag is followed";
 }
 
+TEST(ChangeMonitor, TakesAVoltageForNoChange) {
+  Model model = craft();
+  model.addEffect(makeEffect("battery_voltage"));
+  model.setValue("battery_voltage.p", 2);
+  model.body.volts = 7.4;
+  for (const bool told : {true, false}) {
+    Flight flight(model);
+    flight.scale("k", std::pow(6.7 / 7.4, 2));
+    if (told) flight.monitor().voltage(6.7);
+    flight.fly(20);
+    for (int thruster = 0; thruster < 2; ++thruster)
+      EXPECT_NEAR(flight.report().estimate(thruster), told ? 0 : std::pow(6.7 / 7.4, 2) - 1, 0.06) << told;
+  }
+}
+
 TEST(ChangeMonitor, IsSilentAboutACollision) {
   Flight flight(craft());
   flight.fly(8);

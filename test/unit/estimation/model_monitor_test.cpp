@@ -99,6 +99,22 @@ TEST(ModelMonitor, ATrueModelShowsWhatTheNoiseLeaves) {
   }
 }
 
+TEST(ModelMonitor, KnowsTheThrustByTheVoltage) {
+  Model model = with("battery_voltage", {{"p", 2}}), weak = craft();
+  model.body.volts = 7.4;
+  weak.setValue("k", weak.value("k") * std::pow(6.7 / 7.4, 2));
+  ModelMonitor told(model, {}), untold(model, {});
+  std::optional<ModelMonitor::Error> by_voltage, without;
+  Experiment(weak).run(0, 15, {&told, &untold}, [&](double t, const RigidState<double>& s) {
+    told.voltage(t, 6.7);
+    if (const auto found = told.measure(t, s)) by_voltage = found;
+    if (const auto found = untold.measure(t, s)) without = found;
+  });
+  ASSERT_TRUE(by_voltage && without);
+  expectNoise(by_voltage->rms, by_voltage->noise);
+  EXPECT_GT(without->rms.position, 2 * without->noise.position);
+}
+
 /// The error at the end of 40 s of constant inputs, by which a craft comes to a steady circle.
 std::optional<ModelMonitor::Error> onACircle(const Model& truth, const Model& model) {
   ModelMonitor monitor(model, {});

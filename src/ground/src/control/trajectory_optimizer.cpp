@@ -154,7 +154,7 @@ double TrajectoryOptimizer::simulate(double limit, const Policy& policy) {
     tried_.inputs[i] = policy(i, next);
     const RigidState<double> after =
         drivenStep(dynamics_, t_ + static_cast<double>(i) * step_, {next.head<3>(), next.segment<3>(3)},
-                   tried_.inputs[i], lift_, missing_, step_, next.data() + 6);
+                   tried_.inputs[i], {lift_}, missing_, step_, next.data() + 6);
     next.head<3>() = after.eta;
     next.segment<3>(3) = after.nu;
     cost += step_ * (inputCost(tried_.inputs[i]) + stateCost(i, after));

@@ -178,7 +178,7 @@ void ChangeFilter::settle(double until) {
   acting_ = 0;
   for (const Piece& piece : pieces(until))
     for (int i = 0; i < piece.steps && dynamics.hasMemory(); ++i)
-      dynamics.settle(Jet(piece.t), rest, thrusters(piece), lift(piece), Jet(piece.h), states.data());
+      dynamics.settle(Jet(piece.t), rest, thrusters(piece), conditions(piece), Jet(piece.h), states.data());
   for (std::size_t i = 0; i < effects_.size(); ++i)
     effects_[i] = i < dynamics.initialStates().size() ? states[i].a : 0;
 }
@@ -227,7 +227,7 @@ ChangeFilter::Moved ChangeFilter::move(const Dynamics<Jet>& dynamics, const std:
   for (const Piece& piece : all)
     for (int i = 0; i < piece.steps; ++i)
       moved.state = drivenStep(dynamics, Jet(piece.t + i * piece.h), moved.state, thrusters(piece),
-                               lift(piece), missing, piece.h, moved.effects.data());
+                               conditions(piece), missing, piece.h, moved.effects.data());
   return moved;
 }
 

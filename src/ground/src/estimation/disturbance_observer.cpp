@@ -68,7 +68,8 @@ void DisturbanceObserver::settle() {
   if (known == 0 || !dynamics_.hasMemory()) return;
   const double from = std::max(recent(known - 1).time + delay(), time_ - kActuatorMemory);
   replay(from, time_, [&](double t, double h, const Command& c) {
-    dynamics_.settle(t - origin_, estimate_.state, c.thrusters, c.lift, h, estimate_.effects.data());
+    dynamics_.settle(t - origin_, estimate_.state, c.thrusters, {c.lift, volts_}, h,
+                     estimate_.effects.data());
   });
 }
 
@@ -116,7 +117,7 @@ void DisturbanceObserver::predict(double until) {
   }
   replay(time_, until, [&](double t, double h, const Command& c) {
     const StepInputs<Jet> acting =
-        derivatives_.actuate(c.thrusters.cast<Jet>(), c.lift, Jet(h), effects.data());
+        derivatives_.actuate(c.thrusters.cast<Jet>(), {c.lift, volts_}, Jet(h), effects.data());
     state = pushedStep(derivatives_, Jet(t - origin_), state, acting, missing, h);
   });
   Matrix9 F = Matrix9::Identity();
@@ -168,7 +169,7 @@ void DisturbanceObserver::correct(const Vector3<double>& eta) {
 DisturbanceObserver::Estimate DisturbanceObserver::at(double time) const {
   Estimate at = estimate_;
   replay(time_, time, [&](double t, double h, const Command& c) {
-    const StepInputs<double> acting = dynamics_.actuate(c.thrusters, c.lift, h, at.effects.data());
+    const StepInputs<double> acting = dynamics_.actuate(c.thrusters, {c.lift, volts_}, h, at.effects.data());
     at.state = pushedStep(dynamics_, t - origin_, at.state, acting, at.missing, h);
   });
   return at;

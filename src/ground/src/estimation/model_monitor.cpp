@@ -58,6 +58,12 @@ void ModelMonitor::command(double time, const Thrusters<double>& thrusters, doub
   inputs_.dropBefore(time - params_.horizon * kSlack - kInputMemory);
 }
 
+void ModelMonitor::voltage(double time, double volts) {
+  if (!inputs_.battery.empty() && time < inputs_.battery.times.back()) return;
+  inputs_.battery.add(time, volts);
+  observer_.voltage(volts);
+}
+
 /// The newest state that is at least one horizon old, or the end.
 ModelMonitor::Samples::const_iterator ModelMonitor::start(double time) const {
   const auto after = std::upper_bound(samples_.begin(), samples_.end(), time - params_.horizon + 1e-6,

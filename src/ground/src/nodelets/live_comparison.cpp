@@ -5,6 +5,7 @@
 #include <ground_msgs/ModelComparison.h>
 #include <ground_msgs/ModelError.h>
 #include <ground_msgs/State.h>
+#include <ground_msgs/Telemetry.h>
 #include <nav_msgs/Path.h>
 
 #include <algorithm>
@@ -35,11 +36,12 @@ namespace ground {
 /// Compares one or two models with the measurements of a running experiment or of a bag.
 ///
 /// Parameters: model (model file, required), model2 (another, optional) and those of
-/// LiveComparison.cfg, which can be changed at run time. Subscribes: state, controls, drive.
-/// Publishes with every state: model_error, model_error2. Publishes at `rate`: path/predicted,
-/// path/predicted2 (prediction of each model over the last horizon), model_comparison. Publishes ten times a
-/// second: craft_change (what has changed of the craft since the first model was made; ChangeMonitor), unless
-/// `changes` is false. Services: ~load_model, ~load_model2 (load another model file).
+/// LiveComparison.cfg, which can be changed at run time. Subscribes: state, controls, drive, sender/telemetry
+/// (the voltage of the battery, on which the thrust of a model may depend). Publishes with every state:
+/// model_error, model_error2. Publishes at `rate`: path/predicted, path/predicted2 (prediction of each model
+/// over the last horizon), model_comparison. Publishes ten times a second: craft_change (what has changed of
+/// the craft since the first model was made; ChangeMonitor), unless `changes` is false. Services:
+/// ~load_model, ~load_model2 (load another model file).
 class LiveComparison : public Shell {
  private:
   using Config = LiveComparisonConfig;
@@ -73,6 +75,7 @@ class LiveComparison : public Shell {
     controls_subscriber_ = topics.subscribe("controls", 50, &LiveComparison::onControls, this,
                                             ros::TransportHints().tcpNoDelay());
     drive_subscriber_ = topics.subscribe("drive", 4, &LiveComparison::onDrive, this);
+    telemetry_subscriber_ = topics.subscribe("sender/telemetry", 4, &LiveComparison::onTelemetry, this);
     state_subscriber_ =
         topics.subscribe("state", 50, &LiveComparison::onState, this, ros::TransportHints().tcpNoDelay());
   }
@@ -164,6 +167,15 @@ class LiveComparison : public Shell {
       c.monitor->command(time, thrusters, inputs.lift);
       if (&c == &contestants_[0]) changes_->command(time, thrusters, inputs.lift);
     }
+  }
+
+  void onTelemetry(const ground_msgs::Telemetry::ConstPtr& message) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (!(message->voltage > 0) || !std::isfinite(message->voltage)) return;
+    const double time = seconds(message->header.stamp), volts = message->voltage;
+    for (Contestant& c : contestants_)
+      if (c.monitor) c.monitor->voltage(time, volts);
+    changes_->voltage(volts);
   }
 
   void onState(const ground_msgs::State::ConstPtr& message) {
@@ -287,7 +299,7 @@ class LiveComparison : public Shell {
   std::set<std::string> named_;             ///< changes since then that are in the log
   std::string doubt_;                       ///< the newest one in the log
   ros::Publisher comparison_publisher_, change_publisher_;
-  ros::Subscriber state_subscriber_, controls_subscriber_, drive_subscriber_;
+  ros::Subscriber state_subscriber_, controls_subscriber_, drive_subscriber_, telemetry_subscriber_;
   std::unique_ptr<LiveParameters<Config>> reconfigure_;
   std::array<ModelService, kModels> services_;
 };

@@ -46,6 +46,8 @@ class ChangeFilter {
   void restart() { started_ = false; }
   /// Adds a command in the model's units; its time [s] must not descend.
   void command(double time, const Thrusters<double>& thrusters, double lift);
+  /// The voltage of the battery from now on [V].
+  void voltage(double volts) { volts_ = volts; }
   /// See DriveClock::record.
   void driveBegan(double began, double as_of) { inputs_.drive.record(began, as_of); }
   /// Moves to a measurement at `time` [s] and corrects by its pose. Returns nothing where the filter
@@ -79,7 +81,9 @@ class ChangeFilter {
   void linearise();
   Moved move(const Dynamics<Jet>& dynamics, const std::vector<Piece>& all, int pass) const;
   Thrusters<Jet> thrusters(const Piece& piece) const;
-  double lift(const Piece& piece) const { return piece.acts ? inputs_.lift[piece.acts - 1] : 0; }
+  Conditions<Jet> conditions(const Piece& piece) const {
+    return {piece.acts ? inputs_.lift[piece.acts - 1] : 0, volts_};
+  }
   Matrix predict(double until);
   void addNoise(double h);
   Step correct(const Vector3<double>& eta);
@@ -95,6 +99,7 @@ class ChangeFilter {
   std::vector<Dynamics<Jet>> dynamics_;  ///< by the state; by eight parameters each
   Vector at_;                            ///< change at which dynamics_ are linearised
   InputSequence inputs_;
+  double volts_ = 0;        ///< of the battery [V]; 0: not known
   std::size_t acting_ = 0;  ///< number of commands that have taken effect
   std::array<double, kMaxStates> effects_{};
   bool started_ = false;

@@ -63,6 +63,8 @@ class ChangeMonitor {
   /// Adds a command in the model's units. If it is older than the last one, time has jumped back, and
   /// everything is forgotten. A new drive (DriveClock) forgets all changes.
   void command(double time, const Thrusters<double>& thrusters, double lift);
+  /// The voltage of the battery from now on [V].
+  void voltage(double volts) { filter_.voltage(volts); }
   /// At `as_of` [s] the newest drive was the one that began at `began` [s] (DriveClock::record).
   void driveBegan(double began, double as_of) { filter_.driveBegan(began, as_of); }
   /// Adds a valid state. Returns whether report() was updated, which is at most ten times a second.

@@ -53,6 +53,8 @@ class ModelMonitor {
   /// Adds a command in the model's units. If it is older than the last one, time has jumped back,
   /// and everything is discarded.
   void command(double time, const Thrusters<double>& thrusters, double lift);
+  /// The voltage of the battery from `time` on [V]; one that is older than the last is ignored.
+  void voltage(double time, double volts);
   /// Sets the drives known so far, which define the model's t; commands add later ones.
   void setDrive(const DriveClock& drive) { inputs_.drive = drive; }
   /// Adds a valid state and returns the prediction error. Returns nothing if there is no state one

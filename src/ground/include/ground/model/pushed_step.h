@@ -26,12 +26,12 @@ RigidState<T> pushedStep(const Dynamics<T>& dynamics, T t, RigidState<T> state, 
 /// states of effects, too. Steps that are too long for these (Dynamics::settling) are divided.
 template <typename T>
 RigidState<T> drivenStep(const Dynamics<T>& dynamics, const T& t, RigidState<T> state,
-                         const Thrusters<T>& command, double lift, const Vector3<T>& missing, double h,
-                         T* states) {
+                         const Thrusters<T>& command, const Conditions<T>& given, const Vector3<T>& missing,
+                         double h, T* states) {
   const int parts = std::max(1, static_cast<int>(std::ceil(h / dynamics.settling().step - 1e-9)));
   const double part = h / parts;
   for (int i = 0; i < parts; ++i) {
-    const StepInputs<T> acting = dynamics.actuate(command, lift, T(part), states);
+    const StepInputs<T> acting = dynamics.actuate(command, given, T(part), states);
     state = pushedStep(dynamics, T(t + i * part), state, acting, missing, part);
   }
   return state;
