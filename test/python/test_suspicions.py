@@ -134,6 +134,19 @@ def test_another_clock_shows_under_control_too():
     assert kinds(run, run.pose_times + 0.8) == kinds(run, run.pose_times - 0.2) == ["clock"]
 
 
+def test_the_delay_of_a_boat_may_be_its_own(tmp_path):
+    boat = ground.Model.load(ROOT / "cfg" / "craft" / "twin_screw_catamaran.yaml")
+    boat.with_effect("input_delay", delay=0.6).save(tmp_path / "late.yaml")
+    drive = ["--input", "multilevel-prbs", "--clock", "0.7", "--duration", "120", "--rate", "20"]
+    identify(
+        "simulate", "--model", tmp_path / "late.yaml", *drive, "--position-noise", "0.005",
+        "-o", tmp_path / "boat.bag",
+    )  # fmt: skip
+    [run] = ground.read(tmp_path / "boat.bag")
+    assert kinds(run) == []
+    assert kinds(run, run.pose_times + 3) == ["clock"]
+
+
 @slow
 def test_the_real_runs_of_a_turned_mocap_are_suspected_and_the_others_are_not(tmp_path, recordings):
     from conftest import SHARED

@@ -14,9 +14,11 @@ from ground.recordings.recording import Recording, once
 from ground.recordings.repair import Motion
 from ground.support.annotations import Array, Document, Flags, Indices
 
-LAGS = np.arange(-0.3, 0.41, 0.01)  # tried lags of the motion behind the commands [s]
+# Tried lags of the motion behind the commands [s]; later ones if the last fits best.
+LAGS = np.arange(-0.3, 0.41, 0.01)
 LAG_SAMPLES = 20000  # samples, spread over the recording, that determine the lag
 USUAL_LAG = 0.1  # if the motion does not determine it [s]
+HARDEST = 0.95  # quantile of accelerations that are the craft's hardest
 OUTLIER = 6.0  # accelerations further from their median than so many scatters are cut
 END = 5.0  # at the ends of stretches accelerations are inaccurate over this multiple of their blur
 KERNEL = 3.0  # width of a mean that blurs as a smoother does, relative to its blur
@@ -74,6 +76,13 @@ def accelerations(motion: Motion) -> Array:
     return np.asarray(motion.nu_dot + np.column_stack([-r * v, r * u, 0 * r]))
 
 
+def turn_time(motion: Motion) -> float:
+    """Time in which the craft turns round by its hardest yaw accelerations [s]: 0.7 s for a palm-sized
+    hovercraft, 10 s for a model ship."""
+    hardest = np.quantile(np.abs(motion.nu_dot[:, 2]), HARDEST)
+    return float(np.sqrt(4 * np.pi / max(hardest, 1e-9)))
+
+
 def smooth_terms(nu: Array) -> Array:
     """Regressors of the accelerations besides the commands, (n, 11)."""
     u, v, r = nu.T
@@ -123,7 +132,13 @@ def regression(recording: Recording) -> Optional[Reply]:
         return float(np.abs((wanted[some] - X @ coefficients) / scale).mean()), coefficients
 
     spread = slice(None, None, 1 + len(times) // LAG_SAMPLES)
-    lag = float(LAGS[int(np.argmin([regressed(lag, spread)[0] for lag in LAGS]))])
+    lags = LAGS
+    while True:
+        best = int(np.argmin([regressed(lag, spread)[0] for lag in lags]))
+        if best < len(lags) - 1 or lags[-1] >= turn_time(motion):
+            break
+        lags = lags + (LAGS[-1] - LAGS[0])  # a craft may answer later
+    lag = float(lags[best])
     misfit, coefficients = regressed(lag)
     coefficients[thrust.shape[1] :] /= sizes[:, None]
     without = np.linalg.lstsq(others, wanted, rcond=None)[0]

@@ -20,9 +20,10 @@ MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
 FINEST = 5e-6  # no mocap measures a craft that moves more precisely [m]
 GRAVITY = 9.80665  # thrusters hardly accelerate a craft by more [m/s^2]
 TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]
-EARLIEST, DELAYED = -0.03, 0.15  # delays of the motion that one clock explains [s]
+EARLIEST = -0.03  # delay of the motion that scatter explains [s]
+# Delays that one clock explains, and that may be the craft's own, all at once; relative to reply.turn_time().
+DELAYED, LATEST = 0.22, 0.45
 BLURRED = 0.05  # uncertainty of a delay by poses of 100 Hz [s]
-LATEST = 0.3  # largest delay that may be the craft's own, all at once [s]
 MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run [s]
 CLEAR = 2.5  # least evidence of another clock, in its standard errors
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
@@ -108,10 +109,11 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
     motion = repaired(recording).motion
     # beside that of fast poses, which the limits have
     slack = max(0.0, max(reply.blur(motion)) + scatter.interval(motion.times) - BLURRED)
+    usual, longest = (share * reply.turn_time(motion) for share in (DELAYED, LATEST))
     for clock in other_clocks.find(recording):
         lag = follows["lag"] if follows and not follows["slow"] else clock.lag
         drifts = abs(clock.rate) > MIN_DRIFT / repaired(recording).end
-        if not drifts and (clock.rate or EARLIEST - slack <= lag <= DELAYED + slack):
+        if not drifts and (clock.rate or EARLIEST - slack <= lag <= usual + slack):
             continue
         if clock.evidence() < CLEAR:  # slow motors, or a loop that a controller closes
             continue
@@ -123,7 +125,7 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
                 "clock_drift: %.5f in a mapping" % -clock.rate,
             )
             return
-        late = DELAYED < lag <= LATEST
+        late = usual < lag <= longest
         yield Suspicion(
             "delay" if late else "clock",
             "the craft moves %.0f ms %s its commands%s: the clocks of poses and commands probably belong "
