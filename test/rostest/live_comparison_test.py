@@ -248,7 +248,7 @@ class LiveComparisonTest(unittest.TestCase):
             )
 
     def check_voltage(self):
-        """A model whose thrust follows the voltage uses that of the telemetry: with half of it, it is wrong."""
+        """A model whose thrust follows the voltage uses that of the telemetry: half of it makes it wrong."""
         with open(SAGGING) as text:
             model = ground.Model.parse(text.read().replace("body:", "body:\n  volts: 7.4", 1))
         file = os.path.join(tempfile.mkdtemp(), "by_voltage.yaml")
