@@ -41,7 +41,7 @@ class Rests(NamedTuple):
 
 
 def rests(recordings: Sequence[Recording], names: Sequence[str]) -> Optional[Rests]:
-    """Of the motions of some channels; None where they are too short, or where the commands answer the motion,
+    """Of the motions of some channels; None where they are too short, or where commands answer the motion,
     as a controller's do, more than it answers them."""
     width = max((reply.coarse_width(one.motion) for one in recordings), default=0.0)
     constants = _constants([_averaged(recordings, names, twisted, width) for twisted in FRAMES], width)

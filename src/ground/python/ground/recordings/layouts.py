@@ -315,8 +315,8 @@ class _Evidence:
 
 
 def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster]) -> Verdict:
-    """The Verdict of recordings on a craft's thrusters, whose names are those of the channels: by what commands
-    do at once and, where that leaves other ways to read them, by what they do while damping acts.
+    """The Verdict of recordings on a craft's thrusters, whose names are those of the channels: by what
+    commands do at once and, where that leaves other ways to read them, by what they do while damping acts.
 
     GroundError when a recording has no such channel or the commands change too little.
     """

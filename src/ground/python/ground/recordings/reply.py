@@ -277,8 +277,8 @@ def rest(recording: Recording, names: Sequence[str], twisted: bool = False) -> O
 
 
 def seen(motion: Motion, inside: Flags, twisted: bool) -> Tuple[Array, Array, Array]:
-    """Accelerations (n, 3), velocities (n, 3) and heading (n,) [rad] of some poses; twisted: in the frame of a
-    body whose heading is minus the measured one."""
+    """Accelerations (n, 3), velocities (n, 3) and heading (n,) [rad] of some poses; twisted: in the frame of
+    a body whose heading is minus the measured one."""
     wanted, nu, psi = accelerations(motion)[inside], motion.nu[inside], motion.eta[inside, 2]
     if not twisted:
         return wanted, nu, psi
