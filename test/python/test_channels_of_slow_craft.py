@@ -46,7 +46,9 @@ def test_runs_that_do_not_decide_alone_decide_together():
     assert sum(bool(misread([run])) for run in swapped) < RUNS
     (finding,) = misread(swapped)
     assert finding.kind == "swap" and finding.runs == tuple(run.name for run in swapped)
-    assert finding.sentence.startswith("run0, run1, run2, run3, run4, run5: left and right seem to be swapped")
+    assert finding.sentence.startswith(
+        "run0, run1, run2, run3, run4, run5: left and right seem to be swapped"
+    )
     assert not misread([sailed(seed) for seed in range(RUNS)])
 
 
