@@ -6,7 +6,7 @@ the command, so that both explain the same. But damping brakes. An acceleration 
 positive time constant, which is common to all runs of a craft, is what the commands do, at any time scale.
 """
 
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -40,16 +40,19 @@ class Rests(NamedTuple):
     block: float  # length of blocks of time that are hardly correlated [s]
 
 
-def rests(recordings: Sequence[Recording], names: Sequence[str]) -> Optional[Rests]:
-    """Of the motions of some channels; None where they are too short, or where commands answer the motion,
-    as a controller's do, more than it answers them."""
+Told = Callable[[Recording], Array]  # rows (m, k) of what a recording's commands tell its craft
+
+
+def rests(recordings: Sequence[Recording], told: Told) -> Optional[Rests]:
+    """Of the motions of recordings; None where they are too short, or where commands answer the motion, as a
+    controller's do, more than it answers them."""
     width = max((reply.coarse_width(one.motion) for one in recordings), default=0.0)
-    constants = _constants([_averaged(recordings, names, twisted, width) for twisted in FRAMES], width)
+    constants = _constants([_averaged(recordings, told, twisted, width) for twisted in FRAMES], width)
     if constants is None:
         return None
     shift, block = max(width, *constants), LONG * (width + max(constants))
     rates = 1 / np.array([constants[0], constants[0], constants[1]])
-    frames = {twisted: _averaged(recordings, names, twisted, width, shift) for twisted in FRAMES}
+    frames = {twisted: _averaged(recordings, told, twisted, width, shift) for twisted in FRAMES}
     if not frames[False] or not any(_follow(runs, block) for runs in frames.values()):
         return None
     found = {
@@ -60,26 +63,24 @@ def rests(recordings: Sequence[Recording], names: Sequence[str]) -> Optional[Res
 
 
 def _averaged(
-    recordings: Sequence[Recording], names: Sequence[str], twisted: bool, width: float, shift: float = 0.0
+    recordings: Sequence[Recording], told: Told, twisted: bool, width: float, shift: float = 0.0
 ) -> List[_Run]:
     """The averages of those recordings that are long enough."""
-    every = [_run(one, names, twisted, width, shift) for one in recordings]
+    every = [_run(one, told, twisted, width, shift) for one in recordings]
     return [run for run in every if run is not None]
 
 
-def _run(
-    recording: Recording, names: Sequence[str], twisted: bool, width: float, shift: float
-) -> Optional[_Run]:
+def _run(recording: Recording, told: Told, twisted: bool, width: float, shift: float) -> Optional[_Run]:
     """The averages of a recording over a width [s]; shift: to earlier and later commands [s]."""
     motion, sent = recording.motion, recording.control_times
     inside = reply.middle(motion) & (motion.times > sent[0] + shift) & (motion.times < sent[-1] - shift)
     if not inside.any():
         return None
-    times, commands = motion.times[inside], recording.commands_of(names)
+    times, commands = motion.times[inside], told(recording)
     moved, nu, psi = reply.seen(motion, inside, twisted)
     level = np.column_stack([np.ones(len(psi)), np.cos(psi), np.sin(psi)])
-    told = [recording.held(commands, times - lag) for lag in (0.0, shift, -shift)]
-    rows = np.column_stack([times, moved, nu, *told, level])
+    at = [recording.held(commands, times - lag) for lag in (0.0, shift, -shift)]
+    rows = np.column_stack([times, moved, nu, *at, level])
     means = reply.means(times, rows, width, scatter.interval(motion.times))
     if len(means) < FEWEST:
         return None

@@ -328,7 +328,7 @@ def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster]) -> Ver
     first = _Evidence.of(thrusters, at_once)
     open_first = first.not_refuted()
     if len(open_first) > 1:
-        later = damped.rests(recordings, names)
+        later = damped.rests(recordings, lambda recording: recording.commands_of(names))
         if later is not None:
             slow = _Evidence.of(
                 thrusters, {twisted: _Moments.of(own, later.block) for twisted, own in later.rests.items()}

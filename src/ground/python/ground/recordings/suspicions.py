@@ -10,7 +10,7 @@ from typing import Callable, Iterator, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import layouts, other_clocks, reply, scatter, units
+from ground.recordings import angle_signs, layouts, other_clocks, reply, scatter, units
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording, once
 from ground.support.annotations import Document
@@ -76,6 +76,8 @@ def about(recordings: Sequence[Recording], model: Optional[_core.Model]) -> List
     """The Suspicions of recordings of a craft; model: its model, if there is one. Those about channels and
     headings that all recordings share are said once."""
     every = [one for recording in recordings for one in of(recording)]
+    if model is not None and any(thruster["is_angle"] for thruster in model.thrusters):
+        return every + list(_angles(recordings, model))
     thrusters = _thrusters(recordings, model)
     if not thrusters:
         return every
@@ -85,12 +87,10 @@ def about(recordings: Sequence[Recording], model: Optional[_core.Model]) -> List
 def _thrusters(
     recordings: Sequence[Recording], model: Optional[_core.Model]
 ) -> Optional[Sequence[layouts.Thruster]]:
-    """The thrusters by which a craft's channels are judged; None where they are not: a craft with angles,
-    whose accelerations are not linear in its commands, or without a model, unless it is a pair."""
+    """The thrusters by which the channels of a craft without angles are judged; None where they are not:
+    without a model, unless it is a pair."""
     if model is None:
         return PAIR if all(set(one.thrusters) == {"left", "right"} for one in recordings) else None
-    if any(thruster["is_angle"] for thruster in model.thrusters):
-        return None
     found = layouts.thrusters_of(model)
     return PAIR if _is_pair(found) else found
 
@@ -190,6 +190,22 @@ def _of_pair(recording: Recording) -> Optional[layouts.Verdict]:
 
 
 CHECKS: Sequence[Callable[[Recording], Iterator[Suspicion]]] = (lengths, clocks, forces, directions)
+
+
+def _angles(recordings: Sequence[Recording], model: _core.Model) -> Iterator[Suspicion]:
+    """Angles of rudders and turning thrusters that seem to be recorded with the wrong sign."""
+    try:
+        found = angle_signs.find(recordings, model)
+    except GroundError:  # other channels
+        return
+    for one in found:
+        yield Suspicion(
+            "invert",
+            "the angle %s seems to be of the wrong sign: the commands would then explain %.0f%% of the turns; "
+            "as recorded they explain %.0f%%" % (one.channel, 100 * one.share, 100 * one.as_recorded),
+            "sign: -1, or without it, of %s %s" % (one.channel, layouts.CHANNELS),
+            tuple(recording.name for recording in recordings),
+        )
 
 
 def _of_craft(recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster]) -> List[Suspicion]:
