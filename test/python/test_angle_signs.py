@@ -46,7 +46,7 @@ def steered(name, held, duration, noise, sign, seed=1):
     "craft",
     [
         ("one_fan_rudder.yaml", 0.5, 60.0, (5e-4, 5e-3)),
-        ("propeller_ship.yaml", 20.0, 900.0, (0.02, 2e-3)),
+        ("propeller_ship.yaml", 40.0, 3000.0, (0.02, 2e-3)),
     ],
     ids=["hovercraft", "ship"],
 )

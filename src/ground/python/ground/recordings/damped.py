@@ -50,7 +50,7 @@ def rests(recordings: Sequence[Recording], told: Told) -> Optional[Rests]:
     constants = _constants([_averaged(recordings, told, twisted, width) for twisted in FRAMES], width)
     if constants is None:
         return None
-    shift, block = max(width, *constants), LONG * (width + max(constants))
+    shift, block = max(0.5 * width, min(constants)), LONG * (width + max(constants))
     rates = 1 / np.array([constants[0], constants[0], constants[1]])
     frames = {twisted: _averaged(recordings, told, twisted, width, shift) for twisted in FRAMES}
     if not frames[False] or not any(_follow(runs, block) for runs in frames.values()):
