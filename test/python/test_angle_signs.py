@@ -36,9 +36,7 @@ def steered(name, held, duration, noise, sign, seed=1):
     eta = _core.simulate(model, inputs, times, np.zeros(3), np.zeros(3))["eta"]
     eta = eta + random.normal(size=eta.shape) * np.array(noise)[[0, 0, 1]]
     inputs[:, 1 + [one["is_angle"] for one in model.thrusters].index(True)] *= sign
-    run = Recording(
-        "run", times, eta, inputs[:, 0], inputs[:, 1:], "made up", channels=tuple(model.channels)
-    )
+    run = Recording("run", times, eta, inputs[:, 0], inputs[:, 1:], "made up", channels=tuple(model.channels))
     return [one for one in suspicions.about([run], model) if one.misread]
 
 

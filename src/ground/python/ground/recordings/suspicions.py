@@ -201,8 +201,8 @@ def _angles(recordings: Sequence[Recording], model: _core.Model) -> Iterator[Sus
     for one in found:
         yield Suspicion(
             "invert",
-            "the angle %s seems to be of the wrong sign: the commands would then explain %.0f%% of the turns; "
-            "as recorded they explain %.0f%%" % (one.channel, 100 * one.share, 100 * one.as_recorded),
+            "the angle %s seems to be of the wrong sign: the commands would then explain %.0f%% of the "
+            "turns; as recorded they explain %.0f%%" % (one.channel, 100 * one.share, 100 * one.as_recorded),
             "sign: -1, or without it, of %s %s" % (one.channel, layouts.CHANNELS),
             tuple(recording.name for recording in recordings),
         )
