@@ -70,7 +70,7 @@ def test_a_diagnosis_names_the_offset_of_a_rudder(model):
 
 def test_nothing_is_suspected_of_channels_that_are_angles(model):
     run = ground.simulate(ground.Model.load(ONE_FAN), "multilevel-prbs", seed=4, duration=20)
-    assert suspicions.of_thrusters([run], model) == []
+    assert suspicions.about([run], model) == []
 
 
 @pytest.mark.parametrize("name", NEW)

@@ -94,13 +94,13 @@ def test_an_inverted_and_a_dead_thruster_of_four_are_found():
         verdict = layouts.judge([recording], FOUR)
         assert verdict.best.hypothesis.channels == tuple(NAMES)
         assert verdict.best.hypothesis.signs == (1, 1, sign, 1)
-        (finding,) = suspicions.of_thrusters([recording], FOUR_MODEL)
+        (finding,) = suspicions.about([recording], FOUR_MODEL)
         assert finding.kind == kind and "front_left" in finding.remedy
 
 
 def test_runs_with_and_without_the_mistake_are_told_from_each_other():
     runs = [flown(1), flown(2, change=exchanged(("back_left", "back_right")))]
-    (finding,) = suspicions.of_thrusters(runs, FOUR_MODEL)
+    (finding,) = suspicions.about(runs, FOUR_MODEL)
     assert finding.runs == ("run2",) and finding.kind == "swap"
     assert "back_left and back_right seem to be swapped" in finding.sentence
 
@@ -177,7 +177,7 @@ def test_a_valve_that_stays_shut_in_a_run_stands_out_by_the_turns(dead):
     eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))
     rows = np.column_stack([1000 + edges, commands])
     run = checked("run.bag", np.column_stack([1000 + times, eta]), rows, "a test", [], names)
-    findings = suspicions.of_thrusters([run], model)
+    findings = suspicions.about([run], model)
     assert len(findings) == (dead is not None)
     if dead:
         assert findings[0].kind in ("dead", "weak") and dead in findings[0].evidence

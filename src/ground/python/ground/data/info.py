@@ -8,7 +8,7 @@ from typing import Iterator, List, Sequence
 from ground.data import bag_arguments
 from ground.data import measured as api
 from ground.models import Model
-from ground.recordings import drafts, findings, layouts, mapping, readers
+from ground.recordings import drafts, findings, layouts, mapping, readers, suspicions
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
@@ -41,7 +41,10 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     if model:
         recordings = [recording.with_lift_of(model) for recording in recordings]
     described = findings.describe(api.repaired(recordings, arguments.work))
-    for line in formatted(_headline(described)):
+    doubts = suspicions.about(recordings, model)
+    described = findings.with_suspicions(described, doubts)
+    of_all = [one.sentence for one in doubts if len(one.runs) > 1]
+    for line in formatted(_headline(described, of_all)):
         command_line.say(arguments, line)
     for d in described:
         command_line.say(arguments)
@@ -58,8 +61,9 @@ def run(arguments: argparse.Namespace) -> List[Document]:
     return described
 
 
-def _headline(described: Sequence[Document]) -> Iterator[Line]:
-    """The first lines: how much is usable, how good the poses are, and what to do next."""
+def _headline(described: Sequence[Document], of_all: Sequence[str]) -> Iterator[Line]:
+    """The first lines: how much is usable, how good the poses are, and what to do next; of_all: sentences on
+    what several recordings look like together."""
     usable = sum(float(d["usable"]["duration"]) for d in described)
     whole = sum(float(d["duration"]) for d in described)
     odd = {d["name"]: list(findings.grave(d)) for d in described}
@@ -74,7 +78,9 @@ def _headline(described: Sequence[Document]) -> Iterator[Line]:
         "Poses",
         "%.4g Hz or more; noise up to %.2g mm, %.2g deg" % (rate, 1e3 * position, math.degrees(heading)),
     )
-    if doubtful:
+    if of_all:
+        yield "Next", "look at " + of_all[0]
+    elif doubtful:
         yield "Next", "look at %s: %s" % (", ".join(doubtful), odd[doubtful[0]][0])
     else:
         yield "Next", "nothing to mend"

@@ -231,15 +231,16 @@ def measured(
         raise GroundError(NO_RECORDING)
     note_differences(found, others)
     runs = repaired(found, work)
-    for run in runs:
-        for finding in findings.grave(findings.described(run)):
-            warn("%s: %s" % (run.recording.name, finding))
-    of_thrusters = suspicions.of_thrusters(found, model.core)
-    for one in of_thrusters:
-        warn(one.sentence)
+    doubts = suspicions.about(found, model.core)
+    for d in findings.with_suspicions([findings.described(run) for run in runs], doubts):
+        for finding in findings.grave(d):
+            warn("%s: %s" % (d["name"], finding))
+    for one in doubts:
+        if len(one.runs) > 1:
+            warn(one.sentence)
     voltage.note_missing(model, found)
     data = [part.of(run, model) for run in runs]
-    return Measured(found, data, [one for r in found for one in suspicions.of(r)] + of_thrusters)
+    return Measured(found, data, doubts)
 
 
 def held_out(given: Recordings, model: Model, part: Part, work: Work, fitted: Measured) -> Measured:

@@ -86,6 +86,16 @@ def described(run: RepairedRun) -> Document:
     }
 
 
+def with_suspicions(
+    described_runs: Sequence[Document], every: Sequence[suspicions.Suspicion]
+) -> List[Document]:
+    """Described runs with those of the Suspicions of a craft that are about one run alone."""
+    return [
+        dict(d, suspicions=[one.describe() for one in every if one.runs == (d["name"],)])
+        for d in described_runs
+    ]
+
+
 def _poses_of(run: RepairedRun) -> Document:
     """Contents of `info` on the poses."""
     recording, motion = run.recording, run.motion

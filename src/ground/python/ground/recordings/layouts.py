@@ -18,7 +18,7 @@ from typing import Dict, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import reply, units
+from ground.recordings import blocks, damped, reply, units
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import Settings
 from ground.support.annotations import Array, Document
@@ -186,16 +186,13 @@ class _Moments:
     totals: Array  # (B, 3) sums of A^2
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], names: Sequence[str], twisted: bool) -> "_Moments":
-        """Of the motions of some channels. GroundError when the commands change too little."""
+    def of(cls, rests: Sequence[reply.Rest], block: float = BLOCK) -> "_Moments":
+        """Of what commands of recordings have to explain; block: least length of blocks [s]. GroundError when
+        the commands change too little."""
         parts = []
-        for recording in recordings:
-            rest = reply.rest(recording, names, twisted)
-            if rest is None:
-                continue
-            length = max(BLOCK, len(recordings) * float(np.ptp(rest.times)) / MAX_BLOCKS)
-            block = ((rest.times - rest.times[0]) / length).astype(int)
-            for at in np.split(np.arange(len(block)), np.flatnonzero(np.diff(block)) + 1):
+        for rest in rests:
+            length = max(block, len(rests) * float(np.ptp(rest.times)) / MAX_BLOCKS)
+            for at in damped.pieces(rest.times, length):
                 A, C = rest.accelerations[at], rest.commands[at]
                 parts.append((C.T @ A, C.T @ C, (A**2).sum(axis=0)))
         found = cls(*(np.array(sums) for sums in zip(*parts))) if parts else None
@@ -233,6 +230,28 @@ class _Evidence:
     moments: Dict[bool, _Moments]  # by whether headings and positions contradict
     unexplained: Array  # (h, B, 3)
 
+    @classmethod
+    def of(cls, thrusters: Sequence[Thruster], moments: Dict[bool, _Moments]) -> "_Evidence":
+        """Of moments of a craft's motions, by whether headings and positions contradict."""
+        groups = classes(tuple(thrusters))  # the first is that of what is recorded, and alone costs nothing
+        found = cls(thrusters, groups, moments, np.empty(0))
+        return replace(found, unexplained=found.left([group[0] for group in groups]))
+
+    @property
+    def limit(self) -> float:
+        """Standard errors by which a class is worse than the likeliest one if it is wrong."""
+        from scipy.special import stdtrit  # slow to load
+
+        return float(stdtrit(self.unexplained.shape[1] - 1, 1 - CHANCE / len(self.classes)))
+
+    def not_refuted(self, alive: bool = False) -> List[int]:
+        """Indices of the classes that are not clearly worse than the likeliest one; alive: of those in which
+        every thruster acts."""
+        weights = [np.inf if alive and 0 in group[0].signs else 0.0 for group in self.classes]
+        likeliest = int(np.argmin(blocks.logs(self.unexplained)[0] + weights))
+        logs, errors = self.log_ratios(self.unexplained, likeliest)
+        return [int(i) for i in np.flatnonzero(logs <= self.limit * errors)]
+
     def left(self, some: Sequence[Hypothesis]) -> Array:
         """_Moments.unexplained of hypotheses, each by the moments of its frame."""
         found = np.empty((len(some), len(self.moments[False].totals), 3))
@@ -245,9 +264,9 @@ class _Evidence:
     def log_ratios(self, left: Array, index: int) -> Tuple[Array, Array]:
         """Logs of the ratios of unexplained accelerations to those of a class: (h,), and their standard
         errors."""
-        logs, parts = _logs(left)
-        one, own = _logs(self.unexplained[index : index + 1])
-        return logs - one, _error_of_sum(parts - own)
+        logs, parts = blocks.logs(left)
+        one, own = blocks.logs(self.unexplained[index : index + 1])
+        return logs - one, blocks.error_of_sum(parts - own)
 
     def found(self, index: int, best: int) -> Found:
         """A class compared with the best one."""
@@ -264,10 +283,10 @@ class _Evidence:
         first = self.classes[index][0]
         moments, E = self.moments[first.twisted], first.effects(self.thrusters)
         forces = moments.products[..., 0] - 1j * moments.products[..., 1]
-        blocks = forces @ (E[:, 0] + 1j * E[:, 1])  # real part: along; imaginary part: across
-        blocks = blocks.conj() if first.mirrored else blocks
-        angle = float(np.angle(blocks.sum()))
-        error = float(_error_of_sum((blocks / blocks.sum()).imag[None])[0])
+        parts = forces @ (E[:, 0] + 1j * E[:, 1])  # real part: along; imaginary part: across
+        parts = parts.conj() if first.mirrored else parts
+        angle = float(np.angle(parts.sum()))
+        error = float(blocks.error_of_sum((parts / parts.sum()).imag[None])[0])
         other = replace(first, heading_offset=math.remainder(first.heading_offset + angle, 2 * math.pi))
         if first.heading_offset:
             return [other] if abs(angle) > max(ROUNDED, 3 * error) else []
@@ -295,41 +314,42 @@ class _Evidence:
         return "their accelerations differ by less than disturbances and noise over so short a recording"
 
 
-def _error_of_sum(parts: Array) -> Array:
-    """Standard errors (h,) of sums of parts (h, B) of mean 0, of which neighbours may be correlated."""
-    neighbours = np.maximum((parts[:, 1:] * parts[:, :-1]).sum(axis=1), 0)
-    count = parts.shape[1]
-    return np.asarray(np.sqrt(count / (count - 1) * ((parts**2).sum(axis=1) + neighbours)))
-
-
-def _logs(unexplained: Array) -> Tuple[Array, Array]:
-    """Logs (h,) of unexplained accelerations, and the influence of each block on them (h, B)."""
-    sums = np.maximum(unexplained.sum(axis=1), 1e-300)
-    parts = 0.5 * (unexplained / sums[:, None, :]).mean(axis=-1)
-    return 0.5 * np.log(sums).mean(axis=-1), parts
-
-
 def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster]) -> Verdict:
-    """The Verdict of recordings on a craft's thrusters, whose names are those of the channels.
+    """The Verdict of recordings on a craft's thrusters, whose names are those of the channels: by what
+    commands do at once and, where that leaves other ways to read them, by what they do while damping acts.
 
     GroundError when a recording has no such channel or the commands change too little.
     """
-    from scipy.special import stdtrit  # slow to load
-
     names = [thruster.name for thruster in thrusters]
-    groups = classes(tuple(thrusters))  # the first one is that of what is recorded, and alone costs nothing
-    moments = {twisted: _Moments.of(recordings, names, twisted) for twisted in (False, True)}
-    evidence = _Evidence(thrusters, groups, moments, np.empty(0))
+    at_once = {}
+    for twisted in (False, True):
+        every = [reply.rest(recording, names, twisted) for recording in recordings]
+        at_once[twisted] = _Moments.of([rest for rest in every if rest is not None])
+    first = _Evidence.of(thrusters, at_once)
+    open_first = first.not_refuted()
+    if len(open_first) > 1:
+        later = damped.rests(recordings, lambda recording: recording.commands_of(names))
+        if later is not None:
+            slow = _Evidence.of(
+                thrusters, {twisted: _Moments.of(own, later.block) for twisted, own in later.rests.items()}
+            )
+            # That a thruster does nothing shows at once: later, a constant push looks like it.
+            both = sorted(set(open_first) & set(slow.not_refuted(alive=True)))
+            logs = blocks.logs(slow.unexplained)[0]
+            better = [i for i in both if 0 in both or logs[i] < logs[0]]
+            if 0 < len(better) < len(open_first):
+                return _verdict(slow, better)
+    return _verdict(first, open_first)
+
+
+def _verdict(evidence: _Evidence, open_still: Sequence[int]) -> Verdict:
+    """The verdict by evidence, where some classes are open."""
+    groups, names = evidence.classes, [thruster.name for thruster in evidence.thrusters]
     firsts = [group[0] for group in groups]
-    evidence = replace(evidence, unexplained=evidence.left(firsts))
-    likeliest = int(np.argmin(_logs(evidence.unexplained)[0]))
-    logs, errors = evidence.log_ratios(evidence.unexplained, likeliest)
-    # standard errors by which a class is worse than the likeliest one if it is wrong
-    limit = float(stdtrit(evidence.unexplained.shape[1] - 1, 1 - CHANCE / len(groups)))
-    open_still = [int(i) for i in np.flatnonzero(logs <= limit * errors)]
+    logs = blocks.logs(evidence.unexplained)[0]
     best = min(open_still, key=lambda i: (firsts[i].cost(names), float(logs[i])))
     others = sorted(set(open_still) - {best}, key=lambda i: float(logs[i]))
-    turned = evidence.turned(best, limit)
+    turned = evidence.turned(best, evidence.limit)
     same = [h for h in groups[best][1:4] if h.cost(names) <= firsts[best].cost(names) + 2]
     kept = evidence.found(best, best)
     return Verdict(

@@ -14,7 +14,8 @@ CLOCK_OFFSET = 0.05  # least offset between the topics' clocks that is corrected
 FROZEN = 3  # least number of equal poses in a row that are a repeated sample, if the craft moves
 RARE = 0.01  # expected number of equal poses by chance, below which all are repeated samples
 HELD = 0.2  # least share of positions that repeat the last one of a table that is faster than the fixes
-QUANTA = 4.0  # such positions change by more than so many roundings
+QUANTA = 4.0  # a craft that moves by more than so many roundings between two positions moves in each row
+FEWEST_FAST = 10  # positions of such a craft that show whether a table repeats them
 APART = 0.1  # stamps of a burst are not further apart [usual intervals]
 AROUND = 2  # poses before and after a burst that give its direction
 MIN_WAY = 20.0  # shortest way along which a burst is sorted [standard deviations]
@@ -145,8 +146,11 @@ def _held(eta: Array) -> Flags:
         return np.zeros(len(eta), bool)
     steps = np.abs(np.diff(eta[begins, :2], axis=0))
     quantum = scatter.resolution(eta)[:2] * np.sqrt(12)
-    # A slow craft that is measured in whole millimetres moves by one of them at a time.
-    if np.median((steps / quantum).max(axis=1)) < QUANTA or same.mean() < HELD:
+    # A slow craft that is measured in whole millimetres moves by one of them at a time: only where it is
+    # faster, before a stay and after it, nothing but a table makes it stay.
+    fast = (steps / quantum).max(axis=1) > QUANTA
+    lasting = lengths[1:-1][fast[:-1] & fast[1:]]
+    if len(lasting) < FEWEST_FAST or 1 - len(lasting) / lasting.sum() < HELD:
         return np.zeros(len(eta), bool)
     short = np.repeat(lengths <= 3 * usual, lengths)  # a longer stay is a rest, or a lost fix
     return np.asarray(same & short)

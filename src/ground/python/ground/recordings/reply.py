@@ -178,10 +178,15 @@ def coarse_width(motion: Motion) -> float:
 
 def coarse(motion: Motion, times: Array, rows: Array) -> Array:
     """Means (m, k) over coarse_width() of rows (n, k) at some times, without gaps."""
-    count = max(1, round(coarse_width(motion) / scatter.interval(motion.times)))
+    return means(times, rows, coarse_width(motion), scatter.interval(motion.times))
+
+
+def means(times: Array, rows: Array, width: float, usual: float) -> Array:
+    """Means (m, k) over a width [s] of rows (n, k) at some times with a usual interval [s], without gaps."""
+    count = max(1, round(width / usual))
     sums = np.vstack([0 * rows[:1], np.cumsum(rows, axis=0)])
     begins = np.arange(0, len(rows) - count + 1, max(1, count // 4))
-    whole = times[begins + count - 1] - times[begins] < 1.5 * coarse_width(motion)
+    whole = times[begins + count - 1] - times[begins] < 1.5 * width
     return np.asarray((sums[begins + count] - sums[begins])[whole] / count)
 
 
@@ -269,13 +274,10 @@ def rest(recording: Recording, names: Sequence[str], twisted: bool = False) -> O
     twisted: in the frame of a body whose heading is minus the measured one."""
     motion, sent = recording.motion, recording.control_times
     inside = middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
-    times, psi, nu = motion.times[inside], motion.eta[inside, 2], motion.nu[inside]
+    times = motion.times[inside]
     if not len(times):
         return None
-    wanted = accelerations(motion)[inside]
-    if twisted:
-        psi = -psi
-        wanted, nu = (_turned(rows, -2 * psi) * [1, 1, -1] for rows in (wanted, nu))
+    wanted, nu, psi = seen(motion, inside, twisted)
     level = np.column_stack([np.cos(psi), np.sin(psi)])  # a slope in the body's frame
     base: Array = np.column_stack([smooth_terms(nu), level])
     commands = commands_at(recording, recording.commands_of(names), times - lag_of(recording))
@@ -287,6 +289,16 @@ def rest(recording: Recording, names: Sequence[str], twisted: bool = False) -> O
     left = np.column_stack([clipped(wanted), commands])
     left = left - base @ (base.T @ left)
     return Rest(times, left[:, :3], left[:, 3:])
+
+
+def seen(motion: Motion, inside: Flags, twisted: bool) -> Tuple[Array, Array, Array]:
+    """Accelerations (n, 3), velocities (n, 3) and heading (n,) [rad] of some poses; twisted: in the frame of
+    a body whose heading is minus the measured one."""
+    wanted, nu, psi = accelerations(motion)[inside], motion.nu[inside], motion.eta[inside, 2]
+    if not twisted:
+        return wanted, nu, psi
+    wanted, nu = (_turned(rows, 2 * psi) * [1, 1, -1] for rows in (wanted, nu))
+    return wanted, nu, -psi
 
 
 def _turned(rows: Array, angle: Array) -> Array:

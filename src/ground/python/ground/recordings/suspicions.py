@@ -5,12 +5,12 @@ Recording in CHECKS.
 """
 
 from dataclasses import asdict, dataclass, replace
-from typing import Callable, Iterator, List, Sequence, Tuple
+from typing import Callable, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.recordings import layouts, other_clocks, reply, scatter, units
+from ground.recordings import angle_signs, layouts, other_clocks, reply, scatter, units
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording, once
 from ground.support.annotations import Document
@@ -73,9 +73,35 @@ def of(recording: Recording) -> List[Suspicion]:
     return [replace(one, runs=(recording.name,)) for one in every]
 
 
-def about(recordings: Sequence[Recording], model: _core.Model) -> List[Suspicion]:
-    """The Suspicions of recordings of a model's craft."""
-    return [one for recording in recordings for one in of(recording)] + of_thrusters(recordings, model)
+def about(recordings: Sequence[Recording], model: Optional[_core.Model]) -> List[Suspicion]:
+    """The Suspicions of recordings of a craft; model: its model, if there is one. Those about channels and
+    headings that all recordings share are said once."""
+    every = [one for recording in recordings for one in of(recording)]
+    if model is not None and any(thruster["is_angle"] for thruster in model.thrusters):
+        return every + list(_angles(recordings, model))
+    thrusters = _thrusters(recordings, model)
+    if not thrusters:
+        return every
+    return [one for one in every if one.kind not in layouts.GRAVEST] + _of_craft(recordings, thrusters)
+
+
+def _thrusters(
+    recordings: Sequence[Recording], model: Optional[_core.Model]
+) -> Optional[Sequence[layouts.Thruster]]:
+    """The thrusters by which the channels of a craft without angles are judged; None where they are not:
+    without a model, unless it is a pair."""
+    if model is None:
+        return PAIR if all(set(one.thrusters) == {"left", "right"} for one in recordings) else None
+    found = layouts.thrusters_of(model)
+    return PAIR if _is_pair(found) else found
+
+
+def _is_pair(thrusters: Sequence[layouts.Thruster]) -> bool:
+    """Whether thrusters do the same as PAIR, but for a factor."""
+    found = {one.name: one for one in thrusters}
+    if set(found) != {"left", "right"} or any(one.direction for one in thrusters):
+        return False
+    return found["left"].y < 0 and abs(found["left"].y + found["right"].y) < 1e-9
 
 
 def lengths(recording: Recording) -> Iterator[Suspicion]:
@@ -155,26 +181,57 @@ def forces(recording: Recording) -> Iterator[Suspicion]:
 def directions(recording: Recording) -> Iterator[Suspicion]:
     """Swapped, inverted and dead thrusters, and headings of another sign or zero, of a craft with a left and
     a right one."""
-    if repaired(recording).reply and set(recording.thrusters) == {"left", "right"}:
-        yield from _of_layout([recording], PAIR)
+    if set(recording.thrusters) == {"left", "right"}:
+        yield from _worded([recording], PAIR, _of_pair(recording))
+
+
+@once
+def _of_pair(recording: Recording) -> Optional[layouts.Verdict]:
+    """The verdict of a recording of a craft with a left and a right thruster."""
+    return _judged([recording], PAIR) if repaired(recording).reply else None
 
 
 CHECKS: Sequence[Callable[[Recording], Iterator[Suspicion]]] = (lengths, clocks, forces, directions)
 
 
-def of_thrusters(recordings: Sequence[Recording], model: _core.Model) -> List[Suspicion]:
-    """Suspicions about the channels and headings of a craft with other thrusters than a left and a right
-    one; those of a pair are among those of each Recording. What all together look like says it all, unless
-    one of them alone looks like something else. A craft with angles is not judged: its accelerations are not
-    linear in its commands."""
-    if model.is_pair or any(thruster["is_angle"] for thruster in model.thrusters):
-        return []
-    thrusters = layouts.thrusters_of(model)
-    alone = [one for recording in recordings for one in _of_layout([recording], thrusters)]
-    together = list(_of_layout(recordings, thrusters))
-    what, every = ({one.evidence.split(":")[0] for one in some} for some in (alone, together))
-    found = together if what <= every else alone
+def _angles(recordings: Sequence[Recording], model: _core.Model) -> Iterator[Suspicion]:
+    """Angles of rudders and turning thrusters that seem to be recorded with the wrong sign."""
+    try:
+        found = angle_signs.find(recordings, model)
+    except GroundError:  # other channels
+        return
+    for one in found:
+        yield Suspicion(
+            "invert",
+            "the angle %s seems to be of the wrong sign: the commands would then explain %.0f%% of the "
+            "turns; as recorded they explain %.0f%%" % (one.channel, 100 * one.share, 100 * one.as_recorded),
+            "sign: -1, or without it, of %s %s" % (one.channel, layouts.CHANNELS),
+            tuple(recording.name for recording in recordings),
+        )
+
+
+def _of_craft(recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster]) -> List[Suspicion]:
+    """Suspicions about the channels and headings of a craft. What all recordings together look like says it
+    all, unless one of them alone refutes it."""
+    alone = [_of_pair(one) if thrusters is PAIR else _judged([one], thrusters) for one in recordings]
+    together = _judged(recordings, thrusters) if len(recordings) > 1 else None
+    if together and not together.is_as_recorded and all(_leaves_open(own, together) for own in alone):
+        return list(_worded(recordings, thrusters, together))
+    found = [s for one, own in zip(recordings, alone) for s in _worded([one], thrusters, own)]
     return found or [one for recording in recordings for one in _weak(recording, thrusters)]
+
+
+def _leaves_open(own: Optional[layouts.Verdict], together: layouts.Verdict) -> bool:
+    """Whether a recording's own verdict leaves open what all of them look like."""
+    if own is None or own.open_share > layouts.HARDLY:
+        return True
+    ways = [own.best.hypothesis, *own.same, *(found.hypothesis for found in own.undecided)]
+    return _to_quarters(together.best.hypothesis) in map(_to_quarters, ways)
+
+
+def _to_quarters(one: layouts.Hypothesis) -> layouts.Hypothesis:
+    """A hypothesis with its heading's offset rounded to quarter turns, in these."""
+    return replace(one, heading_offset=float(round(2 * one.heading_offset / np.pi)))
 
 
 def _weak(recording: Recording, thrusters: Sequence[layouts.Thruster]) -> Iterator[Suspicion]:
@@ -202,13 +259,23 @@ def _weak(recording: Recording, thrusters: Sequence[layouts.Thruster]) -> Iterat
             )
 
 
-def _of_layout(recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster]) -> Iterator[Suspicion]:
-    """The suspicion about recordings of a craft, where they refute their channels and headings."""
+def _judged(
+    recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster]
+) -> Optional[layouts.Verdict]:
+    """The verdict of recordings; None where the commands change too little."""
     try:
-        verdict = layouts.judge(recordings, thrusters)
-    except GroundError:  # the commands change too little
-        return
-    if verdict.is_as_recorded:
+        return layouts.judge(recordings, thrusters)
+    except GroundError:
+        return None
+
+
+def _worded(
+    recordings: Sequence[Recording],
+    thrusters: Sequence[layouts.Thruster],
+    verdict: Optional[layouts.Verdict],
+) -> Iterator[Suspicion]:
+    """The suspicion about recordings of a craft, where they refute their channels and headings."""
+    if verdict is None or verdict.is_as_recorded:
         return
     names, measured = [thruster.name for thruster in thrusters], recordings[0].settings
     ways = [verdict.best.hypothesis, *verdict.same]
