@@ -212,7 +212,12 @@ def unexplained(report: Document) -> Iterator[str]:
 
 def extent(report: Document) -> Iterator[str]:
     """How much of the data was used, if not all."""
-    count = report["windows"]
+    span, count = report["seconds"], report["windows"]
+    if span["used"] < span["available"]:
+        yield "Effects were looked for in %.0f of %.0f s, spread evenly over the runs." % (
+            span["used"],
+            span["available"],
+        )
     if count["used"] < count["available"]:
         yield "Errors are of %d of %d windows, spread evenly over the runs." % (
             count["used"],

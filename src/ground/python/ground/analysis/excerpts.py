@@ -1,0 +1,54 @@
+"""Parts of long recordings, spread evenly: as much as a search for effects needs.
+
+A search simulates all runs thousands of times. What that costs is the number of steps, which end at poses and
+at changes of a command, times the number of channels. Up to what COST says all of a recording is used: that
+are five minutes of a craft with two thrusters that is measured and commanded 50 times a second, in which
+effects that matter have shown long before. Of more, each run keeps parts between gaps.
+"""
+
+from typing import List, Sequence
+
+import numpy as np
+
+from ground import _core
+from ground.analysis.thinning import thinned
+from ground.support.annotations import Array
+
+COST = 60_000  # steps times channels that a search may simulate
+PART = 1.1  # length of a part [windows]
+
+
+def spread(runs: Sequence[_core.RunData]) -> List[_core.RunData]:
+    """The runs (_core.RunData), or parts of each if they are long together."""
+    share = COST / max(1, sum(_cost(run) for run in runs))
+    return list(runs) if share >= 1 else [_parts(run, share) for run in runs]
+
+
+def duration(runs: Sequence[_core.RunData]) -> float:
+    """Time in which runs were measured, without gaps [s]."""
+    steps = [(np.diff(np.array(run.times)), run.scales.max_gap) for run in runs]
+    return float(sum(step[step <= gap].sum() for step, gap in steps))
+
+
+def _cost(run: _core.RunData) -> int:
+    inputs = np.array(run.inputs)
+    acting = inputs[(inputs[:, 0] >= run.times[0]) & (inputs[:, 0] <= run.times[-1]), 1:]
+    changes = int((np.diff(acting, axis=0) != 0).any(axis=1).sum())
+    return (len(thinned(run).times) + changes) * (inputs.shape[1] - 2)
+
+
+def _parts(run: _core.RunData, share: float) -> _core.RunData:
+    """Evenly spread parts of a run, which are about that share of it."""
+    times = np.array(run.times)
+    number = ((times - times[0]) / (PART * run.scales.window)).astype(int)  # of the part that a pose is in
+    count = int(number[-1])  # the last one is shorter
+    wanted = max(1, round(share * count))
+    if wanted >= count:
+        return run
+    at = np.isin(number, ((np.arange(wanted) + 0.5) * count / wanted).astype(int))
+
+    def part(values: Array) -> Array:
+        return np.asarray(np.array(values)[at])
+
+    poses = part(run.poses) if len(run.poses) else None
+    return run.replaced(times=times[at], eta=part(run.eta), nu=part(run.nu), poses=poses)
