@@ -60,8 +60,8 @@ class Step:
 class Diagnosis:
     """A model compared with runs, and grown by the missing effects.
 
-    runs: _core.RunData to fit to, of which long ones are used in parts (ground.analysis.excerpts); candidates:
-    effects to try; threads: 0 for all cores; work: told of what is done.
+    runs: _core.RunData to fit to, of which long ones are used in parts (ground.analysis.excerpts);
+    candidates: effects to try; threads: 0 for all cores; work: told of what is done.
     """
 
     def __init__(

@@ -214,7 +214,7 @@ def extent(report: Document) -> Iterator[str]:
     """How much of the data was used, if not all."""
     span, count = report["seconds"], report["windows"]
     if span["used"] < span["available"]:
-        yield "Effects were looked for in %.0f of %.0f s, spread evenly over the runs." % (
+        yield "Effects were looked for in %.0f of %.0f s, in which the craft moves most." % (
             span["used"],
             span["available"],
         )
