@@ -212,8 +212,8 @@ def unexplained(report: Document) -> Iterator[str]:
 
 def extent(report: Document) -> Iterator[str]:
     """How much of the data was used, if not all."""
-    span, count = report["seconds"], report["windows"]
-    if span["used"] < span["available"]:
+    span, count = report.get("seconds"), report["windows"]  # reports of release 1.0.0 have no seconds
+    if span and span["used"] < span["available"]:
         yield "Effects were looked for in %.0f of %.0f s, in which the craft moves most." % (
             span["used"],
             span["available"],
