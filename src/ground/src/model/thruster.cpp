@@ -130,6 +130,14 @@ int thrusterOf(const std::vector<Thruster>& all, const Thruster& one) {
   return static_cast<int>(found - all.begin());
 }
 
+/// Number of the first thruster on a supply.
+int firstOn(const std::vector<Thruster>& all, const std::string& supply) {
+  const auto found = std::find_if(all.begin(), all.end(), [&](const Thruster& other) {
+    return !other.isAngle() && other.supply == supply;
+  });
+  return static_cast<int>(found - all.begin());
+}
+
 }  // namespace
 
 void validate(const Thruster& thruster) {
@@ -167,7 +175,7 @@ ThrusterLayout::ThrusterLayout(std::vector<Thruster> thrusters, std::string lift
     }
     const double c = cosine(one.direction), s = cosine(one.direction - 90);
     const double x = one.position.x(), y = one.position.y();
-    arms_[i] = {c, s, x * s - y * c, x * c + y * s};
+    arms_[i] = {c, s, x * s - y * c, x * c + y * s, firstOn(thrusters_, one.supply)};
     sways_ = sways_ || s != 0;
     linear_ = linear_ && one.gain == 1 && one.curve.linear();
     const double lever = steers() ? leverOf(i) : arms_[i].lever;

@@ -142,6 +142,8 @@ class ThrusterLayout {
   double starboard(int i) const { return arms_[i].starboard; }  ///< s
   double lever(int i) const { return arms_[i].lever; }          ///< (x s - y c) / l
   double along(int i) const { return arms_[i].along; }          ///< (x c + y s) / l
+  /// Number of the first thruster on the same supply; -1 for an angle.
+  int supply(int i) const { return arms_[i].supply; }
 
   /// Force of each thruster at these inputs, divided by k.
   template <typename T>
@@ -179,6 +181,7 @@ class ThrusterLayout {
  private:
   struct Arm {
     double forward = 0, starboard = 0, lever = 0, along = 0;
+    int supply = -1;
   };
 
   void validateAll() const;

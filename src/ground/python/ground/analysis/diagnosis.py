@@ -18,6 +18,7 @@ from ground import _core
 from ground.analysis import (
     ceiling,
     evidence,
+    excerpts,
     folds,
     horizon,
     indistinguishable,
@@ -59,8 +60,8 @@ class Step:
 class Diagnosis:
     """A model compared with runs, and grown by the missing effects.
 
-    runs: _core.RunData to fit to; candidates: effects to try; threads: 0 for all cores; work: told of
-    what is done.
+    runs: _core.RunData to fit to, of which long ones are used in parts (ground.analysis.excerpts);
+    candidates: effects to try; threads: 0 for all cores; work: told of what is done.
     """
 
     def __init__(
@@ -71,7 +72,8 @@ class Diagnosis:
         threads: int = 0,
         work: Optional[Work] = None,
     ) -> None:
-        self.runs = runs
+        self.all_runs = runs
+        self.runs = runs = excerpts.spread(runs)
         self.given = model
         self.candidates = candidates
         self.work = work or Work()
@@ -113,6 +115,11 @@ class Diagnosis:
         self.judged: Dict[FrozenSet[str], folds.Judged] = {}  # by set of effects
         self.search.nominal(near)
         self.nominal = self.judge(frozenset())
+
+    @property
+    def is_excerpt(self) -> bool:
+        """Whether effects are searched for in parts of the runs."""
+        return any(part is not run for part, run in zip(self.runs, self.all_runs))
 
     @cached_property
     def prediction_time(self) -> float:

@@ -162,10 +162,11 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     if by_user:
         refits = [replace(refit, heldout=by_user.error_before(found, refit)) for refit in refits]
     best = min(range(len(refits)), key=lambda i: refits[i].heldout)
+    improved, parameters = _on_all(found)
     return Conclusion(
         verdict,
-        found.model,
-        found.likelihood.intervals(found.fit),
+        improved,
+        parameters,
         floor,
         refits[best],
         _steps(found, by_user),
@@ -180,6 +181,19 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         found,
         heldout,
     )
+
+
+def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
+    """The grown model and its parameters, fitted to all of the runs. Where the search used parts of long
+    runs, the levels are those of the parts: their uncertainty hardly widens intervals then."""
+    if not found.is_excerpt:
+        return found.model, found.likelihood.intervals(found.fit)
+    whole = Likelihood(found.all_runs, found.given, found.likelihood.varying, found.threads)
+    try:
+        fit = whole.fit(found.model, found.fit.free, near=found.fit, levels=False)
+    except GroundError:  # the motion in another part is not finite
+        return found.model, found.likelihood.intervals(found.fit)
+    return fit.model, list(fit.parameters)
 
 
 def _refits(found: Diagnosis) -> List[Tuple[Refit, ModelsAt]]:

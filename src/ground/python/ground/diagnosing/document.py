@@ -4,7 +4,7 @@ import dataclasses
 from typing import Iterable, List, Optional, Sequence
 
 from ground import _core
-from ground.analysis import bands, candidates, horizon, indistinguishable, stages
+from ground.analysis import bands, candidates, excerpts, horizon, indistinguishable, stages
 from ground.analysis.ceiling import Share
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
@@ -45,6 +45,10 @@ def begun(
             **({"inertial": sensed} if sensed else {}),
         },
         "windows": {"used": len(diagnosis.cut), "available": diagnosis.fitter.available},
+        "seconds": {
+            "used": excerpts.duration(diagnosis.runs),
+            "available": excerpts.duration(diagnosis.all_runs),
+        },
         "verdict": conclusion.verdict,
         "findings": list(findings),
         "nominal": {

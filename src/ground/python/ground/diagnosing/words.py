@@ -212,7 +212,12 @@ def unexplained(report: Document) -> Iterator[str]:
 
 def extent(report: Document) -> Iterator[str]:
     """How much of the data was used, if not all."""
-    count = report["windows"]
+    span, count = report.get("seconds"), report["windows"]  # reports of release 1.0.0 have no seconds
+    if span and span["used"] < span["available"]:
+        yield "Effects were looked for in %.0f of %.0f s, in which the craft moves most." % (
+            span["used"],
+            span["available"],
+        )
     if count["used"] < count["available"]:
         yield "Errors are of %d of %d windows, spread evenly over the runs." % (
             count["used"],

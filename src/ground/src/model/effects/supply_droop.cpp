@@ -24,13 +24,12 @@ struct SupplyDroop {
   template <typename T>
   static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
     using std::abs;
-    for (int i = 0; i < force.size(); ++i) {
-      T others(0.0);
-      for (int j = 0; j < force.size(); ++j)
-        if (j != i && point.layout.pushes(j) && point.layout[j].supply == point.layout[i].supply)
-          others += abs(point.input(j));
-      force(i) = force(i) / (1.0 + p[0] * others);
-    }
+    Thrusters<T> total = Thrusters<T>::zero(force.size());  // of each supply, at its first thruster
+    for (int i = 0; i < force.size(); ++i)
+      if (point.layout.pushes(i)) total(point.layout.supply(i)) += abs(point.input(i));
+    for (int i = 0; i < force.size(); ++i)
+      if (point.layout.pushes(i))
+        force(i) = force(i) / (1.0 + p[0] * (total(point.layout.supply(i)) - abs(point.input(i))));
   }
 };
 GROUND_REGISTER_EFFECT(SupplyDroop)
