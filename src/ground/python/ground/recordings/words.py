@@ -112,6 +112,7 @@ ACTUATORS = STRONG - set(
     cmd cmds command commands control controls ctrl input inputs u pwm demand output outputs
     """.split()
 )
+ANGLES = {"angle", "azimuth", "direction", "alpha", "angles", "swivel", "bearing"}  # of a thruster that turns
 LIFT = {"lift", "hover", "skirt", "levitation", "levitate", "cushion", "auftrieb"}
 LEFT = {"left", "port", "l", "links", "backbord", "gauche"}
 RIGHT = {"right", "starboard", "stbd", "r", "rechts", "steuerbord", "droite"}
