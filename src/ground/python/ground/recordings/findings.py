@@ -6,7 +6,7 @@ from typing import Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import headings, repair, reply, scatter, suspicions
+from ground.recordings import headings, repair, reply, scatter, suspicions, words
 from ground.recordings.quality import RepairedRun, lifted, same_inputs
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import NAMES, RunFile
@@ -189,6 +189,8 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     yield "drive", ", ".join(starts) + (DRIVES_BY.get(d["drives"]["by"], "") if has_lift else "")
     if d["reply"]:
         text = "the craft reacts %.0f ms after a command" % (1e3 * d["reply"]["lag"])
+        if d["reply"]["lag"] > reply.LAGS[-2]:
+            text += ", or later: longer delays are not tried"
         slow = "the craft follows its commands, too slowly for poses with this noise to show its delay"
         yield "reply", slow if d["reply"]["slow"] else text
     if d["inertial"]:
@@ -198,7 +200,12 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     if d["battery"]:
         yield "battery", _battery(d["battery"])
     if d["authority"]:
-        yield "thrusters", "; ".join(_does(*item) for item in d["authority"].items())
+        angles = [name for name in d["authority"] if words.ANGLES & set(words.split(name))]
+        unknown = "not told: what a thruster does changes with %s" % ", ".join(angles)
+        yield (
+            "thrusters",
+            unknown if angles else "; ".join(_does(*item) for item in d["authority"].items()),
+        )
 
 
 def _sensors(inertial: Document, poses: Document) -> str:
