@@ -255,18 +255,18 @@ def _does(name: str, authority: Document) -> str:
     """What a thruster does at full input, as far as the recording tells."""
     parts = []
     least = 0.3 * max(abs(authority["forward"]), abs(authority["right"]))
-    for (key, words, unit), error in zip(EFFECTS, authority["errors"]):
+    for (key, sentences, unit), error in zip(EFFECTS, authority["errors"]):
         value = authority[key]
         if abs(value) > CERTAIN * error and (key == "turn" or abs(value) > least):
-            parts.append("%s (%.2g +- %.1g %s)" % (words[value < 0], abs(value), error, unit))
+            parts.append("%s (%.2g +- %.1g %s)" % (sentences[value < 0], abs(value), error, unit))
     return "%s %s" % (name, ", ".join(parts) or "has no clear effect")
 
 
 def _measured(settings: Document) -> str:
     """Settings by which poses became world_ned, and their sources."""
     forms = {"axes": "axes '%s' (%s)", "heading_offset": "heading_offset %g rad (%s)"}
-    words = [forms[name] % (settings[name], settings["sources"][name]) for name in settings["taken"]]
-    text = ", ".join(words) or "as states, corrected already"
+    sentences = [forms[name] % (settings[name], settings["sources"][name]) for name in settings["taken"]]
+    text = ", ".join(sentences) or "as states, corrected already"
     for change in settings["changes"] if settings["taken"] else ():
         text += "; from %(time).2f s on axes '%(axes)s', heading_offset %(heading_offset)g rad" % change
     return text

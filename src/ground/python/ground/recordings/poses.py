@@ -19,11 +19,10 @@ BODY = re.compile(
     r"(^|[^a-z])(body|rigid_?body|subject|object|robot|vehicle|craft|child_frame_id|name|agent)$", re.I
 )
 WORD = re.compile(r"[A-Za-z]+")
-LEVEL = 0.1  # least share of the other field's way that a horizontal one moves
-_WITHOUT = (
-    "; or leave the axes out and write under poses, where headings are clockwise seen from above, "
-    '`position: {fields: ["%s", "%s"]}`, and where they are counter-clockwise '
-    '`position: {fields: ["%s", "-%s"]}` and `sign: -1` in heading'
+WITHOUT_AXES = (
+    "; or write in place of axes, where headings grow from %s to %s and are clockwise seen from above, "
+    '`position: {fields: ["%s", "%s"], ...}`, and where they are counter-clockwise '
+    '`position: {fields: ["%s", "-%s"], ...}` and `sign: -1` in heading'
 )
 
 
@@ -155,7 +154,7 @@ def read(
             or "rad"
         )
         turned *= ANGLES[unit] * poses.heading_sign
-    rows, raw = _planar(placed, turned, paths[:count], where, stamps[chosen], settings, notes)
+    rows, raw = _planar(placed, turned, paths[:count], where, stamps[chosen], settings)
     places.subtract_origin(rows, notes)
     return Measured(rows, raw, chosen, absent)
 
@@ -184,7 +183,6 @@ def _planar(
     where: str,
     stamps: Indices,
     settings: Settings,
-    notes: List[str],
 ) -> Tuple[Array, Array]:
     """Poses in world_ned (n, 3), and as they were measured (n, 7)."""
     rows, raw = np.full((len(position), 3), np.nan), np.zeros((len(position), 7))
@@ -197,10 +195,7 @@ def _planar(
             continue
         axes = [0, 1, 2]
         if position.shape[1] == 2:
-            there = position[some][np.isfinite(position[some]).all(axis=1)]
-            moved = np.ptp(there, axis=0) if len(there) else np.zeros(2)
-            has_heading = rotation.shape[1] == 1
-            axes = _along(paths, moved, change.axes, change.vertical, has_heading, where, notes)
+            axes = _along(paths, change.axes, change.vertical, rotation.shape[1] == 1, where)
         raw[np.ix_(some, np.array(axes))] = position[some]
         if rotation.shape[1] == 1:  # a turn about the vertical axis
             raw[some, 3 + change.vertical] = np.sin(rotation[some, 0] / 2)
@@ -230,39 +225,24 @@ def _of_body(columns: Columns, path: str, wanted: str, where: str, count: int) -
     return np.ones(count, bool)
 
 
-def _along(
-    paths: Sequence[str],
-    moved: Array,
-    axes: str,
-    vertical: int,
-    has_heading: bool,
-    where: str,
-    notes: List[str],
-) -> List[int]:
+def _along(paths: Sequence[str], axes: str, vertical: int, has_heading: bool, where: str) -> List[int]:
     """The horizontal axes that two fields are along: those that they are named after, else in the order x,
-    y, z. A field that is named after the vertical one, but moves as the other does (2,) [m], is the other
-    horizontal one beside a heading: no height does so. GroundError where they are named after other ones."""
+    y, z. GroundError where they are named after other ones: either the names or the axes are wrong."""
     horizontal = [axis for axis in range(3) if axis != vertical]
     letters = [_axis(path) for path in paths]
     if "" in letters or letters[0] == letters[1]:
         return horizontal
     named = ["xyz".index(letter) for letter in letters]
-    if set(named) == set(horizontal):
-        return named
-    wanted = ["xyz"[axis] for axis in horizontal]
-    own = [axis == place for axis, place in zip(named, horizontal)]
-    if has_heading and vertical in named and any(own) and moved.min() > LEVEL * moved.max():
-        (at,) = (number for number, axis in enumerate(named) if axis == vertical)
-        notes.append(
-            "%s moves by %.3g m, as no height does: it is taken for %s of the axes '%s', whose vertical axis is "
-            "%s by the mapping" % (paths[at], moved[at], wanted[at], axes, "xyz"[vertical])
-        )
-        return horizontal
-    raise GroundError(
-        "%s: the axes '%s' need %s, but the position has the fields %s and %s; name the field that is missing "
-        "in the mapping, or correct its axes%s"
-        % (where, axes, " and ".join(wanted), *paths, _WITHOUT % (*paths, *paths) if has_heading else "")
-    )
+    if set(named) != set(horizontal):
+        raise GroundError(
+            "%s: the axes '%s' need %s, but the position has the fields %s and %s; name the field that is "
+            "missing in the mapping, or correct its axes%s"
+            % (
+                where, axes, " and ".join("xyz"[axis] for axis in horizontal), *paths,
+                WITHOUT_AXES % (*paths, *paths, *paths) if has_heading else "",
+            )
+        )  # fmt: skip
+    return named
 
 
 def _axis(path: str) -> str:
