@@ -118,7 +118,8 @@ def _axes(position: Array, quaternion: Array) -> str:
     """The axes that fit poses (n, 3) and (n, 4) best, and why."""
     axes, share = units.likely_axes(np.column_stack([position, quaternion]))
     vertical = "xyz".index(axes[-1])
-    sign = "positive: up" if np.median(position[:, vertical]) >= 0 else "negative: down"
+    height = float(np.median(position[:, vertical]))
+    sign = "positive: up" if height > 0 else "negative: down" if height < 0 else "0: up or down is not known"
     why = "%s moves least, %.0f%% of the poses are upright by it, and it is mostly %s"
     return 'axes: "%s"  # ' % axes + why % (axes[-1], 100 * share, sign)
 

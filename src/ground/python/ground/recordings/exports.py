@@ -128,7 +128,14 @@ def _qualisys(lines: Sequence[str]) -> Head:
             "an export of Qualisys with markers (%s): export 6D data, because markers alone have no heading"
             % facts["DATA_INCLUDED"][0]
         )
-    last = next((n for n, cells in rows if "Rot[0]" in cells or {"Roll", "Yaw"} & set(cells)), None)
+    last = next(
+        (
+            n
+            for n, cells in rows
+            if "Rot[0]" in cells or {"Roll", "Yaw"} & {cell.split(" ")[-1] for cell in cells}
+        ),
+        None,
+    )
     if last is None:
         raise GroundError("an export of Qualisys without a row that names Roll, Pitch and Yaw")
     bodies = [_body(name) for name in facts.get("BODY_NAMES", []) if name]

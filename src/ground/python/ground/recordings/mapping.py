@@ -24,7 +24,7 @@ LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # [m]
 FURTHER_LENGTHS = {"km": 1e3, "ft": 0.3048}  # of files that name them [m]
 GEODETIC = "deg"  # unit of positions that are latitude and longitude
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}  # [rad]
-TIMES = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # [ns]
+TIMES = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1, "days": 86400 * 10**9}  # [ns]
 # values of a command that mean off and full
 COMMANDS = {"normalised": (0.0, 1.0), "percent": (0.0, 100.0), "microseconds": (1000.0, 2000.0)}
 LIFT = "lift"  # default name of the channel that is no thruster

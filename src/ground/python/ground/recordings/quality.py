@@ -49,7 +49,7 @@ class RepairedRun:
         self.zero = float(max(times[0], controls[0]))
         last = float(min(times[-1], controls[-1]))
         if not last > self.zero:
-            raise GroundError("%s: commands and poses do not overlap in time" % recording.name)
+            raise GroundError(_apart(recording.name, times, controls))
         self.end = last - self.zero
         self.margin = MARGIN * scatter.interval(times)  # [s]
         self.drives, self.drives_by = self._drives()
@@ -235,6 +235,20 @@ def _agree(a: Array, b: Array) -> bool:
         for i, j, n in counts
         if n >= FEWEST_SAME
     )
+
+
+def _apart(name: str, times: Array, controls: Array) -> str:
+    """Says that poses and commands have no time in common, and what may help."""
+    spans = [float(t) for t in (times[0], times[-1], controls[0], controls[-1])]
+    text = "%s: commands and poses do not overlap in time: poses from %.3f to %.3f s, commands from %.3f to %.3f s"
+    lengths = spans[1] - spans[0], spans[3] - spans[2]
+    if abs(spans[0] - spans[2]) < 10 * max(lengths):
+        return (text + "; are they of one run?") % (name, *spans)
+    more = (
+        "; their clocks differ: clock_offset: SECONDS in a mapping is added to the poses, %.3f if both began "
+        "together"
+    )
+    return (text + more) % (name, *spans, spans[2] - spans[0])
 
 
 def _away(motion: repair.Motion, pose: Array) -> Tuple[Flags, Flags]:

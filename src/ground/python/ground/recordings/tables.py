@@ -58,13 +58,25 @@ class Table:
 def read(path: str) -> Table:
     """The table in a text file. GroundError says why there is none."""
     notes: List[str] = []
-    lines = lines_of(path, notes)
+    lines = _below_labview(lines_of(path, notes), notes)
     head = exports.recognised(lines)
     if head is None:
         head = _head(lines)
     notes += head.notes
     rows, decimal = _rows(lines, head, notes)
     return _table(rows, head, decimal, notes)
+
+
+def _below_labview(lines: Sequence[str], notes: List[str]) -> Sequence[str]:
+    """The lines below the heads of a file of LabVIEW, of which X_Value is the time; all lines of others."""
+    if not lines or not lines[0].startswith("LabVIEW Measurement"):
+        return lines
+    last = max((n for n, line in enumerate(lines) if line.startswith("***End_of_Header***")), default=-1)
+    notes.append(
+        "a file of LabVIEW: the %d lines of its heads are passed over, X_Value is the time" % (last + 1)
+    )
+    names, *rows = lines[last + 1 :] or [""]
+    return [names.replace("X_Value", "time [s]"), *rows]
 
 
 def _split(line: str, separator: str) -> List[str]:
@@ -321,9 +333,35 @@ def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> T
         return parsed(dtype=str, usecols=[of_name[name]]).iloc[:, 0].to_numpy() if name in of_name else None
 
     found.text = text
+    if _pivoted(found):
+        return found
     _add_times(found, head)
     exports.complete(frame, found.units, head, notes)
     return found
+
+
+def _pivoted(table: Table) -> bool:
+    """Gives a column to each signal of a table with a row for each value (time, name, value); whether it was
+    one."""
+    frame = table.frame
+    texts = [n for n in frame.columns if frame[n].dtype == object and 3 * frame[n].nunique() <= len(frame)]
+    values = [n for n in frame.columns if str(n).lower() in ("value", "val", "values", "data", "_value")]
+    if (
+        len(frame.columns) != 3
+        or len(texts) != 1
+        or len(values) != 1
+        or frame[values[0]].dtype.kind not in "if"
+    ):
+        return False
+    (time,) = set(frame.columns) - {texts[0], values[0]}
+    table.notes.append(
+        "a row for each value: %s names the signals, and %s has their values; those of one time are one row"
+        % (texts[0], values[0])
+    )
+    wide = frame.pivot_table(index=time, columns=texts[0], values=values[0], aggfunc="first")
+    table.frame = wide[frame[texts[0]].dropna().unique()].reset_index().rename(columns=str)
+    table.text = lambda _: None
+    return True
 
 
 def _units(head: Head, names: Sequence[str]) -> Dict[str, str]:

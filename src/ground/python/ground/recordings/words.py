@@ -131,7 +131,7 @@ TURNED = {"q", "quat", "quaternion", "orientation", "rotation", "rot", "ori", "a
 AXES: Dict[str, str] = {
     **{prefix + axis: axis for axis in "xyz" for prefix in ("", "p", "t", "pos", "position")},
     **{axis + "pos": axis for axis in "xyz"},
-    "north": "n", "northing": "n", "n": "n", "east": "e", "easting": "e", "e": "e",
+    "pn": "n", "pe": "e", "north": "n", "northing": "n", "n": "n", "east": "e", "easting": "e", "e": "e",
     "lat": "lat", "latitude": "lat", "lon": "lon", "lng": "lon", "long": "lon", "longitude": "lon",
 }  # fmt: skip
 HEADINGS = {"heading": 1.0, "hdg": 1.0, "yaw": 1.0, "psi": 1.0, "compass": 0.9, "theta": 0.7,
