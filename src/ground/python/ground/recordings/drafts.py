@@ -166,6 +166,7 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
         yield "topic: ''  # nothing in the file seems to have poses; name the fields that have them:"
         yield "# position: {fields: [X, Y], unit: m}"
         yield "# heading: {field: PSI, unit: rad}"
+        yield "# (of sine and cosine or a matrix, add a column: psi = atan2(sin, cos) or atan2(r21, r11))"
         return
     chosen, pose = candidates[0], candidates[0].pose
     yield from _place(candidates, in_folder)

@@ -239,16 +239,14 @@ def _agree(a: Array, b: Array) -> bool:
 
 def _apart(name: str, times: Array, controls: Array) -> str:
     """Says that poses and commands have no time in common, and what may help."""
-    spans = [float(t) for t in (times[0], times[-1], controls[0], controls[-1])]
-    text = "%s: commands and poses do not overlap in time: poses from %.3f to %.3f s, commands from %.3f to %.3f s"
-    lengths = spans[1] - spans[0], spans[3] - spans[2]
-    if abs(spans[0] - spans[2]) < 10 * max(lengths):
-        return (text + "; are they of one run?") % (name, *spans)
-    more = (
-        "; their clocks differ: clock_offset: SECONDS in a mapping is added to the poses, %.3f if both began "
-        "together"
-    )
-    return (text + more) % (name, *spans, spans[2] - spans[0])
+    begin, other = float(times[0]), float(controls[0])
+    lengths = float(np.ptp(times)), float(np.ptp(controls))
+    text = "%s: commands and poses do not overlap in time: poses are from %.3f s on for %.3g s, commands "
+    text = (text + "from %.3f s on for %.3g s; ") % (name, begin, lengths[0], other, lengths[1])
+    if abs(begin - other) < 10 * max(lengths):
+        return text + "are they of one run?"
+    more = "their clocks differ: clock_offset in a mapping is added to the poses, %.3f if both began together"
+    return text + more % (other - begin)
 
 
 def _away(motion: repair.Motion, pose: Array) -> Tuple[Flags, Flags]:

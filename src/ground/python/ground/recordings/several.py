@@ -62,7 +62,7 @@ def of(chosen: Seen, every: Sequence[Seen]) -> List[Seen]:
     posed = {_marks(seen.topic) for seen in every if seen.poses and seen.topic not in (chosen.topic, *alike)}
     if not alike or any(marks and marks in posed for marks in map(_marks, (chosen.topic, *alike))):
         return [chosen]
-    return sorted([chosen, *alike.values()], key=lambda seen: _marks(seen.topic))
+    return sorted([chosen, *alike.values()], key=lambda seen: [*map(_order, _marks(seen.topic))])
 
 
 def fields(parts: Sequence[Seen]) -> List[str]:
@@ -100,6 +100,12 @@ def _is_mark(word: str) -> bool:
 def _marks(topic: str) -> Tuple[str, ...]:
     """The numbers and sides in a name."""
     return tuple(filter(_is_mark, _parts(topic)))
+
+
+def _order(mark: str) -> Tuple[int, str]:
+    """Left before right before lift; numbers by their size."""
+    sides = [words.LEFT, words.RIGHT, words.LIFT]
+    return next((at for at, side in enumerate(sides) if mark in side), len(sides)), mark.zfill(6)
 
 
 def _stem(topic: str) -> Tuple[str, ...]:

@@ -173,6 +173,8 @@ def component(name: str) -> Tuple[str, Stem]:
 def heading(name: str) -> Tuple[float, Stem]:
     """How likely a name is that of a heading, 0 to 1, and its other words."""
     found = split(name)
+    if {"sin", "cos", "sine", "cosine"} & set(found):
+        return 0.0, ()
     if (MOTION | OTHERS) & set(found) or {"azimuth", "rudder", "thruster", "motor"} & set(found):
         return 0.0, ()
     if found[-1:] == ["z"] and {"euler", "rpy", "angle", "rotation"} & set(found):
