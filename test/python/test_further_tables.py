@@ -126,3 +126,22 @@ def test_the_cosine_of_a_heading_is_not_taken_for_it(run, tmp_path):
     draft = tmp_path / "draft.yaml"
     assert identify("info", path, "--write-mapping", draft).returncode == 0
     assert "cos_psi, unit" not in draft.read_text() and "atan2(sin, cos)" in draft.read_text()
+
+
+@pytest.mark.parametrize(
+    "name, content, wanted",
+    [
+        ("log.hdf5", "", "export its data as CSV"),
+        ("log.bin", "", "mavlogdump.py"),
+        ("metadata.yaml", "rosbag2_bagfile_information: {}", "give the folder that it is in"),
+        (
+            "log.csv",
+            "version https://git-lfs.github.com/spec/v1\noid sha256:abc\nsize 12345\n",
+            "git lfs pull",
+        ),
+    ],
+)
+def test_what_is_no_table_is_refused_with_what_to_do(tmp_path, name, content, wanted):
+    (tmp_path / name).write_text(content)
+    result = identify("info", tmp_path / name, "--write-mapping", tmp_path / "M.yaml")
+    assert result.returncode == 1 and wanted in result.stderr and result.stderr.count("\n") == 1

@@ -48,6 +48,18 @@ def recognised(lines: Sequence[str]) -> Optional[Head]:
     return None
 
 
+def below_labview(lines: Sequence[str], notes: List[str]) -> Sequence[str]:
+    """The lines below the heads of a file of LabVIEW, of which X_Value is the time; all lines of others."""
+    if not lines or not lines[0].startswith("LabVIEW Measurement"):
+        return lines
+    last = max((n for n, line in enumerate(lines) if line.startswith("***End_of_Header***")), default=-1)
+    notes.append(
+        "a file of LabVIEW: the %d lines of its heads are passed over, X_Value is the time" % (last + 1)
+    )
+    names, *rows = lines[last + 1 :] or [""]
+    return [names.replace("X_Value", "time [s]"), *rows]
+
+
 def _cells(line: str, separator: str = ",") -> List[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
 

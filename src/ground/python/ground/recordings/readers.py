@@ -34,7 +34,9 @@ from ground.support.origin import digest_of_files
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
 FARTHEST = 1e5  # largest plausible distance from the first pose [m]
 FOREIGN = {  # files that other programs export as tables
-    **dict.fromkeys((".xlsx", ".xls", ".ods"), "the sheet"), ".mat": "its variables", ".h5": "its data",
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "the sheet"), ".mat": "its variables",
+    **dict.fromkeys((".h5", ".hdf5", ".pkl"), "its data"),
+    **dict.fromkeys((".bin", ".tlog"), "its messages, by mavlogdump.py for example,"),
     **dict.fromkeys((".c3d", ".tak"), "the take"), ".qtm": "the measurement as 6D TSV, or it",
     **dict.fromkeys((".json", ".jsonl", ".parquet", ".feather"), "its rows, by pandas for example,"),
     **dict.fromkeys((".npz", ".npy"), "its arrays"), ".zip": "its content",
@@ -54,6 +56,8 @@ def _is_table(path: str) -> bool:
         return True
     if is_folder:
         raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
+    if os.path.basename(path) == METADATA:
+        raise GroundError("%s: it is of a bag of ROS 2: give the folder that it is in" % path)
     what = next((what for end, what in FOREIGN.items() if path.lower().endswith(end)), "")
     raise GroundError("%s: %s%s" % (path, NO_RECORDING, "; export %s as CSV" % what if what else ""))
 

@@ -58,25 +58,13 @@ class Table:
 def read(path: str) -> Table:
     """The table in a text file. GroundError says why there is none."""
     notes: List[str] = []
-    lines = _below_labview(lines_of(path, notes), notes)
+    lines = exports.below_labview(lines_of(path, notes), notes)
     head = exports.recognised(lines)
     if head is None:
         head = _head(lines)
     notes += head.notes
     rows, decimal = _rows(lines, head, notes)
     return _table(rows, head, decimal, notes)
-
-
-def _below_labview(lines: Sequence[str], notes: List[str]) -> Sequence[str]:
-    """The lines below the heads of a file of LabVIEW, of which X_Value is the time; all lines of others."""
-    if not lines or not lines[0].startswith("LabVIEW Measurement"):
-        return lines
-    last = max((n for n, line in enumerate(lines) if line.startswith("***End_of_Header***")), default=-1)
-    notes.append(
-        "a file of LabVIEW: the %d lines of its heads are passed over, X_Value is the time" % (last + 1)
-    )
-    names, *rows = lines[last + 1 :] or [""]
-    return [names.replace("X_Value", "time [s]"), *rows]
 
 
 def _split(line: str, separator: str) -> List[str]:
@@ -102,6 +90,8 @@ def _head(lines: Sequence[str]) -> Head:
     sample = [lines[n] for n in filled[-SAMPLE:]]
     sample = sample[:-1] if len(sample) > 2 else sample  # the last line may be cut
     separator, width, share = max((_fit(sample, one) for one in SEPARATORS), key=lambda fit: fit[2])
+    if lines[filled[0]].startswith("version https://git-lfs"):
+        raise GroundError("it is the place of a file that Git LFS keeps: git lfs pull fetches it")
     if not any(cells.is_number(cell) for line in sample for one in SEPARATORS for cell in _split(line, one)):
         raise GroundError("no row has numbers: nothing in it has poses or numbers that could be commands")
     if share <= 0:
