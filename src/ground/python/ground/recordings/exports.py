@@ -60,6 +60,17 @@ def below_labview(lines: Sequence[str], notes: List[str]) -> Sequence[str]:
     return [names.replace("X_Value", "time [s]"), *rows]
 
 
+def rate_said(above: Sequence[str]) -> float:
+    """The rate of the rows that a line above them says [Hz]; 0 without one."""
+    named = r"(?:rate|frequency|fps|hz)\b[^\d\w]*(?:\[?hz\]?[^\d\w]*)?(\d+(?:\.\d+)?)\s*(?:hz|fps)?\W*$"
+    for line in above:
+        said = re.search(named + r"|\b(\d+(?:\.\d+)?)\s*(?:hz|fps)\b", line.strip(), re.I)
+        rate = float(said.group(1) or said.group(2)) if said else 0.0
+        if rate > 0:
+            return rate
+    return 0.0
+
+
 def _cells(line: str, separator: str = ",") -> List[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
 

@@ -159,20 +159,9 @@ def _name(head: Head, lines: Sequence[str], first: int, width: int) -> None:
             head.notes.append("a row of units stands below the names of the columns: %s" % named)
     else:
         _without_names(head, lines, width)
-    head.rate = _rate([line for line in lines[:first] if line.strip()][-60:])
+    head.rate = exports.rate_said([line for line in lines[:first] if line.strip()][-60:])
     if above:
         head.notes.append("lines above the names of the columns are passed over: %d" % above)
-
-
-def _rate(above: Sequence[str]) -> float:
-    """The rate of the rows that a line above them says [Hz]; 0 without one."""
-    named = r"(?:rate|frequency|fps|hz)\b[^\d\w]*(?:\[?hz\]?[^\d\w]*)?(\d+(?:\.\d+)?)\s*(?:hz|fps)?\W*$"
-    for line in above:
-        said = re.search(named + r"|\b(\d+(?:\.\d+)?)\s*(?:hz|fps)\b", line.strip(), re.I)
-        rate = float(said.group(1) or said.group(2)) if said else 0.0
-        if rate > 0:
-            return rate
-    return 0.0
 
 
 def _unmark(head: Head) -> None:
