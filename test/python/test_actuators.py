@@ -102,3 +102,27 @@ def test_a_wrong_file_is_refused_by_key_line_and_range(tmp_path):
         result = identify("simulate", "--model", path, "--input", "prbs", "-o", tmp_path / "run.bag")
         assert result.returncode != 0 and what in result.stderr and "line" in result.stderr
         assert "Traceback" not in result.stderr
+
+
+def test_the_thrust_of_a_thruster_that_turns_acts_along_its_angle(tmp_path):
+    from types import SimpleNamespace
+
+    from ground.analysis import channels, dictionary
+
+    path = tmp_path / "ferry.yaml"
+    path.write_text(
+        """
+schema: ground/model/1
+name: a ferry
+body:
+  {m: 10, I_z: 2, X_u: 1, Y_v: 2, N_r: 1, k: 5, hull: {length: 1},
+   thrusters: [{name: bow, position: [0.4, 0], direction: 0}, {name: turn, turns: bow, angle: 180}]}
+effects: []
+"""
+    )
+    model = ground.Model.load(path).core
+    assert [list(one.parts) for one in channels.thrusts(model)] == [["thrust_bow"], ["thrust_bow"]]
+    angle = np.array([0.0, 0.5, -0.5])  # 0, 90 and -90 deg
+    sampled = SimpleNamespace(values={"u_bow": np.ones(3), "u_turn": angle}, times=np.arange(3.0))
+    found = dictionary._directions(model, sampled)["thrust_bow"]
+    assert found == pytest.approx(np.array([[1, 0, 0], [0, 1, 0.4], [0, -1, -0.4]]), abs=1e-9)

@@ -59,6 +59,11 @@ def directions(count: int, over: float) -> List[Channel]:
     ]  # fmt: skip
 
 
+def angles(model: _core.Model) -> FrozenSet[str]:
+    """Names of a model's rudders and of what turns its thrusters."""
+    return frozenset(one["name"] for one in model.thrusters if one["is_angle"])
+
+
 def thrusts(
     model: _core.Model,
     text: str = "u_%s",
@@ -67,7 +72,8 @@ def thrusts(
 ) -> List[Channel]:
     """Thrust of each thruster and of all together, times a formula with %s for a thruster's name."""
     kept, made = memory or Memory(), []
-    each = {name[2:]: "%s*" + text.replace("%s", name[2:]) for name in inputs(model)}
+    names = [name[2:] for name in inputs(model) if name[2:] not in angles(model)]
+    each = {name: "%s*" + text.replace("%s", name) for name in names}
     for some in [*([name] for name in each), list(each)]:
         words = "thrust of %s, times %s," % (some[0], each[some[0]][3:])
         if len(some) > 1:

@@ -244,7 +244,7 @@ def wrenches(features: Sequence[Feature], model: _core.Model, sampled: Samples) 
     """Wrenches (n, 3, features) of features at a run's samples, in their own units: X, Y, N in the
     body's frame."""
     known = namespace(sampled)
-    push = _directions(model)
+    push = _directions(model, sampled)
     result = np.zeros((len(sampled.times), 3, len(features)))
     done: Dict[str, Array] = {}
     for j, feature in enumerate(features):
@@ -262,10 +262,9 @@ def followed(model: _core.Model, sampled: Samples) -> Array:
     """Wrenches (n, 3, k) that a change of the nominal parameters has as well: of the thrusters, of
     the damping. A change of the yaw inertia scales all moments, so that moments count by themselves."""
     v = sampled.values
-    push = _directions(model)
     thrust = np.zeros((len(v["u"]), 3))
-    for name in inputs(model):
-        thrust += v[name][:, None] * push["thrust_" + name[2:]]
+    for channel, direction in _directions(model, sampled).items():
+        thrust += v["u_" + channel[len("thrust_") :]][:, None] * direction
     none = np.zeros_like(v["u"])
     columns = [
         np.column_stack([thrust[:, 0], thrust[:, 1], none]),
@@ -277,13 +276,24 @@ def followed(model: _core.Model, sampled: Samples) -> Array:
     return np.stack(columns, axis=2)
 
 
-def _directions(model: _core.Model) -> Dict[str, Array]:
-    """Wrench of a thrust of 1 N of each thruster, by the name of its channel in formulas."""
-    rows = np.array(model.forces(np.eye(len(inputs(model)))), float)
-    size = np.maximum(np.hypot(rows[:, 0], rows[:, 1]), 1e-12)
-    rows = rows / size[:, None] * np.array([1.0, 1.0, model.value("l")])
-    angles = {"u_" + thruster["name"] for thruster in model.thrusters if thruster["is_angle"]}
-    return {"thrust_" + name[2:]: row for name, row in zip(inputs(model), rows) if name not in angles}
+def _directions(model: _core.Model, sampled: Samples) -> Dict[str, Array]:
+    """Wrench (n or 1, 3) of a thrust of 1 N of each thruster, by the name of its channel in formulas: at the
+    samples where angles turn thrusters or their streams."""
+    names, angles = inputs(model), channels.angles(model)
+    held = np.column_stack(
+        [sampled.values[name] if name[2:] in angles else 0 * sampled.times for name in names]
+    )
+    found = {}
+    for number, name in enumerate(names):
+        if name[2:] in angles:
+            continue
+        alone = held if angles else np.zeros((1, len(names)))
+        alone[:, number] = 1.0
+        rows = np.array(model.forces(alone), float)
+        alone[:, number] = 0.0
+        size = np.maximum(np.hypot(rows[:, :1], rows[:, 1:2]), 1e-12)
+        found["thrust_" + name[2:]] = rows / size * np.array([1.0, 1.0, model.value("l")])
+    return found
 
 
 def dependence(feature: Feature) -> str:

@@ -153,14 +153,18 @@ def past(times: Array, values: Array, memory: float) -> Array:
 
 def swinging(times: Array, values: Array, frequency: float) -> Tuple[Array, Array]:
     """Deflection and its rate, both (n, k), of a lightly damped pendulum that follows the values (n, k)."""
-    omega, damping = 2 * np.pi * frequency, 0.1
+    omega, decay = 2 * np.pi * frequency, 0.2 * np.pi * frequency
+    swing = np.sqrt(omega**2 - decay**2)
+    steps = np.diff(times, append=times[-1:])
+    fades = np.exp(-decay * steps)
+    sines, cosines = fades * np.sin(swing * steps) / swing, fades * np.cos(swing * steps)
     deflection, rate = np.zeros_like(values), np.zeros_like(values)
     d, w = np.zeros(values.shape[1]), np.zeros(values.shape[1])
-    for i, value in enumerate(values):
+    for i, value in enumerate(values):  # exact while the value is held
         deflection[i], rate[i] = d, w
-        h = times[i + 1] - times[i] if i + 1 < len(times) else 0.0
-        w = w + h * (omega**2 * (value - d) - 2 * damping * omega * w)
-        d = d + h * w
+        off = d - value
+        d = value + cosines[i] * off + sines[i] * (w + decay * off)
+        w = cosines[i] * w - sines[i] * (omega**2 * off + decay * w)
     return deflection, rate
 
 

@@ -53,7 +53,11 @@ def run(arguments: argparse.Namespace) -> List[Document]:
             command_line.say(arguments, "  %-11s %s" % (name, value))
         for finding in findings.findings(d):
             command_line.say(arguments, "  - %s" % finding)
-    if model:
+    angles = [str(one["channel"]) for one in model.thrusters if one["is_angle"]] if model else []
+    if angles:
+        text = "which channel drives which thruster is not judged: what a thruster does changes with %s"
+        command_line.say(arguments, text % ", ".join(angles))
+    elif model:
         with arguments.work.stage("judging which channel drives which thruster"):
             verdict = layouts.judge(recordings, layouts.thrusters_of(model))
         command_line.say(arguments, layouts.sentence(verdict))

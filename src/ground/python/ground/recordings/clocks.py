@@ -12,6 +12,8 @@ from ground.recordings.mapping import TIMES, Clock
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
+LONGEST = 20.0  # usual time between rows up to which times may be days [s]
+
 
 @dataclass(frozen=True)
 class Found:
@@ -125,12 +127,26 @@ def _time_unit(name: str, said: str, values: Array) -> str:
     """By the file, its size if it is a time since 1970, or its steps."""
     if said in TIMES:
         return said
+    named = words.unit(words.split(name)[-1]) if words.split(name) else ""
+    if named in ("ms", "us", "ns"):  # millis, micros
+        return named
+    if _are_days(values):
+        return "days"
     for unit, since in (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8)):
         if values[0] > since:
             return unit
     steps = np.diff(values)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     return "s" if step <= 1 else "ms" if step < 1000 else "us" if step < 1e6 else "ns"
+
+
+def _are_days(values: Array) -> bool:
+    """Whether times are days as Excel or Matlab count them."""
+    steps = np.diff(values)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    return any(low < values.min() and values.max() < high for low, high in instants.CALENDARS) and (
+        usual < LONGEST / 86400
+    )
 
 
 def quoted(name: str) -> str:

@@ -129,7 +129,7 @@ def _parquet(path: str) -> "pandas.DataFrame":
 READERS = {".parquet": _parquet}  #: of tables that are not text, by the end of their names
 #: of tables; the further ones are tables in a folder that has none of the first
 SUFFIXES = (*READERS, ".csv", ".tsv", ".csv.gz", ".tsv.gz")
-FURTHER = (".txt", ".dat", ".log", ".asc", ".tab", ".tum", ".txt.gz", ".dat.gz")
+FURTHER = (".txt", ".dat", ".log", ".asc", ".tab", ".tum", ".lvm", ".txt.gz", ".dat.gz")
 
 
 def seconds(nanoseconds: Indices) -> Array:

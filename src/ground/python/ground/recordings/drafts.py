@@ -1,14 +1,15 @@
 """Drafts of mapping files: what a file has, and what of it is probably what, with the evidence."""
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Dict, Iterator, List, Mapping, Sequence, Set, Tuple
+from dataclasses import replace
+from typing import Dict, Iterator, List, Sequence, Set, Tuple
 
 import numpy as np
 
-from ground.recordings import clocks, containers, levels, poses, sightings, units, words
+from ground.recordings import clocks, containers, levels, poses, several, sightings, units, words
 from ground.recordings.containers import RECEIVED, STAMP, TABLE, Columns, Container, Topic
 from ground.recordings.mapping import LENGTHS, SCHEMA
+from ground.recordings.several import Seen
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
@@ -18,45 +19,12 @@ UPWARD = {"z": "x, -y, -z", "y": "x, z, -y", "x": "y, -z, -x"}  # axes by the on
 NOT_COMMANDS = set(poses.KINDS) - {"geometry_msgs/Pose", "geometry_msgs/PointStamped"}
 
 
-@dataclass
-class Seen:
-    """The numbers of a topic, or of one body on it, and what they probably are."""
-
-    topic: str
-    kind: str
-    count: int
-    values: Dict[str, Array]  # by path; each (n,)
-    times: Array  # (n,) by the header, of receipt, or of a column [s]
-    body: str = ""  # that the poses are of
-    units: Mapping[str, str] = field(default_factory=dict)  # that the file says, by path
-    clock: str = ""  # the key `time` of a table
-    clock_fields: Tuple[str, ...] = ()
-    poses: List[sightings.Pose] = field(default_factory=list)  # the likeliest first
-
-    @property
-    def name(self) -> str:
-        """Topic and body."""
-        return self.topic + (", body %s" % self.body if self.body else "")
-
-    @property
-    def pose(self) -> sightings.Pose:
-        """The likeliest pose, empty without any."""
-        return self.poses[0] if self.poses else sightings.Pose()
-
-    def rows(self, pose: sightings.Pose) -> Tuple[Array, Array, Array]:
-        """Times (n,), position (n, k) and rotation (n, k) of a pose, where there are all of them."""
-        found = np.column_stack([self.values[path] for path in pose.position + pose.rotation])
-        good = np.isfinite(found).all(axis=1) & np.isfinite(self.times)
-        count = len(pose.position)
-        return self.times[good], found[good, :count], found[good, count:]
-
-
 def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
     """The text of a mapping for a file; in_folder: its tables are files of a folder; types: what the mapping
     names for types that the file does not define."""
     read, unread = _read(source)
-    several = len(read) > 1 and all(e.kind == TABLE for _, e, _ in read)
-    shared = set.intersection(*(set(columns) for _, _, columns in read)) if several else set()
+    many = len(read) > 1 and all(e.kind == TABLE for _, e, _ in read)
+    shared = set.intersection(*(set(columns) for _, _, columns in read)) if many else set()
     every = [seen for topic, e, columns in read for seen in _seen(topic, e.kind, e.count, columns, shared)]
     with_poses = sorted((c for c in every if c.poses), key=_pose_order)
     scores = {id(c): levels.score(c.topic, _free(c)) for c in every if c.kind not in NOT_COMMANDS}
@@ -76,7 +44,7 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
         lines += ["#     %s" % line for c in every for line in _ranges(c)]
     lines += ["types: [%s]" % ", ".join(map(clocks.quoted, types))] if types else []
     lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder))]
-    lines += ["commands:", *("  " + line for line in _command_lines(other, in_folder))]
+    lines += ["commands:", *("  " + line for line in _command_lines(other, every, in_folder))]
     return "\n".join(lines) + "\n"
 
 
@@ -150,7 +118,8 @@ def _axes(position: Array, quaternion: Array) -> str:
     """The axes that fit poses (n, 3) and (n, 4) best, and why."""
     axes, share = units.likely_axes(np.column_stack([position, quaternion]))
     vertical = "xyz".index(axes[-1])
-    sign = "positive: up" if np.median(position[:, vertical]) >= 0 else "negative: down"
+    height = float(np.median(position[:, vertical]))
+    sign = "positive: up" if height > 0 else "negative: down" if height < 0 else "0: up or down is not known"
     why = "%s moves least, %.0f%% of the poses are upright by it, and it is mostly %s"
     return 'axes: "%s"  # ' % axes + why % (axes[-1], 100 * share, sign)
 
@@ -176,9 +145,12 @@ def _ranges(seen: Seen) -> Iterator[str]:
             yield "%s: %.6g to %.6g, first %.6g" % (name, there.min(), there.max(), there[0])
 
 
-def _place(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
+def _place(candidates: Sequence[Seen], in_folder: bool, is_whole: bool = True) -> Iterator[str]:
+    """Where poses or commands are. is_whole: whether they are all there."""
     seen = candidates[0]
-    if seen.kind != TABLE:
+    if not is_whole:
+        yield from ()
+    elif seen.kind != TABLE:
         yield "topic: %s" % clocks.quoted(seen.topic)
         yield "type: %s" % seen.kind
         if seen.body:
@@ -194,6 +166,7 @@ def _pose_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
         yield "topic: ''  # nothing in the file seems to have poses; name the fields that have them:"
         yield "# position: {fields: [X, Y], unit: m}"
         yield "# heading: {field: PSI, unit: rad}"
+        yield "# (of sine and cosine or a matrix, add a column: psi = atan2(sin, cos) or atan2(r21, r11))"
         return
     chosen, pose = candidates[0], candidates[0].pose
     yield from _place(candidates, in_folder)
@@ -321,21 +294,48 @@ def _free(seen: Seen) -> Dict[str, Array]:
     return {p: v for p, v in seen.values.items() if p not in every and p not in seen.clock_fields}
 
 
-def _command_lines(candidates: Sequence[Seen], in_folder: bool) -> Iterator[str]:
+def _command_lines(candidates: Sequence[Seen], every: Sequence[Seen], in_folder: bool) -> Iterator[str]:
     if not candidates:
         yield "topic: ''  # nothing in the file seems to have commands; name the fields that have them:"
         yield "# channels: {left: {field: LEFT}, right: {field: RIGHT}}"
         return
     chosen = candidates[0]
-    yield from _place(candidates, in_folder)
+    parts = several.of(chosen, every)
+    rest = [seen for seen in candidates if not any(seen is part for part in parts)]
+    yield from _place([chosen, *rest], in_folder, len(parts) == 1)
     if chosen.clock:
         yield "time: %s" % chosen.clock
     elif chosen.kind != TABLE:
         yield "# time: receipt  # in place of the header's stamp, which a type without one has not"
-    found = levels.likely(chosen.topic, _free(chosen))
+    if len(parts) > 1:
+        yield "# one for each thruster, by their names: %s" % ", ".join(part.topic for part in parts)
     yield "channels:  # name each as the model names its thruster, or lift"
-    names = levels.names(found)
-    for number, (path, values) in enumerate(found.items()):
+    for number, (name, place, keys, why) in enumerate(_channels(parts, in_folder)):
         mark = "# further: " if number >= MAX_CHANNELS else ""
-        meaning, why = levels.meaning(path, values, chosen.units.get(path, ""))
-        yield "  %s%s: {field: %s, %s}  # %s" % (mark, names[path], clocks.quoted(path), meaning, why)
+        yield "  %s%s: {%sfield: %s}  # %s" % (mark, name, place, keys, why)
+
+
+def _channels(parts: Sequence[Seen], in_folder: bool) -> Iterator[Tuple[str, str, str, str]]:
+    """The names of channels, where they are, their other keys, and why."""
+    if len(parts) == 1:
+        found = levels.likely(parts[0].topic, _free(parts[0]))
+        names = levels.names(found)
+        for path, values in found.items():
+            meaning, why = levels.meaning(path, values, parts[0].units.get(path, ""))
+            yield names[path], "", "%s, %s" % (clocks.quoted(path), meaning), why
+        return
+    fields = several.fields(parts)
+    for part, name in several.names(parts, fields):
+        for path in fields:
+            every = np.concatenate([levels.finite(one.values[path]) for one in parts])
+            said = part.units.get(path, "")
+            meaning, why = levels.meaning(path, every, said)  # alike for thrusters that are alike
+            why = why.replace(levels.reach(every), levels.reach(levels.finite(part.values[path])))
+            place = "file" if in_folder and part.kind == TABLE else "topic"
+            clock = ", time: %s" % part.clock.split("  #")[0] if part.clock != parts[0].clock else ""
+            yield (
+                name[path],
+                "%s: %s, " % (place, clocks.quoted(part.topic)),
+                "%s, %s%s" % (clocks.quoted(path), meaning, clock),
+                why,
+            )

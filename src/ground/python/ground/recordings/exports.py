@@ -48,6 +48,29 @@ def recognised(lines: Sequence[str]) -> Optional[Head]:
     return None
 
 
+def below_labview(lines: Sequence[str], notes: List[str]) -> Sequence[str]:
+    """The lines below the heads of a file of LabVIEW, of which X_Value is the time; all lines of others."""
+    if not lines or not lines[0].startswith("LabVIEW Measurement"):
+        return lines
+    last = max((n for n, line in enumerate(lines) if line.startswith("***End_of_Header***")), default=-1)
+    notes.append(
+        "a file of LabVIEW: the %d lines of its heads are passed over, X_Value is the time" % (last + 1)
+    )
+    names, *rows = lines[last + 1 :] or [""]
+    return [names.replace("X_Value", "time [s]"), *rows]
+
+
+def rate_said(above: Sequence[str]) -> float:
+    """The rate of the rows that a line above them says [Hz]; 0 without one."""
+    named = r"(?:rate|frequency|fps|hz)\b[^\d\w]*(?:\[?hz\]?[^\d\w]*)?(\d+(?:\.\d+)?)\s*(?:hz|fps)?\W*$"
+    for line in above:
+        said = re.search(named + r"|\b(\d+(?:\.\d+)?)\s*(?:hz|fps)\b", line.strip(), re.I)
+        rate = float(said.group(1) or said.group(2)) if said else 0.0
+        if rate > 0:
+            return rate
+    return 0.0
+
+
 def _cells(line: str, separator: str = ",") -> List[str]:
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
 
@@ -128,7 +151,14 @@ def _qualisys(lines: Sequence[str]) -> Head:
             "an export of Qualisys with markers (%s): export 6D data, because markers alone have no heading"
             % facts["DATA_INCLUDED"][0]
         )
-    last = next((n for n, cells in rows if "Rot[0]" in cells or {"Roll", "Yaw"} & set(cells)), None)
+    last = next(
+        (
+            n
+            for n, cells in rows
+            if "Rot[0]" in cells or {"Roll", "Yaw"} & {cell.split(" ")[-1] for cell in cells}
+        ),
+        None,
+    )
     if last is None:
         raise GroundError("an export of Qualisys without a row that names Roll, Pitch and Yaw")
     bodies = [_body(name) for name in facts.get("BODY_NAMES", []) if name]

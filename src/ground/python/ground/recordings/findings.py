@@ -6,7 +6,7 @@ from typing import Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import headings, repair, reply, scatter, suspicions
+from ground.recordings import headings, repair, reply, scatter, suspicions, words
 from ground.recordings.quality import RepairedRun, lifted, same_inputs
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import NAMES, RunFile
@@ -199,6 +199,8 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     yield "drive", ", ".join(starts) + (DRIVES_BY.get(d["drives"]["by"], "") if has_lift else "")
     if d["reply"]:
         text = "the craft reacts %.0f ms after a command" % (1e3 * d["reply"]["lag"])
+        if d["reply"]["lag"] > reply.LAGS[-2]:
+            text += ", or later: longer delays are not tried"
         slow = "the craft follows its commands, too slowly for poses with this noise to show its delay"
         yield "reply", slow if d["reply"]["slow"] else text
     if d["inertial"]:
@@ -208,7 +210,12 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     if d["battery"]:
         yield "battery", _battery(d["battery"])
     if d["authority"]:
-        yield "thrusters", "; ".join(_does(*item) for item in d["authority"].items())
+        angles = [name for name in d["authority"] if words.ANGLES & set(words.split(name))]
+        unknown = "not told: what a thruster does changes with %s" % ", ".join(angles)
+        yield (
+            "thrusters",
+            unknown if angles else "; ".join(_does(*item) for item in d["authority"].items()),
+        )
 
 
 def _sensors(inertial: Document, poses: Document) -> str:
@@ -258,18 +265,18 @@ def _does(name: str, authority: Document) -> str:
     """What a thruster does at full input, as far as the recording tells."""
     parts = []
     least = 0.3 * max(abs(authority["forward"]), abs(authority["right"]))
-    for (key, words, unit), error in zip(EFFECTS, authority["errors"]):
+    for (key, sentences, unit), error in zip(EFFECTS, authority["errors"]):
         value = authority[key]
         if abs(value) > CERTAIN * error and (key == "turn" or abs(value) > least):
-            parts.append("%s (%.2g +- %.1g %s)" % (words[value < 0], abs(value), error, unit))
+            parts.append("%s (%.2g +- %.1g %s)" % (sentences[value < 0], abs(value), error, unit))
     return "%s %s" % (name, ", ".join(parts) or "has no clear effect")
 
 
 def _measured(settings: Document) -> str:
     """Settings by which poses became world_ned, and their sources."""
     forms = {"axes": "axes '%s' (%s)", "heading_offset": "heading_offset %g rad (%s)"}
-    words = [forms[name] % (settings[name], settings["sources"][name]) for name in settings["taken"]]
-    text = ", ".join(words) or "as states, corrected already"
+    sentences = [forms[name] % (settings[name], settings["sources"][name]) for name in settings["taken"]]
+    text = ", ".join(sentences) or "as states, corrected already"
     for change in settings["changes"] if settings["taken"] else ():
         text += "; from %(time).2f s on axes '%(axes)s', heading_offset %(heading_offset)g rad" % change
     return text

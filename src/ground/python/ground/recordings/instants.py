@@ -20,6 +20,7 @@ DAY = 86400 * 10**9  # [ns]
 RESTART = 5 * 10**8  # a clock that goes back by more starts anew [ns]
 MANY_LOST = 3  # rows for each stamp from which the stamps have lost digits
 UNPADDED = "unpadded"
+CALENDARS = {(3e4, 8e4): 25569, (7e5, 8e5): 719529}  # days of Excel and of Matlab: that of 1970
 DATE = (
     r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}|\d{8}|\d{1,2}[- ][A-Za-z]{3,9}[- ,]+\d{2,4}"
     r"|\d{4}[- ][A-Za-z]{3,9}[- ]\d{1,2}"
@@ -92,6 +93,8 @@ def _of_numbers(
             return _unpadded(texts, where)
     known, total = np.ones(len(given), bool), np.zeros(len(given), np.int64)
     parts: List[Tuple[Column, float]] = [(given, 1e9 / clock.rate if clock.rate else TIMES[unit])]
+    if unit == "days":
+        parts = [(_since_1970(given), TIMES[unit])]
     if clock.nanoseconds:
         parts.append((containers.values(columns, [clock.nanoseconds], where)[:, 0], 1.0))
     for values, factor in parts:
@@ -109,6 +112,13 @@ def _of_numbers(
         else:
             total += np.rint(np.where(finite, numbers, 0.0) * factor).astype(np.int64)
     return total, known
+
+
+def _since_1970(days: Column) -> Column:
+    """Days since 1970 of those that Excel or Matlab count; others are left as they are."""
+    numbers = np.asarray(days, float)
+    first = numbers[np.isfinite(numbers)][:1]
+    return numbers - sum(zero for (low, high), zero in CALENDARS.items() if low < first.sum() < high)
 
 
 def _unwrapped(counts: Indices, notes: List[str]) -> Indices:

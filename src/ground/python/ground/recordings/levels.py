@@ -29,7 +29,10 @@ def likely(topic: str, values: Mapping[str, Array]) -> Dict[str, Array]:
     named = {p: v for p, v in there.items() if words.is_command(p) and not (bodily and p == "u")}
     changing = {p: v for p, v in named.items() if np.any(v != 0)}
     if changing:
-        return {p: v for p, v in named.items() if p in changing or _siblings(p, changing)}
+        with_angles = {p: v for p, v in there.items() if p in named or _is_angle_beside(p, changing)}
+        return {
+            p: v for p, v in with_angles.items() if p not in named or p in changing or _siblings(p, changing)
+        }
     commanded = words.is_command(topic) or re.search(
         "cmd|command|control|thrust|pwm|actuator|demand", topic, re.I
     )
@@ -42,6 +45,14 @@ def likely(topic: str, values: Mapping[str, Array]) -> Dict[str, Array]:
         and (units.command_unit(v) or commanded)
         and np.any(v != 0)
     }
+
+
+def _is_angle_beside(path: str, others: Mapping[str, Array]) -> bool:
+    """Whether a path is a commanded angle beside a commanded thrust: `angle_ref` beside `throttle_ref`."""
+    rest = set(words.split(path)) - words.ANGLES
+    if rest == set(words.split(path)) or (words.SENSED | words.MOTION) & rest:
+        return False
+    return any(rest == set(words.split(other)) - words.STRONG for other in others)
 
 
 def _siblings(path: str, others: Mapping[str, Array]) -> bool:
@@ -65,19 +76,20 @@ def score(topic: str, values: Mapping[str, Array]) -> float:
 
 def meaning(path: str, values: Array, said: str) -> Tuple[str, str]:
     """The keys that say what values of a command mean, and why."""
-    low, high = float(values.min()), float(values.max())
-    changes = int((np.diff(values) != 0).sum())
-    why = "%g to %g, %d changes" % (low, high, changes)
+    low, high, why = float(values.min()), float(values.max()), reach(values)
     most = max(abs(low), abs(high))
     both = ", range: [-1, 1]" * (low < 0)
     unit = units.command_unit(values)
     if unit == "microseconds" and said in ("", "us"):
         rest = _neutral(values)
         if rest:
-            reach = max(high - rest, rest - low)
-            keys = "off: %g, full: %g, range: [-1, 1]" % (rest, rest + reach)
+            most = max(high - rest, rest - low)
+            keys = "off: %g, full: %g, range: [-1, 1]" % (rest, rest + most)
             return keys, why + ", and %g is its rest" % rest
         return "unit: microseconds", why
+    turned = _direction(path, most, said)
+    if turned[0]:
+        return turned[0], why + turned[1]
     if said in ("rad", "deg"):
         keys = "off: 0, full: %s%s" % (_above(most), both)
         return keys, why + ", an angle in %s: full is its largest" % said
@@ -87,6 +99,23 @@ def meaning(path: str, values: Array, said: str) -> Tuple[str, str]:
         return "unit: normalised" + both, why
     top = next((step for step in STEPS if most == step), most)
     return "off: 0, full: %s%s" % (_above(top), both), why + (", full is its largest" if top == most else "")
+
+
+def reach(values: Array) -> str:
+    """What a command does, in words."""
+    return "%g to %g, %d changes" % (values.min(), values.max(), (np.diff(values) != 0).sum())
+
+
+def _direction(path: str, most: float, said: str) -> Tuple[str, str]:
+    """The keys of the direction of a thruster that turns, and why; empty for what is none."""
+    unit = said or ("deg" if 2 * np.pi < most <= 360 else "rad" if most <= 2 * np.pi else "")
+    half = {"deg": 180.0, "rad": np.pi}.get(unit, 0.0)
+    if not words.ANGLES & set(words.split(path)) or not half / 2 < most <= 2 * half * 1.01:
+        return "", ""
+    both = most <= half * 1.01
+    full, span = (half, "[-1, 1]") if both else (2 * half, "[0, 1]")
+    why = ", a direction in %s: the angle of the entry that `turns` the thruster is %d"
+    return "off: 0, full: %.8g, range: %s" % (full, span), why % (unit, 180 if both else 360)
 
 
 def _above(size: float) -> str:
@@ -109,30 +138,31 @@ def _neutral(values: Array) -> float:
 def names(found: Mapping[str, Array]) -> Dict[str, str]:
     """Names of channels: those of the fields. A word says which is left, right or lift; of three without
     such words the one that changes least is the lift."""
-    plain = {path: _plain(path) for path in found}
+    called = {path: plain(path) for path in found}
     last = {path: path.rsplit(".", 1)[-1] for path in found}
     if set(last.values()) >= {"left", "right"}:
-        return {path: _plain(name) for path, name in last.items()}
+        return {path: plain(name) for path, name in last.items()}
     said = {path: set(words.split(path)) for path in found}
     for name, known in (("left", words.LEFT), ("right", words.RIGHT), ("lift", words.LIFT)):
         which = [path for path in found if said[path] & known]
         if len(which) == 1:
-            plain[which[0]] = name
+            called[which[0]] = name
     left_over = [path for path in found if not said[path] & words.ACTUATORS]
-    sided = {"left", "right"} <= set(plain.values())
-    if len(found) == 3 and (len(left_over) == 3 or (sided and "lift" not in plain.values())):
-        rest = [path for path in found if plain[path] not in ("left", "right")] if sided else list(found)
+    sided = {"left", "right"} <= set(called.values())
+    if len(found) == 3 and (len(left_over) == 3 or (sided and "lift" not in called.values())):
+        rest = [path for path in found if called[path] not in ("left", "right")] if sided else list(found)
         unlike = [path for path in rest if not said[path] & (words.ACTUATORS - {"fan"})]
         changes = {path: int((np.diff(found[path]) != 0).sum()) for path in unlike}
         if unlike:
             lift = min(unlike, key=lambda path: changes[path])
-            plain[lift] = "lift"
+            called[lift] = "lift"
             if not sided:
-                plain.update(zip([path for path in found if path != lift], ("left", "right")))
-    return _distinct(plain)
+                called.update(zip([path for path in found if path != lift], ("left", "right")))
+    return _distinct(called)
 
 
-def _plain(path: str) -> str:
+def plain(path: str) -> str:
+    """The name of a field as one of a channel."""
     name = re.sub(r"\W+", "_", words.bare(path)).strip("_") or "channel"
     return name if name[0].isalpha() or name[0] == "_" else "channel_" + name
 

@@ -8,7 +8,7 @@ import json
 import math
 import os
 from dataclasses import dataclass, field, replace
-from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import yaml
@@ -24,7 +24,7 @@ LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}  # [m]
 FURTHER_LENGTHS = {"km": 1e3, "ft": 0.3048}  # of files that name them [m]
 GEODETIC = "deg"  # unit of positions that are latitude and longitude
 ANGLES = {"rad": 1.0, "deg": math.pi / 180}  # [rad]
-TIMES = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # [ns]
+TIMES = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1, "days": 86400 * 10**9}  # [ns]
 # values of a command that mean off and full
 COMMANDS = {"normalised": (0.0, 1.0), "percent": (0.0, 100.0), "microseconds": (1000.0, 2000.0)}
 LIFT = "lift"  # default name of the channel that is no thruster
@@ -82,6 +82,9 @@ class Channel:
     scale: float = 1.0
     sign: int = 1
     range: Tuple[float, float] = RANGE
+    topic: str = ""  #: that has it; empty: that of all commands
+    file: str = ""  #: pattern of the names of tables that have it; empty: that of all commands
+    time: Optional[Clock] = None  #: its clock; None: that of all commands
     is_given: bool = True  #: whether the mapping says what the values mean, and not the file
 
     def commands(self, values: Array) -> Array:
@@ -101,6 +104,18 @@ class Commands:
     lift: str = LIFT  #: the channel of the lift fan
     empty: str = "held"  #: what a missing value means: the one before is held, or "off"
     time: Clock = Clock()
+
+    def parts(self) -> Tuple["Commands", ...]:
+        """The same by where the channels are: one for each topic, file and clock."""
+        found: Dict[Tuple[str, str, Clock], List[Channel]] = {}
+        for one in self.channels:
+            topic = one.topic or ("" if one.file else self.topic)
+            file = one.file or ("" if one.topic else self.file)
+            found.setdefault((topic, file, one.time or self.time), []).append(one)
+        return tuple(
+            replace(self, topic=topic, file=file, time=time, channels=tuple(channels))
+            for (topic, file, time), channels in found.items()
+        ) or (self,)
 
 
 @dataclass(frozen=True)
@@ -181,10 +196,14 @@ class FieldMapping:
         def changed(clock: Clock) -> Clock:
             return replace(clock, stamps=stamps)
 
+        channels = tuple(
+            one if one.time is None else replace(one, time=changed(one.time))
+            for one in self.commands.channels
+        )
         return replace(
             self,
             poses=replace(self.poses, time=changed(self.poses.time)),
-            commands=replace(self.commands, time=changed(self.commands.time)),
+            commands=replace(self.commands, time=changed(self.commands.time), channels=channels),
             inertial=replace(self.inertial, time=changed(self.inertial.time)),
             battery=replace(self.battery, time=changed(self.battery.time)),
         )
@@ -192,7 +211,7 @@ class FieldMapping:
     @property
     def of_tables(self) -> bool:
         """Whether it says what tables need: which columns are the time."""
-        return self.poses.time.is_of_fields and self.commands.time.is_of_fields
+        return self.poses.time.is_of_fields and all(p.time.is_of_fields for p in self.commands.parts())
 
 
 DEFAULT = FieldMapping()
@@ -271,11 +290,14 @@ def _apart(what: str, keys: Document, one: str, *others: str) -> None:
 def _place(what: str, keys: Document) -> Document:
     """Topic, file, type and time."""
     found: Document = {key: keys.get(key, "") for key in ("topic", "file", "type")}
-    time = keys.get("time", "")
+    return dict(found, type=found["type"].replace("/msg/", "/"), time=_clock(what, keys.get("time", "")))
+
+
+def _clock(what: str, time: Any) -> Clock:
     clock = Clock(**time) if isinstance(time, dict) else Clock(time)
     if isinstance(time, dict) and not clock.is_of_fields:
         raise ValueError("%s.time: must name a field, or a rate" % what)
-    return dict(found, type=found["type"].replace("/msg/", "/"), time=clock)
+    return clock
 
 
 def _poses(keys: Document) -> Poses:
@@ -340,11 +362,14 @@ def _commands(keys: Document) -> Commands:
 def _channel(name: str, keys: Document) -> Channel:
     what = "commands.channels." + name
     _apart(what, keys, "unit", "off", "full")
+    _apart(what, keys, "file", "topic")
     off, full = COMMANDS[keys.get("unit", "normalised")]
     low, high = keys.get("range", RANGE)
     given: Document = {"off": off, "full": full, **keys, "name": name, "range": (low, high)}
     given["is_given"] = bool({"unit", "off", "full"} & set(keys))
     given.pop("unit", None)
+    if "time" in keys:
+        given["time"] = _clock(what, keys["time"])
     channel = Channel(**given)
     if channel.off == channel.full:
         raise ValueError("%s.full is the same as off, %g" % (what, channel.off))

@@ -19,6 +19,11 @@ BODY = re.compile(
     r"(^|[^a-z])(body|rigid_?body|subject|object|robot|vehicle|craft|child_frame_id|name|agent)$", re.I
 )
 WORD = re.compile(r"[A-Za-z]+")
+WITHOUT_AXES = (
+    "; or write in place of axes, where headings grow from %s to %s and are clockwise seen from above, "
+    '`position: {fields: ["%s", "%s"], ...}`, and where they are counter-clockwise '
+    '`position: {fields: ["%s", "-%s"], ...}` and `sign: -1` in heading'
+)
 
 
 @dataclass(frozen=True)
@@ -172,7 +177,12 @@ def _of_column(columns: Columns, path: str, body: str) -> str:
 
 
 def _planar(
-    position: Array, rotation: Array, paths: Sequence[str], where: str, stamps: Indices, settings: Settings
+    position: Array,
+    rotation: Array,
+    paths: Sequence[str],
+    where: str,
+    stamps: Indices,
+    settings: Settings,
 ) -> Tuple[Array, Array]:
     """Poses in world_ned (n, 3), and as they were measured (n, 7)."""
     rows, raw = np.full((len(position), 3), np.nan), np.zeros((len(position), 7))
@@ -185,7 +195,7 @@ def _planar(
             continue
         axes = [0, 1, 2]
         if position.shape[1] == 2:
-            axes = _along(paths, change.axes, change.vertical, where)
+            axes = _along(paths, change.axes, change.vertical, rotation.shape[1] == 1, where)
         raw[np.ix_(some, np.array(axes))] = position[some]
         if rotation.shape[1] == 1:  # a turn about the vertical axis
             raw[some, 3 + change.vertical] = np.sin(rotation[some, 0] / 2)
@@ -215,9 +225,9 @@ def _of_body(columns: Columns, path: str, wanted: str, where: str, count: int) -
     return np.ones(count, bool)
 
 
-def _along(paths: Sequence[str], axes: str, vertical: int, where: str) -> List[int]:
+def _along(paths: Sequence[str], axes: str, vertical: int, has_heading: bool, where: str) -> List[int]:
     """The horizontal axes that two fields are along: those that they are named after, else in the order x,
-    y, z. GroundError where they are named after other ones."""
+    y, z. GroundError where they are named after other ones: either the names or the axes are wrong."""
     horizontal = [axis for axis in range(3) if axis != vertical]
     letters = [_axis(path) for path in paths]
     if "" in letters or letters[0] == letters[1]:
@@ -226,10 +236,12 @@ def _along(paths: Sequence[str], axes: str, vertical: int, where: str) -> List[i
     if set(named) != set(horizontal):
         raise GroundError(
             "%s: the axes '%s' need %s, but the position has the fields %s and %s; name the field that is "
-            "missing in the mapping, or correct its axes; beside a heading, they may be left out: the fields "
-            "are then x and y, a minus before one of them mirrors it, and so does sign: -1 of the heading"
-            % (where, axes, " and ".join("xyz"[axis] for axis in horizontal), *paths)
-        )
+            "missing in the mapping, or correct its axes%s"
+            % (
+                where, axes, " and ".join("xyz"[axis] for axis in horizontal), *paths,
+                WITHOUT_AXES % (*paths, *paths, *paths) if has_heading else "",
+            )
+        )  # fmt: skip
     return named
 
 

@@ -49,7 +49,7 @@ class RepairedRun:
         self.zero = float(max(times[0], controls[0]))
         last = float(min(times[-1], controls[-1]))
         if not last > self.zero:
-            raise GroundError("%s: commands and poses do not overlap in time" % recording.name)
+            raise GroundError(_apart(recording.name, times, controls))
         self.end = last - self.zero
         self.margin = MARGIN * scatter.interval(times)  # [s]
         self.drives, self.drives_by = self._drives()
@@ -235,6 +235,18 @@ def _agree(a: Array, b: Array) -> bool:
         for i, j, n in counts
         if n >= FEWEST_SAME
     )
+
+
+def _apart(name: str, times: Array, controls: Array) -> str:
+    """Says that poses and commands have no time in common, and what may help."""
+    begin, other = float(times[0]), float(controls[0])
+    lengths = float(np.ptp(times)), float(np.ptp(controls))
+    text = "%s: commands and poses do not overlap in time: poses are from %.3f s on for %.3g s, commands "
+    text = (text + "from %.3f s on for %.3g s; ") % (name, begin, lengths[0], other, lengths[1])
+    if abs(begin - other) < 10 * max(lengths):
+        return text + "are they of one run?"
+    more = "their clocks differ: clock_offset in a mapping is added to the poses, %.3f if both began together"
+    return text + more % (other - begin)
 
 
 def _away(motion: repair.Motion, pose: Array) -> Tuple[Flags, Flags]:

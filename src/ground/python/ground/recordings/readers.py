@@ -3,9 +3,8 @@
 import functools
 import glob
 import os
-import re
 from dataclasses import replace
-from typing import Dict, Iterable, Iterator, List, Mapping, Sequence, Tuple
+from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
@@ -15,7 +14,9 @@ from ground.recordings import (
     commands,
     containers,
     damaged,
+    gathered,
     instants,
+    pairs,
     poses,
     run_settings,
     sensors,
@@ -32,9 +33,10 @@ from ground.support.origin import digest_of_files
 
 NO_RECORDING = "not a bag or a bag of ROS 2 or a table"
 FARTHEST = 1e5  # largest plausible distance from the first pose [m]
-LATE = 0.05  # least delay beyond the usual one that is late [s]
 FOREIGN = {  # files that other programs export as tables
-    **dict.fromkeys((".xlsx", ".xls", ".ods"), "the sheet"), ".mat": "its variables", ".h5": "its data",
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "the sheet"), ".mat": "its variables",
+    **dict.fromkeys((".h5", ".hdf5", ".pkl"), "its data"),
+    **dict.fromkeys((".bin", ".tlog"), "its messages, by mavlogdump.py for example,"),
     **dict.fromkeys((".c3d", ".tak"), "the take"), ".qtm": "the measurement as 6D TSV, or it",
     **dict.fromkeys((".json", ".jsonl", ".parquet", ".feather"), "its rows, by pandas for example,"),
     **dict.fromkeys((".npz", ".npy"), "its arrays"), ".zip": "its content",
@@ -50,10 +52,12 @@ def _is_table(path: str) -> bool:
     if bags.is_bag(path):
         return False
     is_folder = os.path.isdir(path)
-    if path.lower().endswith((*SUFFIXES, *FURTHER)) or (is_folder and _tables(path)):
+    if path.lower().endswith((*SUFFIXES, *FURTHER)) or (is_folder and pairs.tables(path)):
         return True
     if is_folder:
         raise GroundError("%s: a folder, %s; name the files in it" % (path, NO_RECORDING))
+    if os.path.basename(path) == METADATA:
+        raise GroundError("%s: it is of a bag of ROS 2: give the folder that it is in" % path)
     what = next((what for end, what in FOREIGN.items() if path.lower().endswith(end)), "")
     raise GroundError("%s: %s%s" % (path, NO_RECORDING, "; export %s as CSV" % what if what else ""))
 
@@ -61,7 +65,7 @@ def _is_table(path: str) -> bool:
 def contents(path: str, mapping: FieldMapping) -> List[str]:
     """The files that a recording is read from."""
     if _is_table(path):
-        return list(dict.fromkeys(_pair(path, mapping)))
+        return list(dict.fromkeys(pairs.files_of(path, mapping)))
     if os.path.isdir(path):
         return sorted(entry.path for entry in os.scandir(path) if entry.is_file())
     return [path] + [path + end for end in damaged.BESIDE if os.path.isfile(path + end)]
@@ -72,8 +76,8 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
     is_table = _is_table(path)
     if is_table and not mapping.of_tables:
         if mapping.file:
-            parts = (("poses", mapping.poses.time), ("commands", mapping.commands.time))
-            named = [name for name, clock in parts if not clock.is_of_fields]
+            parts = [("poses", mapping.poses.time), *(("commands", p.time) for p in mapping.commands.parts())]
+            named = list(dict.fromkeys(name for name, clock in parts if not clock.is_of_fields))
             raise GroundError(
                 "%s: the mapping %s does not say which column is the time of the %s: write time: "
                 "{field: NAME} under %s"
@@ -86,7 +90,7 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
         )
     files = contents(path, mapping)
     if is_table:
-        mapping = mapping.with_options(os.path.basename(files[0]), os.path.basename(files[-1]))
+        mapping = pairs.chosen(mapping, pairs.files_of(path, mapping))
     with Tables(files, mapping.rows) if is_table else bags.opened(path, mapping.types) as container:
         container.path = path
         found = of_container(container, mapping)
@@ -101,7 +105,7 @@ def opened(path: str, types: Sequence[str] = ()) -> Container:
     """All that is in a file or folder, of which a mapping may choose. types: files with definitions of types,
     or folders of them. Raises GroundError."""
     if _is_table(path):
-        return Tables(_tables(path) if os.path.isdir(path) else [path])
+        return Tables(pairs.tables(path) if os.path.isdir(path) else [path])
     return bags.opened(path, types)
 
 
@@ -153,36 +157,27 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
         raw = measured.raw[given] if len(measured.raw) else measured.raw
         warnings.append(_lost(path, valid[given], raw, settings))
     times = containers.seconds(stamps[valid])
-    delay = _delay(columns, measured.chosen, stamps)
+    delay = gathered.delay(columns, measured.chosen, stamps)
     shifted = times + mapping.clock_offset + mapping.clock_drift * (times - times[:1])
-    rows = _ascending(np.column_stack([shifted, measured.rows[valid]]), "poses", warnings)
+    rows = gathered.ascending(np.column_stack([shifted, measured.rows[valid]]), "poses", warnings)
 
-    columns, where = source.table(commanded), "%s: %s" % (path, commanded)
-    channels, lift = commands.channels_of(columns, topics[commanded].kind, mapping.commands, where)
-    sent_at, known = _stamps(columns, mapping.commands.time, where, warnings)
-    backward = instants.descends(sent_at[known])
-    values, given = commands.read(columns, channels, where, mapping.commands.empty, known, backward, warnings)
-    instants.check(columns, mapping.commands.time, sent_at, given, where, values)
-    sent_at = sent_at[given]
-    sent = np.column_stack([containers.seconds(sent_at), values[given]])
-    sent = _ascending(sent, "commands", warnings)
-    disorder = int((np.diff(sent[:, 0]) < 0).sum())
-    if disorder:
-        warnings.append("stamps of the commands are out of order and were sorted (%d)" % disorder)
-    delay -= _delay(columns, given, sent_at)
-    warnings.extend(_late(columns, given, sent_at))
+    parts = [replace(part, topic=topic) for part, topic in zip(mapping.commands.parts(), commanded)]
+    sent = gathered.read(
+        path, [(part, topics[part.topic]) for part in parts], source.table, _stamps, warnings
+    )
+    sent = gathered.in_order(mapping.commands.channels, sent)
 
     table = functools.lru_cache(maxsize=None)(source.table)  # telemetry has several sensors
 
     def quietly(table: Columns, clock: Clock, where: str) -> Tuple[Indices, Flags]:
         return _stamps(table, clock, where, [])
 
-    read_from = ", ".join("%s (%s)" % (topic, topics[topic].kind) for topic in (posed, commanded))
-    ranges = {channel.name: channel.range for channel in channels}
+    read_from = ", ".join("%s (%s)" % (topic, topics[topic].kind) for topic in (posed, *commanded))
+    ranges = {channel.name: channel.range for channel in sent.channels}
     return replace(
-        checked(path, rows, sent, read_from, warnings, list(ranges), ranges),
+        checked(path, rows, sent.rows, read_from, warnings, list(ranges), ranges),
         path=str(path),
-        lift_channel=lift,
+        lift_channel=sent.lift,
         drives=_drives(source),
         settings=settings,
         changes=run_settings.live_changes(source),
@@ -193,7 +188,7 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
         voltage=battery.read(source, mapping, quietly, table),
         noise=mapping.noise,
         frame_rate=mapping.frame_rate,
-        clock_offset=0.0 if mapping.clock_offset or mapping.clock_drift else delay,
+        clock_offset=0.0 if mapping.clock_offset or mapping.clock_drift else delay - sent.delay,
     )
 
 
@@ -210,41 +205,12 @@ def _stamps(columns: Columns, clock: Clock, where: str, warnings: List[str]) -> 
     return found, np.ones(len(found), bool)
 
 
-def _delay(columns: Columns, chosen: Flags, stamps: Indices) -> float:
-    """Median time from stamp to receipt [s]; 0 where that is not known."""
-    if RECEIVED not in columns or not len(stamps):
-        return 0.0
-    return 1e-9 * float(np.median(columns[RECEIVED][chosen] - stamps))
-
-
-def _late(columns: Columns, given: Flags, sent_at: Indices) -> Iterator[str]:
-    """Commands that came later than others do by more than the usual interval: which time acted?"""
-    if RECEIVED not in columns or len(sent_at) < 2:
-        return
-    delays = 1e-9 * (np.asarray(columns[RECEIVED])[given] - sent_at)
-    late = delays - np.median(delays)
-    interval = 1e-9 * float(np.ptp(sent_at)) / (len(sent_at) - 1)
-    if (late > max(interval, LATE)).any():
-        yield (
-            "%d of %d commands came late, by up to %.2g s after their stamps; if the craft acted when they "
-            "came, take `time: receipt` for the commands in a mapping, and compare the errors"
-        ) % ((late > max(interval, LATE)).sum(), len(late), late.max())
-
-
 def _drives(source: Container) -> Array:
     """When each drive began and the stamp of the last message about it (k, 2) [s], ordered by the latter,
     so that the next message overrules a damaged one."""
     found: Dict[int, int] = {m["began"]: m[STAMP] for m in source.rows("ground_msgs/Drive")}
     ordered = sorted(found.items(), key=lambda row: row[1])
     return containers.seconds(np.array(ordered, np.int64).reshape(-1, 2))
-
-
-def _ascending(rows: Array, what: str, warnings: List[str]) -> Array:
-    """Rows that begin with a time; those of which the latest come first are turned round."""
-    if not instants.descends(rows[:, 0]):
-        return rows
-    warnings.append("the latest %s come first: their order is turned round" % what)
-    return np.asarray(rows[np.argsort(rows[:, 0], kind="stable")])
 
 
 def _without_pose(given: Flags) -> str:
@@ -268,13 +234,14 @@ def _lost(path: str, valid: Flags, raw: Array, settings: run_settings.Settings) 
     return text % numbers
 
 
-def _topics(source: Container, mapping: FieldMapping) -> Tuple[str, str]:
-    """Topics of the poses and of the controls."""
+def _topics(source: Container, mapping: FieldMapping) -> Tuple[str, List[str]]:
+    """Topics of the poses, and of each part of the commands."""
     info, path = source.topics, source.path
     there = ", ".join(map(_described, sorted(info.items()))) or "no messages at all"
+    parts = mapping.commands.parts()
     for topic, kind, option in (
         (mapping.poses.topic, mapping.poses.type, "--pose-topic"),
-        (mapping.commands.topic, mapping.commands.type, "--command-topic"),
+        *((part.topic, part.type, "--command-topic") for part in parts),
     ):
         if topic and (topic not in info or not info[topic].count):
             raise GroundError(
@@ -284,11 +251,11 @@ def _topics(source: Container, mapping: FieldMapping) -> Tuple[str, str]:
         if topic and kind and info[topic].kind != kind:
             raise GroundError("%s: %s has %s, not %s" % (path, topic, info[topic].kind, kind))
     ranked = commands.ranks(info)
-    others = [mapping.commands.topic] if mapping.commands.topic else list(ranked)
+    others = [part.topic for part in parts if part.topic] or list(ranked)
     likely = poses.ranks(info, mapping.poses, others)
     return (
         mapping.poses.topic or _best(path, "poses", likely, "--pose-topic", there),
-        mapping.commands.topic or _best(path, "controls", ranked, "--command-topic", there),
+        [part.topic or _best(path, "controls", ranked, "--command-topic", there) for part in parts],
     )
 
 
@@ -336,13 +303,13 @@ def _inside(folder: str, mapping: FieldMapping) -> List[str]:
     below = sorted(entry.path for entry in os.scandir(folder) if entry.is_dir())
     found += [path for path in below if bags.is_bag(path)]
     if not found and not mapping.of_tables:
-        found = [folder] if any(_tables(path) for path in [folder, *below]) else []
-    elif not found and (mapping.poses.file or mapping.commands.file):
+        found = [folder] if any(pairs.tables(path) for path in [folder, *below]) else []
+    elif not found and pairs.named(mapping):
         for place in [folder, *below]:
-            pairs = _pairs(place, mapping)
-            found += [place] if len(pairs) == 1 else [of_poses for of_poses, _ in pairs]
+            runs = pairs.within(place, mapping)
+            found += [place] if len(runs) == 1 else [of_poses for of_poses, *_ in runs]
     elif not found:
-        found = _tables(folder)
+        found = pairs.tables(folder)
     if not found:
         raise GroundError("%s: there is no bag or bag of ROS 2 or table in this folder" % folder)
     return sorted(found)
@@ -350,51 +317,7 @@ def _inside(folder: str, mapping: FieldMapping) -> List[str]:
 
 def to_draft(path: str) -> str:
     """The recording of which a mapping is drafted: a folder, or the first one in it that has tables."""
-    if os.path.isdir(path) and len(_tables(path)) < 2:  # the runs may be folders in it
+    if os.path.isdir(path) and len(pairs.tables(path)) < 2:  # the runs may be folders in it
         inside = sorted(entry.path for entry in os.scandir(path) if entry.is_dir())
-        return next((found for found in inside if _tables(found)), path)
+        return next((found for found in inside if pairs.tables(found)), path)
     return path
-
-
-def _tables(folder: str) -> List[str]:
-    """The tables in a folder; those of plain text only where there are no others."""
-    names = sorted(os.listdir(folder))
-    found = [[name for name in names if name.lower().endswith(ends)] for ends in (SUFFIXES, FURTHER)]
-    return [os.path.join(folder, name) for name in found[0] or found[1]]
-
-
-def _pairs(folder: str, mapping: FieldMapping) -> List[Tuple[str, str]]:
-    """Files of poses and of commands that belong together: the only ones, or those whose names have
-    the same in place of * in the patterns."""
-    of_poses = _matching(folder, mapping.poses.file)
-    of_commands = _matching(folder, mapping.commands.file)
-    if len(of_poses) == len(of_commands) == 1:
-        return list(zip(of_poses.values(), of_commands.values()))
-    return [(path, of_commands[key]) for key, path in of_poses.items() if key in of_commands]
-
-
-def _matching(folder: str, pattern: str) -> Dict[Tuple[str, ...], str]:
-    """Tables whose names match a pattern, by what stands for each *."""
-    parts = [re.escape(part) for part in (pattern or "*").split("*")]
-    form = re.compile("(.*)".join(parts))
-    every = _tables(folder) if not pattern else sorted(entry.path for entry in os.scandir(folder))
-    names = {path: form.fullmatch(os.path.basename(path)) for path in every}
-    return {found.groups(): path for path, found in names.items() if found}
-
-
-def _pair(path: str, mapping: FieldMapping) -> Tuple[str, str]:
-    """Files of the poses and of the commands of the recording at `path`."""
-    is_folder = os.path.isdir(path)
-    if not (mapping.poses.file or mapping.commands.file) and not is_folder:
-        return path, path
-    pairs = _pairs(path if is_folder else os.path.dirname(path) or ".", mapping)
-    if not is_folder:
-        name = os.path.basename(path)
-        pairs = [pair for pair in pairs if name in [os.path.basename(file) for file in pair]]
-    if len(pairs) != 1:
-        raise GroundError(
-            "%s: the mapping %s names poses.file '%s' and commands.file '%s', which fit %d pairs of "
-            "tables here, but one is needed"
-            % (path, mapping.file, mapping.poses.file, mapping.commands.file, len(pairs))
-        )
-    return pairs[0]

@@ -55,6 +55,12 @@ def _positions(values: Mapping[str, Array]) -> Iterator[Tuple[Tuple[str, ...], s
         every = [re.sub("0(?=[^0]*$)", str(number), first) for number in range(3)]
         if set(every) <= set(values):
             yield (every[0], every[1]), "xy", 2.0, (every[2],)
+    for first in (name for name in values if re.search(r"(^|[_.])(pos|position|xyz|p)[_.\[]?[01]\]?$", name)):
+        digit = int(re.findall("[01]", first)[-1])
+        every = [re.sub("[01](?=[^01]*$)", str(digit + number), first) for number in range(3)]
+        there = tuple(name for name in every if name in values)
+        if there[:2] == tuple(every[:2]) and not (digit and re.sub("1(?=[^1]*$)", "0", first) in values):
+            yield there, "xy", 1.5, tuple(words.split(first)[:-1])
     for stem, axes in by_stem.items():
         others = set(stem) - words.PLACED - words.MEASURED
         worth = 2.0 - 0.5 * len(others) + 0.7 * bool(set(stem) & words.MEASURED)

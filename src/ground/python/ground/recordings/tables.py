@@ -58,7 +58,7 @@ class Table:
 def read(path: str) -> Table:
     """The table in a text file. GroundError says why there is none."""
     notes: List[str] = []
-    lines = lines_of(path, notes)
+    lines = exports.below_labview(lines_of(path, notes), notes)
     head = exports.recognised(lines)
     if head is None:
         head = _head(lines)
@@ -90,6 +90,8 @@ def _head(lines: Sequence[str]) -> Head:
     sample = [lines[n] for n in filled[-SAMPLE:]]
     sample = sample[:-1] if len(sample) > 2 else sample  # the last line may be cut
     separator, width, share = max((_fit(sample, one) for one in SEPARATORS), key=lambda fit: fit[2])
+    if lines[filled[0]].startswith("version https://git-lfs"):
+        raise GroundError("it is the place of a file that Git LFS keeps: git lfs pull fetches it")
     if not any(cells.is_number(cell) for line in sample for one in SEPARATORS for cell in _split(line, one)):
         raise GroundError("no row has numbers: nothing in it has poses or numbers that could be commands")
     if share <= 0:
@@ -157,20 +159,9 @@ def _name(head: Head, lines: Sequence[str], first: int, width: int) -> None:
             head.notes.append("a row of units stands below the names of the columns: %s" % named)
     else:
         _without_names(head, lines, width)
-    head.rate = _rate([line for line in lines[:first] if line.strip()][-60:])
+    head.rate = exports.rate_said([line for line in lines[:first] if line.strip()][-60:])
     if above:
         head.notes.append("lines above the names of the columns are passed over: %d" % above)
-
-
-def _rate(above: Sequence[str]) -> float:
-    """The rate of the rows that a line above them says [Hz]; 0 without one."""
-    named = r"(?:rate|frequency|fps|hz)\b[^\d\w]*(?:\[?hz\]?[^\d\w]*)?(\d+(?:\.\d+)?)\s*(?:hz|fps)?\W*$"
-    for line in above:
-        said = re.search(named + r"|\b(\d+(?:\.\d+)?)\s*(?:hz|fps)\b", line.strip(), re.I)
-        rate = float(said.group(1) or said.group(2)) if said else 0.0
-        if rate > 0:
-            return rate
-    return 0.0
 
 
 def _unmark(head: Head) -> None:
@@ -321,9 +312,35 @@ def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> T
         return parsed(dtype=str, usecols=[of_name[name]]).iloc[:, 0].to_numpy() if name in of_name else None
 
     found.text = text
+    if _pivoted(found):
+        return found
     _add_times(found, head)
     exports.complete(frame, found.units, head, notes)
     return found
+
+
+def _pivoted(table: Table) -> bool:
+    """Gives a column to each signal of a table with a row for each value (time, name, value); whether it was
+    one."""
+    frame = table.frame
+    texts = [n for n in frame.columns if frame[n].dtype == object and 3 * frame[n].nunique() <= len(frame)]
+    values = [n for n in frame.columns if str(n).lower() in ("value", "val", "values", "data", "_value")]
+    if (
+        len(frame.columns) != 3
+        or len(texts) != 1
+        or len(values) != 1
+        or frame[values[0]].dtype.kind not in "if"
+    ):
+        return False
+    (time,) = set(frame.columns) - {texts[0], values[0]}
+    table.notes.append(
+        "a row for each value: %s names the signals, and %s has their values; those of one time are one row"
+        % (texts[0], values[0])
+    )
+    wide = frame.pivot_table(index=time, columns=texts[0], values=values[0], aggfunc="first")
+    table.frame = wide[frame[texts[0]].dropna().unique()].reset_index().rename(columns=str)
+    table.text = lambda _: None
+    return True
 
 
 def _units(head: Head, names: Sequence[str]) -> Dict[str, str]:

@@ -112,6 +112,7 @@ ACTUATORS = STRONG - set(
     cmd cmds command commands control controls ctrl input inputs u pwm demand output outputs
     """.split()
 )
+ANGLES = {"angle", "azimuth", "direction", "alpha", "angles", "swivel", "bearing"}  # of a thruster that turns
 LIFT = {"lift", "hover", "skirt", "levitation", "levitate", "cushion", "auftrieb"}
 LEFT = {"left", "port", "l", "links", "backbord", "gauche"}
 RIGHT = {"right", "starboard", "stbd", "r", "rechts", "steuerbord", "droite"}
@@ -130,7 +131,7 @@ TURNED = {"q", "quat", "quaternion", "orientation", "rotation", "rot", "ori", "a
 AXES: Dict[str, str] = {
     **{prefix + axis: axis for axis in "xyz" for prefix in ("", "p", "t", "pos", "position")},
     **{axis + "pos": axis for axis in "xyz"},
-    "north": "n", "northing": "n", "n": "n", "east": "e", "easting": "e", "e": "e",
+    "pn": "n", "pe": "e", "north": "n", "northing": "n", "n": "n", "east": "e", "easting": "e", "e": "e",
     "lat": "lat", "latitude": "lat", "lon": "lon", "lng": "lon", "long": "lon", "longitude": "lon",
 }  # fmt: skip
 HEADINGS = {"heading": 1.0, "hdg": 1.0, "yaw": 1.0, "psi": 1.0, "compass": 0.9, "theta": 0.7,
@@ -172,6 +173,8 @@ def component(name: str) -> Tuple[str, Stem]:
 def heading(name: str) -> Tuple[float, Stem]:
     """How likely a name is that of a heading, 0 to 1, and its other words."""
     found = split(name)
+    if {"sin", "cos", "sine", "cosine"} & set(found):
+        return 0.0, ()
     if (MOTION | OTHERS) & set(found) or {"azimuth", "rudder", "thruster", "motor"} & set(found):
         return 0.0, ()
     if found[-1:] == ["z"] and {"euler", "rpy", "angle", "rotation"} & set(found):
