@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import ground
 from conftest import identify
 from test_any_table import START, Run, drafted, numbers, plain, same, written
 
@@ -145,3 +146,24 @@ def test_what_is_no_table_is_refused_with_what_to_do(tmp_path, name, content, wa
     (tmp_path / name).write_text(content)
     result = identify("info", tmp_path / name, "--write-mapping", tmp_path / "M.yaml")
     assert result.returncode == 1 and wanted in result.stderr and result.stderr.count("\n") == 1
+
+
+def test_tables_of_a_folder_that_are_alike_are_runs(run, tmp_path):
+    for name, table in (("one", plain(run)), ("two", plain(run, x=run.x + 5))):
+        written(tmp_path, table, name=name + ".csv")
+    written(tmp_path, {"input": np.linspace(0, 1, 9), "left": np.linspace(0, 1, 9)}, name="bench.csv")
+    identify("info", tmp_path, "--write-mapping", tmp_path / "m.yaml")
+    (tmp_path / "bench.csv").unlink()
+    first, second = ground.read(tmp_path, mapping=tmp_path / "m.yaml")
+    same(first, run)
+    assert np.allclose(second.eta[:, 0] - first.eta[:, 0], 5)
+
+
+def test_commands_of_a_folder_are_of_the_time_of_the_poses(run, tmp_path):
+    written(tmp_path, plain(run))
+    levels = np.linspace(0, 1, 9)
+    bench = {"input": levels, **{name: levels for name in ("left", "right", "lift")}}
+    written(tmp_path, bench, name="bench.csv")
+    identify("info", tmp_path, "--write-mapping", tmp_path / "m.yaml")
+    [found] = ground.read(tmp_path, mapping=tmp_path / "m.yaml")
+    same(found, run)

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Dict, Iterator, List, Sequence, Set, Tuple
+from typing import Dict, FrozenSet, Iterator, List, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -31,6 +31,12 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
     scored = sorted((c for c in every if scores.get(id(c), 0) > 0), key=lambda c: -scores[id(c)])
     chosen = with_poses[0] if with_poses else None
     other = [c for c in scored if c is not chosen or c.kind == TABLE]
+    if in_folder and chosen is not None:
+        flown = chosen.times
+        other.sort(key=lambda c: not _covers(c.times, flown))
+    runs = _runs(with_poses, scored) if in_folder else []
+    if runs:
+        with_poses, other, in_folder = runs[:1], runs[:1], False
     if chosen is None and not other and not any(seen.values for seen in every):
         why = "".join("\n  " + line.lstrip("# ") for line in unread)
         raise GroundError(
@@ -42,10 +48,31 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
     lines += ["#   %s" % warning for warning in source.warnings]
     if not with_poses or not other:
         lines += ["#     %s" % line for c in every for line in _ranges(c)]
+    lines += ["# Each of %d tables has poses and commands and is read as a run." % len(runs)] if runs else []
     lines += ["types: [%s]" % ", ".join(map(clocks.quoted, types))] if types else []
     lines += ["poses:", *("  " + line for line in _pose_lines(with_poses, in_folder))]
     lines += ["commands:", *("  " + line for line in _command_lines(other, every, in_folder))]
     return "\n".join(lines) + "\n"
+
+
+def _covers(times: Array, span: Array) -> bool:
+    """Whether some times (n,) cover half of the span of others (m,), both in [s]."""
+    times, span = times[np.isfinite(times)], span[np.isfinite(span)]
+    if not len(times) or not len(span):
+        return False
+    both = min(times.max(), span.max()) - max(times.min(), span.min())
+    return bool(both > 0.5 * np.ptp(span))
+
+
+def _runs(with_poses: Sequence[Seen], scored: Sequence[Seen]) -> List[Seen]:
+    """Tables of a folder that are runs: of the same columns, each with poses and with commands; that with the
+    likeliest commands first. Empty if there are not several."""
+    alike: Dict[FrozenSet[str], List[Seen]] = {}
+    for seen in scored:
+        if seen.kind == TABLE and not seen.body and any(seen is one for one in with_poses):
+            alike.setdefault(frozenset(seen.values), []).append(seen)
+    several_alike = [some for some in alike.values() if len(some) > 1]
+    return max(several_alike, key=len) if several_alike else []
 
 
 def _read(source: Container) -> Tuple[List[Tuple[str, Topic, Columns]], List[str]]:
