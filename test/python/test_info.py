@@ -201,7 +201,7 @@ def alarms(path):
     result = identify("info", path)
     assert result.returncode == 0, result.stderr
     text = result.stdout + result.stderr
-    return [line for line in text.splitlines() if "wall or hand" in line or "damaged" in line]
+    return [line for line in text.splitlines() if "no input explains" in line or "damaged" in line]
 
 
 FAST = ("prbs", "spin", "coast-down", "multilevel-prbs")  # inputs that end while the craft moves

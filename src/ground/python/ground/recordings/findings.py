@@ -331,7 +331,7 @@ def findings(d: Document) -> Iterator[str]:
         (d["steps"], "the measured pose steps, as when cameras change, but the craft does not; left out"),
         (d["silent"], "no commands, although they have a rate; nobody knows what the craft did, left out"),
         (d["frozen"], "the last pose is repeated while thrusters act, left out"),
-        (d["contacts"], "wall or hand, likely (motion that no input explains), left out"),
+        (d["contacts"], "no input explains the motion (contact, hand, wrong poses), left out"),
     ):
         if spans:
             yield "%s: %s" % (what, _named(["%(start).2f to %(end).2f s" % span for span in spans]))
