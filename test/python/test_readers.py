@@ -44,7 +44,7 @@ def test_the_recording_of_the_page_is_taken_as_a_bag_is(log):
 
 def test_the_mapping_of_the_page_reads_its_log(log):
     with open("mapping.yaml", "w") as file:
-        file.write(fenced("yaml"))
+        file.write(fenced("yaml", "schema"))
     (run,) = ground.read("log.csv", mapping="mapping.yaml")
     assert run.eta == pytest.approx(log)
     assert identify("info", "log.csv", "--mapping", "mapping.yaml").stdout == fenced("text")
