@@ -147,6 +147,12 @@ VERDICTS = {
         ["cannot be decided, because"],
         "record more and longer runs",
     ),
+    "misleading": (
+        "undecided",
+        dict(nominal={"error": {"heldout": 0.01}}),
+        ["cannot be decided - the effects", "motor_lag - ", "Not confirmed."],
+        "record more and longer runs",
+    ),
     "misread": ("misread", dict(improved=NOTHING, steps=[]), ["not searched"], "correct the mapping"),
 }
 

@@ -65,6 +65,12 @@ def _answers(report: Document) -> Iterator[str]:
         for sentence in words.findings(report):
             yield sentence
         return
+    if _misleads(report):
+        yield (
+            "cannot be decided - the effects that the likelihood prefers predict data that they were not "
+            "fitted to worse than a refit without them (error %.2f, not %.2f). They may stand for something "
+            "else:" % (report["improved"]["error"]["heldout"], report["nominal"]["error"]["heldout"])
+        )
     for step in report["steps"]:
         yield _effect(report, step)
     rest = _rest(report)
@@ -85,7 +91,13 @@ def _effect(report: Document, step: Document) -> str:
     others = [other for other in step["group"] if other != name]
     if others:
         told += ". These runs do not distinguish it from %s" % words.effects(report, others)
-    return "%s. %s." % (told, _certainty(step))
+    return "%s. %s." % (told, "Not confirmed" if _misleads(report) else _certainty(step))
+
+
+def _misleads(report: Document) -> bool:
+    """Whether effects were found that predict worse than a refit without them, so that nothing is decided."""
+    with_them, without = (report[model]["error"]["heldout"] for model in ("improved", "nominal"))
+    return bool(report["verdict"] == "undecided" and report["improved"]["effects"] and with_them > without)
 
 
 def _after_comma(text: str) -> str:
@@ -124,6 +136,8 @@ def _rest(report: Document) -> str:
     if kind == "missing":
         return "" if explained else _more(report)
     if kind == "undecided":
+        if found and _misleads(report):
+            return ""
         if found:
             return (
                 "Whether this is right cannot be decided: what is left acts at some times or places only, "
