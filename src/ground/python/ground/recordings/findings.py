@@ -199,8 +199,6 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     yield "drive", ", ".join(starts) + (DRIVES_BY.get(d["drives"]["by"], "") if has_lift else "")
     if d["reply"]:
         text = "the craft reacts %.0f ms after a command" % (1e3 * d["reply"]["lag"])
-        if d["reply"]["lag"] > reply.LAGS[-2]:
-            text += ", or later: longer delays are not tried"
         slow = "the craft follows its commands, too slowly for poses with this noise to show its delay"
         yield "reply", slow if d["reply"]["slow"] else text
     if d["inertial"]:

@@ -137,7 +137,7 @@ def regression(recording: Recording) -> Optional[Reply]:
         best = int(np.argmin([regressed(lag, spread)[0] for lag in lags]))
         if best < len(lags) - 1 or lags[-1] >= turn_time(motion):
             break
-        lags = lags + (LAGS[-1] - LAGS[0])  # a craft may answer later
+        lags = lags[-1] + 2 * (lags - lags[0])  # a craft may answer later, less exactly
     lag = float(lags[best])
     misfit, coefficients = regressed(lag)
     coefficients[thrust.shape[1] :] /= sizes[:, None]
