@@ -227,8 +227,8 @@ def mcap_file(path, profile="ros2", compression=None, channel=lambda topic, kind
     return write, close
 
 
-def cdr_in(path, compression=None, form="ros2msg", profile="ros2"):
-    """The experiment in an MCAP file of ROS 2."""
+def cdr_in(path, compression=None, form="ros2msg", profile="ros2", received=lambda stamp: stamp):
+    """The experiment in an MCAP file of ROS 2. received: the time of receipt of a stamp [ns]."""
     bag = Ros2(path.parent / "unused", "mcap")
     vectors_in(bag, poses_in(bag))
 
@@ -239,7 +239,7 @@ def cdr_in(path, compression=None, form="ros2msg", profile="ros2"):
     write, close = mcap_file(path, profile, compression, definition)
     for stamp, topic, message in sorted(bag.rows, key=lambda row: row[0]):
         kind = message.__msgtype__
-        write(topic, kind, stamp, bytes(bag.store.serialize_cdr(message, kind)))
+        write(topic, kind, received(stamp), bytes(bag.store.serialize_cdr(message, kind)))
     close()
     return path
 
@@ -268,6 +268,16 @@ def test_a_chunk_of_mcap_with_a_wrong_checksum_is_left_out(sound, tmp_path):
     (found,) = ground.read(file, mapping=mapping)
     assert set(found.pose_times) < set(wanted.pose_times)
     assert "chunks that cannot be unpacked were left out (1)" in " ".join(found.warnings)
+
+
+def test_messages_whose_time_of_receipt_is_damaged_are_left_out(sound, tmp_path):
+    pytest.importorskip("mcap")
+    _, mapping, wanted = sound
+    damaged = experiment()[0][40][0]
+    file = cdr_in(tmp_path / "run.mcap", received=lambda stamp: 2**63 if stamp == damaged else stamp)
+    (found,) = ground.read(file, mapping=mapping)
+    assert 0 < len(wanted.pose_times) - len(found.pose_times) < 3
+    assert "received after the year 2262 were left out (1)" in " ".join(found.warnings)
 
 
 def test_a_profile_need_not_be_named(sound, tmp_path):

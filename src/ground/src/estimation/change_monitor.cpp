@@ -1,5 +1,6 @@
 #include "ground/estimation/change_monitor.h"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>

@@ -20,6 +20,7 @@ METADATA = "metadata.yaml"  #: description of a bag of ROS 2, in its folder
 ROS1, MCAP, SQLITE = b"#ROSBAG V", b"\x89MCAP", b"SQLite format 3"  #: first bytes of files
 MAGICS = (ROS1, MCAP, SQLITE, ulogs.MAGIC)
 SUFFIXES = (".mcap", ".db3")  #: of files of ROS 2
+LATEST = 2**63  # end of the times of receipt that columns hold [ns]
 LISTS = {"tf2_msgs/TFMessage": "transforms", "tf/tfMessage": "transforms"}  # types that are lists of rows
 
 
@@ -146,6 +147,13 @@ class Bag(Container):
             self._source = _salvaged(self.path, self.path)
             self.warnings += [text for text in self._source.warnings if text not in self.warnings]
             rows = list(self._source.messages(self._chosen(topic, kind)))
+        known = [(time, message) for time, message in rows if time < LATEST]
+        if len(known) < len(rows):
+            self.warnings.append(
+                "the bag is damaged: messages on %s that were received after the year 2262 were left out (%d)"
+                % (topic, len(rows) - len(known))
+            )
+        rows = known
         received = np.array([time for time, _ in rows], np.int64)
         order = np.argsort(received, kind="stable")
         return received[order], [rows[i][1] for i in order]
