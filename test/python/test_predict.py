@@ -70,3 +70,46 @@ def test_an_impossible_horizon_is_refused(craft, run, horizon, words):
 def test_several_runs_are_refused(craft, run):
     with pytest.raises(ground.GroundError, match="one run, not 2"):
         ground.predict(craft, [run, ground.simulate(craft, seed=9)])
+
+
+def test_a_whole_run_is_predicted_from_its_beginning(craft, run):
+    made = craft.with_effect("yaw_bias", n0=TURNING).predict(run, horizon=np.inf)
+    assert made.starts == 1 and made.pieces[0]["times"][0] == made.times[0]
+    assert made.horizon == pytest.approx(made.ahead.max()) and made.horizon > 10
+    assert made.heading_deg < craft.predict(run, horizon=np.inf).heading_deg
+
+
+@pytest.fixture(scope="module")
+def fitted(craft):
+    """A craft that turns by itself and has a drag that grows with speed, fitted without both."""
+    truth = craft.with_effect("quadratic_drag", cx=0.08, cy=0.08).with_effect("yaw_bias", n0=3e-6)
+    runs = [ground.simulate(truth, "prbs", duration=12, seed=seed) for seed in range(1, 6)]
+    others = [ground.simulate(truth, "multilevel-prbs", duration=12, seed=seed) for seed in (20, 21, 22)]
+    return ground.fit(craft, runs), others
+
+
+@pytest.mark.parametrize("horizon", [1.0, np.inf])
+def test_a_band_holds_its_share_of_runs_that_were_not_fitted_to(fitted, horizon):
+    fit, others = fitted
+    made = [fit.predict(run, horizon=horizon, band=0.8) for run in others]
+    assert np.mean([one.held[:3] for one in made]) > 0.75
+    wide = fit.predict(others[0], horizon=horizon, band=0.95)
+    assert (wide.high - wide.low >= made[0].high - made[0].low).all()
+    assert "x_low" in made[0].to_frame() and "Band of 80%" in str(made[0].summary())
+    if np.isinf(horizon):  # errors grow, and so does the band
+        half = (made[0].high - made[0].low)[:, 0]
+        assert half[-1] > 3 * half[0]
+
+
+def test_a_band_says_where_the_model_goes_beyond_what_it_was_fitted_to(craft):
+    slow = [ground.simulate(craft, "prbs", duration=8, seed=seed, levels=(0, 0.2)) for seed in (1, 2, 3)]
+    fast = ground.simulate(craft, "prbs", duration=8, seed=4)
+    with pytest.warns(ground.GroundWarning, match="beyond the runs that it was fitted to"):
+        ground.fit(craft, slow).predict(fast, band=0.9)
+
+
+def test_a_band_needs_runs_that_are_held_out(craft, run, fitted):
+    with pytest.raises(ground.GroundError, match="two runs or more"):
+        ground.fit(craft, run).predict(run, band=0.9)
+    with pytest.raises(ground.GroundError, match="between 0 and 1"):
+        fitted[0].predict(fitted[1][0], band=90)

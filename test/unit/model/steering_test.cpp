@@ -271,6 +271,16 @@ TEST(Propeller, LosesThrustWithSpeedOverRevolutions) {
   }
 }
 
+TEST(Propeller, PushesLessBackward) {
+  const std::string screw = "    - {name: screw, position: [-0.2, 0.1], direction: 0, range: [-1, 1]}\n";
+  const Model model = craft(screw, "[{name: reverse_loss, a: 0.6}]"), none = craft(screw);
+  for (const double n : {-0.8, 0.0, 0.5}) {
+    const Vector3<double> pushed = acceleration(model, moving(0, 0, 0), {n});
+    const Vector3<double> plain = acceleration(none, moving(0, 0, 0), {n});
+    EXPECT_NEAR((pushed - (n < 0 ? 0.4 : 1.0) * plain).norm(), 0, 1e-12) << n;
+  }
+}
+
 TEST(SteeringFile, IsWrittenAsItWasRead) {
   const Model model = craft(
       kFan +

@@ -33,6 +33,7 @@ from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import EXCLUSION, Search
+from ground.support.errors import GroundError
 from ground.support.progress import Work
 
 # An effect matters if it moves the predicted pose at the horizon by this multiple of the noise of a
@@ -261,7 +262,10 @@ class Diagnosis:
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Optional[str]:
         """Reason why held-out data speak against a set and for a smaller one; None if they do not.
         Effects that are certain without them need not be confirmed by them."""
-        verdict = self.confirmed(found, rest).verdict
+        try:
+            verdict = self.confirmed(found, rest).verdict
+        except GroundError:
+            return "fitted to a part of the runs, its motion is not finite"
         if verdict == folds.WORSE:
             return "it makes predictions of held-out runs worse"
         enough = CERTAIN * sum(self.search.threshold(name) for name in found - rest)

@@ -78,9 +78,26 @@ class Folds:
         self.fold_of = window_error.parts_of(runs, cut)
 
     def models(self, fit: Fit) -> List[Fit]:
-        """Models refitted without each fold, starting from a Fit to all runs; its levels are kept."""
-        near = dataclasses.replace(fit, loudness=())
-        return list(self.each(lambda on: on.fit(fit.model, fit.free, near=near, levels=False), self.fitted))
+        """Models refitted without each fold, starting from a Fit to all runs; its levels are kept. Raises
+        GroundError where one cannot be simulated."""
+        return list(self.each(lambda fold: self._without(fold, fit), range(self.count)))
+
+    def _without(self, fold: int, fit: Fit) -> Fit:
+        """A Fit refitted without a fold. The noise of each run is found anew; where the motion is not finite
+        without it, the search starts from that of the Fit."""
+        own = fit.loudness
+        if len(self.runs) > 1:
+            own = tuple(noise for run, noise in enumerate(own) if run % self.count != fold)
+        else:
+            own = own * (self.count - 1)
+        on = self.fitted[fold]
+        for loudness in ((), own):
+            try:
+                near = dataclasses.replace(fit, loudness=loudness)
+                return on.fit(fit.model, fit.free, near=near, levels=False)
+            except GroundError as error:
+                failure = error
+        raise failure
 
     def judge(self, fit: Fit) -> Judged:
         """The Judged of a Fit to all runs."""

@@ -109,7 +109,7 @@ def pose_errors(
         ended = call(_core.predict, model, run, own, begun)["eta"]
         ends[at] = [eta[-1] for eta in ended]
         measured[at] = np.array(run.poses if len(run.poses) else run.eta)[[w.last for w in own]]
-    return _apart(ends, measured)
+    return apart(ends, measured)
 
 
 def _velocities(run: _core.RunData, warm: _core.Window, simulated: Array) -> Array:
@@ -221,7 +221,7 @@ def change(
 ) -> Change:
     """The Change between the predicted_poses of two models."""
     a, b = (predicted_poses(runs, model, chosen, seconds) for model in models)
-    position, heading = np.sqrt((_apart(a, b) ** 2).mean(axis=0)).tolist()
+    position, heading = np.sqrt((apart(a, b) ** 2).mean(axis=0)).tolist()
     relative = np.array([position, heading]) / pose_noise(runs)
     return Change(seconds, position, heading, float(relative.max()))
 
@@ -234,7 +234,8 @@ def pose_noise(runs: Sequence[_core.RunData]) -> Array:
     return np.array([1e3 * position, np.degrees(np.sqrt(np.mean(noise[:, 2] ** 2)))])
 
 
-def _apart(a: Array, b: Array) -> Array:
+def apart(a: Array, b: Array) -> Array:
+    """Distances of position [mm] and heading [deg] between poses (n, 3), (n, 2)."""
     off = a - b
     position = 1e3 * np.hypot(off[:, 0], off[:, 1])
     return np.column_stack([position, np.degrees(np.abs(headings.wrap(off[:, 2])))])

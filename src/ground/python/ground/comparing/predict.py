@@ -1,21 +1,31 @@
 """predict: a model's prediction of a run, sample by sample."""
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, List, Tuple
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
 from ground.analysis import horizon as horizons
 from ground.analysis.likelihood import call
+from ground.analysis.predicted_band import Band, Course, HeldOut, beyond
 from ground.data.measured import Part, Recordings, taken
 from ground.models import Model, ModelLike
 from ground.recordings import headings, quality, windows
-from ground.recordings.recording import POSE, PREDICTED, RESIDUAL, SAME_INSTANT, VELOCITY, unit
+from ground.recordings.recording import (
+    HIGH,
+    LOW,
+    POSE,
+    PREDICTED,
+    RESIDUAL,
+    SAME_INSTANT,
+    VELOCITY,
+    unit,
+)
 from ground.reports.words import after, off
 from ground.support import command_line
 from ground.support.annotations import Array, Document, Indices
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, warn
 from ground.support.headline import Line
 from ground.support.results import Plotted, Shown, with_units
 
@@ -40,7 +50,7 @@ class Prediction(Shown, Plotted):
 
     name: str  #: of the run
     model: Model
-    horizon: float  #: how far each prediction goes [s]
+    horizon: float  #: how far each prediction goes [s]; of a prediction to the end, the longest
     position_mm: float  #: rms error of the position at the horizon, over all starts [mm]
     heading_deg: float  #: rms error of the heading there [deg]
     noise_mm: float  #: what the true model would leave, because of the noise of the poses [mm]
@@ -53,6 +63,9 @@ class Prediction(Shown, Plotted):
     predicted: Array  #: (n, 6)
     zero: float  #: origin of the run's clock, on that of the recording [s]
     run: _core.RunData = field(repr=False)  #: the part of the run that is predicted
+    band: Optional[float] = None  #: share of the samples that low and high are to hold; None: no band
+    low: Optional[Array] = None  #: (n, 6) lower end of the band
+    high: Optional[Array] = None  #: (n, 6)
 
     @property
     def residuals(self) -> Array:
@@ -60,6 +73,13 @@ class Prediction(Shown, Plotted):
         left = self.measured - self.predicted
         left[:, 2] = headings.wrap(left[:, 2])
         return left
+
+    @property
+    def held(self) -> Optional[Array]:
+        """Share of the samples that the band holds, (6,); None without a band."""
+        if self.low is None or self.high is None:
+            return None
+        return np.asarray((np.abs(self.residuals) <= (self.high - self.low) / 2).mean(axis=0))
 
     @property
     def pieces(self) -> List[Document]:
@@ -72,11 +92,14 @@ class Prediction(Shown, Plotted):
 
     def to_frame(self) -> "pandas.DataFrame":
         """A row for each sample: t, ahead [s], start, x ... r as measured, x_predicted ..., x_residual ...
-        (measured minus predicted); units in attrs["units"]."""
+        (measured minus predicted), with a band x_low ... and x_high ...; units in attrs["units"]."""
         import pandas
 
-        columns = ["t", "ahead", *(name + end for end in ("", PREDICTED, RESIDUAL) for name in COLUMNS)]
-        rows = np.column_stack([self.times, self.ahead, self.measured, self.predicted, self.residuals])
+        parts = {"": self.measured, PREDICTED: self.predicted, RESIDUAL: self.residuals}
+        if self.low is not None and self.high is not None:
+            parts.update({LOW: self.low, HIGH: self.high})
+        columns = ["t", "ahead", *(name + end for end in parts for name in COLUMNS)]
+        rows = np.column_stack([self.times, self.ahead, *parts.values()])
         frame = pandas.DataFrame(rows, columns=columns)
         frame.insert(1, "start", self.start)
         named = {name: unit(name) for name in frame}
@@ -85,7 +108,15 @@ class Prediction(Shown, Plotted):
     def to_dict(self) -> Document:
         """The errors as plain values."""
         names = ("horizon", "position_mm", "heading_deg", "noise_mm", "noise_deg", "starts")
-        return {"run": self.name, "model": self.model.label, **{name: getattr(self, name) for name in names}}
+        told: Document = {
+            "run": self.name,
+            "model": self.model.label,
+            **{name: getattr(self, name) for name in names},
+        }
+        held = self.held
+        return (
+            told if held is None else {**told, "band": self.band, "held": dict(zip(COLUMNS, held.tolist()))}
+        )
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: how far it is off at the horizon, and what the mocap leaves."""
@@ -94,16 +125,21 @@ class Prediction(Shown, Plotted):
         ))  # fmt: skip
         told = "%s (the mocap alone: %s)" % (off(found), off(noise))
         what = "%s by %s, from %d starts" % (self.name, self.model.label, self.starts)
-        return [("Predicted", what), (after({"seconds": self.horizon}), told)]
+        lines = [("Predicted", what), (after({"seconds": self.horizon}), told)]
+        if self.held is not None and self.band is not None:
+            shares = ", ".join("%.0f%% of %s" % (100 * part, name) for part, name in zip(self.held, POSE))
+            lines.append(("Band of %.0f%%" % (100 * self.band), "holds " + shares))
+        return lines
 
 
 @command_line.takes(Part)
 def predict(model: ModelLike, recording: Recordings, horizon: float = 1.5, *, options: Part) -> Prediction:
     """What a model predicts of a recording, sample by sample, and the error at the horizon.
 
-    recording: a recording or its file. horizon: how far each prediction goes [s]. GroundError when the
-    run is too short for it, or there are several runs (compare takes these). Options, as keyword arguments
-    or as Part:
+    recording: a recording or its file. horizon: how far each prediction goes [s]; infinite: from the
+    beginning to the end, or to the next gap. A fit's own `predict` has a band, too. GroundError when the run
+    is too short for it, or there are several runs (compare takes these). Options, as keyword arguments or as
+    Part:
 
     >>> craft = ground.Model.load(model_file)
     >>> made = ground.predict(craft, bag)
@@ -113,27 +149,61 @@ def predict(model: ModelLike, recording: Recordings, horizon: float = 1.5, *, op
     >>> made.predicted.shape == made.measured.shape, list(made.to_frame())[:5]
     (True, ['t', 'start', 'ahead', 'x', 'y'])
     """
+    return by_parts(model, recording, horizon, options=options)
+
+
+@command_line.takes(Part)
+def by_parts(
+    model: ModelLike,
+    recording: Recordings,
+    horizon: float,
+    parts: Sequence[HeldOut] = (),
+    band: Optional[float] = None,
+    *,
+    options: Part,
+) -> Prediction:
+    """predict, with a Band if `band`, the share of the samples that it holds, is given; parts: of the fit."""
     found = taken(recording)
     if len(found) != 1:
         raise GroundError("predict takes one run, not %d; compare takes several" % len(found))
-    if not 0 < horizon < np.inf:
+    if not horizon > 0:
         raise GroundError("the horizon must be a positive time, not %g s" % horizon)
     given = Model.of(model)
     repaired = quality.repaired(found[0].with_lift_of(given.core))
-    return prediction(given, options.of(repaired, given), horizon, repaired.zero)
+    made = prediction(given, options.of(repaired, given), horizon, repaired.zero)
+    if band is None:
+        return made
+
+    def course(run: _core.RunData, model: _core.Model) -> Course:
+        shape = _Shape.of(run, horizon, given.core)
+        return shape.predicted(model), shape.measured
+
+    half = Band.of(parts, band, course).half(made.run, made.predicted, course)
+    further = beyond(parts, made.predicted)
+    if further:
+        warn(
+            "%s: the model goes beyond the runs that it was fitted to, in %s: the band may be too narrow"
+            % (made.name, " and ".join(VELOCITY[i] for i in further))
+        )
+    return replace(made, band=band, low=made.predicted - half, high=made.predicted + half)
 
 
 def prediction(model: Model, run: _core.RunData, seconds: float, zero: float = 0.0) -> Prediction:
     """The Prediction of a _core.RunData; see predict."""
-    core, starts = model.core, horizons.starts([run], seconds, horizons.SHOWN)
-    errors = horizons.pose_errors([run], horizons.same(core)(starts), starts, seconds)
-    error = horizons.PoseError.of(errors)
-    least = horizons.PoseError.of(horizons.artificial_errors([run], starts, seconds, core, None))
-    tiles, splits = _tiles(run, seconds)
-    index = [np.arange(split + 1, tile.last + 1) for tile, split in zip(tiles, splits)]
-    at, times = np.concatenate(index), np.array(run.times)
-    begun = np.concatenate([np.full(len(own), times[split]) for own, split in zip(index, splits)])
-    poses = np.array(run.poses if len(run.poses) else run.eta)
+    shape = _Shape.of(run, seconds, model.core)
+    predicted, ahead = shape.predicted(model.core), shape.ahead
+    whole = not np.isfinite(seconds)
+    seconds = float(ahead.max()) if whole else seconds
+    if whole:
+        error, least = shape.end_error(predicted), horizons.PoseError(*horizons.pose_noise([run]).tolist())
+        count = len(shape.tiles)
+    else:
+        starts = horizons.starts([run], seconds, horizons.SHOWN)
+        error = horizons.PoseError.of(
+            horizons.pose_errors([run], horizons.same(model.core)(starts), starts, seconds)
+        )
+        least = horizons.PoseError.of(horizons.artificial_errors([run], starts, seconds, model.core, None))
+        count = len(starts)
     return Prediction(
         name=run.name,
         model=model,
@@ -142,15 +212,84 @@ def prediction(model: Model, run: _core.RunData, seconds: float, zero: float = 0
         heading_deg=error.heading_deg,
         noise_mm=least.position_mm,
         noise_deg=least.heading_deg,
-        starts=len(starts),
-        times=times[at],
-        start=np.repeat(np.arange(1, len(tiles) + 1), [len(own) for own in index]),
-        ahead=times[at] - begun,
-        measured=np.column_stack([poses, np.array(run.nu)])[at],
-        predicted=_simulated(run, model.core, tiles, splits),
+        starts=count,
+        times=shape.times,
+        start=shape.start,
+        ahead=ahead,
+        measured=shape.measured,
+        predicted=predicted,
         zero=zero,
         run=run,
     )
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """Parts of a run that are predicted, one after the other."""
+
+    run: _core.RunData
+    tiles: List[_core.Window]
+    splits: List[int]  # the samples at which the predicted parts of the tiles begin
+
+    @classmethod
+    def of(cls, run: _core.RunData, seconds: float, model: _core.Model) -> "_Shape":
+        """Those of some seconds, or whole stretches if seconds are infinite; GroundError without any."""
+        if np.isfinite(seconds):
+            return cls(run, *_tiles(run, seconds))
+        return cls(run, *_stretches(run, horizons.WARM_UP * horizons.horizon([run], model)))
+
+    def predicted(self, model: _core.Model) -> Array:
+        """Poses and velocities (n, 6) by a model."""
+        return _simulated(self.run, model, self.tiles, self.splits)
+
+    @property
+    def _index(self) -> List[Indices]:
+        return [np.arange(split + 1, tile.last + 1) for tile, split in zip(self.tiles, self.splits)]
+
+    @property
+    def _rows(self) -> Indices:
+        return np.concatenate(self._index)
+
+    @property
+    def times(self) -> Array:
+        """(n,) on the run's clock [s]."""
+        return np.asarray(self.run.times)[self._rows]
+
+    @property
+    def start(self) -> Indices:
+        """(n,) number of the tile."""
+        return np.repeat(np.arange(1, len(self.tiles) + 1), [len(own) for own in self._index])
+
+    @property
+    def ahead(self) -> Array:
+        """(n,) time since the beginning of the tile's predicted part [s]."""
+        return np.asarray(self.times - np.asarray(self.run.times)[self.splits][self.start - 1])
+
+    @property
+    def measured(self) -> Array:
+        """(n, 6) poses as measured, velocities smoothed."""
+        poses = np.array(self.run.poses if len(self.run.poses) else self.run.eta)
+        return np.asarray(np.column_stack([poses, np.array(self.run.nu)])[self._rows])
+
+    def end_error(self, predicted: Array) -> horizons.PoseError:
+        """The error at the ends of the tiles."""
+        ends = np.cumsum([len(own) for own in self._index]) - 1
+        return horizons.PoseError.of(horizons.apart(predicted[ends, :3], self.measured[ends, :3]))
+
+
+def _stretches(run: _core.RunData, warm_up: float) -> Tuple[List[_core.Window], List[int]]:
+    """Stretches without a gap, longer than twice the warm-up; the samples at which predictions begin."""
+    times = np.array(run.times)
+    ends = [*np.flatnonzero(np.diff(times) > run.scales.max_gap).tolist(), len(times) - 1]
+    tiles: List[_core.Window] = []
+    first = 0
+    for end in ends:
+        if times[end] - times[first] > 2 * warm_up:
+            tiles.append(_core.Window(0, first, end))
+        first = end + 1
+    if not tiles:
+        raise GroundError("%s: no stretch without a gap is longer than %.2g s" % (run.name, 2 * warm_up))
+    return tiles, [int(np.searchsorted(times, times[tile.first] + warm_up)) for tile in tiles]
 
 
 def _tiles(run: _core.RunData, seconds: float) -> Tuple[List[_core.Window], List[int]]:

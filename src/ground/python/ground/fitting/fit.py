@@ -10,6 +10,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import comparison, horizon, window_error
 from ground.analysis.horizon import ModelsAt, PredictionError
+from ground.analysis.predicted_band import HeldOut
 from ground.analysis.window_error import WindowFit, WindowFitter
 from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, Recordings, held_out, measured
@@ -122,7 +123,11 @@ def fit(
         models["fitted"] = functools.partial(fitter.models_at, found)
     tested, seconds = held.data or seen.data, horizon.horizon(seen.data, given.core)
     prediction = horizon.prediction_error(tested, seconds, models, found.model)
-    return _result(given, seen, options.starts, found.result, errors, prediction, runs)
+    parts = [
+        HeldOut(without["model"], seen.data[part :: fitter.most_parts])
+        for part, without in (found.others.items() if len(seen.data) > 1 else ())
+    ]
+    return replace(_result(given, seen, options.starts, found.result, errors, prediction, runs), parts=parts)
 
 
 def _alone(fitter: WindowFitter, found: WindowFit, index: int, options: FitOptions) -> RunFit:

@@ -3,12 +3,13 @@
 import math
 from dataclasses import asdict, dataclass, field
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from ground import _core
 from ground.analysis.horizon import PredictionError, as_document
+from ground.analysis.predicted_band import HeldOut
 from ground.models import Model, Parameter, parameter_frame
 from ground.recordings import windows
 from ground.reports import words
@@ -108,10 +109,25 @@ class Fit(Shown, Plotted):
     #: (n, n) correlation of the estimates, in the order of parameters
     correlations: Array = field(compare=False)
     data: List[_core.RunData] = field(compare=False)  #: the parts of the runs fitted to
+    #: fits without a part of several runs
+    parts: List[HeldOut] = field(default_factory=list, compare=False)
 
-    def predict(self, recording: "Union[Recording, Path]", horizon: float = 1.5) -> "Prediction":
-        """What the fitted model predicts of a recording; see ground.predict."""
-        return self.model.predict(recording, horizon)
+    def predict(
+        self,
+        recording: "Union[Recording, Path]",
+        horizon: float = 1.5,
+        band: Optional[float] = None,
+        **options: Any,
+    ) -> "Prediction":
+        """What the fitted model predicts of a recording; see ground.predict, which takes the options, too.
+
+        band: the share of the samples that a band about the prediction is to hold, such as 0.9. Its shape is
+        by how much fits without each run differ, its size by how far these are off the run that they were not
+        fitted to. GroundError when the model was fitted to a single run.
+        """
+        from ground.comparing.predict import by_parts
+
+        return by_parts(self.model, recording, horizon, parts=self.parts, band=band, **options)
 
     def conf_int(self, level: float = 0.95) -> "pandas.DataFrame":
         """Confidence intervals of the parameters, indexed by name: low, high. GroundError when level is

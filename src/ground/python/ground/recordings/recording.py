@@ -46,7 +46,7 @@ POSE = ("x", "y", "psi")
 VELOCITY = ("u", "v", "r")
 UNITS = {"t": "s", "x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
 COMMAND = "command."  # before the name of a channel that is also the name of another column
-PREDICTED, RESIDUAL = "_predicted", "_residual"  # ends of the names of columns
+PREDICTED, RESIDUAL, LOW, HIGH = "_predicted", "_residual", "_low", "_high"  # ends of the names of columns
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -305,7 +305,7 @@ def _rows(what: str, times: ArrayLike, values: ArrayLike, names: Sequence[str]) 
 
 def unit(column: str) -> str:
     """Unit of a column of a table of a run; "1" of a command."""
-    for end in (PREDICTED, RESIDUAL):
+    for end in (PREDICTED, RESIDUAL, LOW, HIGH):
         if column.endswith(end):
             column = column[: -len(end)]
     return UNITS.get(column, "1")

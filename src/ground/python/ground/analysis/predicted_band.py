@@ -1,0 +1,103 @@
+"""Bands of predictions by a fitted model: how far it may be off, by what it misses of runs held out.
+
+A model that was fitted to some runs predicts others by two uncertain things: its parameters, and what
+it lacks. Fits without each part of the runs differ by both (the delete-one-group jackknife: Efron and Stein
+1981). By how much they differ, sample by sample, is the shape of the band: wide where a manoeuvre asks for
+what the runs do not tell. Its size is calibrated: so that bands about the predictions of held-out runs hold the
+wanted share of them.
+"""
+
+from dataclasses import dataclass
+from typing import Callable, List, Sequence, Tuple
+
+import numpy as np
+
+from ground import _core
+from ground.recordings import headings
+from ground.support.annotations import Array
+from ground.support.errors import GroundError
+
+FAR = 1.2  # ratio of speeds from which a prediction goes beyond the runs fitted to
+#: predicted samples (n, 6) of a run by a model, and the measured ones
+Course = Tuple[Array, Array]
+Courses = Callable[[_core.RunData, _core.Model], Course]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A model fitted without some runs, and these."""
+
+    model: _core.Model
+    runs: Sequence[_core.RunData]
+
+
+@dataclass(frozen=True)
+class Band:
+    """How far a fitted model may be off."""
+
+    level: float  #: share of the samples that it holds, of each of x, y, psi, u, v, r
+    parts: Sequence[HeldOut]
+    factor: Array  #: (6,) half the width over the deviation
+
+    @classmethod
+    def of(cls, parts: Sequence[HeldOut], level: float, course: Courses) -> "Band":
+        """The Band of a fit whose parts were held out. course: simulates a run. GroundError when there are
+        fewer than two parts, or level is not between 0 and 1."""
+        if not 0 < level < 1:
+            raise GroundError("a band holds a share between 0 and 1, not %g" % level)
+        if len(parts) < 2:
+            raise GroundError("a band needs a fit to two runs or more, of which each is held out")
+        ratios: List[Array] = []
+        for part in parts:
+            for run in part.runs:
+                try:
+                    predicted, measured = course(run, part.model)
+                    ratios.append(
+                        np.abs(_apart(measured, predicted)) / _deviation(parts, run, predicted, course)
+                    )
+                except GroundError:  # too short for the horizon
+                    continue
+        if not ratios:
+            raise GroundError(
+                "no run that the model was fitted to is long enough for the horizon of the band"
+            )
+        return cls(level, parts, _factor(ratios, level))
+
+    def half(self, run: _core.RunData, predicted: Array, course: Courses) -> Array:
+        """Half the width (n, 6) about the predicted samples of a run that the model was not fitted to."""
+        return self.factor * _deviation(self.parts, run, predicted, course)
+
+
+def beyond(parts: Sequence[HeldOut], predicted: Array) -> List[int]:
+    """Velocities u, v, r (0, 1, 2) that a prediction (n, 6) takes beyond those of the runs fitted to."""
+    seen = np.vstack([np.array(run.nu) for part in parts for run in part.runs])
+    size, most = np.abs(predicted[:, 3:]).max(axis=0), np.abs(seen).max(axis=0)
+    return [int(i) for i in np.flatnonzero(size > FAR * most)]
+
+
+def _deviation(parts: Sequence[HeldOut], run: _core.RunData, predicted: Array, course: Courses) -> Array:
+    """By how much predictions differ by chance (n, 6): the jackknife's deviation, and noise."""
+    apart = [_apart(course(run, part.model)[0], predicted) for part in parts]
+    count = len(parts)
+    squares = (count - 1) / count * np.square(apart).sum(axis=0)
+    return np.asarray(np.sqrt(squares + np.square(_noise(run))))
+
+
+def _noise(run: _core.RunData) -> Array:
+    """(6,) of a pose, and of velocities over a window."""
+    pose = np.asarray(run.noise)
+    return np.concatenate([pose, pose / float(run.scales.window)])
+
+
+def _apart(a: Array, b: Array) -> Array:
+    off = a - b
+    off[:, 2] = headings.wrap(off[:, 2])
+    return off
+
+
+def _factor(ratios: Sequence[Array], level: float) -> Array:
+    """(6,) that a share of the samples of a new run will not exceed, with a probability of the same size:
+    samples of a run depend on each other, so runs are what is counted (split conformal prediction: Vovk et
+    al. 2005)."""
+    scores = np.sort([np.quantile(some, level, axis=0) for some in ratios], axis=0)
+    return np.asarray(scores[min(int(np.ceil((len(scores) + 1) * level)), len(scores)) - 1])
