@@ -97,6 +97,20 @@ def test_a_diagnosis_names_the_hidden_effect_of_the_hull():
     assert told.improved["cross_flow_drag.aft"] == pytest.approx(90, rel=0.3)
 
 
+def test_propellers_that_push_less_backward_are_named():
+    runs = [recorded(boat(reverse_loss={"a": 0.5}), seed) for seed in (1, 2)]
+    told = ground.diagnose(boat(), runs, only=["reverse_loss", "thrust_curve", "surge_resistance"])
+    assert told.effects == ("reverse_loss",)
+    low, high = told.parameters["reverse_loss.a"].ci95
+    assert 0.48 < low < 0.5 < high < 0.52
+
+
+def test_a_boat_without_a_hull_is_told_to_have_one():
+    ashore = ground.Model.parse(BOAT.replace("  hull: {length: 1.2}\n", ""))
+    with pytest.warns(ground.GroundWarning, match="hull: {length: METRES}"):
+        ground.diagnose(ashore, recorded(ashore, 1), only=["surge_resistance"])
+
+
 def test_a_tilt_is_told_as_a_direction_in_the_room():
     told = words.vector("floor_tilt", {"sx": -3e-4, "sy": 3e-4}, {"sx": 1e-5, "sy": 1e-5})
     assert told.startswith("it descends by 0.024 deg towards 135 deg (95%: 2.6 deg either way")

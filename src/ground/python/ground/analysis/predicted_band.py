@@ -3,8 +3,8 @@
 A model that was fitted to some runs predicts others by two uncertain things: its parameters, and what
 it lacks. Fits without each part of the runs differ by both (the delete-one-group jackknife: Efron and Stein
 1981). By how much they differ, sample by sample, is the shape of the band: wide where a manoeuvre asks for
-what the runs do not tell. Its size is calibrated: so that bands about the predictions of held-out runs hold the
-wanted share of them.
+what the runs do not tell. Its size is calibrated: so that bands about the predictions of held-out runs hold
+the wanted share of them.
 """
 
 from dataclasses import dataclass

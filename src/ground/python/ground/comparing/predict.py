@@ -133,13 +133,21 @@ class Prediction(Shown, Plotted):
 
 
 @command_line.takes(Part)
-def predict(model: ModelLike, recording: Recordings, horizon: float = 1.5, *, options: Part) -> Prediction:
+def predict(
+    model: ModelLike,
+    recording: Recordings,
+    horizon: float = 1.5,
+    band: Optional[float] = None,
+    parts: Sequence[HeldOut] = (),
+    *,
+    options: Part,
+) -> Prediction:
     """What a model predicts of a recording, sample by sample, and the error at the horizon.
 
     recording: a recording or its file. horizon: how far each prediction goes [s]; infinite: from the
-    beginning to the end, or to the next gap. A fit's own `predict` has a band, too. GroundError when the run
-    is too short for it, or there are several runs (compare takes these). Options, as keyword arguments or as
-    Part:
+    beginning to the end, or to the next gap. band: the share of the samples that a band is to hold, which
+    needs the parts of a fit: `Fit.predict` gives them. GroundError when the run is too short, or there are
+    several runs (compare takes these). Options, as keyword arguments or as Part:
 
     >>> craft = ground.Model.load(model_file)
     >>> made = ground.predict(craft, bag)
@@ -149,20 +157,6 @@ def predict(model: ModelLike, recording: Recordings, horizon: float = 1.5, *, op
     >>> made.predicted.shape == made.measured.shape, list(made.to_frame())[:5]
     (True, ['t', 'start', 'ahead', 'x', 'y'])
     """
-    return by_parts(model, recording, horizon, options=options)
-
-
-@command_line.takes(Part)
-def by_parts(
-    model: ModelLike,
-    recording: Recordings,
-    horizon: float,
-    parts: Sequence[HeldOut] = (),
-    band: Optional[float] = None,
-    *,
-    options: Part,
-) -> Prediction:
-    """predict, with a Band if `band`, the share of the samples that it holds, is given; parts: of the fit."""
     found = taken(recording)
     if len(found) != 1:
         raise GroundError("predict takes one run, not %d; compare takes several" % len(found))

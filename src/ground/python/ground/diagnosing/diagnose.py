@@ -22,7 +22,7 @@ from ground.reports import result_folder
 from ground.support import command_line
 from ground.support.annotations import Array, Document
 from ground.support.command_line import option
-from ground.support.errors import GroundError, did_you_mean
+from ground.support.errors import GroundError, did_you_mean, warn
 from ground.support.headline import formatted
 from ground.support.progress import Progress, Work
 
@@ -108,6 +108,12 @@ def diagnose(
     return _result(problem, found, conclusion, report)
 
 
+def _may_float(model: Model) -> bool:
+    """Whether a craft that has no lift fan may be a boat whose model does not say so."""
+    reversible = any(one["range"][0] < 0 and not one["is_angle"] for one in model.core.thrusters)
+    return reversible and not model.core.hull_length > 0
+
+
 def _problem(
     model: ModelLike,
     recordings: Recordings,
@@ -124,8 +130,14 @@ def _problem(
     given = voltage.at_recorded(given, seen.recordings)
     tried = voltage.tried(tried, given, seen.recordings, options.only or (), options.exclude)
     held = held_out(holdout, given, options, work, seen)
-    if not (given.core.is_pair or options.only or any((run.lift > 0).any() for run in seen.recordings)):
-        tried = [c for c in tried if c.name not in candidates.of_lift()]
+    if not given.core.is_pair and not any((run.lift > 0).any() for run in seen.recordings):
+        if not options.only:
+            tried = [c for c in tried if c.name not in candidates.of_lift()]
+        if _may_float(given):
+            warn(
+                "%s has propellers that reverse, and no lift fan: if it floats, write 'hull: {length: METRES}' "
+                "under 'body' in its model, and effects of hulls are tried, too" % given.name
+            )
     files = [effect.path for effect in own if effect.path]
     return Problem(given, tried, seen, held, files, room, options.as_recorded)
 

@@ -125,9 +125,9 @@ class Fit(Shown, Plotted):
         by how much fits without each run differ, its size by how far these are off the run that they were not
         fitted to. GroundError when the model was fitted to a single run.
         """
-        from ground.comparing.predict import by_parts
+        import ground
 
-        return by_parts(self.model, recording, horizon, parts=self.parts, band=band, **options)
+        return ground.predict(self.model, recording, horizon, band, self.parts, **options)
 
     def conf_int(self, level: float = 0.95) -> "pandas.DataFrame":
         """Confidence intervals of the parameters, indexed by name: low, high. GroundError when level is

@@ -4,7 +4,8 @@
 
 namespace ground {
 
-/// Reversible thrusters push less backward than forward, as propellers whose blades are shaped for one way do.
+/// Reversible thrusters push less backward than forward, as propellers whose blades are shaped for one way
+/// do.
 struct ReverseLoss {
   static constexpr bool kUsesPose = false;
 
@@ -20,8 +21,7 @@ struct ReverseLoss {
             0,
             [](const ThrusterLayout& layout) {
               const auto& all = layout.thrusters();
-              return std::any_of(all.begin(), all.end(),
-                                 [](const Thruster& one) { return reverses(one); });
+              return std::any_of(all.begin(), all.end(), [](const Thruster& one) { return reverses(one); });
             }};
   }
   template <typename T>
