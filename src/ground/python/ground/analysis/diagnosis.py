@@ -116,6 +116,8 @@ class Diagnosis:
         self.judged: Dict[FrozenSet[str], folds.Judged] = {}  # by set of effects
         self.search.nominal(near)
         self.nominal = self.judge(frozenset())
+        if not np.isfinite(self.nominal.heldout).all():
+            raise GroundError("the motion of the given model, fitted to a part of the runs, is not finite")
 
     @property
     def is_excerpt(self) -> bool:
@@ -262,10 +264,7 @@ class Diagnosis:
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Optional[str]:
         """Reason why held-out data speak against a set and for a smaller one; None if they do not.
         Effects that are certain without them need not be confirmed by them."""
-        try:
-            verdict = self.confirmed(found, rest).verdict
-        except GroundError:
-            return "fitted to a part of the runs, its motion is not finite"
+        verdict = self.confirmed(found, rest).verdict
         if verdict == folds.WORSE:
             return "it makes predictions of held-out runs worse"
         enough = CERTAIN * sum(self.search.threshold(name) for name in found - rest)

@@ -100,17 +100,21 @@ class Folds:
         raise failure
 
     def judge(self, fit: Fit) -> Judged:
-        """The Judged of a Fit to all runs."""
-        refitted = self.models(fit)
+        """The Judged of a Fit to all runs. Its errors are infinite where a motion is not finite: the filter
+        of a likelihood holds an unstable model at what was measured, and predictions do not."""
+        parameters = {p["name"]: p for p in fit.parameters}
+        try:
+            refitted = self.models(fit)
+            error = window_error.channel_errors(self.runs, self.cut, fit.model)
+        except GroundError:
+            never = np.full((len(self.cut), 3), np.inf)
+            tested = Tested(never[:, 0], self.fold_of, (np.array([-np.inf]),) * self.count)
+            return Judged(fit.model, parameters, never[0], never[0], tested, (fit,) * self.count)
         heldout = self._errors(refitted)
         blocks = self.each(lambda pair: np.concatenate(_blocks_of(*pair)), zip(self.tested, refitted))
+        tested = Tested(heldout.sum(axis=1), self.fold_of, tuple(blocks))
         return Judged(
-            fit.model,
-            {p["name"]: p for p in fit.parameters},
-            window_error.channel_errors(self.runs, self.cut, fit.model),
-            window_error.mean(self.cut, heldout),
-            Tested(heldout.sum(axis=1), self.fold_of, tuple(blocks)),
-            tuple(refitted),
+            fit.model, parameters, error, window_error.mean(self.cut, heldout), tested, tuple(refitted)
         )
 
     def models_at(self, judged: Judged, chosen: Sequence[_core.Window]) -> List[_core.Model]:

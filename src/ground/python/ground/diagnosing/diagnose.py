@@ -135,8 +135,8 @@ def _problem(
             tried = [c for c in tried if c.name not in candidates.of_lift()]
         if _may_float(given):
             warn(
-                "%s has propellers that reverse, and no lift fan: if it floats, write 'hull: {length: METRES}' "
-                "under 'body' in its model, and effects of hulls are tried, too" % given.name
+                "%s has propellers that reverse, and no lift fan: if it floats, write 'hull: {length: "
+                "METRES}' under 'body' in its model, and effects of hulls are tried, too" % given.name
             )
     files = [effect.path for effect in own if effect.path]
     return Problem(given, tried, seen, held, files, room, options.as_recorded)
