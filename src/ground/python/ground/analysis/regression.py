@@ -112,8 +112,10 @@ class Regression:
         self.scale = np.concatenate([self.scale, scale])
         self.active = np.concatenate([self.active, kept])
         self.D = np.hstack([self.D, D])
-        self.information = (self.D**2).sum(axis=0)
+        self.products = self.D.T @ self.D
+        self.information = np.diag(self.products).copy()
         self.b = self.D.T @ self.y
+        self._last: Optional[Tuple[Sequence[Term], Tuple[Indices, Array, Array]]] = None
 
     def _left_of(self, acting: Sequence[Array]) -> Tuple[List[Array], Flags]:
         return _without(*([w / self.full[:, None] for w in every] for every in (acting, self._own)))
@@ -148,7 +150,7 @@ class Regression:
 
     def _cross(self, first: Indices, second: Any = slice(None)) -> Array:
         """Products of some columns of D with others."""
-        return np.asarray(self.D[:, first].T @ self.D[:, second])
+        return np.asarray(self.products[first][:, second])
 
     def _columns(self, terms: Sequence[Term]) -> Tuple[Indices, Array]:
         """Columns of terms, and the variances of their weights."""
@@ -160,10 +162,13 @@ class Regression:
         return at, np.array([variance[j] for j in at])
 
     def posterior(self, terms: Sequence[Term]) -> Tuple[Indices, Array, Array]:
-        """Columns of terms, covariance and mean of their weights."""
-        at, variances = self._columns(terms)
-        inverse = np.linalg.inv(self._cross(at, at) + np.diag(1 / variances))
-        return at, inverse, inverse @ self.b[at]
+        """Columns of terms, covariance and mean of their weights. Many are tested beside the same terms."""
+        last = self._last
+        if last is None or list(map(id, last[0])) != list(map(id, terms)):
+            at, variances = self._columns(terms)
+            inverse = np.linalg.inv(self._cross(at, at) + np.diag(1 / variances))
+            last = self._last = list(terms), (at, inverse, inverse @ self.b[at])
+        return last[1]
 
     def single(self, beside: Sequence[Term] = ()) -> Tuple[Array, Array]:
         """Information and score of each feature beside chosen terms."""
