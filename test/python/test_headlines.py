@@ -151,7 +151,7 @@ VERDICTS = {
         "undecided",
         dict(nominal={"error": {"heldout": 0.01}}),
         ["cannot be decided - the effects", "motor_lag - ", "Not confirmed."],
-        "record more and longer runs",
+        "test each of them by simulation error",
     ),
     "misread": ("misread", dict(improved=NOTHING, steps=[]), ["not searched"], "correct the mapping"),
 }

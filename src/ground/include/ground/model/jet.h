@@ -29,7 +29,7 @@ class Derivatives {
   }
   GROUND_INLINE static Derivatives zero() {
     Derivatives result;
-    for (Register& part : result.parts_) part = Register{};
+    for (int i = 0; i < kParts; ++i) result.parts_[i] = Register{};
     return result;
   }
   friend GROUND_INLINE Derivatives operator+(const Derivatives& a, const Derivatives& b) {

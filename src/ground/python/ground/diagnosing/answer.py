@@ -199,6 +199,12 @@ def _next(report: Document, folder: str) -> str:
         )
     if kind in ("unexplained", "memory"):
         return "record more runs over the same places with other commands, so that a formula can be found"
+    if _misleads(report):
+        return (
+            "test each of them by simulation error, which does without the random disturbance:\n"
+            "rosrun ground identify add %s BAGS --model %s -o with_%s.yaml"
+            % (report["improved"]["effects"][0], report["model"], report["improved"]["effects"][0])
+        )
     if kind == "undecided":
         return "record more and longer runs, over the same places, with other commands"
     if kind == "varies":
