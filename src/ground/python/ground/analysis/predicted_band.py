@@ -8,7 +8,7 @@ the wanted share of them.
 """
 
 from dataclasses import dataclass
-from typing import Callable, List, Sequence, Tuple
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,7 +20,8 @@ from ground.support.errors import GroundError
 FAR = 1.2  # ratio of speeds from which a prediction goes beyond the runs fitted to
 #: predicted samples (n, 6) of a run by a model, and the measured ones
 Course = Tuple[Array, Array]
-Courses = Callable[[_core.RunData, _core.Model], Course]
+#: simulates a run; None: it is too short. GroundError when the motion is not finite
+Courses = Callable[[_core.RunData, _core.Model], Optional[Course]]
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,11 @@ class Band:
         ratios: List[Array] = []
         for part in parts:
             for run in part.runs:
-                try:
-                    predicted, measured = course(run, part.model)
-                    ratios.append(
-                        np.abs(_apart(measured, predicted)) / _deviation(parts, run, predicted, course)
-                    )
-                except GroundError:  # too short for the horizon
-                    continue
+                seen = course(run, part.model)
+                if seen:
+                    predicted, measured = seen
+                    off = np.abs(_apart(measured, predicted))
+                    ratios.append(off / _deviation(parts, run, predicted, course))
         if not ratios:
             raise GroundError(
                 "no run that the model was fitted to is long enough for the horizon of the band"
@@ -77,7 +76,8 @@ def beyond(parts: Sequence[HeldOut], predicted: Array) -> List[int]:
 
 def _deviation(parts: Sequence[HeldOut], run: _core.RunData, predicted: Array, course: Courses) -> Array:
     """By how much predictions differ by chance (n, 6): the jackknife's deviation, and noise."""
-    apart = [_apart(course(run, part.model)[0], predicted) for part in parts]
+    courses = [course(run, part.model) for part in parts]
+    apart = [_apart(seen[0], predicted) for seen in courses if seen]
     count = len(parts)
     squares = (count - 1) / count * np.square(apart).sum(axis=0)
     return np.asarray(np.sqrt(squares + np.square(_noise(run))))
@@ -98,6 +98,6 @@ def _apart(a: Array, b: Array) -> Array:
 def _factor(ratios: Sequence[Array], level: float) -> Array:
     """(6,) that a share of the samples of a new run will not exceed, with a probability of the same size:
     samples of a run depend on each other, so runs are what is counted (split conformal prediction: Vovk et
-    al. 2005)."""
+    al. 2005). Of fewer runs than that takes, such as nine for 0.9, the largest."""
     scores = np.sort([np.quantile(some, level, axis=0) for some in ratios], axis=0)
     return np.asarray(scores[min(int(np.ceil((len(scores) + 1) * level)), len(scores)) - 1])

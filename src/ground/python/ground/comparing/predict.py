@@ -168,8 +168,11 @@ def predict(
     if band is None:
         return made
 
-    def course(run: _core.RunData, model: _core.Model) -> Course:
-        shape = _Shape.of(run, horizon, given.core)
+    def course(run: _core.RunData, model: _core.Model) -> Optional[Course]:
+        try:
+            shape = _Shape.of(run, horizon, given.core)
+        except GroundError:  # too short
+            return None
         return shape.predicted(model), shape.measured
 
     half = Band.of(parts, band, course).half(made.run, made.predicted, course)
