@@ -151,7 +151,7 @@ VERDICTS = {
         "undecided",
         dict(nominal={"error": {"heldout": 0.01}}),
         ["cannot be decided - the effects", "motor_lag - ", "Not confirmed."],
-        "test each of them by simulation error",
+        "record more and longer runs",
     ),
     "misread": ("misread", dict(improved=NOTHING, steps=[]), ["not searched"], "correct the mapping"),
 }

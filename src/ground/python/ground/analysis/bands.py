@@ -86,20 +86,20 @@ class Bands:
         return held
 
 
-def of_folds(split: folds.Folds, fit: likelihood.Fit) -> List[Bands]:
+def of_folds(split: folds.Folds, fit: likelihood.Fit, others: Sequence[likelihood.Fit] = ()) -> List[Bands]:
     """Bands of the runs that a likelihood.Fit was fitted to, each predicted by a refit without that run.
 
-    split: Folds of these runs. The levels stay those of the fit; the expected loudness is that of the
+    split: Folds of these runs; others: the refits, if they are known. The levels stay those of the fit; the expected loudness is that of the
     other runs. Each quarter of a single run is predicted by a fit to the others; the end of a long
     horizon may lie in a quarter that was fitted to.
     """
-    models, runs = split.models(fit), split.runs
+    models, runs = others or split.models(fit), split.runs
     tasks: List[_Task] = []
     for i, run in enumerate(runs):
         for fold, model in enumerate(models):
             cut = [w for w, f in zip(split.cut, split.fold_of) if w.run == i and f == fold]
-            others = [v for k, v in enumerate(fit.loudness) if len(runs) == 1 or k % split.count != fold]
-            tasks.append((run, model, cut, _mean(others)))
+            loudness = [v for k, v in enumerate(fit.loudness) if len(runs) == 1 or k % split.count != fold]
+            tasks.append((run, model, cut, _mean(loudness)))
     return _all_of(runs, [task for task in tasks if task[2]], split.each)
 
 

@@ -33,6 +33,7 @@ from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import EXCLUSION, Search
+from ground.analysis.simulation_search import SimulationSearch
 from ground.support.errors import GroundError
 from ground.support.progress import Work
 
@@ -46,6 +47,7 @@ CERTAIN = 4.0
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 FLOORS = 5  # simulations over which the noise floor is averaged
 SLIGHT = "it is too small to matter"
+MISLEADS = "held-out data are predicted worse with what the likelihood prefers"
 MAX_REPEATS = 3  # repetitions of the search because other differences between runs were found
 
 
@@ -56,6 +58,9 @@ class Step:
     added: str
     fit: folds.Judged  # the model with the effect, fitted and judged
     group: Tuple[str, ...]  # effects that the data cannot distinguish from it, itself first
+    rest: Fit  # of the grown model without it
+    p_value: float  # of as much evidence without it, beside the others
+    confirmed: folds.Comparison  # the grown model with it and without it, on parts of the runs held out
 
 
 class Diagnosis:
@@ -88,6 +93,7 @@ class Diagnosis:
         self.samples = 3 * sum(len(run.times) for run in runs)
         self.chosen: List[Candidate] = []  # in the order of their choice
         self.steps: List[Step] = []
+        self.by_simulation: Optional[window_error.WindowFit] = None  # fit, where the likelihood misleads
         self.dropped: List[Dropped] = []
         self.fuller: Dict[FrozenSet[str], FrozenSet[str]] = {}  # sets with an effect too small to matter
         self.tried: List[evidence.Trial] = []  # each effect added to the nominal model, best first
@@ -278,8 +284,11 @@ class Diagnosis:
 
     def _change(self, found: FrozenSet[str], rest: FrozenSet[str]) -> horizon.Change:
         """By how much a set changes the poses that a smaller one predicts."""
-        models = (self.search.fits[rest].model, self.search.fits[found].model)
-        return horizon.change(self.runs, self.starts, self.prediction_time, models)
+        return self._change_of(self.search.fits[rest].model, self.search.fits[found].model)
+
+    def _change_of(self, before: _core.Model, after: _core.Model) -> horizon.Change:
+        """By how much the poses differ that two models predict."""
+        return horizon.change(self.runs, self.starts, self.prediction_time, (before, after))
 
     def _drop(self, found: FrozenSet[str], name: str, why: str) -> None:
         self.search.without(found, name)
@@ -332,10 +341,12 @@ class Diagnosis:
             name = min(sorted(current), key=fit.ratio_without)
             path.insert(0, name)
             current = self.search.without(current, name)
-        for name in path:
-            self.chosen.append(self.search.candidates[name])
-            judged = self.judge(self.names)
-            self.steps.append(Step(name, judged, (name,)))
+        self.chosen = [self.search.candidates[name] for name in path]
+        for i, name in enumerate(path):
+            judged, rest = self.judge(frozenset(path[: i + 1])), self.search.without(self.names, name)
+            chance = self.trial_in(self.names, name).p_value
+            confirmed = self.confirmed(self.names, rest)
+            self.steps.append(Step(name, judged, (name,), self.search.fits[rest], chance, confirmed))
             self.work.step()
             self.work.note("%s: error on held-out runs %.3f" % (name, float(judged.heldout.sum())))
 
@@ -346,6 +357,41 @@ class Diagnosis:
             self.work.step()
         first = self.steps[0].group if self.steps else ()
         self.tried = evidence.ranked(self.tried, first)
+
+    # In the place of what the likelihood prefers
+
+    def grow_by_simulation(self) -> bool:
+        """Replaces the effects that were found by those that lower the simulation error on held-out data;
+        whether there are any."""
+
+        def matters(smaller: _core.Model, larger: _core.Model) -> bool:
+            return self._change_of(smaller, larger).relative >= MIN_CHANGE
+
+        tried, each = self.candidates, self.pool.map
+        search = SimulationSearch(self.fitter, self.given, tried, each, self.work, matters)
+        with self.work.stage(stages.SIMULATING, len(self.candidates)):
+            try:
+                found = search.run()
+            except GroundError:  # a motion is not finite
+                found = []
+        if not found:
+            return False
+        added = [step.added for step in found]
+        for name in sorted(self.names.difference(added)):
+            self.dropped.append(Dropped(self.trial_in(self.names, name), MISLEADS))
+        self.steps, self.by_simulation = [], found[-1].fit
+        self.chosen = [self.search.candidates[name] for name in added]
+        for i, step in enumerate(found):
+            names, rest = frozenset(added[: i + 1]), self._beside(step.rest)
+            self.search.fits[names] = self._beside(step.fit)
+            self.judged[names] = self.folds.judge_simulated(self.search.fits[names], step.fit)
+            one = Step(step.added, self.judged[names], (step.added,), rest, step.p_value, step.comparison)
+            self.steps.append(one)
+        return True
+
+    def _beside(self, fitted: window_error.WindowFit) -> Fit:
+        """The likeliest levels beside a model that was fitted by simulation error."""
+        return self.likelihood.fit(fitted.model, (), near=self.search.fits[frozenset()])
 
     # Single effects added to the nominal model
 

@@ -117,6 +117,17 @@ class Folds:
             fit.model, parameters, error, window_error.mean(self.cut, heldout), tested, tuple(refitted)
         )
 
+    def judge_simulated(self, fit: Fit, found: window_error.WindowFit) -> Judged:
+        """The Judged of a model that was fitted by simulation error to the windows; fit: a Fit of the levels
+        beside it, without a free parameter."""
+        each = [
+            self._without(fold, dataclasses.replace(fit, model=found.others[fold]["model"]))
+            for fold in range(self.count)
+        ]
+        blocks = self.each(lambda pair: np.concatenate(_blocks_of(*pair)), zip(self.tested, each))
+        tested = Tested(found.by_window, self.fold_of, tuple(blocks))
+        return Judged(fit.model, found.parameters, found.error, found.heldout, tested, tuple(each))
+
     def models_at(self, judged: Judged, chosen: Sequence[_core.Window]) -> List[_core.Model]:
         """The model for each of some windows that was not fitted to it, as window_error.calibrated_models."""
         models = []

@@ -80,7 +80,7 @@ class Conclusion:
     # how far predicted poses are off on held-out data, of the models given, refitted, improved and formula;
     # None where runs are too short
     prediction: Optional[PredictionError]
-    diagnosis: Diagnosis  # its basis
+    diagnosis: Diagnosis  # its basis; where it is by_simulation, its effects and parameters are
     tested: Sequence[_core.RunData] = ()  # runs that the user held out
 
     @property
@@ -94,7 +94,7 @@ class Conclusion:
         found = self.diagnosis
         if self.tested:
             return bands.of_others(self.tested, found.fit, len(found.cut), found.pool.map)
-        return bands.of_folds(found.folds, found.fit)
+        return bands.of_folds(found.folds, found.fit, found.best.others)
 
 
 class HeldOut:
@@ -131,11 +131,19 @@ def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: b
     heldout: _core.RunData of runs to test on, which decide nothing. Without them, each run (each
     quarter of a single run) is tested by a fit to the others.
     """
-    with found.work.stage(stages.LEAVING):
+    conclusion = _conclude(found, heldout, misread)
+    is_open = conclusion.verdict == "undecided" and found.chosen
+    if is_open and found.by_simulation is None and found.grow_by_simulation():
         return _conclude(found, heldout, misread)
+    return conclusion
 
 
 def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool) -> Conclusion:
+    with found.work.stage(stages.LEAVING):
+        return _concluded(found, heldout, misread)
+
+
+def _concluded(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool) -> Conclusion:
     left = found.ceiling_of()
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
     if not agrees.holds and not left.said:
@@ -144,6 +152,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     refits = [refit for refit, _ in fitters]
     explained, after = found.explains(found.names), float(found.best.heldout.sum())
     trusted = agrees.holds or not found.chosen or after < min(refit.heldout for refit in refits)
+    trusted = trusted or found.by_simulation is not None
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, trusted)
     named = None
     if verdict in NAMELESS:
@@ -184,8 +193,11 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
 
 
 def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
-    """The grown model and its parameters, fitted to all of the runs. Where the search used parts of long
+    """The grown model and its parameters, fitted to all of the runs; by simulation error to the parts of
+    long runs that the search used. Where the search used parts of long
     runs, the levels are those of the parts: their uncertainty hardly widens intervals then."""
+    if found.by_simulation is not None:
+        return found.model, list(found.by_simulation.parameters.values())
     if not found.is_excerpt:
         return found.model, found.likelihood.intervals(found.fit)
     whole = Likelihood(found.all_runs, found.given, found.likelihood.varying, found.threads)
@@ -253,12 +265,11 @@ def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
 def _judgements(found: Diagnosis, others: Optional[HeldOut]) -> Dict[str, Judgement]:
     """How sure each effect of the grown model is by data that decided nothing, by name."""
     result = {}
-    for name in sorted(found.names):
-        rest = found.search.without(found.names, name)
+    for step in found.steps:
         by_user = None
         if others:
-            by_user = folds.compared(*(others.tested(found.search.fits[s]) for s in (found.names, rest)))
-        result[name] = Judgement(found.confirmed(found.names, rest), by_user)
+            by_user = folds.compared(*(others.tested(fit) for fit in (found.fit, step.rest)))
+        result[step.added] = Judgement(step.confirmed, by_user)
     return result
 
 

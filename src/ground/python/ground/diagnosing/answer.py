@@ -5,6 +5,7 @@ import os
 from typing import Iterator, List
 
 from ground.analysis.diagnosis import EXPLAINED
+from ground.analysis.verdict import SIMULATION
 from ground.diagnosing import words
 from ground.reports.words import listed, prediction, vector
 from ground.support.annotations import Document
@@ -68,11 +69,18 @@ def _answers(report: Document) -> Iterator[str]:
     if _misleads(report):
         yield (
             "cannot be decided - the effects that the likelihood prefers predict data that they were not "
-            "fitted to worse than a refit without them (error %.2f, not %.2f). They may stand for something "
-            "else:" % (report["improved"]["error"]["heldout"], report["nominal"]["error"]["heldout"])
+            "fitted to worse than a refit without them (error %.2f, not %.2f), and no effect lowers the "
+            "simulation error for certain. They may stand for something else:"
+            % (report["improved"]["error"]["heldout"], report["nominal"]["error"]["heldout"])
         )
     for step in report["steps"]:
         yield _effect(report, step)
+    if report["improved"].get("by") == SIMULATION:
+        yield (
+            "Found by simulation error. The likelihood prefers other effects, which predict data that they "
+            "were not fitted to worse: what moves the craft by chance, or the errors of its poses, last "
+            "longer here than its random disturbance can tell from motion."
+        )
     rest = _rest(report)
     if rest:
         yield rest
@@ -199,12 +207,6 @@ def _next(report: Document, folder: str) -> str:
         )
     if kind in ("unexplained", "memory"):
         return "record more runs over the same places with other commands, so that a formula can be found"
-    if _misleads(report):
-        return (
-            "test each of them by simulation error, which does without the random disturbance:\n"
-            "rosrun ground identify add %s BAGS --model %s -o with_%s.yaml"
-            % (report["improved"]["effects"][0], report["model"], report["improved"]["effects"][0])
-        )
     if kind == "undecided":
         return "record more and longer runs, over the same places, with other commands"
     if kind == "varies":

@@ -8,7 +8,7 @@ from ground.analysis import bands, candidates, excerpts, horizon, indistinguisha
 from ground.analysis.ceiling import Share
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
-from ground.analysis.verdict import MISREAD, Conclusion
+from ground.analysis.verdict import LIKELIHOOD, MISREAD, SIMULATION, Conclusion
 from ground.diagnosing import next_experiment
 from ground.support.annotations import Document
 
@@ -62,6 +62,7 @@ def begun(
             "parameters": _parameters(conclusion.parameters),
             "error": _error(diagnosis.best.error.sum(), after, by),
             "cross_validated": float(diagnosis.best.heldout.sum()),
+            "by": SIMULATION if diagnosis.by_simulation else LIKELIHOOD,
         },
         "noise_floor": conclusion.heldout_floor,
         "prediction": horizon.as_document(conclusion.prediction),
@@ -70,7 +71,7 @@ def begun(
                 "added": step.added,
                 "error": _error(step.fit.error.sum(), error, by),
                 "group": list(step.group),
-                "p_value": diagnosis.trial_in(diagnosis.names, step.added).p_value,
+                "p_value": step.p_value,
                 "judged": dataclasses.asdict(conclusion.judgements[step.added]),
             }
             for step, error in zip(diagnosis.steps, conclusion.steps[1:])

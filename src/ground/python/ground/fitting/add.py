@@ -39,8 +39,9 @@ FITTING = "fitting without the effect and with it"  # stage
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether an effect helps. Its parameters must be identifiable, and differ from the values at which it
-    does nothing; the error on held-out data must fall by more than chance explains."""
+    """Whether an effect helps. The error on held-out data must fall by more than chance explains, and its
+    parameters must differ from the values at which it does nothing. Where all masses of a craft are fitted,
+    only ratios of forces to masses are identifiable, and no parameter alone."""
 
     helps: bool
     change: float  #: relative change of the held-out error: -0.1 is 10% less
@@ -241,11 +242,10 @@ def _verdict(
     )
     own = [parameters[name] for name in neutral]
     tested = errors.get("holdout")
-    if not any(p.identified for p in own):
-        helps, reason = False, "its parameters are not identifiable from these data"
-    elif change >= 0 or ci95[1] >= 0:
-        helps, reason = False, told
-    elif all(p.ci95[0] <= neutral[p.name] <= p.ci95[1] for p in own if p.identified):
+    known = [p for p in own if p.identified]
+    if change >= 0 or ci95[1] >= 0:
+        helps, reason = False, told if known else "its parameters are not identifiable from these data"
+    elif known and all(p.ci95[0] <= neutral[p.name] <= p.ci95[1] for p in known):
         helps, reason = False, "its 95% intervals contain the values at which it does nothing"
     elif tested and tested.change > 0:
         percent = 100 * tested.change

@@ -1,0 +1,164 @@
+"""A search for missing effects by simulation error, for recordings whose likelihood misleads.
+
+The likelihood of poses lets a random disturbance push the craft. Where poses wander for other reasons, as in
+waves or by the slow errors of a position filter, a light craft that is pushed explains them best, and the
+effects that suit it predict worse than the model without them. Simulation error does without a disturbance.
+
+Forward steps, and a look back: each effect is fitted beside those found, the best are cross-validated, and the
+best of these stays if data that it was not fitted to show it, corrected for the number of effects tried.
+"""
+
+from dataclasses import dataclass
+from typing import Callable, Dict, FrozenSet, List, Optional, Sequence
+
+import numpy as np
+
+from ground import _core
+from ground.analysis import folds
+from ground.analysis.candidates import Candidate
+from ground.analysis.distributions import mean_not_above_zero
+from ground.analysis.search import LEVEL
+from ground.analysis.window_error import WindowFit, WindowFitter, channel_errors, free_parameters
+from ground.support.annotations import Array, Each
+from ground.support.errors import GroundError
+from ground.support.progress import Work
+
+CROSSED = 4  # effects that are cross-validated in a step, best by the error of a fit to all windows first
+
+
+@dataclass(frozen=True)
+class Step:
+    """An effect that was added."""
+
+    added: str
+    fit: WindowFit  # with it, and with those before it
+    rest: WindowFit  # with all others
+    comparison: folds.Comparison  # the final model with it and without it; gains are not known
+    p_value: float  # that the error does not fall, corrected for the number of effects tried
+
+
+class SimulationSearch:
+    """Effects added to a model by the simulation error of a fitter. tried: those to choose from; each: maps
+    fits over effects, in parallel if it can; work: told of what is done; matters(smaller, larger): whether
+    what a model predicts differs enough from what another does."""
+
+    def __init__(
+        self,
+        fitter: WindowFitter,
+        given: _core.Model,
+        tried: Sequence[Candidate],
+        each: Each = map,
+        work: Optional[Work] = None,
+        matters: Callable[[_core.Model, _core.Model], bool] = lambda smaller, larger: True,
+    ) -> None:
+        self.fitter, self.given, self.each, self.matters = fitter, given, each, matters
+        self.candidates = {candidate.name: candidate for candidate in tried}
+        self.work = work or Work()
+        self.fits: Dict[FrozenSet[str], WindowFit] = {}  # cross-validated
+
+    def run(self) -> List[Step]:
+        """The steps from the model as it is; empty if none helps. GroundError when a motion is not finite."""
+        self.fits[frozenset()] = self.fitter.fit(self.given, free_parameters(self.given))
+        found: List[str] = []
+        while True:
+            better = self._next(found)
+            if better is None:
+                break
+            found.append(better)
+            self.work.note("with %s, by simulation error" % ", ".join(found))
+        for name in found[:-1]:  # what an effect that was found later may explain better
+            whole = frozenset(found)
+            if self._finite(whole - {name}) and not self._helps(whole, whole - {name}):
+                found.remove(name)
+        return self._steps(found)
+
+    def _next(self, found: Sequence[str]) -> Optional[str]:
+        """The effect that lowers the error of held-out data most; None if none does for certain."""
+        base = frozenset(found)
+        fitted = self.each(lambda name: (self._error(base, name), name), sorted(set(self.candidates) - base))
+        ranked = sorted(result for result in self.work.each(fitted) if np.isfinite(result[0]))[:CROSSED]
+        finite = self.each(lambda result: self._finite(base | {result[1]}), ranked)
+        names = [name for (_, name), is_finite in zip(ranked, finite) if is_finite]
+        better = [name for name in names if self._helps(base | {name}, base)]
+        if not better:
+            return None
+        return min(better, key=lambda name: float(self.fits[base | {name}].heldout.sum()))
+
+    def _error(self, base: FrozenSet[str], name: str) -> float:
+        """Error of a quick fit to all windows with another effect; infinite where a motion is not finite."""
+        first, *also = self.candidates[name].starts(self.fits[base].model)
+        try:
+            fitted = self.fitter.whole(first, free_parameters(first), also)["model"]
+            return float(channel_errors(self.fitter.runs, self.fitter.windows, fitted).sum())
+        except GroundError:
+            return np.inf
+
+    def _starts(self, base: FrozenSet[str], name: str) -> List[_core.Model]:
+        """The model with an effect beside others, at the values that fits start from: the fitted ones of the
+        others, and all as given, because a fit without an effect may be far from the right values with it."""
+        candidate, given = self.candidates[name], self.given
+        for other in sorted(base):
+            given = self.candidates[other].add(given)
+        return [*candidate.starts(self.fits[base].model), candidate.add(given)]
+
+    def _finite(self, names: FrozenSet[str]) -> bool:
+        """Whether a set of effects can be cross-validated."""
+        try:
+            return bool(np.isfinite(self._fit(names).heldout).all())
+        except GroundError:
+            return False
+
+    def _fit(self, names: FrozenSet[str]) -> WindowFit:
+        """A set of effects, cross-validated, from the fits of the sets that one effect more or less makes."""
+        if names not in self.fits:
+            starts: List[_core.Model] = []
+            for base, fit in list(self.fits.items()):
+                if len(base ^ names) == 1:
+                    for name in names - base:
+                        starts += self._starts(base, name)
+                    for name in base - names:
+                        starts.append(fit.model.copy())
+                        starts[-1].remove_effect(name)
+            first, *also = starts
+            self.fits[names] = self.fitter.fit(first, free_parameters(first), also)
+        return self.fits[names]
+
+    def _helps(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> bool:
+        """Whether held-out data show the effect by which two sets differ, and it matters."""
+        if self._chance(larger, smaller) >= LEVEL or not self._in_most_runs(larger, smaller):
+            return False
+        return self.matters(self.fits[smaller].model, self.fits[larger].model)
+
+    def _in_most_runs(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> bool:
+        """Whether the error falls in most runs, or parts of a single one: windows of a run are alike, and one
+        run may be special. By Wilcoxon's signed-rank test, as some runs move much more than others; all have
+        to fall where they are too few for it."""
+        from scipy.stats import wilcoxon
+
+        sums = [rises.sum() for rises in self._rises(larger, smaller)]
+        chance = float(wilcoxon(sums, alternative="less").pvalue) if np.any(sums) else 1.0
+        return chance <= max(folds.MAX_CHANCE, 0.5 ** len(sums))
+
+    def _rises(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> List[Array]:
+        """By how much the error of held-out windows rises with the larger set, for each run, or for each part
+        of a single one."""
+        rises = self._fit(larger).by_window - self._fit(smaller).by_window
+        runs = np.array([window.run for window in self.fitter.windows])
+        among = self.fitter.part_of if len(self.fitter.runs) == 1 else runs
+        return [rises[among == one] for one in np.unique(among)]
+
+    def _chance(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> float:
+        """Probability that the error falls as much where no effect helps, for as many as were tried."""
+        falls = -np.concatenate(self._rises(larger, smaller))
+        return min(1.0, len(self.candidates) * mean_not_above_zero(falls))
+
+    def _steps(self, found: Sequence[str]) -> List[Step]:
+        steps, whole = [], frozenset(found)
+        for i, name in enumerate(found):
+            reached, rest = frozenset(found[: i + 1]), whole - {name}
+            rises = np.concatenate(self._rises(whole, rest))
+            spread = float(rises.std(ddof=1) / np.sqrt(len(rises)))
+            comparison = folds.Comparison(folds.BETTER, np.nan, np.nan, float(rises.mean()), spread)
+            chance = self._chance(whole, rest)
+            steps.append(Step(name, self._fit(reached), self._fit(rest), comparison, chance))
+        return steps
