@@ -96,6 +96,10 @@ def test_a_band_holds_its_share_of_runs_that_were_not_fitted_to(fitted, horizon)
     wide = fit.predict(others[0], horizon=horizon, band=0.95)
     assert (wide.high - wide.low >= made[0].high - made[0].low).all()
     assert "x_low" in made[0].to_frame() and "Band of 80%" in str(made[0].summary())
+    drawn = [trace for trace in made[0].plot("motion").data if trace.name == "80% band"]
+    assert len(drawn) == 4  # u, v, r and the path
+    path = np.array(drawn[-1].y, float)  # x of the room
+    assert np.nanmin(path) < made[0].predicted[:, 0].min() < made[0].predicted[:, 0].max() < np.nanmax(path)
     if np.isinf(horizon):  # errors grow, and so does the band
         half = (made[0].high - made[0].low)[:, 0]
         assert half[-1] > 3 * half[0]

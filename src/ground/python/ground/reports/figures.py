@@ -85,7 +85,8 @@ def predictions(found: Document, shown: Sequence[Tuple[str, str]], title: str) -
 def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) -> Document:
     """Velocities and commands over time and the path from above, of every model.
 
-    bands: the last model's, drawn behind the velocities.
+    bands: the last model's, drawn behind the velocities. A study may have a `band` of its prediction: its
+    `level`, and `low` and `high` (k, 6) for each of its pieces; it is drawn about the path, too.
     """
     run = studies[0]["run"]
     times, nu, eta = np.array(run.times), np.array(run.nu), np.array(run.eta)
@@ -93,6 +94,9 @@ def motion(studies: Sequence[Document], bands: Optional[bands_of.Bands] = None) 
     every = every_so_many(times)
     if bands is not None:
         _add_bands(figure, bands, every.step, model_color(len(studies) - 1))
+    for count, study in enumerate(studies):
+        if "band" in study:
+            _add_band(figure, study, every.step, model_color(count))
     shown = with_gaps(times[every], nu[every], eta[every])
     _add_motion(figure, shown, "measured", {"color": MEASURED, "width": 4}, 0.35)
     for count, study in enumerate(studies):
@@ -155,6 +159,35 @@ def _add_bands(figure: Panels, bands: bands_of.Bands, step: int, shade: str) -> 
         outlines = [outline(times, low[:, at], high[:, at]) for times, low, high in tiles]
         x, y = (np.concatenate(parts) for parts in zip(*outlines))
         figure.add(area(x, y, "%.0f%% band" % (100 * bands_of.PART), shade, 0.2, row == 0), row + 1, 1)
+
+
+def _add_band(figure: Panels, study: Document, step: int, shade: str) -> None:
+    """Adds the band of a prediction to the rows of u, v, r, and to both sides of the path."""
+    name, rows, places = "%.0f%% band" % (100 * study["band"]["level"]), [], []
+    for piece, low, high in zip(_pieces(study), study["band"]["low"], study["band"]["high"]):
+        times, eta, low, high = fewer([piece["times"], piece["eta"], low, high], step)
+        rows.append([outline(times, low[:, 3 + row], high[:, 3 + row]) for row in range(len(CHANNELS))])
+        places += _swept(eta[:, :2], (high - low)[:, :2] / 2)
+    for row in range(len(CHANNELS)):
+        x, y = (np.concatenate([piece[row][i] for piece in rows]) for i in range(2))
+        figure.add(area(x, y, name, shade, 0.2, row == 0), row + 1, 1)
+    path = np.concatenate(places)
+    figure.add(area(path[:, 1], path[:, 0], name, shade, 0.2, False), 1, 2)
+
+
+def _swept(path: Array, half: Array) -> List[Array]:
+    """Outlines, NaN between them, of the area that ellipses of half axes (n, 2) sweep along a path (n, 2)."""
+    from scipy.spatial import ConvexHull
+
+    turn = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    ring = np.column_stack([np.cos(turn), np.sin(turn)])
+    ellipses = path[:, None] + half[:, None] * ring
+    outlines = []
+    for first, last in zip(ellipses[: max(1, len(path) - 1)], ellipses[1:] if len(path) > 1 else ellipses):
+        both = np.concatenate([first, last])
+        hull = both[ConvexHull(both, qhull_options="QJ").vertices]
+        outlines.append(np.concatenate([hull, hull[:1], np.full((1, 2), np.nan)]))
+    return outlines
 
 
 def _motion_caption(run: Any, step: int, bands: Optional[bands_of.Bands]) -> str:

@@ -120,8 +120,14 @@ def _of_prediction(result: Prediction) -> Makers:
         study = _study(result.run, result.model.core, result.model.label, result)
         sizes = np.abs(result.residuals[:, 3:]).mean(axis=0) / np.array(result.run.nu).std(axis=0)
         study["numbers"] = {"error": sizes.sum(), "error_by_channel": dict(zip(comparison.CHANNELS, sizes))}
+        if result.low is not None and result.high is not None:
+            at = np.flatnonzero(np.diff(result.start)) + 1
+            ends = {"low": np.split(result.low, at), "high": np.split(result.high, at)}
+            study["band"] = {"level": result.band, **ends}
         made = figures.motion([study])
-        made["layout"]["meta"] = "Predicted again and again for %g s. %s" % (result.horizon, result)
+        how = "again and again for %.3g s" if result.starts > 1 else "once, for %.3g s"
+        shaded = "" if result.band is None else " Shaded: band of %.0f%%." % (100 * result.band)
+        made["layout"]["meta"] = "Predicted %s.%s %s" % (how % result.horizon, shaded, result)
         return made
 
     return {
