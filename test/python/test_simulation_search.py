@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from conftest import schema
-from ground.analysis import candidates, diagnosis
+from ground.analysis import candidates, diagnosis, window_error
 from ground.analysis.verdict import conclude
 from ground.data.measured import measured
 from ground.diagnosing import answer, document
@@ -56,3 +56,9 @@ def test_a_diagnosis_by_it_has_its_model_errors_and_words():
     assert values["hull_lift.yv"] / values["k"] == pytest.approx(LIFT["yv"] / 35, rel=0.1)
     assert any("by simulation error" in line for _, line in answer.lines(report))
     assert np.all([0.7 < row["coverage"] <= 1 for row in report["bands"]])
+
+
+def test_a_run_whose_thrust_seems_turned_round_is_one_that_hardly_pushes():
+    core = boat().core
+    turned = window_error.trimmed(core, np.array([0.0, 0.0, 0.0, -1.5]))
+    assert 0 < turned.value("k") < 0.01 * core.value("k")

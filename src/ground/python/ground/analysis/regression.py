@@ -74,6 +74,7 @@ class Regression:
         model = fit.model
         self.full = 2 * model.value("k") * np.array([1.0, 1.0, model.value("l")])
         self._own = followed
+        self._basis = _basis([w / self.full[:, None] for w in followed])
         self.innovations = Innovations(likelihood, fit)
         self.y = self.innovations.y
         self.features: List[Feature] = []
@@ -118,7 +119,7 @@ class Regression:
         self._last: Optional[Tuple[Sequence[Term], Tuple[Indices, Array, Array]]] = None
 
     def _left_of(self, acting: Sequence[Array]) -> Tuple[List[Array], Flags]:
-        return _without(*([w / self.full[:, None] for w in every] for every in (acting, self._own)))
+        return _without([w / self.full[:, None] for w in acting], self._basis)
 
     def projected(self, acting: Sequence[Array]) -> Array:
         """Responses (rows, k) to wrenches (n, 3, k) along each run, without what parameters can follow."""
@@ -337,16 +338,19 @@ class Regression:
         return ", ".join("%s: %s" % part for part in self.features[j].parts.items())
 
 
-def _without(acting: Sequence[Array], followed: Sequence[Array]) -> Tuple[List[Array], Flags]:
-    """Features (n, 3, m) of each run without what is followed, and which of them are left. Their
+def _basis(followed: Sequence[Array]) -> Array:
+    """Orthonormal columns (3 n of all runs, k) that span what parameters can follow."""
+    W = np.concatenate([w.reshape(-1, w.shape[2]) for w in followed])
+    left, sizes, _ = np.linalg.svd(W, full_matrices=False)
+    return np.asarray(left[:, sizes > 1e-9 * sizes.max()])
+
+
+def _without(acting: Sequence[Array], followed: Array) -> Tuple[List[Array], Flags]:
+    """Features (n, 3, m) of each run without what is followed (_basis), and which of them are left. Their
     weights would run away with the parameters."""
-    size = len(followed[0][0, 0])
-    W = np.concatenate([w.reshape(-1, size) for w in followed])
     A = np.concatenate([a.reshape(-1, a.shape[2]) for a in acting])
     before = (A**2).sum(axis=0)
-    left, sizes, _ = np.linalg.svd(W, full_matrices=False)
-    left = left[:, sizes > 1e-9 * sizes.max()]
-    A = A - left @ (left.T @ A)
+    A = A - followed @ (followed.T @ A)
     power = (A**2).sum(axis=0)
     # what acts in a few samples alone cannot be learned
     acts = power**2 / np.maximum((A**4).sum(axis=0), 1e-300) / len(A)

@@ -75,6 +75,14 @@ class _Screen:
         self.draws, self.edges = np.concatenate(regression.innovations.scores(RANDOM)), _bins(sampled)
         self.middles = self.edges + np.diff(np.append(self.edges, len(self.draws))) // 2
 
+    def _binned(self, values: Array) -> Array:
+        """Values (n, k) at all samples, by bins (bins, longest, k); zero behind the end of a shorter one."""
+        sizes = np.diff(np.append(self.edges, len(values)))
+        inside = np.arange(len(values)) - np.repeat(self.edges, sizes)
+        binned = np.zeros((len(sizes), sizes.max(), values.shape[1]), np.float32)
+        binned[np.repeat(np.arange(len(sizes)), sizes), inside] = values
+        return binned
+
     def best(
         self, acting: Sequence[Channel], wide: Sequence[Scalar], narrow: Sequence[Scalar], of: int = 1
     ) -> List[Product]:
@@ -82,11 +90,12 @@ class _Screen:
         ONE. of: number of others that each wide scalar was chosen from."""
         units = [product(channel, []) for channel in acting]
         directions = np.concatenate([dictionary.wrenches(units, self.model, s) for s in self.sampled])
-        P, Q = _values(wide, self.sampled, self.middles), _values(narrow, self.sampled, slice(None))
+        P = _values(wide, self.sampled, self.middles).astype(np.float32)
+        Q = self._binned(_values(narrow, self.sampled, slice(None))).transpose(0, 2, 1)
         singles = len(acting) * len(wide) * of
         pairs, found = singles * (len(narrow) - 1), []
         for channel, e in zip(acting, directions.transpose(2, 0, 1)):
-            z = _scores(P.astype(np.float32), Q, np.einsum("ij,ijk->ik", e, self.draws), self.edges)
+            z = _scores(P, Q @ self._binned(np.einsum("ij,ijk->ik", e, self.draws)))
             z[:, 0] -= 2 * np.log(singles)
             z[:, 1:] -= 2 * np.log(pairs)
             for at in np.argpartition(-z.ravel(), KEPT_OF_ONE)[:KEPT_OF_ONE].tolist():
@@ -114,11 +123,12 @@ def _renamed(scalar: Scalar) -> Scalar:
     return replace(scalar, text=text, constants={n + "3": c for n, c in scalar.constants.items()})
 
 
-def _scores(P: Array, Q: Array, g: Array, edges: Indices) -> Array:
-    """Squared scores of all products of P and Q over their variances. g: (n, 1 + RANDOM)."""
-    weighted = np.add.reduceat(Q[:, :, None] * g[:, None, :], edges).astype(np.float32)
+def _scores(P: Array, weighted: Array) -> Array:
+    """Squared scores of all products of P (bins, wide) and Q over their variances. weighted: (bins, narrow,
+    1 + RANDOM), sums over each bin of Q times the response of the innovations and of random ones."""
+    count = weighted.shape[2]
     scores = np.ascontiguousarray(weighted.transpose(2, 1, 0)).reshape(-1, len(P)) @ P
-    scores = scores.reshape(g.shape[1], -1, P.shape[1])
+    scores = scores.reshape(count, -1, P.shape[1])
     variance = np.einsum("kij,kij->ij", scores[1:], scores[1:]) / RANDOM
     kept = variance > 1e-9 * variance.max()
     return np.asarray(np.where(kept, scores[0] ** 2 / np.maximum(variance, 1e-30), 0.0)).T

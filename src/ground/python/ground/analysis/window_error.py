@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 PARTS = 4  # most parts of runs that are held out one after the other; quarters of a single run
 MAX_WINDOWS = 160  # four minutes, far more than it takes to distinguish the effects that matter
+LEAST_THRUST = 1e-3  # of a run, relative to that of the model
 NOMINAL = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
 
 
@@ -284,14 +285,21 @@ def _scaled_errors(
 
 def trimmed(model: _core.Model, constant: Array) -> _core.Model:
     """A model with a constant wrench X, Y [N], N [N m] and a relative change of thrust, (4,)."""
-    changed = model.copy()
-    changed.set_value("k", (1 + constant[3]) * model.value("k"))
+    changed = _with_thrust(model, float(constant[3]))
     wrench = (("body_force_bias", "x0"), ("body_force_bias", "y0"), ("yaw_bias", "n0"))
     for (effect, parameter), value in zip(wrench, constant):
         if effect not in changed.effects:
             changed = candidates.of_library(effect).neutral(changed)
         name = "%s.%s" % (effect, parameter)
         changed.set_value(name, changed.value(name) + value)
+    return changed
+
+
+def _with_thrust(model: _core.Model, change: float) -> _core.Model:
+    """A model with a relative change of thrust. It pushes hardly where the change, which a likelihood takes for
+    normally distributed, would turn it round."""
+    changed = model.copy()
+    changed.set_value("k", max(1 + change, LEAST_THRUST) * model.value("k"))
     return changed
 
 
@@ -322,8 +330,7 @@ def recorded(
     wrench = np.zeros_like(eta) if wrench is None else wrench
     room = np.zeros((len(times), 2)) if room is None else room
     if thrust:
-        model = model.copy()
-        model.set_value("k", (1 + thrust) * model.value("k"))
+        model = _with_thrust(model, thrust)
     poses = np.empty_like(eta)
     breaks = np.flatnonzero(np.diff(times) > run.scales.max_gap) + 1
     for stretch in np.split(np.arange(len(times)), breaks):
