@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "../disturbed_run.h"
+#include "../sanitized.h"
 #include "ground/model/effect_registry.h"
 
 namespace ground {
@@ -45,6 +46,7 @@ TEST_F(Maximum, IsTheSameFromEverywhere) {
     starts.push_back(best_.point);
     starts.back().log_scales = {scale, 0.0, -scale};
   }
+  if (kSanitized) starts.erase(starts.begin() + 2, starts.end());
   for (std::size_t i = 0; i < starts.size(); ++i) {
     const GreyBoxFit fit = box_.fit(starts[i], warm());
     EXPECT_TRUE(fit.converged) << i;
