@@ -1,5 +1,5 @@
-// Whether tests run under a sanitizer, which takes thirty to eighty times as long: it looks at each path once, so
-// that what is repeated for statistics need not be repeated.
+// Whether tests run under a sanitizer, which takes thirty to eighty times as long: it looks at each path
+// once, so that what is repeated for statistics need not be repeated.
 #pragma once
 
 namespace ground {

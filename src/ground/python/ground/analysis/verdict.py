@@ -131,19 +131,11 @@ def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: b
     heldout: _core.RunData of runs to test on, which decide nothing. Without them, each run (each
     quarter of a single run) is tested by a fit to the others.
     """
-    conclusion = _conclude(found, heldout, misread)
-    is_open = conclusion.verdict == "undecided" and found.chosen
-    if is_open and found.by_simulation is None and found.grow_by_simulation():
+    with found.work.stage(stages.LEAVING):
         return _conclude(found, heldout, misread)
-    return conclusion
 
 
 def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool) -> Conclusion:
-    with found.work.stage(stages.LEAVING):
-        return _concluded(found, heldout, misread)
-
-
-def _concluded(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool) -> Conclusion:
     left = found.ceiling_of()
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
     if not agrees.holds and not left.said:
@@ -154,6 +146,9 @@ def _concluded(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool
     trusted = agrees.holds or not found.chosen or after < min(refit.heldout for refit in refits)
     trusted = trusted or found.by_simulation is not None
     verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, trusted)
+    is_misled = verdict == "undecided" and found.chosen and found.by_simulation is None
+    if is_misled and found.grow_by_simulation():
+        return _conclude(found, heldout, misread)
     named = None
     if verdict in NAMELESS:
         named = _name(found)
@@ -199,13 +194,22 @@ def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
     if found.by_simulation is not None:
         return found.model, list(found.by_simulation.parameters.values())
     if not found.is_excerpt:
-        return found.model, found.likelihood.intervals(found.fit)
+        return found.model, _intervals(found)
     whole = Likelihood(found.all_runs, found.given, found.likelihood.varying, found.threads)
     try:
         fit = whole.fit(found.model, found.fit.free, near=found.fit, levels=False)
     except GroundError:  # the motion in another part is not finite
-        return found.model, found.likelihood.intervals(found.fit)
+        return found.model, _intervals(found)
     return fit.model, list(fit.parameters)
+
+
+def _intervals(found: Diagnosis) -> List[Document]:
+    """The parameters of the grown model, with intervals that include the uncertainty of the levels where these
+    can be moved without a motion that is not finite."""
+    try:
+        return found.likelihood.intervals(found.fit)
+    except GroundError:
+        return list(found.fit.parameters)
 
 
 def _refits(found: Diagnosis) -> List[Tuple[Refit, ModelsAt]]:
