@@ -77,9 +77,9 @@ def _answers(report: Document) -> Iterator[str]:
         yield _effect(report, step)
     if report["improved"].get("by") == SIMULATION:
         yield (
-            "Found by simulation error. The likelihood prefers other effects, which predict data that they "
-            "were not fitted to worse: what moves the craft by chance, or the errors of its poses, last "
-            "longer here than its random disturbance can tell from motion."
+            "Found by simulation error. What the likelihood prefers predicts data that it was not fitted to "
+            "worse: what moves the craft by chance, or the errors of its poses, last longer here than its "
+            "random disturbance can tell from motion."
         )
     rest = _rest(report)
     if rest:
