@@ -4,8 +4,8 @@ The likelihood of poses lets a random disturbance push the craft. Where poses wa
 waves or by the slow errors of a position filter, a light craft that is pushed explains them best, and the
 effects that suit it predict worse than the model without them. Simulation error does without a disturbance.
 
-Forward steps, and a look back: each effect is fitted beside those found, the best are cross-validated, and the
-best of these stays if data that it was not fitted to show it, corrected for the number of effects tried.
+Forward steps, and a look back: each effect is fitted beside those found, the best are cross-validated, and
+the best of these stays if data that it was not fitted to show it, corrected for the number of effects tried.
 """
 
 from dataclasses import dataclass

@@ -204,8 +204,8 @@ def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
 
 
 def _intervals(found: Diagnosis) -> List[Document]:
-    """The parameters of the grown model, with intervals that include the uncertainty of the levels where these
-    can be moved without a motion that is not finite."""
+    """The parameters of the grown model, with intervals that include the uncertainty of the levels where
+    these can be moved without a motion that is not finite."""
     try:
         return found.likelihood.intervals(found.fit)
     except GroundError:

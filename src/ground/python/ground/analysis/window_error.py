@@ -296,8 +296,8 @@ def trimmed(model: _core.Model, constant: Array) -> _core.Model:
 
 
 def _with_thrust(model: _core.Model, change: float) -> _core.Model:
-    """A model with a relative change of thrust. It pushes hardly where the change, which a likelihood takes for
-    normally distributed, would turn it round."""
+    """A model with a relative change of thrust. It hardly pushes where the change, which a likelihood takes
+    for normally distributed, would turn it round."""
     changed = model.copy()
     changed.set_value("k", max(1 + change, LEAST_THRUST) * model.value("k"))
     return changed
