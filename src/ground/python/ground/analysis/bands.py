@@ -90,8 +90,8 @@ def of_folds(split: folds.Folds, fit: likelihood.Fit, others: Sequence[likelihoo
     """Bands of the runs that a likelihood.Fit was fitted to, each predicted by a refit without that run.
 
     split: Folds of these runs; others: the refits, if they are known. The levels stay those of the fit; the
-    expected loudness is that of the other runs. Each quarter of a single run is predicted by a fit to the others; the end of a long
-    horizon may lie in a quarter that was fitted to.
+    expected loudness is that of the other runs. Each quarter of a single run is predicted by a fit to the
+    others; the end of a long horizon may lie in a quarter that was fitted to.
     """
     models, runs = others or split.models(fit), split.runs
     tasks: List[_Task] = []
