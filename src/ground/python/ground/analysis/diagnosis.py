@@ -58,8 +58,8 @@ class Step:
     added: str
     fit: folds.Judged  # the model with the effect, fitted and judged
     group: Tuple[str, ...]  # effects that the data cannot distinguish from it, itself first
-    rest: Fit  # of the grown model without it
-    p_value: float  # of as much evidence without it, beside the others
+    rest: Fit  # the fit of the grown model without the effect
+    p_value: float  # of the test that the effect does nothing, given the other effects
     confirmed: folds.Comparison  # the grown model with it and without it, on parts of the runs held out
 
 
@@ -372,20 +372,22 @@ class Diagnosis:
         with self.work.stage(stages.SIMULATING, len(self.candidates)):
             try:
                 found = search.run()
+                added = [step.added for step in found]
+                fits = [self._beside(step.fit) for step in found]
+                judged = [self.folds.judge_simulated(fit, step.fit) for fit, step in zip(fits, found)]
+                rests = [self._beside(step.rest) for step in found]
             except GroundError:  # a motion is not finite
-                found = []
+                return False
         if not found:
             return False
-        added = [step.added for step in found]
         for name in sorted(self.names.difference(added)):
             self.dropped.append(Dropped(self.trial_in(self.names, name), MISLEADS))
         self.steps, self.by_simulation = [], found[-1].fit
         self.chosen = [self.search.candidates[name] for name in added]
-        for i, step in enumerate(found):
-            names, rest = frozenset(added[: i + 1]), self._beside(step.rest)
-            self.search.fits[names] = self._beside(step.fit)
-            self.judged[names] = self.folds.judge_simulated(self.search.fits[names], step.fit)
-            one = Step(step.added, self.judged[names], (step.added,), rest, step.p_value, step.comparison)
+        for i, (step, fit, own, rest) in enumerate(zip(found, fits, judged, rests)):
+            names = frozenset(added[: i + 1])
+            self.search.fits[names], self.judged[names] = fit, own
+            one = Step(step.added, own, (step.added,), rest, step.p_value, step.comparison)
             self.steps.append(one)
         return True
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 PARTS = 4  # most parts of runs that are held out one after the other; quarters of a single run
 MAX_WINDOWS = 160  # four minutes, far more than it takes to distinguish the effects that matter
-LEAST_THRUST = 1e-3  # of a run, relative to that of the model
+LEAST_THRUST = 1e-3  # smallest thrust of a run, as a share of the model's
 NOMINAL = ("I_z", "X_u", "Y_v", "N_r", "k")  # the parameters of the nominal model that are fitted
 
 
