@@ -1,16 +1,16 @@
 #!/usr/bin/env python3
-"""A tanker from its zigzags: test/bench/ship.py FOLDER [--held 30_05 35_05] [--window 30] [--out SHIP.yaml].
+"""A tanker from its zigzags: test/bench/ship.py FOLDER [--held 30_05 35_05] [--known 20%] [--out SHIP.yaml].
 
 FOLDER has the free-running tests of the KVLCC2 model of 7 m (SIMMAN 2008), HSVA_CPMC_KVLCC2_Z_*.dat, which do
 not belong to this project. Their columns, after four lines: time [s], x, y [m], heading [deg], velocity along
 x and y of the tank [m/s], yaw rate [deg/s], roll [deg], rudder [deg], revolutions [1/s], thrust [N], torque
 [N m]. A positive rudder turns the ship to negative headings.
 
-The model is cfg/craft/propeller_ship.yaml, whose propeller, added mass and cubic terms of the hull are of the
-literature: zigzags hardly show them. Resistance, linear terms of the hull and the strength of the rudder are
-fitted to the zigzags that are not held out. Prints the first overshoots of those that are, as predicted with
-the recorded rudder from the first pose on, and a turning circle with 35 degrees of rudder, in lengths of the
-ship, beside what is published of such models (SIMMAN 2008).
+The model is cfg/craft/propeller_ship.yaml. Its inertia, added mass, hull, rudder and propeller are of the
+literature, and known to a share: so they are fitted to the zigzags that are not held out, which hardly show some
+of them. Prints the first overshoots of those that are, as predicted with the recorded rudder from the first
+seconds on, and a turning circle with 35 degrees of rudder, in lengths of the ship, beside what is published of
+such models (SIMMAN 2008).
 """
 
 import argparse
@@ -24,15 +24,15 @@ from scipy.signal import argrelextrema
 
 import ground
 from ground import _core
-from ground.recordings import quality, windows
 
 LENGTH, SPEED = 7.0, 1.179  # [m], [m/s] at which tests begin
 RUDDER, REVOLUTIONS = 35.0, 13.0  # of inputs of 1 [deg], [1/s]
+WINDOW = 30.0  # [s], which holds a turn
 RATE = 15.8  # of the rudder [deg/s]: 2.34 at full scale
 CHANNELS = ("propeller", "rudder", "lift")
-# The inertia, which has the added one, and what zigzags show of hull and rudder.
-HULL = ["I_z", "surge_resistance.xuu", "foil_gain_rudder.a", "body_force_bias.y0", "yaw_bias.n0"]
-HULL += ["hull_lift." + name for name in ("yv", "yr", "nv", "nr")]
+FREE = ["body_force_bias.y0", "yaw_bias.n0"]  # nothing is known of these
+KNOWN = ["I_z", "added_mass", "surge_resistance", "drift_resistance", "hull_lift", "hull_nonlinear"]
+KNOWN += ["foil_side_rudder", "propeller_loss"]  # to a share
 PUBLISHED = {"advance": (3.0, 3.25), "tactical diameter": (3.1, 3.4)}
 
 
@@ -61,15 +61,6 @@ def overshoots(times, heading, count=4):
     return np.rad2deg(heading[at[np.abs(heading[at]) > np.deg2rad(2)]])[:count]
 
 
-def predicted(model, run):
-    """Headings by the recorded rudder, from the smoothed state at the start."""
-    motion, start = run.motion, 20
-    times = motion.times[start:]
-    rows = np.column_stack([run.control_times, run.controls])
-    made = _core.simulate(model.core, rows, times, motion.eta[start], motion.nu[start])
-    return times, made["eta"][:, 2], motion.eta[start:, 2]
-
-
 def circle(model, side):
     """Advance and tactical diameter of a turning circle, in lengths."""
     ramp = np.arange(0, RUDDER / RATE + 0.1, 0.1)
@@ -94,31 +85,31 @@ def main():
     parser.add_argument(
         "--leave", nargs="*", default=["05_01", "10_01", "15_01"], help="runs not used at all"
     )
-    parser.add_argument("--window", type=float, default=30.0)
+    parser.add_argument("--known", default="20%", help="to how much the values of the literature are known")
     parser.add_argument("--out")
     options = parser.parse_args()
     runs = {run.name: run for run in map(recorded, sorted(glob.glob(options.folder + "/*_Z_*.dat")))}
     fitted = [run for name, run in runs.items() if name not in options.held + options.leave]
-    began, model = time.time(), craft()
-    data = [quality.repaired(run).data(model.core, everything=True) for run in fitted]
-    cut = windows.cut(data, options.window)
-    found = windows.problem(data, cut).fit(model.core, HULL)
-    ship = ground.Model(found["model"])
+    began = time.time()
+    known = {
+        "foil_gain_rudder.a": float(options.known.rstrip("%")) / 100
+    }  # its value, 0, is a relative change
+    known.update({name: options.known for name in KNOWN})
+    found = ground.fit(craft(), fitted, window=WINDOW, free=FREE, prior=known)
     print("fitted to %s in %.0f s" % (", ".join(run.name for run in fitted), time.time() - began))
-    for parameter in found["parameters"]:
-        print("  %(name)-24s %(value)10.4g  %(ci95)s %(unit)s" % parameter)
+    print(*found.table(), sep="\n")
     for name in options.held:
-        times, made, seen = predicted(ship, runs[name])
-        a, b = overshoots(times, made), overshoots(times, seen)
+        path = found.predict(runs[name], horizon=np.inf).to_frame()
+        a, b = (overshoots(np.array(path.t), np.unwrap(path[column])) for column in ("psi_predicted", "psi"))
         count = min(len(a), len(b))
         print("%s: overshoots predicted %s, measured %s deg" % (name, a[:count].round(1), b[:count].round(1)))
     for side, word in ((1, "starboard"), (-1, "port")):
-        advance, diameter, speed = circle(ship, side)
+        advance, diameter, speed = circle(found.model, side)
         text = "35 deg to %s: advance %.2f L (published %g to %g), "
         text += "tactical diameter %.2f L (%g to %g), speed %.2f"
         print(text % (word, advance, *PUBLISHED["advance"], diameter, *PUBLISHED["tactical diameter"], speed))
     if options.out:
-        ship.save(options.out, force=True)
+        found.save(options.out, force=True)
 
 
 if __name__ == "__main__":

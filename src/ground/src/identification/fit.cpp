@@ -106,6 +106,16 @@ Initials initialsAt(const std::vector<double>& scaled, const Linearisation& wind
   return minimiseLoss(windows, none, delta, kTolerance, options.max_iterations, {{}, measured}).initial;
 }
 
+/// The weight of what is known beforehand at the start of a fit, where the residuals are largest: a fit comes
+/// from what is known to what the data say.
+double weightAtStart(const Linearisation& windows, const Free& free, const FitOptions& options) {
+  FitOptions warm = options;
+  warm.warm = true;
+  const std::vector<double> start = startOf(free);
+  const double delta = options.warm && options.width > 0 ? options.width : kInfinity;
+  return magnitudeOf(windows, free, {start, initialsAt(start, windows, free, warm), delta});
+}
+
 /// Fits from all starts that could be simulated.
 struct Fits {
   Solution best;
@@ -158,15 +168,30 @@ Solution weighOutliers(const Linearisation& windows, const Free& free, const Fit
   return minimiseLoss(windows, free, delta, toleranceOf(options), options.max_iterations, found);
 }
 
+/// Fits again until the weight of what is known beforehand, which follows from the residuals, stays.
+Solution weighPriors(const Linearisation& windows, const FitOptions& options, const Solution& from,
+                     Free& free) {
+  constexpr int kMost = 10;
+  constexpr double kSame = 0.02;  // relative change of a weight
+  Solution found = from;
+  for (int i = 0; i < kMost; ++i) {
+    const double before = free.weight;
+    free.weight = magnitudeOf(windows, free, found);
+    found = minimiseLoss(windows, free, found.delta, toleranceOf(options), options.max_iterations, found);
+    if (std::abs(free.weight - before) <= kSame * free.weight) break;
+  }
+  return found;
+}
+
 /// Uncertainty of the solution. First moves the solution back to its start along directions that
 /// are not identifiable.
 Uncertainty judge(const Linearisation& windows, const Free& free, const FitOptions& options,
                   Solution& solution) {
-  const Uncertainty first = uncertainty(windows, free, solution, options.block);
+  const Uncertainty first = uncertainty(windows, free, solution);
   if (first.known.null_space.cols() == 0) return first;
   solution = restoreUnidentifiable(windows, free, first.known.null_space, toleranceOf(options),
                                    options.max_iterations, solution);
-  Uncertainty second = uncertainty(windows, free, solution, options.block);
+  Uncertainty second = uncertainty(windows, free, solution);
   for (std::size_t i = 0; i < free.index.size(); ++i)
     if (!first.known.parameter[i]) second.known.parameter[i] = false;
   return second;
@@ -197,16 +222,22 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   if (!options.initial.empty()) detail::checkInitials(*this, options.initial);
   std::vector<const RunData*> all;
   for (const RunData& run : runs()) all.push_back(&run);
-  detail::requireIdentifiable(options.free, all);
-  const detail::Free free = detail::makeFree(model, options.free);
+  std::vector<std::string> unknown = options.free;
+  for (const ParameterPrior& prior : options.priors)
+    unknown.erase(std::remove(unknown.begin(), unknown.end(), prior.name), unknown.end());
+  detail::requireIdentifiable(unknown, all);
+  detail::Free free = detail::makeFree(model, options.free);
+  detail::setPriors(model, options.priors, free);
   const detail::Linearisation windows(*this, model, options.threads);
 
   std::unique_ptr<const SimulationError> pieces;
   if (!options.warm) pieces.reset(new SimulationError(data_, detail::shortPieces(*this), target_));
+  if (!options.priors.empty()) free.weight = detail::weightAtStart(windows, free, options);
   const detail::Fits fits = detail::fitFromStarts(windows, pieces.get(), free, options);
   detail::Solution best = fits.best;
   if (detail::isRobust(options) && std::isinf(best.delta))
     best = detail::weighOutliers(windows, free, options, best);
+  if (!options.priors.empty()) best = detail::weighPriors(windows, options, best, free);
   const detail::Uncertainty known = detail::judge(windows, free, options, best);
 
   FitResult result;

@@ -43,7 +43,28 @@ Free makeFree(const Model& model, const std::vector<std::string>& names) {
     const ParameterInfo& info = infos[free.index[static_cast<std::size_t>(i)]];
     if (free.prior(i, i) > 0) free.expected(i) = info.toCoordinate(info.neutral) / scale(i);
   }
+  free.known = free.precision = Eigen::VectorXd::Zero(scale.size());
   return free;
+}
+
+void setPriors(const Model& model, const std::vector<ParameterPrior>& priors, Free& free) {
+  // Beside a deviation of less than 1e-4, rounding hides what is known of others.
+  constexpr double kMostPrecise = 1e8;
+  const auto infos = model.parameters();
+  for (const ParameterPrior& prior : priors) {
+    const int index = model.index(prior.name);
+    const auto at = std::find(free.index.begin(), free.index.end(), index);
+    if (at == free.index.end())
+      throw std::invalid_argument(prior.name + " has a prior, but is not free in this fit");
+    if (!(prior.deviation > 0) || !std::isfinite(prior.mean))
+      throw std::invalid_argument("the prior of " + prior.name + " needs a deviation above 0");
+    const auto i = at - free.index.begin();
+    const double scale = free.scale[static_cast<std::size_t>(i)];
+    const bool reciprocal = free.reciprocal[static_cast<std::size_t>(i)];
+    const double slope = reciprocal ? 1 / (prior.mean * prior.mean) : 1;
+    free.known(i) = infos[index].toCoordinate(prior.mean) / scale;
+    free.precision(i) = std::min(kMostPrecise, std::pow(scale / (slope * prior.deviation), 2));
+  }
 }
 
 void requireIdentifiable(const std::vector<std::string>& names, const std::vector<const RunData*>& runs) {

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "ground/identification/run_data.h"
+#include "ground/identification/simulation_error.h"
 #include "ground/model/model.h"
 
 namespace ground::detail {
@@ -19,6 +19,10 @@ struct Free {
   /// Precision and mean of the prior of coordinates over scale.
   Eigen::MatrixXd prior;
   Eigen::VectorXd expected;
+  /// Mean and precision of what a user knows beforehand of coordinates over scale (0: nothing), and the
+  /// weight of the precision in a loss over windows.
+  Eigen::VectorXd known, precision;
+  double weight = 0;
 
   std::vector<double> coordinates(const double* scaled) const {
     std::vector<double> all = base;
@@ -32,6 +36,10 @@ struct Free {
 /// The named parameters at the model's values. Throws std::invalid_argument on an unknown or
 /// repeated name.
 Free makeFree(const Model& model, const std::vector<std::string>& names);
+
+/// Sets what is known of free parameters beforehand. Throws std::invalid_argument on a parameter that is not
+/// free and on a deviation that is not positive.
+void setPriors(const Model& model, const std::vector<ParameterPrior>& priors, Free& free);
 
 /// Throws std::invalid_argument on a set of mass, lever, inertia and thrust that runs cannot identify:
 /// motion gives ratios to the mass and the inertia. Runs with different payloads give these themselves.

@@ -104,16 +104,21 @@ Jackknife withoutEach(const std::vector<std::vector<NormalEquations>>& blocks, i
 
 }  // namespace
 
-Uncertainty uncertainty(const Linearisation& windows, const Free& free, const Solution& at, double block) {
+Uncertainty uncertainty(const Linearisation& windows, const Free& free, const Solution& at) {
+  constexpr double kBlock = 1.0 / 3;  // of a window; residuals are nearly independent after that
   const SimulationError& problem = windows.problem();
   const int n = static_cast<int>(free.index.size()), k = problem.initialSize();
   double total = 0;
   for (const Window& window : problem.windows()) total += durationOf(problem, window);
   // A covariance of n parameters needs several times n blocks, so short data have shorter blocks.
-  block = std::min(block, total / (4 * n));
+  const double block = std::min(kBlock * problem.runs().front().scales.window, total / (4 * n));
   const std::vector<std::vector<NormalEquations>> blocks = equationsOfBlocks(
       windows, free, {free.coordinates(at.scaled.data()), free.index, at.initial}, {at.delta}, block);
-  const auto [whole, changes] = withoutEach(blocks, n, k);
+  auto [whole, changes] = withoutEach(blocks, n, k);
+  const Eigen::VectorXd precision = free.weight * free.precision;
+  const Eigen::Map<const Eigen::VectorXd> scaled(at.scaled.data(), n);
+  whole.A.diagonal() += precision;
+  whole.b += precision.cwiseProduct(scaled - free.known);
 
   Uncertainty result;
   result.information = whole.A;
@@ -133,7 +138,17 @@ Uncertainty uncertainty(const Linearisation& windows, const Free& free, const So
   }
   const Eigen::MatrixXd centred = steps.colwise() - steps.rowwise().mean();
   result.covariance = (result.blocks - 1.0) / result.blocks * centred * centred.transpose();
+  const Eigen::MatrixXd inverse =
+      along * leastSquares(along.transpose() * whole.A * along, Eigen::MatrixXd(along.transpose()));
+  result.covariance += free.weight * inverse * precision.asDiagonal() * inverse.transpose();
   return result;
+}
+
+double magnitudeOf(const Linearisation& windows, Free free, const Solution& at) {
+  free.weight = 0;
+  const Uncertainty u = uncertainty(windows, free, at);
+  const auto rank = static_cast<double>(u.known.directions.cols());
+  return rank > 0 ? (u.information * u.covariance).trace() / rank : 0;
 }
 
 Eigen::VectorXd Uncertainty::deviation() const {

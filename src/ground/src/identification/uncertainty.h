@@ -19,11 +19,15 @@ struct Uncertainty {
   Eigen::VectorXd deviation() const;  ///< standard deviations; infinite if not identifiable
 };
 
-/// Jackknife over blocks of about `block` seconds, within which residuals may be correlated: each
-/// block is left out once, and one Newton step gives the estimate without it, initial states
-/// included. Unlike the sum of squared scores it is not biased by residuals that the fit has
-/// reduced (MacKinnon and White 1985, HC3).
-Uncertainty uncertainty(const Linearisation& windows, const Free& free, const Solution& at, double block);
+/// Jackknife over blocks of about a third of a window (RunScales), within which residuals may be correlated:
+/// each block is left out once, and one Newton step gives the estimate without it, initial states included.
+/// Unlike the sum of squared scores it is not biased by residuals that the fit has reduced (MacKinnon and
+/// White 1985, HC3). What is known beforehand adds its own variance.
+Uncertainty uncertainty(const Linearisation& windows, const Free& free, const Solution& at);
+
+/// By how much the variance of estimates from windows alone exceeds the inverse of their information, on
+/// average: tr(H V) / n. A prior of this weight counts as much as data that determine parameters as well.
+double magnitudeOf(const Linearisation& windows, Free free, const Solution& at);
 
 /// Correlation of the estimates, (n, n).
 Eigen::MatrixXd correlationOf(const Uncertainty& u, const Free& free);

@@ -20,7 +20,8 @@ using Matrix = Eigen::MatrixXd;
 ///     [ A  B' ] [ theta's step ]     [ a ]
 ///     [ B  C  ] [ x_w's step   ] = - [ b ],
 ///
-/// each x_w is eliminated: its step is -C^-1 (b + B theta's step), and A - B' C^-1 B remains (Schur).
+/// each x_w is eliminated: its step is -C^-1 (b + B theta's step), and A - B' C^-1 B remains (Schur). What is
+/// known of theta beforehand adds its diagonal precision to A.
 ///
 /// Levenberg-Marquardt method; the damping follows from the ratio of the decrease to the predicted one
 /// (Nielsen 1999).
@@ -34,6 +35,7 @@ class WindowLeastSquares {
         scale_(Eigen::Map<const Vector>(free.scale.data(), n_)),
         lower_(Eigen::Map<const Vector>(free.lower.data(), n_).cwiseQuotient(scale_)),
         upper_(Eigen::Map<const Vector>(free.upper.data(), n_).cwiseQuotient(scale_)),
+        precision_(free.weight * free.precision),
         theta_(Eigen::Map<const Vector>(from.scaled.data(), n_)),
         initial_(from.initial),
         trial_initial_(from.initial),
@@ -97,11 +99,13 @@ class WindowLeastSquares {
       gradient += b.head(n_) - eliminated.col(n_);
       diagonal += A.diagonal().head(n_);
     }
-    reduced.diagonal() += damping * diagonal;
+    const Vector pull = precision_.cwiseProduct(theta_ - free_.known);
+    reduced.diagonal() += precision_ + damping * (diagonal + precision_);
+    gradient += pull;
     Vector step(n_);
     if (n_ > 0) step = projectedStep(reduced, gradient, lower_ - theta_, upper_ - theta_);
     trial_theta_ = theta_ + step;
-    double decrease = 0;
+    double decrease = -step.dot(pull + 0.5 * precision_.cwiseProduct(step));
     for (std::size_t w = 0; w < equations_.size(); ++w) {
       const auto& [A, b, loss] = equations_[w];
       const Matrix& eliminated = elimination_[w];
@@ -124,15 +128,20 @@ class WindowLeastSquares {
           kept.A.leftCols(n_) = kept.A.leftCols(n_) * scale_.asDiagonal();
           kept.b.head(n_) = scale_.cwiseProduct(kept.b.head(n_));
         });
-    double cost = 0;
+    double cost = surprise(theta);
     for (const NormalEquations& window : equations) cost += 0.5 * window.loss;
     return cost;
   }
 
   double costAt(const Vector& theta, const Initials& initial) const {
-    double cost = 0;
+    double cost = surprise(theta);
     for (const double loss : windows_.losses(at(theta, initial), weigh_)) cost += 0.5 * loss;
     return cost;
+  }
+
+  /// The cost of parameters that are not those known beforehand.
+  double surprise(const Vector& theta) const {
+    return 0.5 * (theta - free_.known).cwiseAbs2().dot(precision_);
   }
 
   ParameterPoint at(const Vector& theta, const Initials& initial) const {
@@ -143,7 +152,7 @@ class WindowLeastSquares {
   const Free& free_;
   const Weigh weigh_;
   const Eigen::Index n_;
-  const Vector scale_, lower_, upper_;
+  const Vector scale_, lower_, upper_, precision_;
   Vector theta_, trial_theta_;
   Initials initial_, trial_initial_;
   double cost_ = kInfinity;

@@ -6,6 +6,8 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <map>
+
 #include "bindings.h"
 
 namespace py = pybind11;
@@ -244,12 +246,15 @@ void defSimulationError(py::module_& module) {
           "fit",
           [](const SimulationError& problem, const Model& model, const std::vector<std::string>& free,
              FitOptions::Objective objective, int starts, int threads, double width, bool warm,
-             const std::vector<Eigen::VectorXd>& initial) {
+             const std::vector<Eigen::VectorXd>& initial,
+             const std::map<std::string, std::pair<double, double>>& priors) {
             FitOptions options;
             options.free = free;
             options.width = width;
             options.warm = warm;
             options.initial = initial;
+            for (const auto& [name, known] : priors)
+              options.priors.push_back({name, known.first, known.second});
             options.starts = starts;
             options.threads = threads;
             options.objective = objective;
@@ -258,7 +263,8 @@ void defSimulationError(py::module_& module) {
           },
           py::arg("model"), py::arg("free"), py::arg("objective") = FitOptions::Objective::kLeastSquares,
           py::arg("starts") = 1, py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("warm") = false,
-          py::arg("initial") = std::vector<Eigen::VectorXd>());
+          py::arg("initial") = std::vector<Eigen::VectorXd>(),
+          py::arg("priors") = std::map<std::string, std::pair<double, double>>());
 }
 
 void defPrediction(py::module_& module) {

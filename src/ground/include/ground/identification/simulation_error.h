@@ -9,6 +9,12 @@
 
 namespace ground {
 
+/// What is known of a parameter before a fit: its mean and standard deviation, in its unit.
+struct ParameterPrior {
+  std::string name;
+  double mean, deviation;
+};
+
 /// Options of a fit.
 struct FitOptions {
   enum class Objective {
@@ -19,12 +25,15 @@ struct FitOptions {
   Objective objective = Objective::kLeastSquares;
   int starts = 1;  ///< number of starts, including the model's values
   int max_iterations = 200;
-  int threads = 0;     ///< 0: all cores
-  double block = 0.5;  ///< length of stretches taken as independent for the intervals [s]
-  bool warm = false;   ///< the model's values are near the solution: skips the fit of short pieces
+  int threads = 0;    ///< 0: all cores
+  bool warm = false;  ///< the model's values are near the solution: skips the fit of short pieces
   /// Residual beyond which the robust loss grows as the absolute value; 0 means twice the deviation
   /// of the residuals. The costs of two fits are comparable only for equal widths.
   double width = 0;
+  /// What is known of free parameters. It counts as much as data that determine them as well: squared
+  /// residuals are correlated, and are scaled by a magnitude adjustment (Pauli, Racugno and Ventura,
+  /// Bayesian composite marginal likelihoods, Stat. Sinica 21 (2011), eq. 2.3).
+  std::vector<ParameterPrior> priors;
   /// Initial states of the windows to start from, as in FitResult; empty means the measured ones.
   std::vector<Eigen::VectorXd> initial;
 };

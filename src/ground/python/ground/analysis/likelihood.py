@@ -14,13 +14,14 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.thinning import thinned
+from ground.recordings import windows
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
 _T = TypeVar("_T")
 
 CAP = 25.0  # squared Mahalanobis distance above which a pose counts as noisier
-BLOCK = 1.0  # length of a block of time, for standard errors [s]
+BLOCK = 2 / 3  # length of a block of time, for standard errors [windows]
 ABSENT = 1e-3  # share of a usual level that has no effect
 VARYING = frozenset(["trim_X", "trim_Y", "trim_N", "thrust"])  # levels of differences between runs
 
@@ -144,7 +145,11 @@ class Likelihood:
         """Log-likelihood of blocks of time under another fit, one array per run. Raises GroundError
         when the motion is not finite."""
         point = _core.GreyBoxPoint(fit.model, fit.levels, list(loudness))
-        return call(self.box.likelihood, point, cap=CAP, block=BLOCK, threads=self.threads)
+        return call(self.box.likelihood, point, cap=CAP, block=self._block, threads=self.threads)
+
+    @property
+    def _block(self) -> float:
+        return BLOCK * windows.length(self.runs)
 
     def constants(self, fit: Fit, run: int) -> Tuple[Array, Array]:
         """Wrench X, Y [N], N [N m] and relative change of thrust that are constant in a run, as
@@ -162,7 +167,14 @@ class Likelihood:
         model, which are neutral: score (blocks, n), information (n, n), scale (n,), run
         (blocks,)."""
         point = _core.GreyBoxPoint(model, fit.levels, list(fit.loudness))
-        found = call(self.box.scores, point, list(names), cap=CAP, block=BLOCK, threads=self.threads)
+        found = call(
+            self.box.scores,
+            point,
+            list(names),
+            cap=CAP,
+            block=BLOCK * windows.length(self.runs),
+            threads=self.threads,
+        )
         return {key: np.array(value) for key, value in found.items()}
 
 

@@ -8,7 +8,7 @@ from typing import Iterator, List, Sequence
 from ground.data import bag_arguments
 from ground.data import measured as api
 from ground.models import Model
-from ground.recordings import drafts, findings, layouts, mapping, readers, suspicions
+from ground.recordings import drafts, findings, imitations, layouts, mapping, readers, suspicions
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
@@ -59,7 +59,9 @@ def run(arguments: argparse.Namespace) -> List[Document]:
         command_line.say(arguments, text % ", ".join(angles))
     elif model:
         with arguments.work.stage("judging which channel drives which thruster"):
-            verdict = layouts.judge(recordings, layouts.thrusters_of(model))
+            thrusters = layouts.thrusters_of(model)
+            verdict = layouts.judge(recordings, thrusters)
+            verdict = imitations.confirmed(verdict, recordings, thrusters, model)
         command_line.say(arguments, layouts.sentence(verdict))
         described = [dict(d, layout=verdict.describe()) for d in described]
     return described

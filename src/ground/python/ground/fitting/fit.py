@@ -14,7 +14,7 @@ from ground.analysis.predicted_band import HeldOut
 from ground.analysis.window_error import WindowFit, WindowFitter
 from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, Recordings, held_out, measured
-from ground.fitting import identifiability
+from ground.fitting import identifiability, priors
 from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model, parameters_by_name
 from ground.recordings import quality, windows
@@ -41,6 +41,14 @@ class FitOptions(bag_arguments.Part):
         metavar="NAME",
         nargs="+",
     )
+    prior: priors.Given = option(
+        (),
+        "what is known of parameters beforehand: the model's value, to this standard deviation, in its unit "
+        "or as a share such as 20%%; an effect stands for all its parameters; they are free, too",
+        metavar="NAME=DEVIATION",
+        nargs="+",
+        type=priors.parse,
+    )
     objective: str = option(
         "least-squares",
         "robust weighted least squares (default), or mean absolute error (3.4)",
@@ -59,8 +67,8 @@ class FitOptions(bag_arguments.Part):
         metavar="N",
     )
 
-    def fitter(self, runs: Sequence[_core.RunData]) -> WindowFitter:
-        """Fits to runs as these options want it."""
+    def fitter(self, runs: Sequence[_core.RunData], known: priors.Known) -> WindowFitter:
+        """Fits to runs as these options want it, with what is known beforehand."""
         return WindowFitter(
             runs,
             most=np.inf,
@@ -68,6 +76,7 @@ class FitOptions(bag_arguments.Part):
             target=getattr(_core.Target, self.target),
             objective=getattr(_core.Objective, self.objective.replace("-", "_")),
             starts=self.starts,
+            priors=known,
         )
 
 
@@ -103,7 +112,10 @@ def fit(
     held = held_out(holdout, given, options, work, seen)
     if tuple(options.free) == window_error.NOMINAL:
         options = replace(options, free=identifiability.with_mass(options.free, seen.data))
-    fitter = options.fitter(seen.data)
+    known = priors.known(given.core, options.prior)
+    free = [*options.free, *(name for name in known if name not in options.free)]
+    options = replace(options, free=free)
+    fitter = options.fitter(seen.data, known)
     with work.stage(FITTING, 1 + len(fitter.parts)):
         found = fitter.fit(given.core, options.free, work=work)
     if not found.result["converged"]:
@@ -127,14 +139,16 @@ def fit(
         HeldOut(without["model"], seen.data[part :: fitter.most_parts])
         for part, without in (found.others.items() if len(seen.data) > 1 else ())
     ]
-    return replace(_result(given, seen, options.starts, found.result, errors, prediction, runs), parts=parts)
+    result = _result(given, seen, options.starts, found.result, errors, prediction, runs, known)
+    return replace(result, parts=parts)
 
 
 def _alone(fitter: WindowFitter, found: WindowFit, index: int, options: FitOptions) -> RunFit:
     """A run by itself, and held out."""
     run = fitter.runs[index]
     free = identifiability.without_mass(options.free, [run])
-    alone = replace(options, starts=1).fitter([run]).whole(found.model, free)
+    known = {n: v for n, v in fitter.options["priors"].items() if n in free}
+    alone = replace(options, starts=1).fitter([run], known).whole(found.model, free)
     own = [i for i, window in enumerate(fitter.windows) if window.run == index]
     sizes = [fitter.windows[i].last - fitter.windows[i].first + 1 for i in own]
     return RunFit(
@@ -166,6 +180,7 @@ def _result(
     errors: Errors,
     prediction: Optional[PredictionError],
     runs: List[RunFit],
+    known: priors.Known,
 ) -> Fit:
     core, parameters = result["model"], parameters_by_name(result["parameters"])
     return Fit(
@@ -187,6 +202,7 @@ def _result(
         remarks=[
             *identifiability.of_payloads(seen.data, list(parameters)),
             *identifiability.sentences(result),
+            *priors.sentences(known, result["parameters"]),
         ],
         correlations=np.array(result["correlation"]),
         given=given,

@@ -228,13 +228,14 @@ class _Evidence:
     thrusters: Sequence[Thruster]
     classes: Sequence[Class]
     moments: Dict[bool, _Moments]  # by whether headings and positions contradict
+    chance: float  # that any wrong class is preferred to the right one, over all of them
     unexplained: Array  # (h, B, 3)
 
     @classmethod
-    def of(cls, thrusters: Sequence[Thruster], moments: Dict[bool, _Moments]) -> "_Evidence":
+    def of(cls, thrusters: Sequence[Thruster], moments: Dict[bool, _Moments], chance: float) -> "_Evidence":
         """Of moments of a craft's motions, by whether headings and positions contradict."""
         groups = classes(tuple(thrusters))  # the first is that of what is recorded, and alone costs nothing
-        found = cls(thrusters, groups, moments, np.empty(0))
+        found = cls(thrusters, groups, moments, chance, np.empty(0))
         return replace(found, unexplained=found.left([group[0] for group in groups]))
 
     @property
@@ -242,7 +243,7 @@ class _Evidence:
         """Standard errors by which a class is worse than the likeliest one if it is wrong."""
         from scipy.special import stdtrit  # slow to load
 
-        return float(stdtrit(self.unexplained.shape[1] - 1, 1 - CHANCE / len(self.classes)))
+        return float(stdtrit(self.unexplained.shape[1] - 1, 1 - self.chance / len(self.classes)))
 
     def not_refuted(self, alive: bool = False) -> List[int]:
         """Indices of the classes that are not clearly worse than the likeliest one; alive: of those in which
@@ -314,9 +315,12 @@ class _Evidence:
         return "their accelerations differ by less than disturbances and noise over so short a recording"
 
 
-def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster]) -> Verdict:
+def judge(
+    recordings: Sequence[Recording], thrusters: Sequence[Thruster], chance: float = CHANCE
+) -> Verdict:
     """The Verdict of recordings on a craft's thrusters, whose names are those of the channels: by what
     commands do at once and, where that leaves other ways to read them, by what they do while damping acts.
+    chance: that any wrong way to read them is preferred to the right one.
 
     GroundError when a recording has no such channel or the commands change too little.
     """
@@ -325,14 +329,13 @@ def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster]) -> Ver
     for twisted in (False, True):
         every = [reply.rest(recording, names, twisted) for recording in recordings]
         at_once[twisted] = _Moments.of([rest for rest in every if rest is not None])
-    first = _Evidence.of(thrusters, at_once)
+    first = _Evidence.of(thrusters, at_once, chance)
     open_first = first.not_refuted()
     if len(open_first) > 1:
         later = damped.rests(recordings, lambda recording: recording.commands_of(names))
         if later is not None:
-            slow = _Evidence.of(
-                thrusters, {twisted: _Moments.of(own, later.block) for twisted, own in later.rests.items()}
-            )
+            moments = {twisted: _Moments.of(own, later.block) for twisted, own in later.rests.items()}
+            slow = _Evidence.of(thrusters, moments, chance)
             # That a thruster does nothing shows at once: later, a constant push looks like it.
             both = sorted(set(open_first) & set(slow.not_refuted(alive=True)))
             logs = blocks.logs(slow.unexplained)[0]

@@ -10,7 +10,7 @@ from typing import Callable, Iterator, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.recordings import angle_signs, layouts, other_clocks, reply, scatter, units
+from ground.recordings import angle_signs, imitations, layouts, other_clocks, reply, scatter, units
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording, once
 from ground.support.annotations import Document
@@ -20,9 +20,9 @@ MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
 FINEST = 5e-6  # no mocap measures a craft that moves more precisely [m]
 GRAVITY = 9.80665  # thrusters hardly accelerate a craft by more [m/s^2]
 TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]
-EARLIEST = -0.03  # delay of the motion that scatter explains [s]
-# Delays that one clock explains, and that may be the craft's own, all at once; relative to reply.turn_time().
-DELAYED, LATEST = 0.22, 0.45
+# Delays that scatter explains, that one clock explains, and that may be the craft's own, all at once; relative
+# to reply.turn_time(). What the velocities do to a craft while it answers shifts the delay by as little.
+EARLIEST, DELAYED, LATEST = -0.043, 0.22, 0.45
 BLURRED = 0.05  # uncertainty of a delay by poses of 100 Hz [s]
 MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run [s]
 CLEAR = 2.5  # least evidence of another clock, in its standard errors
@@ -82,7 +82,7 @@ def about(recordings: Sequence[Recording], model: Optional[_core.Model]) -> List
     thrusters = _thrusters(recordings, model)
     if not thrusters:
         return every
-    return [one for one in every if one.kind not in layouts.GRAVEST] + _of_craft(recordings, thrusters)
+    return [one for one in every if one.kind not in layouts.GRAVEST] + _of_craft(recordings, thrusters, model)
 
 
 def _thrusters(
@@ -135,11 +135,11 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
     motion = repaired(recording).motion
     # beside that of fast poses, which the limits have
     slack = max(0.0, max(reply.blur(motion)) + scatter.interval(motion.times) - BLURRED)
-    usual, longest = (share * reply.turn_time(motion) for share in (DELAYED, LATEST))
+    early, usual, longest = (share * reply.turn_time(motion) for share in (EARLIEST, DELAYED, LATEST))
     for clock in other_clocks.find(recording):
         lag = follows["lag"] if follows and not follows["slow"] else clock.lag
         drifts = abs(clock.rate) > MIN_DRIFT / repaired(recording).end
-        if not drifts and (clock.rate or EARLIEST - slack <= lag <= usual + slack):
+        if not drifts and (clock.rate or early - slack <= lag <= usual + slack):
             continue
         if clock.evidence() < CLEAR:  # slow motors, or a loop that a controller closes
             continue
@@ -210,11 +210,17 @@ def _angles(recordings: Sequence[Recording], model: _core.Model) -> Iterator[Sus
         )
 
 
-def _of_craft(recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster]) -> List[Suspicion]:
+def _of_craft(
+    recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster], model: Optional[_core.Model]
+) -> List[Suspicion]:
     """Suspicions about the channels and headings of a craft. What all recordings together look like says it
     all, unless one of them alone refutes it."""
+    def confirmed(verdict: Optional[layouts.Verdict], some: Sequence[Recording]) -> Optional[layouts.Verdict]:
+        return verdict and imitations.confirmed(verdict, some, thrusters, model)
+
     alone = [_of_pair(one) if thrusters is PAIR else _judged([one], thrusters) for one in recordings]
-    together = _judged(recordings, thrusters) if len(recordings) > 1 else None
+    alone = [confirmed(own, [one]) for one, own in zip(recordings, alone)]
+    together = confirmed(_judged(recordings, thrusters), recordings) if len(recordings) > 1 else None
     if together and not together.is_as_recorded and all(_leaves_open(own, together) for own in alone):
         return list(_worded(recordings, thrusters, together))
     found = [s for one, own in zip(recordings, alone) for s in _worded([one], thrusters, own)]
