@@ -7,10 +7,10 @@ x and y of the tank [m/s], yaw rate [deg/s], roll [deg], rudder [deg], revolutio
 [N m]. A positive rudder turns the ship to negative headings.
 
 The model is cfg/craft/propeller_ship.yaml. Its inertia, added mass, hull, rudder and propeller are of the
-literature, and known to a share: so they are fitted to the zigzags that are not held out, which hardly show some
-of them. Prints the first overshoots of those that are, as predicted with the recorded rudder from the first
-seconds on, and a turning circle with 35 degrees of rudder, in lengths of the ship, beside what is published of
-such models (SIMMAN 2008).
+literature, and known to a share: so they are fitted to the zigzags that are not held out, which hardly show
+some of them. Prints the first overshoots of those that are, as predicted with the recorded rudder from the
+first seconds on, and a turning circle with 35 degrees of rudder, in lengths of the ship, beside what is
+published of such models (SIMMAN 2008).
 """
 
 import argparse

@@ -79,7 +79,8 @@ def turning(seed, duration=200.0):
 
 def test_a_boat_that_only_turns_is_not_accused():
     """Its sway looks as if one propeller pushed it sideways: so does that of any model of a boat."""
-    accused = [seed for seed in range(12) if misread([turning(seed)], crude(ground.Model.load(CATAMARAN).core))]
+    model = crude(ground.Model.load(CATAMARAN).core)
+    accused = [seed for seed in range(12) if misread([turning(seed)], model)]
     assert len(accused) <= 1, accused
 
 

@@ -11,7 +11,7 @@ without an effect follows from the eigenvalues of the term's information.
 
 import copy
 from dataclasses import dataclass
-from typing import AbstractSet, Any, Dict, List, Optional, Sequence, Set, Tuple
+from typing import AbstractSet, Dict, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -149,9 +149,9 @@ class Regression:
 
     # Tests
 
-    def _cross(self, first: Indices, second: Any = slice(None)) -> Array:
-        """Products of some columns of D with others."""
-        return np.asarray(self.products[first][:, second])
+    def _cross(self, first: Indices, second: Optional[Indices] = None) -> Array:
+        """Products of some columns of D with others, or with all."""
+        return np.asarray(self.products[first] if second is None else self.products[np.ix_(first, second)])
 
     def _columns(self, terms: Sequence[Term]) -> Tuple[Indices, Array]:
         """Columns of terms, and the variances of their weights."""

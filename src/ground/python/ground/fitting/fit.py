@@ -123,7 +123,7 @@ def fit(
     runs: List[RunFit] = []
     if len(seen.data) > 1:
         with work.stage(ALONE, len(seen.data)):
-            runs = [_alone(fitter, found, i, options) for i in work.each(range(len(seen.data)))]
+            runs = [_alone(fitter, found, i, options, known) for i in work.each(range(len(seen.data)))]
     errors = Errors(
         windows.error(seen.data, given.core),
         float(found.error.sum()),
@@ -143,11 +143,13 @@ def fit(
     return replace(result, parts=parts)
 
 
-def _alone(fitter: WindowFitter, found: WindowFit, index: int, options: FitOptions) -> RunFit:
+def _alone(
+    fitter: WindowFitter, found: WindowFit, index: int, options: FitOptions, known: priors.Known
+) -> RunFit:
     """A run by itself, and held out."""
     run = fitter.runs[index]
     free = identifiability.without_mass(options.free, [run])
-    known = {n: v for n, v in fitter.options["priors"].items() if n in free}
+    known = {name: prior for name, prior in known.items() if name in free}
     alone = replace(options, starts=1).fitter([run], known).whole(found.model, free)
     own = [i for i, window in enumerate(fitter.windows) if window.run == index]
     sizes = [fitter.windows[i].last - fitter.windows[i].first + 1 for i in own]

@@ -315,9 +315,7 @@ class _Evidence:
         return "their accelerations differ by less than disturbances and noise over so short a recording"
 
 
-def judge(
-    recordings: Sequence[Recording], thrusters: Sequence[Thruster], chance: float = CHANCE
-) -> Verdict:
+def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster], chance: float = CHANCE) -> Verdict:
     """The Verdict of recordings on a craft's thrusters, whose names are those of the channels: by what
     commands do at once and, where that leaves other ways to read them, by what they do while damping acts.
     chance: that any wrong way to read them is preferred to the right one.

@@ -20,8 +20,8 @@ MIN_SPEED = 5e-3  # least speed of a craft that turns [m/s]
 FINEST = 5e-6  # no mocap measures a craft that moves more precisely [m]
 GRAVITY = 9.80665  # thrusters hardly accelerate a craft by more [m/s^2]
 TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]
-# Delays that scatter explains, that one clock explains, and that may be the craft's own, all at once; relative
-# to reply.turn_time(). What the velocities do to a craft while it answers shifts the delay by as little.
+# Delays that scatter explains, that one clock explains, and that may be the craft's own, all at once; shares
+# of reply.turn_time(). What velocities do to a craft while it answers shifts a delay by as little.
 EARLIEST, DELAYED, LATEST = -0.043, 0.22, 0.45
 BLURRED = 0.05  # uncertainty of a delay by poses of 100 Hz [s]
 MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run [s]
@@ -215,6 +215,7 @@ def _of_craft(
 ) -> List[Suspicion]:
     """Suspicions about the channels and headings of a craft. What all recordings together look like says it
     all, unless one of them alone refutes it."""
+
     def confirmed(verdict: Optional[layouts.Verdict], some: Sequence[Recording]) -> Optional[layouts.Verdict]:
         return verdict and imitations.confirmed(verdict, some, thrusters, model)
 
