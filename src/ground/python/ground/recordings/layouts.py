@@ -177,6 +177,12 @@ def classes(thrusters: Tuple[Thruster, ...]) -> List[Class]:
     return sorted(grouped, key=lambda group: group[0].cost(names))
 
 
+@functools.lru_cache(maxsize=8)
+def _effects(thrusters: Tuple[Thruster, ...]) -> Array:
+    """Effects (h, n, 3) of the first hypothesis of each class."""
+    return np.array([group[0].effects(thrusters) for group in classes(thrusters)])
+
+
 @dataclass(frozen=True)
 class _Moments:
     """Products of commands C (n channels) and accelerations A (3) in each of B blocks."""
@@ -236,7 +242,8 @@ class _Evidence:
         """Of moments of a craft's motions, by whether headings and positions contradict."""
         groups = classes(tuple(thrusters))  # the first is that of what is recorded, and alone costs nothing
         found = cls(thrusters, groups, moments, chance, np.empty(0))
-        return replace(found, unexplained=found.left([group[0] for group in groups]))
+        firsts = [group[0] for group in groups]
+        return replace(found, unexplained=found.left(firsts, _effects(tuple(thrusters))))
 
     @property
     def limit(self) -> float:
@@ -253,13 +260,13 @@ class _Evidence:
         logs, errors = self.log_ratios(self.unexplained, likeliest)
         return [int(i) for i in np.flatnonzero(logs <= self.limit * errors)]
 
-    def left(self, some: Sequence[Hypothesis]) -> Array:
-        """_Moments.unexplained of hypotheses, each by the moments of its frame."""
+    def left(self, some: Sequence[Hypothesis], effects: Array) -> Array:
+        """_Moments.unexplained of hypotheses with their effects (h, n, 3), each by the moments of its frame."""
         found = np.empty((len(some), len(self.moments[False].totals), 3))
         for twisted, moments in self.moments.items():
             rows = [i for i, one in enumerate(some) if one.twisted == twisted]
             if rows:
-                found[rows] = moments.unexplained(np.array([some[i].effects(self.thrusters) for i in rows]))
+                found[rows] = moments.unexplained(effects[rows])
         return found
 
     def log_ratios(self, left: Array, index: int) -> Tuple[Array, Array]:
@@ -291,7 +298,8 @@ class _Evidence:
         other = replace(first, heading_offset=math.remainder(first.heading_offset + angle, 2 * math.pi))
         if first.heading_offset:
             return [other] if abs(angle) > max(ROUNDED, 3 * error) else []
-        logs, errors = self.log_ratios(self.left([other]), index)
+        left = self.left([other], other.effects(self.thrusters)[None])
+        logs, errors = self.log_ratios(left, index)
         certain = abs(angle) - limit * error > MISALIGNED and -logs[0] > limit * errors[0]
         return [other] if certain else []
 
