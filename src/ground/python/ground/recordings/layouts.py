@@ -261,7 +261,7 @@ class _Evidence:
         return [int(i) for i in np.flatnonzero(logs <= self.limit * errors)]
 
     def left(self, some: Sequence[Hypothesis], effects: Array) -> Array:
-        """_Moments.unexplained of hypotheses with their effects (h, n, 3), each by the moments of its frame."""
+        """_Moments.unexplained of hypotheses with effects (h, n, 3), each by the moments of its frame."""
         found = np.empty((len(some), len(self.moments[False].totals), 3))
         for twisted, moments in self.moments.items():
             rows = [i for i, one in enumerate(some) if one.twisted == twisted]
