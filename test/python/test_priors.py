@@ -15,11 +15,12 @@ def boat():
     return ground.Model.load(MODEL.parent.parent / "craft/twin_screw_catamaran.yaml")
 
 
-def recorded(model, seed, seconds=60.0):
-    """A run of a boat that mostly goes straight on: it hardly shows the forces of a turn."""
+def recorded(model, seed, seconds=60.0, turn=0.0):
+    """A run of a boat that mostly goes straight on: it hardly shows the forces of a turn. Or of one that
+    turns."""
     random = np.random.default_rng(seed)
     at = np.arange(0, seconds, 5.0)
-    left = 0.5 + 0.1 * random.normal(size=len(at))
+    left = np.where(at > 0, 0.5 + turn, 0.5) if turn else 0.5 + 0.1 * random.normal(size=len(at))
     commands = np.column_stack([left, 1.0 - left, np.zeros(len(at))])
     times = np.arange(0.1, seconds, 0.1)
     eta = _core.simulate(model.core, np.column_stack([at, commands]), times, np.zeros(3), np.zeros(3))["eta"]
@@ -61,6 +62,19 @@ def test_values_known_beforehand_make_a_fit_better_than_either_alone(guess):
     gain = sizes[2] / sizes[:2].min(axis=0)
     assert gain.max() < 1.15 and np.exp(np.log(gain).mean()) < 0.95, sizes
     assert inside.mean() >= 0.85, inside
+
+
+def test_a_band_contains_what_was_known(guess):
+    """A circle that the runs hardly tell of, by boats drawn from what is known."""
+    inside = []
+    for seed in range(6):
+        true = drawn(guess, 50 + seed)
+        runs = [recorded(true, 100 * seed + one) for one in range(4)]
+        found = ground.fit(guess, runs, free=list(KNOWN), prior={name: "30%" for name in KNOWN})
+        circle = found.predict(recorded(true, 7, 30.0, turn=0.4), horizon=np.inf, band=0.9)
+        held = (circle.measured >= circle.low) & (circle.measured <= circle.high)
+        inside.append(held[:, :3].mean())
+    assert np.mean(inside) >= 0.8, inside
 
 
 def test_an_effect_stands_for_its_parameters_which_are_free_then(guess):

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <boost/math/distributions/students_t.hpp>
 #include <cmath>
+#include <limits>
 
 #include "dense_algebra.h"
 
@@ -43,11 +44,13 @@ std::vector<FittedParameter> estimatesOf(const Model& model, const Free& free,
     const double spread = deviation(static_cast<Eigen::Index>(i)) * free.scale[i];
     const double value = std::clamp(info.fromCoordinate(at), info.lower, info.upper);
     const bool identified = std::isfinite(spread);
-    double low = info.lower, high = info.upper;
+    double low = info.lower > std::numeric_limits<double>::min() ? info.lower : std::min(info.lower, 0.0);
+    double high = info.upper;
     if (identified) {
       const double reach = quantile(static_cast<Eigen::Index>(i)) * spread;
-      low = info.fromCoordinate(std::max(at - reach, free.lower[i]));
-      high = info.fromCoordinate(std::min(at + reach, free.upper[i]));
+      if (free.reciprocal[i]) std::swap(low, high);
+      if (at - reach > free.lower[i]) low = info.fromCoordinate(at - reach);
+      if (at + reach < free.upper[i]) high = info.fromCoordinate(at + reach);
       if (low > high) std::swap(low, high);
     }
     const double slope = free.reciprocal[i] ? value * value : 1, margin = 1e-4 * free.scale[i];

@@ -247,6 +247,11 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   result.parameters = detail::estimatesOf(
       model, free, best.scaled, known.deviation(),
       Eigen::VectorXd::Constant(static_cast<Eigen::Index>(options.free.size()), quantile));
+  for (Eigen::Index i = 0; i < free.precision.size(); ++i) {
+    const Eigen::Map<const Eigen::VectorXd> at(best.scaled.data(), free.precision.size());
+    const Eigen::VectorXd shifted = at + known.shifts.col(i);
+    if (free.precision(i) > 0) result.shifted.push_back(detail::modelAt(model, free, shifted.data()));
+  }
   result.correlation = detail::correlationOf(known, free);
   result.condition = detail::conditionOf(known);
   result.objective = detail::thesisObjective(*this, result.model, best.initial);

@@ -124,7 +124,7 @@ Uncertainty uncertainty(const Linearisation& windows, const Free& free, const So
   result.information = whole.A;
   result.known = identifiableBy(whole.A);
   result.blocks = static_cast<int>(changes.size());
-  result.covariance = Eigen::MatrixXd::Zero(n, n);
+  result.covariance = result.shifts = Eigen::MatrixXd::Zero(n, n);
   const Eigen::MatrixXd& along = result.known.directions;
   if (along.cols() == 0 || result.blocks < 2) {
     result.known.parameter.assign(n, false);
@@ -140,7 +140,8 @@ Uncertainty uncertainty(const Linearisation& windows, const Free& free, const So
   result.covariance = (result.blocks - 1.0) / result.blocks * centred * centred.transpose();
   const Eigen::MatrixXd inverse =
       along * leastSquares(along.transpose() * whole.A * along, Eigen::MatrixXd(along.transpose()));
-  result.covariance += free.weight * inverse * precision.asDiagonal() * inverse.transpose();
+  result.shifts = free.weight * inverse * free.precision.cwiseSqrt().asDiagonal();
+  result.covariance += result.shifts * result.shifts.transpose();
   return result;
 }
 

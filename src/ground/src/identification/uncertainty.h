@@ -15,6 +15,8 @@ struct Uncertainty {
   Eigen::MatrixXd information, covariance;
   Identifiable known;  ///< by the information
   int blocks = 0;
+  /// What a shift of the mean of each prior by its deviation does to the estimates, (n, n).
+  Eigen::MatrixXd shifts;
 
   Eigen::VectorXd deviation() const;  ///< standard deviations; infinite if not identifiable
 };

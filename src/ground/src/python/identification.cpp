@@ -98,6 +98,7 @@ py::dict toDict(const FitResult& result) {
   d["condition"] = result.condition;
   d["objective"] = result.objective;
   d["initial"] = result.initial;
+  d["shifted"] = result.shifted;
   d["width"] = result.width;
   d["starts"] = result.starts;
   d["starts_at_best"] = result.starts_at_best;

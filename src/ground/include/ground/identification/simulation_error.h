@@ -54,8 +54,10 @@ struct FitResult {
   double objective = 0;                  ///< mean of |e_u|/s_u + |e_v|/s_v + |e_r|/s_r at the end
   double width = 0;                      ///< width of the last robust loss
   std::vector<Eigen::VectorXd> initial;  ///< initial states of the windows
-  int starts = 0;                        ///< starts that could be simulated
-  int starts_at_best = 0;                ///< starts that converged to the best solution
+  /// The model as it would be if the mean of one of the priors were a deviation more, for each of them.
+  std::vector<Model> shifted;
+  int starts = 0;          ///< starts that could be simulated
+  int starts_at_best = 0;  ///< starts that converged to the best solution
   int iterations = 0;
   bool converged = false;
 };

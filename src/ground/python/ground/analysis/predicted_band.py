@@ -3,7 +3,8 @@
 A model that was fitted to some runs predicts others by two uncertain things: its parameters, and what
 it lacks. Fits without each part of the runs differ by both (the delete-one-group jackknife: Efron and Stein
 1981). By how much they differ, sample by sample, is the shape of the band: wide where a manoeuvre asks for
-what the runs do not tell. Its size is calibrated: so that bands about the predictions of held-out runs hold
+what the runs do not tell. Of what was known before the fit, models that are shifted by its deviations add to
+it, for the runs do not tell that. Its size is calibrated: so that bands about the predictions of held-out runs hold
 the wanted share of them.
 """
 
@@ -26,10 +27,11 @@ Courses = Callable[[_core.RunData, _core.Model], Optional[Course]]
 
 @dataclass(frozen=True)
 class HeldOut:
-    """A model fitted without some runs, and these."""
+    """A model fitted without some runs, and these; without any: a model as it would be if something that
+    was known before the fit were a standard deviation more."""
 
     model: _core.Model
-    runs: Sequence[_core.RunData]
+    runs: Sequence[_core.RunData] = ()
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Band:
         fewer than two parts, or level is not between 0 and 1."""
         if not 0 < level < 1:
             raise GroundError("a band holds a share between 0 and 1, not %g" % level)
-        if len(parts) < 2:
+        if sum(bool(part.runs) for part in parts) < 2:
             raise GroundError("a band needs a fit to two runs or more, of which each is held out")
         ratios: List[Array] = []
         for part in parts:
@@ -76,11 +78,14 @@ def beyond(parts: Sequence[HeldOut], predicted: Array) -> List[int]:
 
 def _deviation(parts: Sequence[HeldOut], run: _core.RunData, predicted: Array, course: Courses) -> Array:
     """By how much predictions differ by chance (n, 6): the jackknife's deviation, and noise."""
-    courses = [course(run, part.model) for part in parts]
-    apart = [_apart(seen[0], predicted) for seen in courses if seen]
-    count = len(parts)
-    squares = (count - 1) / count * np.square(apart).sum(axis=0)
-    return np.asarray(np.sqrt(squares + np.square(_noise(run))))
+    count = sum(bool(part.runs) for part in parts)
+    squares = np.square(np.broadcast_to(_noise(run), predicted.shape)).copy()
+    for part in parts:
+        seen = course(run, part.model)
+        if seen:
+            weight = (count - 1) / count if part.runs else 1.0
+            squares += weight * np.square(_apart(seen[0], predicted))
+    return np.sqrt(squares)
 
 
 def _noise(run: _core.RunData) -> Array:

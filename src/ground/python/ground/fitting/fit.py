@@ -139,6 +139,7 @@ def fit(
         HeldOut(without["model"], seen.data[part :: fitter.most_parts])
         for part, without in (found.others.items() if len(seen.data) > 1 else ())
     ]
+    parts += [HeldOut(shifted) for shifted in found.result["shifted"]]
     result = _result(given, seen, options.starts, found.result, errors, prediction, runs, known)
     return replace(result, parts=parts)
 
