@@ -95,7 +95,7 @@ def main():
         "foil_gain_rudder.a": float(options.known.rstrip("%")) / 100
     }  # its value, 0, is a relative change
     known.update({name: options.known for name in KNOWN})
-    found = ground.fit(craft(), fitted, window=WINDOW, free=FREE, prior=known)
+    found = ground.fit(craft(), fitted, window=WINDOW, target="poses", free=FREE, prior=known)
     print("fitted to %s in %.0f s" % (", ".join(run.name for run in fitted), time.time() - began))
     print(*found.table(), sep="\n")
     for name in options.held:

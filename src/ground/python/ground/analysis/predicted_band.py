@@ -4,8 +4,8 @@ A model that was fitted to some runs predicts others by two uncertain things: it
 it lacks. Fits without each part of the runs differ by both (the delete-one-group jackknife: Efron and Stein
 1981). By how much they differ, sample by sample, is the shape of the band: wide where a manoeuvre asks for
 what the runs do not tell. Of what was known before the fit, models that are shifted by its deviations add to
-it, for the runs do not tell that. Its size is calibrated: so that bands about the predictions of held-out runs hold
-the wanted share of them.
+it, for the runs do not tell that. Its size is calibrated: so that bands about the predictions of held-out
+runs hold the wanted share of them.
 """
 
 from dataclasses import dataclass
@@ -85,7 +85,7 @@ def _deviation(parts: Sequence[HeldOut], run: _core.RunData, predicted: Array, c
         if seen:
             weight = (count - 1) / count if part.runs else 1.0
             squares += weight * np.square(_apart(seen[0], predicted))
-    return np.sqrt(squares)
+    return np.asarray(np.sqrt(squares))
 
 
 def _noise(run: _core.RunData) -> Array:
