@@ -14,8 +14,7 @@
 namespace ground::detail {
 namespace {
 
-constexpr double kMinGain = 0.01;        // gain of the log-posterior below which the search ends
-constexpr double kCoarseGain = 0.1;      // the same while the limit of distances is lowered
+constexpr double kCoarseGain = 0.1;      // least gain while the limit of distances is lowered
 constexpr double kNoGain = 0.01;         // share of these below which an expected gain is not tried
 constexpr double kMinShare = 0.1;        // share of the other block's gain below which one waits
 constexpr double kMaxMeanThrust = 0.02;  // largest mean of the runs' relative changes of thrust
@@ -100,7 +99,7 @@ class Maximiser {
       climb(200, kCoarseGain);
       held_ = held;
     }
-    climb(options_.cap, kMinGain);
+    climb(options_.cap, options_.least_gain);
     centreThrust();
     return result();
   }
@@ -211,9 +210,9 @@ class Maximiser {
     point_.theta(k - options_.free.begin()) *= 1 + mean;
     point_.at.model = modelAt(point_.at.model, free_, point_.theta.data());
     point_.at.levels.thrust = std::max(1e-3, std::sqrt(std::max(0.0, square - mean * mean)));
-    climb(options_.cap, kMinGain);
+    climb(options_.cap, options_.least_gain);
     if (best_ <= best) point_ = before;
-    climb(options_.cap, kMinGain);
+    climb(options_.cap, options_.least_gain);
   }
 
   /// Ascends by alternating steps of parameters and levels. Each has its own damping: far from the maximum,

@@ -53,8 +53,8 @@ py::dict toDict(const GreyBoxFit& fit) {
 
 py::dict fitBox(const GreyBox& box, const GreyBoxPoint& start, const std::vector<std::string>& free,
                 bool levels, std::vector<std::string> held, double cap, bool warm, int max_iterations,
-                int threads) {
-  GreyBoxOptions options{free, levels, std::move(held), cap, warm, max_iterations, threads};
+                int threads, double least_gain) {
+  GreyBoxOptions options{free, levels, std::move(held), cap, warm, max_iterations, threads, least_gain};
   const auto fit = withoutGil([&] { return box.fit(start, options); });
   return toDict(fit);
 }
@@ -154,7 +154,7 @@ void bindGreyBox(py::module_& module) {
       .def("start", &GreyBox::start, py::arg("model"))
       .def("fit", &fitBox, py::arg("start"), py::arg("free"), py::arg("levels") = true,
            py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0, py::arg("warm") = false,
-           py::arg("max_iterations") = 60, py::arg("threads") = 1)
+           py::arg("max_iterations") = 60, py::arg("threads") = 1, py::arg("least_gain") = 0.01)
       .def("intervals", &intervalsAt, py::arg("point"), py::arg("level_information"), py::arg("free"),
            py::arg("held") = std::vector<std::string>(), py::arg("cap") = 25.0, py::arg("threads") = 1)
       .def("likelihood", &GreyBox::likelihood, py::arg("point"), py::arg("cap") = 25.0,

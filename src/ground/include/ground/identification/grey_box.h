@@ -31,6 +31,7 @@ struct GreyBoxOptions {
   bool warm = false;
   int max_iterations = 60;
   int threads = 1;
+  double least_gain = 0.01;  ///< gain of the log-posterior below which the search ends
 };
 
 /// Wrench and relative change of thrust that are constant within a run and differ between runs.

@@ -2,7 +2,7 @@
 
 A search simulates all runs thousands of times. What that costs is the number of steps, which end at poses
 and at changes of a command, times the number of channels. Up to what COST says all of a recording is used:
-that are nearly four minutes of a craft with two thrusters that is measured and commanded 50 times a second,
+that are five minutes of a craft with two thrusters that is measured and commanded 50 times a second,
 in which effects that matter have shown long before. Of more, each run keeps parts between gaps. A craft that
 rests, or keeps its heading, does not show an offset of the tracked point, or drag: so parts with the largest
 velocities are kept.
@@ -16,7 +16,7 @@ from ground import _core
 from ground.analysis.thinning import thinned
 from ground.support.annotations import Array
 
-COST = 45_000  # steps times channels that a search may simulate
+COST = 60_000  # steps times channels that a search may simulate
 PART = 1.1  # length of a part [windows]
 
 

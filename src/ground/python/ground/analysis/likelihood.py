@@ -22,6 +22,7 @@ _T = TypeVar("_T")
 
 CAP = 25.0  # squared Mahalanobis distance above which a pose counts as noisier
 BLOCK = 2 / 3  # length of a block of time, for standard errors [windows]
+LEAST_GAIN = 0.01  # of the log-posterior, below which a fit ends
 ABSENT = 1e-3  # share of a usual level that has no effect
 VARYING = frozenset(["trim_X", "trim_Y", "trim_N", "thrust"])  # levels of differences between runs
 
@@ -93,12 +94,14 @@ class Likelihood:
         near: Optional[Fit] = None,
         levels: bool = True,
         held: Optional[Mapping[str, float]] = None,
+        least_gain: float = LEAST_GAIN,
     ) -> Fit:
         """The likeliest values of the free parameters; the search begins at the model's values.
 
         near: a Fit whose levels are near the optimum; without it they start far away. levels:
-        whether levels are fitted, too; held: values, by name, of levels that are fixed. Raises
-        GroundError when the model cannot be simulated.
+        whether levels are fitted, too; held: values, by name, of levels that are fixed; least_gain: of
+        the log-posterior, below which the search ends. Raises GroundError when the model cannot be
+        simulated.
         """
         held = {**self.absent, **(held or {})}
         near_by = self.box.start(model) if near is None else near.point
@@ -112,6 +115,7 @@ class Likelihood:
             warm=near is not None,
             cap=CAP,
             threads=self.threads,
+            least_gain=least_gain,
         )
         return Fit(
             found["point"].model,

@@ -7,7 +7,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.candidates import Candidate
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import LEAST_GAIN, Fit, Likelihood
 from ground.analysis.score_tests import ScoreTests, stepped
 from ground.analysis.window_error import free_parameters
 from ground.recordings import windows
@@ -15,6 +15,7 @@ from ground.support.errors import GroundError
 
 STEPS = (1.0, 0.3, 0.1)  # parts of the score test's step that refits start from
 SIZES = (0.5, 0.2, -0.2)  # start values of an effect that score tests cannot see, over its typical size
+COARSE = 0.2  # least gain (LEAST_GAIN) of fits of which the best is continued
 WINDOWS = 40  # on which far starts are tried by simulation error
 
 
@@ -28,18 +29,24 @@ class Fitting:
 
     def extended(self, base: Fit, tests: ScoreTests, added: Sequence[str]) -> Optional[Fit]:
         """The likeliest fit of a fitted set with added effects, from the steps of the score tests beside it
-        and the effects' own starts."""
+        and the effects' own starts. It ends early: see refined."""
         model = base.model
         for name in added:
             model = self.candidates[name].neutral(model)
         found: List[Fit] = []
         for start in self._steps(model, tests, added):
-            found += self._from_start(start, base)
+            found += self._from_start(start, base, COARSE)
             if found and found[-1].log_posterior > base.log_posterior + 1:
                 break
         for start, near in self._unseen_starts(model, base, tests, added):
-            found += self._from_start(start, near)
-        return max(found, key=lambda fit: fit.log_posterior) if found else None
+            found += self._from_start(start, near, COARSE)
+        if not found:
+            return None
+        return max(found, key=lambda fit: fit.log_posterior)
+
+    def refined(self, fit: Fit) -> Fit:
+        """A fit that ended early, continued."""
+        return max([fit, *self._from_start(fit.model, fit)], key=lambda fit: fit.log_posterior)
 
     def reduced(self, base: Fit, nominal: Fit, name: str) -> Fit:
         """The fit of a fitted set without one of its effects. nominal: without any of them."""
@@ -60,10 +67,12 @@ class Fitting:
         is_far = any(base.levels[level] > start[level] for level in ("sigma_X", "sigma_Y"))
         return is_far and len(list(self.candidates[name].starts(self.given))) > 1
 
-    def _from_start(self, start: _core.Model, near: Optional[Fit]) -> List[Fit]:
+    def _from_start(
+        self, start: _core.Model, near: Optional[Fit], least_gain: float = LEAST_GAIN
+    ) -> List[Fit]:
         """The fit from a start, as a list; an empty one where it cannot be simulated."""
         try:
-            return [self.likelihood.fit(start, free_parameters(start), near)]
+            return [self.likelihood.fit(start, free_parameters(start), near, least_gain=least_gain)]
         except GroundError:
             return []
 

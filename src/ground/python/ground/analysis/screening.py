@@ -21,9 +21,10 @@ from ground.analysis.distributions import chi_squared_above
 from ground.analysis.regression import LEVEL, Regression
 from ground.analysis.samples import Samples, Scales, evaluated, namespace
 from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
+from ground.recordings import windows
 from ground.support.annotations import Array, Indices
 
-BIN = 0.05  # samples that are taken together [s]
+BIN = 1 / 30  # samples that are taken together [windows]
 RANDOM = 8  # draws of innovations that give the variance of a score
 KEPT = 120  # products that are tested exactly
 KEPT_OF_ONE = 30  # ... of them on one channel
@@ -72,7 +73,8 @@ class _Screen:
 
     def __init__(self, regression: Regression, model: _core.Model, sampled: Sequence[Samples]) -> None:
         self.model, self.sampled = model, sampled
-        self.draws, self.edges = np.concatenate(regression.innovations.scores(RANDOM)), _bins(sampled)
+        self.draws = np.concatenate(regression.innovations.scores(RANDOM))
+        self.edges = _bins(sampled, BIN * windows.length(regression.likelihood.runs))
         self.middles = self.edges + np.diff(np.append(self.edges, len(self.draws))) // 2
 
     def _binned(self, values: Array) -> Array:
@@ -134,11 +136,11 @@ def _scores(P: Array, weighted: Array) -> Array:
     return np.asarray(np.where(kept, scores[0] ** 2 / np.maximum(variance, 1e-30), 0.0)).T
 
 
-def _bins(sampled: Sequence[Samples]) -> Indices:
-    """First samples of the bins of all runs, one after the other."""
+def _bins(sampled: Sequence[Samples], width: float) -> Indices:
+    """First samples of the bins of all runs, one after the other. width: of a bin [s]."""
     edges, before = [], 0
     for s in sampled:
-        step = max(1, int(round(BIN / np.median(np.diff(s.times)))))
+        step = max(1, int(round(width / np.median(np.diff(s.times)))))
         edges.append(before + np.arange(0, len(s.times), step))
         before += len(s.times)
     return np.concatenate(edges)

@@ -134,6 +134,7 @@ class Search:
             fitted = [current | set(p) for p in some if current | set(p) in self.fits]
             better = [s for s in fitted if self.value(s) > self.value(current)]
             for best in sorted(better, key=self.value, reverse=True):
+                self.refine([best])
                 if self.holds(best, current):
                     return best
                 self._refused.setdefault(current, []).append(best)
@@ -199,6 +200,11 @@ class Search:
             self.fits[current - {name}] = fit
         return [current - {name} for name in names]
 
+    def refine(self, sets: Sequence[FrozenSet[str]]) -> None:
+        """Continues fits of sets, which end early while others are compared with them."""
+        for names, fit in zip(sets, self.each(lambda n: self.fitting.refined(self.fits[n]), sets)):
+            self.fits[names] = fit
+
     def _prune(self, current: FrozenSet[str]) -> FrozenSet[str]:
         """Takes out effects as long as the set improves."""
         while True:
@@ -231,8 +237,11 @@ class Search:
         names = sorted(gains, key=gains.__getitem__, reverse=True)[:RIVALS]
         needed = {n: max(least, MIN_GAIN * self._size(n)) for n in names}
         proposals = [(n,) for n in names if gains[n] > needed[n]]
+        known = set(self.fits)
         self._fit_all(rest, proposals)
-        return [rest | set(p) for p in proposals if rest | set(p) in self.fits]
+        found = [rest | set(p) for p in proposals if rest | set(p) in self.fits]
+        self.refine([names for names in found if names not in known])
+        return found
 
     def rivals(self, current: FrozenSet[str], name: str) -> List[str]:
         """Effects that the data cannot distinguish from one of a set, the best first."""

@@ -1,5 +1,6 @@
 """Recordings: reading them, and choosing the part that models are compared with."""
 
+import functools
 import glob
 import os
 from dataclasses import dataclass, fields, replace
@@ -141,23 +142,31 @@ def taken(given: Recordings) -> List[Recording]:
     return distinct([r for one in given for r in ([one] if isinstance(one, Recording) else read(one))])
 
 
-def repaired(found: Sequence[Recording], work: Work) -> List[RepairedRun]:
-    """The recordings with their motion repaired, which takes time; work: told of each."""
+def repaired(
+    found: Sequence[Recording], work: Work, model: Optional[_core.Model] = None
+) -> List[RepairedRun]:
+    """The recordings with their motion repaired, which takes time; work: told of each; model: of the craft,
+    whose channels are then judged in each recording."""
+    thrusters = suspicions.judged_by(found, model)
     poses = sum(len(recording.eta) for recording in found)
     with work.stage(REPAIRING, len(found)):
         if len(found) > 1 and poses > WORTH_REPAIRING:
             with Workers(processes=True) as team:
-                for recording, one in zip(found, work.each(team.map(_repaired, found))):
+                for recording, one in zip(
+                    found, work.each(team.map(functools.partial(_repaired, thrusters), found))
+                ):
                     vars(recording).update(one)
                     quality.repaired(recording).recording = recording
             return [quality.repaired(recording) for recording in found]
         return list(work.each(map(quality.repaired, found)))
 
 
-def _repaired(recording: Recording) -> Dict[str, Any]:
+def _repaired(thrusters: suspicions.Thrusters, recording: Recording) -> Dict[str, Any]:
     """What a Recording remembers when it has been repaired and looked at."""
     quality.repaired(recording)
     suspicions.of(recording)
+    if thrusters:
+        suspicions.alone(recording, thrusters)
     given = {one.name for one in fields(recording)}
     return {name: value for name, value in vars(recording).items() if name not in given}
 
@@ -230,7 +239,7 @@ def measured(
     if not found:
         raise GroundError(NO_RECORDING)
     note_differences(found, others)
-    runs = repaired(found, work)
+    runs = repaired(found, work, model.core)
     doubts = suspicions.about(found, model.core)
     for d in findings.with_suspicions([findings.described(run) for run in runs], doubts):
         for finding in findings.grave(d):

@@ -33,8 +33,9 @@ MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
 EXPLAINED = ("offset", "delay", "command", "weak")
 MIN_TURNING = 4  # thrusters that turn the craft, from which one that does not stands out
 WEAK = 0.5  # share of the moment that its place promises, below which a thruster is weak
+Thrusters = Tuple[layouts.Thruster, ...]
 # A left and a right thruster; the moments of any lever are the same but for a factor.
-PAIR = (layouts.Thruster("left", 0.0, -1.0, 0.0), layouts.Thruster("right", 0.0, 1.0, 0.0))
+PAIR: Thrusters = (layouts.Thruster("left", 0.0, -1.0, 0.0), layouts.Thruster("right", 0.0, 1.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -77,22 +78,25 @@ def about(recordings: Sequence[Recording], model: Optional[_core.Model]) -> List
     """The Suspicions of recordings of a craft; model: its model, if there is one. Those about channels and
     headings that all recordings share are said once."""
     every = [one for recording in recordings for one in of(recording)]
-    if model is not None and any(thruster["is_angle"] for thruster in model.thrusters):
+    if model is not None and _turns(model):
         return every + list(_angles(recordings, model))
-    thrusters = _thrusters(recordings, model)
+    thrusters = judged_by(recordings, model)
     if not thrusters:
         return every
     return [one for one in every if one.kind not in layouts.GRAVEST] + _of_craft(recordings, thrusters, model)
 
 
-def _thrusters(
-    recordings: Sequence[Recording], model: Optional[_core.Model]
-) -> Optional[Sequence[layouts.Thruster]]:
-    """The thrusters by which the channels of a craft without angles are judged; None where they are not:
-    without a model, unless it is a pair."""
+def _turns(model: _core.Model) -> bool:
+    """Whether a rudder or a thruster of a craft turns."""
+    return any(thruster["is_angle"] for thruster in model.thrusters)
+
+
+def judged_by(recordings: Sequence[Recording], model: Optional[_core.Model]) -> Thrusters:
+    """The thrusters by which the channels of a craft are judged; none where they are not: without a model,
+    unless it is a pair, and where a thruster turns."""
     if model is None:
-        return PAIR if all(set(one.thrusters) == {"left", "right"} for one in recordings) else None
-    found = layouts.thrusters_of(model)
+        return PAIR if all(set(one.thrusters) == {"left", "right"} for one in recordings) else ()
+    found = () if _turns(model) else tuple(layouts.thrusters_of(model))
     return PAIR if _is_pair(found) else found
 
 
@@ -182,13 +186,17 @@ def directions(recording: Recording) -> Iterator[Suspicion]:
     """Swapped, inverted and dead thrusters, and headings of another sign or zero, of a craft with a left and
     a right one."""
     if set(recording.thrusters) == {"left", "right"}:
-        yield from _worded([recording], PAIR, _of_pair(recording))
+        yield from _worded([recording], PAIR, alone(recording, PAIR))
 
 
-@once
-def _of_pair(recording: Recording) -> Optional[layouts.Verdict]:
-    """The verdict of a recording of a craft with a left and a right thruster."""
-    return _judged([recording], PAIR) if repaired(recording).reply else None
+def alone(recording: Recording, thrusters: Thrusters) -> Optional[layouts.Verdict]:
+    """The verdict of a recording by itself, which it remembers; None without one."""
+    known = vars(recording).setdefault("_alone", {})
+    if thrusters not in known:
+        replies = thrusters != PAIR or repaired(recording).reply
+        known[thrusters] = _judged([recording], thrusters) if replies else None
+    found: Optional[layouts.Verdict] = known[thrusters]
+    return found
 
 
 CHECKS: Sequence[Callable[[Recording], Iterator[Suspicion]]] = (lengths, clocks, forces, directions)
@@ -211,7 +219,7 @@ def _angles(recordings: Sequence[Recording], model: _core.Model) -> Iterator[Sus
 
 
 def _of_craft(
-    recordings: Sequence[Recording], thrusters: Sequence[layouts.Thruster], model: Optional[_core.Model]
+    recordings: Sequence[Recording], thrusters: Thrusters, model: Optional[_core.Model]
 ) -> List[Suspicion]:
     """Suspicions about the channels and headings of a craft. What all recordings together look like says it
     all, unless one of them alone refutes it."""
@@ -219,12 +227,11 @@ def _of_craft(
     def confirmed(verdict: Optional[layouts.Verdict], some: Sequence[Recording]) -> Optional[layouts.Verdict]:
         return verdict and imitations.confirmed(verdict, some, thrusters, model)
 
-    alone = [_of_pair(one) if thrusters is PAIR else _judged([one], thrusters) for one in recordings]
-    alone = [confirmed(own, [one]) for one, own in zip(recordings, alone)]
+    own_ones = [confirmed(alone(one, thrusters), [one]) for one in recordings]
     together = confirmed(_judged(recordings, thrusters), recordings) if len(recordings) > 1 else None
-    if together and not together.is_as_recorded and all(_leaves_open(own, together) for own in alone):
+    if together and not together.is_as_recorded and all(_leaves_open(own, together) for own in own_ones):
         return list(_worded(recordings, thrusters, together))
-    found = [s for one, own in zip(recordings, alone) for s in _worded([one], thrusters, own)]
+    found = [s for one, own in zip(recordings, own_ones) for s in _worded([one], thrusters, own)]
     return found or [one for recording in recordings for one in _weak(recording, thrusters)]
 
 
