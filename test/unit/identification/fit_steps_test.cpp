@@ -269,17 +269,19 @@ TEST(Identifiable, DirectionsWithoutInformationAreTheNullSpace) {
 }
 
 TEST(Uncertainty, IsThatOfTheJackknifeByItsDefinition) {
-  const SimulationError p = problem(record(truth(), 6, 0.2, 5), 2);
-  const FitResult fit = p.fit(start(), options());
+  RunData run = record(truth(), 6, 0.2, 5);
+  const FitResult fit = problem(run, 2).fit(start(), options());
   const Free free = makeFree(fit.model, kNominal);
   const Solution at{startOf(free), fit.initial};
-  Linearisation windows(p, fit.model, 1);
-  for (const double asked : {0.1, 0.25, 10.0}) {
-    const double block = std::min(asked, 5.95 / (4.0 * kNominal.size()));
+  for (const double window : {0.3, 0.75, 30.0}) {
+    run.scales.window = window;
+    const SimulationError p = problem(run, 2);
+    const Linearisation windows(p, fit.model, 1);
+    const double block = std::min(window / 3, 5.95 / (4.0 * kNominal.size()));
     int blocks = 0;
     const Eigen::MatrixXd expected = jackknife(p, fit.model, free, fit.initial, block, blocks);
-    const Uncertainty found = uncertainty(windows, free, at, asked);
-    EXPECT_EQ(found.blocks, blocks) << asked;
+    const Uncertainty found = uncertainty(windows, free, at);
+    EXPECT_EQ(found.blocks, blocks) << window;
     EXPECT_LT((found.covariance - expected).norm(), 1e-5 * expected.norm());
     EXPECT_EQ(found.known.null_space.cols(), 0);
   }
