@@ -214,7 +214,10 @@ def _drawn(problem: Problem, found: diagnosis.Diagnosis, conclusion: Conclusion)
     if found.chosen:
         models[IMPROVED] = conclusion.improved
     described = findings.describe(problem.seen.runs + problem.held.runs)
-    return Drawn(found.runs, problem.held.data, models, conclusion.bands, described, problem.inputs)
+    likeliest = found.nominal.model
+    return Drawn(
+        found.runs, problem.held.data, models, likeliest, conclusion.bands, described, problem.inputs
+    )
 
 
 def _errors(error: Document) -> Dict[str, float]:

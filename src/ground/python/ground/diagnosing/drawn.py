@@ -8,6 +8,7 @@ from ground import _core
 from ground.analysis.bands import Bands
 from ground.reports import inspection
 from ground.support.annotations import Document
+from ground.support.errors import GroundError
 from ground.support.workers import Workers
 
 NOMINAL, IMPROVED = "nominal, refitted", "improved"  # labels of models
@@ -23,6 +24,7 @@ class Drawn:
     models: Dict[
         str, _core.Model
     ]  #: by label: the nominal one, refitted, and, with effects, the improved one
+    likeliest: _core.Model  #: the nominal one, refitted by likelihood
     bands: List[Bands]  #: prediction bands of the improved model
     described: List[Document]  #: findings.describe of all runs
     inputs: List[str]  #: paths of all that was read
@@ -41,6 +43,12 @@ class Drawn:
 
     def inspected(self, chosen: Sequence[int]) -> List[List[Document]]:
         """For runs by their numbers, the results of ground.reports.inspection for each model."""
+        try:
+            return self._inspected(chosen, self.models)
+        except GroundError:  # a refit by simulation error, over windows, may diverge along whole runs
+            return self._inspected(chosen, {**self.models, NOMINAL: self.likeliest})
+
+    def _inspected(self, chosen: Sequence[int], models: Dict[str, _core.Model]) -> List[List[Document]]:
         runs = [(run, "fit") for run in self.runs] + [(run, "held_out") for run in self.held]
 
         def inspect(task: Tuple[int, Tuple[str, _core.Model]]) -> Document:
@@ -49,5 +57,5 @@ class Drawn:
             return inspection.inspect(run, model, label, role)
 
         with Workers() as team:
-            each = iter(list(team.map(inspect, itertools.product(chosen, self.models.items()))))
-        return [[next(each) for _ in self.models] for _ in chosen]
+            each = iter(list(team.map(inspect, itertools.product(chosen, models.items()))))
+        return [[next(each) for _ in models] for _ in chosen]
