@@ -32,7 +32,7 @@ struct FitOptions {
   double width = 0;
   /// What is known of free parameters. It counts as much as data that determine them as well: squared
   /// residuals are correlated, and are scaled by a magnitude adjustment (Pauli, Racugno and Ventura,
-  /// Bayesian composite marginal likelihoods, Stat. Sinica 21 (2011), eq. 2.3).
+  /// Bayesian composite marginal likelihoods, Stat. Sinica 21 (2011)).
   std::vector<ParameterPrior> priors;
   /// Initial states of the windows to start from, as in FitResult; empty means the measured ones.
   std::vector<Eigen::VectorXd> initial;

@@ -171,14 +171,7 @@ class Likelihood:
         model, which are neutral: score (blocks, n), information (n, n), scale (n,), run
         (blocks,)."""
         point = _core.GreyBoxPoint(model, fit.levels, list(fit.loudness))
-        found = call(
-            self.box.scores,
-            point,
-            list(names),
-            cap=CAP,
-            block=BLOCK * windows.length(self.runs),
-            threads=self.threads,
-        )
+        found = call(self.box.scores, point, list(names), cap=CAP, block=self._block, threads=self.threads)
         return {key: np.array(value) for key, value in found.items()}
 
 

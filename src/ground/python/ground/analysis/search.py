@@ -237,10 +237,9 @@ class Search:
         names = sorted(gains, key=gains.__getitem__, reverse=True)[:RIVALS]
         needed = {n: max(least, MIN_GAIN * self._size(n)) for n in names}
         proposals = [(n,) for n in names if gains[n] > needed[n]]
-        known = set(self.fits)
         self._fit_all(rest, proposals)
         found = [rest | set(p) for p in proposals if rest | set(p) in self.fits]
-        self.refine([names for names in found if names not in known])
+        self.refine(found)
         return found
 
     def rivals(self, current: FrozenSet[str], name: str) -> List[str]:

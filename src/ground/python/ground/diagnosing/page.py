@@ -84,7 +84,7 @@ def _parameters(report: Document) -> List[List[str]]:
             name,
             "%.4g" % nominal[name]["value"] if name in nominal else "",
             "%.4g" % p["value"],
-            "%.4g to %.4g" % tuple(p["ci95"]) if p["identified"] else "not identifiable from these data",
+            "%.4g to %.4g" % words.interval(p) if p["identified"] else "not identifiable from these data",
             p["unit"],
         ]
         for name, p in report["improved"]["parameters"].items()

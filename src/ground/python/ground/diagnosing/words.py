@@ -56,9 +56,13 @@ def parameter(name: str, p: Document) -> str:
     """A parameter: "tau 50.02 ms (95%: 49.98 to 50.05 ms)"."""
     if not p["identified"]:
         return "%s cannot be identified from these data" % name
-    low, high = p["ci95"]  # None in JSON: infinite
-    low, high = -math.inf if low is None else low, math.inf if high is None else high
-    return "%s %s" % (name, with_interval(p["value"], low, high, p["unit"]))
+    return "%s %s" % (name, with_interval(p["value"], *interval(p), p["unit"]))
+
+
+def interval(p: Document) -> Tuple[float, float]:
+    """The ends of a parameter's interval, which are None in JSON where they are infinite."""
+    low, high = p["ci95"]
+    return -math.inf if low is None else low, math.inf if high is None else high
 
 
 def parameters(values: Mapping[str, Document]) -> Iterator[str]:
