@@ -6,6 +6,7 @@ import pytest
 import ground
 from conftest import MODEL
 from ground import _core
+from ground.diagnosing import words
 
 KNOWN = {"hull_lift.yv": 0.3, "hull_lift.yr": 0.3, "hull_lift.nv": 0.3, "hull_lift.nr": 0.3}  # shares
 SEEDS = range(12)
@@ -125,3 +126,14 @@ def test_a_share_of_nothing_is_refused(guess):
     none = guess.with_values({"hull_lift.yv": 0.0})
     with pytest.raises(ground.GroundError, match="its value is 0"):
         ground.fit(none, recorded(guess, 4), free=["I_z"], prior={"hull_lift": "20%"})
+
+
+def test_an_inertia_that_runs_do_not_bound_has_no_upper_end():
+    """A boat that goes straight on does not say how large its inertia may be."""
+    ends = []
+    for seed in range(8):
+        straight = recorded(boat(), seed, 20.0, turn=1e-5)
+        ends.append(ground.fit(boat(), straight, free=["I_z", "k"]).parameters["I_z"].ci95[1])
+    assert np.inf in ends
+    assert all(end == np.inf or end < 1e4 * boat()["I_z"] for end in ends), ends
+    assert words.interval({"ci95": [1.0, None]}) == (1.0, np.inf)  # None: as JSON has it
