@@ -5,7 +5,7 @@ import pytest
 
 from conftest import simulate_run
 from ground import _core
-from ground.analysis import thinning
+from ground.analysis import formula_words, thinning
 from ground.fitting import identifiability
 from ground.recordings import scatter, tracks, windows
 
@@ -48,6 +48,18 @@ def test_saturation_depends_on_the_bounds_of_the_craft():
     assert tracks.saturated(backwards).tolist() == [False, False, True]
     three = np.array([[0.0, 0.5, 0.5], [0.5, 0.5, -1.0], [0.5, 1.0, 0.5]])
     assert tracks.saturated(three).tolist() == [False, True, True]
+
+
+# --- numbers in words
+
+
+@pytest.mark.parametrize("value, half", [(-1e-4, 0.3), (-0.2, 0.3), (-1e-9, 2.0), (-0.3, 5.0)])
+def test_a_rounded_number_is_not_a_negative_zero(value, half):
+    told = formula_words.with_interval(value, value - half, value + half, "-")
+    numbers = [
+        float(word.strip("(:)")) for word in told.split() if word.strip("(:)-").replace(".", "").isdigit()
+    ]
+    assert len(numbers) == 3 and not any(x == 0 and np.signbit(x) for x in numbers), told
 
 
 # --- windows and thinning

@@ -15,7 +15,7 @@ from ground.support.errors import GroundError
 START = 4 / 15  # part of a window that gives the initial velocities of the pure prediction
 BLOCK = 1 / 3  # of nearly independent errors, as for intervals of fits [windows]
 THESIS_SPAN = 4.0  # length of the thesis's objective [s]
-HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # [2/3 of a window], which is 1 s for a palm-sized hovercraft
+HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # [time scales]
 CHANNELS = ("u", "v", "r")
 UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s"}
 
@@ -125,7 +125,7 @@ def _predict(run: _core.RunData, model: _core.Model, cut: Sequence[_core.Window]
 def _predict_horizons(run: _core.RunData, model: _core.Model) -> List[Document]:
     """Errors of poses predicted over HORIZONS."""
     rows = []
-    for seconds in [round(part * windows.length([run]) / 1.5, 9) for part in HORIZONS]:
+    for seconds in [round(part * windows.time_scale([run]), 9) for part in HORIZONS]:
         errors = np.empty((0, 2))
         with contextlib.suppress(GroundError):  # the run is too short
             chosen = horizon.starts([run], seconds)

@@ -15,7 +15,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import channels, scalars
 from ground.analysis.channels import ACROSS, ALONG, DAMPING, ON_BODY, Channel
-from ground.analysis.samples import MEMORIES, SWINGS, Samples, Scales, evaluated, inputs, namespace
+from ground.analysis.samples import Samples, Scales, evaluated, inputs, namespace
 from ground.analysis.scalars import (
     COMMAND,
     FAR,
@@ -172,45 +172,45 @@ def _families(model: _core.Model, scales: Scales) -> Iterator[_Row]:
     yield _Row("force in the room by time", room, times[:1])
     yield _Row("thrust by time", thrust, times[:5])
     yield _Row("damping by time", DAMPING, times[:2])
-    yield from _of_the_past(model)
+    yield from _of_the_past(model, scales)
 
 
-def _of_the_past(model: _core.Model) -> Iterator[_Row]:
+def _of_the_past(model: _core.Model, scales: Scales) -> Iterator[_Row]:
     names, total = [name[2:] for name in inputs(model)], scalars.total(model)
     past = frozenset([PAST])
     late: List[Channel] = []
-    for i in range(len(MEMORIES)):
-        memory = Memory.mean("p", i, {"_" + name: "u_" + name for name in names})
+    for i in range(len(scales.memories)):
+        memory = Memory.mean(scales, "p", i, {"_" + name: "u_" + name for name in names})
         for form in ("({0}-u_%s)", "({0}-u_%s)*u_%s", "abs({0}-u_%s)*({0}-u_%s)"):
             late += channels.thrusts(model, form.format("p%d_%%s" % i), PAST, memory)
     yield _Row("thrust by past commands", late, [ONE])
-    drawn = scalars.means("q", {"": total})
+    drawn = scalars.means(scales, "q", {"": total})
     yield _Row("thrust by the past sum of commands", channels.thrusts(model)[-1:], drawn)
     yield _Row("wrench by the past sum of commands", ON_BODY[1:], [scalars.less(q, total) for q in drawn])
-    filling = [scalars.less(mean, "lift") for mean in scalars.means("l", {"": "lift"})]
+    filling = [scalars.less(mean, "lift") for mean in scalars.means(scales, "l", {"": "lift"})]
     yield _Row("damping by past lift", [ALONG], filling)
     used = Memory({"used": total}, {})
-    spent = [Scalar("exp(-used/%g)" % some, "-", past, {}, used) for some in (1.0, 3.0, 10.0)]
+    spent = [Scalar("exp(-used/%g)" % some, "-", past, {}, used) for some in scales.spent]
     yield _Row("thrust by what was used", channels.thrusts(model)[-1:], spent)
     for channel, name, unit in zip(ON_BODY, "uvr", ("m/s", "m/s", "rad/s")):
-        means = scalars.means("w", {"_" + name: name}, unit)
+        means = scalars.means(scales, "w", {"_" + name: name}, unit)
         yield _Row("past velocity " + name, [channel], [scalars.less(w, name) for w in means])
     waking = []
-    for i in range(len(MEMORIES)):
+    for i in range(len(scales.memories)):
         parts = {"X": "%%s*(w%d_u-u)" % i, "Y": "%%s*(w%d_v-v)" % i}
-        memory = Memory.mean("w", i, {"_u": "u", "_v": "v"})
+        memory = Memory.mean(scales, "w", i, {"_u": "u", "_v": "v"})
         waking.append(
             Channel(parts, "a force along the past velocity less the present one", "m/s", past, {}, memory)
         )
     yield _Row("past velocity", waking, [ONE])
-    squared = scalars.means("s", {"": "u^2+v^2"}, "m^2/s^2")
+    squared = scalars.means(scales, "s", {"": "u^2+v^2"}, "m^2/s^2")
     yield _Row("damping by past speed", DAMPING[2:], squared)
-    yield _Row("swinging load", list(_swings()), [ONE])
+    yield _Row("swinging load", list(_swings(scales)), [ONE])
 
 
-def _swings() -> Iterator[Channel]:
+def _swings(scales: Scales) -> Iterator[Channel]:
     """Forces of loads that swing below the craft, by their deflection and by its rate."""
-    for i, frequency in enumerate(SWINGS):
+    for i, frequency in enumerate(scales.swings):
         omega, rates = 2 * np.pi * frequency, {}
         times = {"w_a%d" % i: Constant(omega, "rad/s", 0.0), "g_a%d" % i: Constant(0.2 * omega, "1/s", 0.0)}
         for axis, speed in (("x", "(u*cos(psi)-v*sin(psi))"), ("y", "(u*sin(psi)+v*cos(psi))")):

@@ -15,7 +15,7 @@ from ground.support.annotations import Array, Document, Each, Indices
 from ground.support.errors import GroundError
 
 MOST_SAMPLES = 6000  # poses, thinned, in an excerpt of runs
-STRETCH = 10.0  # length of a stretch of a long run in it [s]
+STRETCH = 10.0  # length of a stretch of a long run in it [time scales]
 BETTER, UNDECIDED, WORSE = "better", "undecided", "worse"  # verdicts of a Comparison
 MIN_PARTS = 4  # from which on a t-test over parts has power
 MAX_CHANCE = 0.05  # probability with which a Comparison may say "worse" where nothing differs
@@ -235,20 +235,21 @@ def excerpt(
     """The same if the runs are short together, else stretches of them that are spread evenly."""
     if sum(len(run.times) for run in likelihood.runs) <= MOST_SAMPLES:
         return likelihood, fit, runs, cut
+    seconds = STRETCH * windows.time_scale(runs)
     stretches = [
         (i, begin)
         for i, run in enumerate(runs)
-        for begin in np.arange(run.times[0], run.times[-1] - STRETCH / 2, STRETCH).tolist()
+        for begin in np.arange(run.times[0], run.times[-1] - seconds / 2, seconds).tolist()
     ]
     rate = sum(len(run.times) for run in likelihood.runs) / sum(
         max(run.times[-1] - run.times[0], 1e-3) for run in runs
     )
-    most = int(np.clip(MOST_SAMPLES / (rate * STRETCH), 2, len(stretches)))
+    most = int(np.clip(MOST_SAMPLES / (rate * seconds), 2, len(stretches)))
     pieces, of = [], []
     for k in np.linspace(0, len(stretches) - 1, most).astype(int):
         i, begin = stretches[k]
         times = np.array(runs[i].times)
-        first, last = np.searchsorted(times, [begin, begin + STRETCH])
+        first, last = np.searchsorted(times, [begin, begin + seconds])
         piece = stretch(runs[i], times, slice(int(first), int(last)))
         if windows.cut_part(piece, 0, piece.times[0], piece.times[-1]):
             pieces.append(piece)

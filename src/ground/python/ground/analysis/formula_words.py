@@ -85,7 +85,7 @@ def with_interval(value: float, low: float, high: float, unit: str) -> str:
     factor, unit = _scale(value, unit)
     half = factor * max(high - value, value - low)
     places = 3 if not 0 < half < math.inf else int(np.clip(-math.floor(math.log10(half)), 0, 9))
-    told = ["%.*f" % (places, factor * number) for number in (value, low, high)]
+    told = ["%.*f" % (places, round(factor * number, places) + 0.0) for number in (value, low, high)]
     unit = " " + unit if unit not in ("", "-") else ""
     return "%s%s (95%%: %s to %s%s)" % (told[0], unit, told[1], told[2], unit)
 

@@ -73,14 +73,14 @@ def predicted_poses(
         at = [k for k, window in enumerate(chosen) if window.run == i]
         if at:
             own = [_core.Window(0, chosen[k].first, chosen[k].last) for k in at]
-            begun = call(windows.problem([run], _warm_ups(run, own, seconds)).simulate, model)["nu"]
+            begun = call(windows.problem([run], warm_ups(run, own, seconds)).simulate, model)["nu"]
             ended = call(_core.predict, model, run, own, np.array([nu[0] for nu in begun]))["eta"]
             ends[at] = [eta[-1] for eta in ended]
     return ends
 
 
-def _warm_ups(run: _core.RunData, chosen: Sequence[_core.Window], seconds: float) -> List[_core.Window]:
-    """What was measured before each start."""
+def warm_ups(run: _core.RunData, chosen: Sequence[_core.Window], seconds: float) -> List[_core.Window]:
+    """What was measured before the start of each of starts() of a run, whose last sample is the start."""
     begins = np.array(run.times)[[window.first for window in chosen]] + WARM_UP * seconds
     splits = np.searchsorted(run.times, begins)
     return [_core.Window(0, window.first, int(split)) for window, split in zip(chosen, splits)]
@@ -93,23 +93,32 @@ def pose_errors(
     seconds: float,
 ) -> Array:
     """Errors of position [mm] and heading [deg] of the poses that models, one for each of starts(), predict
-    from the measured pose at the start, (n, 2). The velocities there are the model's, moved by what it
-    misses of the measured ones: by a line through the difference in the time before, so that a missing force
-    does not delay them. GroundError when a motion is not finite."""
+    at their ends, (n, 2): see predicted. GroundError when a motion is not finite."""
     ends, measured = np.empty((len(chosen), 3)), np.empty((len(chosen), 3))
     groups: Dict[Tuple[int, int], List[int]] = {}
     for k, (window, model) in enumerate(zip(chosen, models)):
         groups.setdefault((window.run, id(model)), []).append(k)
     for (i, _), at in groups.items():
-        run, model = runs[i], models[at[0]]
-        warm = _warm_ups(run, [chosen[k] for k in at], seconds)
-        before = call(windows.problem([run], warm).simulate, model)["nu"]
-        begun = np.array([_velocities(run, *pair) for pair in zip(warm, before)])
-        own = [_core.Window(0, w.last, chosen[k].last) for k, w in zip(at, warm)]
-        ended = call(_core.predict, model, run, own, begun)["eta"]
-        ends[at] = [eta[-1] for eta in ended]
-        measured[at] = np.array(run.poses if len(run.poses) else run.eta)[[w.last for w in own]]
+        run, lasts = runs[i], [chosen[k].last for k in at]
+        warm = warm_ups(run, [chosen[k] for k in at], seconds)
+        ends[at] = [path[-1, :3] for path in predicted(run, models[at[0]], warm, lasts)]
+        measured[at] = np.array(run.poses if len(run.poses) else run.eta)[lasts]
     return apart(ends, measured)
+
+
+def predicted(
+    run: _core.RunData, model: _core.Model, warm: Sequence[_core.Window], lasts: Sequence[int]
+) -> List[Array]:
+    """Poses and velocities (k, 6) that a model predicts from each start to a last sample, both included.
+    warm: what was measured before, whose last sample is the start. Predictions begin at the measured pose.
+    Their first velocities are the model's, moved by what it misses of the measured ones: by a line through
+    the difference in the time before, so that a missing force does not delay them. GroundError when a motion
+    is not finite."""
+    before = call(windows.problem([run], warm).simulate, model)["nu"]
+    begun = np.array([_velocities(run, *pair) for pair in zip(warm, before)])
+    own = [_core.Window(0, w.last, last) for w, last in zip(warm, lasts)]
+    found = call(_core.predict, model, run, own, begun)
+    return [np.column_stack(pair) for pair in zip(found["eta"], found["nu"])]
 
 
 def _velocities(run: _core.RunData, warm: _core.Window, simulated: Array) -> Array:

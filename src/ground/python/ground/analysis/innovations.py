@@ -7,11 +7,12 @@ from typing import List, Sequence
 import numpy as np
 
 from ground.analysis.likelihood import Fit, Likelihood
+from ground.recordings import windows
 from ground.support.annotations import Array, Flags
 
 STEP = 1e-3  # relative step of a parameter, for finite differences
-DELAY = 1e-3  # delay of all commands that counts as a change of a parameter [s]
-RESPONSE = 1.0  # time after which the response to a pulse is cut [s]
+DELAY = 1e-3  # delay of all commands that counts as a change of a parameter [time scales]
+RESPONSE = 1.0  # time after which the response to a pulse is cut [time scales]
 
 
 class Innovations:
@@ -59,14 +60,15 @@ class Innovations:
 
     def scores(self, random: int) -> List[Array]:
         """Scores (n, 3, 1 + random) of a unit wrench at each sample of each run, whose response is cut
-        after RESPONSE seconds: by the innovations, and by random ones as they are without an effect."""
+        after RESPONSE: by the innovations, and by random ones as they are without an effect."""
         drawn = np.random.default_rng(random).normal(size=(len(self.y), random))
         Y = np.column_stack([self.y, self.projected(drawn)])
         return [self._scores_of(i, Y[a:b]) for i, (a, b) in enumerate(zip(self.rows[:-1], self.rows[1:]))]
 
     def _scores_of(self, i: int, Y: Array) -> Array:
         times, scored = np.array(self.likelihood.runs[i].times), self._scored[i]
-        apart = min(len(times), max(1, int(round(RESPONSE / np.median(np.diff(times))))))
+        cut = RESPONSE * windows.time_scale(self.likelihood.runs)
+        apart = min(len(times), max(1, int(round(cut / np.median(np.diff(times))))))
         pulses = np.zeros((len(times), 3, 3 * apart))
         for c, first in itertools.product(range(3), range(apart)):
             pulses[first::apart, c, c * apart + first] = 1.0
@@ -94,7 +96,7 @@ class Innovations:
             moved.set_value(name, value + step if value + step <= p["upper"] else value - step)
             columns.append(self._innovations(self.likelihood, replace(fit, model=moved), i))
         rows = np.array(run.inputs)
-        rows[:, 0] += DELAY
+        rows[:, 0] += DELAY * windows.time_scale([run])
         late = run.replaced(inputs=rows)
         alone = replace(fit, loudness=fit.loudness[i : i + 1])
         columns.append(self._innovations(Likelihood([late], self.likelihood.craft), alone, 0))

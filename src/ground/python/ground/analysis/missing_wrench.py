@@ -8,10 +8,11 @@ import numpy as np
 from ground import _core
 from ground.analysis import residuals
 from ground.analysis.likelihood import CAP
+from ground.recordings import windows
 from ground.support.annotations import Array, Document
 
 IN_A_ROW = 5  # outliers that make a disturbance
-EVENT_MARGIN = 0.3  # time cut on both sides of a disturbance [s]
+EVENT_MARGIN = 0.3  # time cut on both sides of a disturbance [time scales]
 MIN_WRENCH = 0.01  # share of full thrust below which a wrench counts as zero
 MAP_CELLS = 5  # cells along each side of the map
 
@@ -45,13 +46,13 @@ def undisturbed(model: _core.Model, run: _core.RunData) -> Undisturbed:
     whole = Undisturbed(run, *residuals.disturbance(run, model, "white"), [])
     outlier = np.sum(np.square(whole.box.residuals(whole.white, 0)["whitened"][:, :3]), axis=1) > 0.999 * CAP
     disturbed = np.convolve(outlier, np.ones(IN_A_ROW), "same") == IN_A_ROW
-    times = np.array(run.times)
+    times, margin = np.array(run.times), EVENT_MARGIN * windows.time_scale([run])
     spans: List[List[float]] = []
     for time in times[disturbed]:
-        if spans and time - EVENT_MARGIN <= spans[-1][1]:
-            spans[-1][1] = time + EVENT_MARGIN
+        if spans and time - margin <= spans[-1][1]:
+            spans[-1][1] = time + margin
         else:
-            spans.append([time - EVENT_MARGIN, time + EVENT_MARGIN])
+            spans.append([time - margin, time + margin])
     keep = np.ones(len(times), bool)
     for start, end in spans:
         keep &= (times < start) | (times > end)

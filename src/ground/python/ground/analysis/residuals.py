@@ -14,12 +14,13 @@ import numpy as np
 from ground import _core
 from ground.analysis.likelihood import ABSENT
 from ground.analysis.thinning import thinned
+from ground.recordings import windows
 from ground.support.annotations import Array, Document, Indices
 
 CHANNELS = ("ahead", "starboard", "heading")
 LAGS = 40  # number of lags of the auto-correlation [samples]
 BARTLETT_LAGS = 100  # lags over which residuals widen the band of that correlation [samples]
-INPUT_LAGS = np.arange(-0.2, 0.801, 0.04)  # positive: the input precedes the residual [s]
+INPUT_LAGS = np.arange(-0.2, 0.801, 0.04)  # positive: the input precedes the residual [time scales]
 BAND = 0.99
 SETTLING = 10  # samples for the filter to settle at the start of a stretch
 ITERATIONS = 5  # at most, in each fit of the levels: further ones change the levels little
@@ -149,13 +150,13 @@ def _with_input(
     )
     widening = 1 + 2 * float((own * told_before).sum())
     width = np.sqrt(max(1.0, widening) / good.sum())
-    found = []
-    for lag in INPUT_LAGS:
+    found, lags_tried = [], windows.time_scale([run]) * INPUT_LAGS
+    for lag in lags_tried:
         before = told(times - lag)[good]
         spread = before.std() * values[good].std()
         found.append(float(np.mean((before - before.mean()) * values[good]) / spread) if spread > 0 else 0.0)
     judged = _judged(found, [width] * len(found))
-    return dict({"lag_seconds": [float(lag) for lag in INPUT_LAGS]}, **judged)
+    return dict({"lag_seconds": lags_tried.tolist()}, **judged)
 
 
 def _products(series: Array, lags: int) -> Array:

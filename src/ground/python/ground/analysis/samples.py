@@ -1,6 +1,6 @@
 """What formulas of a missing wrench depend on along a run, all of it known beforehand.
 
-The pose is the measured one; velocities are simulated for RESTART seconds from the filter's state, because
+The pose is the measured one; velocities are simulated for RESTART from the filter's state, because
 filtered ones contain the disturbance; the past is filtered causally from commands that reach the thrusters
 and from these velocities. Nothing looks ahead.
 """
@@ -12,13 +12,14 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.recordings import headings
+from ground.recordings import headings, windows
 from ground.support.annotations import Array
 
-RESTART = 0.25  # time that velocities are simulated from a filtered state [s]
+RESTART = 0.25  # time that velocities are simulated from a filtered state [time scales]
 HOPS = 3  # restarts in that time
-MEMORIES = (0.05, 0.15, 0.5, 1.5, 4.0)  # time constants of the past [s]
-SWINGS = (0.5, 0.8, 1.3, 2.0)  # frequencies of what may swing on the craft [Hz]
+MEMORIES = (0.05, 0.15, 0.5, 1.5, 4.0)  # time constants of the past [time scales]
+SPENT = (1.0, 3.0, 10.0)  # full input over such times is used until something is spent [time scales]
+SWINGS = (0.5, 0.8, 1.3, 2.0)  # frequencies of what may swing on the craft [1 / time scale]
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Samples:
     values: Dict[str, Array]
     times: Array
     states: Dict[str, Array]  # values of the states of formulas
+    time_scale: float  # of the craft [s]
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,22 @@ class Scales:
     speed: float  # root mean square of u and v [m/s]
     turn: float  # of r [rad/s]
     duration: float  # [s]
+    time_scale: float  # of the craft [s]
+
+    @property
+    def memories(self) -> List[float]:
+        """Time constants of the past [s]."""
+        return [memory * self.time_scale for memory in MEMORIES]
+
+    @property
+    def spent(self) -> List[float]:
+        """What may be used of full input until something is spent [s]."""
+        return [time * self.time_scale for time in SPENT]
+
+    @property
+    def swings(self) -> List[float]:
+        """Frequencies of what may swing on the craft [Hz]."""
+        return [frequency / self.time_scale for frequency in SWINGS]
 
     @staticmethod
     def of(sampled: Sequence[Samples]) -> "Scales":
@@ -56,6 +74,7 @@ class Scales:
             float(max(speed, 1e-9)),
             float(max(np.sqrt((every("r") ** 2).mean()), 1e-9)),
             float(max(every("t").max(), 1e-3)),
+            sampled[0].time_scale,
         )
 
 
@@ -78,12 +97,12 @@ def of_run(likelihood: Likelihood, fit: Fit, run: int) -> Samples:
         "t": np.array(data.t),
         "volt": _voltage(data, model, times),
     }
-    return samples_of(model, values, times)
+    return samples_of(model, values, times, windows.time_scale([data]))
 
 
-def samples_of(model: _core.Model, values: Dict[str, Array], times: Array) -> Samples:
-    """Samples with the values of the states of formulas."""
-    return Samples(values, times, _states(model, values, times))
+def samples_of(model: _core.Model, values: Dict[str, Array], times: Array, time_scale: float) -> Samples:
+    """Samples with the values of the states of formulas; time_scale: of the craft [s]."""
+    return Samples(values, times, _states(model, values, times, time_scale), time_scale)
 
 
 def _voltage(run: _core.RunData, model: _core.Model, times: Array) -> Array:
@@ -94,14 +113,13 @@ def _voltage(run: _core.RunData, model: _core.Model, times: Array) -> Array:
 
 
 def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
-    """Velocities (n, 3), each simulated without correction for at least RESTART / HOPS * (HOPS -
-    1) seconds."""
+    """Velocities (n, 3), each simulated without correction for at least (HOPS - 1) / HOPS of RESTART."""
     data = likelihood.runs[run]
     left = likelihood.residuals(fit.point, run)
     states, constants, times = left["states"], left["constants"], np.array(data.times)
     known = np.array(data.wrench) if len(data.wrench) else np.zeros((len(times), 3))
     nu, step = np.array(states[:, 3:]), float(np.median(np.diff(times)))
-    reach = max(2, int(round(RESTART / step)))
+    reach = max(2, int(round(RESTART * windows.time_scale([data]) / step)))
     hop = max(1, reach // HOPS)
     for first in range(0, len(times) - reach, hop):
         last = min(len(times) - 1, first + reach)
@@ -188,7 +206,7 @@ def evaluated(formula: str, known: Mapping[str, Any]) -> Array:
     return np.asarray(np.broadcast_to(np.asarray(value, float), known["t"].shape))
 
 
-def _states(model: _core.Model, v: Mapping[str, Array], times: Array) -> Dict[str, Array]:
+def _states(model: _core.Model, v: Mapping[str, Array], times: Array, time_scale: float) -> Dict[str, Array]:
     """Values of the states of formulas, by name."""
     names = inputs(model)
     commands = np.column_stack([v[name] for name in names])
@@ -197,14 +215,14 @@ def _states(model: _core.Model, v: Mapping[str, Array], times: Array) -> Dict[st
     found: Dict[str, Array] = {}
     for i, memory in enumerate(MEMORIES):
         columns = np.column_stack([commands, total, v["lift"], speeds])
-        means = past(times, columns, memory).T
+        means = past(times, columns, memory * time_scale).T
         labels = ["p%d_%s" % (i, name[2:]) for name in names] + ["q%d" % i, "l%d" % i]
         labels += ["w%d_%s" % (i, name) for name in "uvr"] + ["s%d" % i]
         found.update(zip(labels, means))
     c, s = np.cos(v["psi"]), np.sin(v["psi"])
     room = np.column_stack([c * v["u"] - s * v["v"], s * v["u"] + c * v["v"]])
     for i, frequency in enumerate(SWINGS):
-        for kind, values in zip("ab", swinging(times, room, frequency)):
+        for kind, values in zip("ab", swinging(times, room, frequency / time_scale)):
             found.update({"%s%d%s" % (kind, i, axis): values[:, j] for j, axis in enumerate("xy")})
     steps = np.diff(times, prepend=times[0])
     found["used"] = np.cumsum(total * steps)

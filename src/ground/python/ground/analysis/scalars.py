@@ -11,14 +11,14 @@ from typing import Dict, FrozenSet, List, Mapping, NamedTuple, Optional, Sequenc
 import numpy as np
 
 from ground import _core
-from ground.analysis.samples import MEMORIES, Samples, Scales, inputs
+from ground.analysis.samples import Samples, Scales, inputs
 from ground.support.annotations import Array
 
 HEADING, PLACE, VELOCITY = "heading", "place", "velocity"
 COMMAND, PAST, TIME = "command", "past", "time"
 ARGUMENTS = (HEADING, PLACE, VELOCITY, COMMAND, PAST, TIME)
 TURNS = (1, 2, 3, 4)  # harmonics of the heading
-CROSSED = 0.25  # time in which the craft crosses the shortest wavelength [s]
+CROSSED = 0.25  # time in which the craft crosses the shortest wavelength [time scales]
 FAR = 100.0  # largest distance of a point that a force may depend on, over the extent of the motion
 WAVES = 6000  # wave vectors
 HALF_WAVES = 8  # most half waves of the time in the longest run
@@ -57,15 +57,15 @@ class Memory:
         return Memory({**self.rates, **other.rates}, {**self.times, **other.times})
 
     @staticmethod
-    def mean(kind: str, i: int, of: Mapping[str, str]) -> "Memory":
-        """States that are means of formulas over the past, for the i-th of MEMORIES. of: formula by the end
-        of the state's name."""
+    def mean(scales: Scales, kind: str, i: int, of: Mapping[str, str]) -> "Memory":
+        """States that are means of formulas over the past, for the i-th of the scales' memories. of: formula
+        by the end of the state's name."""
         time = "tau_%s%d" % (kind, i)
         rates = {
             "%s%d%s" % (kind, i, end): "((%s)-%s%d%s)/{%s}" % (text, kind, i, end, time)
             for end, text in of.items()
         }
-        return Memory(rates, {time: Constant(MEMORIES[i], "s", 0.0)})
+        return Memory(rates, {time: Constant(scales.memories[i], "s", 0.0)})
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def few(model: _core.Model, scales: Scales) -> List[Scalar]:
         *of([COMMAND], told),
         *_of_time(scales),
         *of([PLACE], [("(x-{x1})", "m"), ("(y-{y1})", "m")], middle),
-        *means("q", {"": total(model)}),
+        *means(scales, "q", {"": total(model)}),
     ]
 
 
@@ -187,13 +187,14 @@ def total(model: _core.Model) -> str:
     return "(%s)" % "+".join(inputs(model))
 
 
-def means(kind: str, of: Mapping[str, str], unit: str = "-") -> List[Scalar]:
-    """Means of formulas over the past, with each of MEMORIES. of: formula by the end of the mean's name."""
+def means(scales: Scales, kind: str, of: Mapping[str, str], unit: str = "-") -> List[Scalar]:
+    """Means of formulas over the past, with each of the scales' memories. of: formula by the end of the
+    mean's name."""
     return [
         Scalar(name, unit, frozenset([PAST]), {}, memory)
-        for i in range(len(MEMORIES))
+        for i in range(len(scales.memories))
         for end, text in of.items()
-        for memory in [Memory.mean(kind, i, {end: text})]
+        for memory in [Memory.mean(scales, kind, i, {end: text})]
         for name in memory.rates
     ]
 
@@ -223,9 +224,9 @@ def of_motion(model: _core.Model, scales: Scales, sampled: Sequence[Samples]) ->
         *of([COMMAND], [(f, "-") for f in _differences(model)]),
         *_of_time(scales),
         *_waves_of_time(scales),
-        *means("q", {"": total(model)}),
-        *means("w", {"_u": "u", "_v": "v"}, "m/s"),
-        *means("w", {"_r": "r"}, "rad/s"),
+        *means(scales, "q", {"": total(model)}),
+        *means(scales, "w", {"_u": "u", "_v": "v"}, "m/s"),
+        *means(scales, "w", {"_r": "r"}, "rad/s"),
         *_bells_of_time(scales),
     ]
 
@@ -361,7 +362,7 @@ def _waves_of(variables: _Variables, argument: str) -> List[Scalar]:
 
 
 def _bells_of_time(scales: Scales) -> List[Scalar]:
-    found, width = [], max(CROSSED, scales.duration / BELLS)
+    found, width = [], max(CROSSED * scales.time_scale, scales.duration / BELLS)
     while width < scales.duration / REACH:
         for centre in np.arange(0, scales.duration, width):
             constants = {"t0": Constant(float(centre), "s", width), "t1": Constant(width, "s", 0.7 * width)}
@@ -372,7 +373,7 @@ def _bells_of_time(scales: Scales) -> List[Scalar]:
 
 def _bells_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
     found, places = [], np.column_stack([x, y])
-    width = max(CROSSED * scales.speed, scales.extent / BELLS)
+    width = max(CROSSED * scales.time_scale * scales.speed, scales.extent / BELLS)
     while width < scales.extent / REACH:
         for cx, cy in spread(places, width, BELLS):
             constants = {
@@ -388,7 +389,7 @@ def _bells_of_place(scales: Scales, x: Array, y: Array) -> List[Scalar]:
 def waves(scales: Scales, x: Array, y: Array) -> List[Scalar]:
     """Waves in the plane: so many that each other one is near one of them, the longest first."""
     cell = 1.2 / max(float(np.hypot(x.std(), y.std())), 1e-6)  # waves that are nearer look alike [rad/m]
-    most = 2 * np.pi / max(CROSSED * scales.speed, 1e-9)
+    most = 2 * np.pi / max(CROSSED * scales.time_scale * scales.speed, 1e-9)
     reach = int(min(most / cell, np.sqrt(2 * WAVES / np.pi) + 2))  # WAVES are in a half disc of this radius
     side = np.arange(-reach, reach + 1)
     grid = [(i * cell, j * cell) for i, j in itertools.product(side, side) if (i, j) > (0, 0)]

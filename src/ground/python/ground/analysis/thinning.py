@@ -10,11 +10,11 @@ acceleration a moves it by a T^2 / 24.
 import numpy as np
 
 from ground import _core
+from ground.recordings import windows
 from ground.support.annotations import Array, Indices
 
-RATE = 50.0  # least rate after thinning of a craft with windows of WINDOW [Hz] ...
+RATE = 50.0  # least rate after thinning [Hz], and per time scale of a slower craft ...
 TOLERANCE = 0.02  # ... up to this share, because steps are rounded: 200 Hz become 50 Hz, not 67 Hz
-WINDOW = 1.5  # [s]; those of slower craft are longer, and the least rate is as much lower
 ERROR = 0.2  # most error of a mean, in the noise of a pose
 STRONG = 99  # percentile of the accelerations that a run has [%]
 UNEVEN = 1.5  # a step longer than this multiple of the usual one separates groups
@@ -44,7 +44,7 @@ def thinned(run: _core.RunData) -> _core.RunData:
 
 def _span(run: _core.RunData) -> float:
     """Time over which poses are averaged [s]."""
-    least, most = 1 / RATE, run.scales.window / WINDOW / RATE
+    least, most = 1 / RATE, windows.time_scale([run]) / RATE
     if not most > least:
         return least
     nu, along = np.array(run.nu), np.diff(np.array(run.times))

@@ -7,11 +7,10 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import horizon as horizons
-from ground.analysis.likelihood import call
 from ground.analysis.predicted_band import Band, Course, HeldOut, beyond
 from ground.data.measured import Part, Recordings, taken
 from ground.models import Model, ModelLike
-from ground.recordings import headings, quality, windows
+from ground.recordings import headings, quality
 from ground.recordings.recording import (
     HIGH,
     LOW,
@@ -33,6 +32,9 @@ if TYPE_CHECKING:
     import pandas
 
 COLUMNS = (*POSE, *VELOCITY)
+# What the first velocities of a prediction to the end are fitted to: time [horizons that suit the craft], and
+# at least so many intervals between poses.
+BEGIN, BEGIN_POSES = 0.1, 5
 
 
 @dataclass(frozen=True, repr=False)
@@ -233,11 +235,13 @@ class _Shape:
         """Those of some seconds, or whole stretches if seconds are infinite; GroundError without any."""
         if np.isfinite(seconds):
             return cls(run, *_tiles(run, seconds))
-        return cls(run, *_stretches(run, horizons.WARM_UP * horizons.horizon([run], model)))
+        return cls(run, *_stretches(run, horizons.horizon([run], model)))
 
     def predicted(self, model: _core.Model) -> Array:
         """Poses and velocities (n, 6) by a model."""
-        return _simulated(self.run, model, self.tiles, self.splits)
+        warm = [_core.Window(0, tile.first, split) for tile, split in zip(self.tiles, self.splits)]
+        made = horizons.predicted(self.run, model, warm, [tile.last for tile in self.tiles])
+        return np.vstack([path[1:] for path in made])
 
     @property
     def _index(self) -> List[Indices]:
@@ -274,19 +278,20 @@ class _Shape:
         return horizons.PoseError.of(horizons.apart(predicted[ends, :3], self.measured[ends, :3]))
 
 
-def _stretches(run: _core.RunData, warm_up: float) -> Tuple[List[_core.Window], List[int]]:
-    """Stretches without a gap, longer than twice the warm-up; the samples at which predictions begin."""
+def _stretches(run: _core.RunData, least: float) -> Tuple[List[_core.Window], List[int]]:
+    """Stretches without a gap, longer than a time [s]; the samples at which predictions begin."""
     times = np.array(run.times)
     ends = [*np.flatnonzero(np.diff(times) > run.scales.max_gap).tolist(), len(times) - 1]
     tiles: List[_core.Window] = []
     first = 0
     for end in ends:
-        if times[end] - times[first] > 2 * warm_up:
+        if times[end] - times[first] > least and end - first > BEGIN_POSES:
             tiles.append(_core.Window(0, first, end))
         first = end + 1
     if not tiles:
-        raise GroundError("%s: no stretch without a gap is longer than %.2g s" % (run.name, 2 * warm_up))
-    return tiles, [int(np.searchsorted(times, times[tile.first] + warm_up)) for tile in tiles]
+        raise GroundError("%s: no stretch without a gap is longer than %.2g s" % (run.name, least))
+    begins = np.searchsorted(times, times[[tile.first for tile in tiles]] + BEGIN * least)
+    return tiles, [max(int(begin), tile.first + BEGIN_POSES) for begin, tile in zip(begins, tiles)]
 
 
 def _tiles(run: _core.RunData, seconds: float) -> Tuple[List[_core.Window], List[int]]:
@@ -302,19 +307,3 @@ def _tiles(run: _core.RunData, seconds: float) -> Tuple[List[_core.Window], List
             splits.append(split)
             free = times[window.last]
     return chosen, splits
-
-
-def _simulated(run: _core.RunData, model: _core.Model, tiles: List[_core.Window], splits: List[int]) -> Array:
-    """Poses and velocities of windows after the samples at which predictions begin, (n, 6). They begin at the
-    measured pose, with the velocity that is the best for what was measured before."""
-    warm = [_core.Window(0, window.first, split) for window, split in zip(tiles, splits)]
-    begun = call(windows.problem([run], warm).simulate, model)["nu"]
-    found = call(_core.predict, model, run, tiles, np.array([nu[0] for nu in begun]))
-    measured, rows = np.array(run.eta), []
-    for eta, nu, window, split in zip(found["eta"], found["nu"], tiles, splits):
-        path, start = np.array(eta), split - window.first
-        turned = measured[split, 2] - path[start, 2]
-        turn = np.array([[np.cos(turned), np.sin(turned)], [-np.sin(turned), np.cos(turned)]])
-        place = measured[split, :2] + (path[:, :2] - path[start, :2]) @ turn
-        rows.append(np.column_stack([place, path[:, 2] + turned, nu])[start + 1 :])
-    return np.vstack(rows)

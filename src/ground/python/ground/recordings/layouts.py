@@ -29,7 +29,7 @@ FRAMES = ((1, False), (-1, True), (-1, False), (1, True))  # sign of the heading
 MAX_PERMUTED = 5  # thrusters whose channels are tried in every order; of more, exchanged pairs
 MAX_SIGNED = 4  # thrusters of which any may be inverted; of more, one
 SAME = 6  # digits to which the effects of one class agree
-BLOCK, MAX_BLOCKS, MIN_BLOCKS = 0.5, 200, 6  # length of the blocks [s], and their number
+BLOCK, MAX_BLOCKS, MIN_BLOCKS = 0.7, 200, 6  # length of the blocks [turn times], and their number
 CHANCE = 0.01  # that any wrong class is preferred to the right one, over all of them
 MISALIGNED = 0.5  # largest angle of a force that may be the craft's own [rad]
 ROUNDED = 0.1  # a heading's offset that is nearer to a quarter turn is one [rad]
@@ -192,7 +192,7 @@ class _Moments:
     totals: Array  # (B, 3) sums of A^2
 
     @classmethod
-    def of(cls, rests: Sequence[reply.Rest], block: float = BLOCK) -> "_Moments":
+    def of(cls, rests: Sequence[reply.Rest], block: float) -> "_Moments":
         """Of what commands of recordings have to explain; block: least length of blocks [s]. GroundError when
         the commands change too little."""
         parts = []
@@ -331,10 +331,11 @@ def judge(recordings: Sequence[Recording], thrusters: Sequence[Thruster], chance
     GroundError when a recording has no such channel or the commands change too little.
     """
     names = [thruster.name for thruster in thrusters]
+    block = BLOCK * max((reply.turn_time(recording.motion) for recording in recordings), default=0.0)
     at_once = {}
     for twisted in (False, True):
         every = [reply.rest(recording, names, twisted) for recording in recordings]
-        at_once[twisted] = _Moments.of([rest for rest in every if rest is not None])
+        at_once[twisted] = _Moments.of([rest for rest in every if rest is not None], block)
     first = _Evidence.of(thrusters, at_once, chance)
     open_first = first.not_refuted()
     if len(open_first) > 1:

@@ -19,6 +19,12 @@ def length(runs: Sequence[_core.RunData]) -> float:
     return float(runs[0].scales.window)
 
 
+def time_scale(runs: Sequence[_core.RunData]) -> float:
+    """Time scale of the craft of runs (_core.RunData), two thirds of a window [s]: 1 s for a palm-sized
+    hovercraft."""
+    return length(runs) / WINDOW
+
+
 def cut(runs: Sequence[_core.RunData], seconds: Optional[float] = None) -> List[_core.Window]:
     """Windows of some seconds (default: length(runs)) over all runs; GroundError when one has none."""
     windows, seconds = [], seconds or length(runs)
