@@ -403,11 +403,13 @@ def test_times_of_day_pass_midnight(run, tmp_path):
         same(mapped(written(tmp_path, plain(run, t=clock))), run)
 
 
-def test_nanoseconds_without_zeros_are_named_and_mended(run, tmp_path):
+@pytest.mark.parametrize("unused", ["", ",note,operator"], ids=["", "names of columns that no row has"])
+def test_nanoseconds_without_zeros_are_named_and_mended(unused, run, tmp_path):
     glued = [
         "%d.%d" % divmod(n, 10**9) for n in (np.rint(1e6 * (run.times + 0.027)).astype(np.int64) * 1000 + 7)
     ]
     path = written(tmp_path, plain(run, t=glued))
+    path.write_text(path.read_text().replace("\n", unused + "\n", 1))
     with pytest.raises(ground.GroundError, match="without leading zeros; stamps: unpadded in the mapping"):
         mapped(path)
     same(mapped(path, MAPPING + "stamps: unpadded\n"), run)
@@ -662,6 +664,27 @@ def test_what_commands_mean_is_drafted_from_their_values(run, tmp_path):
     assert found.controls == pytest.approx(np.column_stack(wanted), abs=1e-4)
     text = (tmp_path / "draft.yaml").read_text()
     assert "off: 1511" in text and "an angle in deg" in text and "unit: percent" in text
+
+
+def test_a_draft_looks_at_the_commands_of_all_rows_and_runs(run, tmp_path):
+    strong = plain(run, left=200 * run.left, right=200 * run.right)
+    weak = {name: np.asarray(column) for name, column in plain(run, left=50 * run.left).items()}
+    weak["right"] = 50 * run.right
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    written(folder, weak, name="a.csv")
+    written(folder, strong, name="b.csv")
+    many = 1 + 21000 // len(run.times)
+    length = run.times[-1] - START + 0.01
+    long = {name: np.tile(column, many) for name, column in weak.items()}
+    long["t"] = np.concatenate([run.times + i * length for i in range(many)])
+    for name in ("left", "right"):
+        long[name] = np.append(long[name][: -len(run.times)], strong[name])
+    for path in (folder, written(tmp_path, long, name="long.csv")):
+        draft = tmp_path / "draft.yaml"
+        result = identify("info", path, "--write-mapping", draft, "--force")
+        assert result.returncode == 0, result.stderr
+        assert draft.read_text().count("full: 200}") == 2, draft.read_text()
 
 
 def test_a_time_a_period_and_a_sensor_are_no_commands(run, tmp_path):

@@ -34,18 +34,19 @@ Vector2<double> fullAccelerations(const Dynamics<T>& dynamics) {
 }
 
 /// Longest integration step [s] between poses of this noise [m], [rad]. The error of the motion grows
-/// with about the third power of the step, and with the craft's accelerations; it changes the log-likelihood
-/// of a minute by less than 1.
+/// with about the third power of the step over the craft's time scale, and with the way of its accelerations
+/// in that time; it changes the log-likelihood of a minute by less than 1.
 template <typename T>
 double longestStep(const Dynamics<T>& dynamics, const Vector3<double>& noise) {
   // Noise with which a craft of these full accelerations is allowed kMost.
   constexpr double kPosition = 2e-4, kHeading = 2e-3, kForward = 2.0, kTurning = 40.0;  // m, rad, s
-  constexpr double kLeast = 0.005, kMost = 0.02;
-  const Vector2<double> full = fullAccelerations(dynamics);
+  constexpr double kMost = 4;  // steps of a simulation
+  const double least = dynamics.longestStep(), scale = least / kDefaultStep;
+  const Vector2<double> full = scale * scale * fullAccelerations(dynamics);
   const double slower = std::min(1.0, full(0) / kForward), calmer = std::min(1.0, full(1) / kTurning);
   const double position = kPosition * slower, heading = kHeading * calmer;
   const double relative = std::min({noise(0) / position, noise(1) / position, noise(2) / heading});
-  const double step = std::clamp(kMost * std::cbrt(relative), kLeast, kMost);
+  const double step = least * std::clamp(kMost * std::cbrt(relative), 1.0, kMost);
   return std::min(step, dynamics.settling().step);
 }
 

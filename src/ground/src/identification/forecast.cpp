@@ -9,8 +9,6 @@
 namespace ground::detail {
 namespace {
 
-constexpr double kStep = 0.01;  // longest step of a drawn motion [s]
-
 /// Square root of a covariance that may be singular.
 FilterMatrix rootOf(const FilterMatrix& covariance) {
   const Eigen::LDLT<FilterMatrix> ldlt(covariance);
@@ -73,7 +71,8 @@ void drawMotion(const RunData& run, Model model, const std::vector<WrenchStep>& 
   const Matrix3<double> mobility = dynamics.mass().inverse();
   const Motion measured = motionOf(run);
   Simulation<double> simulation(dynamics, run.inputs, {from.head<3>(), from.segment<3>(3)},
-                                run.times[static_cast<std::size_t>(first)], kStep, &measured);
+                                run.times[static_cast<std::size_t>(first)], 2 * dynamics.longestStep(),
+                                &measured);
   Vector3<double> slow = from.segment<3>(kSlow);  // the Ornstein-Uhlenbeck wrench
   Vector2<double> room = from.segment<2>(kRoom);  // the Ornstein-Uhlenbeck force in the room
   const auto see = [&](Eigen::Index row) {

@@ -23,7 +23,7 @@ WindowSimulation predict(const Model& model, const RunData& run, const std::vect
       throw std::invalid_argument("a window lies outside its run");
     const Measurement<double> start{run.eta.row(first), initial_nu.row(w)};
     Simulation<double> simulation(dynamics, run.inputs, stateSeenAs(differentiable, start), run.times[first],
-                                  kDefaultStep, &measured);
+                                  dynamics.longestStep(), &measured);
     Eigen::MatrixX3d eta(last - first + 1, 3), nu(last - first + 1, 3);
     for (int i = first; i <= last; ++i) {
       simulation.advance(run.times[i]);

@@ -63,7 +63,7 @@ void simulateWindow(const SimulationError& problem, const SimulationError::Data&
   const Vector3<T> start = run.eta.row(span.first).template cast<T>();
   Simulation<T> simulation(dynamics, run.inputs,
                            stateAtStart(dynamics, start, point.initial, problem.initialSize()),
-                           run.times[span.first], kDefaultStep, &motion);
+                           run.times[span.first], dynamics.longestStep(), &motion);
   if (!poses && !dynamics.usesPose()) simulation.forgetPose();
   const bool distorts = dynamics.distorts();
   Measurement<T> now;
@@ -116,7 +116,7 @@ WindowSimulation simulateFrom(const SimulationError& problem, const Model& model
     const Vector3<double> start = run.eta.row(window.first);
     Simulation<double> simulation(dynamics, run.inputs,
                                   stateAtStart(dynamics, start, from, problem.initialSize()),
-                                  run.times[window.first], kDefaultStep, &measured);
+                                  run.times[window.first], dynamics.longestStep(), &measured);
     for (int i = 0; i < samples; ++i) {
       simulation.advance(run.times[window.first + i]);
       const Measurement<double> seen = simulation.measure();

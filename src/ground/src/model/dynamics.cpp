@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "ground/model/time_scale.h"
+
 namespace ground {
 namespace {
 
@@ -120,7 +122,8 @@ Dynamics<T>::Dynamics(const Model& model, const std::vector<T>& coordinates, con
       steering_(steeringOf<T>(*layout_)),
       coordinates_(coordinates),
       air_(Vector2<T>::Zero()),
-      delay_(0.0) {
+      delay_(0.0),
+      time_scale_(timeScale(model)) {
   if (static_cast<int>(coordinates_.size()) != model.parameterCount())
     throw std::invalid_argument("Dynamics: wrong number of coordinates");
   const T* p = coordinates_.data();
@@ -213,6 +216,15 @@ Settling Dynamics<T>::settling() const {
   if (hasMemory()) settling.memory = kActuatorMemory;
   if (!rates_.empty()) settling.step = kSettlingStep;
   return settling;
+}
+
+template <typename T>
+double Dynamics<T>::longestStep() const {
+  constexpr double kDamped = 0.25;  // of the shortest time constant: an error of 1e-5 in a step
+  if (hasMemory()) return kDefaultStep;
+  double step = kDefaultStep * time_scale_;
+  for (const T& rate : damping_) step = std::min(step, kDamped / std::abs(valueOf(rate)));
+  return std::max(step, kDefaultStep);
 }
 
 template <typename T>

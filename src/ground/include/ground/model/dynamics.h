@@ -36,6 +36,9 @@ class Dynamics {
   /// Whether effects have states: every step is then an actuate() and a step().
   bool hasMemory() const { return !actuators_.empty() || !rates_.empty(); }
   Settling settling() const;
+  /// Longest step [s] of a simulation that is compared with measurements: kDefaultStep, or longer for a craft
+  /// whose time scale is above 1 s, as far as its damping allows and unless effects have states.
+  double longestStep() const;
   /// Whether velocities depend on the pose. If not, they can be simulated without it.
   bool usesPose() const { return uses_pose_; }
 
@@ -117,6 +120,7 @@ class Dynamics {
   T surge_gain_{}, yaw_gain_{};  ///< k/m, k l/I_z
   Vector2<T> air_;
   T delay_{};
+  double time_scale_;  ///< [s], of the model; the same for all coordinates
   bool uses_pose_ = false, has_air_ = false;
   bool is_alone_ = false;  ///< (2.4) has no effects or sway by thrusters, and a mass matrix diag(m, m, I_z)
 };

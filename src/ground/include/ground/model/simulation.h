@@ -7,8 +7,6 @@
 
 namespace ground {
 
-constexpr double kDefaultStep = 0.005;  ///< longest step of a simulation [s], thesis 2.3
-
 /// Simulates a model under a sequence of commands with the steps of Stepping. T is double or Jet.
 /// Dynamics and sequence must outlive it; the sequence may grow.
 template <typename T>

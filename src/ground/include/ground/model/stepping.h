@@ -56,6 +56,7 @@ struct Stretch {
   double t;         ///< time since the drive began, at the first step; negative before it [s]
 };
 
+constexpr double kDefaultStep = 0.005;    ///< longest step of a simulation [s], thesis 2.3
 constexpr double kActuatorMemory = 10.0;  ///< older commands no longer act on effect states [s]
 /// Longest settling step of effect states that have rates [s]. Runge-Kutta steps are stable for
 /// time constants above 36% of it.

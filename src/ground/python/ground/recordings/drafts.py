@@ -36,7 +36,8 @@ def draft(source: Container, in_folder: bool, types: Sequence[str] = ()) -> str:
         other.sort(key=lambda c: not _covers(c.times, flown))
     runs = _runs(with_poses, scored) if in_folder else []
     if runs:
-        with_poses, other, in_folder = runs[:1], runs[:1], False
+        every_run = {path: np.concatenate([run.whole[path] for run in runs]) for path in runs[0].whole}
+        with_poses, other, in_folder = runs[:1], [replace(runs[0], whole=every_run)], False
     if chosen is None and not other and not any(seen.values for seen in every):
         why = "".join("\n  " + line.lstrip("# ") for line in unread)
         raise GroundError(
@@ -100,30 +101,32 @@ def _seen(topic: str, kind: str, count: int, columns: Columns, shared: Set[str])
     rows = len(next(iter(columns.values())))
     if kind == TABLE:
         numbers = {name: c.astype(float) for name, c in columns.items() if c.dtype.kind in "biuf"}
-        seen = Seen(topic, kind, count, numbers, np.arange(rows, dtype=float), units=said)
+        seen = Seen(topic, kind, count, numbers, numbers, np.arange(rows, dtype=float), units=said)
         found = clocks.find(columns, numbers, said, topic, shared)
         seen.clock, seen.clock_fields, seen.times = found.key, found.fields, found.times
         seen.values = {name: column[:MAX_ROWS] for name, column in numbers.items()}
-        seen.times = seen.times[:MAX_ROWS]
         of_rows = poses.body_columns(columns)[:1]
-        names = columns[of_rows[0]][:MAX_ROWS].astype(str) if of_rows else np.full(len(seen.times), "")
-        for body in sorted(set(names)):
-            part = replace(seen, values={n: v[names == body] for n, v in seen.values.items()}, body=body)
-            part.times = seen.times[names == body]
+        names = columns[of_rows[0]].astype(str) if of_rows else np.full(rows, "")
+        for body in sorted(set(names[:MAX_ROWS])):
+            here, first = names == body, names[:MAX_ROWS] == body
+            part = replace(seen, body=body, times=seen.times[:MAX_ROWS][first])
+            part.values = {n: v[first] for n, v in seen.values.items()}
+            part.whole = {n: v[here] for n, v in numbers.items()}
             _find_pose(part)
             yield part
         return
+    whole = {name: columns[name].astype(float) for name in containers.numbers(columns)}
     columns = {name: column[:MAX_ROWS] for name, column in columns.items()}
     names = (
         columns[known.body] if known and known.body in columns else np.full(min(rows, MAX_ROWS), "", object)
     )
     stamps = columns.get(STAMP, columns.get(RECEIVED))
     times = np.arange(len(names), dtype=float) if stamps is None else containers.seconds(stamps)
-    numbers = {name: columns[name].astype(float) for name in containers.numbers(columns)}
     for body in sorted(set(names)):
         of_body = names == body
-        values = {name: column[of_body] for name, column in numbers.items()}
-        seen = Seen(topic, kind, count, values, times[of_body], str(body))
+        values = {name: column[: len(names)][of_body] for name, column in whole.items()}
+        every = whole if of_body.all() else values
+        seen = Seen(topic, kind, count, values, every, times[of_body], str(body))
         _find_pose(seen)
         yield seen
 
@@ -316,9 +319,9 @@ def _heading_unit(said: str, times: Array, position: Array, headings: Array) -> 
 
 
 def _free(seen: Seen) -> Dict[str, Array]:
-    """Numbers that are neither a time nor the pose."""
+    """All numbers that are neither a time nor the pose."""
     every = {path for pose in seen.poses[:1] for path in pose.position + pose.rotation}
-    return {p: v for p, v in seen.values.items() if p not in every and p not in seen.clock_fields}
+    return {p: v for p, v in seen.whole.items() if p not in every and p not in seen.clock_fields}
 
 
 def _command_lines(candidates: Sequence[Seen], every: Sequence[Seen], in_folder: bool) -> Iterator[str]:
@@ -354,10 +357,10 @@ def _channels(parts: Sequence[Seen], in_folder: bool) -> Iterator[Tuple[str, str
     fields = several.fields(parts)
     for part, name in several.names(parts, fields):
         for path in fields:
-            every = np.concatenate([levels.finite(one.values[path]) for one in parts])
+            every = np.concatenate([levels.finite(one.whole[path]) for one in parts])
             said = part.units.get(path, "")
             meaning, why = levels.meaning(path, every, said)  # alike for thrusters that are alike
-            why = why.replace(levels.reach(every), levels.reach(levels.finite(part.values[path])))
+            why = why.replace(levels.reach(every), levels.reach(levels.finite(part.whole[path])))
             place = "file" if in_folder and part.kind == TABLE else "topic"
             clock = ", time: %s" % part.clock.split("  #")[0] if part.clock != parts[0].clock else ""
             yield (

@@ -17,7 +17,8 @@ class Seen:
     topic: str
     kind: str
     count: int
-    values: Dict[str, Array]  # by path; each (n,)
+    values: Dict[str, Array]  # by path; each (n,), the first of them
+    whole: Dict[str, Array]  # all of them, of which one may be the largest
     times: Array  # (n,) by the header, of receipt, or of a column [s]
     body: str = ""  # that the poses are of
     units: Mapping[str, str] = field(default_factory=dict)  # that the file says, by path

@@ -289,13 +289,13 @@ def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> T
 
     content = "\n".join(rows)
 
-    def parsed(**options: Any) -> "pandas.DataFrame":
+    def parsed(width: int, **options: Any) -> "pandas.DataFrame":
         return pandas.read_csv(
-            io.StringIO(content), sep=head.separator or r"\s+", header=None, names=range(len(head.names)),
+            io.StringIO(content), sep=head.separator or r"\s+", header=None, names=range(width),
             skipinitialspace=True, index_col=False, na_values=list(cells.MISSING), decimal=decimal, **options
         )  # fmt: skip
 
-    frame = parsed()
+    frame = parsed(len(head.names))
     empty = frame.isna().all().tolist()
     named = len(head.names) - next((i for i, n in enumerate(reversed(head.names)) if n), 0)
     if not all(empty[named:]) and not head.is_export:
@@ -309,7 +309,10 @@ def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> T
     found.empty = [name for at, name in enumerate(names) if name and empty[at]]
 
     def text(name: str) -> Any:
-        return parsed(dtype=str, usecols=[of_name[name]]).iloc[:, 0].to_numpy() if name in of_name else None
+        if name not in of_name:
+            return None
+        at = of_name[name]
+        return parsed(at + 1, dtype=str, usecols=[at]).iloc[:, 0].to_numpy()  # a row may end after it
 
     found.text = text
     if _pivoted(found):
