@@ -8,7 +8,8 @@ import pytest
 
 from conftest import MODEL
 from ground import _core
-from ground.analysis import bands, candidates, folds, likelihood, run_differences, window_error
+from ground.analysis import bands, between_runs, candidates, folds, likelihood, run_differences, window_error
+from ground.diagnosing import words
 from ground.recordings import repair, windows
 from ground.support.errors import GroundError
 
@@ -253,3 +254,37 @@ def test_bands_do_not_depend_on_whole_turns(turns):
         assert np.abs(a.measured - a.mean)[:, 2].max() < 1
         assert np.allclose(b.measured - b.mean, a.measured - a.mean, atol=1e-6)
         assert np.allclose(b.high - b.mean, a.high - a.mean, atol=1e-6)
+
+
+# --- Whether runs agree on parameters
+
+
+def agreed(seeds, values, free):
+    """The parameters of a fit to runs whose lag of the thrusters has some values, by name."""
+    runs = [run_data(s, sigma=0.004, effect="motor_lag.tau", value=v) for s, v in zip(seeds, values)]
+    craft = model()
+    craft.add_effect("motor_lag")
+    craft.set_value("motor_lag.tau", 0.1)
+    like = likelihood.Likelihood(runs, craft, ())
+    fit = like.fit(craft, free)
+    found = between_runs.widened(like, fit, like.intervals(fit))
+    return {p["name"]: p for p in found}, {p["name"]: p for p in like.intervals(fit)}
+
+
+def test_an_interval_contains_what_runs_differ_by():
+    found, before = agreed((1, 2, 3, 4, 5), (0.05, 0.06, 0.12, 0.14, 0.15), ("k", "motor_lag.tau"))
+    tau = found["motor_lag.tau"]
+    assert tau["runs"] == pytest.approx((0.05, 0.15), abs=0.025)
+    low, high = tau["ci95"]
+    assert low < 0.08 and high > 0.13 and high - low > 2 * np.ptp(before["motor_lag.tau"]["ci95"])
+    assert "runs" not in found["k"] and found["k"]["ci95"] == before["k"]["ci95"]
+    assert "; runs differ: 0.0" in words.parameter("tau", tau)
+
+
+def test_runs_that_agree_are_not_said_to_differ():
+    free = (*FREE, "motor_lag.tau")
+    differ = 0
+    for seed in range(10, 70, 5):
+        found, _ = agreed(range(seed, seed + 5), [0.1] * 5, free)
+        differ += any("runs" in p for p in found.values())
+    assert differ <= 1  # of 12, each with a probability of 1%

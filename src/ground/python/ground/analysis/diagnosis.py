@@ -323,7 +323,10 @@ class Diagnosis:
             model = fit.model.copy()
             model.remove_effect(name)
             free = tuple(p for p in fit.free if p.split(".")[0] != name)
-            without = self.likelihood.fit(model, free, near=fit)
+            try:
+                without = self.likelihood.fit(model, free, near=fit)
+            except GroundError:  # the motion is not finite without it
+                continue
             if 2 * (fit.log_posterior - without.log_posterior) < self.search.threshold(name):
                 smaller = self.search.without(rest, name)
                 self.dropped.append(Dropped(self.trial_in(rest, name), why))

@@ -80,6 +80,12 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
     return ("%.*g %s" % (digits, factor * value, unit)).rstrip(" -")
 
 
+def reach(low: float, high: float, unit: str) -> str:
+    """Two numbers with their unit: "12 to 36 ms"."""
+    factor, unit = _scale(max(abs(low), abs(high)), unit)
+    return ("%.2g to %.2g %s" % (factor * low, factor * high, unit)).rstrip(" -")
+
+
 def with_interval(value: float, low: float, high: float, unit: str) -> str:
     """A number with its 95% interval, as precise as the interval: "50.02 ms (95%: 49.98 to 50.05 ms)"."""
     factor, unit = _scale(value, unit)

@@ -171,7 +171,19 @@ class Likelihood:
         model, which are neutral: score (blocks, n), information (n, n), scale (n,), run
         (blocks,)."""
         point = _core.GreyBoxPoint(model, fit.levels, list(fit.loudness))
-        found = call(self.box.scores, point, list(names), cap=CAP, block=self._block, threads=self.threads)
+        return self._scores(self.box, point, names)
+
+    def scores_of(self, fit: Fit, run: int) -> Dict[str, Array]:
+        """Derivatives of the log-likelihood of one run at a fit to all with respect to the fitted parameters,
+        as scores() has them."""
+        box = call(_core.GreyBox, [self.runs[run]], self.craft)
+        point = _core.GreyBoxPoint(fit.model, fit.levels, list(fit.loudness[run : run + 1]))
+        return self._scores(box, point, fit.free)
+
+    def _scores(
+        self, box: _core.GreyBox, point: _core.GreyBoxPoint, names: Sequence[str]
+    ) -> Dict[str, Array]:
+        found = call(box.scores, point, list(names), cap=CAP, block=self._block, threads=self.threads)
         return {key: np.array(value) for key, value in found.items()}
 
 

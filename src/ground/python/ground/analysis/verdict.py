@@ -11,6 +11,7 @@ import numpy as np
 from ground import _core
 from ground.analysis import (
     bands,
+    between_runs,
     ceiling,
     folds,
     horizon,
@@ -194,13 +195,13 @@ def _on_all(found: Diagnosis) -> Tuple[_core.Model, List[Document]]:
     if found.by_simulation is not None:
         return found.model, list(found.by_simulation.parameters.values())
     if not found.is_excerpt:
-        return found.model, _intervals(found)
+        return found.model, between_runs.widened(found.likelihood, found.fit, _intervals(found))
     whole = Likelihood(found.all_runs, found.given, found.likelihood.varying, found.threads)
     try:
         fit = whole.fit(found.model, found.fit.free, near=found.fit, levels=False)
     except GroundError:  # the motion in another part is not finite
-        return found.model, _intervals(found)
-    return fit.model, list(fit.parameters)
+        return found.model, between_runs.widened(found.likelihood, found.fit, _intervals(found))
+    return fit.model, between_runs.widened(whole, fit, fit.parameters)
 
 
 def _intervals(found: Diagnosis) -> List[Document]:

@@ -130,7 +130,7 @@ def _parameters(parameters: Iterable[Document], prefix: str = "") -> Document:
             "unit": p["unit"],
             "ci95": list(p["ci95"]),
             "identified": p["identified"],
-            **{key: p[key] for key in ("start", "deviation", "at_bound") if key in p},
+            **{key: p[key] for key in ("start", "deviation", "at_bound", "runs") if key in p},
         }
         for p in parameters
     }
