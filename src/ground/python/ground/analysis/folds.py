@@ -182,7 +182,8 @@ def compared(larger: Tested, smaller: Tested) -> Comparison:
         gain = float(sums[0] - sums[1]) if sums[0] != sums[1] else -np.inf
         return Comparison(BETTER if gain > 0 else WORSE, gain, 0.0, -gain, 0.0)
     blocks = [b - w for b, w in zip(larger.likelihood, smaller.likelihood)]
-    off = larger.by_window - smaller.by_window
+    same = larger.by_window == smaller.by_window  # infinite with both, too
+    off = np.where(same, 0.0, larger.by_window - np.where(same, 0.0, smaller.by_window))
     parts = [off[larger.part_of == part] for part in np.unique(larger.part_of)]
     rises = np.concatenate(blocks)
     gain, gain_error = float(rises.sum()), _standard_error(rises) * len(rises)
