@@ -278,7 +278,7 @@ def test_an_interval_contains_what_runs_differ_by():
     low, high = tau["ci95"]
     assert low < 0.08 and high > 0.13 and high - low > 2 * np.ptp(before["motor_lag.tau"]["ci95"])
     assert "runs" not in found["k"] and found["k"]["ci95"] == before["k"]["ci95"]
-    assert "; runs differ: 0.0" in words.parameter("tau", tau)
+    assert "; runs differ: " in words.parameter("tau", tau)
 
 
 def test_runs_that_agree_are_not_said_to_differ():

@@ -40,6 +40,8 @@ class Parameter:
     deviation: float  #: standard deviation
     at_bound: bool  #: whether it is at a bound; the data then prefer a value beyond
     identified: bool  #: whether the data determine it
+    #: where a diagnosis sees that runs do not agree, the least and the largest value of single ones
+    runs: Optional[Tuple[float, float]] = None
 
     @property
     def interval(self) -> str:
@@ -53,7 +55,7 @@ class Parameter:
 
         if not self.identified:
             return "cannot be identified from these data"
-        return with_interval(self.value, *self.ci95, self.unit)
+        return with_interval(self.value, *self.ci95, self.unit, self.runs)
 
 
 def parameters_by_name(found: Iterable[Document]) -> Dict[str, Parameter]:

@@ -3,7 +3,7 @@
 import math
 import re
 from dataclasses import dataclass, field
-from typing import Dict, Mapping, Sequence, Tuple
+from typing import Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -80,20 +80,18 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
     return ("%.*g %s" % (digits, factor * value, unit)).rstrip(" -")
 
 
-def reach(low: float, high: float, unit: str) -> str:
-    """Two numbers with their unit: "12 to 36 ms"."""
-    factor, unit = _scale(max(abs(low), abs(high)), unit)
-    return ("%.2g to %.2g %s" % (factor * low, factor * high, unit)).rstrip(" -")
-
-
-def with_interval(value: float, low: float, high: float, unit: str) -> str:
-    """A number with its 95% interval, as precise as the interval: "50.02 ms (95%: 49.98 to 50.05 ms)"."""
+def with_interval(
+    value: float, low: float, high: float, unit: str, runs: Optional[Tuple[float, float]] = None
+) -> str:
+    """A number with its 95% interval, as precise as the interval: "50.02 ms (95%: 49.98 to 50.05 ms)". runs:
+    the least and the largest of runs that differ."""
     factor, unit = _scale(value, unit)
     half = factor * max(high - value, value - low)
     places = 3 if not 0 < half < math.inf else int(np.clip(-math.floor(math.log10(half)), 0, 9))
     told = ["%.*f" % (places, round(factor * number, places) + 0.0) for number in (value, low, high)]
     unit = " " + unit if unit not in ("", "-") else ""
-    return "%s%s (95%%: %s to %s%s)" % (told[0], unit, told[1], told[2], unit)
+    differ = "; runs differ: %.2g to %.2g%s" % (factor * runs[0], factor * runs[1], unit) if runs else ""
+    return "%s%s (95%%: %s to %s%s%s)" % (told[0], unit, told[1], told[2], unit, differ)
 
 
 def _scale(value: float, unit: str) -> Tuple[float, str]:

@@ -198,7 +198,8 @@ def _parameter(name: str, p: Document) -> Parameter:
     start, value, deviation = (math.nan if p[k] is None else p[k] for k in ("start", "value", "deviation"))
     low, high = p["ci95"] or (None, None)
     interval = -math.inf if low is None else low, math.inf if high is None else high
-    return Parameter(name, p["unit"], start, value, interval, deviation, p["at_bound"], p["identified"])
+    flags = p["at_bound"], p["identified"]
+    return Parameter(name, p["unit"], start, value, interval, deviation, *flags, p.get("runs"))
 
 
 def prepare(folder: str, force: bool) -> List[str]:

@@ -3,7 +3,7 @@
 import math
 from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
 
-from ground.analysis.formula_words import WORDS, quantity, reach, with_interval
+from ground.analysis.formula_words import WORDS, quantity, with_interval
 from ground.recordings import suspicions
 from ground.reports.words import capital, listed, number, off
 from ground.support.annotations import Document
@@ -56,11 +56,7 @@ def parameter(name: str, p: Document) -> str:
     """A parameter: "tau 50.02 ms (95%: 49.98 to 50.05 ms)", and of which values runs are that differ."""
     if not p["identified"]:
         return "%s cannot be identified from these data" % name
-    told = "%s %s" % (name, with_interval(p["value"], *interval(p), p["unit"]))
-    if not p.get("runs"):
-        return told
-    least, largest = p["runs"]
-    return "%s; runs differ: %s)" % (told[:-1], reach(least, largest, p["unit"]))
+    return "%s %s" % (name, with_interval(p["value"], *interval(p), p["unit"], p.get("runs")))
 
 
 def interval(p: Document) -> Tuple[float, float]:
