@@ -226,7 +226,10 @@ def _rounds(first: Regression, sampled: Sequence[Samples]) -> Optional[Found]:
         best = Found(wider, terms, refitted, wrenches, _arguments(wider, terms))
         if rise < ENOUGH:
             break
-        regression = wider.again(current, refitted, wider.promising(PROMISING, terms))
+        try:
+            regression = wider.again(current, refitted, wider.promising(PROMISING, terms))
+        except GroundError:  # the motion is not finite
+            break
         near = refitted
     return best
 

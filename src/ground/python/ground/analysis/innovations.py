@@ -1,5 +1,6 @@
 """The whitened innovations of a fitted grey-box filter, and what wrenches change in them."""
 
+import contextlib
 import itertools
 from dataclasses import replace
 from typing import List, Sequence
@@ -9,6 +10,7 @@ import numpy as np
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.recordings import windows
 from ground.support.annotations import Array, Flags
+from ground.support.errors import GroundError
 
 STEP = 1e-3  # relative step of a parameter, for finite differences
 DELAY = 1e-3  # delay of all commands that counts as a change of a parameter [time scales]
@@ -84,6 +86,7 @@ class Innovations:
         return scores
 
     def _jacobian(self, i: int, innovations: Array) -> Array:
+        """Changes of the innovations of a run; 0 where one leaves no finite motion."""
         fit, run = self.fit, self.likelihood.runs[i]
         described = {p["name"]: p for p in fit.model.parameters()}
         columns = []
@@ -94,12 +97,16 @@ class Innovations:
             step = STEP * (abs(value) or p["scale"])
             moved = fit.model.copy()
             moved.set_value(name, value + step if value + step <= p["upper"] else value - step)
-            columns.append(self._innovations(self.likelihood, replace(fit, model=moved), i))
+            columns.append(innovations)
+            with contextlib.suppress(GroundError):
+                columns[-1] = self._innovations(self.likelihood, replace(fit, model=moved), i)
         rows = np.array(run.inputs)
         rows[:, 0] += DELAY * windows.time_scale([run])
         late = run.replaced(inputs=rows)
         alone = replace(fit, loudness=fit.loudness[i : i + 1])
-        columns.append(self._innovations(Likelihood([late], self.likelihood.craft), alone, 0))
+        columns.append(innovations)
+        with contextlib.suppress(GroundError):
+            columns[-1] = self._innovations(Likelihood([late], self.likelihood.craft), alone, 0)
         return np.column_stack([innovations - column for column in columns])
 
     @staticmethod
