@@ -306,6 +306,46 @@ def test_poses_are_the_rows_with_a_pose_and_commands_those_with_a_command(run, t
         assert found.controls == pytest.approx(run.commands[::4], abs=1e-8)
 
 
+@pytest.mark.parametrize("unit", ["rad", "deg"])
+def test_headings_in_rows_of_their_own_are_interpolated(unit, run, tmp_path):
+    """As where messages of a receiver and of a compass are written by turns."""
+    x, y, psi = (["%.9f" % value for value in column] for column in run.eta.T)
+    turned = np.angle(np.exp(1j * run.psi)) if unit == "rad" else np.degrees(run.psi) % 360
+    psi = ["%.9f" % value for value in turned]
+    for i in range(len(x)):
+        if i % 2:
+            psi[i] = ""
+        else:
+            x[i] = y[i] = ""
+    path = written(
+        tmp_path,
+        {
+            "t": run.times,
+            "x": x,
+            "y": y,
+            "yaw_" + unit: psi,
+            "left": run.left,
+            "right": run.right,
+            "lift": run.lift,
+        },
+    )
+    with pytest.warns(UserWarning, match="headings stand in rows of their own: .* at 149 of 150 positions"):
+        found = drafted(path, tmp_path)
+    assert len(found.pose_times) == 149
+    true = np.column_stack([run.x, run.y, run.psi])[1:-1:2]
+    off = found.eta - true
+    off[:, 2] = np.angle(np.exp(1j * off[:, 2]))
+    assert np.abs(off[:, :2]).max() < 1e-6
+    assert np.abs(off[:, 2]).max() < 0.03 and np.sqrt((off[:, 2] ** 2).mean()) < 0.008  # noise of 0.005 rad
+
+
+@pytest.mark.parametrize("rows", [2, 3])
+def test_a_pose_whose_parts_never_meet_is_none(rows, tmp_path):
+    (tmp_path / "log.csv").write_text("t,x,y,psi,left,right\n" + "0.0,,,,1,1\n" * rows + "9.0,1,2,,1,0\n")
+    result = identify("info", tmp_path / "log.csv", "--write-mapping", tmp_path / "draft.yaml")
+    assert "unexpected" not in result.stderr and "Traceback" not in result.stderr
+
+
 def test_an_empty_command_is_held_or_off_as_the_mapping_says(run, tmp_path):
     left = [cell if value else "" for cell, value in zip(numbers(run.left), run.left)]
     path = written(tmp_path, plain(run, left=left))

@@ -119,7 +119,7 @@ def _rising(numbers: Mapping[str, Array]) -> List[str]:
     return [
         name
         for name, values in numbers.items()
-        if np.isfinite(values).all() and (np.diff(values) > 0).mean() > 0.95
+        if len(values) > 1 and np.isfinite(values).all() and (np.diff(values) > 0).mean() > 0.95
     ]
 
 

@@ -6,7 +6,17 @@ from typing import Dict, FrozenSet, Iterator, List, Sequence, Set, Tuple
 
 import numpy as np
 
-from ground.recordings import clocks, containers, levels, poses, several, sightings, units, words
+from ground.recordings import (
+    clocks,
+    containers,
+    levels,
+    poses,
+    rows_apart,
+    several,
+    sightings,
+    units,
+    words,
+)
 from ground.recordings.containers import RECEIVED, STAMP, TABLE, Columns, Container, Topic
 from ground.recordings.mapping import LENGTHS, SCHEMA
 from ground.recordings.several import Seen
@@ -136,12 +146,27 @@ def _find_pose(seen: Seen) -> None:
     if seen.kind not in poses.KINDS:
         free = {name: column for name, column in seen.values.items() if name not in seen.clock_fields}
         seen.poses = sightings.of_columns(free)
+        if seen.poses and not len(seen.rows(seen.pose)[0]):
+            _join(seen)
+        seen.poses = [pose for pose in seen.poses if len(seen.rows(pose)[0])]
         return
     pose = sightings.fields_of_kind(seen.kind)
     if set(pose.position + pose.rotation) <= set(seen.values):
         length = (seen.rows(pose)[2] ** 2).sum(axis=1)
         if len(length) and (len(pose.rotation) == 1 or np.median(np.abs(length - 1)) < 0.1):
             seen.poses = [pose]
+
+
+def _join(seen: Seen) -> None:
+    """Gives the likeliest pose of a table the headings that stand in rows of their own."""
+    position, rotation = (
+        np.column_stack([seen.values[path] for path in paths])
+        for paths in (seen.pose.position, seen.pose.rotation)
+    )
+    largest = np.abs(rotation[np.isfinite(rotation)]).max(initial=0.0)
+    turn = 360.0 if largest > 2 * math.pi + 0.01 else 2 * math.pi
+    joined = rows_apart.together(position, rotation, seen.times, turn)
+    seen.values = {**seen.values, **dict(zip(seen.pose.rotation, joined.T))}
 
 
 def _axes(position: Array, quaternion: Array) -> str:

@@ -6,7 +6,7 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.recordings import containers, places
+from ground.recordings import containers, places, rows_apart
 from ground.recordings.containers import Columns, Topic
 from ground.recordings.mapping import ANGLES, Poses
 from ground.recordings.run_settings import Settings
@@ -154,6 +154,13 @@ def read(
             or "rad"
         )
         turned *= ANGLES[unit] * poses.heading_sign
+    apart, turned = turned, rows_apart.together(placed, turned, containers.seconds(stamps[chosen]), 2 * np.pi)
+    if turned is not apart:
+        between = int((np.isfinite(turned).all(axis=1) & ~absent).sum())
+        notes.append(
+            "headings stand in rows of their own: they are interpolated at %d of %d positions"
+            % (between, (~absent).sum())
+        )
     rows, raw = _planar(placed, turned, paths[:count], where, stamps[chosen], settings)
     places.subtract_origin(rows, notes)
     return Measured(rows, raw, chosen, absent)

@@ -313,9 +313,9 @@ def authorities(recording: Recording) -> Document:
     over blocks of time. Empty if the commands do not distinguish the thrusters."""
     motion, sent = recording.motion, recording.control_times
     inside = middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
-    others, wanted = smooth_terms(motion.nu[inside]), clipped(accelerations(motion)[inside])
-    if len(wanted) < MIN_SAMPLES:
+    if inside.sum() < MIN_SAMPLES:
         return {}
+    others, wanted = smooth_terms(motion.nu[inside]), clipped(accelerations(motion)[inside])
     commands = commands_at(recording, recording.thrust, motion.times[inside] - lag_of(recording))
     base = np.linalg.qr(others)[0]
     sizes = np.linalg.svd(commands - base @ (base.T @ commands), compute_uv=False)
