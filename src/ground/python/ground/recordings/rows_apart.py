@@ -1,4 +1,4 @@
-"""Headings of a table that stand in rows of their own, as where a position and a compass are logged by turns."""
+"""Headings of a table that stand in rows of their own, as of a receiver and a compass that log by turns."""
 
 import numpy as np
 
