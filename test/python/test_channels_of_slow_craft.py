@@ -63,7 +63,7 @@ def test_runs_that_do_not_decide_alone_decide_together():
     assert not misread([sailed(seed) for seed in range(RUNS)])
 
 
-def turning(seed, duration=200.0):
+def turning(seed, channels=("port", "starboard", "lift"), duration=200.0):
     """A catamaran at constant thrust in all, which is turned by the difference of its propellers alone."""
     random = np.random.default_rng(seed)
     edges = np.arange(0, duration, 5.0)
@@ -73,15 +73,22 @@ def turning(seed, duration=200.0):
     rows = np.column_stack([edges, commands])
     eta = _core.simulate(ground.Model.load(CATAMARAN).core, rows, times, np.zeros(3), np.zeros(3))["eta"]
     poses = eta + random.normal(size=eta.shape) * [0.02, 0.02, 0.01]
-    channels = ("port", "starboard", "lift")
     return Recording.from_arrays(times, poses, commands, edges, channels=channels, name="run%d" % seed)
 
 
-def test_a_boat_that_only_turns_is_not_accused():
+@pytest.mark.parametrize("has_model", [True, False])
+def test_a_boat_that_only_turns_is_not_accused(has_model):
     """Its sway looks as if one propeller pushed it sideways: so does that of any model of a boat."""
-    model = crude(ground.Model.load(CATAMARAN).core)
-    accused = [seed for seed in range(12) if misread([turning(seed)], model)]
+    model = crude(ground.Model.load(CATAMARAN).core) if has_model else None
+    channels = ("port" if has_model else "left", "starboard" if has_model else "right", "lift")
+    accused = [seed for seed in range(12) if misread([turning(seed, channels)], model)]
     assert len(accused) <= 1, accused
+
+
+def test_commands_that_always_cancel_are_judged():
+    """The sum of both is the same to the last digit, so that nothing is said of what it does."""
+    for seed in range(30):
+        assert suspicions.alone(turning(seed, ("left", "right", "lift"), 60.0), suspicions.PAIR) is not None
 
 
 def test_one_run_of_another_wiring_is_told_apart():

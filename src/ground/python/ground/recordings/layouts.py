@@ -35,6 +35,7 @@ MISALIGNED = 0.5  # largest angle of a force that may be the craft's own [rad]
 ROUNDED = 0.1  # a heading's offset that is nearer to a quarter turn is one [rad]
 MAX_LISTED, MAX_NAMED = 20, 3  # undecided hypotheses that are kept, and that are named
 HARDLY = 0.3  # share of all classes; where more are open, none is named
+NOTHING = 1e-9  # share of the largest effect below which channels cancel each other
 IDLE, TOGETHER = 0.1, 0.95  # relative spread of a channel that hardly changes; correlation of two as one
 AS_RECORDED = "channels and heading are as recorded"
 CHANNELS, POSES = "under commands.channels in a mapping", "under poses in a mapping"
@@ -219,11 +220,13 @@ class _Moments:
         weights = 1 / np.maximum(noise, 1e-6 * t)
         p = np.einsum("hnc,bnc->hbc", effects, self.products)
         s = np.einsum("hnc,bnm,hmc->hbc", effects, self.sizes, effects, optimize=True)
+        largest = (effects**2).sum(axis=1) * np.trace(S)  # that an effect has if all channels act together
         factors = np.zeros((len(effects), 1, 3))
         for some in (slice(0, 2), slice(2, 3)):
             size = (s[..., some] * weights[some]).sum(axis=(1, 2))
             product = np.maximum((p[..., some] * weights[some]).sum(axis=(1, 2)), 0)
-            factors[:, 0, some] = (product / np.where(size > 0, size, np.inf))[:, None]
+            acts = size > NOTHING * (largest[:, some] * weights[some]).sum(axis=1)
+            factors[:, 0, some] = (product / np.where(acts, size, np.inf))[:, None]
         return np.asarray(self.totals - 2 * factors * p + factors**2 * s)
 
 
