@@ -8,7 +8,7 @@ given both (Viterbi 1967) put every pose back to its instant.
 """
 
 from dataclasses import dataclass
-from typing import Iterable, Optional, Tuple, Union
+from typing import Iterable, Iterator, Optional, Tuple, Union
 
 import numpy as np
 
@@ -26,6 +26,7 @@ PARTS = 10  # of a recording, in each of which the earliest stamp is not late
 MIN_MOVE = 4.0  # a step above this many standard deviations shows how many frames it took
 MAX_LOST = 12  # lost frames in a row that a step can show
 MAX_COST = 12.0  # largest cost of a single step or stamp [log-likelihood]
+TOGETHER = 4096  # poses whose costs are computed at a time
 LOSS_COST = 3.0  # cost of a lost frame [log-likelihood]
 
 Clock = Tuple[float, float, Indices]  # start [s], rate [Hz], numbers of the frames (n,)
@@ -153,21 +154,32 @@ def _most_likely(times: Array, steps: Array, single: Array, rate: float, start: 
     depth = int(LATEST * rate)
     behind = np.arange(depth)  # number of frames by which a pose is older than the newest at its stamp
     gone = behind[:, None] - behind[None, :]  # rows: pose before, columns: this pose
+    every = np.arange(gone.min(), gone.max() + 1)
+    at = gone - every[0]  # in `every`
     by_step = _step_costs(steps, single)
     longest = MAX_LOST + 1
     by_count = np.concatenate([[0.0], LOSS_COST + np.log(np.arange(1, 20000))])
 
-    def late(k: int) -> Array:
-        return _late_cost(times[k] - start - (newest[k] - behind) / rate, poll)
+    def late(some: Indices) -> Array:
+        """Costs of some poses (m, depth)."""
+        return _late_cost(times[some, None] - start - (newest[some, None] - behind[None, :]) / rate, poll)
 
-    def steps_to(k: int) -> Array:
-        count = newest[k] - newest[k - 1] + gone
+    def steps_to(some: Indices) -> Array:
+        """Costs of the steps to some poses by each number of `every` (m, 2 depth - 1)."""
+        count = (newest[some] - newest[some - 1])[:, None] + every[None, :]
         possible = count >= 1
         count = np.clip(count, 1, len(by_count))
-        by_motion = np.where(count <= longest, by_step[k - 1][np.minimum(count, longest) - 1], MAX_COST / 2)
+        shown = np.take_along_axis(by_step[some - 1], np.minimum(count, longest) - 1, axis=1)
+        by_motion = np.where(count <= longest, shown, MAX_COST / 2)
         return np.where(possible, by_count[count - 1] + by_motion, np.inf)
 
-    return np.asarray(newest - likeliest(late(0), ((steps_to(k), late(k)) for k in range(1, len(times)))))
+    def later() -> Iterator[Tuple[Array, Array]]:
+        for begin in range(1, len(times), TOGETHER):
+            some = np.arange(begin, min(begin + TOGETHER, len(times)))
+            for step, own in zip(steps_to(some), late(some)):
+                yield step[at], own
+
+    return np.asarray(newest - likeliest(late(np.array([0]))[0], later()))
 
 
 def likeliest(first: Array, later: Iterable[Tuple[Array, Array]]) -> Indices:
