@@ -14,13 +14,13 @@ import numpy as np
 
 from ground.analysis.distributions import chi_squared_above, student_limit
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.analysis.score_tests import moved, stepped
+from ground.analysis.score_tests import moved, solve, stepped
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 
 LEVEL = 0.01  # probability that any parameter is said to differ although none does
 OUTSIDE = 0.025  # probability on each side of an interval
-STEPS = 4
+STEPS = 4  # of Newton
 WEAK = 1e-6  # information that keeps what a run does not tell at the common value, over that of all runs
 
 
@@ -41,7 +41,7 @@ class _Own(NamedTuple):
         return cls(*(np.array(values) for values in zip(*found)))
 
     def known(self, j: int) -> Tuple[Array, Array]:
-        """Steps and variances of a parameter, of the runs that tell it."""
+        """Steps and variances of a parameter, of the runs that determine it."""
         steps, variances = self.steps[:, j], self.deviations[:, j] ** 2
         good = np.isfinite(steps) & np.isfinite(variances) & (variances > 0)
         return steps[good], variances[good]
@@ -84,9 +84,9 @@ def _own_of(
     common values."""
     scale, at = scores["scale"], np.zeros(len(weak))
     for step in range(most):
-        covariance = np.linalg.inv(scores["information"] + weak)
+        covariance = solve(scores["information"] + weak, np.eye(len(weak)))
         at = at + covariance @ (scores["score"].sum(axis=0) - weak @ at)
-        if step == most - 1:
+        if step == most - 1 or not np.isfinite(at).all():
             break
         model = stepped(fit.model, dict(zip(fit.free, (scale * at).tolist())))
         try:
@@ -104,8 +104,8 @@ def _widened(p: Document, described: Document, steps: Array, variances: Array) -
     half = student_limit(OUTSIDE, len(steps) - 1) / np.sqrt(weights.sum())
     ends = [moved(described, p["value"], by) for by in (mean - half, mean + half)]
     low, high = (float(end) for end in p["ci95"])
-    told = steps[variances < 2 * (between + variances.min())]  # by runs that tell it
-    own = [moved(described, p["value"], by) for by in (told.min(), told.max())]
+    certain = steps[variances < 2 * (between + variances.min())]
+    own = [moved(described, p["value"], by) for by in (certain.min(), certain.max())]
     if own[0] == own[1]:  # they only differ by how far beyond its range they are
         return p
     return {**p, "ci95": (min(low, *ends), max(high, *ends)), "runs": (min(own), max(own))}

@@ -88,7 +88,7 @@ def with_interval(
     factor, unit = _scale(value, unit)
     half = factor * max(high - value, value - low)
     places = 3 if not 0 < half < math.inf else int(np.clip(-math.floor(math.log10(half)), 0, 9))
-    if runs and factor * value:  # of a wide interval, the value has two digits still
+    if runs and factor * value:  # the interval may be wide: at least two digits of the value
         places = max(places, int(np.clip(1 - math.floor(math.log10(abs(factor * value))), 0, 9)))
     told = ["%.*f" % (places, round(factor * number, places) + 0.0) for number in (value, low, high)]
     unit = " " + unit if unit not in ("", "-") else ""
