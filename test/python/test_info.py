@@ -117,7 +117,7 @@ def test_late_bursts_in_another_order_are_put_right(seed):
     # Nearly at rest the order is not known, nor does it matter.
     error = np.abs(motion.measured - np.column_stack([eta[:, :2], np.unwrap(eta[:, 2])]))
     assert (error.max(axis=0) < [5e-3, 5e-3, 5e-2]).all()
-    assert not motion.spikes.any()
+    assert not len(motion.spikes)
     assert np.sqrt(np.mean((motion.nu - nu)[5:-5] ** 2, axis=0)).max() < 0.2
 
 
@@ -143,10 +143,11 @@ def test_mirrored_headings_are_undone(centre):
     eta[:, 2] = np.angle(np.exp(1j * eta[:, 2]))
     motion = recorded(times, eta, inputs).motion
     # A mirrored heading that is wrong by less than the noise cannot be detected.
-    assert heading_error(motion.measured[:, 2], truth) < 0.15
+    kept = np.isin(1000 + times, motion.times)
+    assert kept.mean() > 0.99 and heading_error(motion.measured[:, 2], truth[kept]) < 0.15
     # A plain unwrap would leave jumps.
     assert np.abs(np.diff(motion.measured[:, 2])).max() < 0.5
-    assert np.sqrt(np.mean((motion.nu[:, 2] - nu[:, 2]) ** 2)) < 0.3
+    assert np.sqrt(np.mean((motion.nu[:, 2] - nu[kept, 2]) ** 2)) < 0.3
 
 
 def test_frozen_poses_are_a_gap():
@@ -192,8 +193,10 @@ def test_a_gap_in_a_fast_spin_adds_no_turns():
         eta = np.column_stack([0 * times, 0 * times, np.angle(np.exp(1j * psi))])
         seen = (times < 3.0) | (times > 3.27)
         recording = Recording("spin", times[seen], eta[seen], times[:2], np.zeros((2, 3)), "nowhere")
-        nu = recording.motion.nu
-        assert np.abs(nu[:, 2] - rate[seen]).max() < 3, "at phase %.1f" % phase
+        motion = recording.motion
+        kept = np.isin(times[seen], motion.times)
+        assert kept.sum() > seen.sum() - 5
+        assert np.abs(motion.nu[:, 2] - rate[seen][kept]).max() < 3, "at phase %.1f" % phase
 
 
 def alarms(path):

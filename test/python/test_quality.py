@@ -175,14 +175,13 @@ def test_a_part_of_a_run_can_be_chosen():
     assert np.allclose(np.array(run.data(model()).noise), np.array(run.motion.noise)[[0, 0, 1]])
 
 
-def test_spikes_are_replaced_by_the_smoothed_pose():
+def test_fits_do_not_see_spikes():
     times, eta, rows = flown([(3.0, True)])
     eta[150] += [0.3, 0.3, 0.0]
     run = run_of(times, eta, rows)
     data = run.data(model())
-    at = int(np.argmin(np.abs(np.array(data.times) - times[150])))
-    assert np.allclose(np.array(data.poses)[at], run.motion.eta[150])
-    assert np.allclose(np.array(data.poses)[at + 5], run.motion.measured[155])
+    assert np.abs(np.array(data.times) - times[150]).min() > 0.005
+    assert np.abs(np.array(data.poses) - np.array(data.eta)).max() < 0.05
 
 
 # --- runs with the same commands

@@ -10,7 +10,7 @@ bool sameMotion(const Vector3<double>& from, const Vector3<double>& to, double d
   for (int i = 0; i < 3; ++i) {
     const double step = i < 2 ? to(i) - from(i) : wrapAngle(to(i) - from(i));
     const double noise = params.gate * M_SQRT2 * params.noise(i);
-    if (std::abs(step) > noise + times * typicalSpeed(i) * (dt + params.gate * params.stamp_noise))
+    if (std::abs(step) > noise + times * params.speed(i) * (dt + params.gate * params.stamp_noise))
       return false;
   }
   return true;
@@ -22,8 +22,8 @@ Eigen::Matrix3d AxisFilter::transition(double dt) {
   return F;
 }
 
-void AxisFilter::start(double position, double r, double typical_speed) {
-  const double v = typical_speed, a = 3 * typical_speed;
+void AxisFilter::start(double position, double r, double usual_speed) {
+  const double v = usual_speed, a = 3 * usual_speed;
   x << position, 0, 0;
   P = Eigen::Vector3d(r, v * v, a * a).asDiagonal();
 }
@@ -50,7 +50,7 @@ void MotionFilter::start(const Vector3<double>& eta, const EstimatorParams& para
   const double before = axes_[2].x(0);
   for (int i = 0; i < 3; ++i) {
     const double position = i < 2 ? eta(i) : before + wrapAngle(eta(2) - before);
-    axes_[i].start(position, params.noise(i) * params.noise(i), typicalSpeed(i));
+    axes_[i].start(position, params.noise(i) * params.noise(i), params.speed(i));
   }
 }
 
@@ -67,7 +67,12 @@ bool MotionFilter::correct(const Vector3<double>& eta, const EstimatorParams& pa
     const double s = axes_[i].P(0, 0) + r(i);
     if (innovation(i) * innovation(i) > params.gate * params.gate * s) return false;
   }
-  for (int i = 0; i < 3; ++i) axes_[i].correct(innovation(i), r(i));
+  std::array<AxisFilter, 3> corrected = axes_;
+  for (int i = 0; i < 3; ++i) {
+    corrected[i].correct(innovation(i), r(i));
+    if (std::abs(corrected[i].x(1)) > params.most * params.speed(i)) return false;
+  }
+  axes_ = corrected;
   return true;
 }
 

@@ -68,12 +68,15 @@ std::vector<Step> filterForward(const std::vector<double>& stamps, const Eigen::
   return steps;
 }
 
-/// Log-likelihood of a measurement, and correction by it.
-double scoreAndCorrect(AxisFilter& filter, double measured, double r, double outlier) {
+/// Log-likelihood of a measurement, and correction by it unless it is an outlier. `unreachable` counts
+/// outliers in a row that are further off than a craft moves since the last other one, `reach`.
+double scoreAndCorrect(AxisFilter& filter, double measured, double r, double outlier, double reach,
+                       int& unreachable) {
   constexpr double kCap = 25;  // squared distance beyond which a measurement does not correct
   const double innovation = measured - filter.x(0), s = filter.P(0, 0) + r;
   const double distance = innovation * innovation / s;
   if (distance < kCap) filter.correct(innovation, r);
+  unreachable = distance < kCap || std::abs(innovation) < reach ? 0 : unreachable + 1;
   const double good = -0.5 * (distance + std::log(2 * M_PI * s));
   return std::max(good, outlier) + std::log1p(std::exp(-std::abs(good - outlier)));
 }
@@ -96,16 +99,17 @@ double motionLikelihood(const std::vector<double>& stamps, const Eigen::VectorXd
   const double outlier = std::log(kOutliers / range);
   AxisFilter filter;
   double sum = 0;
-  int since = 0;
+  int since = 0, unreachable = 0;
   for (std::size_t k = 0; k < stamps.size(); ++k, ++since) {
     const double z = positions(static_cast<Eigen::Index>(k));
-    if (k == 0 || stamps[k] - stamps[k - 1] > max_gap) {
+    if (k == 0 || stamps[k] - stamps[k - 1] > max_gap || unreachable >= JumpDetector::kMinPoses) {
       filter.start(z, noise * noise, speed);
-      since = 0;
+      since = unreachable = 0;
       continue;
     }
     filter.predict(stamps[k] - stamps[k - 1], jerk * jerk);
-    const double one = scoreAndCorrect(filter, z, noise * noise, outlier);
+    const double dt = (1 + unreachable) * (stamps[k] - stamps[k - 1]);
+    const double one = scoreAndCorrect(filter, z, noise * noise, outlier, 2 * speed * dt, unreachable);
     if (since >= kFree) sum += one;
   }
   return sum;

@@ -130,6 +130,9 @@ void bindEstimation(py::module_& module) {
       .def_readwrite("heading_noise", &EstimatorParams::heading_noise)
       .def_readwrite("linear_jerk", &EstimatorParams::linear_jerk)
       .def_readwrite("angular_jerk", &EstimatorParams::angular_jerk)
+      .def_readwrite("linear_speed", &EstimatorParams::linear_speed)
+      .def_readwrite("angular_speed", &EstimatorParams::angular_speed)
+      .def_readwrite("most", &EstimatorParams::most)
       .def_readwrite("gate", &EstimatorParams::gate)
       .def_readwrite("max_gap", &EstimatorParams::max_gap);
   bindChangeMonitor(module);

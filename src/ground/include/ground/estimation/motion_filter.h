@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <limits>
 #include <string>
 
 #include "ground/model/types.h"
@@ -11,20 +12,22 @@ namespace ground {
 
 /// Parameters of all velocity estimators.
 struct EstimatorParams : EstimatorFields {
+  double linear_speed = 3.0;    ///< usual speed of the craft: initial uncertainty of the filter [m/s]
+  double angular_speed = 20.0;  ///< usual yaw rate [rad/s]
+  double most = std::numeric_limits<double>::infinity();  ///< largest velocity [usual ones]
+
   /// Standard deviation of x and y (axes 0, 1) [m] or psi (axis 2) [rad].
   double noise(int axis) const { return axis < 2 ? position_noise : heading_noise; }
   double jerk(int axis) const { return axis < 2 ? linear_jerk : angular_jerk; }
+  double speed(int axis) const { return axis < 2 ? linear_speed : angular_speed; }
 };
 
-/// Typical speeds of a craft, the initial uncertainty of filters [m/s], [rad/s].
-constexpr double typicalSpeed(int axis) { return axis < 2 ? 3.0 : 20.0; }
-
-/// Whether a craft can move from one pose to the next within dt [s] at up to `times` the typical
+/// Whether a craft can move from one pose to the next within dt [s] at up to `times` its usual
 /// speed. Headings are compared as angles.
 bool sameMotion(const Vector3<double>& from, const Vector3<double>& to, double dt, double times,
                 const EstimatorParams& params);
 
-/// Largest speed of a craft with unknown motion, as a multiple of the typical speed.
+/// Largest speed of a craft with unknown motion, as a multiple of the usual speed.
 constexpr double kUnknownMotion = 3.0;
 
 /// Kalman filter of one coordinate: position, velocity, acceleration, driven by white jerk.
@@ -32,8 +35,8 @@ struct AxisFilter {
   Eigen::Vector3d x = Eigen::Vector3d::Zero();
   Eigen::Matrix3d P = Eigen::Matrix3d::Zero();
 
-  /// Starts with a position of variance r and a motion of typical size.
-  void start(double position, double r, double typical_speed);
+  /// Starts with a position of variance r and a motion of usual speed.
+  void start(double position, double r, double usual_speed);
   /// Time update over dt [s] with the jerk's spectral density q.
   void predict(double dt, double q);
   /// Measurement update by the innovation z - x(0) with variance r.
@@ -51,9 +54,9 @@ class MotionFilter {
   /// Starts at a pose, with its heading unwrapped relative to the last one.
   void start(const Vector3<double>& eta, const EstimatorParams& params);
   void predict(double dt, const EstimatorParams& params);
-  /// Corrects by a pose, with wrapped or unwrapped heading, unless one of its innovations is
-  /// outside the gate; returns whether it did. Stamp noise counts as position noise in proportion
-  /// to the speed.
+  /// Corrects by a pose, with wrapped or unwrapped heading, unless one of its innovations is outside
+  /// the gate or the craft would be faster than params.most; returns whether it did. Stamp noise
+  /// counts as position noise in proportion to the speed.
   bool correct(const Vector3<double>& eta, const EstimatorParams& params);
   /// Corrects by a measured derivative of an axis, of order 1 or 2, with its standard deviation.
   void correctBy(int axis, int order, double measured, double noise) {

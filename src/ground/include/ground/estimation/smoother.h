@@ -25,9 +25,10 @@ SmoothedMotion smooth(const std::vector<double>& stamps, const Eigen::MatrixX3d&
                       const EstimatorParams& params);
 
 /// Log-likelihood of measured positions (or headings, unwrapped) of one axis under MotionFilter's model with
-/// noise of a standard deviation and a jerk. Stretches begin after max_gap without a measurement. `speed`:
-/// standard deviation of the velocity there. Measurements may be outliers, which are as likely anywhere in
-/// the range of the positions. Throws std::invalid_argument as smooth() does.
+/// noise of a standard deviation and a jerk. Stretches begin after max_gap without a measurement and, as in
+/// smooth(), where several in a row are outliers. `speed`: standard deviation of the velocity there.
+/// Measurements may be outliers, which are as likely anywhere in the range of the positions. Throws
+/// std::invalid_argument as smooth() does.
 double motionLikelihood(const std::vector<double>& stamps, const Eigen::VectorXd& positions, double noise,
                         double jerk, double max_gap, double speed);
 

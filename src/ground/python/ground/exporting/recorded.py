@@ -148,7 +148,7 @@ def _measured(view: "View", run: Recording) -> List[Source]:
     """Poses as measured, the state, and the commands."""
     stamps = repair.on_commands_clock(run.pose_times, run.clock_offset)
     motion = run.motion
-    repaired = np.where(motion.spikes[:, None], motion.eta, motion.measured)
+    repaired = motion.measured
     order = np.argsort(stamps, kind="stable")
     poses, states = run.eta[order].tolist(), np.column_stack([repaired, motion.nu]).tolist()
     commands = run.controls.tolist()

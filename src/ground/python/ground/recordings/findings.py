@@ -78,6 +78,7 @@ def described(run: RepairedRun) -> Document:
         "silent": [{"start": a, "end": b} for a, b in run.silent],
         "frozen": [{"start": a, "end": b} for a, b in run.frozen],
         "steps": [{"start": t, "end": t} for t in run.steps],
+        "breaks": run.breaks,
         "unexplained": run.unexplained,
         "battery": None if recording.voltage is None else recording.voltage.describe(run.zero),
         "contacts": [{"start": float(a), "end": float(b)} for a, b in run.contacts],
@@ -130,7 +131,7 @@ def _poses_of(run: RepairedRun) -> Document:
         "heading_steps": [{"time": float(t - run.zero), "angle": angle} for t, angle in motion.heading_steps],
         "frozen": motion.repairs["frozen poses dropped"],
         "overtaken": motion.repairs["poses that overtook each other put in order"],
-        "spikes": [float(t - run.zero) for t in motion.times[motion.spikes]],
+        "spikes": [float(t - run.zero) for t in motion.spikes],
     }
     clock = motion.clock
     if clock is not None:
@@ -293,6 +294,9 @@ def grave(d: Document) -> Iterator[str]:
             "the measured heading steps while the craft goes on, as when the mocap takes one pattern of "
             "markers for another; turned back to that of the longest part: " + _named(steps)
         )
+    if d["breaks"]:
+        times = _named(["%.2f s" % time for time in d["breaks"]])
+        yield "place and heading step at once, so that another run begins, which no window spans: " + times
     if abs(d["clock_offset"]) > repair.CLOCK_OFFSET:
         text = "the stamps of the poses are %.3f s off the clock of the commands, shifted"
         yield text % -d["clock_offset"]
@@ -372,7 +376,8 @@ def _poses(poses: Document) -> Iterator[str]:
         if count:
             yield "%s: %d" % (what, count)
     if poses["spikes"]:
-        yield "spikes, smoothed over: %s" % _named(["%.2f s" % time for time in poses["spikes"]])
+        times = _named(["%.2f s" % time for time in poses["spikes"]])
+        yield "spikes, places or headings that no smooth motion explains, left out: " + times
 
 
 def _overlap(controls: Document) -> Iterator[str]:

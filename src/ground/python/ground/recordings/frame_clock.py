@@ -22,6 +22,13 @@ SMOOTHER = 0.7  # largest roughness of the motion by the new instants, relative 
 MIN_TELLING = 0.1  # least share of steps that show how many frames they took
 # Tried standard deviations of a pose with its wobble, relative to its noise from frame to frame
 WIDTHS = (1.4, 2.0, 2.8)
+AGREE = 1.002  # largest ratio of the rates by these, above which further rates are tried
+# Numbers of poses, and ratios of rates that are tried by them: the more poses, the narrower is the peak
+RATES = (
+    (400, np.arange(0.9, 1.26, 0.01)),
+    (400, np.arange(0.985, 1.016, 0.0025)),
+    (2000, np.arange(0.9992, 1.0009, 0.0002)),
+)
 PARTS = 10  # of a recording, in each of which the earliest stamp is not late
 MIN_MOVE = 4.0  # a step above this many standard deviations shows how many frames it took
 MAX_LOST = 12  # lost frames in a row that a step can show
@@ -52,21 +59,23 @@ def rebuild(
     """
     if len(times) < 200 or not _irregular(times):
         return None
-    alone = _without_loss(times)
-    tried = (_with_losses(times, eta, wide * noise, known_rate) for wide in WIDTHS)
-    found = [alone] if alone else [clock for clock in tried if clock]
-    clocks = [(start, known_rate or rate, numbers) for start, rate, numbers in found]
-    if not clocks:
-        return None
-
     def roughness(one: Clock) -> float:
         start, rate, numbers = one
-        return _roughness(start + numbers / rate, eta / noise, 1 / rate)
+        return _roughness(start + numbers / rate, eta[: len(numbers)] / noise, 1 / rate)
 
-    start, rate, numbers = best = min(clocks, key=roughness)
+    alone = _without_loss(times)
+    tried = (_with_losses(times, eta, wide * noise, known_rate) for wide in WIDTHS)
+    clocks = [alone] if alone else [clock for clock in tried if clock]
+    if not clocks:
+        return None
+    best = min(clocks, key=roughness)
+    rates = [rate for _, rate, _ in clocks]
+    if max(rates) > AGREE * min(rates) and known_rate is None:
+        best = _by_rates(times, eta, WIDTHS[0] * noise, best[1]) or best
+    start, rate, numbers = best
+    rate = known_rate or rate
     frames, by_stamps = start + numbers / rate, _roughness(times, eta / noise, 1 / rate)
-    by_frames = roughness(best)
-    if not by_frames < SMOOTHER * by_stamps and known_rate is None:
+    if not roughness(best) < SMOOTHER * by_stamps and known_rate is None:
         return None
     return FrameClock(frames, rate, int(numbers[-1] - numbers[0] + 1 - len(times)), times - frames)
 
@@ -96,6 +105,27 @@ def _with_losses(times: Array, eta: Array, noise: Array, known_rate: Optional[fl
         numbers = _most_likely(times, steps, single, rate, start)
         start, rate = _line(times, numbers)
     return start, rate, numbers
+
+
+def _by_rates(times: Array, eta: Array, noise: Array, rate: float) -> Optional[Clock]:
+    """The Clock of the likeliest rate around one [Hz] that losses of frames may have made too low."""
+    for count, ratios in RATES:
+        first = int(np.argmin(times[count:] - times[:-count])) if len(times) > count else 0
+        some = slice(first, first + count)
+        tried = (_with_losses(times[some], eta[some], noise, one) for one in rate * ratios)
+        costs = [(_cost(times[some], eta[some], noise, clock), clock[1]) for clock in tried if clock]
+        rate = min(costs, default=(0.0, rate))[1]
+    return _with_losses(times, eta, noise, rate)
+
+
+def _cost(times: Array, eta: Array, noise: Array, clock: Clock) -> float:
+    """Minus log-likelihood of stamps, steps and losses of frames by a Clock, for each pose."""
+    start, rate, numbers = clock
+    steps, counts = np.diff(eta, axis=0) / (np.sqrt(2) * noise), np.clip(np.diff(numbers), 1, MAX_LOST + 1)
+    by_step = _step_costs(steps, _single_steps(steps, counts))[np.arange(len(counts)), counts - 1]
+    by_loss = np.where(counts > 1, LOSS_COST + np.log(np.maximum(counts - 1, 1)), 0.0)
+    late = _late_cost(times - start - numbers / rate, _poll(times, rate))
+    return float((by_step + by_loss).mean() + late.mean())
 
 
 def _irregular(times: Array) -> bool:
@@ -146,10 +176,16 @@ def _late_cost(late: Union[float, Array], poll: float) -> Array:
     return np.where(late < -EARLIEST, MAX_COST - 1e3 * late, cost)
 
 
+def _poll(times: Array, rate: float) -> float:
+    """Longest usual time between polls of a client by its stamps (n,) and the rate of the frames [s]."""
+    intervals = np.diff(times)
+    return float(1.2 * max(np.median(intervals[intervals > EARLIEST]), 1 / rate))
+
+
 def _most_likely(times: Array, steps: Array, single: Array, rate: float, start: float) -> Indices:
     """The most likely frame numbers given stamps and steps."""
     intervals = np.diff(times)
-    poll = 1.2 * max(np.median(intervals[intervals > 1e-3]), 1 / rate)
+    poll = _poll(times, rate)
     newest = np.floor((times - start + EARLIEST) * rate).astype(int)
     depth = int(LATEST * rate)
     behind = np.arange(depth)  # number of frames by which a pose is older than the newest at its stamp

@@ -22,57 +22,67 @@ def wrap(angle: ArrayLike) -> Array:
     return np.asarray(np.angle(np.exp(1j * np.asarray(angle))))
 
 
-def turned_back(times: Array, psi: Array) -> Tuple[Array, Steps]:
-    """Undoes steps of unwrapped headings psi (n,) [rad] at ascending stamps (n,) [s] that no craft makes: it
-    turns as fast after the step as before it. Mocap software whose markers look alike after a turn takes one
-    pattern for the other, at once or after it lost the craft. Returns the headings as in the part that lasts
-    longest, and the steps."""
-    found = [(i, step) for i in _odd(times, psi) for step in [_step(times, psi, i)] if step]
-    if not found:
-        return psi, []
+def turned_back(times: Array, eta: Array) -> Tuple[Array, Steps, List[float]]:
+    """Undoes steps of the heading that no craft makes: it turns as fast after the step as before it. Mocap
+    software whose markers look alike after a turn takes one pattern for the other, at once or after it lost
+    the craft.
+
+    eta (n, 3), x, y [m], unwrapped psi [rad], at ascending stamps (n,) [s]. Returns the headings as in the
+    part that lasts longest; the steps that were undone; and when place and heading step together [s]: another
+    run begins there, whose heading stays.
+    """
+    psi, steps = eta[:, 2], []
+    breaks = [0]
+    for i in _odd(times, psi):
+        step = _step(times, psi[:, None], i)
+        if step and _step(times, eta[:, :2], i):
+            breaks.append(i)
+        elif step:
+            steps.append((i, step))
     off = np.zeros(len(psi))
-    for i, step in found:
-        off[i:] += step
-    begins = [0, *(i for i, _ in found)]
-    ends = [*begins[1:], len(psi)]
-    longest = int(np.argmax([times[end - 1] - times[begin] for begin, end in zip(begins, ends)]))
-    off -= off[begins[longest]]
-    return psi - off, [(float(times[i]), step) for i, step in found]
+    for begin, end in zip(breaks, [*breaks[1:], len(psi)]):
+        inside = [(i, step) for i, step in steps if begin < i < end]
+        for i, step in inside:
+            off[i:end] += step
+        begins = [begin, *(i for i, _ in inside)]
+        ends = [*begins[1:], end]
+        longest = int(np.argmax([times[b - 1] - times[a] for a, b in zip(begins, ends)]))
+        off[begin:end] -= off[begins[longest]]
+    found = [(float(times[i]), step) for i, step in steps]
+    return psi - off, found, [float(times[i]) for i in breaks[1:]]
 
 
 def _odd(times: Array, psi: Array) -> Sequence[int]:
     """Indices of the poses before which the heading changes by far more than around."""
     steps = wrap(np.diff(psi))
-    usual = _running_median(steps, AROUND)
+    usual = scatter.running_median(steps, AROUND)
     close = np.diff(times) <= AT_ONCE * scatter.interval(times)
     odd = (np.abs(wrap(steps - usual)) > LEAST_STEP) & close
     return [int(i) + 1 for i in np.flatnonzero(odd)]
 
 
-def _step(times: Array, psi: Array, at: int) -> float:
-    """By how much the heading steps before pose `at` [rad]; 0 where it does not, or may have turned."""
+def _step(times: Array, columns: Array, at: int) -> float:
+    """By how much a heading (n, 1) [rad] or a place (n, 2) [m] steps before pose `at`; 0 where it does not, or
+    may have moved."""
     before, after = slice(at - AROUND, at), slice(at, at + AROUND)
-    if at < AROUND or at + AROUND > len(psi):
+    if at < AROUND or at + AROUND > len(columns):
         return 0.0
     if np.ptp(times[after]) > AT_ONCE * scatter.interval(times) or times[before][0] == times[before][-1]:
         return 0.0
-    lines, spread = [], 0.0
+    angle, lines, spread = columns.shape[1] == 1, [], 0.0
     for piece in (before, after):
-        rows, stamps = np.unwrap(psi[piece]), times[piece] - times[at]
+        rows, stamps = columns[piece], times[piece] - times[at]
+        rows = np.unwrap(rows, axis=0) if angle else rows
         line = np.polyfit(stamps, rows, 1)
         lines.append(line)
-        spread = max(spread, float(np.std(rows - np.polyval(line, stamps), ddof=2)))
-    step = float(wrap(lines[1][1] - lines[0][1]))
+        rest = rows - np.outer(stamps, line[0]) - line[1]
+        spread = max(spread, float(np.std(rest, axis=0, ddof=2).max()))
+    change, step = lines[1] - lines[0]
+    size = float(wrap(step[0])) if angle else float(np.linalg.norm(step))
     passed = times[at] - times[at - 1] + AROUND * scatter.interval(times) / 2
-    turned = abs(lines[1][0] - lines[0][0]) * passed
-    return step if abs(step) > max(LEAST_STEP, BEYOND * spread, EXPLAINED * turned) else 0.0
-
-
-def _running_median(values: Array, around: int) -> Array:
-    """At each of the values (n,) the median of it and so many on either side."""
-    padded = np.pad(values, (around, around), mode="edge")
-    shifted = [padded[i : i + len(values)] for i in range(2 * around + 1)]
-    return np.asarray(np.median(np.stack(shifted), axis=0))
+    moved = float(np.linalg.norm(change)) * passed
+    least = LEAST_STEP if angle else 0.0
+    return size if abs(size) > max(least, BEYOND * spread, EXPLAINED * moved) else 0.0
 
 
 def unmirrored(psi: Array) -> Tuple[Array, int]:
@@ -88,7 +98,7 @@ def unmirrored(psi: Array) -> Tuple[Array, int]:
         return psi, 0
     readings = np.stack([psi, centre - psi])  # row 1: the heading if it was mirrored
     steps = np.diff(psi)
-    turning = _running_median(wrap(steps), 7)
+    turning = scatter.running_median(wrap(steps), 7)
     width = 0.02 + 0.3 * np.abs(turning)
     change, mirrored = FLIP_COST
 

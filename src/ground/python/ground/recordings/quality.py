@@ -35,7 +35,7 @@ class RepairedRun:
 
     Attributes: recording; motion; zero [s], the origin of the run's clock, and end [s] on it; spans and
     contacts, silent (pauses of the commands) and frozen (repeated poses), lists of (start, end) [s]; steps of
-    the measured pose [s]; margin around such events [s]; active, (start, end) of the experiment [s]; reply,
+    the measured pose, and breaks where another run begins [s]; margin around such events [s]; active, (start, end) of the experiment [s]; reply,
     how the motion follows the commands; inertial, the craft's calibrated sensors (None: it has none); drives,
     when each drive began [s], the origins of the model's t; drives_by, the source of these: "record", "lift"
     (the first command with lift), "first command" (which has lift already) or "start" (of the run, because
@@ -63,6 +63,7 @@ class RepairedRun:
         if self.unexplained and not reply.decides(recording):
             self.unexplained = 0.0
         self.steps = [float(t - self.zero) for t in self.motion.times[_steps(self.motion)]]
+        self.breaks = [float(t - self.zero) for t in self.motion.breaks]
         self.silent, self.frozen = (self._on_clock(s) for s in (_silences(recording), _frozen(recording)))
         self.contacts = self._on_clock([(a, b) for a, b in contacts if a < landing])
         self.active = self._active(landing)
@@ -118,7 +119,7 @@ class RepairedRun:
     def _spans(self) -> List[Span]:
         start, end = self.active
         cuts = [(a - self.margin, b + self.margin) for a, b in self.contacts] + self.silent + self.frozen
-        cuts += [(t - self.margin, t + self.margin) for t in self.steps]
+        cuts += [(t - self.margin, t + self.margin) for t in [*self.steps, *self.breaks]]
         times = self.motion.times - self.zero
         inside = (times >= start) & (times <= end) & lifted(self.recording, self.motion.times)
         for a, b in cuts:
@@ -174,7 +175,7 @@ class RepairedRun:
             motion.eta[inside],
             motion.nu[inside],
             inputs,
-            np.where(motion.spikes[:, None], motion.eta, motion.measured)[inside],
+            motion.measured[inside],
             np.array(motion.noise)[[0, 0, 1]],
             self.drives,
             inertial=self._inertial(),
@@ -293,7 +294,7 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     """Spans with accelerations that no input within its bounds explains."""
     motion = recording.motion
     floats = lifted(recording, motion.times)  # without lift the floor brakes it
-    jumps = motion.jumps & floats & ~_steps(motion)
+    jumps = motion.jumps & floats & ~_steps(motion) & ~np.isin(motion.times, motion.breaks)
     if found is None:
         return [(t, t) for t in motion.times[jumps]]
     coefficients = found["coefficients"]

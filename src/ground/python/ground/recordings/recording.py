@@ -252,7 +252,7 @@ class Recording(Plotted):
             times, motion, names = times[order], self.eta[order], list(POSE)
         else:
             times, names = self.motion.times, [*POSE, *VELOCITY]
-            eta = np.where(self.motion.spikes[:, None], self.motion.eta, self.motion.measured)
+            eta = self.motion.measured
             motion = np.column_stack([eta[:, :2], headings.wrap(eta[:, 2]), self.motion.nu])
         commands = self.held(self.controls, times)
         commands[times < self.control_times[0]] = np.nan

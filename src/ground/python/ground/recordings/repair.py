@@ -1,7 +1,7 @@
 """Repair of a recording's poses; repairs are counted."""
 
 from dataclasses import dataclass, field
-from typing import Dict, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -22,6 +22,9 @@ MIN_WAY = 20.0  # shortest way along which a burst is sorted [standard deviation
 MIN_GAIN = 50.0  # least fall of the roughness for a new order
 MAX_RATIO = 0.5  # largest roughness of a new order, relative to the old one
 GATE = 8.0  # poses further off than this many standard deviations are spikes
+BESIDE = 6  # poses before and after one that it is compared with
+ODD = 10.0  # least distance of an outlier from its neighbours' motion [usual distances around]
+MOST = 2.0  # largest velocity [largest one of the sound stretches]
 
 
 @dataclass
@@ -35,11 +38,12 @@ class Motion:
     nu_dot: Array  # (n, 3) their derivatives [m/s^2], [rad/s^2]
     noise: scatter.Levels  # standard deviations of the poses [m], [rad]
     scales: _core.RunScales  # longest gap, and jerk by which the poses were smoothed
-    spikes: Flags  # (n,) outliers; smoothed over
     jumps: Flags  # (n,) where the motion restarts although no pose is missing
+    spikes: Array  # (k,) times of the poses that no smooth motion explains, which are left out [s]
     clock: Optional[frame_clock.FrameClock]  # if the frames' instants were rebuilt
     repairs: Dict[str, float] = field(default_factory=dict)  # kind of repair -> how often
     heading_steps: headings.Steps = field(default_factory=list)  # steps of the heading that were undone
+    breaks: List[float] = field(default_factory=list)  # where another run begins [s]
 
 
 def on_commands_clock(times: Array, offset: float) -> Array:
@@ -73,37 +77,75 @@ def repair(
     rough = scatter.in_order(np.column_stack([eta[:, :2], np.unwrap(eta[:, 2])]))
     eta, repairs["poses that overtook each other put in order"] = _in_order(times, eta, rough)
     eta[:, 2], repairs["headings mirrored back"] = headings.unmirrored(eta[:, 2])
-    eta[:, 2], heading_steps = headings.turned_back(times, np.unwrap(eta[:, 2]))
-    clock = frame_clock.rebuild(times, eta, rough, frame_rate)
+    clock = frame_clock.rebuild(times, np.column_stack([eta[:, :2], np.unwrap(eta[:, 2])]), rough, frame_rate)
     if clock is not None:
         repairs["stamps replaced by the frame clock"] = len(times)
         times = clock.times
-    max_gap = scatter.longest_gap(times, eta[:, 2])
-    found, (linear, angular), excess = scatter.levels(times, eta, max_gap)
-    scales = _core.RunScales(max_gap, linear, angular)
+    outliers = _outliers(times, eta, rough)
+    spikes, times, eta = times[outliers], times[~outliers], eta[~outliers]
+    eta[:, 2] = np.unwrap(eta[:, 2])
+    eta[:, 2], heading_steps, breaks = headings.turned_back(times, eta)
+    speeds = scatter.largest_speeds(times, eta)
+    max_gap = scatter.longest_gap(times, speeds[1])
+    found, jerks, excess = scatter.levels(times, eta, max_gap, speeds)
+    scales = _core.RunScales(max_gap, *jerks)
     noise = noise or found
-    smoothed = smooth(times, eta, noise, scales, GATE * excess)
-    spikes = ~np.asarray(smoothed["used"])
-    jumps = np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= max_gap)
-    moved, nu, nu_dot = (smoothed[key] for key in ("eta", "nu", "nu_dot"))
-    return Motion(times, eta, moved, nu, nu_dot, noise, scales, spikes, jumps, clock, repairs, heading_steps)
+    smoothed = smooth(times, eta, noise, scales, GATE * excess, speeds)
+    used = np.asarray(smoothed["used"])
+    spikes = np.sort(np.append(spikes, times[~used]))
+    jumps = (np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= max_gap))[used]
+    moved, nu, nu_dot = (smoothed[key][used] for key in ("eta", "nu", "nu_dot"))
+    times, eta = times[used], eta[used]
+    eta[:, 2] = moved[:, 2] + headings.wrap(eta[:, 2] - moved[:, 2])
+    found = times, eta, moved, nu, nu_dot, noise, scales, jumps, spikes, clock, repairs
+    return Motion(*found, heading_steps, breaks)
 
 
 def smooth(
-    times: Array, eta: Array, noise: scatter.Levels, scales: _core.RunScales, gate: float = GATE
+    times: Array,
+    eta: Array,
+    noise: scatter.Levels,
+    scales: _core.RunScales,
+    gate: float = GATE,
+    speeds: Optional[scatter.Levels] = None,
 ) -> Document:
     """_core.smooth for poses with this noise (position [m], heading [rad]) and of these scales; gate:
-    [standard deviations] beyond which a pose is a spike."""
+    [standard deviations] beyond which a pose is a spike; speeds: largest ones of sound stretches [m/s],
+    [rad/s]."""
     params = _core.EstimatorParams()
     params.position_noise, params.heading_noise = noise
     params.linear_jerk, params.angular_jerk = scales.linear_jerk, scales.angular_jerk
     params.gate, params.max_gap = gate, scales.max_gap
+    if speeds is not None:
+        (params.linear_speed, params.angular_speed), params.most = speeds, MOST
     return _core.smooth(times, eta, params)
 
 
 def again(run: _core.RunData, poses: Array) -> Document:
     """_core.smooth for other poses (n, 3) at the times of a run, as its own were smoothed."""
     return smooth(run.times, poses, (run.noise[0], run.noise[2]), run.scales)
+
+
+def _outliers(times: Array, eta: Array, noise: Array) -> Flags:
+    """Poses (n, 3) whose place or heading a smooth motion of their neighbours does not explain: Hampel's test
+    (1974) of the median distance to what the neighbours' usual velocity makes of them, by the stamps (n,) [s]
+    or by the order of the poses."""
+    steps = np.diff(eta, axis=0)
+    steps[:, 2] = headings.wrap(steps[:, 2])
+    lasted = np.maximum(np.diff(times), 0.1 * scatter.interval(times))[:, None]
+    by_order, by_time = (scatter.running_median(rows, BESIDE) for rows in (steps, steps / lasted))
+    by_order, by_time = (np.vstack([rows, rows[-1:]])[:, None] for rows in (by_order, by_time))
+    index = np.arange(len(times))
+    apart = (scatter.around(index, BESIDE) - index[:, None])[..., None]
+    waited = (scatter.around(times, BESIDE) - times[:, None])[..., None]
+    off = scatter.around(eta, BESIDE) - eta[:, None] - np.stack([by_order * apart, by_time * waited])
+    off[..., 2] = headings.wrap(off[..., 2])
+    found = np.zeros(len(times), bool)
+    for columns, least in (([0, 1], noise[0]), ([2], noise[2])):
+        distance = np.median(np.linalg.norm(off[..., columns], axis=-1).min(axis=0), axis=1)
+        usual = scatter.running_median(distance, 2 * BESIDE)
+        found |= distance > np.maximum(ODD * usual, GATE * least)
+    return found
 
 
 def _distinct(times: Array, eta: Array, repairs: Dict[str, float]) -> Flags:

@@ -16,6 +16,7 @@ Levels = Tuple[float, float]  # of positions, and of headings
 
 BRIDGED = 12.0  # longest gap [usual intervals]
 LEAST_BRIDGED = 2.5  # the same where the craft turns so fast that its heading would be ambiguous
+SOUND = 13  # steps in a row whose median is a velocity of the craft
 FINEST = np.array([1e-6, 1e-6, 1e-6])  # least noise relative to the range of x, y, heading
 MOST_SAMPLES, PIECE = 8000, 1000  # poses, and those of a piece, from which levels are estimated
 MOTION = 0.55  # variance of third differences of an integrated random walk [jerk^2 interval^5]
@@ -35,16 +36,36 @@ def interval(times: Array) -> float:
     return float(np.median(steps)) if len(steps) else 1.0
 
 
-def longest_gap(times: Array, headings: Array) -> float:
-    """The longest gap between poses that is bridged [s], by their stamps (n,) [s] and unwrapped headings
-    (n,): some intervals, but not so many that the craft may turn round unseen."""
+def around(rows: Array, count: int) -> Array:
+    """For each of the rows (n, ...) it and so many on either side, (n, m, ...); at the ends those within."""
+    width = min(2 * count + 1, len(rows))
+    first = np.clip(np.arange(len(rows)) - count, 0, len(rows) - width)
+    return np.asarray(rows[first[:, None] + np.arange(width)])
+
+
+def running_median(rows: Array, count: int) -> Array:
+    """At each of the rows (n, ...) the medians of it and of so many on either side."""
+    return np.asarray(np.median(around(rows, count), axis=1))
+
+
+def largest_speeds(times: Array, eta: Array) -> Levels:
+    """The largest speed [m/s] and yaw rate [rad/s] that last for SOUND intervals in poses eta (n, 3) with
+    ascending stamps (n,) [s]: medians, which few wrong poses or stamps do not change."""
+    usual, lasted = interval(times), np.diff(times)
+    close = lasted < LEAST_BRIDGED * usual
+    steps = np.diff(eta, axis=0)[close]
+    if not len(steps):
+        return 1e-9, 1e-9
+    frame = float(np.mean(lasted[close]))
+    rates = np.abs(running_median(steps, SOUND // 2)) / frame
+    return float(max(rates[:, :2].max(), 1e-9)), float(max(rates[:, 2].max(), 1e-9))
+
+
+def longest_gap(times: Array, fastest: float) -> float:
+    """The longest gap between poses that is bridged [s], by their stamps (n,) [s] and the largest yaw rate
+    [rad/s]: some intervals, but not so many that the craft may turn round unseen."""
     usual = interval(times)
-    steps = np.diff(times)
-    seen = steps > 0.1 * usual
-    rates = np.abs(np.diff(headings)[seen]) / steps[seen]
-    fastest = float(np.quantile(rates, 0.95)) if len(rates) else 0.0
-    round_it = np.pi / fastest if fastest > 0 else np.inf
-    return float(np.clip(round_it, LEAST_BRIDGED * usual, BRIDGED * usual))
+    return float(np.clip(np.pi / fastest, LEAST_BRIDGED * usual, BRIDGED * usual))
 
 
 def resolution(values: Array) -> Array:
@@ -91,20 +112,21 @@ def _even(times: Array) -> Flags:
     return np.asarray(even[:-2] & even[1:-1] & even[2:])
 
 
-def levels(times: Array, poses: Array, max_gap: float) -> Tuple[Levels, Levels, float]:
+def levels(times: Array, poses: Array, max_gap: float, speeds: Levels) -> Tuple[Levels, Levels, float]:
     """Standard deviations of the noise of poses (n, 3) with ascending stamps (n,) [s], of positions [m] and
     headings [rad]; root densities of the jerk by which they are smoothed [m/s^2.5], [rad/s^2.5]; and how
-    many times as far as their noise poses are off where they wobble from frame to frame together."""
+    many times as far as their noise poses are off where they wobble from frame to frame together. speeds:
+    largest ones of the craft [m/s], [rad/s]."""
     least, usual = resolution(poses), interval(times)
     third = third_differences(times, poses)
     guess = in_order(poses) if third is None else third
     some = _pieces(len(times))
     found, excess = [], 1.0
-    for columns in ([0, 1], [2]):
+    for columns, speed in zip(([0, 1], [2]), speeds):
         own = float(np.hypot.reduce(guess[columns]) / np.sqrt(len(columns)))
         finest = float(least[columns].max())
         own, samples = max(own, finest), poses[some][:, columns]
-        noise, jerk = _likeliest(times[some], samples, max_gap, own, finest)
+        noise, jerk = _likeliest(times[some], samples, max_gap, own, finest, speed)
 
         def motion(width: int, jerk: float = jerk, own: float = own) -> float:
             """Variance of third differences of poses that are `width` apart by motion, over that by noise."""
@@ -118,7 +140,7 @@ def levels(times: Array, poses: Array, max_gap: float) -> Tuple[Levels, Levels, 
         width = next((width for width in WIDTHS if motion(width) < LARGE), 1)
         if wobble > WOBBLE and width > 1 and len(some) > FEWEST * width:
             medians = _medians(times[some], samples, width)
-            jerk = _likeliest(*medians, width * max_gap, own / np.sqrt(width), 0.1 * finest)[1]
+            jerk = _likeliest(*medians, width * max_gap, own / np.sqrt(width), 0.1 * finest, speed)[1]
         found.append((noise, _rounded(jerk)))
     (position, linear), (heading, angular) = found
     return (position, heading), (linear, angular), excess
@@ -141,11 +163,11 @@ def _pieces(count: int) -> Sequence[int]:
     return [i for begin in begins for i in range(begin, begin + PIECE)]
 
 
-def _likeliest(times: Array, columns: Array, max_gap: float, noise: float, least: float) -> Levels:
+def _likeliest(
+    times: Array, columns: Array, max_gap: float, noise: float, least: float, speed: float
+) -> Levels:
     """The noise, not below `least`, and the jerk under which columns (n, k) are likeliest."""
-    steps = np.diff(times)
-    rates = np.abs(np.diff(columns, axis=0)).max(axis=1)[steps > 0] / steps[steps > 0]
-    speed = 3 * max(float(np.quantile(rates, 0.95)) if len(rates) else 0.0, noise)
+    speed = max(speed, noise)
     rows = [np.ascontiguousarray(column) for column in columns.T]
     stamps = list(times)
 
