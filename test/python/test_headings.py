@@ -9,7 +9,7 @@ from ground.recordings import headings
 
 def turned_back(times, psi):
     """What becomes of headings of a craft that stays at its place."""
-    return headings.turned_back(times, np.column_stack([0 * psi, 0 * psi, psi]))
+    return headings.turned_back(times, np.column_stack([0 * psi, 0 * psi, psi]), 25.0)
 
 
 def moving(**more):

@@ -25,7 +25,7 @@ WIDTHS = (1.4, 2.0, 2.8)
 AGREE = 1.002  # largest ratio of the rates by these, above which further rates are tried
 # Numbers of poses, and ratios of rates that are tried by them: the more poses, the narrower is the peak
 RATES = (
-    (400, np.arange(0.9, 1.26, 0.01)),
+    (400, np.arange(0.95, 1.4, 0.01)),
     (400, np.arange(0.985, 1.016, 0.0025)),
     (2000, np.arange(0.9992, 1.0009, 0.0002)),
 )
@@ -71,7 +71,7 @@ def rebuild(
     best = min(clocks, key=roughness)
     rates = [rate for _, rate, _ in clocks]
     if max(rates) > AGREE * min(rates) and known_rate is None:
-        best = _by_rates(times, eta, WIDTHS[0] * noise, best[1]) or best
+        best = _by_rates(times, eta, WIDTHS[0] * noise, max(rates)) or best
     start, rate, numbers = best
     rate = known_rate or rate
     frames, by_stamps = start + numbers / rate, _roughness(times, eta / noise, 1 / rate)

@@ -12,7 +12,7 @@ AROUND = 6  # poses before and after a step of the heading that are compared
 LEAST_STEP = np.radians(20.0)  # least step between patterns of markers that look alike
 BEYOND = 10.0  # least step [standard deviations of the headings around]
 EXPLAINED = 4.0  # least step [what the change of the rate explains]
-AT_ONCE = 2.0 * AROUND  # longest time in which a step is told from a turn [usual intervals]
+TOGETHER = 2.0 * AROUND  # longest time that poses on one side of a step last [usual intervals]
 
 Steps = List[Tuple[float, float]]  # when [s], by how much [rad]
 
@@ -22,32 +22,37 @@ def wrap(angle: ArrayLike) -> Array:
     return np.asarray(np.angle(np.exp(1j * np.asarray(angle))))
 
 
-def turned_back(times: Array, eta: Array) -> Tuple[Array, Steps, List[float]]:
+def turned_back(times: Array, eta: Array, fastest: float) -> Tuple[Array, Steps, List[float]]:
     """Undoes steps of the heading that no craft makes: it turns as fast after the step as before it. Mocap
     software whose markers look alike after a turn takes one pattern for the other, at once or after it lost
     the craft.
 
-    eta (n, 3), x, y [m], unwrapped psi [rad], at ascending stamps (n,) [s]. Returns the headings as in the
-    part that lasts longest; the steps that were undone; and when place and heading step together [s]: another
-    run begins there, whose heading stays.
+    eta (n, 3), x, y [m], unwrapped psi [rad], at ascending stamps (n,) [s]; fastest: largest yaw rate
+    [rad/s]. Returns the headings as in the part that lasts longest, of those between losses in which the craft
+    may turn round; the steps that were undone; and when place and heading step together [s]: another run
+    begins there, whose heading stays.
     """
     psi, steps = eta[:, 2], []
     breaks = [0]
+    lost = [int(i) + 1 for i in np.flatnonzero(fastest * np.diff(times) > np.pi)]
     for i in _odd(times, psi):
-        step = _step(times, psi[:, None], i)
-        if step and _step(times, eta[:, :2], i):
-            breaks.append(i)
+        step = _step(times, psi[:, None], i, fastest)
+        beside = range(i - AROUND, i + AROUND + 1)
+        if step and any(_step(times, eta[:, :2], at) for at in beside):
+            breaks += [i] if i > breaks[-1] + AROUND else []
         elif step:
             steps.append((i, step))
     off = np.zeros(len(psi))
-    for begin, end in zip(breaks, [*breaks[1:], len(psi)]):
+    parts = sorted({*breaks, *lost})
+    for begin, end in zip(parts, [*parts[1:], len(psi)]):
         inside = [(i, step) for i, step in steps if begin < i < end]
         for i, step in inside:
             off[i:end] += step
         begins = [begin, *(i for i, _ in inside)]
         ends = [*begins[1:], end]
         longest = int(np.argmax([times[b - 1] - times[a] for a, b in zip(begins, ends)]))
-        off[begin:end] -= off[begins[longest]]
+        off[begin:end] = wrap(off[begin:end] - off[begins[longest]])
+    off[np.abs(off) < LEAST_STEP] = 0.0  # the same pattern again
     found = [(float(times[i]), step) for i, step in steps]
     return psi - off, found, [float(times[i]) for i in breaks[1:]]
 
@@ -56,18 +61,17 @@ def _odd(times: Array, psi: Array) -> Sequence[int]:
     """Indices of the poses before which the heading changes by far more than around."""
     steps = wrap(np.diff(psi))
     usual = scatter.running_median(steps, AROUND)
-    close = np.diff(times) <= AT_ONCE * scatter.interval(times)
-    odd = (np.abs(wrap(steps - usual)) > LEAST_STEP) & close
-    return [int(i) + 1 for i in np.flatnonzero(odd)]
+    return [int(i) + 1 for i in np.flatnonzero(np.abs(wrap(steps - usual)) > LEAST_STEP)]
 
 
-def _step(times: Array, columns: Array, at: int) -> float:
+def _step(times: Array, columns: Array, at: int, fastest: float = 0.0) -> float:
     """By how much a heading (n, 1) [rad] or a place (n, 2) [m] steps before pose `at`; 0 where it does not, or
-    may have moved."""
+    may have moved: in a loss of poses at the largest velocity."""
     before, after = slice(at - AROUND, at), slice(at, at + AROUND)
     if at < AROUND or at + AROUND > len(columns):
         return 0.0
-    if np.ptp(times[after]) > AT_ONCE * scatter.interval(times) or times[before][0] == times[before][-1]:
+    usual = scatter.interval(times)
+    if np.ptp(times[after]) > TOGETHER * usual or times[before][0] == times[before][-1]:
         return 0.0
     angle, lines, spread = columns.shape[1] == 1, [], 0.0
     for piece in (before, after):
@@ -79,10 +83,10 @@ def _step(times: Array, columns: Array, at: int) -> float:
         spread = max(spread, float(np.std(rest, axis=0, ddof=2).max()))
     change, step = lines[1] - lines[0]
     size = float(wrap(step[0])) if angle else float(np.linalg.norm(step))
-    passed = times[at] - times[at - 1] + AROUND * scatter.interval(times) / 2
-    moved = float(np.linalg.norm(change)) * passed
+    waited = times[at] - times[at - 1]
+    moved = EXPLAINED * float(np.linalg.norm(change)) * (waited + AROUND * usual / 2)
     least = LEAST_STEP if angle else 0.0
-    return size if abs(size) > max(least, BEYOND * spread, EXPLAINED * moved) else 0.0
+    return size if abs(size) > max(least, BEYOND * spread, moved, fastest * (waited - usual)) else 0.0
 
 
 def unmirrored(psi: Array) -> Tuple[Array, int]:

@@ -294,7 +294,9 @@ def _contacts(recording: Recording, found: Optional[reply.Reply]) -> List[Span]:
     """Spans with accelerations that no input within its bounds explains."""
     motion = recording.motion
     floats = lifted(recording, motion.times)  # without lift the floor brakes it
-    jumps = motion.jumps & floats & ~_steps(motion) & ~np.isin(motion.times, motion.breaks)
+    jumps = motion.jumps & floats & ~_steps(motion)
+    for start in motion.breaks:
+        jumps &= np.abs(motion.times - start) > MARGIN * scatter.interval(motion.times)
     if found is None:
         return [(t, t) for t in motion.times[jumps]]
     coefficients = found["coefficients"]

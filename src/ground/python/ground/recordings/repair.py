@@ -84,14 +84,14 @@ def repair(
     outliers = _outliers(times, eta, rough)
     spikes, times, eta = times[outliers], times[~outliers], eta[~outliers]
     eta[:, 2] = np.unwrap(eta[:, 2])
-    eta[:, 2], heading_steps, breaks = headings.turned_back(times, eta)
     speeds = scatter.largest_speeds(times, eta)
+    eta[:, 2], heading_steps, breaks = headings.turned_back(times, eta, speeds[1])
     max_gap = scatter.longest_gap(times, speeds[1])
     found, jerks, excess = scatter.levels(times, eta, max_gap, speeds)
     scales = _core.RunScales(max_gap, *jerks)
     noise = noise or found
     smoothed = smooth(times, eta, noise, scales, GATE * excess, speeds)
-    used = np.asarray(smoothed["used"])
+    used = np.asarray(smoothed["used"]) & ~_too_fast(smoothed["nu"], speeds)
     spikes = np.sort(np.append(spikes, times[~used]))
     jumps = (np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= max_gap))[used]
     moved, nu, nu_dot = (smoothed[key][used] for key in ("eta", "nu", "nu_dot"))
@@ -146,6 +146,14 @@ def _outliers(times: Array, eta: Array, noise: Array) -> Flags:
         usual = scatter.running_median(distance, 2 * BESIDE)
         found |= distance > np.maximum(ODD * usual, GATE * least)
     return found
+
+
+def _too_fast(nu: Array, speeds: scatter.Levels) -> Flags:
+    """Which of the velocities nu (n, 3) are beside one that the sound stretches, with these largest speeds,
+    rule out."""
+    size = np.column_stack([np.hypot(nu[:, 0], nu[:, 1]), np.abs(nu[:, 2])])
+    beyond = (size > MOST * np.sqrt([2, 1]) * speeds).any(axis=1)
+    return np.asarray(scatter.around(beyond, BESIDE).any(axis=1))
 
 
 def _distinct(times: Array, eta: Array, repairs: Dict[str, float]) -> Flags:

@@ -51,14 +51,10 @@ def running_median(rows: Array, count: int) -> Array:
 def largest_speeds(times: Array, eta: Array) -> Levels:
     """The largest speed [m/s] and yaw rate [rad/s] that last for SOUND intervals in poses eta (n, 3) with
     ascending stamps (n,) [s]: medians, which few wrong poses or stamps do not change."""
-    usual, lasted = interval(times), np.diff(times)
-    close = lasted < LEAST_BRIDGED * usual
-    steps = np.diff(eta, axis=0)[close]
-    if not len(steps):
-        return 1e-9, 1e-9
-    frame = float(np.mean(lasted[close]))
-    rates = np.abs(running_median(steps, SOUND // 2)) / frame
-    return float(max(rates[:, :2].max(), 1e-9)), float(max(rates[:, 2].max(), 1e-9))
+    usual = interval(times)
+    steps = np.diff(eta, axis=0)[np.diff(times) < LEAST_BRIDGED * usual]
+    rates = np.abs(running_median(steps, SOUND // 2)) / usual
+    return tuple(float(np.max(rates[:, columns], initial=1e-9)) for columns in ([0, 1], [2]))
 
 
 def longest_gap(times: Array, fastest: float) -> float:
