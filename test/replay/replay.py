@@ -66,6 +66,8 @@ def numbers(model, runs):
     """What reader, repair, fit and diagnosis give, by name."""
     described = findings.describe(repaired(runs, Work()))
     nu = np.concatenate([run.motion.nu for run in runs])
+    sizes = np.column_stack([np.hypot(nu[:, 0], nu[:, 1]), np.abs(nu[:, 2])])
+    fastest = np.nanmax(sizes, axis=0, initial=0.0).tolist()
     found = {
         "poses": sum(len(run.pose_times) for run in runs),
         "usable [s]": sum(d["usable"]["duration"] for d in described),
@@ -73,6 +75,8 @@ def numbers(model, runs):
         "noise of headings [mrad]": 1e3 * max(d["poses"]["noise"]["heading"] for d in described),
         "speed [m/s]": math.sqrt(np.nanmean((nu[:, :2] ** 2).sum(axis=1))),
         "rate of turn [rad/s]": math.sqrt(np.nanmean(nu[:, 2] ** 2)),
+        "largest speed [m/s]": fastest[0],
+        "largest rate of turn [rad/s]": fastest[1],
         "suspected": sorted({s["kind"] for d in described for s in d["suspicions"]}),
     }
     diagnosis = ground.diagnose(model, runs)

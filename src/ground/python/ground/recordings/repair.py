@@ -134,15 +134,17 @@ def _outliers(times: Array, eta: Array, noise: Array) -> Flags:
     steps[:, 2] = headings.wrap(steps[:, 2])
     lasted = np.maximum(np.diff(times), 0.1 * scatter.interval(times))[:, None]
     by_order, by_time = (scatter.running_median(rows, BESIDE) for rows in (steps, steps / lasted))
-    by_order, by_time = (np.vstack([rows, rows[-1:]])[:, None] for rows in (by_order, by_time))
+    by_order, by_time = (np.vstack([rows, rows[-1:]]) for rows in (by_order, by_time))
     index = np.arange(len(times))
-    apart = (scatter.around(index, BESIDE) - index[:, None])[..., None]
-    waited = (scatter.around(times, BESIDE) - times[:, None])[..., None]
-    off = scatter.around(eta, BESIDE) - eta[:, None] - np.stack([by_order * apart, by_time * waited])
-    off[..., 2] = headings.wrap(off[..., 2])
+    places, turns = [], []
+    for other in scatter.around(index, BESIDE).T:
+        gone = by_order * (other - index)[:, None], by_time * (times[other] - times)[:, None]
+        off = eta[other] - eta - np.stack(gone)
+        places.append(np.linalg.norm(off[..., :2], axis=-1).min(axis=0))
+        turns.append(np.abs(headings.wrap(off[..., 2])).min(axis=0))
     found = np.zeros(len(times), bool)
-    for columns, least in (([0, 1], noise[0]), ([2], noise[2])):
-        distance = np.median(np.linalg.norm(off[..., columns], axis=-1).min(axis=0), axis=1)
+    for distances, least in ((places, noise[0]), (turns, noise[2])):
+        distance = np.median(distances, axis=0)
         usual = scatter.running_median(distance, 2 * BESIDE)
         found |= distance > np.maximum(ODD * usual, GATE * least)
     return found
