@@ -35,11 +35,11 @@ double likeliestJerk(const Way& way) {
   return best;
 }
 
-TEST(Smoother, aStepOfThePoseIsNotTakenForMotion) {
+TEST(Smoother, AStepOfThePoseIsNotTakenForMotion) {
   EXPECT_NEAR(std::log(likeliestJerk(Way(2.0)) / likeliestJerk(Way(0.0))), 0.0, std::log(1.6));
 }
 
-TEST(Smoother, noPoseLeadsToASpeedBeyondTheLargest) {
+TEST(Smoother, NoPoseLeadsToASpeedBeyondTheLargest) {
   // Stamps of a network that delivers every tenth second at once: the order is right, the instants are not.
   std::vector<double> stamps;
   Eigen::MatrixX3d eta = Eigen::MatrixX3d::Zero(600, 3);

@@ -59,6 +59,7 @@ def rebuild(
     """
     if len(times) < 200 or not _irregular(times):
         return None
+
     def roughness(one: Clock) -> float:
         start, rate, numbers = one
         return _roughness(start + numbers / rate, eta[: len(numbers)] / noise, 1 / rate)
