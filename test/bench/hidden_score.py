@@ -91,7 +91,7 @@ def is_undecided(result):
 
 # --- Effects without a name. The diagnosis reports a `ceiling`: shares [value, low, high] of the held-out
 # error that are `named`, `learnable` and left to `chance`; `arguments` {name: share}; `kept`, the held-out
-# error with what it can offer (a formula or a learned wrench).
+# error with what it can offer (a formula).
 
 
 def is_said(result):

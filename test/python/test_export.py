@@ -154,23 +154,9 @@ def special_crafts():
         "formulas": with_entry(FORMULAS),
         "a table of thrust": ground.Model.load(FOUR),
         "eight jets": jets.with_effect("motor_lag", tau=0.03),
-        "learned": learned(),
         "memory": remembering(),
         "delayed": ground.Model.load(MODEL).with_effect("input_delay", delay=0.04),
     }
-
-
-def learned():
-    """A craft with a wrench that was learned from data."""
-    entry = """
-  - name: learned_wrench
-    terms:
-      - {arguments: [u, psi], widths: [0.4, 0.8], frame: world, centres: [[0.2, 0.1], [-0.1, 2], [0.5, 0.4]],
-         weights: {X: [0.01, -0.02, 0.03], N: [1.0e-4, 2.0e-4, -1.0e-4]}}
-      - {arguments: [u_L], widths: [0.3], centres: [[0.2], [0.7]], weights: {Y: [0.01, -0.01]}}
-    scale: 0.8
-"""
-    return with_entry(entry)
 
 
 def remembering():
@@ -188,7 +174,7 @@ def remembering():
 
 @pytest.mark.parametrize("to", ["numpy", "c", "casadi"])
 @pytest.mark.parametrize(
-    "name", ["formulas", "a table of thrust", "eight jets", "learned", "memory", "delayed"]
+    "name", ["formulas", "a table of thrust", "eight jets", "memory", "delayed"]
 )
 def test_every_kind_of_model_is_exported(name, to, tmp_path):
     craft = special_crafts()[name]

@@ -11,8 +11,8 @@
 
 namespace ground {
 
-/// What formulas and learned wrenches of a model file may depend on: u, v, r, x, y, psi, the input
-/// of each thruster, lift, t, volt. Each entry has all names of one argument.
+/// What formulas of a model file may depend on: u, v, r, x, y, psi, the input of each thruster, lift, t,
+/// volt. Each entry has all names of one argument.
 inline std::vector<std::vector<std::string>> argumentNames(const ThrusterLayout& layout) {
   std::vector<std::vector<std::string>> names = {{"u"}, {"v"}, {"r"}, {"x"}, {"y"}, {"psi"}};
   for (int i = 0; i < layout.size(); ++i) {
@@ -25,7 +25,6 @@ inline std::vector<std::vector<std::string>> argumentNames(const ThrusterLayout&
   return names;
 }
 
-constexpr int kHeadingArgument = 5;     ///< place of psi in argumentNames
 constexpr int kFirstInputArgument = 6;  ///< place of the first input in argumentNames
 
 /// The value of argument number i of argumentNames.

@@ -5,7 +5,6 @@
 
 #include "ground/model/effect_registry.h"
 #include "ground/model/expression_effect.h"
-#include "ground/model/learned_wrench.h"
 #include "ground/model/shortened.h"
 #include "yaml_keys.h"
 
@@ -15,19 +14,6 @@ static YamlKeys keysOf(const YamlReader& reader, ExpressionDefinition::State& st
   YamlKeys keys(reader, "state " + shortened(state.name), true);
   keys.value("derivative", state.rate);
   keys.value("initial", state.initial);
-  return keys;
-}
-
-static YamlKeys keysOf(const YamlReader& reader, LearnedTerm& term) {
-  YamlKeys keys(reader, "a term of a learned wrench");
-  keys.value("arguments", term.arguments).required("");
-  keys.value("widths", term.widths).required("");
-  keys.choice("frame", "body", "world", term.world);
-  keys.value("centres", term.centres).required("");
-  YamlKeys weights(reader, "weights");
-  for (std::size_t c = 0; c < 3; ++c)
-    weights.value(std::string(1, "XYN"[c]), term.weights[c]).silentIf(term.weights[c].empty());
-  keys.map("weights", weights).required("N, N, N m").comment("N, N, N m", true);
   return keys;
 }
 
@@ -123,13 +109,12 @@ YamlKeys expressionKeys(const YamlReader& reader, const ThrusterLayout& layout,
   return keys;
 }
 
-/// An effect of the library, or a learned wrench, which has terms.
+/// An effect of the library.
 YamlKeys libraryKeys(const YamlReader& reader, const EffectInfo& info, std::string& name,
-                     std::vector<double>& values, LearnedWrench* learned) {
+                     std::vector<double>& values) {
   YamlKeys keys(reader, "effect " + info.name);
   keys.word("name", name).comment(info.summary);
   for (std::size_t i = 0; i < values.size(); ++i) keys.parameter(info.parameters[i], values[i]);
-  if (learned) keys.value("terms", learned->terms);
   return keys;
 }
 
@@ -150,12 +135,11 @@ void readEffect(const YamlReader& reader, const YAML::Node& node, Model& model) 
       model.effects.back().values = values;
       return;
     }
-    LearnedWrench learned{name, {}};
-    const bool is_learned = node["terms"] || name == LearnedWrench().name;
-    if (node["terms"]) readValue(reader, node["terms"], "terms", learned.terms);
-    model.addEffect(is_learned ? makeLearnedWrench(learned, layout) : makeEffect(name, layout));
+    if (node["terms"] || name == "learned_wrench")
+      reader.fail(node, "learned wrenches ended with release 1: write a formula (expression: {X: ...}) instead");
+    model.addEffect(makeEffect(name, layout));
     Model::Entry& entry = model.effects.back();
-    libraryKeys(reader, entry.effect->info(), name, entry.values, is_learned ? &learned : nullptr).read(node);
+    libraryKeys(reader, entry.effect->info(), name, entry.values).read(node);
   } catch (const std::invalid_argument& error) {
     reader.fail(node, error.what());
   }
@@ -168,10 +152,8 @@ void writeEffect(YAML::Emitter& out, const Model::Entry& entry, const ThrusterLa
     ExpressionDefinition definition = *given;
     return expressionKeys(reader, layout, definition, values).write(out);
   }
-  const LearnedWrench* const given = learnedWrench(*entry.effect);
-  LearnedWrench learned = given ? *given : LearnedWrench();
   std::string name = entry.effect->info().name;
-  libraryKeys(reader, entry.effect->info(), name, values, given ? &learned : nullptr).write(out);
+  libraryKeys(reader, entry.effect->info(), name, values).write(out);
 }
 
 }  // namespace ground

@@ -203,20 +203,6 @@ std::optional<Symbol> Trace::shorterRelation(const Symbol& number) const {
   return std::nullopt;
 }
 
-std::vector<Symbol> Trace::bells(const Eigen::MatrixXd& table, const std::vector<Symbol>& arguments) {
-  std::vector<int> places;
-  for (const Symbol& x : arguments) places.push_back(placeOf(x));
-  const auto same = std::find_if(tables_.begin(), tables_.end(), [&](const Eigen::MatrixXd& other) {
-    return other.rows() == table.rows() && other.cols() == table.cols() && other == table;
-  });
-  const std::string label = std::to_string(same - tables_.begin());
-  if (same == tables_.end()) tables_.push_back(table);
-  const Symbol all = add({"bells", label, places, false, 0});
-  std::vector<Symbol> items;
-  for (const char* item : {"0", "1", "2"}) items.push_back(add({"item", item, {all.place}, false, 0}));
-  return items;
-}
-
 Symbol Trace::derivative(const Symbol& y, const Symbol& x) {
   Known known{{x.place, Symbol(1.0)}};
   return slope(y, x, known);
@@ -254,7 +240,7 @@ Symbol Trace::replaced(const Symbol& y, const Symbol& x, double number, Known& k
     return replaced(symbolAt(operation.arguments[i]), x, number, known);
   };
   const auto again = [&]() -> Symbol {
-    if (operation.arguments.empty() || operation.name == "bells" || operation.name == "item") return y;
+    if (operation.arguments.empty()) return y;
     std::vector<Symbol> arguments{part(0)};
     if (operation.name == "select" && isFixed(arguments[0])) return part(valueOf(arguments[0]) != 0 ? 1 : 2);
     for (std::size_t i = 1; i < operation.arguments.size(); ++i) arguments.push_back(part(i));

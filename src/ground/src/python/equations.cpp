@@ -138,7 +138,6 @@ py::dict outputsOf(const Model& model, py::dict& result) {
   for (const Operation& one : symbolic.trace.operations())
     operations.append(py::make_tuple(one.name, one.label, one.arguments, one.value));
   result["operations"] = operations;
-  result["tables"] = symbolic.trace.tables();
   return outputs;
 }
 
@@ -242,8 +241,8 @@ void bindEquations(py::module_& module) {
       "equations", &equations, py::arg("model"),
       "The equations of a model, effect by effect, as straight-line code. `operations`: name, label, places "
       "of the arguments, value (ground/model/symbol.h); `outputs`: places of what the equations give; "
-      "`tables` of bells; `states`: names of the effects' states, and their `initial` values; `model`: with "
-      "the effects that act. Raises ValueError for an effect that cannot be written down.");
+      "`states`: names of the effects' states, and their `initial` values; `model`: with the effects that "
+      "act. Raises ValueError for an effect that cannot be written down.");
   module.def(
       "evaluate", &evaluate, py::arg("model"), py::arg("states"), py::arg("inputs"), py::arg("t"),
       py::arg("dt"),

@@ -12,7 +12,6 @@
 #include "bindings.h"
 #include "ground/model/drive_clock.h"
 #include "ground/model/effect_registry.h"
-#include "ground/model/learned_wrench.h"
 #include "ground/model/model_file.h"
 #include "ground/model/plausibility.h"
 #include "ground/model/simulation.h"
@@ -280,15 +279,6 @@ void defFiles(py::module_& module) {
   module.def("read_effect_file", &readEffectFile, py::arg("path"));
 }
 
-/// Bells of a learned wrench (LearnedTerm) at rows of arguments: (rows, centres).
-Eigen::MatrixXd bellsAt(const std::vector<std::string>& arguments, const std::vector<double>& widths,
-                        const Eigen::MatrixXd& centres, const Eigen::MatrixXd& rows, const Model* model) {
-  LearnedTerm term{arguments, widths, false, centres, {}};
-  term.weights[0].assign(static_cast<std::size_t>(centres.rows()), 1.0);
-  requireFinite(rows, "an argument");
-  return bells(term, rows, model ? *model->thrusters : *thrusterPair());
-}
-
 void defEffects(py::module_& module) {
   module.def(
       "effects",
@@ -313,10 +303,6 @@ void defEffects(py::module_& module) {
       "names them. `surroundings`: where a craft must be for the effect to act: any, floor, lift (a floor, "
       "with "
       "a lift fan) or water.");
-  module.def("bells", &bellsAt, py::arg("arguments"), py::arg("widths"), py::arg("centres"), py::arg("rows"),
-             py::arg("model") = py::none(),
-             "Values of the bells of a learned wrench, by which its weights are multiplied, at rows of "
-             "its arguments: (rows, centres). Thrusters are a left and a right one, or the model's.");
 }
 
 void defSimulation(py::module_& module) {

@@ -60,10 +60,9 @@ Symbol select(const Condition& condition, const Symbol& a, const Symbol& b);
 /// One step of a calculation.
 struct Operation {
   /// "constant", "symbol", an operator of C ("neg": the sign, "select": `?:`), a function of math.h
-  /// ("abs", "min" and "max" for those of doubles), "bells", or "item".
+  /// ("abs", "min" and "max" for those of doubles).
   std::string name;
-  /// Name of a symbol; number of a table of bells, or of an item of another operation.
-  std::string label;
+  std::string label;           ///< name of a symbol
   std::vector<int> arguments;  ///< places of earlier operations
   bool fixed;                  ///< depends on parameters and constants only
   double value;                ///< with the parameters' values, if it is fixed
@@ -84,9 +83,6 @@ class Trace {
   Symbol parameter(const std::string& name, double value) { return add({"symbol", name, {}, true, value}); }
   /// A function or an operator (Operation::name) of some arguments, or what it simplifies to.
   Symbol of(const std::string& name, const std::vector<Symbol>& arguments);
-  /// Three sums of bells (1 - d^2)^4, where d < 1 is the distance of the arguments from the bell's
-  /// centre. A row of the table has a centre, then the bell's three weights.
-  std::vector<Symbol> bells(const Eigen::MatrixXd& table, const std::vector<Symbol>& arguments);
 
   /// Derivative of y by a variable x. Throws std::invalid_argument if a function on the way has none
   /// here.
@@ -102,7 +98,6 @@ class Trace {
   Symbol symbolAt(int place) const;
   /// The first one is not used.
   const std::vector<Operation>& operations() const { return operations_; }
-  const std::vector<Eigen::MatrixXd>& tables() const { return tables_; }
 
  private:
   using Known = std::map<int, Symbol>;
@@ -126,7 +121,6 @@ class Trace {
 
   Trace* outer_;
   std::vector<Operation> operations_;
-  std::vector<Eigen::MatrixXd> tables_;
   std::map<std::tuple<std::string, std::string, std::vector<int>, double>, int> places_;
 };
 

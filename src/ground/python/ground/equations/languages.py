@@ -41,7 +41,6 @@ NUMPY = Language(
     _number("np.inf"),
     "{0}",
     "{0} = {1}",
-    "{0} = _bells(BELLS_{1}, {2})",
 )
 CASADI = Language(
     {
@@ -54,7 +53,6 @@ CASADI = Language(
     _number("ca.inf"),
     "{0}",
     "{0} = {1}",
-    "{0} = _bells(BELLS_{1}, {2})",
 )
 C = Language(
     {
@@ -67,6 +65,4 @@ C = Language(
     _number("INFINITY"),
     "p->{0}",
     "const double {0} = {1};",
-    "double {0}[3]; {{ const double at[] = {{{2}}}; PREFIX_bells(&PREFIX_bells_{1}[0][0], "
-    "sizeof PREFIX_bells_{1} / sizeof PREFIX_bells_{1}[0], sizeof at / sizeof at[0], at, {0}); }}",
 )

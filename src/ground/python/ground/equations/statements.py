@@ -23,7 +23,6 @@ class Language:
     number: Callable[[float], str]
     parameter: str  #: with {0} for its name
     assignment: str  #: with {0} for the name and {1} for the value
-    bells: str  #: with {0} for the name, {1} for the table and {2} for the arguments
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,6 @@ class Equations:
         found: Document = _core.equations(core)
         self.core: _core.Model = found["model"]  #: with the effects that act
         self.initial: List[float] = found["initial"]  #: states of effects before the first command
-        self.tables = found["tables"]
         self.outputs: Document = found["outputs"]
         self._operations: List[Tuple[str, str, List[int], float]] = found["operations"]
         self._taken = {*reserved, *keyword.kwlist}
@@ -118,13 +116,7 @@ class _Writer:
 
     def _write(self, place: int, uses: int) -> None:
         name, label, arguments, value = self.operations[place]
-        if name == "bells":
-            own, texts = self._name(), ", ".join(self._argument(a, LOOSE) for a in arguments)
-            self.lines.append(self.language.bells.format(own, label, texts))
-            self.texts[place] = own, WHOLE
-        elif name == "item":
-            self.texts[place] = "%s[%s]" % (self._argument(arguments[0], WHOLE), label), WHOLE
-        elif name == "constant":
+        if name == "constant":
             text = self.language.number(value)
             self.texts[place] = text, TIGHTNESS["neg"] if text.startswith("-") else WHOLE
         elif name == "symbol":

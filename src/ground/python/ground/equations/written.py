@@ -158,7 +158,6 @@ def _code(equations: Equations, to: str, prefix: str, path: str) -> str:
             }
             for name, symbol in equations.parameters.items()
         ],
-        tables=[table.tolist() for table in equations.tables],
         actuated=equations.is_actuated,
         delays=equations.delays,
         **_functions(equations, language),
