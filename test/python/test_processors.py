@@ -8,8 +8,7 @@ import os
 import subprocess
 import sys
 
-import pytest
-from numpy.core._multiarray_umath import __cpu_dispatch__, __cpu_features__
+from numpy.core import _multiarray_umath as numpy_core
 
 from conftest import ROOT, slow
 from test_downstream import devel_space
@@ -22,7 +21,9 @@ COMPARING = (
 )
 # Settings of NumPy, OpenBLAS and the C library
 PLAIN = {
-    "NPY_DISABLE_CPU_FEATURES": " ".join(name for name in __cpu_dispatch__ if __cpu_features__[name]),
+    "NPY_DISABLE_CPU_FEATURES": " ".join(
+        name for name in getattr(numpy_core, "__cpu_dispatch__", ()) if numpy_core.__cpu_features__[name]
+    ),
     "OPENBLAS_CORETYPE": "Prescott",
     "OPENBLAS_NUM_THREADS": "1",
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4",
@@ -42,7 +43,7 @@ def run(*command, **environment):
 
 
 def compare(folder, settings, **environment):
-    """Runs the comparing tests with settings. The commands of pages get them from the setup of a workspace."""
+    """Runs the comparing tests with settings, which commands of pages get from the setup of a workspace."""
     settings = {"CMAKE_PREFIX_PATH": "%s:$CMAKE_PREFIX_PATH" % folder, **settings}
     setup = ["source '%s/setup.bash'" % devel_space()]
     setup += ['export %s="%s"' % setting for setting in settings.items()]
