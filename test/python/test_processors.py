@@ -14,10 +14,10 @@ from conftest import ROOT, slow
 from test_downstream import devel_space
 
 COMPARING = (
-    "test_gallery.py",
-    "test_examples.py",
-    "test_track.py::test_the_mvwt_tracks_as_in_the_thesis",
-    "test_api.py::test_the_notebook_runs_and_finds_the_hidden_effect",
+    "test/python/test_gallery.py",
+    "test/python/test_examples.py",
+    "test/python/test_track.py::test_the_mvwt_tracks_as_in_the_thesis",
+    "test/python/test_api.py::test_the_notebook_runs_and_finds_the_hidden_effect",
 )
 # Settings of NumPy, OpenBLAS and the C library
 PLAIN = {
@@ -33,7 +33,7 @@ PLAIN = {
 def run(*command, **environment):
     done = subprocess.run(
         [str(part) for part in command],
-        cwd=str(ROOT / "test" / "python"),
+        cwd=str(ROOT),
         env={**os.environ, **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -65,3 +65,7 @@ def test_numbers_hold_with_a_core_for_any_processor(tmp_path):
     run("cmake", "-S", source, "-B", folder, *("-D" + option for option in options))
     run(ROOT / ".ci" / "build", folder, "ground_simulation", "ground_identification")
     compare(tmp_path, {**PLAIN, "LD_LIBRARY_PATH": "%s:$LD_LIBRARY_PATH" % folder})
+    libraries = "%s:%s" % (folder, os.environ["LD_LIBRARY_PATH"])
+    for name in ("model", "estimation", "control", "simulation", "identification"):
+        program = devel_space() / "lib" / "ground" / ("ground_%s_test" % name)
+        run(program, "--gtest_brief=1", **{**PLAIN, "LD_LIBRARY_PATH": libraries})
