@@ -11,11 +11,11 @@ noetic := $(wildcard /opt/ros/noetic/setup.sh)
 in_ros := $(if $(noetic),source $(noetic) &&)
 in_workspace := source build/devel/setup.bash &&
 installed := build/.installed
-configured := build/.configured
+configured := build/.configured$(UNITY)$(NATIVE)
 SEED ?= 1
 export SLOW
 # CMake options in addition to the preset "default" (CMakePresets.json)
-options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY))
+options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY)) $(if $(NATIVE),-DGROUND_NATIVE=$(NATIVE))
 
 .PHONY: build demo test fresh lint sanitize fuzz search promises falsify mutants coverage bench bench-hidden bench-mujoco bench-discover \
   bench-tracking \
@@ -158,6 +158,7 @@ docs: build
 
 $(configured): $(installed)
 	@$(in_ros) .ci/configure default $(options)
+	@rm -f build/.configured*
 	@touch $@
 
 $(installed): .ci/debian-packages.txt .ci/python-packages.txt .ci/install-dependencies

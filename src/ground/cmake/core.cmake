@@ -2,11 +2,11 @@
 # base.cmake first, find Python3, and set the folders where libraries are built (ground_lib_output) and installed
 # (ground_lib_destination).
 
-# For the processor of this computer, which makes numbers with derivatives three times as quick. Eigen
-# would align and allocate differently there: it is left to the compiler to use the wide registers.
-option(GROUND_NATIVE "build the core for this processor; it may not run on others" OFF)
+# Wide registers make derivatives three times as quick. Eigen would align otherwise: the compiler uses them.
+set(GROUND_NATIVE OFF CACHE STRING "processor of the core: ON: this one; OFF: any; else one of gcc's -march")
 if(GROUND_NATIVE)
-  set(ground_native -march=native -DEIGEN_DONT_VECTORIZE -DEIGEN_MAX_ALIGN_BYTES=16
+  string(REGEX REPLACE "^(ON|TRUE|1)$" native processor ${GROUND_NATIVE})
+  set(ground_native -march=${processor} -DEIGEN_DONT_VECTORIZE -DEIGEN_MAX_ALIGN_BYTES=16
     -DEIGEN_MAX_STATIC_ALIGN_BYTES=16 -Wno-maybe-uninitialized)
 endif()
 
