@@ -73,6 +73,8 @@ class Ceiling:
     bound: float
     squares: Tuple[Array, Array, Array]  # mean square of e/s of each window: before, with the effects, with
     # the wrench too
+    runs: Sequence[_core.RunData]  # whole, or stretches of long ones
+    cut: Sequence[_core.Window]  # of them
 
     @property
     def of_the_past(self) -> bool:
@@ -89,15 +91,10 @@ class Ceiling:
             bound=1.0,
         )
 
-    def reached_by(
-        self, model: _core.Model, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
-    ) -> "Ceiling":
-        """The same where a model with a formula explains more than the wrench that was found; runs and
-        cut: as `ceiling` takes them."""
+    def reached_by(self, model: _core.Model) -> "Ceiling":
+        """The same where a model with a formula explains more than the wrench that was found."""
         start, now, after = self.squares
-        if len(cut) != len(now):
-            return self  # it is that of an excerpt
-        reached = _errors_or(now, lambda: squared_errors(runs, cut, model))
+        reached = _errors_or(now, lambda: squared_errors(self.runs, self.cut, model))
         if reached.sum() >= after.sum():
             return self
         learnable, left = _share(now, reached, start), _share(now, reached, now)
@@ -161,6 +158,8 @@ def ceiling(
         found,
         bound,
         (start, now, after),
+        runs,
+        cut,
     )
 
 

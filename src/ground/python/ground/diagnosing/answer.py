@@ -129,7 +129,7 @@ def _certainty(step: Document) -> str:
 def _rest(report: Document) -> str:
     """What is missing beside the effects found; empty if nothing is."""
     kind, found = report["verdict"], report["improved"]["effects"]
-    explained = report["improved"]["error"]["heldout"] < EXPLAINED * report["noise_floor"]
+    explained = report["improved"]["error"]["heldout"] < EXPLAINED * (report["noise_floor"] or 0.0)
     if kind == "complete" and explained:
         small = [words.effect(report, one["effect"]) for one in report["dropped"] if one["change"]]
         acts = " A trace of %s can be seen, too small to matter." % listed(small) if small else ""

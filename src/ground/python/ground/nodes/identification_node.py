@@ -157,13 +157,19 @@ class IdentificationNode:
             return IdentifyResponse(success=False, message=message)
         self._began, self._cancelled = time.monotonic(), False
         try:
+            return self._served(task, request)
+        finally:
+            self._end()  # a child whose output could not be read
+            self._busy.release()
+
+    def _served(self, task: str, request: IdentifyRequest) -> IdentifyResponse:
+        try:
             response = self._run(task, request)
         except Exception as error:
             rospy.logdebug("%s: %s", task, traceback.format_exc())
             response = IdentifyResponse(success=False, message=sentence(error))
         state = Status.DONE if response.success else Status.FAILED
         self._say(state, task, response.message)
-        self._busy.release()
         return response
 
     def _run(self, task: str, request: IdentifyRequest) -> IdentifyResponse:
@@ -248,7 +254,7 @@ class IdentificationNode:
         return TriggerResponse(success=True, message="cancelled")
 
     def _end(self) -> None:
-        child, self._cancelled = self._child, True
+        child, self._child, self._cancelled = self._child, None, True
         if child is None:
             return
         with contextlib.suppress(ProcessLookupError):
