@@ -2,11 +2,21 @@
 
 import os
 import signal
+import subprocess
+import sys
 
 import pytest
 
 from ground.support import workers
 from ground.support.errors import GroundError
+
+SCRIPT = """
+import multiprocessing
+multiprocessing.set_start_method("spawn")  # as on macOS and Windows
+from ground.support.workers import Workers
+with Workers(processes=True) as team:
+    print(list(team.map(abs, [-1, 2])))
+"""
 
 
 def square(x):
@@ -29,3 +39,9 @@ def test_a_killed_process_is_told():
     with workers.Workers(processes=True) as team:
         with pytest.raises(GroundError, match="ended from outside"):
             list(team.map(square, [-1]))
+
+
+def test_a_script_that_is_not_guarded_runs_where_processes_are_not_forked(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    assert subprocess.check_output([sys.executable, str(script)], universal_newlines=True) == "[1, 2]\n"
