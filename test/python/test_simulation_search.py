@@ -1,5 +1,6 @@
 """The search by simulation error, which a diagnosis turns to where the likelihood misleads."""
 
+import threading
 from unittest import mock
 
 import numpy as np
@@ -89,6 +90,10 @@ def test_a_diagnosis_by_it_has_its_model_errors_and_words(found):
     assert values["hull_lift.yv"] / values["k"] == pytest.approx(LIFT["yv"] / 35, rel=0.1)
     assert any("by simulation error" in line for _, line in answer.lines(report))
     assert np.all([0.7 < row["coverage"] <= 1 for row in report["bands"]])
+
+
+def test_a_diagnosis_that_is_kept_holds_no_threads(found):
+    assert found.names and threading.active_count() == 1
 
 
 def test_a_run_whose_thrust_seems_turned_round_is_one_that_hardly_pushes():

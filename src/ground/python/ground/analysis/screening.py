@@ -9,7 +9,7 @@ multiplied with a third scalar, and screened again.
 """
 
 from dataclasses import replace
-from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
+from typing import Any, List, NamedTuple, Sequence
 
 import numpy as np
 
@@ -56,11 +56,8 @@ def screened(regression: Regression, model: _core.Model, sampled: Sequence[Sampl
     found += screen.best(acting, scalars.waves(scales, x, y), [ONE, *scalars.turns()])
     found += screen.best(channels.pulls(scales, x, y), motion, few)
     found = sorted(found, key=lambda product: -product.value)
-    pairs: Dict[Tuple[str, str], Product] = {}
-    for p in found:  # the best one of a pair comes first
-        if p.second is not ONE:
-            pairs.setdefault((p.first.text, p.second.text), p)
-    begun = list(pairs.values())[:LENGTHENED]
+    best_last = {(p.first.text, p.second.text): p for p in reversed(found) if p.second is not ONE}
+    begun = sorted(best_last.values(), key=lambda product: -product.value)[:LENGTHENED]
     if begun:
         thirds = [_renamed(scalar) for scalar in few[1:]]
         longer = [_product(p.first, p.second) for p in begun]
