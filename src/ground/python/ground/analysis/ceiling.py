@@ -25,6 +25,7 @@ from ground.analysis.samples import Samples, Scales
 from ground.analysis.scalars import ARGUMENTS, PAST
 from ground.analysis.screening import refined, screened
 from ground.analysis.window_error import squared_errors
+from ground.recordings import scatter
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
@@ -313,7 +314,7 @@ def _moved(regression: Regression, runs: Sequence[_core.RunData], cut: Sequence[
         times = np.array(run.times)
         first, last = np.searchsorted(times, [runs[i].times[k] for k in (window.first, window.last)])
         since = times[first:last, None] - times[None, first:last]
-        step = float(np.median(np.diff(times)))
+        step = scatter.interval(times)
         sigma = np.array(run.nu).std(axis=0)
         for c in range(3):
             response = np.where(since >= 0, np.exp(-rates[c] * np.maximum(since, 0)), 0.0)
