@@ -140,7 +140,7 @@ def ceiling(report: Document) -> str:
     ]
     text = "Of the squared error on data that the model was not fitted to, %s" % listed(parts)
     text += "; what could be learned depends on %s." % arguments(report) if found["said"] else "."
-    if not agrees["holds"]:
+    if not agrees["holds"] and number(report["noise_floor"]) != "-":
         text += (
             " What is left is not a steady random disturbance: its error is %(measured).3f, and that "
             "disturbance would leave %(expected).3f." % agrees["error"]
