@@ -65,14 +65,14 @@ def test_importing_the_package_loads_nothing_heavy():
     assert heavy & set(loaded) == set()
 
 
-# A system without what only Unix has, and without nodes. Libraries are loaded first, as they choose by the system.
+# A system without what only Unix has, and without nodes. Libraries load first: they choose by the system.
 ELSEWHERE = """
 import concurrent.futures, importlib, multiprocessing, os, signal, socket, subprocess, sys, tempfile, time
-import argcomplete, cmaes, jinja2, jsonschema, numpy, pandas, plotly.graph_objects, plotly.io, rosbags.highlevel
-import scipy.optimize, scipy.signal, scipy.stats, tqdm, yaml
+import argcomplete, cmaes, jinja2, jsonschema, numpy, pandas, plotly.graph_objects, plotly.io
+import rosbags.highlevel, scipy.optimize, scipy.signal, scipy.stats, tqdm, yaml
 UNIX = {
-    os: "fork forkpty getegid geteuid getgid getloadavg getpgid getpgrp getuid killpg mkfifo nice openpty pipe2 "
-    "posix_fadvise pread sched_getaffinity sched_setaffinity setpgid setsid statvfs sysconf uname wait wait3 "
+    os: "fork forkpty getegid geteuid getgid getloadavg getpgid getpgrp getuid killpg mkfifo nice openpty "
+    "pipe2 posix_fadvise pread sched_getaffinity sched_setaffinity setpgid setsid statvfs sysconf uname wait wait3 "
     "O_CLOEXEC O_DIRECTORY O_NOFOLLOW O_NONBLOCK O_SYNC",
     signal: "SIGALRM SIGCHLD SIGHUP SIGKILL SIGPIPE SIGQUIT SIGTSTP SIGUSR1 SIGUSR2 SIGWINCH alarm pause "
     "pthread_sigmask setitimer sigwait",
