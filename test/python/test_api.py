@@ -72,8 +72,8 @@ import argcomplete, cmaes, jinja2, jsonschema, numpy, pandas, plotly.graph_objec
 import rosbags.highlevel, scipy.optimize, scipy.signal, scipy.stats, tqdm, yaml
 UNIX = {
     os: "fork forkpty getegid geteuid getgid getloadavg getpgid getpgrp getuid killpg mkfifo nice openpty "
-    "pipe2 posix_fadvise pread sched_getaffinity sched_setaffinity setpgid setsid statvfs sysconf uname wait wait3 "
-    "O_CLOEXEC O_DIRECTORY O_NOFOLLOW O_NONBLOCK O_SYNC",
+    "pipe2 posix_fadvise pread sched_getaffinity sched_setaffinity setpgid setsid statvfs sysconf uname "
+    "wait wait3 O_CLOEXEC O_DIRECTORY O_NOFOLLOW O_NONBLOCK O_SYNC",
     signal: "SIGALRM SIGCHLD SIGHUP SIGKILL SIGPIPE SIGQUIT SIGTSTP SIGUSR1 SIGUSR2 SIGWINCH alarm pause "
     "pthread_sigmask setitimer sigwait",
     socket: "AF_UNIX SO_REUSEPORT socketpair",

@@ -190,8 +190,9 @@ class Diagnosis:
         whether one is worth its simplest form."""
         fit = self.search.fits[names]
         if fit not in self.formulas:
-            found = self.ceiling_of(names).found
-            self.formulas[fit] = found and naming.formula(self.likelihood, fit, found.regression, shows=shows)
+            found, self.formulas[fit] = self.ceiling_of(names).found, None
+            if found is not None:
+                self.formulas[fit] = naming.formula(self.likelihood, fit, found.regression, shows=shows)
         return self.formulas[fit]
 
     def judge(self, names: FrozenSet[str]) -> folds.Judged:
