@@ -14,8 +14,8 @@ SCRIPT = """
 import multiprocessing
 multiprocessing.set_start_method("spawn")  # as on macOS and Windows
 from ground.support.workers import Workers
-with Workers(processes=True) as team:
-    print(list(team.map(abs, [-1, 2])))
+team = Workers(processes=True)
+print(list(team.map(abs, [-1, 2])))
 """
 
 
@@ -29,16 +29,16 @@ def square(x):
 
 @pytest.mark.parametrize("processes", [False, True])
 def test_results_come_in_order_and_errors_are_passed_on(processes):
-    with workers.Workers(processes) as team:
-        assert list(team.map(square, range(10))) == [x * x for x in range(10)]
-        with pytest.raises(ValueError, match="no square of 13"):
-            list(team.map(square, [13]))
+    team = workers.Workers(processes)
+    assert list(team.map(square, range(10))) == [x * x for x in range(10)]
+    with pytest.raises(ValueError, match="no square of 13"):
+        list(team.map(square, [13]))
 
 
 def test_a_killed_process_is_told():
-    with workers.Workers(processes=True) as team:
-        with pytest.raises(GroundError, match="ended from outside"):
-            list(team.map(square, [-1]))
+    team = workers.Workers(processes=True)
+    with pytest.raises(GroundError, match="ended from outside"):
+        list(team.map(square, [-1]))
 
 
 def test_a_script_that_is_not_guarded_runs_where_processes_are_not_forked(tmp_path):

@@ -34,7 +34,7 @@ from ground.analysis.search import EXCLUSION, Search
 from ground.analysis.simulation_search import SimulationSearch
 from ground.support.errors import GroundError
 from ground.support.progress import Work
-from ground.support.workers import on_threads
+from ground.support.workers import Workers
 
 # An effect matters if it moves the predicted pose at the horizon by this multiple of the noise of a
 # pose: one that the eye sees in the poses without statistics (Rose's criterion). More data make an
@@ -84,7 +84,7 @@ class Diagnosis:
         self.work = work or Work()
         # A fit alone uses all cores; fits beside each other share them.
         self.threads = 1 if threads else 0
-        self.each = on_threads(threads or None)
+        self.each = Workers(count=threads).map
         self.fitter = window_error.WindowFitter(runs, threads=1)
         self.fitter.check()
         self.cut = self.fitter.windows

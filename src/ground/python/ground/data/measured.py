@@ -151,12 +151,10 @@ def repaired(
     poses = sum(len(recording.eta) for recording in found)
     with work.stage(REPAIRING, len(found)):
         if len(found) > 1 and poses > WORTH_REPAIRING:
-            with Workers(processes=True) as team:
-                for recording, one in zip(
-                    found, work.each(team.map(functools.partial(_repaired, thrusters), found))
-                ):
-                    recording.known.update(one)
-                    quality.repaired(recording).recording = recording
+            known = Workers(processes=True).map(functools.partial(_repaired, thrusters), found)
+            for recording, one in zip(found, work.each(known)):
+                recording.known.update(one)
+                quality.repaired(recording).recording = recording
             return [quality.repaired(recording) for recording in found]
         return list(work.each(map(quality.repaired, found)))
 
@@ -167,7 +165,7 @@ def _repaired(thrusters: suspicions.Thrusters, recording: Recording) -> Dict[str
     suspicions.of(recording)
     if thrusters:
         suspicions.alone(recording, thrusters)
-    return recording.known
+    return {**recording.known, "motion": recording.motion}
 
 
 def note_differences(found: Sequence[Recording], others: Sequence[Recording] = ()) -> None:

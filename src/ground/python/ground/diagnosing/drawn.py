@@ -61,6 +61,5 @@ class Drawn:
             run, role = runs[number]
             return inspection.inspect(run, model, label, role)
 
-        with Workers() as team:
-            each = iter(list(team.map(inspect, itertools.product(chosen, models.items()))))
+        each = iter(list(Workers().map(inspect, itertools.product(chosen, models.items()))))
         return [[next(each) for _ in models] for _ in chosen]

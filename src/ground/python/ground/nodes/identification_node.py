@@ -156,20 +156,16 @@ class IdentificationNode:
             message = "busy with another task; ~cancel ends it"
             return IdentifyResponse(success=False, message=message)
         self._began, self._cancelled = time.monotonic(), False
-        try:
-            return self._served(task, request)
-        finally:
-            self._end()  # a child whose output could not be read
-            self._busy.release()
-
-    def _served(self, task: str, request: IdentifyRequest) -> IdentifyResponse:
-        try:
-            response = self._run(task, request)
-        except Exception as error:
-            rospy.logdebug("%s: %s", task, traceback.format_exc())
-            response = IdentifyResponse(success=False, message=sentence(error))
-        state = Status.DONE if response.success else Status.FAILED
-        self._say(state, task, response.message)
+        with contextlib.ExitStack() as after:
+            after.callback(self._busy.release)
+            after.callback(self._end)  # a child whose output could not be read
+            try:
+                response = self._run(task, request)
+            except Exception as error:
+                rospy.logdebug("%s: %s", task, traceback.format_exc())
+                response = IdentifyResponse(success=False, message=sentence(error))
+            state = Status.DONE if response.success else Status.FAILED
+            self._say(state, task, response.message)
         return response
 
     def _run(self, task: str, request: IdentifyRequest) -> IdentifyResponse:

@@ -171,10 +171,11 @@ class Recording(Plotted):
             arrays += [self.voltage.times, self.voltage.volts]
         return digest(np.asarray(array, float).tobytes() for array in arrays)
 
-    @property
+    @functools.cached_property
     def motion(self) -> repair.Motion:
         """The repaired poses, and velocities. GroundError when too little of them is left."""
-        return motion_of(self)
+        given = self.clock_offset, self.noise, self.frame_rate
+        return self.known.get("motion") or repair.repair(self.name, self.pose_times, self.eta, *given)
 
     @property
     def duration(self) -> float:
@@ -326,13 +327,6 @@ def once(function: Callable[[Recording], _T]) -> Callable[[Recording], _T]:
         return cast(_T, recording.known[name])
 
     return remembered
-
-
-@once
-def motion_of(recording: Recording) -> repair.Motion:
-    """Recording.motion."""
-    given = recording.clock_offset, recording.noise, recording.frame_rate
-    return repair.repair(recording.name, recording.pose_times, recording.eta, *given)
 
 
 def checked(
