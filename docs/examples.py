@@ -4,7 +4,7 @@
 The blocks `sh` of a page run in order, in one shell, in an empty home folder. The block `text` between one
 of them and the next shows what it prints: `...` on a line stands for any lines, at the end of a line for its
 rest. Numbers may differ a little, because processors round differently. A block after the comment
-`<!-- not run -->` is skipped. With --update the blocks `text` are rewritten instead.
+`<!-- not run: REASON -->` is skipped. With --update the blocks `text` are rewritten instead.
 """
 
 import argparse
@@ -18,8 +18,8 @@ import tempfile
 from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 DOCS = pathlib.Path(__file__).resolve().parent
-PAGES = ("tutorial.md", "howto/effect_yaml.md")
-BLOCK = re.compile(r"^(<!-- not run -->\n+)?```(\w+)\n(.*?)^```$", re.M | re.S)
+PAGES = ("tutorial.md", "howto/effect_yaml.md", "howto/other_craft.md", "howto/own_controller.md")
+BLOCK = re.compile(r"^(<!-- not run: .+ -->\n+)?```(\w+)\n(.*?)^```$", re.M | re.S)
 FILE = re.compile(r"`(\w+\.yaml)`")  # a block `yaml` is saved under the next name that the text mentions
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w])")
 REST = " ..."  # end of a line whose rest is left out

@@ -71,8 +71,8 @@ def make(size, folder):
     bags = os.path.join(folder, size, "bags")
     os.makedirs(bags, exist_ok=True)
     missing = [(os.path.join(bags, "run%04d.bag" % number), seconds, number) for number in range(count)]
-    with workers.Workers(processes=True) as pool:
-        list(pool.map(_make_run, [run for run in missing if not os.path.exists(run[0])]))
+    pool = workers.Workers(processes=True)
+    list(pool.map(_make_run, [run for run in missing if not os.path.exists(run[0])]))
     tracking = os.path.join(folder, size, "tracking.bag")
     if count == 1 and not os.path.exists(tracking):
         ground.simulate(MODEL, "tracking", duration=seconds - EXTRA, seed=1).save(tracking)

@@ -170,9 +170,9 @@ def key_of(result):
 
 def bench(options):
     """Runs the jobs without a result and prints the table of all jobs."""
-    with workers.Workers(processes=True, count=options.jobs) as team:
-        wanted = list(jobs_of(options))
-        results = resumed.results(team, options.results, wanted, tuple, key_of, run_case, options.hours)
+    team = workers.Workers(processes=True, count=options.jobs)
+    wanted = list(jobs_of(options))
+    results = resumed.results(team, options.results, wanted, tuple, key_of, run_case, options.hours)
     print(discover_table.summary(results))
     results = discover_table.usable(results)
     tables = discover_table.lines(results), discover_table.verdicts(results)

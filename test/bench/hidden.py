@@ -49,16 +49,16 @@ def jobs_of(options):
 
 def bench(options):
     """Runs the jobs without a result and prints the table of all jobs."""
-    with workers.Workers(processes=True, count=options.jobs) as team:
-        found = resumed.results(
-            team,
-            options.results,
-            list(jobs_of(options)),
-            lambda job: "%s %d" % job,
-            lambda result: "%(kind)s %(seed)d" % result,
-            run_case,
-            options.hours,
-        )
+    team = workers.Workers(processes=True, count=options.jobs)
+    found = resumed.results(
+        team,
+        options.results,
+        list(jobs_of(options)),
+        lambda job: "%s %d" % job,
+        lambda result: "%(kind)s %(seed)d" % result,
+        run_case,
+        options.hours,
+    )
     summary(found, options)
 
 

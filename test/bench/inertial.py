@@ -53,16 +53,16 @@ def bench(options):
     """Runs the jobs without a result and prints the rates of all jobs."""
     seeds = range(options.seed_base, options.seed_base + (options.count or len(hidden_effects.strengths())))
     jobs = [(kind, seed) for seed in seeds for kind in KINDS]
-    with workers.Workers(processes=True, count=options.jobs) as team:
-        found = resumed.results(
-            team,
-            options.results,
-            jobs,
-            "%s %d".__mod__,
-            lambda result: "%(kind)s %(seed)d" % result,
-            run_case,
-            options.hours,
-        )
+    team = workers.Workers(processes=True, count=options.jobs)
+    found = resumed.results(
+        team,
+        options.results,
+        jobs,
+        "%s %d".__mod__,
+        lambda result: "%(kind)s %(seed)d" % result,
+        run_case,
+        options.hours,
+    )
     for kind in KINDS:
         results = [r for r in found if r["kind"] == kind and "failed" not in r["found"]]
         questions = (("found", hidden_score.is_found), ("a false effect", hidden_score.has_false_effect))

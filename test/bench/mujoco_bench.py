@@ -140,16 +140,16 @@ def wrong(results):
 
 def bench(options):
     """Runs the seeds without a result and prints the table of all."""
-    with workers.Workers(processes=True, count=options.jobs) as team:
-        results = resumed.results(
-            team,
-            options.results,
-            list(range(options.seed_base, options.seed_base + options.count)),
-            lambda seed: seed,
-            lambda result: result["seed"],
-            functools.partial(run_case, options.python),
-            options.hours,
-        )
+    team = workers.Workers(processes=True, count=options.jobs)
+    results = resumed.results(
+        team,
+        options.results,
+        list(range(options.seed_base, options.seed_base + options.count)),
+        lambda seed: seed,
+        lambda result: result["seed"],
+        functools.partial(run_case, options.python),
+        options.hours,
+    )
     for r in [r for r in results if "failed" in r["found"]]:
         print("failed: seed %d: %s" % (r["seed"], r["found"]["failed"]))
     results = [r for r in results if "failed" not in r["found"]]

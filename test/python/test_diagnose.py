@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 import ground
-from conftest import MODEL, ROOT, SHARED, identify, slow, write_bag
+from conftest import MODEL, ROOT, SHARED, identify, schema, slow, write_bag
 from ground import _core
 from ground.analysis import candidates
 from ground.diagnosing import answer, next_experiment
@@ -536,3 +536,41 @@ commands:
     report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert report["verdict"] == "missing", result.stdout
     assert report["improved"]["effects"] == ["thrust_asymmetry"]
+
+
+def held_by_a_controller(craft, seed, seconds=20.0):
+    """A run of a craft that turns ever faster by itself, and is held by a controller of its heading."""
+    random, state = np.random.default_rng(seed), np.zeros(6)
+    strength = 2 * craft["l"] * craft["k"] / craft["I_z"]  # [rad/s^2]
+    rows, times, poses = [], [], []
+    for i in range(int(20 * seconds)):
+        if i % 20 == 0:
+            wanted, ahead = random.uniform(-1, 1), random.uniform(0.2, 0.5)
+        turn = np.clip((25 * (wanted - state[2]) - 14 * state[5]) / strength, -0.4, 0.4)
+        rows.append((0.05 * i, *np.clip([ahead + turn, ahead - turn], 0, 1), 1.0))
+        at = 0.05 * i + np.arange(6) / 100
+        found = _core.simulate(craft.core, np.array(rows), at, state[:3], state[3:])
+        times, poses = [*times, *at[:-1]], [*poses, *found["eta"][:-1]]
+        state = np.concatenate([found["eta"][-1], found["nu"][-1]])
+    poses = np.array(poses) + random.normal(size=(len(poses), 3)) * (3e-4, 3e-4, 3e-3)
+    commands = np.array(rows)
+    return ground.Recording.from_arrays(times, poses, commands[:, 1:], commands[:, 0], name="run %d" % seed)
+
+
+def test_a_model_that_diverges_along_whole_runs_is_diagnosed_and_said_to_do_so(tmp_path):
+    """Over windows its motion is as measured; without the controller it goes off within seconds."""
+    stable = ground.Model.load(MODEL)
+    craft = stable + ground.Effect("spin", N="c*r", c=(stable["N_r"] + 3 * stable["I_z"], "N m s"))
+    runs = [held_by_a_controller(craft, seed) for seed in (1, 2)]
+    with pytest.warns(ground.GroundWarning, match="motion along run 1 is not finite"):
+        found = ground.diagnose(craft, runs, only=["yaw_bias"])
+    assert found.effects == () and found.verdict == "undecided"
+    assert any("not finite along whole runs" in text for _, text in found.headline())
+    assert list(found.details())
+    with pytest.warns(ground.GroundWarning, match="no run is drawn: run 1"):
+        written = found.save(tmp_path / "diagnosis")
+    assert len(written) == 3
+    schema("diagnosis").validate(json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text()))
+    again = ground.load(tmp_path / "diagnosis")
+    assert list(again.headline()) == list(found.headline())
+    assert list(again.details()) == list(found.details()) and np.isnan(again.noise_floor)

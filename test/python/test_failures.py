@@ -2,9 +2,11 @@
 
 import contextlib
 import json
+import os
 import resource
 import runpy
 import shutil
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -250,3 +252,30 @@ def test_programs_fail_in_one_line(monkeypatch, capsys, tmp_path):
         assert script(monkeypatch, *arguments) == 1, arguments
         stderr = capsys.readouterr().err
         assert stderr.startswith(arguments[0]) and stderr.count("\n") == 1, stderr
+
+
+def test_the_identification_node_is_free_after_a_task_whatever_goes_wrong(tmp_path, monkeypatch):
+    """Its program prints half a line of progress and goes on; then a publisher is closed before the end."""
+    import rospy
+
+    from ground.nodes import identification_node
+
+    program, bag = tmp_path / "program", tmp_path / "run.bag"
+    program.write_text("#!/bin/sh\necho $$ > %s\necho '{\"progress\": ' >&2\nexec sleep 30\n" % bag)
+    program.chmod(0o755)
+    bag.write_text("")
+    params = {"~model": str(MODEL), "~output": str(tmp_path / "output")}
+    monkeypatch.setattr(rospy, "get_param", lambda name, default=None: params.get(name, default))
+    monkeypatch.setattr(rospy, "Time", mock.Mock(now=rospy.Time))
+    for name in ("Publisher", "Subscriber", "Service", "on_shutdown"):
+        monkeypatch.setattr(rospy, name, mock.Mock())
+    node = identification_node.IdentificationNode(str(program))
+    request = identification_node.IdentifyRequest(bags=[str(bag)])
+    failed = node.serve("fit", request)
+    assert not failed.success and "busy" not in failed.message
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(bag.read_text()), 0)
+    rospy.Publisher().publish.side_effect = rospy.ROSException("publish() to a closed topic")
+    for _ in range(2):  # the second one is not refused as busy
+        with pytest.raises(rospy.ROSException):
+            node.serve("fit", request)

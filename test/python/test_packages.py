@@ -32,11 +32,11 @@ TOOLS = {
 }
 
 
-def dependencies():
+def dependencies(end="depend"):
     found = set()
     for path in PACKAGES:
         for element in xml.etree.ElementTree.parse(str(path)).getroot():
-            if element.tag.endswith("depend"):
+            if element.tag.endswith(end):
                 found.add(element.text)
     return found
 
@@ -121,3 +121,19 @@ def test_targets_do_not_collide_in_another_workspace(tmp_path):
 
 def run(*command):
     return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True)
+
+
+def test_the_wheel_and_the_package_require_only_what_they_import():
+    sources = [path.read_text() for path in (ROOT / "src" / "ground").rglob("*") if is_python(path)]
+    imported = set(re.findall(r"^\s*(?:import|from) (\w+)", "\n".join(sources), re.M))
+    project = (ROOT / "pyproject.toml").read_text()
+    wheel = re.findall(r'^  "([\w-]+)"', project.partition("\ndependencies = [")[2].partition("]")[0], re.M)
+    packages = [key[len("python3-") :] for key in dependencies("exec_depend") if key.startswith("python3-")]
+    modules = {"protobuf": "google", "pyyaml": "yaml"}
+    assert len(wheel) > 5 and len(packages) > 5
+    for name in (one.lower() for one in [*wheel, *packages]):
+        assert modules.get(name, name) in {one.lower() for one in imported}, name
+
+
+def is_python(path):
+    return path.is_file() and (path.suffix == ".py" or path.parent.name == "scripts")

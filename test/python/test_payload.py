@@ -48,6 +48,8 @@ def test_two_masses_identify_mass_inertia_and_thrust(runs):
         low, high = found.parameters[name].ci95
         assert low < true[name] < high
         assert high - low < 0.2 * true[name], name
+    named = ground.fit(guess, runs, free=["I_z", "X_u", "Y_v", "N_r", "k"])  # what was asked for, no more
+    assert list(named.parameters) == ["I_z", "X_u", "Y_v", "N_r", "k"]
     told = " ".join(found.remarks)
     assert "loaded: 0.025 kg at (0.012, -0.006) m" in told and "not only ratios" in told
     assert {run.run for run in found.runs} == {"bare", "loaded"}

@@ -77,9 +77,6 @@ def test_windows_share_their_ends_and_spread_keeps_every_run():
     )
     assert len(windows.spread(both, len(both))) == len(both)
     assert len({w.run for w in windows.spread(both, 1)}) == 2
-    again = windows.cut_again([run], found[1], 0.5)
-    assert again[0].first == found[1].first and again[-1].last == found[1].last and len(again) == 3
-    assert windows.cut_again([run], found[1], 5.0) == [found[1]]
 
 
 def test_thinning_averages_neighbours_and_never_across_a_gap():

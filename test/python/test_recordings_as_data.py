@@ -14,7 +14,7 @@ from geometry_msgs.msg import PointStamped
 import ground
 from conftest import MODEL, identify, simulate_run
 from containers import write_csv
-from ground.recordings import headings
+from ground.recordings import headings, quality
 
 START, EARLY = 1000.0, 2.0  # the mocap's clock is behind by EARLY [s]
 MAPPING = """schema: ground/mapping/1
@@ -216,6 +216,19 @@ def sum_of(run):
 def test_a_pool_works_on_recordings(runs):
     with futures.ProcessPoolExecutor(2) as pool:
         assert list(pool.map(sum_of, runs)) == list(map(sum_of, runs))
+
+
+@pytest.mark.parametrize("poses", [0, np.inf], ids=["in processes", "in this one"])
+def test_a_recording_that_was_used_is_what_was_read(runs, poses, monkeypatch):
+    from ground.data import measured
+
+    monkeypatch.setattr(measured, "WORTH_REPAIRING", poses)
+    read = [run.rename(run.name + " again") for run in runs]
+    before = [pickle.dumps(run) for run in read]
+    ground.fit(MODEL, read, free=["k"])
+    assert [pickle.dumps(run) for run in read] == before
+    assert all(quality.repaired(run).recording is run for run in read)
+    assert [run.motion.eta.sum() for run in read] == [run.motion.eta.sum() for run in runs]
 
 
 def test_results_are_pickled(runs):

@@ -30,7 +30,7 @@ def recorded(noise=0.0, seed=5, duration=24.0, together=False):
     eta, flags = np.column_stack([0 * r, 0 * r, np.cumsum(r) / 100]), np.zeros(len(times), bool)
     nu_dot = wanted - np.column_stack([-r * v, r * u, 0 * r])
     recording = recording_of(times, eta, np.column_stack([edges, thrust]), channels=("a", "b", "c"))
-    vars(recording)["motion"] = Motion(times, eta, eta, nu, nu_dot, NOISE, SHARP, flags, flags, None)
+    recording.known["motion"] = Motion(times, eta, eta, nu, nu_dot, NOISE, SHARP, flags, flags, None)
     return recording
 
 

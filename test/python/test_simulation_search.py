@@ -1,10 +1,13 @@
 """The search by simulation error, which a diagnosis turns to where the likelihood misleads."""
 
+import threading
+from unittest import mock
+
 import numpy as np
 import pytest
 
 from conftest import schema
-from ground.analysis import candidates, diagnosis, window_error
+from ground.analysis import candidates, diagnosis, folds, window_error
 from ground.analysis.verdict import conclude
 from ground.data.measured import measured
 from ground.diagnosing import answer, document
@@ -27,21 +30,52 @@ def tried():
     return [c for c in candidates.library(boat().core) if c.name in TRIED]
 
 
-@pytest.mark.parametrize("hidden, seed", [({}, 20), ({"hull_lift": LIFT}, 10)], ids=["nothing", "lift"])
-def test_it_adds_what_is_hidden_and_nothing_else(hidden, seed):
-    found = diagnosis.Diagnosis(runs_of(seed, **hidden), boat().core, tried())
-    before = found.nominal
-    assert found.grow_by_simulation() == bool(hidden)
-    assert sorted(found.names) == list(hidden)
+def grown(runs):
+    """A diagnosis as it turns to the search by simulation error: that by likelihood has ended."""
+    found = diagnosis.Diagnosis(runs, boat().core, tried())
+    found.grow()
+    return found
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A diagnosis by simulation error of boats with a hidden lift, which their likelihood shows as well."""
+    by_both = grown(runs_of(30, hull_lift=LIFT))
+    by_likelihood = by_both.model
+    assert by_both.grow_by_simulation()
+    assert by_both.model is not by_likelihood
+    return by_both
+
+
+def test_it_adds_what_is_hidden_and_nothing_else(found):
+    assert sorted(found.names) == ["hull_lift"]
     for step in found.steps:
         assert step.p_value < 1e-3 and step.confirmed.rise < 0
-        assert step.fit.heldout.sum() < 0.7 * before.heldout.sum()
+        assert step.fit.heldout.sum() < 0.7 * found.nominal.heldout.sum()
+    nothing = grown(runs_of(20))
+    assert not nothing.grow_by_simulation() and not nothing.names
 
 
-def test_a_diagnosis_by_it_has_its_model_errors_and_words():
-    runs = runs_of(30, hull_lift=LIFT)
-    found = diagnosis.Diagnosis(runs, boat().core, tried())
-    assert found.grow_by_simulation()
+def test_an_effect_that_the_likelihood_refused_and_it_finds_is_not_refused():
+    worse = folds.Comparison(folds.WORSE, -1.0, 0.1, 1.0, 0.1)
+    with mock.patch.object(folds, "compared", return_value=worse):
+        found = grown(runs_of(10, hull_lift=LIFT))
+    assert "hull_lift" in [dropped.trial.name for dropped in found.dropped] and not found.names
+    assert found.grow_by_simulation() and sorted(found.names) == ["hull_lift"]
+    assert not found.names & {dropped.trial.name for dropped in found.dropped}
+
+
+def test_its_shares_and_floors_are_those_of_the_model_that_it_gives(found):
+    errors = [
+        window_error.squared_errors(found.runs, found.cut, model).sum()
+        for model in (found.search.nominal().model, found.model)
+    ]
+    assert found.ceiling_of().named.value == pytest.approx(1 - errors[1] / errors[0], rel=1e-9)
+    floors = [window_error.noise_floor(found.runs, found.model, seed).sum() for seed in range(5)]
+    assert found.noise_floor(found.names) == pytest.approx(np.mean(floors), rel=1e-9)
+
+
+def test_a_diagnosis_by_it_has_its_model_errors_and_words(found):
     conclusion = conclude(found)
     report = document.begun(found, conclusion, "boat")
     report = plain(document.completed(report, found, conclusion))
@@ -56,6 +90,11 @@ def test_a_diagnosis_by_it_has_its_model_errors_and_words():
     assert values["hull_lift.yv"] / values["k"] == pytest.approx(LIFT["yv"] / 35, rel=0.1)
     assert any("by simulation error" in line for _, line in answer.lines(report))
     assert np.all([0.7 < row["coverage"] <= 1 for row in report["bands"]])
+
+
+def test_a_diagnosis_that_is_kept_holds_no_threads(found):
+    assert found.names
+    assert [thread.name for thread in threading.enumerate() if "ThreadPool" in thread.name] == []
 
 
 def test_a_run_whose_thrust_seems_turned_round_is_one_that_hardly_pushes():

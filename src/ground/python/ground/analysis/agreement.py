@@ -5,6 +5,7 @@ errors of the real ones and the shape of the wrench that the filter sees must be
 push that is stronger in some places or at some times gives a wrench with heavier tails.
 """
 
+import contextlib
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Sequence, Tuple
 
@@ -28,7 +29,7 @@ class Agreement:
 
     error: float  # root mean square error of the real ones
     expected: float  # of the artificial ones
-    noise: float  # of artificial ones with the poses' noise alone
+    noise: float  # of artificial ones with the poses' noise alone; NaN where the motion is not finite
     deviations: Dict[str, float]  # of the real ones from the artificial ones, in standard deviations
 
     @property
@@ -58,8 +59,10 @@ def agreement(
             return None
 
     drawn = [d for d in each(made, range(1, DRAWS + 1)) if d is not None]
-    quiet = [_recorded(run, fit, i, np.random.default_rng(0), False) for i, run in enumerate(runs)]
-    noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
+    noise = np.nan
+    with contextlib.suppress(GroundError):
+        quiet = [_recorded(run, fit, i, np.random.default_rng(0), False) for i, run in enumerate(runs)]
+        noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
     error = float(squared_errors(runs, cut, fit.model).mean())
     expected = np.array([d[0] for d in drawn])
     deviations = {"error": _deviation(np.log(error), np.log(expected))}

@@ -25,6 +25,7 @@ from ground.analysis.samples import Samples, Scales
 from ground.analysis.scalars import ARGUMENTS, PAST
 from ground.analysis.screening import refined, screened
 from ground.analysis.window_error import squared_errors
+from ground.recordings import scatter
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
@@ -73,6 +74,8 @@ class Ceiling:
     bound: float
     squares: Tuple[Array, Array, Array]  # mean square of e/s of each window: before, with the effects, with
     # the wrench too
+    runs: Sequence[_core.RunData]  # whole, or stretches of long ones
+    cut: Sequence[_core.Window]  # of them
 
     @property
     def of_the_past(self) -> bool:
@@ -89,15 +92,10 @@ class Ceiling:
             bound=1.0,
         )
 
-    def reached_by(
-        self, model: _core.Model, runs: Sequence[_core.RunData], cut: Sequence[_core.Window]
-    ) -> "Ceiling":
-        """The same where a model with a formula explains more than the wrench that was found; runs and
-        cut: as `ceiling` takes them."""
+    def reached_by(self, model: _core.Model) -> "Ceiling":
+        """The same where a model with a formula explains more than the wrench that was found."""
         start, now, after = self.squares
-        if len(cut) != len(now):
-            return self  # it is that of an excerpt
-        reached = _errors_or(now, lambda: squared_errors(runs, cut, model))
+        reached = _errors_or(now, lambda: squared_errors(self.runs, self.cut, model))
         if reached.sum() >= after.sum():
             return self
         learnable, left = _share(now, reached, start), _share(now, reached, now)
@@ -161,6 +159,8 @@ def ceiling(
         found,
         bound,
         (start, now, after),
+        runs,
+        cut,
     )
 
 
@@ -314,7 +314,7 @@ def _moved(regression: Regression, runs: Sequence[_core.RunData], cut: Sequence[
         times = np.array(run.times)
         first, last = np.searchsorted(times, [runs[i].times[k] for k in (window.first, window.last)])
         since = times[first:last, None] - times[None, first:last]
-        step = float(np.median(np.diff(times)))
+        step = scatter.interval(times)
         sigma = np.array(run.nu).std(axis=0)
         for c in range(3):
             response = np.where(since >= 0, np.exp(-rates[c] * np.maximum(since, 0)), 0.0)

@@ -6,8 +6,6 @@ of held-out data (ground.analysis.folds), must not raise the error there, and ha
 enough to matter. The last step measures what the grown model leaves (ground.analysis.ceiling).
 """
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Callable, Dict, FrozenSet, List, Optional, Sequence, Tuple
@@ -36,6 +34,7 @@ from ground.analysis.search import EXCLUSION, Search
 from ground.analysis.simulation_search import SimulationSearch
 from ground.support.errors import GroundError
 from ground.support.progress import Work
+from ground.support.workers import Workers
 
 # An effect matters if it moves the predicted pose at the horizon by this multiple of the noise of a
 # pose: one that the eye sees in the poses without statistics (Rose's criterion). More data make an
@@ -85,8 +84,7 @@ class Diagnosis:
         self.work = work or Work()
         # A fit alone uses all cores; fits beside each other share them.
         self.threads = 1 if threads else 0
-        count = threads or len(os.sched_getaffinity(0))
-        self.pool = ThreadPoolExecutor(count)
+        self.each = Workers(count=threads).map
         self.fitter = window_error.WindowFitter(runs, threads=1)
         self.fitter.check()
         self.cut = self.fitter.windows
@@ -95,11 +93,13 @@ class Diagnosis:
         self.steps: List[Step] = []
         self.by_simulation: Optional[window_error.WindowFit] = None  # fit, where the likelihood misleads
         self.dropped: List[Dropped] = []
-        self.fuller: Dict[FrozenSet[str], FrozenSet[str]] = {}  # sets with an effect too small to matter
+        # By the Fit of a set of effects, because a set may be fitted again
+        self.fuller: Dict[Fit, Fit] = {}  # with an effect that is too small to matter
+        self.ceilings: Dict[Fit, ceiling.Ceiling] = {}  # slight effects included
+        self.floors: Dict[Fit, float] = {}  # noise floors
+        self.formulas: Dict[Fit, Optional[naming.Formula]] = {}
+        self.judged: Dict[Fit, folds.Judged] = {}
         self.tried: List[evidence.Trial] = []  # each effect added to the nominal model, best first
-        self.ceilings: Dict[FrozenSet[str], ceiling.Ceiling] = {}  # by set of effects, slight ones too
-        self.floors: Dict[FrozenSet[str], float] = {}  # noise floor by set of effects
-        self.formulas: Dict[FrozenSet[str], Optional[naming.Formula]] = {}  # by set of effects
         with self.work.stage(stages.FITTING):
             # everything that may differ between runs does
             self.varied = Likelihood(runs, model, threads=self.threads)
@@ -111,15 +111,14 @@ class Diagnosis:
         self.differences = differences
         levels = [d.kind.level for d in differences]
         self.likelihood = Likelihood(self.runs, self.given, levels, self.threads)
-        self.folds = folds.Folds(self.runs, self.likelihood, self.cut, self.pool.map)
+        self.folds = folds.Folds(self.runs, self.likelihood, self.cut, self.each)
         by_name = {candidate.name: candidate for candidate in self.candidates}
         self.search = Search(
             Fitting(self.likelihood, self.given, by_name),
-            self.pool.map,
+            self.each,
             self.work,
             lambda better, current: self._refuted(better, current) is None,
         )
-        self.judged: Dict[FrozenSet[str], folds.Judged] = {}  # by set of effects
         self.search.nominal(near)
         self.nominal = self.judge(frozenset())
         if not np.isfinite(self.nominal.heldout).all():
@@ -158,19 +157,19 @@ class Diagnosis:
     @property
     def best(self) -> folds.Judged:
         """folds.Judged of the grown model."""
-        return self.judged[self.names]
+        return self.judge(self.names)
 
     def ceiling_of(self, found: Optional[FrozenSet[str]] = None) -> ceiling.Ceiling:
         """ceiling.Ceiling of a set of effects that was fitted (default: of the grown model), with an
         effect that is too small to matter."""
         names = self.names if found is None else found
-        fullest = self.fuller.get(names, names)
-        if fullest not in self.ceilings:
-            fit, before = self.search.fits[fullest], self.search.fits[frozenset()].model
+        fit, before = self.search.fits[names], self.search.fits[frozenset()].model
+        fit = self.fuller.get(fit, fit)
+        if fit not in self.ceilings:
             share = self.noise_floor(names) / float(self.judge(names).error.sum())
             bound = max(0.0, 1 - share**2) if self.explains(names) else None
-            self.ceilings[fullest] = ceiling.ceiling(self.likelihood, fit, self.runs, self.cut, before, bound)
-        return self.ceilings[fullest]
+            self.ceilings[fit] = ceiling.ceiling(self.likelihood, fit, self.runs, self.cut, before, bound)
+        return self.ceilings[fit]
 
     def explains(self, names: FrozenSet[str]) -> bool:
         """Whether the noise of the poses explains nearly all of the error of a set that was fitted."""
@@ -178,30 +177,30 @@ class Diagnosis:
 
     def noise_floor(self, names: FrozenSet[str]) -> float:
         """Error that the noise of the poses alone would leave if a fitted set of effects were true."""
-        if names not in self.floors:
-            model = self.search.fits[names].model
-            floors = [window_error.noise_floor(self.runs, model, seed).sum() for seed in range(FLOORS)]
-            self.floors[names] = float(np.mean(floors))
-        return self.floors[names]
+        fit = self.search.fits[names]
+        if fit not in self.floors:
+            floors = [window_error.noise_floor(self.runs, fit.model, seed).sum() for seed in range(FLOORS)]
+            self.floors[fit] = float(np.mean(floors))
+        return self.floors[fit]
 
     def formula_of(
         self, names: FrozenSet[str], shows: Callable[[naming.Formula], bool] = lambda made: True
     ) -> Optional[naming.Formula]:
         """naming.Formula of what a set of effects that was fitted leaves; None if nothing has one. shows:
         whether one is worth its simplest form."""
-        if names not in self.formulas:
-            left = self.ceiling_of(names)
-            self.formulas[names] = None
-            if left.found is not None:
-                fit, regression = self.search.fits[names], left.found.regression
-                self.formulas[names] = naming.formula(self.likelihood, fit, regression, shows=shows)
-        return self.formulas[names]
+        fit = self.search.fits[names]
+        if fit not in self.formulas:
+            found, self.formulas[fit] = self.ceiling_of(names).found, None
+            if found is not None:
+                self.formulas[fit] = naming.formula(self.likelihood, fit, found.regression, shows=shows)
+        return self.formulas[fit]
 
     def judge(self, names: FrozenSet[str]) -> folds.Judged:
         """folds.Judged of a set of effects that was fitted."""
-        if names not in self.judged:
-            self.judged[names] = self.folds.judge(self.search.fits[names])
-        return self.judged[names]
+        fit = self.search.fits[names]
+        if fit not in self.judged:
+            self.judged[fit] = self.folds.judge(fit)
+        return self.judged[fit]
 
     def grow(self) -> None:
         """Adds the effects that earn their place."""
@@ -294,7 +293,8 @@ class Diagnosis:
         self.search.without(found, name)
         change = None
         if why == SLIGHT:
-            change, self.fuller[found - {name}] = self._change(found, found - {name}), found
+            change = self._change(found, found - {name})
+            self.fuller[self.search.fits[found - {name}]] = self.search.fits[found]
         # An effect may be refused several times, in different sets: the last reason counts.
         self.dropped = [d for d in self.dropped if d.trial.name != name]
         self.dropped.append(Dropped(self.trial_in(found, name), why, change))
@@ -370,8 +370,7 @@ class Diagnosis:
         def matters(smaller: _core.Model, larger: _core.Model) -> bool:
             return self._change_of(smaller, larger).relative >= MIN_CHANGE
 
-        tried, each = self.candidates, self.pool.map
-        search = SimulationSearch(self.fitter, self.given, tried, each, self.work, matters)
+        search = SimulationSearch(self.fitter, self.given, self.candidates, self.each, self.work, matters)
         with self.work.stage(stages.SIMULATING, len(self.candidates)):
             try:
                 found = search.run()
@@ -383,13 +382,15 @@ class Diagnosis:
                 return False
         if not found:
             return False
+        self.dropped = [dropped for dropped in self.dropped if dropped.trial.name not in added]
         for name in sorted(self.names.difference(added)):
             self.dropped.append(Dropped(self.trial_in(self.names, name), MISLEADS))
+        self.tried = evidence.ranked(self.tried, added[:1])
         self.steps, self.by_simulation = [], found[-1].fit
         self.chosen = [self.search.candidates[name] for name in added]
         for i, (step, fit, own, rest) in enumerate(zip(found, fits, judged, rests)):
             names = frozenset(added[: i + 1])
-            self.search.fits[names], self.judged[names] = fit, own
+            self.search.fits[names], self.judged[fit] = fit, own
             one = Step(step.added, own, (step.added,), rest, step.p_value, step.comparison)
             self.steps.append(one)
         return True
@@ -432,7 +433,7 @@ class Diagnosis:
     def unseen(self) -> List[indistinguishable.LookAlike]:
         """Effects that are neither in the grown model nor in a group, and that these runs could
         not show: a list of indistinguishable.LookAlikes."""
-        found = self.pool.map(
+        found = self.each(
             lambda name: indistinguishable.look_alike(self.search, self.names, name), self.hidden_names()
         )
         return [f for f in found if f]

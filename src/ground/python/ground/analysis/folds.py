@@ -141,11 +141,11 @@ class Folds:
         for fold, fit in enumerate(fits):
             inside = np.flatnonzero(self.fold_of == fold)
             if len(inside):
-                heldout[inside] = _errors(self.runs, [self.cut[i] for i in inside], self.whole, fit)
+                heldout[inside] = calibrated_errors(self.runs, [self.cut[i] for i in inside], self.whole, fit)
         return heldout
 
 
-def _errors(
+def calibrated_errors(
     runs: Sequence[_core.RunData], cut: Sequence[_core.Window], likelihood: Likelihood, fit: Fit
 ) -> Array:
     """window_error.calibrated_errors; infinite where the motion is not finite."""
@@ -171,8 +171,8 @@ def tested(
     runs: Sequence[_core.RunData], cut: Sequence[_core.Window], likelihood: Likelihood, fit: Fit
 ) -> Tested:
     """A Fit on windows of runs that it was not fitted to, as it is; likelihood: of these runs."""
-    errors = _errors(runs, cut, likelihood, fit).sum(axis=1)
-    return Tested(errors, np.array([w.run for w in cut]), tuple(_blocks_of(likelihood, fit)))
+    by_window = calibrated_errors(runs, cut, likelihood, fit).sum(axis=1)
+    return Tested(by_window, np.array([w.run for w in cut]), tuple(_blocks_of(likelihood, fit)))
 
 
 def compared(larger: Tested, smaller: Tested) -> Comparison:

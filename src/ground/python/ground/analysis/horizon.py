@@ -228,8 +228,11 @@ def change(
     seconds: float,
     models: Tuple[_core.Model, _core.Model],
 ) -> Change:
-    """The Change between the predicted_poses of two models."""
-    a, b = (predicted_poses(runs, model, chosen, seconds) for model in models)
+    """The Change between the predicted_poses of two models; infinite where a motion is not finite."""
+    try:
+        a, b = (predicted_poses(runs, model, chosen, seconds) for model in models)
+    except GroundError:
+        return Change(seconds, np.inf, np.inf, np.inf)
     position, heading = np.sqrt((apart(a, b) ** 2).mean(axis=0)).tolist()
     relative = np.array([position, heading]) / pose_noise(runs)
     return Change(seconds, position, heading, float(relative.max()))

@@ -8,7 +8,7 @@ from typing import List, Sequence
 import numpy as np
 
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.recordings import windows
+from ground.recordings import scatter, windows
 from ground.support.annotations import Array, Flags
 from ground.support.errors import GroundError
 
@@ -70,7 +70,7 @@ class Innovations:
     def _scores_of(self, i: int, Y: Array) -> Array:
         times, scored = np.array(self.likelihood.runs[i].times), self._scored[i]
         cut = RESPONSE * windows.time_scale(self.likelihood.runs)
-        apart = min(len(times), max(1, int(round(cut / np.median(np.diff(times))))))
+        apart = min(len(times), max(1, int(round(cut / scatter.interval(times)))))
         pulses = np.zeros((len(times), 3, 3 * apart))
         for c, first in itertools.product(range(3), range(apart)):
             pulses[first::apart, c, c * apart + first] = 1.0

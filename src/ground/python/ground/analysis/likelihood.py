@@ -27,9 +27,9 @@ ABSENT = 1e-3  # share of a usual level that has no effect
 VARYING = frozenset(["trim_X", "trim_Y", "trim_N", "thrust"])  # levels of differences between runs
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
-    """The likeliest parameters and levels."""
+    """The likeliest parameters and levels. Two are the same only if they are one object."""
 
     model: _core.Model
     levels: Dict[str, float]  # the disturbance's and the noise's, by name (DisturbanceLevels)

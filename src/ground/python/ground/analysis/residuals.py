@@ -14,7 +14,7 @@ import numpy as np
 from ground import _core
 from ground.analysis.likelihood import ABSENT
 from ground.analysis.thinning import thinned
-from ground.recordings import windows
+from ground.recordings import scatter, windows
 from ground.support.annotations import Array, Document, Indices
 
 CHANNELS = ("ahead", "starboard", "heading")
@@ -55,7 +55,7 @@ def analyse(
         "noise": levels(point, run, "white"),
         "channels": {},
     }
-    step = float(np.median(np.diff(times)))
+    step = scatter.interval(times)
     for channel, name in enumerate(CHANNELS):
         values = np.where(valid, residual[:, channel], np.nan)
         values = values - np.nanmean(values)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis.likelihood import Fit, Likelihood
-from ground.recordings import headings, windows
+from ground.recordings import headings, scatter, windows
 from ground.support.annotations import Array
 
 RESTART = 0.25  # time that velocities are simulated from a filtered state [time scales]
@@ -118,7 +118,7 @@ def _velocities(likelihood: Likelihood, fit: Fit, run: int) -> Array:
     left = likelihood.residuals(fit.point, run)
     states, constants, times = left["states"], left["constants"], np.array(data.times)
     known = np.array(data.wrench) if len(data.wrench) else np.zeros((len(times), 3))
-    nu, step = np.array(states[:, 3:]), float(np.median(np.diff(times)))
+    nu, step = np.array(states[:, 3:]), scatter.interval(times)
     reach = max(2, int(round(RESTART * windows.time_scale([data]) / step)))
     hop = max(1, reach // HOPS)
     for first in range(0, len(times) - reach, hop):
@@ -152,7 +152,7 @@ def _reaching(run: _core.RunData, model: _core.Model, times: Array) -> Array:
         i = np.clip(np.searchsorted(at, t, side="right") - 1, 0, len(at) - 1)
         return np.where((t >= at[0])[:, None], whole[i] + values[i] * (t - at[i])[:, None], 0.0)
 
-    edges = np.append(times, times[-1] + np.median(np.diff(times)))
+    edges = np.append(times, times[-1] + scatter.interval(times))
     means = np.diff(integral(edges), axis=0) / np.maximum(np.diff(edges), 1e-9)[:, None]
     if "motor_lag" in model.effects:
         means[:, :-1] = past(times, means[:, :-1], model.value("motor_lag.tau"))

@@ -21,7 +21,7 @@ from ground.analysis.distributions import chi_squared_above
 from ground.analysis.regression import LEVEL, Regression
 from ground.analysis.samples import Samples, Scales, evaluated, namespace
 from ground.analysis.scalars import ONE, Scalar, filled, product_of_units
-from ground.recordings import windows
+from ground.recordings import scatter, windows
 from ground.support.annotations import Array, Indices
 
 BIN = 1 / 30  # samples that are taken together [windows]
@@ -56,8 +56,8 @@ def screened(regression: Regression, model: _core.Model, sampled: Sequence[Sampl
     found += screen.best(acting, scalars.waves(scales, x, y), [ONE, *scalars.turns()])
     found += screen.best(channels.pulls(scales, x, y), motion, few)
     found = sorted(found, key=lambda product: -product.value)
-    pairs = {(p.first.text, p.second.text): p for p in found if p.second is not ONE}
-    begun = list(pairs.values())[:LENGTHENED]
+    best_last = {(p.first.text, p.second.text): p for p in reversed(found) if p.second is not ONE}
+    begun = sorted(best_last.values(), key=lambda product: -product.value)[:LENGTHENED]
     if begun:
         thirds = [_renamed(scalar) for scalar in few[1:]]
         longer = [_product(p.first, p.second) for p in begun]
@@ -140,7 +140,7 @@ def _bins(sampled: Sequence[Samples], width: float) -> Indices:
     """First samples of the bins of all runs, one after the other. width: of a bin [s]."""
     edges, before = [], 0
     for s in sampled:
-        step = max(1, int(round(width / np.median(np.diff(s.times)))))
+        step = max(1, int(round(width / scatter.interval(s.times))))
         edges.append(before + np.arange(0, len(s.times), step))
         before += len(s.times)
     return np.concatenate(edges)

@@ -66,7 +66,7 @@ class Search:
         # sets refuted by held-out data, by the smaller set
         self._refused: Dict[FrozenSet[str], List[FrozenSet[str]]] = {}
         self.fits: Dict[FrozenSet[str], Fit] = {}  # by set of effects
-        self.tests: Dict[FrozenSet[str], ScoreTests] = {}
+        self.tests: Dict[Fit, ScoreTests] = {}
 
     def nominal(self, near: Optional[Fit] = None) -> Fit:
         """The Fit of the model as it is. near: one by another likelihood, from which it starts: with the
@@ -100,10 +100,11 @@ class Search:
 
     def test_beside(self, names: FrozenSet[str]) -> ScoreTests:
         """ScoreTests of all other effects, added to a fitted set."""
-        if names not in self.tests:
+        fit = self.fits[names]
+        if fit not in self.tests:
             rest = [c for n, c in self.candidates.items() if n not in names]
-            self.tests[names] = ScoreTests(self.likelihood, self.fits[names], rest)
-        return self.tests[names]
+            self.tests[fit] = ScoreTests(self.likelihood, fit, rest)
+        return self.tests[fit]
 
     def threshold(self, name: str) -> float:
         """Log-likelihood ratio that an effect has to reach."""

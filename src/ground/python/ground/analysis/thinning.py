@@ -10,7 +10,7 @@ acceleration a moves it by a T^2 / 24.
 import numpy as np
 
 from ground import _core
-from ground.recordings import windows
+from ground.recordings import scatter, windows
 from ground.support.annotations import Array, Indices
 
 RATE = 50.0  # least rate after thinning [Hz], and per time scale of a slower craft ...
@@ -24,8 +24,8 @@ def thinned(run: _core.RunData) -> _core.RunData:
     """A _core.RunData whose samples are means of as many samples as its rate allows; the same run if
     that is one. Its noise is that of the means."""
     times = np.array(run.times)
-    step = np.median(np.diff(times)) if len(times) > 1 else 1.0
-    count = int((1 + TOLERANCE) * _span(run) / step) if step > 0 else 1
+    step = scatter.interval(times)
+    count = int((1 + TOLERANCE) * _span(run) / step)
     if count < 2:
         return run
     groups = _groups(times, step, count)

@@ -94,7 +94,7 @@ class Conclusion:
         """bands.Bands of the grown model, one for each run held out; the verdict does not need them."""
         found = self.diagnosis
         if self.tested:
-            return bands.of_others(self.tested, found.fit, len(found.cut), found.pool.map)
+            return bands.of_others(self.tested, found.fit, len(found.cut), found.each)
         return bands.of_folds(found.folds, found.fit, found.best.others)
 
 
@@ -107,14 +107,17 @@ class HeldOut:
 
     def error(self, fit: Fit) -> float:
         """Error of a Fit; differences between runs are estimated from the poses before each window."""
-        each = window_error.calibrated_errors(self.runs, self.cut, self.likelihood, fit)
+        each = folds.calibrated_errors(self.runs, self.cut, self.likelihood, fit)
         return float(window_error.mean(self.cut, each).sum())
 
     def error_before(self, found: Diagnosis, before: Refit) -> float:
         """Error of the model as it is."""
         if before.by == LIKELIHOOD:
             return self.error(found.search.nominal())
-        return float(window_error.channel_errors(self.runs, self.cut, before.model).sum())
+        try:
+            return float(window_error.channel_errors(self.runs, self.cut, before.model).sum())
+        except GroundError:  # the motion is not finite
+            return np.inf
 
     def models(self, fit: Fit, chosen: Sequence[_core.Window]) -> List[_core.Model]:
         """The model of a Fit for each of some windows; see window_error.calibrated_models."""
@@ -138,7 +141,7 @@ def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: b
 
 def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool) -> Conclusion:
     left = found.ceiling_of()
-    agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.pool.map)
+    agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.each)
     if not agrees.holds and not left.said:
         left = left.unbounded()
     floor, varies, fitters = found.noise_floor(found.names), _varies(found), _refits(found)
@@ -156,7 +159,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
     elif verdict == "missing" and left.is_open:
         named = _name(found, left)
     if named is not None:
-        reached = left.reached_by(named.formula.fit.model, found.runs, found.cut)
+        reached = left.reached_by(named.formula.fit.model)
         if verdict in SAID or (reached.said and named.is_confirmed(found)):
             left = reached
             verdict = _verdict(found, explained, varies, left, agrees, trusted)
@@ -315,7 +318,7 @@ def _name(found: Diagnosis, doubted: Optional[Ceiling] = None) -> Optional[_Name
 
     def shows(made: naming.Formula) -> bool:
         """Whether runs show that a formula is learnable."""
-        return doubted is None or doubted.reached_by(made.fit.model, found.runs, found.cut).said
+        return doubted is None or doubted.reached_by(made.fit.model).said
 
     made = found.formula_of(found.names, shows)
     for number in range(LENGTHENED):

@@ -9,7 +9,7 @@ from ground import _core
 from ground.analysis import candidates
 from ground.recordings import repair, windows
 from ground.support.annotations import Array, Document, Indices, Random
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, warn
 from ground.support.progress import Work
 
 if TYPE_CHECKING:
@@ -307,11 +307,16 @@ def noise_floor(runs: Sequence[_core.RunData], model: _core.Model, seed: int = 1
     """Mean |e|/s of u, v, r (3,) that pose noise alone would leave if the model were true.
 
     The model is simulated along each stretch without a gap. Its poses get the measured noise and are
-    smoothed as the recording was; s is that of the recording.
+    smoothed as the recording was; s is that of the recording. NaN, with a warning, where the motion is
+    not finite.
     """
     random = np.random.default_rng(seed)
-    artificial = [recorded(run, model, random) for run in runs]
-    return channel_errors(artificial, windows.cut(runs), model, truth=runs)
+    try:
+        artificial = [recorded(run, model, random) for run in runs]
+        return channel_errors(artificial, windows.cut(runs), model, truth=runs)
+    except GroundError as error:
+        warn("what the noise of the poses alone would leave is not known: %s" % error)
+        return np.full(3, np.nan)
 
 
 def recorded(

@@ -143,12 +143,11 @@ def _each_run(
         for label, model in models.items():
             task.append((part.of(run, model), model.core, label, _role(model, run.recording)))
         tasks.append(task)
-    with workers.Workers() as team:
-        results = iter(zip(recordings, team.map(_inspect, tasks)))
-        with work.stage(COMPARING, sum(lengths)):
-            for length, (recording, studies) in zip(lengths, results):
-                work.step(length)
-                yield RunComparison(recording.name, recording.bag, studies, recording)
+    results = iter(zip(recordings, workers.Workers().map(_inspect, tasks)))
+    with work.stage(COMPARING, sum(lengths)):
+        for length, (recording, studies) in zip(lengths, results):
+            work.step(length)
+            yield RunComparison(recording.name, recording.bag, studies, recording)
 
 
 def _inspect(task: Sequence[Tuple[Any, ...]]) -> List[Document]:

@@ -141,15 +141,14 @@ def _search(
     seeds = [1000 * options.seed + offset for offset in (0, 300, 600)]
     counts = (options.starts, 5 * options.starts, options.test_starts)
     places = [tracking.starts(count, seed) for count, seed in zip(counts, seeds)]
-    with Workers() as team:
-        loops = tuning.Search(team, model, work)
-        with work.stage("drives of the search"):
-            tried = loops.search(first, seen, places[0], options.evaluations, seeds[0])
-        with work.stage("drives of the finalists", len(seen) * counts[1] * tuning.FINALISTS):
-            chosen = loops.choose(tried, kind, seen, places[1], seeds[1])
-        choices = [*first, gains.choice(kind, chosen.gains)]
-        with work.stage("drives of the test", len(seen + unseen) * counts[2] * len(choices)):
-            compared = loops.evaluate(choices, seen + unseen, places[2], seeds[2])
+    loops = tuning.Search(Workers(), model, work)
+    with work.stage("drives of the search"):
+        tried = loops.search(first, seen, places[0], options.evaluations, seeds[0])
+    with work.stage("drives of the finalists", len(seen) * counts[1] * tuning.FINALISTS):
+        chosen = loops.choose(tried, kind, seen, places[1], seeds[1])
+    choices = [*first, gains.choice(kind, chosen.gains)]
+    with work.stage("drives of the test", len(seen + unseen) * counts[2] * len(choices)):
+        compared = loops.evaluate(choices, seen + unseen, places[2], seeds[2])
     return tried, dict(zip([*before, "tuned"], compared))
 
 

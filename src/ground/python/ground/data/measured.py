@@ -3,7 +3,7 @@
 import functools
 import glob
 import os
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Dict, Iterable, Iterator, List, Optional, Sequence, Tuple, Union
 
 from ground import _core
@@ -151,24 +151,21 @@ def repaired(
     poses = sum(len(recording.eta) for recording in found)
     with work.stage(REPAIRING, len(found)):
         if len(found) > 1 and poses > WORTH_REPAIRING:
-            with Workers(processes=True) as team:
-                for recording, one in zip(
-                    found, work.each(team.map(functools.partial(_repaired, thrusters), found))
-                ):
-                    vars(recording).update(one)
-                    quality.repaired(recording).recording = recording
+            known = Workers(processes=True).map(functools.partial(_repaired, thrusters), found)
+            for recording, one in zip(found, work.each(known)):
+                recording.known.update(one)
+                quality.repaired(recording).recording = recording
             return [quality.repaired(recording) for recording in found]
         return list(work.each(map(quality.repaired, found)))
 
 
 def _repaired(thrusters: suspicions.Thrusters, recording: Recording) -> Dict[str, Any]:
-    """What a Recording remembers when it has been repaired and looked at."""
+    """What a Recording knows when it has been repaired and looked at."""
     quality.repaired(recording)
     suspicions.of(recording)
     if thrusters:
         suspicions.alone(recording, thrusters)
-    given = {one.name for one in fields(recording)}
-    return {name: value for name, value in vars(recording).items() if name not in given}
+    return {**recording.known, "motion": recording.motion}
 
 
 def note_differences(found: Sequence[Recording], others: Sequence[Recording] = ()) -> None:

@@ -7,7 +7,7 @@ from typing import Iterator, List
 from ground.analysis.diagnosis import EXPLAINED
 from ground.analysis.verdict import SIMULATION
 from ground.diagnosing import words
-from ground.reports.words import listed, prediction, vector
+from ground.reports.words import listed, number, prediction, vector
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
@@ -129,7 +129,7 @@ def _certainty(step: Document) -> str:
 def _rest(report: Document) -> str:
     """What is missing beside the effects found; empty if nothing is."""
     kind, found = report["verdict"], report["improved"]["effects"]
-    explained = report["improved"]["error"]["heldout"] < EXPLAINED * report["noise_floor"]
+    explained = report["improved"]["error"]["heldout"] < EXPLAINED * (report["noise_floor"] or 0.0)
     if kind == "complete" and explained:
         small = [words.effect(report, one["effect"]) for one in report["dropped"] if one["change"]]
         acts = " A trace of %s can be seen, too small to matter." % listed(small) if small else ""
@@ -173,6 +173,8 @@ def _more(report: Document) -> str:
 def undecided(report: Document) -> str:
     """Why runs cannot decide whether something is missing."""
     found = report["ceiling"]
+    if number(report["noise_floor"]) == "-":
+        return "the model's motion is not finite along whole runs, so that what noise leaves is not known."
     if found["terms"]:
         return "what they show about %s does not predict the other runs." % words.arguments(report)
     if not report["agreement"]["holds"]:

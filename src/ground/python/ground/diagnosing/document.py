@@ -199,7 +199,7 @@ def _next_experiment(
 ) -> Optional[Document]:
     """The experiment that would distinguish the effects of the first group. Without a group, the
     experiment that would show an effect which these runs cannot; None if there is none."""
-    each, runs = diagnosis.pool.map, list(diagnosis.runs)
+    each, runs = diagnosis.each, list(diagnosis.runs)
     if len(runs) > MAX_PLANNED_RUNS:
         runs = [runs[i * len(runs) // MAX_PLANNED_RUNS] for i in range(MAX_PLANNED_RUNS)]
     for step in diagnosis.steps:

@@ -8,7 +8,7 @@ from ground import _core
 from ground.analysis.bands import Bands
 from ground.reports import inspection
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, warn
 from ground.support.workers import Workers
 
 NOMINAL, IMPROVED = "nominal, refitted", "improved"  # labels of models
@@ -42,11 +42,16 @@ class Drawn:
         return {id(band.run): band for band in self.bands}
 
     def inspected(self, chosen: Sequence[int]) -> List[List[Document]]:
-        """For runs by their numbers, the results of ground.reports.inspection for each model."""
-        try:
-            return self._inspected(chosen, self.models)
-        except GroundError:  # a refit by simulation error, over windows, may diverge along whole runs
-            return self._inspected(chosen, {**self.models, NOMINAL: self.likeliest})
+        """For runs by their numbers, the results of ground.reports.inspection for each model; none, with a
+        warning, where a motion is not finite."""
+        # a refit by simulation error, over windows, may diverge along whole runs
+        for models in (self.models, {**self.models, NOMINAL: self.likeliest}):
+            try:
+                return self._inspected(chosen, models)
+            except GroundError as error:
+                failure = error
+        warn("no run is drawn: %s" % failure)
+        return []
 
     def _inspected(self, chosen: Sequence[int], models: Dict[str, _core.Model]) -> List[List[Document]]:
         runs = [(run, "fit") for run in self.runs] + [(run, "held_out") for run in self.held]
@@ -56,6 +61,5 @@ class Drawn:
             run, role = runs[number]
             return inspection.inspect(run, model, label, role)
 
-        with Workers() as team:
-            each = iter(list(team.map(inspect, itertools.product(chosen, models.items()))))
+        each = iter(list(Workers().map(inspect, itertools.product(chosen, models.items()))))
         return [[next(each) for _ in models] for _ in chosen]

@@ -14,6 +14,7 @@ def write(path: str, report: Document, found: Drawn, force: bool = False) -> Non
     """Writes the page of a diagnosis. report: as ground.diagnosing.document gives it. At most
     drawn.MAX_DRAWN runs are drawn."""
     drawn, described = found.chosen, found.described
+    inspected = found.inspected(drawn)
     tested = "cross-validated: each run (or quarter of a single one), by a fit to the others"
     if words.is_held_out(report):
         tested = "held out: " + ", ".join(report["runs"]["heldout"])
@@ -30,9 +31,9 @@ def write(path: str, report: Document, found: Drawn, force: bool = False) -> Non
         head=[line for line in answer.lines(report, os.curdir) if line[0] != "Details"],
         words=words,
         predictions=predictions(report),
-        drawn=len(drawn),
+        drawn=len(inspected),
         count=len(described),
-        runs=studies.shown(found.inspected(drawn), [described[i] for i in drawn], found.banded),
+        runs=studies.shown(inspected, [described[i] for i in drawn], found.banded),
         candidates=_candidates(report),
         chosen=[i for i, c in enumerate(report["candidates"]) if c["selected"]],
         parameters=_parameters(report),

@@ -143,7 +143,7 @@ class Diagnosis(Shown, Plotted):
             improved=Model.load(improved if os.path.isfile(improved) else report["model"]),
             parameters=parameters,
             error=(report["nominal"]["error"]["heldout"], *(s["error"]["heldout"] for s in report["steps"])),
-            noise_floor=report["noise_floor"],
+            noise_floor=math.nan if report["noise_floor"] is None else report["noise_floor"],
             next_inputs=rows,
             report=report,
             drawn=None,

@@ -140,7 +140,7 @@ def ceiling(report: Document) -> str:
     ]
     text = "Of the squared error on data that the model was not fitted to, %s" % listed(parts)
     text += "; what could be learned depends on %s." % arguments(report) if found["said"] else "."
-    if not agrees["holds"]:
+    if not agrees["holds"] and number(report["noise_floor"]) != "-":
         text += (
             " What is left is not a steady random disturbance: its error is %(measured).3f, and that "
             "disturbance would leave %(expected).3f." % agrees["error"]
@@ -180,7 +180,7 @@ def left(report: Document) -> Iterator[str]:
             why += off(found["change"])
         yield "%s was not added: %s." % (name, why)
     error = report["agreement"]["error"]
-    if error["expected"] ** 2 - error["noise"] ** 2 < MIN_SHARE * error["measured"] ** 2:
+    if error["expected"] ** 2 - (error["noise"] or 0.0) ** 2 < MIN_SHARE * error["measured"] ** 2:
         return  # levels this low are determined by their priors, not by the data
     levels = report["disturbance"]
     pushes = [
@@ -256,7 +256,7 @@ def evidence(report: Document) -> Iterator[str]:
         yield form % (c["rank"], *numbers, "%s: %s" % (name, values))
     for i, (what, error) in enumerate(steps(report)):
         yield "%-23s %5.3f %s" % ("" if i else error_name(report) + ":", error, what)
-    yield "%29.3f noise of the poses alone" % report["noise_floor"]
+    yield "%29s noise of the poses alone" % number(report["noise_floor"])
     if is_held_out(report):
         yield crossed(report)
     for lines in (risen, extent, left, apart, unexplained):

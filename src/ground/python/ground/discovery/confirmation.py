@@ -9,6 +9,7 @@ from ground.analysis import window_error
 from ground.discovery import analyst
 from ground.discovery.analyst import Found
 from ground.discovery.story import Confirmation, Flown
+from ground.reports.words import number
 
 TOLERANCE = 1.1  # largest ratio of a final model's error to those that are expected of it
 
@@ -27,11 +28,11 @@ def of(flown: Flown, run: _core.RunData, found: Found, model: _core.Model) -> Co
     noise = float(window_error.noise_floor([run], model).sum())
     sentence = (
         "The final model %s the test flight: its error is %s, where at most %.3f was allowed and a perfect "
-        "model would reach %.3f because of measurement noise. The given model's error is %s, refitted to "
+        "model would reach %s because of measurement noise. The given model's error is %s, refitted to "
         "the same flights %s."
         % (
             "predicts" if holds else "does not predict",
-            _number(final), most, noise, _number(given), _number(refitted),
+            _number(final), most, number(noise), _number(given), _number(refitted),
         )
     )  # fmt: skip
     floor = float(np.mean(expected))

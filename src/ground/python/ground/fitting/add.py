@@ -132,7 +132,7 @@ class Addition(Shown):
             name = kinds.get(kind, "the held-out runs")
             percent = "%+.0f%%" % (100 * error.change)
             yield "  %-46s %8.3f %8.3f %8s" % (name, error.before, error.after, percent)
-        yield "  %-46s %17.3f" % ("noise of the poses alone", self.noise_floor)
+        yield "  %-46s %17s" % ("noise of the poses alone", words.number(self.noise_floor))
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ def fit(
     seen = measured(recordings, given, options, work)
     given = voltage.at_recorded(given, seen.recordings)
     held = held_out(holdout, given, options, work, seen)
-    if tuple(options.free) == window_error.NOMINAL:
+    if options.free is window_error.NOMINAL:  # the default; the same names given are what a user wants
         options = replace(options, free=identifiability.with_mass(options.free, seen.data))
     known = priors.known(given.core, options.prior)
     free = [*options.free, *(name for name in known if name not in options.free)]

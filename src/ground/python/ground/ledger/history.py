@@ -94,17 +94,16 @@ def history(
     elif not isinstance(mapping, FieldMapping):
         mapping = load(str(mapping))
     places, diagnoses = finding.find(paths, mapping)
-    with Workers(processes=True) as team:
-        look = _Look(team, mapping, options, work)
-        runs, left_out = _runs(places, look.at([place.path for place in places], options.model))
-        if not runs:
-            raise GroundError("%(path)s: %(why)s" % left_out[0])
-        crafts_by = _add_crafts(runs, options.craft)
-        by_type = _types(runs, options)
-        if options.model is None:
-            for model, own in by_type:
-                for run, fitted in zip(own, look.at([run["path"] for run in own], model)):
-                    run["_found"] = fitted
+    look = _Look(Workers(processes=True), mapping, options, work)
+    runs, left_out = _runs(places, look.at([place.path for place in places], options.model))
+    if not runs:
+        raise GroundError("%(path)s: %(why)s" % left_out[0])
+    crafts_by = _add_crafts(runs, options.craft)
+    by_type = _types(runs, options)
+    if options.model is None:
+        for model, own in by_type:
+            for run, fitted in zip(own, look.at([run["path"] for run in own], model)):
+                run["_found"] = fitted
     found: List[Tuple[Analysed, List[Document]]] = []
     with work.stage(TOGETHER, len(by_type)):
         for model, own in work.each(by_type):

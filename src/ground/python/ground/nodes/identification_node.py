@@ -156,14 +156,16 @@ class IdentificationNode:
             message = "busy with another task; ~cancel ends it"
             return IdentifyResponse(success=False, message=message)
         self._began, self._cancelled = time.monotonic(), False
-        try:
-            response = self._run(task, request)
-        except Exception as error:
-            rospy.logdebug("%s: %s", task, traceback.format_exc())
-            response = IdentifyResponse(success=False, message=sentence(error))
-        state = Status.DONE if response.success else Status.FAILED
-        self._say(state, task, response.message)
-        self._busy.release()
+        with contextlib.ExitStack() as after:
+            after.callback(self._busy.release)
+            after.callback(self._end)  # a child whose output could not be read
+            try:
+                response = self._run(task, request)
+            except Exception as error:
+                rospy.logdebug("%s: %s", task, traceback.format_exc())
+                response = IdentifyResponse(success=False, message=sentence(error))
+            state = Status.DONE if response.success else Status.FAILED
+            self._say(state, task, response.message)
         return response
 
     def _run(self, task: str, request: IdentifyRequest) -> IdentifyResponse:
@@ -248,7 +250,7 @@ class IdentificationNode:
         return TriggerResponse(success=True, message="cancelled")
 
     def _end(self) -> None:
-        child, self._cancelled = self._child, True
+        child, self._child, self._cancelled = self._child, None, True
         if child is None:
             return
         with contextlib.suppress(ProcessLookupError):

@@ -157,6 +157,7 @@ class RepairedRun:
         times = motion.times - self.zero
         low, high = start or 0.0, self.end if end is None else min(end, self.end)
         inside = (times >= low) & (times <= high)
+        inside &= np.diff(times, prepend=-np.inf) > 0  # one sample of an instant, if several cameras see it
         if not everything:
             inside &= np.any([(times >= a) & (times <= b) for a, b in self.spans or [(1, 0)]], axis=0)
         if inside.sum() < 10:

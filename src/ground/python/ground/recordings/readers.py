@@ -38,7 +38,7 @@ FOREIGN = {  # files that other programs export as tables
     **dict.fromkeys((".h5", ".hdf5", ".pkl"), "its data"),
     **dict.fromkeys((".bin", ".tlog"), "its messages, by mavlogdump.py for example,"),
     **dict.fromkeys((".c3d", ".tak"), "the take"), ".qtm": "the measurement as 6D TSV, or it",
-    **dict.fromkeys((".json", ".jsonl", ".parquet", ".feather"), "its rows, by pandas for example,"),
+    **dict.fromkeys((".json", ".jsonl", ".feather"), "its rows, by pandas for example,"),
     **dict.fromkeys((".npz", ".npy"), "its arrays"), ".zip": "its content",
 }  # fmt: skip
 MANY_LOST = 0.1  # share of lost poses from which their axes are checked

@@ -2,9 +2,10 @@
 
 import functools
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import (
     TYPE_CHECKING,
+    Any,
     Callable,
     Dict,
     List,
@@ -90,6 +91,10 @@ class Recording(Plotted):
     payload: _core.Payload = field(default_factory=_core.Payload)  #: what the craft carried
     voltage: Optional[Voltage] = None  #: of the craft's battery, if recorded
     digest: str = ""  #: of the content of the files that it was read from; empty: none
+    known: Dict[str, Any] = field(default_factory=dict, init=False)  #: results of `once`, no part of the run
+
+    def __getstate__(self) -> Dict[str, Any]:
+        return {**{one.name: getattr(self, one.name) for one in fields(self)}, "known": {}}
 
     @staticmethod
     def from_arrays(
@@ -170,7 +175,7 @@ class Recording(Plotted):
     def motion(self) -> repair.Motion:
         """The repaired poses, and velocities. GroundError when too little of them is left."""
         given = self.clock_offset, self.noise, self.frame_rate
-        return repair.repair(self.name, self.pose_times, self.eta, *given)
+        return self.known.get("motion") or repair.repair(self.name, self.pose_times, self.eta, *given)
 
     @property
     def duration(self) -> float:
@@ -312,14 +317,14 @@ def unit(column: str) -> str:
 
 
 def once(function: Callable[[Recording], _T]) -> Callable[[Recording], _T]:
-    """A function whose result the Recording remembers."""
-    name = "_%s.%s" % (function.__module__, function.__name__)
+    """A function whose result the Recording keeps."""
+    name = "%s.%s" % (function.__module__, function.__name__)
 
     @functools.wraps(function)
     def remembered(recording: Recording) -> _T:
-        if name not in vars(recording):
-            vars(recording)[name] = function(recording)
-        return cast(_T, vars(recording)[name])
+        if name not in recording.known:
+            recording.known[name] = function(recording)
+        return cast(_T, recording.known[name])
 
     return remembered
 

@@ -190,8 +190,8 @@ def directions(recording: Recording) -> Iterator[Suspicion]:
 
 
 def alone(recording: Recording, thrusters: Thrusters) -> Optional[layouts.Verdict]:
-    """The verdict of a recording by itself, which it remembers; None without one."""
-    known = vars(recording).setdefault("_alone", {})
+    """The verdict of a recording by itself, which it keeps; None without one."""
+    known = recording.known.setdefault("alone", {})
     if thrusters not in known:
         replies = thrusters != PAIR or repaired(recording).reply
         known[thrusters] = _judged([recording], thrusters) if replies else None

@@ -61,13 +61,6 @@ def spread(windows: List[_core.Window], most: float) -> List[_core.Window]:
     return chosen
 
 
-def cut_again(runs: Sequence[_core.RunData], window: _core.Window, seconds: float) -> List[_core.Window]:
-    """Windows of some seconds in a window; the window itself if none fits."""
-    times = runs[window.run].times
-    found = cut_part(runs[window.run], window.run, times[window.first], times[window.last], seconds)
-    return found or [window]
-
-
 def problem(
     runs: Sequence[_core.RunData],
     windows: Sequence[_core.Window],

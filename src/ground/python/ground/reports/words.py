@@ -13,8 +13,8 @@ MATTERS = 1.2  # least ratio to what the mocap alone leaves at which the random 
 
 
 def number(value: Optional[float]) -> str:
-    """Three digits after the point; "-" for None."""
-    return "-" if value is None else "%.3f" % value
+    """Three digits after the point; "-" for None and NaN."""
+    return "-" if value is None or math.isnan(value) else "%.3f" % value
 
 
 def listed(names: List[str]) -> str:

@@ -191,8 +191,7 @@ def many(
         told.step()
         return found
 
-    with Workers() as team:
-        return list(team.map(one, range(len(starts))))
+    return list(Workers().map(one, range(len(starts))))
 
 
 def perturbed(model: _core.Model, factors: Dict[str, float]) -> _core.Model:

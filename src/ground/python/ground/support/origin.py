@@ -29,7 +29,7 @@ def versions() -> str:
     from ground import _core
 
     found = {"ground": _core.version, "Eigen": _core.eigen_version}
-    libraries = ("numpy", "scipy", "scikit-learn", "plotly")
+    libraries = ("numpy", "scipy", "plotly")
     found.update((name, metadata.version(name)) for name in libraries)
     found["Python"] = platform.python_version()
     return ", ".join("%s %s" % item for item in found.items())

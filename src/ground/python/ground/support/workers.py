@@ -1,10 +1,11 @@
 """Parallel work on all cores of this computer."""
 
+import multiprocessing
 import os
 import signal
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any, Callable, Iterable, Iterator, Optional, TypeVar
+from typing import Callable, Iterable, Iterator, Optional, TypeVar
 
 from ground.support.errors import GroundError
 
@@ -13,25 +14,26 @@ _R = TypeVar("_R")
 
 
 class Workers:
-    """A pool of workers; use it in a with statement. processes: instead of threads, for work that holds the
-    interpreter; then functions must be defined in modules, and items and results must be picklable."""
+    """A pool of workers, which end with each use of `map`. processes: instead of threads, for work that holds
+    the interpreter; then functions must be defined in modules, and items and results must be picklable. Where
+    the system does not fork processes (macOS, Windows), each would run the user's script again, so that
+    these are threads, too. count: of workers; by default one for each core that this process may use."""
 
     def __init__(self, processes: bool = False, count: Optional[int] = None) -> None:
-        count = count or len(os.sched_getaffinity(0))
-        self._pool: Executor = (
-            ProcessPoolExecutor(count, initializer=_end_quietly) if processes else ThreadPoolExecutor(count)
-        )
+        allowed = getattr(os, "sched_getaffinity", None)  # on Linux
+        self._count = count or (len(allowed(0)) if allowed else os.cpu_count() or 1)
+        self._forks = processes and multiprocessing.get_start_method() == "fork"
 
-    def __enter__(self) -> "Workers":
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        self._pool.shutdown()
+    def _pool(self) -> Executor:
+        if self._forks:
+            return ProcessPoolExecutor(self._count, initializer=_end_quietly)
+        return ThreadPoolExecutor(self._count)
 
     def map(self, work: Callable[[_T], _R], items: Iterable[_T]) -> Iterator[_R]:
         """Yields work(item) in the order of the items; an exception of one is raised in its place."""
         try:
-            yield from self._pool.map(work, items)
+            with self._pool() as pool:
+                yield from pool.map(work, items)
         except BrokenProcessPool:
             raise GroundError("a process was ended from outside, perhaps for lack of memory")
 
