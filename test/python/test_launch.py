@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import yaml
 
-from conftest import MODEL, ROOT, free_port, identify, located, wait_for, write_bag
+from conftest import MODEL, ROOT, free_port, identify, located, process, wait_for, write_bag
 from ground import _core
 
 RUNNING = 3  # ControllerStatus
@@ -480,6 +480,71 @@ def test_a_second_launch_is_refused_and_the_first_one_drives_on(tmp_path):
             assert [process.wait(timeout=30) for process in beside] == [0, 0]
         assert launch.poll() is None and drives()
     assert "has died" not in (tmp_path / "log").read_text()
+
+
+UNSHARED = ["unshare"] + (["--user", "--map-root-user"] if os.getuid() else []) + ["--uts", "sh", "-c"]
+
+
+def away(*words, **environment):
+    """Exit status and output of a command in a new shell that has sourced the workspace, on a computer whose
+    name does not resolve."""
+    if subprocess.run(UNSHARED + ["hostname nowhere-xyz"], stderr=subprocess.DEVNULL).returncode:
+        pytest.skip("no computer of another name can be made here")
+    setup = pathlib.Path(located("record")).parents[2] / "setup.bash"
+    shell = 'hostname nowhere-xyz && exec bash -c \'. %s && exec "$@"\' bash "$@"' % setup
+    env = {name: value for name, value in os.environ.items() if name not in ("ROS_IP", "ROS_HOSTNAME")}
+    result = subprocess.run(
+        UNSHARED + [shell, "sh", *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        universal_newlines=True,
+        timeout=60,
+        env={**env, **environment},
+    )
+    return result.returncode, result.stdout
+
+
+def test_a_simulated_launch_runs_where_the_name_of_the_computer_does_not_resolve():
+    """Also where the profile of each shell sets ROS_MASTER_URI."""
+    port = free_port()
+    uri = "http://localhost:%d" % port
+    flight = ["duration:=0.2", "lift_time:=0", "exit_when_done:=true"]
+    udp = "port:=%d" % free_port(socket.SOCK_DGRAM)
+    command = ["roslaunch", "-p", port, "ground", "sim_prbs.launch", udp, *flight]
+    status, output = away(*command, ROS_MASTER_URI=uri)
+    assert status == 0 and "the controller is done" in output, output
+
+
+def test_a_real_craft_is_not_launched_at_the_loopback_address():
+    port = free_port()
+    room = ["roslaunch", "-p", port, "ground", "room_prbs.launch", "mocap_host:=127.0.0.1", "rviz:=false"]
+    status, output = away(*room, "port:=%d" % free_port(socket.SOCK_DGRAM))
+    assert status == 1 and "started with pid" not in output, output
+    (line,) = [line for line in output.splitlines() if "nowhere-xyz is not an address" in line]
+    assert "export ROS_IP=" in line
+
+
+def test_the_loopback_address_is_for_a_master_on_this_computer_and_replaces_no_choice():
+    show = ["sh", "-c", "echo ROS_IP=$ROS_IP"]
+    here = "http://localhost:11311"
+    for uri, address, expected in (
+        (here, "", "127.0.0.1"),
+        ("http://nowhere-xyz:11311/", "", "127.0.0.1"),
+        ("http://robot:11311", "", ""),
+        (here, "192.0.2.7", "192.0.2.7"),
+    ):
+        given = {"ROS_IP": address} if address else {}
+        assert away(*show, ROS_MASTER_URI=uri, **given) == (0, "ROS_IP=%s\n" % expected)
+    assert away(*show, ROS_MASTER_URI=here, ROS_HOSTNAME="other") == (0, "ROS_IP=\n")
+
+
+def test_a_demo_that_does_not_start_says_why(tmp_path):
+    demo = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "demo"))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("", demo["PORTS"]["udp"]))
+        shown = process("demo", "--out", tmp_path)
+    (line,) = shown.stderr.splitlines()
+    assert shown.returncode == 1 and "UDP port %d is in use" % demo["PORTS"]["udp"] in line, shown.stderr
 
 
 def test_a_launch_replaces_nodes_that_were_killed(tmp_path):
