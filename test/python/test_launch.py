@@ -15,8 +15,10 @@ import xml.etree.ElementTree
 
 import numpy as np
 import pytest
+import rosbag
 import yaml
 
+import ground
 from conftest import MODEL, ROOT, free_port, identify, located, process, wait_for, write_bag
 from ground import _core
 
@@ -106,6 +108,14 @@ def test_poses_of_another_body_of_vrpn_client_ros_reach_the_state():
         assert [(a.split("/")[-2], b.split("/")[-2]) for a, b in client.remap_args] == [(topic, "hovercraft")]
 
 
+def running_below(parent, program):
+    """Whether a process has a child whose executable's path has `program` in it."""
+    with contextlib.suppress(OSError):
+        children = pathlib.Path("/proc/%d/task/%d/children" % (parent, parent)).read_text().split()
+        return any(program in os.readlink("/proc/%s/exe" % child) for child in children)
+    return False
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_empty_recording_leaves_no_file(tmp_path, number):
     # Without a master the recorder waits until it is ended.
@@ -113,8 +123,7 @@ def test_an_empty_recording_leaves_no_file(tmp_path, number):
     command = [located("record"), "--dir", str(tmp_path), "--experiment", "nothing"]
     recorder = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, universal_newlines=True)
     try:
-        executable = "/proc/%d/exe" % recorder.pid
-        wait_for(lambda: "rosbag" in os.readlink(executable), 20, "the recorder")
+        wait_for(lambda: running_below(recorder.pid, "rosbag"), 20, "the recorder")
         assert len(list(tmp_path.glob("*_nothing.yaml"))) == 1
         time.sleep(0.5)  # time to install its signal handlers
         recorder.send_signal(number)
@@ -206,8 +215,6 @@ def check_replay(log, bag):
 
 def check_prediction(bag):
     """How far the model was off after a second, live and by `identify compare` on the recording."""
-    import rosbag
-
     with rosbag.Bag(str(bag)) as messages:
         errors = [m.eta_error for _, m, _ in messages.read_messages("/model_error") if m.excited]
     squares = np.mean(np.array(errors) ** 2, axis=0)
@@ -702,20 +709,92 @@ def test_rviz_shows_a_recording_against_two_models(tmp_path):
         screen.wait()
 
 
-def kill(argument):
-    """Kills all processes that have an argument with this ending; returns their number."""
+@pytest.mark.parametrize("launch", ["sim_prbs.launch", "room_tracking.launch"])
+def test_nothing_starts_that_could_not_be_recorded(tmp_path, launch):
+    (tmp_path / "file").write_text("")
+    given = ["mocap_host:=127.0.0.1"] * launch.startswith("room") + ["record:=true", "rviz:=false"]
+    port = free_port()
+    status, output = output_of("-p", port, "ground", launch, *given, "bag_dir:=%s" % (tmp_path / "file/bags"))
+    assert status == 1 and "started with pid" not in output, output
+    (line,) = [line for line in output.splitlines() if line.startswith("bag_dir:=")]
+    assert "cannot write to the bag folder" in line
+    for name in ("new/bags", "new"):  # a folder that does not exist yet is fine, and is made only to record
+        configured(launch, *given, "bag_dir:=%s" % (tmp_path / name))
+    assert not (tmp_path / "new").exists()
+
+
+def test_two_crafts_are_recorded_with_their_own_names_and_a_mocap_of_both(tmp_path):
+    """A launch in a namespace, whose poses are remapped to those of a mocap outside of it."""
+    mine = tmp_path / "mine.launch"
+    mine.write_text(
+        """<launch><group ns="a">
+          <remap from="vrpn_client_node/hovercraft/pose" to="/mocap/first/pose"/>
+          <include file="$(find ground)/launch/sim_prbs.launch">
+            <arg name="record" value="true"/>
+            <arg name="bag_dir" value="%s"/>
+            <arg name="port" value="%d"/>
+            <arg name="duration" value="6"/>
+            <arg name="exit_when_done" value="true"/>
+          </include>
+        </group></launch>"""
+        % (tmp_path, free_port(socket.SOCK_DGRAM))
+    )
+    status, output = output_of("-p", free_port(), mine)
+    assert status == 0 and "nobody publishes" not in output, output
+    (bag,) = tmp_path.glob("*.bag")
+    (run,) = ground.read(bag)
+    # A craft beside it: the same messages under other names in the same bag.
+    both = str(tmp_path / "both.bag")
+    with rosbag.Bag(str(bag)) as one, rosbag.Bag(both, "w") as two:
+        for topic, message, time_of in one.read_messages():
+            two.write(topic, message, time_of)
+            if topic.startswith(("/a/", "/mocap/first/")):
+                beside = topic.replace("/a/", "/lab/b/").replace("first", "second")
+                if beside.endswith("/controls"):
+                    message.left = 0.25
+                two.write(beside, message, time_of)
+    assert run.controls.max() > 0.5 and len(run.eta) > 400
+    shutil.copyfile(str(bag.with_name(bag.name.replace("_0.bag", ".yaml"))), str(tmp_path / "both.yaml"))
+    refused = identify("info", both)
+    assert refused.returncode == 1 and "--namespace" in refused.stderr and "a, lab/b" in refused.stderr
+    (first,) = ground.read(both, namespace="a", pose_topic="/mocap/first/pose")
+    (second,) = ground.read(both, namespace="/lab/b/", pose_topic="/mocap/second/pose")
+    assert np.array_equal(first.controls, run.controls) and np.array_equal(first.eta, run.eta)
+    assert first.settings.sources == run.settings.sources
+    assert set(second.controls[:, 0]) == {0.25}
+    for verb in ("info", "fit", "compare"):
+        model = ["--model", MODEL] if verb != "info" else []
+        output = ["-o", tmp_path / verb] if verb != "info" else []
+        shown = identify(verb, both, "--namespace", "a", "--pose-topic", "/mocap/first/pose", *model, *output)
+        assert shown.returncode == 0, shown.stderr
+
+
+def test_a_topic_that_nobody_publishes_is_missed_at_once_and_at_the_end(tmp_path):
+    log = tmp_path / "log"
+    with roslaunch(log, "record.launch", "bag_dir:=%s" % tmp_path):
+        wait_for(lambda: "nobody publishes" in log.read_text(), 40, "a line about missing topics")
+        missed = log.read_text().count("nobody publishes")
+    lines = [line for line in log.read_text().splitlines() if "nobody publishes" in line]
+    assert missed == 1 and len(lines) == 2
+    assert all("/vrpn_client_node/hovercraft/pose" in line and "/controls" in line for line in lines)
+
+
+def kill(argument, master=""):
+    """Kills all processes that have an argument with this ending, and this master in their environment;
+    returns their number."""
     count = 0
     for folder in pathlib.Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
             words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
-            if any(word.endswith(argument) for word in words):
+            if any(word.endswith(argument) for word in words) and (
+                master.encode() in (folder / "environ").read_bytes()
+            ):
                 os.kill(int(folder.name), signal.SIGKILL)
                 count += 1
     return count
 
 
 def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
-    import rosbag
     import rospy
 
     port = free_port(socket.SOCK_DGRAM)
@@ -740,6 +819,11 @@ def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
         assert kill("killed.bag")
         values = [int(line.split(":")[1]) for line in clock.splitlines() if ":" in line]
         killed_after = rospy.Time(*values)
+        # Nobody flies without a recording: the drive and its launch end, and scripts notice it.
+        assert launch.wait(timeout=30) != 0
+        (line,) = [text for text in (tmp_path / "log").read_text().splitlines() if "\x1b[31m" in text]
+        assert "nothing more is recorded" in line
+        assert not kill("__name:=ground_manager", launch.env["ROS_MASTER_URI"]), "all nodes have ended"
     assert not list(tmp_path.glob("*_killed_0.bag"))
     info = identify("info", active)
     assert info.returncode == 0, info.stderr

@@ -104,7 +104,7 @@ class FlyingLaboratory:
         self._wait_until_ready()
         recorder = FlightRecorder(self._recorder, self._folder, "flight-%02d" % flight.number)
         try:
-            stopped = self._drive(name, longest)
+            stopped = self._drive(name, longest, recorder)
         finally:
             bag = recorder.close()
         return _landed(bag, stopped, bool(flight.reference))
@@ -218,7 +218,7 @@ class FlyingLaboratory:
         if self._asked.wait(LOOK):
             raise Ended(self._why)
 
-    def _drive(self, name: str, longest: float) -> str:
+    def _drive(self, name: str, longest: float, recorder: FlightRecorder) -> str:
         """Starts a controller and watches it to its end. Returns why it ended early, or ""."""
         self._check()
         started, began, asked = time.monotonic(), False, ""
@@ -236,6 +236,8 @@ class FlyingLaboratory:
                     asked = self._why
                 elif began and status.elapsed > longest:
                     asked = "it has not come to its end within %.0f s" % longest
+                elif recorder.has_ended():
+                    asked = "its recorder has ended"
                 if asked:
                     _call(name + "/stop", Trigger)
             if began and status.state == ControllerStatus.WAITING:

@@ -44,6 +44,7 @@ class Container:
         self.path = path
         self.warnings: List[str] = []  #: what is wrong with it, complete when its tables have been read
         self.topics: Dict[str, Topic] = {}  #: by name
+        self.namespace = ""  #: namespace of the only craft whose topics are left; empty: none
 
     def table(self, topic: str) -> Columns:
         """The columns of a topic. GroundError when it cannot be read."""
@@ -52,6 +53,22 @@ class Container:
     def of_kind(self, kind: str) -> List[str]:
         """Topics with messages of a type, by name."""
         return sorted(t for t, e in self.topics.items() if e.kind == kind and e.count > 0)
+
+    def choose(self, namespace: str, commands: str = "") -> None:
+        """Leaves out the topics of other crafts. namespace: of the craft's topics, or empty; commands: the
+        topic of its commands, if that is named. GroundError if it is not known which craft to take."""
+        places = [topic.rpartition("/") for topic in self.of_kind("ground_msgs/Controls")]
+        crafts = {place.strip("/"): place + "/" for place, _, end in places if end == "controls"}
+        self.namespace = (namespace or commands.rpartition("/")[0]).strip("/")
+        if not namespace and not commands and len(crafts) < 2:
+            self.namespace = next(iter(crafts), "")
+        elif self.namespace not in crafts and (namespace or not commands):
+            names = ", ".join(name or "/" for name in sorted(crafts)) or "none"
+            wrong = "no craft %s" % self.namespace if namespace else "several crafts"
+            raise GroundError("%s: %s; name one by --namespace: %s" % (self.path, wrong, names))
+        if crafts.pop(self.namespace, None):
+            others = tuple(place for name, place in crafts.items() if name)
+            self.topics = {name: one for name, one in self.topics.items() if not name.startswith(others)}
 
     def rows(self, kind: str) -> Iterator[Dict[str, Any]]:
         """The messages of a type, by column."""
