@@ -458,6 +458,16 @@ def test_a_second_launch_is_refused_and_the_first_one_drives_on(tmp_path):
         (line,) = [line for line in output.splitlines() if line.startswith("/ground_manager")]
         assert "runs already" in line
         assert "started with pid" not in output and "Traceback" not in output, output
+        # Another craft in a namespace of its own would get a second /clock, or simulated time.
+        free = "port:=%d" % free_port(socket.SOCK_DGRAM)
+        for name, more, reason in (
+            ("sim_prbs.launch", [], "/ground_manager publishes /clock already"),
+            ("room_prbs.launch", ["mocap_host:=127.0.0.1", "rviz:=false"], "/use_sim_time is true"),
+            ("bench.launch", [], "/use_sim_time is true"),
+        ):
+            status, output = output_of("ground", name, free, *more, ROS_NAMESPACE="b", **master)
+            assert status == 1 and "started with pid" not in output, output
+            assert sum(line.startswith(reason) for line in output.splitlines()) == 1, output
         # On a master of its own, only the port is shared.
         alone = str(free_port())
         status, output = output_of("-p", alone, "ground", "sim_prbs.launch", port)
@@ -552,6 +562,20 @@ def test_a_demo_that_does_not_start_says_why(tmp_path):
         shown = process("demo", "--out", tmp_path)
     (line,) = shown.stderr.splitlines()
     assert shown.returncode == 1 and "UDP port %d is in use" % demo["PORTS"]["udp"] in line, shown.stderr
+
+
+def test_two_simulations_in_one_launch_are_refused_and_two_real_crafts_are_not(tmp_path):
+    mine = tmp_path / "mine.launch"
+    include = '<group ns="%s"><include file="$(find ground)/launch/%s">%s</include></group>'
+    for name, more, expected in (
+        ("sim_prbs.launch", "", 1),
+        ("room_prbs.launch", '<arg name="mocap_host" value="m"/><arg name="bag_dir" value="%s"/>' % tmp_path, 0),
+    ):
+        mine.write_text("<launch>%s</launch>" % "".join(include % (ns, name, more) for ns in "ab"))
+        check = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "check_launch"))
+        launch, _ = check["load"](types.SimpleNamespace(port=free_port()), [str(mine)], [])
+        problem = check["timed"](launch)
+        assert bool(problem) == expected and (not problem or "would publish /clock" in problem), problem
 
 
 def test_a_launch_replaces_nodes_that_were_killed(tmp_path):
