@@ -66,7 +66,7 @@ def test_the_error_falls_from_flight_to_flight_in_the_figure(whole, browser):
     )
     by_name = {name: (x, y) for name, x, y in traces}
     assert by_name["given"] == ([1, 2, 3], [192, 210, 175])
-    assert by_name["floor of noise and disturbance"][1][:2] == [21, 21]
+    assert by_name["floor of noise"][1][:2] == [21, 21]
 
 
 def test_a_flight_is_drawn_as_planned_and_as_flown(whole, browser):

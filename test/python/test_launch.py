@@ -569,7 +569,11 @@ def test_two_simulations_in_one_launch_are_refused_and_two_real_crafts_are_not(t
     include = '<group ns="%s"><include file="$(find ground)/launch/%s">%s</include></group>'
     for name, more, expected in (
         ("sim_prbs.launch", "", 1),
-        ("room_prbs.launch", '<arg name="mocap_host" value="m"/><arg name="bag_dir" value="%s"/>' % tmp_path, 0),
+        (
+            "room_prbs.launch",
+            '<arg name="mocap_host" value="m"/><arg name="bag_dir" value="%s"/>' % tmp_path,
+            0,
+        ),
     ):
         mine.write_text("<launch>%s</launch>" % "".join(include % (ns, name, more) for ns in "ab"))
         check = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "check_launch"))

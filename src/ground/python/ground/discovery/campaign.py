@@ -198,7 +198,7 @@ class Discovery(Flights):
         if after is None and self._left() >= tracking.SECONDS + RESERVED:
             self._track(final)
             if self.found is not None:
-                self._judge_flights(self.found.diagnosis.fit)
+                self._judge_flights(self.found.model)
             return
         verdict = tracking.verdict(before, after)
         refused = self._load(GIVEN) if verdict <= 0 else ""
@@ -236,7 +236,7 @@ class Discovery(Flights):
             Finding(
                 last,
                 found.verdict,
-                [c.name for c in found.diagnosis.chosen],
+                [c.name for c in found.diagnosis.chosen if c.name not in found.slight],
                 {step.added: list(step.group) for step in steps},
                 found.state.beliefs,
                 label,
@@ -246,7 +246,7 @@ class Discovery(Flights):
                 as_document(found.conclusion.prediction),
             )
         )
-        self._judge_flights(found.diagnosis.fit)
+        self._judge_flights(found.model)
         refused = self._load(label)
         if refused:
             self._tell("the controllers keep the model %s: %s" % (story.in_use, refused))

@@ -1,10 +1,11 @@
 """The launch that started this program."""
 
+import contextlib
 import glob
 import os
 import signal
 import time
-from typing import List, Tuple
+from typing import Dict
 
 CORES = ("rosmaster", "rosout")  # what roslaunch ends last
 PATIENCE = 12.0  # time for the nodes to end, less than roslaunch gives this program [s]
@@ -23,33 +24,27 @@ def end_launch() -> bool:
 
 
 def fail_launch() -> bool:
-    """Ends roslaunch like end_launch, but with a status that is not 0.
-
-    roslaunch ends with status 0 whatever its nodes do. So it is killed, when all other nodes have ended and
-    before it goes on: it waits for this program, which must outlast SIGINT."""
+    """Ends roslaunch like end_launch, but not with status 0, which it has whatever its nodes do: kills it
+    when the other nodes have ended. roslaunch waits for this program, which must outlast SIGINT."""
     parent = os.getppid()
     if not end_launch():
         return False
     deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline and any(name not in CORES for _, name in _others(parent)):
+    while time.monotonic() < deadline and any(
+        not any(core in line for core in CORES) for line in _others(parent).values()
+    ):
         time.sleep(0.05)
-    for process, _ in _others(parent):
-        os.kill(process, signal.SIGINT)
-    os.kill(parent, signal.SIGKILL)
+    for process in [*_others(parent), parent]:
+        os.kill(process, signal.SIGKILL if process == parent else signal.SIGINT)
     return True
 
 
-def _others(parent: int) -> List[Tuple[int, str]]:
-    """Numbers and names of the running children of a process, without this one."""
-    found = []
-    for path in glob.glob("/proc/[0-9]*/stat"):
-        try:
-            with open(path, errors="replace") as file:
-                before, _, after = file.read().rpartition(")")
-        except OSError:  # it has ended
-            continue
-        number, _, name = before.partition(" (")
-        state, of = after.split()[:2]
-        if int(of) == parent and state != "Z" and int(number) != os.getpid():
-            found.append((int(number), name))
-    return found
+def _others(parent: int) -> Dict[int, str]:
+    """Command lines of the running children of a process by their numbers, without this one."""
+    found = {}
+    for path in glob.glob("/proc/%d/task/*/children" % parent):
+        with contextlib.suppress(OSError), open(path) as file:  # it has ended
+            for number in map(int, file.read().split()):
+                with open("/proc/%d/cmdline" % number, errors="replace") as line:
+                    found[number] = line.read()
+    return {number: line for number, line in found.items() if line and number != os.getpid()}

@@ -55,17 +55,15 @@ class Container:
         return sorted(t for t, e in self.topics.items() if e.kind == kind and e.count > 0)
 
     def choose(self, namespace: str, commands: str = "") -> None:
-        """Leaves out the topics of other crafts. namespace: of the craft's topics, or empty; commands: the
-        topic of its commands, if that is named. GroundError if it is not known which craft to take."""
-        places = [topic.rpartition("/") for topic in self.of_kind("ground_msgs/Controls")]
-        crafts = {place.strip("/"): place + "/" for place, _, end in places if end == "controls"}
-        self.namespace = (namespace or commands.rpartition("/")[0]).strip("/")
-        if not namespace and not commands and len(crafts) < 2:
-            self.namespace = next(iter(crafts), "")
-        elif self.namespace not in crafts and (namespace or not commands):
-            names = ", ".join(name or "/" for name in sorted(crafts)) or "none"
-            wrong = "no craft %s" % self.namespace if namespace else "several crafts"
-            raise GroundError("%s: %s; name one by --namespace: %s" % (self.path, wrong, names))
+        """Leaves out the topics of other crafts. namespace: of the craft's topics; commands: the topic of its
+        commands; each may be empty. GroundError if it is not known which craft to take."""
+        ends = [topic.rpartition("/") for topic in self.of_kind("ground_msgs/Controls")]
+        crafts = {place.strip("/"): place + "/" for place, _, end in ends if end == "controls"}
+        only = next(iter(crafts), "") if len(crafts) == 1 else ""
+        self.namespace = (namespace or commands.rpartition("/")[0] or only).strip("/")
+        if self.namespace not in crafts and (namespace or len(crafts) > 1 and not commands):
+            names = ", ".join(sorted(crafts)) or "none"
+            raise GroundError("%s: name one of its crafts by --namespace: %s" % (self.path, names))
         if crafts.pop(self.namespace, None):
             others = tuple(place for name, place in crafts.items() if name)
             self.topics = {name: one for name, one in self.topics.items() if not name.startswith(others)}

@@ -112,7 +112,7 @@ def settings_of(
     source = "recorded in the bag"
     changes = _in_bag(bag, warnings)
     if not changes:
-        changes, source = _beside(bag, warnings)
+        changes, source = _beside(bag.path, warnings)
     sources = dict.fromkeys(given, source)
     for name, value in given.items():
         if value is None:
@@ -146,10 +146,10 @@ def _in_bag(bag: Container, warnings: List[str]) -> List[Setting]:
     return sorted(found, key=lambda s: s.since)
 
 
-def _beside(bag: Container, warnings: List[str]) -> Tuple[List[Setting], str]:
+def _beside(path: str, warnings: List[str]) -> Tuple[List[Setting], str]:
     """Settings from the parameter file beside a bag, a list of one, and their source."""
-    for name, parameters in beside(bag.path, warnings):
-        for node in nodes(_below(parameters, bag.namespace), "mocap_state"):
+    for name, parameters in beside(path, warnings):
+        for node in nodes(parameters, "mocap_state"):
             axes, offset = node.get("axes", AXES), node.get("heading_offset", 0.0)
             if isinstance(axes, str) and isinstance(offset, (int, float)):
                 return [Setting(0, axes, float(offset))], "recorded in %s" % os.path.basename(name)
@@ -182,13 +182,6 @@ def nodes(parameters: Any, name: str) -> Iterator[Document]:
             yield value
         else:
             yield from nodes(value, name)
-
-
-def _below(parameters: Any, craft: str) -> Any:
-    """The parameters in the namespace of a craft."""
-    for part in craft.split("/"):
-        parameters = parameters[part] if isinstance(parameters, dict) and part in parameters else parameters
-    return parameters
 
 
 def contents(parameters: Mapping[str, Any]) -> str:
@@ -288,11 +281,7 @@ def flown_by(bag: Container) -> Tuple[Dict[str, str], Dict[str, RunFile]]:
         with contextlib.suppress(ValueError, yaml.YAMLError, RecursionError):
             known.append(yaml.load(message["yaml"], LOADER))
     known += [parameters for _, parameters in beside(bag.path, [])]
-    every = [
-        (parameters, node)
-        for parameters in known
-        for node in nodes(_below(parameters, bag.namespace), "controller")
-    ]
+    every = [(parameters, node) for parameters in known for node in nodes(parameters, "controller")]
     for (parameters, node), (name, key) in itertools.product(every, FLOWN_BY.items()):
         value = node.get(key)
         if name in found or not isinstance(value, str) or not value:

@@ -1,6 +1,7 @@
 """Writes files completely or not at all, overwrites none unasked, and never an input."""
 
 import contextlib
+import errno
 import json
 import math
 import os
@@ -62,19 +63,16 @@ def refuse_existing(path: str, force: bool) -> None:
 
 
 def check_bag_folder(path: str) -> None:
-    """Raises GroundError when bags cannot be written to a folder, which may be missing, or when less than
-    BAG_SPACE is free."""
+    """Raises GroundError when bags cannot be written to a folder, which may be missing."""
     place = os.path.abspath(path)
     while not os.path.lexists(place):
         place = os.path.dirname(place)
     try:
         os.rmdir(tempfile.mkdtemp(prefix=".ground-", dir=place))
-        free = shutil.disk_usage(place).free
+        if shutil.disk_usage(place).free < BAG_SPACE:
+            raise OSError(errno.ENOSPC, "less than %d MB are free" % (BAG_SPACE / 1e6))
     except OSError as error:
         raise GroundError("cannot write to the bag folder %s: %s" % (path, reason(error)))
-    if free < BAG_SPACE:
-        text = "less than %d MB are free in %s: make room, or name another folder (bag_dir:=)"
-        raise GroundError(text % (BAG_SPACE / 1e6, path))
 
 
 def temporary_file(folder: str, suffix: str = "", prefix: str = ".ground-") -> str:
