@@ -216,7 +216,7 @@ def test_the_teller_tells_each_step_once():
     story.planned, story.flights = None, whole.flights[:1]
     teller(story)
     assert told[1:] == [
-        "   Flown 11.8 s; predictions are off by: given 192 mm, 38 deg (noise and disturbance: 21 mm, 4 deg)."
+        "   Flown 11.8 s; predictions are off by: given 192 mm, 38 deg (the mocap alone: 21 mm, 4 deg)."
     ]
     story.findings = whole.findings[:1]
     teller(story)

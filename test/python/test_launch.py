@@ -582,6 +582,22 @@ def test_two_simulations_in_one_launch_are_refused_and_two_real_crafts_are_not(t
         assert bool(problem) == expected and (not problem or "would publish /clock" in problem), problem
 
 
+def test_the_demo_shows_all_that_was_hidden_or_found(tmp_path, capsys):
+    """Also what the model has beside the hidden effects, because it acts but does not matter."""
+    demo = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "demo"))
+    nominal = ground.Model.load(MODEL)
+    truth = nominal.with_effect("motor_lag", tau=0.06).with_effect("wind", wx=0.5, wy=-0.4)
+    found = nominal.with_effect("motor_lag", tau=0.059).with_effect("input_delay", delay=0.0017)
+    paths = [model.save(tmp_path / name).path for name, model in (("a.yaml", truth), ("b.yaml", found))]
+    demo["reveal"](*paths, ["motor_lag"])
+    shown = capsys.readouterr().out
+    first, small, *table = shown.splitlines()
+    assert "input_delay" not in first and "input_delay" in small and "too small" in small
+    rows = {line.split()[0]: line.split()[1:] for line in table}
+    assert rows["input_delay.delay"] == ["-", "0.0017"] and rows["wind.wx"] == ["0.5", "-"]
+    assert rows["motor_lag.tau"] == ["0.06", "0.059"]
+
+
 def test_a_launch_replaces_nodes_that_were_killed(tmp_path):
     """The master still knows them."""
     import rosgraph

@@ -106,7 +106,8 @@ class FlyingLaboratory:
         longest = self._prepare(name, flight, inputs)
         for _ in range(ATTEMPTS):
             landed = self._fly(name, longest, flight)
-            if not self._simulated or self._newest.sender.state != SenderStatus.FAULT:
+            failed = landed.stopped and self._newest.sender.state == SenderStatus.FAULT
+            if not failed or not self._simulated:
                 return landed
             reason = "the computer was too busy: the sender was in FAULT (%s)" % self._newest.sender.reason
             rospy.logwarn("discovery: %s; the flight is repeated", reason)
