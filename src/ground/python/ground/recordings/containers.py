@@ -60,11 +60,12 @@ class Container:
         ends = [topic.rpartition("/") for topic in self.of_kind("ground_msgs/Controls")]
         crafts = {place.strip("/"): place + "/" for place, _, end in ends if end == "controls"}
         only = next(iter(crafts), "") if len(crafts) == 1 else ""
-        self.namespace = (namespace or commands.rpartition("/")[0] or only).strip("/")
-        if self.namespace not in crafts and (namespace or len(crafts) > 1 and not commands):
-            names = ", ".join(sorted(crafts)) or "none"
+        chosen = (namespace or commands.rpartition("/")[0] or only).strip("/")
+        if chosen not in crafts and (namespace or len(crafts) > 1 and not commands):
+            names = ", ".join(name or "/" for name in sorted(crafts)) or "none"
             raise GroundError("%s: name one of its crafts by --namespace: %s" % (self.path, names))
-        if crafts.pop(self.namespace, None):
+        if crafts.pop(chosen, None):
+            self.namespace = chosen
             others = tuple(place for name, place in crafts.items() if name)
             self.topics = {name: one for name, one in self.topics.items() if not name.startswith(others)}
 
