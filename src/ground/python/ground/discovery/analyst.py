@@ -13,7 +13,7 @@ from ground.analysis.verdict import Conclusion, conclude
 from ground.discovery import beliefs, information, pieces
 from ground.discovery.beliefs import State
 from ground.discovery.information import Offer, Question
-from ground.discovery.story import SLIGHT, Off
+from ground.discovery.story import Off
 from ground.recordings import suspicions, windows
 from ground.recordings.quality import repaired
 from ground.recordings.recording import Recording
@@ -64,11 +64,6 @@ class Found:
     def verdict(self) -> str:
         """That of the conclusion."""
         return self.conclusion.verdict
-
-    @property
-    def slight(self) -> List[str]:
-        """Effects that act, but are too small to matter."""
-        return [belief.effect for belief in self.state.beliefs if belief.state == SLIGHT]
 
     @property
     def asked(self) -> List[Question]:
@@ -278,7 +273,7 @@ def off(run: _core.RunData, model: _core.Model, seconds: float) -> Optional[Off]
     return error.position_mm, error.heading_deg
 
 
-def least_off(run: _core.RunData, model: _core.Model, seconds: float) -> Off:
+def expected_off(run: _core.RunData, model: _core.Model, seconds: float) -> Off:
     """How far the poses would be off if a model were true, because of their noise alone."""
     chosen = horizon.starts([run], seconds, horizon.SHOWN)
     error = PoseError.of(horizon.artificial_errors([run], chosen, seconds, model, None))

@@ -21,7 +21,7 @@ from ground.discovery import analyst, choice, confirmation, tracking
 from ground.discovery.analyst import Found
 from ground.discovery.flights import Flights, Settings
 from ground.discovery.laboratory import Laboratory
-from ground.discovery.story import CONFIRM, DECIDE, GIVEN, LEFT, LOOK, TRACK, Finding, Story
+from ground.discovery.story import CONFIRM, DECIDE, GIVEN, LEFT, LOOK, SLIGHT, TRACK, Finding, Story
 from ground.recordings.quality import repaired
 from ground.support.progress import Work
 
@@ -232,11 +232,12 @@ class Discovery(Flights):
         assert found is not None
         self._add_version(label, found.model, last)
         steps = found.diagnosis.steps
+        slight = [belief.effect for belief in found.state.beliefs if belief.state == SLIGHT]
         story.findings.append(
             Finding(
                 last,
                 found.verdict,
-                [c.name for c in found.diagnosis.chosen if c.name not in found.slight],
+                [c.name for c in found.diagnosis.chosen if c.name not in slight],
                 {step.added: list(step.group) for step in steps},
                 found.state.beliefs,
                 label,

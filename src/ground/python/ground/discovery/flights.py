@@ -125,7 +125,7 @@ class Flights:
             if recording is not None and flown.flight.purpose != CONFIRM:
                 run = repaired(recording).data(self.given)
                 with contextlib.suppress(GroundError):  # too short, or a motion is not finite
-                    flown.floor = analyst.least_off(run, model, self.story.horizon)
+                    flown.floor = analyst.expected_off(run, model, self.story.horizon)
 
     def _off(self, run: _core.RunData, model: _core.Model) -> Optional[Off]:
         """How far the poses are off that a model predicts along a run."""
