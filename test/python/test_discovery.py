@@ -14,14 +14,15 @@ import ground
 from conftest import MODEL, ROOT, identify, schema, slow
 from ground import _core
 from ground.analysis import candidates
-from ground.discovery import answer, campaign, choice, flights, information, tracking, words
+from ground.analysis.likelihood import Likelihood
+from ground.discovery import answer, beliefs, campaign, choice, flights, information, tracking, words
 from ground.discovery.analyst import Analyst
 from ground.discovery.campaign import Discovery
 from ground.discovery.flights import Settings
 from ground.discovery.journal import Journal
 from ground.discovery.laboratory import Landed
 from ground.discovery.simulated import SimulatedLaboratory
-from ground.discovery.story import CONFIRM, GIVEN, PRESENT, TRACK, Flown, Story, Version
+from ground.discovery.story import CONFIRM, GIVEN, PRESENT, SLIGHT, TRACK, Flown, Story, Version
 from ground.simulation import experiments
 from test_identify import fails
 
@@ -101,17 +102,19 @@ def test_it_finds_the_hidden_effect_and_confirms_it(discovered):
     assert last.flight.purpose == CONFIRM
     assert all(version.after < last.flight.number for version in story.versions)
     assert list(last.errors) == [version.label for version in story.versions]
-    for given, final, floor in zip(
-        last.errors[GIVEN], last.errors[story.findings[-1].label], story.flights[-2].floor
-    ):
-        assert final < min(0.5 * given, 2 * floor)
+    for given, final in zip(last.errors[GIVEN], last.errors[story.findings[-1].label]):
+        assert final < 0.5 * given
+    floors = [(off, flown.floor) for flown in story.flights if flown.floor for off in flown.errors.values()]
+    assert len(floors) > 3
+    for off, floor in floors:  # no model is better than the truth, but for chance
+        assert off[0] > 0.8 * floor[0] and off[1] > 0.8 * floor[1]
     found = ground.Model.load(out / story.versions[-1].file)
     assert found["motor_lag.tau"] == pytest.approx(0.05, rel=0.1)
     assert re.search(r"Missing: +first-order lag .*motor_lag", text.split("\n\n")[-1])
-    beliefs = {belief.effect: belief for belief in story.findings[-1].beliefs}
-    believed = beliefs.pop("motor_lag")
+    believed_in = {belief.effect: belief for belief in story.findings[-1].beliefs}
+    believed = believed_in.pop("motor_lag")
     assert believed.state == PRESENT and believed.probability > 0.95
-    assert np.median([belief.probability for belief in beliefs.values()]) < 0.02
+    assert np.median([belief.probability for belief in believed_in.values()]) < 0.02
 
 
 def test_the_controllers_have_the_final_model_only_if_it_tracks_better(discovered):
@@ -235,6 +238,19 @@ def test_what_inputs_do_not_excite_is_not_visible(analyst):
     assert full["skirt_friction"] < 0.1 < 20 < low["skirt_friction"]
     assert full["thrust_curve"] < 0.1 and low["thrust_curve"] < 0.1
     assert seen(analyst, "random levels, 0.25 s each")["thrust_curve"] > 20
+
+
+@pytest.mark.parametrize("part, state", [(0.1, SLIGHT), (0.5, SLIGHT), (2.0, PRESENT), (20.0, PRESENT)])
+@pytest.mark.parametrize("effect, parameter", [("input_delay", "delay"), ("yaw_bias", "n0")])
+def test_what_is_smaller_than_what_matters_is_not_found(analyst, effect, parameter, part, state):
+    """However certain it is: a loop's delay of a millisecond is seen in a minute of flight."""
+    size = analyst.sizes["%s.%s" % (effect, parameter)]
+    basis = analyst.basis(craft(**{effect: {parameter: part * size}}))
+    known = information.of_runs(basis, Likelihood([analyst.overview], analyst.given, ()), analyst.levels)
+    groups = {effect: beliefs.Group({effect: 0.0}, 500.0)}
+    after = beliefs.after(groups, (), basis, known, analyst.sizes, known.matrix, 0.1)
+    (found,) = [belief for belief in after.beliefs if belief.effect == effect]
+    assert found.state == state and found.probability > 0.9
 
 
 def test_the_first_flight_mixes_what_shows_all_effects(analyst):

@@ -66,7 +66,7 @@ def test_the_error_falls_from_flight_to_flight_in_the_figure(whole, browser):
     )
     by_name = {name: (x, y) for name, x, y in traces}
     assert by_name["given"] == ([1, 2, 3], [192, 210, 175])
-    assert by_name["floor of noise and disturbance"][1][:2] == [21, 21]
+    assert by_name["floor of noise"][1][:2] == [21, 21]
 
 
 def test_a_flight_is_drawn_as_planned_and_as_flown(whole, browser):
@@ -216,7 +216,7 @@ def test_the_teller_tells_each_step_once():
     story.planned, story.flights = None, whole.flights[:1]
     teller(story)
     assert told[1:] == [
-        "   Flown 11.8 s; predictions are off by: given 192 mm, 38 deg (noise and disturbance: 21 mm, 4 deg)."
+        "   Flown 11.8 s; predictions are off by: given 192 mm, 38 deg (the mocap alone: 21 mm, 4 deg)."
     ]
     story.findings = whole.findings[:1]
     teller(story)

@@ -15,9 +15,11 @@ import xml.etree.ElementTree
 
 import numpy as np
 import pytest
+import rosbag
 import yaml
 
-from conftest import MODEL, ROOT, free_port, identify, located, wait_for, write_bag
+import ground
+from conftest import MODEL, ROOT, free_port, identify, located, process, wait_for, write_bag
 from ground import _core
 
 RUNNING = 3  # ControllerStatus
@@ -106,6 +108,14 @@ def test_poses_of_another_body_of_vrpn_client_ros_reach_the_state():
         assert [(a.split("/")[-2], b.split("/")[-2]) for a, b in client.remap_args] == [(topic, "hovercraft")]
 
 
+def running_below(parent, program):
+    """Whether a process has a child whose executable's path has `program` in it."""
+    with contextlib.suppress(OSError):
+        children = pathlib.Path("/proc/%d/task/%d/children" % (parent, parent)).read_text().split()
+        return any(program in os.readlink("/proc/%s/exe" % child) for child in children)
+    return False
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_empty_recording_leaves_no_file(tmp_path, number):
     # Without a master the recorder waits until it is ended.
@@ -113,8 +123,7 @@ def test_an_empty_recording_leaves_no_file(tmp_path, number):
     command = [located("record"), "--dir", str(tmp_path), "--experiment", "nothing"]
     recorder = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, universal_newlines=True)
     try:
-        executable = "/proc/%d/exe" % recorder.pid
-        wait_for(lambda: "rosbag" in os.readlink(executable), 20, "the recorder")
+        wait_for(lambda: running_below(recorder.pid, "rosbag"), 20, "the recorder")
         assert len(list(tmp_path.glob("*_nothing.yaml"))) == 1
         time.sleep(0.5)  # time to install its signal handlers
         recorder.send_signal(number)
@@ -206,8 +215,6 @@ def check_replay(log, bag):
 
 def check_prediction(bag):
     """How far the model was off after a second, live and by `identify compare` on the recording."""
-    import rosbag
-
     with rosbag.Bag(str(bag)) as messages:
         errors = [m.eta_error for _, m, _ in messages.read_messages("/model_error") if m.excited]
     squares = np.mean(np.array(errors) ** 2, axis=0)
@@ -451,6 +458,16 @@ def test_a_second_launch_is_refused_and_the_first_one_drives_on(tmp_path):
         (line,) = [line for line in output.splitlines() if line.startswith("/ground_manager")]
         assert "runs already" in line
         assert "started with pid" not in output and "Traceback" not in output, output
+        # Another craft in a namespace of its own would get a second /clock, or simulated time.
+        free = "port:=%d" % free_port(socket.SOCK_DGRAM)
+        for name, more, reason in (
+            ("sim_prbs.launch", [], "/ground_manager publishes /clock already"),
+            ("room_prbs.launch", ["mocap_host:=127.0.0.1", "rviz:=false"], "/use_sim_time is true"),
+            ("bench.launch", [], "/use_sim_time is true"),
+        ):
+            status, output = output_of("ground", name, free, *more, ROS_NAMESPACE="b", **master)
+            assert status == 1 and "started with pid" not in output, output
+            assert sum(line.startswith(reason) for line in output.splitlines()) == 1, output
         # On a master of its own, only the port is shared.
         alone = str(free_port())
         status, output = output_of("-p", alone, "ground", "sim_prbs.launch", port)
@@ -480,6 +497,105 @@ def test_a_second_launch_is_refused_and_the_first_one_drives_on(tmp_path):
             assert [process.wait(timeout=30) for process in beside] == [0, 0]
         assert launch.poll() is None and drives()
     assert "has died" not in (tmp_path / "log").read_text()
+
+
+UNSHARED = ["unshare"] + (["--user", "--map-root-user"] if os.getuid() else []) + ["--uts", "sh", "-c"]
+
+
+def away(*words, **environment):
+    """Exit status and output of a command in a new shell that has sourced the workspace, on a computer whose
+    name does not resolve."""
+    if subprocess.run(UNSHARED + ["hostname nowhere-xyz"], stderr=subprocess.DEVNULL).returncode:
+        pytest.skip("no computer of another name can be made here")
+    setup = pathlib.Path(located("record")).parents[2] / "setup.bash"
+    shell = 'hostname nowhere-xyz && exec bash -c \'. %s && exec "$@"\' bash "$@"' % setup
+    env = {name: value for name, value in os.environ.items() if name not in ("ROS_IP", "ROS_HOSTNAME")}
+    result = subprocess.run(
+        UNSHARED + [shell, "sh", *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        universal_newlines=True,
+        timeout=60,
+        env={**env, **environment},
+    )
+    return result.returncode, result.stdout
+
+
+def test_a_simulated_launch_runs_where_the_name_of_the_computer_does_not_resolve():
+    """Also where the profile of each shell sets ROS_MASTER_URI."""
+    port = free_port()
+    uri = "http://localhost:%d" % port
+    flight = ["duration:=0.2", "lift_time:=0", "exit_when_done:=true"]
+    udp = "port:=%d" % free_port(socket.SOCK_DGRAM)
+    command = ["roslaunch", "-p", port, "ground", "sim_prbs.launch", udp, *flight]
+    status, output = away(*command, ROS_MASTER_URI=uri)
+    assert status == 0 and "the controller is done" in output, output
+
+
+def test_a_real_craft_is_not_launched_at_the_loopback_address():
+    port = free_port()
+    room = ["roslaunch", "-p", port, "ground", "room_prbs.launch", "mocap_host:=127.0.0.1", "rviz:=false"]
+    status, output = away(*room, "port:=%d" % free_port(socket.SOCK_DGRAM))
+    assert status == 1 and "started with pid" not in output, output
+    (line,) = [line for line in output.splitlines() if "nowhere-xyz is not an address" in line]
+    assert "export ROS_IP=" in line
+
+
+def test_the_loopback_address_is_for_a_master_on_this_computer_and_replaces_no_choice():
+    show = ["sh", "-c", "echo ROS_IP=$ROS_IP"]
+    here = "http://localhost:11311"
+    for uri, address, expected in (
+        (here, "", "127.0.0.1"),
+        ("http://nowhere-xyz:11311/", "", "127.0.0.1"),
+        ("http://robot:11311", "", ""),
+        (here, "192.0.2.7", "192.0.2.7"),
+    ):
+        given = {"ROS_IP": address} if address else {}
+        assert away(*show, ROS_MASTER_URI=uri, **given) == (0, "ROS_IP=%s\n" % expected)
+    assert away(*show, ROS_MASTER_URI=here, ROS_HOSTNAME="other") == (0, "ROS_IP=\n")
+
+
+def test_a_demo_that_does_not_start_says_why(tmp_path):
+    demo = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "demo"))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("", demo["PORTS"]["udp"]))
+        shown = process("demo", "--out", tmp_path)
+    (line,) = shown.stderr.splitlines()
+    assert shown.returncode == 1 and "UDP port %d is in use" % demo["PORTS"]["udp"] in line, shown.stderr
+
+
+def test_two_simulations_in_one_launch_are_refused_and_two_real_crafts_are_not(tmp_path):
+    mine = tmp_path / "mine.launch"
+    include = '<group ns="%s"><include file="$(find ground)/launch/%s">%s</include></group>'
+    for name, more, expected in (
+        ("sim_prbs.launch", "", 1),
+        (
+            "room_prbs.launch",
+            '<arg name="mocap_host" value="m"/><arg name="bag_dir" value="%s"/>' % tmp_path,
+            0,
+        ),
+    ):
+        mine.write_text("<launch>%s</launch>" % "".join(include % (ns, name, more) for ns in "ab"))
+        check = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "check_launch"))
+        launch, _ = check["load"](types.SimpleNamespace(port=free_port()), [str(mine)], [])
+        problem = check["timed"](launch)
+        assert bool(problem) == expected and (not problem or "publish /clock" in problem), problem
+
+
+def test_the_demo_shows_all_that_was_hidden_or_found(tmp_path, capsys):
+    """Also what the model has beside the hidden effects, because it acts but does not matter."""
+    demo = runpy.run_path(str(ROOT / "src" / "ground" / "scripts" / "demo"))
+    nominal = ground.Model.load(MODEL)
+    truth = nominal.with_effect("motor_lag", tau=0.06).with_effect("wind", wx=0.5, wy=-0.4)
+    found = nominal.with_effect("motor_lag", tau=0.059).with_effect("input_delay", delay=0.0017)
+    paths = [model.save(tmp_path / name).path for name, model in (("a.yaml", truth), ("b.yaml", found))]
+    demo["reveal"](*paths, ["motor_lag"])
+    shown = capsys.readouterr().out
+    first, small, *table = shown.splitlines()
+    assert "input_delay" not in first and "input_delay" in small and "too small" in small
+    rows = {line.split()[0]: line.split()[1:] for line in table}
+    assert rows["input_delay.delay"] == ["-", "0.0017"] and rows["wind.wx"] == ["0.5", "-"]
+    assert rows["motor_lag.tau"] == ["0.06", "0.059"]
 
 
 def test_a_launch_replaces_nodes_that_were_killed(tmp_path):
@@ -637,20 +753,96 @@ def test_rviz_shows_a_recording_against_two_models(tmp_path):
         screen.wait()
 
 
-def kill(argument):
-    """Kills all processes that have an argument with this ending; returns their number."""
+@pytest.mark.parametrize("launch", ["sim_prbs.launch", "room_tracking.launch", "discover.launch"])
+def test_nothing_starts_that_could_not_be_recorded(tmp_path, launch):
+    (tmp_path / "file").write_text("")
+    given = ["mocap_host:=127.0.0.1"] * launch.startswith("room") + ["rviz:=false"]
+    given += [] if launch.startswith("discover") else ["record:=true"]
+    argument = "folder" if launch.startswith("discover") else "bag_dir"
+    port = free_port()
+    status, output = output_of(
+        "-p", port, "ground", launch, *given, "%s:=%s" % (argument, tmp_path / "file/bags")
+    )
+    assert status == 1 and "started with pid" not in output, output
+    (line,) = [line for line in output.splitlines() if line.startswith(argument + ":=")]
+    assert "cannot write to the bag folder" in line
+    for name in ("new/bags", "new"):  # a folder that does not exist yet is fine, and is made only to record
+        configured(launch, *given, "%s:=%s" % (argument, tmp_path / name))
+    assert not (tmp_path / "new").exists()
+
+
+def test_two_crafts_are_recorded_with_their_own_names_and_a_mocap_of_both(tmp_path):
+    """A launch in a namespace, whose poses are remapped to those of a mocap outside of it."""
+    mine = tmp_path / "mine.launch"
+    mine.write_text(
+        """<launch><group ns="a">
+          <remap from="vrpn_client_node/hovercraft/pose" to="/mocap/first/pose"/>
+          <include file="$(find ground)/launch/sim_prbs.launch">
+            <arg name="record" value="true"/>
+            <arg name="bag_dir" value="%s"/>
+            <arg name="port" value="%d"/>
+            <arg name="duration" value="6"/>
+            <arg name="exit_when_done" value="true"/>
+          </include>
+        </group></launch>"""
+        % (tmp_path, free_port(socket.SOCK_DGRAM))
+    )
+    status, output = output_of("-p", free_port(), mine)
+    assert status == 0 and "nobody publishes" not in output, output
+    (bag,) = tmp_path.glob("*.bag")
+    (run,) = ground.read(bag)
+    # A craft beside it: the same messages under other names in the same bag.
+    both = str(tmp_path / "both.bag")
+    with rosbag.Bag(str(bag)) as one, rosbag.Bag(both, "w") as two:
+        for topic, message, time_of in one.read_messages():
+            two.write(topic, message, time_of)
+            if topic.startswith(("/a/", "/mocap/first/")):
+                beside = topic.replace("/a/", "/lab/b/").replace("first", "second")
+                if beside.endswith("/controls"):
+                    message.left = 0.25
+                two.write(beside, message, time_of)
+    assert run.controls.max() > 0.5 and len(run.eta) > 400
+    shutil.copyfile(str(bag.with_name(bag.name.replace("_0.bag", ".yaml"))), str(tmp_path / "both.yaml"))
+    refused = identify("info", both)
+    assert refused.returncode == 1 and "--namespace" in refused.stderr and "a, lab/b" in refused.stderr
+    (first,) = ground.read(both, namespace="a", pose_topic="/mocap/first/pose")
+    (second,) = ground.read(both, namespace="/lab/b/", pose_topic="/mocap/second/pose")
+    assert np.array_equal(first.controls, run.controls) and np.array_equal(first.eta, run.eta)
+    assert first.settings.sources == run.settings.sources
+    assert set(second.controls[:, 0]) == {0.25}
+    for verb in ("info", "fit", "compare"):
+        model = ["--model", MODEL] if verb != "info" else []
+        output = ["-o", tmp_path / verb] if verb != "info" else []
+        shown = identify(verb, both, "--namespace", "a", "--pose-topic", "/mocap/first/pose", *model, *output)
+        assert shown.returncode == 0, shown.stderr
+
+
+def test_a_topic_that_nobody_publishes_is_missed_at_once_and_at_the_end(tmp_path):
+    log = tmp_path / "log"
+    with roslaunch(log, "record.launch", "bag_dir:=%s" % tmp_path):
+        wait_for(lambda: "nobody publishes" in log.read_text(), 40, "a line about missing topics")
+        missed = log.read_text().count("nobody publishes")
+    lines = [line for line in log.read_text().splitlines() if "nobody publishes" in line]
+    assert missed == 1 and len(lines) == 2
+    assert all("/vrpn_client_node/hovercraft/pose" in line and "/controls" in line for line in lines)
+
+
+def kill(argument, master=""):
+    """Kills all processes that have an argument with this ending, and this master in their environment;
+    returns their number."""
     count = 0
     for folder in pathlib.Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
             words = (folder / "cmdline").read_bytes().decode(errors="replace").split("\0")
-            if any(word.endswith(argument) for word in words):
+            if any(word.endswith(argument) for word in words) and (
+                master.encode() in (folder / "environ").read_bytes()
+            ):
                 os.kill(int(folder.name), signal.SIGKILL)
                 count += 1
     return count
 
 
 def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
-    import rosbag
     import rospy
 
     port = free_port(socket.SOCK_DGRAM)
@@ -675,6 +867,11 @@ def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
         assert kill("killed.bag")
         values = [int(line.split(":")[1]) for line in clock.splitlines() if ":" in line]
         killed_after = rospy.Time(*values)
+        # Nobody flies without a recording: the drive and its launch end, and scripts notice it.
+        assert launch.wait(timeout=30) != 0
+        (line,) = [text for text in (tmp_path / "log").read_text().splitlines() if "\x1b[31m" in text]
+        assert "nothing more is recorded" in line
+        assert not kill("__name:=ground_manager", launch.env["ROS_MASTER_URI"]), "all nodes have ended"
     assert not list(tmp_path.glob("*_killed_0.bag"))
     info = identify("info", active)
     assert info.returncode == 0, info.stderr

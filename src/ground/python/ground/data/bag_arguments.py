@@ -54,6 +54,9 @@ def add_reading_arguments(parser: "argparse._ActionsContainer") -> None:
     parser.add_argument("--pose-topic", metavar="TOPIC", help="topic of the poses")
     parser.add_argument("--command-topic", metavar="TOPIC", help="topic of the commands")
     parser.add_argument(
+        "--namespace", metavar="NAME", help="of the craft's topics, where a bag has several crafts"
+    )
+    parser.add_argument(
         "--body", metavar="NAME", help="child frame, or part of the topic's name, of the craft"
     )
     parser.add_argument(
@@ -96,6 +99,7 @@ def mapping_of(arguments: argparse.Namespace) -> mapping.FieldMapping:
         arguments.frame_rate,
         arguments.stamps,
         arguments.types,
+        arguments.namespace,
     )
 
 

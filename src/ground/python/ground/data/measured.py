@@ -37,6 +37,7 @@ def read(
     frame_rate: Optional[float] = None,
     stamps: Optional[str] = None,
     types: Union[Path, Sequence[Path]] = (),
+    namespace: Optional[str] = None,
 ) -> Tuple[Recording, ...]:
     """The recordings in bags of ROS 1 and 2, MCAP files and tables.
 
@@ -47,6 +48,7 @@ def read(
     own. noise: of the positions [m] and headings [rad], in place of the scatter of the poses; frame_rate: of
     the mocap's camera [Hz], in place of what late stamps say. stamps: "unpadded" where nanoseconds after the
     point have no leading zeros. types: .msg files, or folders of them, for types that a bag does not define.
+    namespace: of the craft's topics, where a bag has several crafts.
     Runs of the same name get the names of their folders in front. GroundError when a bag cannot be read or is
     given twice, also as a copy; anything odd in a bag gives a GroundWarning.
 
@@ -65,7 +67,7 @@ def read(
     files = [types] if isinstance(types, (str, os.PathLike)) else types
     own_types = [os.fspath(file) for file in files]
     given = mapping.with_options(
-        pose_topic, command_topic, body, axes, heading_offset, noise, frame_rate, stamps, own_types
+        pose_topic, command_topic, body, axes, heading_offset, noise, frame_rate, stamps, own_types, namespace
     )
     return tuple(reading(paths, given))
 

@@ -273,10 +273,10 @@ def off(run: _core.RunData, model: _core.Model, seconds: float) -> Optional[Off]
     return error.position_mm, error.heading_deg
 
 
-def expected_off(run: _core.RunData, fit: Fit, seconds: float) -> Off:
-    """How far the poses would be off if the model of a Fit were true, with noise and disturbance."""
+def expected_off(run: _core.RunData, model: _core.Model, seconds: float) -> Off:
+    """How far the poses would be off if a model were true, because of their noise alone."""
     chosen = horizon.starts([run], seconds, horizon.SHOWN)
-    error = PoseError.of(horizon.artificial_errors([run], chosen, seconds, fit.model, fit.levels))
+    error = PoseError.of(horizon.artificial_errors([run], chosen, seconds, model, None))
     return error.position_mm, error.heading_deg
 
 

@@ -124,8 +124,10 @@ def after(
             still_open.append(question)
     for name, group in groups.items():
         undecided = any(q.about == name and q.rival for q in still_open)
+        size = known.size(name)
         state = OPEN if undecided else HIDDEN if len(group.values) > 1 else PRESENT
-        share = min(1.0, noise * known.size(name))
+        state = SLIGHT if size < 1 else state
+        share = min(1.0, noise * size)
         beliefs += [Belief(m, probability[m], state, group.ratio, share) for m in group.values]
     return State(questions, information, sorted(beliefs, key=lambda b: -b.probability), still_open)
 

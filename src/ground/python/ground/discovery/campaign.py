@@ -21,7 +21,7 @@ from ground.discovery import analyst, choice, confirmation, tracking
 from ground.discovery.analyst import Found
 from ground.discovery.flights import Flights, Settings
 from ground.discovery.laboratory import Laboratory
-from ground.discovery.story import CONFIRM, DECIDE, GIVEN, LEFT, LOOK, TRACK, Finding, Story
+from ground.discovery.story import CONFIRM, DECIDE, GIVEN, LEFT, LOOK, SLIGHT, TRACK, Finding, Story
 from ground.recordings.quality import repaired
 from ground.support.progress import Work
 
@@ -198,7 +198,7 @@ class Discovery(Flights):
         if after is None and self._left() >= tracking.SECONDS + RESERVED:
             self._track(final)
             if self.found is not None:
-                self._judge_flights(self.found.diagnosis.fit)
+                self._judge_flights(self.found.model)
             return
         verdict = tracking.verdict(before, after)
         refused = self._load(GIVEN) if verdict <= 0 else ""
@@ -232,11 +232,12 @@ class Discovery(Flights):
         assert found is not None
         self._add_version(label, found.model, last)
         steps = found.diagnosis.steps
+        slight = [belief.effect for belief in found.state.beliefs if belief.state == SLIGHT]
         story.findings.append(
             Finding(
                 last,
                 found.verdict,
-                [c.name for c in found.diagnosis.chosen],
+                [c.name for c in found.diagnosis.chosen if c.name not in slight],
                 {step.added: list(step.group) for step in steps},
                 found.state.beliefs,
                 label,
@@ -246,7 +247,7 @@ class Discovery(Flights):
                 as_document(found.conclusion.prediction),
             )
         )
-        self._judge_flights(found.diagnosis.fit)
+        self._judge_flights(found.model)
         refused = self._load(label)
         if refused:
             self._tell("the controllers keep the model %s: %s" % (story.in_use, refused))

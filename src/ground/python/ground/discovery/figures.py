@@ -38,7 +38,7 @@ MIN_ERROR = 1e-3  # smallest error that is drawn [mm]
 
 
 def errors(story: Story) -> Optional[Document]:
-    """The error of each model on each flight, and the floor of noise and disturbance; None before a
+    """The error of each model on each flight, and the floor of noise; None before a
     flight has any."""
     flights = [flown for flown in story.flights if flown.errors]
     if not flights:
@@ -54,7 +54,7 @@ def errors(story: Story) -> Optional[Document]:
         at = [n + step for n, _ in floors for step in (-0.4, 0.4, math.nan)]
         levels = [level for _, level in floors for _ in range(3)]
         line = {"color": FLOOR, "width": 2, "dash": "dot"}
-        figure.add(curve(at, levels, "floor of noise and disturbance", line, True))
+        figure.add(curve(at, levels, "floor of noise", line, True))
     numbers = [flown.flight.number for flown in flights]
     figure.update_xaxes(title="flight", range=[min(numbers) - 0.6, max(numbers) + 0.6], tickformat="d")
     span = [math.log10(low), math.log10(top)]
@@ -68,7 +68,7 @@ def errors(story: Story) -> Optional[Document]:
     caption = (
         "Distance of the predicted from the measured position, root mean square; logarithmic. Each model "
         "predicts the flights after those that it was fitted to, which have open marks. Floor: what noise "
-        "of the poses and the disturbance leave to a true model."
+        "of the poses alone leaves to a true model."
     )
     if any(None in flown.errors.values() for flown in flights):
         caption += " Cross at the top: the predicted motion is not finite."

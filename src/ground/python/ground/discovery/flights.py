@@ -8,7 +8,6 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import horizon
-from ground.analysis.likelihood import Fit
 from ground.discovery import analyst, pieces, tracking
 from ground.discovery.journal import FIRST, Journal
 from ground.discovery.laboratory import Laboratory
@@ -119,15 +118,14 @@ class Flights:
         self._recordings[flown.flight.number] = recording
         return True
 
-    def _judge_flights(self, fit: Fit) -> None:
-        """Sets the floors of flights, which follow from the newest levels of noise and disturbance, of
-        a fit."""
+    def _judge_flights(self, model: _core.Model) -> None:
+        """Sets the floors of flights, by the newest model."""
         for flown in self.story.flights:
             recording = self._recordings.get(flown.flight.number)
             if recording is not None and flown.flight.purpose != CONFIRM:
                 run = repaired(recording).data(self.given)
                 with contextlib.suppress(GroundError):  # too short, or a motion is not finite
-                    flown.floor = analyst.expected_off(run, fit, self.story.horizon)
+                    flown.floor = analyst.expected_off(run, model, self.story.horizon)
 
     def _off(self, run: _core.RunData, model: _core.Model) -> Optional[Off]:
         """How far the poses are off that a model predicts along a run."""

@@ -67,7 +67,7 @@ class Flown:
     path: List[Point] = field(default_factory=list)  # measured
     # Errors of the models that were there before the flight, by label; None: not finite
     errors: Dict[str, Optional[Off]] = field(default_factory=dict)
-    floor: Optional[Off] = None  # the error that noise of poses and disturbance leave
+    floor: Optional[Off] = None  # the error that noise of the poses leaves to a true model
     tracking_error: Optional[float] = None  # root mean square, when tracking [m]; None: not measured
     tracking_parts: List[float] = field(default_factory=list)  # the same in parts of the reference
     rest: List[float] = field(default_factory=list)  # as in Landed

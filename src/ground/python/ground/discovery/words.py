@@ -116,8 +116,8 @@ def off(found: Optional[tale.Off]) -> str:
 
 
 def floor(flight: Flown) -> str:
-    """What noise and disturbance leave on a flight, in parentheses; empty if it is not known."""
-    return " (noise and disturbance: %s)" % off(flight.floor) if flight.floor else ""
+    """What noise leaves on a flight, in parentheses; empty if it is not known."""
+    return " (the mocap alone: %s)" % off(flight.floor) if flight.floor else ""
 
 
 def millimetres(metres: Optional[float]) -> str:

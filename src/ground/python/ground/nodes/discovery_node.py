@@ -34,10 +34,10 @@ class DiscoveryNode:
     """Parameters: model (file of the given model, required), room (file, required), folder (keeps all,
     and is gone on from; empty: a new one in ~/ground_discoveries), budget (longest time of flight
     [s]), track (whether a reference is tracked before and after), seed (of random inputs), patience
-    (longest wait before a flight [s]). Publishes, latched: ~status, ~planned (path of the next
-    flight), ~markers. Service: ~stop.
+    (longest wait before a flight [s]), simulated (whether a sender in FAULT is armed again).
+    Publishes, latched: ~status, ~planned (path of the next flight), ~markers. Service: ~stop.
 
-    It never arms the sender.
+    It never arms the sender of a real craft.
     """
 
     def __init__(self, recorder: str) -> None:
@@ -57,8 +57,9 @@ class DiscoveryNode:
         room = _core.load_room(_required("room"))
         track = self._settings.track
         patience = _number("patience", math.inf)
+        simulated = bool(rospy.get_param("~simulated", False))
         self._laboratory = FlyingLaboratory(
-            room, self._folder, recorder, track, patience, self._wait_for, self._stopped
+            room, self._folder, recorder, track, patience, self._wait_for, self._stopped, simulated
         )
         self._discovery: Optional[Discovery] = None
         self._teller = words.Teller(_log, self._model)

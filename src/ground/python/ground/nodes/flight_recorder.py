@@ -5,6 +5,7 @@ import itertools
 import os
 import signal
 import subprocess
+import sys
 import time
 import xmlrpc.client
 from typing import List
@@ -28,9 +29,10 @@ class FlightRecorder:
         NAME-2 and so on. Returns when it records; raises GroundError when it does not."""
         self._name = _unused(folder, name)
         self.path = os.path.join(folder, self._name + ".bag")
+        remappings = [word for word in sys.argv if ":=" in word and not word.startswith("_")]
         # In a session of its own: Ctrl-C is for the node, which first lands the craft.
         self._process = subprocess.Popen(
-            [program, "--dir", folder, "--name", self._name],
+            [program, "--dir", folder, "--name", self._name, *remappings],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             start_new_session=True,
@@ -62,6 +64,10 @@ class FlightRecorder:
         with contextlib.suppress(OSError):
             return os.path.getsize(self.path + ".active") > 0
         return False
+
+    def has_ended(self) -> bool:
+        """Whether it records no more."""
+        return self._process.poll() is not None
 
     def close(self) -> str:
         """Ends the recording after the last messages. Returns the path of the bag; empty when nothing

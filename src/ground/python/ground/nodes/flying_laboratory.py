@@ -12,7 +12,7 @@ import numpy as np
 import rospy
 from ground_msgs.msg import ControllerStatus, SenderStatus, State
 from ground_msgs.srv import LoadModel
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from ground import _core
 from ground.discovery import simulated, tracking
@@ -35,6 +35,7 @@ SPARE = 10.0  # time after its end at which a controller that goes on is stopped
 BY_HAND = "stopped by hand"  # reason of a controller that was stopped by its service
 TAKEN_OVER = "has taken over"  # end of the reason of a controller that another one replaced
 ARM = "rosservice call %s true"
+ATTEMPTS = 3  # of a simulated flight
 ENDED = (ControllerStatus.DONE, ControllerStatus.STOPPED)
 IDLE = (ControllerStatus.IDLE, *ENDED)
 
@@ -47,7 +48,7 @@ class FlyingLaboratory:
     """A Laboratory (ground/discovery/laboratory.py) of the nodes `excitation` (Excitation) and
     `tracker` (ModelPredictive, None if there is none), `sender`, `mocap_state` and `live_comparison`.
 
-    It never arms the sender: it waits until somebody does. All limits are those of the nodes.
+    It never arms the sender of a real craft: it waits until somebody does. All limits are those of the nodes.
     """
 
     def __init__(
@@ -59,14 +60,16 @@ class FlyingLaboratory:
         patience: float = math.inf,
         waits: Say = rospy.logwarn,
         stopped: Say = rospy.logwarn,
+        simulated: bool = False,
     ) -> None:
         """folder: where bags and models are kept. recorder: path of scripts/record.
         tracker: whether there is one. patience: longest wait before a flight [s]. waits: called with
         a sentence when the laboratory waits for a person, and with an empty one when it no longer
         does. stopped: called with the reason when a person has stopped a flight: nothing may be flown
-        after it."""
+        after it. simulated: whether a sender in FAULT is armed again, and the flight repeated."""
         self.room = room
         self._stopped = stopped
+        self._simulated, self._faulted = simulated, False
         self._folder = folder
         self._recorder = recorder
         self._waits = waits
@@ -101,10 +104,20 @@ class FlyingLaboratory:
         if name not in self._players:
             raise GroundError("nothing flies references: start it with track:=true")
         longest = self._prepare(name, flight, inputs)
+        for _ in range(ATTEMPTS):
+            landed = self._fly(name, longest, flight)
+            failed = landed.stopped and self._newest.sender.state == SenderStatus.FAULT
+            if not failed or not self._simulated:
+                return landed
+            reason = "the computer was too busy: the sender was in FAULT (%s)" % self._newest.sender.reason
+            rospy.logwarn("discovery: %s; the flight is repeated", reason)
+        raise GroundError("%s on %d flights in a row" % (reason, ATTEMPTS))
+
+    def _fly(self, name: str, longest: float, flight: Flight) -> Landed:
         self._wait_until_ready()
         recorder = FlightRecorder(self._recorder, self._folder, "flight-%02d" % flight.number)
         try:
-            stopped = self._drive(name, longest)
+            stopped = self._drive(name, longest, recorder)
         finally:
             bag = recorder.close()
         return _landed(bag, stopped, bool(flight.reference))
@@ -183,9 +196,17 @@ class FlyingLaboratory:
             self._say(problem)
             if not problem:
                 return
+            self._arm_again()
             if time.monotonic() > deadline:
                 raise GroundError("nothing can be flown for %g s: %s" % (self._patience, problem))
             self._check()
+
+    def _arm_again(self) -> None:
+        """Arms the sender of a simulated craft after a FAULT; one that was disarmed by hand stays so."""
+        state = self._newest.sender and self._newest.sender.state
+        self._faulted = state == SenderStatus.FAULT or (self._faulted and state != SenderStatus.ARMED)
+        for armed in (False, True) if self._simulated and self._faulted else ():
+            _call("sender/arm", SetBool, data=armed)
 
     def _say(self, what: str) -> None:
         """Tells what the laboratory waits for, when it changes."""
@@ -218,7 +239,7 @@ class FlyingLaboratory:
         if self._asked.wait(LOOK):
             raise Ended(self._why)
 
-    def _drive(self, name: str, longest: float) -> str:
+    def _drive(self, name: str, longest: float, recorder: FlightRecorder) -> str:
         """Starts a controller and watches it to its end. Returns why it ended early, or ""."""
         self._check()
         started, began, asked = time.monotonic(), False, ""
@@ -236,6 +257,8 @@ class FlyingLaboratory:
                     asked = self._why
                 elif began and status.elapsed > longest:
                     asked = "it has not come to its end within %.0f s" % longest
+                elif recorder.has_ended():
+                    asked = "its recorder has ended"
                 if asked:
                     _call(name + "/stop", Trigger)
             if began and status.state == ControllerStatus.WAITING:

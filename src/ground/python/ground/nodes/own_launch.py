@@ -1,7 +1,15 @@
 """The launch that started this program."""
 
+import contextlib
+import glob
 import os
 import signal
+import time
+from typing import Dict
+
+CORES = ("rosmaster", "rosout")  # what roslaunch ends last
+PATIENCE = 12.0  # time for the nodes to end, less than roslaunch gives this program [s]
+RED = "\033[31m%s\033[0m"  # colour of errors of ROS
 
 
 def end_launch() -> bool:
@@ -13,3 +21,30 @@ def end_launch() -> bool:
         return False
     os.kill(parent, signal.SIGINT)
     return True
+
+
+def fail_launch() -> bool:
+    """Ends roslaunch like end_launch, but not with status 0, which it has whatever its nodes do: kills it
+    when the other nodes have ended. roslaunch waits for this program, which must outlast SIGINT."""
+    parent = os.getppid()
+    if not end_launch():
+        return False
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline and any(
+        not any(core in line for core in CORES) for line in _others(parent).values()
+    ):
+        time.sleep(0.05)
+    for process in [*_others(parent), parent]:
+        os.kill(process, signal.SIGKILL if process == parent else signal.SIGINT)
+    return True
+
+
+def _others(parent: int) -> Dict[int, str]:
+    """Command lines of the running children of a process by their numbers, without this one."""
+    found = {}
+    for path in glob.glob("/proc/%d/task/*/children" % parent):
+        with contextlib.suppress(OSError), open(path) as file:  # it has ended
+            for number in map(int, file.read().split()):
+                with open("/proc/%d/cmdline" % number, errors="replace") as line:
+                    found[number] = line.read()
+    return {number: line for number, line in found.items() if line and number != os.getpid()}

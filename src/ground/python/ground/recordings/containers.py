@@ -44,6 +44,7 @@ class Container:
         self.path = path
         self.warnings: List[str] = []  #: what is wrong with it, complete when its tables have been read
         self.topics: Dict[str, Topic] = {}  #: by name
+        self.namespace = ""  #: namespace of the only craft whose topics are left; empty: none
 
     def table(self, topic: str) -> Columns:
         """The columns of a topic. GroundError when it cannot be read."""
@@ -52,6 +53,21 @@ class Container:
     def of_kind(self, kind: str) -> List[str]:
         """Topics with messages of a type, by name."""
         return sorted(t for t, e in self.topics.items() if e.kind == kind and e.count > 0)
+
+    def choose(self, namespace: str, commands: str = "") -> None:
+        """Leaves out the topics of other crafts. namespace: of the craft's topics; commands: the topic of its
+        commands; each may be empty. GroundError if it is not known which craft to take."""
+        ends = [topic.rpartition("/") for topic in self.of_kind("ground_msgs/Controls")]
+        crafts = {place.strip("/"): place + "/" for place, _, end in ends if end == "controls"}
+        only = next(iter(crafts), "") if len(crafts) == 1 else ""
+        chosen = (namespace or commands.rpartition("/")[0] or only).strip("/")
+        if chosen not in crafts and (namespace or len(crafts) > 1 and not commands):
+            names = ", ".join(name or "/" for name in sorted(crafts)) or "none"
+            raise GroundError("%s: name one of its crafts by --namespace: %s" % (self.path, names))
+        if crafts.pop(chosen, None):
+            self.namespace = chosen
+            others = tuple(place for name, place in crafts.items() if name)
+            self.topics = {name: one for name, one in self.topics.items() if not name.startswith(others)}
 
     def rows(self, kind: str) -> Iterator[Dict[str, Any]]:
         """The messages of a type, by column."""

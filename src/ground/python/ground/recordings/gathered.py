@@ -12,6 +12,7 @@ from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 
 Stamps = Callable[[Columns, Clock, str, List[str]], Tuple[Indices, Flags]]
+CAME_LATE = "commands came late"
 LATE = 0.05  # least delay beyond the usual one that is late [s]
 TOGETHER = (
     0.1  # stamps of several topics that are one command lie closer [shortest usual interval of a topic]
@@ -171,6 +172,6 @@ def _late(columns: Columns, given: Flags, sent_at: Indices) -> Iterator[str]:
     interval = 1e-9 * float(np.ptp(sent_at)) / (len(sent_at) - 1)
     if (late > max(interval, LATE)).any():
         yield (
-            "%d of %d commands came late, by up to %.2g s after their stamps; if the craft acted when they "
+            "%d of %d " + CAME_LATE + ", by up to %.2g s after their stamps; if the craft acted when they "
             "came, take `time: receipt` for the commands in a mapping, and compare the errors"
         ) % ((late > max(interval, LATE)).sum(), len(late), late.max())

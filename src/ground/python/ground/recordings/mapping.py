@@ -157,6 +157,7 @@ class FieldMapping:
     loads: Tuple[Load, ...] = ()  #: what the craft carried
     rows: Tuple[int, ...] = ()  #: first and last row of tables that are read, from 1; empty: all
     types: Tuple[str, ...] = ()  #: files with definitions of types, or folders of them
+    namespace: str = ""  #: of the craft's topics, where a bag has several crafts
     file: str = ""  #: that it was read from
     sources: Mapping[str, str] = field(default_factory=dict)  #: who gave axes and heading_offset
     noise: Optional[Tuple[float, float]] = None  #: of positions [m], headings [rad]; None: their scatter
@@ -173,6 +174,7 @@ class FieldMapping:
         frame_rate: Optional[float] = None,
         stamps: Optional[str] = None,
         types: Sequence[str] = (),
+        namespace: Optional[str] = None,
     ) -> "FieldMapping":
         """The same with what options say in its place; None leaves it as it is."""
         given = {"axes": axes, "heading_offset": heading_offset, "topic": pose_topic, "body": body}
@@ -184,6 +186,7 @@ class FieldMapping:
             poses=replace(self.poses, **changed),
             commands=replace(self.commands, topic=topic),
             types=tuple(types) or self.types,
+            namespace=namespace or self.namespace,
             sources={**self.sources, **options},
             noise=self.noise if noise is None else (noise[0], noise[1]),
             frame_rate=frame_rate or self.frame_rate,
@@ -249,8 +252,8 @@ def load(path: str) -> FieldMapping:
     types = tuple(os.path.join(folder, os.path.expanduser(one)) for one in root.get("types", ()))
     noise, frame_rate = root.get("noise"), root.get("frame_rate")
     noise = None if noise is None else (noise[0], noise[1])
-    found = FieldMapping(poses, commands, inertial, battery, offset, drift, loads, rows, types, path, given)
-    found = replace(found, noise=noise, frame_rate=frame_rate)
+    found = FieldMapping(poses, commands, inertial, battery, offset, drift, loads, rows, types)
+    found = replace(found, file=path, sources=given, noise=noise, frame_rate=frame_rate)
     return found._with_stamps(root["stamps"]) if "stamps" in root else found
 
 

@@ -93,6 +93,7 @@ def read(path: str, mapping: FieldMapping = DEFAULT) -> Recording:
         mapping = pairs.chosen(mapping, pairs.files_of(path, mapping))
     with Tables(files, mapping.rows) if is_table else bags.opened(path, mapping.types) as container:
         container.path = path
+        container.choose(mapping.namespace, mapping.commands.parts()[0].topic)
         found = of_container(container, mapping)
     found = replace(found, payload=payload_of(found.name, mapping.loads))
     if mapping.rows:  # one of several runs in a file
@@ -119,6 +120,7 @@ def size(path: str) -> int:
 def settings_in(path: str, mapping: FieldMapping = DEFAULT) -> run_settings.Settings:
     """The Settings by which the mocap's poses in a bag become world_ned. Raises GroundError."""
     with opened(path, mapping.types) as bag:
+        bag.choose(mapping.namespace)
         return run_settings.settings_of(bag, ("axes", "heading_offset"), mapping, [])
 
 
@@ -177,6 +179,7 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     return replace(
         checked(path, rows, sent.rows, read_from, warnings, list(ranges), ranges),
         path=str(path),
+        namespace=source.namespace,
         lift_channel=sent.lift,
         drives=_drives(source),
         settings=settings,

@@ -83,6 +83,7 @@ class Recording(Plotted):
     files: Dict[str, RunFile] = field(default_factory=dict)  #: by `model` and `room`, if recorded
     changes: List[LiveChange] = field(default_factory=list)  #: changes during the run
     path: str = ""  #: path of the bag that it was read from
+    namespace: str = ""  #: of its topics
     channels: Tuple[str, ...] = CHANNELS  #: names of the commands
     lift_channel: str = LIFT  #: the one of the lift fan; there may be none of this name
     noise: Optional[Tuple[float, float]] = None  #: given, of positions [m] and headings [rad]

@@ -45,6 +45,7 @@ def read(path: str, recording: Recording) -> List[Track]:
     limited: List[Array] = [np.empty((0, 1 + inputs))]
     drivers: List[Tuple[float, str]] = []
     with Bag(path) as bag:
+        bag.choose(recording.namespace, "controls")
         followed = _stamped(bag, "ground_msgs/Reference", ["p[0]", "p[1]", "p_dot[0]", "p_dot[1]"])
         decided = _stamped(bag, "ground_msgs/Decision", ["computing"])
         for topic in bag.of_kind("ground_msgs/Controls"):

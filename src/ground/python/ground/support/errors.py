@@ -103,11 +103,12 @@ def warnings_as_lines() -> Iterator[None]:
         yield
 
 
-def guarded(name: str, work: Callable[[], int], debug: bool = False) -> int:
+def guarded(name: str, work: Callable[[], int], debug: bool = False, look: str = "%s") -> int:
     """The exit status of work(); a failure becomes one line on standard error and status 1.
 
     name: the program's, at the beginning of the line. debug: prints the traceback as well, as does the
-    environment variable GROUND_DEBUG. argparse's SystemExit passes through.
+    environment variable GROUND_DEBUG. look: of the line, with %s
+    for it. argparse's SystemExit passes through.
     """
     with contextlib.suppress(AttributeError, ValueError):  # a stream of another kind
         sys.stdout.reconfigure(errors="backslashreplace")  # type: ignore[attr-defined]
@@ -120,7 +121,7 @@ def guarded(name: str, work: Callable[[], int], debug: bool = False) -> int:
     except (Exception, KeyboardInterrupt) as error:
         if debug or os.environ.get("GROUND_DEBUG"):
             traceback.print_exc()
-        print(harmless("%s: %s" % (name, sentence(error))), file=sys.stderr)
+        print(look % harmless("%s: %s" % (name, sentence(error))), file=sys.stderr, flush=True)
     with contextlib.suppress(OSError, ValueError):
         _flush_or_drop(sys.stdout)
     return 1

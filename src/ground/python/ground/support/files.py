@@ -1,9 +1,11 @@
 """Writes files completely or not at all, overwrites none unasked, and never an input."""
 
 import contextlib
+import errno
 import json
 import math
 import os
+import shutil
 import tempfile
 from typing import Any, Iterable, Iterator, Optional, Sequence, Set, Tuple
 
@@ -11,6 +13,7 @@ import yaml
 
 from ground.support.errors import GroundError, reason
 
+BAG_SPACE = 2e8  # free space with which a recording may begin; with half of it, it ends [bytes]
 _inputs: Set[Tuple[int, int]] = set()  # inside protect: files that must not be replaced, (device, inode)
 
 
@@ -57,6 +60,19 @@ def refuse_existing(path: str, force: bool) -> None:
         raise GroundError("%s: there is no folder %s" % (path, folder))
     if not os.access(folder, os.W_OK | os.X_OK):
         raise GroundError("%s: the folder %s cannot be written to" % (path, folder))
+
+
+def check_bag_folder(path: str) -> None:
+    """Raises GroundError when bags cannot be written to a folder, which may be missing."""
+    place = os.path.abspath(path)
+    while not os.path.lexists(place):
+        place = os.path.dirname(place)
+    try:
+        os.rmdir(tempfile.mkdtemp(prefix=".ground-", dir=place))
+        if shutil.disk_usage(place).free < BAG_SPACE:
+            raise OSError(errno.ENOSPC, "less than %d MB are free" % (BAG_SPACE / 1e6))
+    except OSError as error:
+        raise GroundError("cannot write to the bag folder %s: %s" % (path, reason(error)))
 
 
 def temporary_file(folder: str, suffix: str = "", prefix: str = ".ground-") -> str:

@@ -1,0 +1,44 @@
+#!/usr/bin/python3
+"""A simulated discovery whose sender is in FAULT goes on without a hand, and repeats the flight."""
+
+import os
+import sys
+
+import dynamic_reconfigure.client
+import rospy
+import rostest
+from ground_msgs.msg import ControllerStatus, SenderStatus
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import harness
+from discovery_case import DiscoveryCase
+
+
+class BusyTest(DiscoveryCase):
+    def drives(self):
+        return self.controller.message.state == ControllerStatus.RUNNING and (
+            self.controller.message.elapsed > 0.5
+        )
+
+    def state(self):
+        return self.sender.message.state
+
+    def test_the_flight_is_repeated(self):
+        simulator = dynamic_reconfigure.client.Client("simulator", timeout=60)
+        self.wait_until_it_drives()
+        simulator.update_configuration({"loss": 1.0})  # as a computer without time for the mocap's node
+        harness.wait_for(lambda: self.state() == SenderStatus.FAULT, 20, "a FAULT")
+        simulator.update_configuration({"loss": 0.0})
+        harness.wait_for(
+            lambda: self.state() == SenderStatus.ARMED and self.drives(), 60, lambda: "said: " + self.said()
+        )
+        self.assertEqual(self.discovery.message.flights, 0)
+        harness.wait_for(lambda: self.discovery.message.flights == 1, 120, self.said)
+        (flown,) = self.check_folder()["flights"]
+        self.assertEqual(flown["stopped"], "")
+        self.check_room()
+
+
+if __name__ == "__main__":
+    rospy.init_node("discover_busy_test")
+    rostest.rosrun("ground", "discover_busy_test", BusyTest)
