@@ -123,7 +123,7 @@ void GroundLink::command(double now, double age, const std::string& source, cons
   if (!why.empty()) return refuseCommand(now, source, why);
   if (source != command_source_ && command_until_ > now) {
     clash_until_ = now + params_.command_timeout;
-    clash_ = "both " + command_source_ + " and " + source + " send commands: stop one of them";
+    clash_ = "both " + command_source_ + " and " + source + " send commands: end one (controller:=none)";
   }
   command_ = command;
   command_source_ = source;
