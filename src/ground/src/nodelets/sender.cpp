@@ -96,6 +96,7 @@ class Sender : public Shell {
     bench_ = optionalParameter<bool>(nh, "bench", false);
     const auto room = optionalParameter<std::string>(nh, "room", "");
     if (bench_) prepareForBench(room);
+    if (!bench_ && room.empty()) NODELET_WARN("sender: no room, so no fence keeps the craft from a wall");
     remark_ = armingRemark();
     if (!room.empty()) fence_ = Fence(loadRoom(room), 0);
     openLink(nh);

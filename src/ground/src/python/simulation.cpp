@@ -1,5 +1,6 @@
 // Bindings of simulated experiments.
 #include <pybind11/eigen.h>
+#include <pybind11/functional.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -190,6 +191,7 @@ void defParams(py::module_& module) {
       .def(py::init<>())
       .def_readwrite("reference", &TrackingParams::reference)
       .def_readwrite("controller", &TrackingParams::controller)
+      .def_readwrite("law", &TrackingParams::law)
       .def_readwrite("max_error", &TrackingParams::max_error)
       .def_readwrite("watch", &TrackingParams::watch)
       .def_readwrite("adapt", &TrackingParams::adapt);

@@ -155,6 +155,26 @@ class LivePilot : public Driver {
   double end_ = std::numeric_limits<double>::infinity();
 };
 
+/// A controller by a law, which must outlive it.
+class LawControl : public TrackingController {
+ public:
+  LawControl(const ControlLaw& law, const Model& model) : law_(law), model_(model) {}
+
+  Thrusters<double> decide(const Observation& seen) override {
+    const double time = std::max(0.0, seen.stamp - seen.reference_start);
+    const ReferencePoint at = seen.reference->at(time);
+    wanted_ = model_.body.input_max *
+              law_(seen.state.eta, seen.state.nu, {at.p, at.p_dot, at.p_ddot, at.p_dddot}, time);
+    return model_.thrusters->clipped(wanted_, model_.body.input_max);
+  }
+  Thrusters<double> wanted() const override { return wanted_; }
+
+ private:
+  const ControlLaw& law_;
+  Model model_;
+  Thrusters<double> wanted_;
+};
+
 void note(const SimulatedLab& room, ExperimentLog& log) {
   const RigidState<double>& state = room.state();
   if (!state.eta.allFinite() || !state.nu.allFinite()) {
@@ -245,7 +265,8 @@ ExperimentLog trackReference(const Model& model, const Model& believed, const Tr
   Dynamics<double>(model).requireThrusters(believed.thrusters->size());
   ExperimentLog log;
   LivePilot live(tracking, params.hazards, log);
-  const auto make = [&tracking](const Model& inside) {
+  const auto make = [&tracking](const Model& inside) -> std::unique_ptr<TrackingController> {
+    if (tracking.law) return std::make_unique<LawControl>(tracking.law, inside);
     std::unique_ptr<TrackingController> made = makeController(inside, tracking.controller);
     if (tracking.room) made->avoid({Fence(*tracking.room, tracking.room->margin), Fence::kLoss});
     return made;

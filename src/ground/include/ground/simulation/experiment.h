@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -45,10 +46,16 @@ struct DriveParams {
   std::string validate() const;  ///< error message; empty if all values are valid
 };
 
+/// From a measured state, the members of a ReferencePoint, and the time since the reference began [s] to the
+/// inputs of all thrusters, as fractions of the largest one.
+using ControlLaw = std::function<Eigen::VectorXd(const Vector3<double>& eta, const Vector3<double>& nu,
+                                                 const std::vector<Vector2<double>>&, double time)>;
+
 /// A controller that follows a reference.
 struct TrackingParams : DriveParams {
   ReferenceParams reference;
   ControllerChoice controller;
+  ControlLaw law;  ///< drives in place of `controller`; empty: it does not
   /// Error at which TrackingWatch stops it [m]; 0: defaultMaxError; infinity: never.
   double max_error = 0;
   bool watch = false;  ///< a ChangeMonitor runs beside it (ExperimentLog::changes)

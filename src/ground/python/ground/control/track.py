@@ -2,7 +2,7 @@
 
 import argparse
 import os
-from dataclasses import dataclass, make_dataclass
+from dataclasses import dataclass, make_dataclass, replace
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple, Union
 
 import numpy as np
@@ -12,11 +12,11 @@ from ground.models import Model, ModelLike
 from ground.recordings.tracks import Track
 from ground.reports import result_folder
 from ground.simulation import gains as gain_files
-from ground.simulation import listing, tracking
+from ground.simulation import laws, listing, tracking
 from ground.support import command_line, files
 from ground.support.annotations import Document, Path
 from ground.support.command_line import count, option, positive, seconds, seed
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, OptionError
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
 from ground.support.results import Plotted, Shown
@@ -202,7 +202,7 @@ def _factor(text: str) -> Tuple[str, float]:
 class _Options:
     """A controller, a craft, and the conditions of the loop."""
 
-    controller: str = option(
+    controller: Union[str, laws.Law] = option(
         "TrajectoryTracking", "control law (%(default)s)", choices=list(tracking.CONTROLLERS)
     )
     truth: Optional[ModelLike] = option(None, "true model of the craft (--model)", metavar="T.yaml")
@@ -257,22 +257,31 @@ def track(
 
     model: the controller's model. reference: its kind, or a CSV file. gains may also be names and values,
     and perturb {name: factor}. settings: further parameters of the reference, such as x, y, end_x, end_y
-    [m]. GroundError when something does not exist or the motion is not finite. Options, as keyword
-    arguments or as TrackOptions:
+    [m]. controller may also be a function: from a measured state (eta, nu), the reference (p, p_dot, p_ddot,
+    p_dddot) and the time since it began [s] to the inputs of the thrusters, 0..1. GroundError when something
+    does not exist, the motion is not finite, or that function fails. Options, as keyword arguments or as
+    TrackOptions:
 
     >>> found = ground.track(model_file, "circle", gains=gains_file, end_time=30, settled=20)
     >>> found.stopped, found.rms < 0.03  # [m]
     (False, True)
     """
-    command_line.check(options)
+    own = options.controller if callable(options.controller) else None
+    command_line.check(replace(options, controller="TrajectoryTracking") if own else options)
+    if own and options.gains is not None:
+        raise OptionError("{0} are not for a function: leave them out", "gains")
     believed = Model.of(model)
     moves = believed if options.truth is None else Model.of(options.truth)
     try:
         truth = tracking.perturbed(moves.core, dict(options.perturb))
     except ValueError as error:
         raise GroundError("--perturb: %s" % error)
-    choice = gain_files.choice(options.controller, options.gains)
-    use = tracking.effect_use(options.controller, believed.core)
+    use: Document = {"used": [], "unused": [], "remark": ""}
+    if own:
+        choice: tracking.Controller = laws.CheckedLaw(own, truth)
+    else:
+        choice = gain_files.choice(str(options.controller), options.gains)
+        use = tracking.effect_use(choice.kind, believed.core)
     work, first = Work.of(progress), 1 if options.seed is None else options.seed
     places = [(np.zeros(3), np.zeros(3))]
     if options.starts > 1 or options.seed is not None:

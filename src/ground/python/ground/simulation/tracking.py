@@ -1,7 +1,7 @@
 """A controller in closed loop with a simulated craft: its tracking error and effort."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from ground import _core
 from ground.recordings import tracks
 from ground.recordings.tracks import Track
 from ground.simulation import gains
+from ground.simulation.laws import CheckedLaw
 from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 from ground.support.progress import Work
@@ -31,6 +32,7 @@ REFERENCES: Dict[str, Tuple[Dict[str, Any], Optional[Tuple[float, float]]]] = {
 }
 
 
+Controller = Union[_core.ControllerChoice, CheckedLaw]
 Start = Tuple[Array, Array]  # pose x, y [m], psi [rad], and velocity u, v [m/s], r [rad/s]
 
 
@@ -107,7 +109,7 @@ def effect_use(kind: str, model: _core.Model) -> Document:
 def run(
     truth: _core.Model,
     believed: _core.Model,
-    controller: _core.ControllerChoice,
+    controller: Controller,
     task: Task,
     start: Optional[Start] = None,
     conditions: Optional[Conditions] = None,
@@ -115,7 +117,7 @@ def run(
     rate: float = 50.0,
     max_error: float = 0.0,
 ) -> Track:
-    """Tracks a Task once with a _core.ControllerChoice that uses the model `believed`.
+    """Tracks a Task once with a _core.ControllerChoice that uses the model `believed`, or with a law.
 
     start: pose x, y [m], psi [rad], world_ned, and velocity u, v [m/s], r [rad/s], body. max_error:
     error beyond which the controller stops itself [m], 0: by the reference's size, inf: never.
@@ -124,7 +126,11 @@ def run(
     """
     conditions = conditions or Conditions()
     params = _core.TrackingParams()
-    params.reference, params.controller = task.reference, controller
+    params.reference = task.reference
+    if isinstance(controller, CheckedLaw):
+        params.law = controller
+    else:
+        params.controller = controller
     params.life.rate, params.duration, params.max_error = rate, task.until, max_error
     params.estimate = conditions.noise
     params.start, params.life.lift_time, params.tail = 0.0, 0.5 if conditions.noise else 0.0, 0.0
@@ -137,6 +143,9 @@ def run(
         log = _core.track_reference(truth, believed, params, pose, velocity, mocap, seed)
     except RuntimeError as error:
         raise GroundError(str(error))
+    finally:
+        if isinstance(controller, CheckedLaw) and controller.failure:
+            raise controller.failure
     if not len(log["references"]):
         raise GroundError("the controller stopped before it drove: %s" % log["stopped"])
     found = _track(log, task)
@@ -175,7 +184,7 @@ def _numbers(found: Track, task: Task, log: Document) -> Document:
 def many(
     truth: _core.Model,
     believed: _core.Model,
-    controller: _core.ControllerChoice,
+    controller: Controller,
     task: Task,
     starts: Sequence[Start],
     conditions: Optional[Conditions] = None,
@@ -183,7 +192,8 @@ def many(
     work: Optional[Work] = None,
     **options: float,
 ) -> List[Track]:
-    """The Track of every start, each with its own seed; options: of `run`; work: told of each."""
+    """The Track of every start, each with its own seed; options: of `run`; work: told of each. A
+    law flies one start after the other, because it may have a memory."""
     told = work or Work()
 
     def one(i: int) -> Track:
@@ -191,7 +201,8 @@ def many(
         told.step()
         return found
 
-    return list(Workers().map(one, range(len(starts))))
+    team = Workers(count=1 if isinstance(controller, CheckedLaw) else None)
+    return list(team.map(one, range(len(starts))))
 
 
 def perturbed(model: _core.Model, factors: Dict[str, float]) -> _core.Model:
