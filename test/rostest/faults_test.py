@@ -189,6 +189,12 @@ CLOCKS = [
 ]
 # (fault, whether the craft returns on another port)
 RESTARTS = [("craft restarts", False), ("craft comes back elsewhere", True)]
+# (fault, how long the craft is off [s], whether it counts commands, whether it has a boot id)
+QUICK_RESTARTS = [
+    ("quick restart, seen by the boot id", 0.5, False, True),
+    ("quick restart, seen by the count", 0.5, True, False),
+]
+RESTART_LIMIT = requirements.limit("restart-noticed")  # longest thrust to a restarted craft [s]
 
 
 def thrust(value, driver):
@@ -351,6 +357,28 @@ class FaultsTest(unittest.TestCase):
         self.ended(FAULTS, begun)
         self.drive()  # the new port is used
 
+    def craft_restarts_quickly(self, name, seconds, counts, boots):
+        """A brown-out in mid-room that is shorter than craft_timeout and obedience_timeout."""
+        self.drive()
+        self.wire.counts, self.wire.boots = counts, boots
+        time.sleep(0.1)
+        begun = time.monotonic()
+        self.wire.deaf = self.wire.silent = True
+        time.sleep(seconds)
+        self.assertEqual(self.sender.message.state, SenderStatus.ARMED, self.sender.message.reason)
+        self.wire.restart()
+        self.wire.deaf = self.wire.silent = False
+        back = time.time()
+        harness.wait_for(lambda: self.status.message.state == ControllerStatus.STOPPED, 5, "a stop")
+        time.sleep(0.5)
+        worst = max((t - back for t in self.wire.thrust_between(back, time.time())), default=0.0)
+        self.wire.counts = self.wire.boots = True
+        self.print(name, FAULTS, "thrust until %3.0f ms after it is back" % (1e3 * worst))
+        self.assertLess(worst, RESTART_LIMIT)
+        self.assertIn("the craft has restarted", [m.reason for at, m in self.sender.all if at > begun])
+        self.ended(FAULTS, begun)
+        self.drive()
+
     def drive_by(self, driver):
         """Makes a controller drive; returns its status."""
         status = harness.Latest(driver + "/status", ControllerStatus, keep=True)
@@ -461,5 +489,6 @@ if __name__ == "__main__":
         add_tests(FaultsTest.nothing_passes, NO_WAY)
         add_tests(FaultsTest.clock_is_set, CLOCKS)
         add_tests(FaultsTest.craft_restarts, RESTARTS)
+        add_tests(FaultsTest.craft_restarts_quickly, QUICK_RESTARTS)
     rospy.init_node("faults_test")
     rostest.rosrun("ground", "faults_%s_test" % sys.argv[3], FaultsTest)

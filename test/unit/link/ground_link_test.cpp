@@ -45,9 +45,15 @@ class GroundLinkTest : public testing::Test {
   GroundLink& link() { return *link_; }
   void telemetry(const UdpAddress& from) { link().datagram(now_, encodeTelemetry(CraftTelemetry()), from); }
   /// Telemetry that counts the commands that have reached the craft.
-  void counted(std::uint32_t commands) {
+  void counted(std::uint32_t commands, std::optional<std::uint32_t> boot = {}) {
     CraftTelemetry t;
     t.commands = commands;
+    t.boot = boot;
+    link().datagram(now_, encodeTelemetry(t), kCraft);
+  }
+  void booted(std::uint32_t boot) {
+    CraftTelemetry t;
+    t.boot = boot;
     link().datagram(now_, encodeTelemetry(t), kCraft);
   }
   void garbage(const UdpAddress& from) { link().datagram(now_, "hello", from); }
@@ -275,6 +281,92 @@ TEST_F(GroundLinkTest, ACraftThatCountsNoMoreCommandsIsAFault) {
     feed(0.01, kDrive);
   }
   EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_TRUE(allZeroSince(sent));
+}
+
+TEST_F(GroundLinkTest, ACraftThatRestartsGetsNoThrustBeforeItIsArmedAgain) {
+  for (const bool has_boot : {false, true})
+    for (const bool counts : {false, true})
+      for (const double outage : {0.0, 0.1, 0.5, 1.9}) {
+        make();
+        std::uint32_t boot = 77, count = 0;
+        const auto speak = [&] {
+          if (counts) return counted(count++, has_boot ? std::make_optional(boot) : std::nullopt);
+          has_boot ? booted(boot) : telemetry(kCraft);
+        };
+        armed();
+        for (int i = 0; i < 100; ++i, feed(0.01, kDrive)) speak();
+        ASSERT_EQ(link().current(), State::kArmed);
+        feed(outage, kDrive);
+        boot = 5;
+        count = 0;
+        for (int i = 0; i < 2; ++i, feed(0.01, kDrive)) speak();
+        if (!has_boot && !counts) {  // nobody can know: see the page on the protocol
+          EXPECT_EQ(link().current(), State::kArmed);
+          continue;
+        }
+        EXPECT_EQ(link().current(), State::kFault) << has_boot << counts << outage;
+        if (outage < 1) EXPECT_EQ(link().reason(), "the craft has restarted");
+        const std::size_t sent = packets_.size();
+        for (int i = 0; i < 100; ++i, feed(0.01, kDrive)) speak();
+        EXPECT_TRUE(allZeroSince(sent));
+        link().disarm(now_, "by hand");
+        speak();
+        command(kZero);
+        EXPECT_EQ(arm(), "");
+        for (int i = 0; i < 100; ++i, feed(0.01, kDrive)) speak();
+        EXPECT_TRUE(lastIs(kDrive)) << "it drives on as the craft that it is now";
+      }
+}
+
+TEST_F(GroundLinkTest, DatagramsThatAreLateOrRepeatedAreNoRestart) {
+  armed();
+  std::uint32_t random = 1;
+  for (std::uint32_t count = 10; count < 2000; ++count) {
+    counted(count, 77);
+    if (count % 7 == 0) counted(count, 77);                   // repeated
+    if (count % 3 == 0) counted(count - 1 - random % 9, 77);  // a late one
+    random = random * 1664525 + 1013904223;
+    if (count % 5 == 0) booted(77);  // without a count
+    if (count % 11 == 0) telemetry(kCraft);
+    feed(0.01, kDrive);
+    ASSERT_EQ(link().current(), State::kArmed) << link().reason() << " at " << count;
+  }
+}
+
+TEST_F(GroundLinkTest, ACraftThatRestartsWhileDisarmedOrElsewhereCanBeArmed) {
+  counted(1000, 1);
+  counted(3, 2);
+  counted(4, 2);
+  armed();
+  counted(5, 2);
+  feed(0.1, kDrive);
+  EXPECT_TRUE(lastIs(kDrive));
+  link().disarm(now_, "by hand");
+  wait(3);
+  CraftTelemetry restarted;
+  restarted.boot = 3;
+  restarted.commands = 0;
+  link().datagram(now_, encodeTelemetry(restarted), kRestarted);
+  state();
+  command(kZero);
+  ASSERT_EQ(arm(), "");
+  link().datagram(now_, encodeTelemetry(restarted), kRestarted);
+  feed(0.1, kDrive);
+  EXPECT_TRUE(lastIs(kDrive)) << link().reason();
+}
+
+TEST_F(GroundLinkTest, ARestartDuringASilenceEndsIt) {
+  armed();
+  counted(100);
+  feed(0.1, {0.2, 0.2, 0.6});
+  ASSERT_EQ(link().silence(now_, 1.5), "");
+  feed(0.2, kZero);
+  const std::size_t sent = packets_.size();
+  counted(0);
+  counted(0);
+  EXPECT_EQ(link().current(), State::kFault);
+  EXPECT_GT(packets_.size(), sent) << "zeros at once";
   EXPECT_TRUE(allZeroSince(sent));
 }
 

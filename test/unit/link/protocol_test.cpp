@@ -158,6 +158,28 @@ TEST(DroneState, MayTellTheVoltageOfTheBattery) {
   EXPECT_FALSE(read.voltage) << "a craft of an earlier version is understood as before";
 }
 
+TEST(DroneState, MayHaveABootId) {
+  CraftTelemetry t = someTelemetry(), read;
+  const std::string without = encodeTelemetry(t);
+  t.boot = 300;
+  const std::string with = encodeTelemetry(t);
+  EXPECT_EQ(with, without + bytes({0x78, 0xac, 0x02}));  // field 15
+  ASSERT_TRUE(decodeTelemetry(with, read));
+  EXPECT_EQ(read.boot, 300u);
+  ASSERT_TRUE(decodeTelemetry(without, read));
+  EXPECT_FALSE(read.boot) << "a craft of an earlier version is understood as before";
+}
+
+TEST(DroneState, TheLongestOneIsUnderstood) {
+  CraftTelemetry t, read;
+  t.acc = t.gyro = t.mag = {-1, -1, -1};
+  t.roll = t.pitch = t.yaw = -1;
+  t.commands = t.boot = std::numeric_limits<std::uint32_t>::max();
+  t.voltage = 7.5f;
+  EXPECT_TRUE(decodeTelemetry(encodeTelemetry(t), read));
+  EXPECT_EQ(read.boot, t.boot);
+}
+
 TEST(DroneState, AVoltageThatCannotBeOneDoesNotSilenceTheCraft) {
   CraftTelemetry t = someTelemetry();
   t.commands = std::numeric_limits<std::uint32_t>::max();

@@ -54,6 +54,7 @@ void searchAll(const GroundLinkParams& params) {
               kArmed + Names{"invalid state"},
               kArmed + Names{"clock set"},
               kArmed + Names{"telemetry with a new count"},
+              kArmed + Names{"telemetry with a boot id"},
               {"hello", "zero command", "arm", "command"}},
              LinkWorld::events(), 400000);
 }
@@ -102,7 +103,9 @@ TEST(LongSequences, OfTheCraft) {
   searchLink(
       linkParams(0.25), {{"state", "zero command"}, kArmed},
       {"hello", "telemetry", "telemetry with a new count", "telemetry with the same count",
-       "telemetry of the other port", "telemetry of a stranger", "state", "zero command", "arm", "disarm",
+       "telemetry with a lower count", "telemetry with a boot id",
+       "telemetry of a restarted craft with a boot id", "telemetry of the other port",
+       "telemetry of a stranger", "state", "zero command", "arm", "disarm",
        "driving, until just before a limit", "driving, until a limit", "driving, until just after a limit",
        "driving, the count stands still until just after its limit"},
       400000);

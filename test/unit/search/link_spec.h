@@ -31,7 +31,9 @@ struct LinkSpec {
   UdpAddress fixed, craft;  ///< address as given, and as known
   bool speaks = false, locked = false;
   double heard = kNever, counted = kNever;
-  std::optional<std::uint32_t> count;
+  std::optional<std::uint32_t> count;  ///< the largest since the craft has started
+  std::optional<std::uint32_t> boot;
+  bool fell = false;  ///< the newest count was below it
 
   bool armed() const { return state == State::kArmed; }
   bool supported(double now) const {
@@ -137,14 +139,27 @@ struct LinkSpec {
       if (fixed.port != 0 || (fixed.known() && from.host != fixed.host)) return false;
       if (armed() || !(craft.port == 0 || (!locked && telemetry) || back)) return false;
       craft = from;
+      count.reset();
+      boot.reset();
+      fell = false;
     }
     heard = now;
     return true;
   }
-  void telemetry(double now, std::optional<std::uint32_t> commands) {
+  /// A craft has restarted if its boot id is another, or its count is below the largest twice in a row: UDP
+  /// repeats datagrams, and brings single ones late.
+  void telemetry(double now, std::optional<std::uint32_t> commands, std::optional<std::uint32_t> boot_id) {
     speaks = locked = true;
-    if (commands != count) counted = now;
-    count = commands;
+    const bool booted = boot && boot_id && *boot != *boot_id;
+    if (boot_id) boot = boot_id;
+    if (booted) count.reset();
+    const bool below = commands && count && *commands < *count, twice = below && fell;
+    if (commands) fell = below && !twice;
+    if (commands && !fell) {
+      if (commands != count) counted = now;
+      count = commands;
+    }
+    if ((booted || twice) && armed()) end(State::kFault);
   }
 
   template <class Visitor>
@@ -158,7 +173,8 @@ struct LinkSpec {
     }
     v.since(heard);
     v.since(counted);
-    for (const bool flag : {stopped, refused, valid, in_room, speaks, locked, count.has_value()})
+    for (const bool flag :
+         {stopped, refused, valid, in_room, speaks, locked, count.has_value(), fell, boot.has_value()})
       v.value(flag);
     v.value(static_cast<int>(state));
     v.value(accepted.thrust());

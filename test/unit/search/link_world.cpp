@@ -15,6 +15,7 @@ constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kFeed = 1.0 / 16;  // time between commands, states and telemetry that are fed [s]
 constexpr double kStall = 3;        // nobody calls for so long [s]
 const UdpAddress kCraft{0x0a000002, 4000}, kRestarted{0x0a000002, 4001}, kStranger{0x0a000003, 4000};
+constexpr std::uint32_t kCount = 1000;  // first count of a craft; no sequence reaches 0
 const MotorCommand kZero{}, kDrive{0.5, 0.25, 1}, kStrong{0.5, 0.75, 1}, kOther{0.125, 0.375, 0.5};
 
 const char* nameOf(GroundLink::State state) {
@@ -71,8 +72,13 @@ struct LinkEvents {
         {"command of another", [](W& w) { w.command(kOther, "/b"); }},
         {"hello", [](W& w) { w.datagram("hello", kCraft, {}); }},
         {"telemetry", [](W& w) { w.telemetry(kCraft); }},
-        {"telemetry with a new count", [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(0) + 1); }},
-        {"telemetry with the same count", [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(0)); }},
+        {"telemetry with a new count", [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(kCount) + 1); }},
+        {"telemetry with the same count", [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(kCount)); }},
+        {"telemetry with a lower count",
+         [](W& w) { w.telemetry(kCraft, w.spec_.count.value_or(kCount) - 1); }},
+        {"telemetry with a boot id", [](W& w) { w.telemetry(kCraft, {}, w.spec_.boot.value_or(0)); }},
+        {"telemetry of a restarted craft with a boot id",
+         [](W& w) { w.telemetry(kCraft, kCount - 100, w.spec_.boot.value_or(0) + 1); }},
         {"telemetry of the other port", [](W& w) { w.telemetry(kRestarted); }},
         {"telemetry of a stranger", [](W& w) { w.telemetry(kStranger); }},
         {"hello of a stranger", [](W& w) { w.datagram("hello", kStranger, {}); }},
@@ -204,7 +210,7 @@ void LinkWorld::datagram(const std::string& data, const UdpAddress& from,
   const Before seen = before();
   const bool known = spec_.datagram(now_, from, content.has_value());
   if (spec_.craft != seen.peer) known_since_ = now_;
-  if (known && content) spec_.telemetry(now_, content->commands);
+  if (known && content) spec_.telemetry(now_, content->commands, content->boot);
   const bool taken = link_.datagram(now_, data, from).has_value();
   const GroundLink::Counters &is = link_.counters(), &was = seen.counters;
   const bool counted = is.malformed - was.malformed == (content ? 0u : 1u) &&
@@ -216,9 +222,11 @@ void LinkWorld::datagram(const std::string& data, const UdpAddress& from,
   check(seen, "datagram");
 }
 
-void LinkWorld::telemetry(const UdpAddress& from, std::optional<std::uint32_t> count) {
+void LinkWorld::telemetry(const UdpAddress& from, std::optional<std::uint32_t> count,
+                          std::optional<std::uint32_t> boot) {
   CraftTelemetry content;
   content.commands = count;
+  content.boot = boot;
   datagram(encodeTelemetry(content), from, content);
 }
 
@@ -370,7 +378,7 @@ void LinkWorld::pass(double until, Feed feed) {
     if (now_ >= next_feed) {
       state();
       command(kDrive);
-      if (feed == Feed::kStuckCount) telemetry(kCraft, spec_.count.value_or(0));
+      if (feed == Feed::kStuckCount) telemetry(kCraft, spec_.count.value_or(kCount));
       next_feed += kFeed;
     }
     if (now_ >= until) break;
@@ -378,7 +386,7 @@ void LinkWorld::pass(double until, Feed feed) {
     now_ = std::min({until, due, std::max(next_feed, now_ + kTick)});
     tick();
   }
-  if (feed == Feed::kStuckCount && violation_.empty()) telemetry(kCraft, spec_.count.value_or(0));
+  if (feed == Feed::kStuckCount && violation_.empty()) telemetry(kCraft, spec_.count.value_or(kCount));
 }
 
 // --- Checks

@@ -52,7 +52,8 @@ class LinkWorld {
   void command(const MotorCommand& of_two, const std::string& source = "/a", double age = 0, int more = 0);
   void state(bool valid = true, double age = 0);
   void datagram(const std::string& data, const UdpAddress& from, std::optional<CraftTelemetry> content);
-  void telemetry(const UdpAddress& from, std::optional<std::uint32_t> count = {});
+  void telemetry(const UdpAddress& from, std::optional<std::uint32_t> count = {},
+                 std::optional<std::uint32_t> boot = {});
   void arm();
   void silence(double duration);
   void disarm();

@@ -79,6 +79,8 @@ bool GroundLink::isCraft(double now, const UdpAddress& from, bool telemetry) {
   const bool back = peer_speaks_ && telemetry && from.host == peer_.host && now - peer_heard_ > kPeerTimeout;
   if (!unknown && !better && !back) return false;
   peer_ = from;
+  peer_count_ = peer_boot_ = std::nullopt;
+  peer_fell_ = false;
   ++revision_;
   return true;
 }
@@ -96,9 +98,23 @@ std::optional<CraftTelemetry> GroundLink::datagram(double now, const std::string
   if (!understood) return std::nullopt;
   peer_speaks_ = peer_locked_ = true;
   ++counters_.received;
+  if (restarted(now, telemetry) && state_ == State::kArmed) fault(now, "the craft has restarted");
+  return telemetry;
+}
+
+/// Whether telemetry of the craft shows that it has restarted. UDP repeats datagrams and delivers some late,
+/// so a single lower count shows nothing.
+bool GroundLink::restarted(double now, const CraftTelemetry& telemetry) {
+  const bool booted = telemetry.boot && peer_boot_ && telemetry.boot != peer_boot_;
+  if (telemetry.boot) peer_boot_ = telemetry.boot;
+  if (booted) peer_count_.reset();
+  if (!telemetry.commands) return booted;
+  const bool lower = telemetry.commands < peer_count_, again = lower && peer_fell_;
+  peer_fell_ = lower && !again;
+  if (peer_fell_) return booted;
   if (telemetry.commands != peer_count_) peer_counted_ = now;
   peer_count_ = telemetry.commands;
-  return telemetry;
+  return booted || again;
 }
 
 void GroundLink::command(double now, double age, const std::string& source, const MotorCommand& command) {

@@ -11,8 +11,8 @@ namespace ground {
 namespace {
 
 constexpr int kOff = 1000, kRange = 1000;
-// Four floats of five bytes with their keys, nine ints of eleven, and a count of six.
-constexpr std::size_t kLongestTelemetry = 125;
+// Four floats of five bytes with their keys, nine ints of eleven, a count and a boot id of six each.
+constexpr std::size_t kLongestTelemetry = 131;
 
 unsigned toMotor(double value, double least, double most) {
   const auto share = static_cast<int>(std::lround(kRange * std::clamp(value, least, most)));
@@ -96,6 +96,7 @@ std::string encodeTelemetry(const CraftTelemetry& t) {
   state.set_mag_z(t.mag[2]);
   if (t.commands) state.set_motors_received(*t.commands);
   if (t.voltage) state.set_battery_voltage(*t.voltage);
+  if (t.boot) state.set_boot_id(*t.boot);
   return state.SerializeAsString();
 }
 
@@ -115,8 +116,10 @@ bool decodeTelemetry(const std::string& datagram, CraftTelemetry& t, std::string
        {state.gyro_x(), state.gyro_y(), state.gyro_z()},
        {state.mag_x(), state.mag_y(), state.mag_z()},
        std::nullopt,
+       std::nullopt,
        std::nullopt};
   if (state.has_motors_received()) t.commands = state.motors_received();
+  if (state.has_boot_id()) t.boot = state.boot_id();
   // A sensor that is not connected must not silence the craft.
   const float voltage = state.battery_voltage();
   if (std::isfinite(voltage) && voltage > 0) t.voltage = voltage;

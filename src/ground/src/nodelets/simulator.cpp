@@ -11,6 +11,7 @@
 #include <exception>
 #include <mutex>
 #include <pluginlib/class_list_macros.hpp>
+#include <random>
 #include <stdexcept>
 #include <thread>
 
@@ -226,6 +227,7 @@ class Simulator : public Shell {
     telemetry.acc = {felt.acceleration[0], felt.acceleration[1], -SimulatedImu::kGravity};
     telemetry.gyro = {0, 0, felt.yaw_rate};
     telemetry.commands = commands_;
+    telemetry.boot = boot_;
     if (voltage > 0) telemetry.voltage = static_cast<float>(voltage);
     socket_->send(encodeTelemetry(telemetry), sender_);
   }
@@ -248,8 +250,9 @@ class Simulator : public Shell {
   AxisMapping mapping_;
   double input_max_ = 1;
   std::uint32_t commands_ = 0;  ///< number of commands received; used only by run()
-  SimulatedImu imu_{1};         ///< used only by run()
-  double published_ = 0;        ///< last time on /clock [s]; used only by run()
+  const std::uint32_t boot_ = std::random_device()();
+  SimulatedImu imu_{1};   ///< used only by run()
+  double published_ = 0;  ///< last time on /clock [s]; used only by run()
   UdpAddress sender_;
   std::unique_ptr<UdpSocket> socket_;
   ros::Publisher pose_publisher_, truth_publisher_, clock_publisher_;

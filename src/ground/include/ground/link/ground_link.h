@@ -27,7 +27,8 @@ struct GroundLinkParams : GroundLinkFields {
 /// - FAULT sends zero packets and lasts until disarmed by hand. ARMED changes to FAULT if commands
 ///   are stale, packets cannot be sent, or the state is stale or invalid for recovery_time; until
 ///   then it sends zero packets, and commands again when the state is back. It also changes to
-///   FAULT if the craft counts received commands and its count does not increase.
+///   FAULT if the craft counts received commands and its count does not increase, or if the craft
+///   has restarted: its boot id changes, or its count is lower in two datagrams in a row.
 ///
 /// A silence tests whether the craft stops by itself: while ARMED no packet is sent for a bounded
 /// time, then the link is DISARMED. A fault, disarm or stop ends the silence early and sends zeros
@@ -120,8 +121,8 @@ class GroundLink {
     if (!send_problem_.empty()) visitor.deadline(sent_until_);
     for (const double t : {peer_heard_, peer_counted_, lost_since_}) visitor.since(t);
     for (const bool flag :
-         {peer_speaks_, peer_locked_, peer_count_.has_value(), stopped_, silent_until_.has_value(),
-          state_valid_, !room_problem_.empty(), !send_problem_.empty()})
+         {peer_speaks_, peer_locked_, peer_count_.has_value(), peer_boot_.has_value(), peer_fell_, stopped_,
+          silent_until_.has_value(), state_valid_, !room_problem_.empty(), !send_problem_.empty()})
       visitor.value(flag);
     for (const MotorCommand* command : {&command_, &sent_}) {
       for (const double input : command->thrusters) visitor.value(input);
@@ -136,6 +137,7 @@ class GroundLink {
 
  private:
   bool isCraft(double now, const UdpAddress& from, bool telemetry);
+  bool restarted(double now, const CraftTelemetry& telemetry);
   std::string objection(double age, const std::string& source, const MotorCommand& command) const;
   void watch(double now);
   std::string stateProblem(double now) const;
@@ -158,7 +160,9 @@ class GroundLink {
   bool peer_speaks_ = false;  ///< the peer has sent a DroneState
   bool peer_locked_ = false;  ///< the peer is certainly the craft: it has sent one, or was armed
   double peer_heard_;         ///< time of the craft's last datagram
-  std::optional<std::uint32_t> peer_count_;  ///< commands counted by the craft, if it does
+  std::optional<std::uint32_t> peer_count_;  ///< commands counted by the craft since its start, if it does
+  std::optional<std::uint32_t> peer_boot_;   ///< boot id of the craft, if it has one
+  bool peer_fell_ = false;                   ///< the newest count was below peer_count_
   double peer_counted_;                      ///< time of the last change of the count, or of arming
   State state_ = State::kDisarmed;
   bool stopped_ = false;

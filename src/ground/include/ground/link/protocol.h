@@ -19,7 +19,8 @@ struct CraftTelemetry {
   std::array<int, 3> acc{}, gyro{}, mag{};
   /// Number of commands received since power-on; no value if the craft does not count them.
   std::optional<std::uint32_t> commands;
-  std::optional<float> voltage;  ///< of the battery [V]; no value if the craft does not measure it
+  std::optional<float> voltage;       ///< of the battery [V]; no value if the craft does not measure it
+  std::optional<std::uint32_t> boot;  ///< differs after each start; no value if the craft does not send it
 };
 
 /// Datagram to the craft: each motor gets 1000 + 1000 value, clipped to the range of its thruster
