@@ -211,6 +211,7 @@ void LifecycleWorld::zero() {
   life_.sendZero(instant());
   noteThrown();
   active_ += pilot_->active;
+  switched_ = pilot_->switched;
   const bool sent = pilot_->sent.size() == 1 && pilot_->sent.back().zero();
   if (violation_.empty() && sent == spec_.othersDrive(instant()))
     violation_ = "zeros: none was sent, or beside another's";
