@@ -15,7 +15,8 @@ configured := build/.configured$(UNITY)$(NATIVE)
 SEED ?= 1
 export SLOW
 # CMake options in addition to the preset "default" (CMakePresets.json)
-options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY)) $(if $(NATIVE),-DGROUND_NATIVE=$(NATIVE))
+options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY)) $(if $(NATIVE),-DGROUND_NATIVE=$(NATIVE)) \
+  $(if $(CI),-Dground_warnings='-Wall;-Wextra;-Wshadow;-Werror')
 
 .PHONY: build demo test fresh lint sanitize fuzz search promises falsify mutants coverage bench bench-hidden bench-mujoco bench-discover \
   bench-tracking \

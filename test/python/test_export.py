@@ -315,6 +315,45 @@ def test_a_user_exports_a_model_and_reads_what_was_written(tmp_path):
     assert found["to"] == "c" and found["states"][-1] == "motor_lag.right" and found["inputs"][-1] == "lift"
 
 
+def _at_voltage(path, volts, effect):
+    """The craft whose thrust is known at a voltage, with an effect."""
+    text = Path(MODEL).read_text()
+    text = re.sub(r"(?m)^(  k: .*)$", r"\1\n  volts: %g" % volts, text)
+    path.write_text(re.sub(r"(?m)^effects:.*$", "effects:\n" + effect, text))
+    return ground.Model.load(path)
+
+
+FORCE_BY_VOLT = """
+  - name: lamp
+    expression: {X: "c * %s"}
+    parameters: {c: {value: 0.004, unit: N, neutral: 0}}
+"""
+
+
+@pytest.mark.parametrize(
+    "effect, name",
+    [
+        ("  - {name: battery_voltage, p: 2}\n", "battery_voltage"),
+        (FORCE_BY_VOLT % "u * volt", "lamp"),
+        (FORCE_BY_VOLT % "(volt > 3.5 ? 1 : 0)", "lamp"),
+        ("  - {name: quadratic_drag, cx: 0.01, cy: 0, cr: 0}\n" + FORCE_BY_VOLT % "sqrt(volt)", "lamp"),
+    ],
+)
+def test_what_depends_on_the_voltage_is_refused_and_never_dropped(effect, name, tmp_path):
+    craft = _at_voltage(tmp_path / "battery.yaml", 3.9, effect)
+    for to in ("numpy", "casadi", "c"):
+        with pytest.raises(ground.GroundError, match="effect %s cannot be exported.*voltage" % name):
+            craft.export(tmp_path / "craft.txt", to)
+    said = identify("export", tmp_path / "battery.yaml", "-o", tmp_path / "craft.py")
+    assert said.returncode == 1 and name in said.stderr and said.stderr.count("\n") == 1, said.stderr
+    assert not list(tmp_path.glob("craft*"))
+
+
+@pytest.mark.parametrize("effect", ["  - {name: battery_voltage, p: 0}\n", FORCE_BY_VOLT % "u"])
+def test_a_craft_of_known_voltage_is_exported_if_nothing_depends_on_it(effect, tmp_path):
+    _at_voltage(tmp_path / "battery.yaml", 3.9, effect).export(tmp_path / "craft.py")
+
+
 def test_what_cannot_be_exported_is_said_in_a_line(tmp_path):
     craft = _saved(ground.Model.load(MODEL), tmp_path)
     for arguments, words in (

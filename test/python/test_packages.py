@@ -4,6 +4,8 @@ import re
 import subprocess
 import xml.etree.ElementTree
 
+import pytest
+
 from conftest import ROOT, slow
 from ground import _core
 
@@ -55,6 +57,44 @@ def test_package_xml_has_what_debian_needs():
     assert missing == [], "neither in a package.xml nor in TOOLS"
     assert TOOLS <= set(packages) and set(KEYS) <= set(packages)
     assert {key for p in packages for key in keys_of(p)} >= {"boost", "python3-cmaes", "benchmark"}
+
+
+def _public_links():
+    """Libraries of the workspace that each library gives to its users, from its CMake files."""
+    files = [ROOT / "src/ground" / name for name in ("CMakeLists.txt", "cmake/core.cmake")]
+    text = "".join(path.read_text() for path in files)
+    direct = {}
+    for library, links in re.findall(r"target_link_libraries\(ground_(\w+)([^)]*)\)", text):
+        public = links.split("PUBLIC")[-1].split("PRIVATE")[0] if "PUBLIC" in links else ""
+        direct[library] = set(re.findall(r"\bground_(\w+)", public))
+
+    def closed(library):
+        return {library}.union(*(closed(other) for other in direct.get(library, ())))
+
+    return {library: closed(library) for library in direct}
+
+
+def test_a_library_gives_its_users_all_that_its_headers_need():
+    """Who links one library of the package finds every function that its headers use."""
+    folder, given = ROOT / "src/ground/include/ground", _public_links()
+    assert len(given) >= 6
+    for header in sorted(folder.glob("*/*.h")):
+        needed = set(re.findall(r'#include "ground/(\w+)/', header.read_text())) - {"parameters"}
+        missing = needed - given.get(header.parent.name, {header.parent.name})
+        assert not missing, "%s needs %s" % (header.relative_to(folder), ", ".join(sorted(missing)))
+
+
+def test_core_nodelets_and_bindings_are_compiled_for_one_processor():
+    """Classes that depend on the processor (Derivatives) are the same in all of them."""
+    path = ROOT / "build" / "build.ninja"
+    if not path.exists():
+        pytest.skip("there is no build by Ninja in build/")
+    compiled = r"(?ms)^build src/ground/CMakeFiles/(ground_\w+)\.dir/\S+: CXX_COMPILER.*?^  FLAGS = (.*?)$"
+    processors = {}
+    for target, flags in re.findall(compiled, path.read_text()):
+        if not re.search("_test$|_bench_|_fuzz_|throwing", target):
+            processors.setdefault(tuple(re.findall(r"-march=\S+", flags)), set()).add(target)
+    assert len(processors) == 1, processors
 
 
 def test_the_version_is_that_of_the_newest_release_in_the_change_log():

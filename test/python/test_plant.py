@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import ground
 from conftest import MODEL, ROOT
 from ground import _core
 from ground.simulation import experiments
@@ -107,3 +108,15 @@ def test_errors_of_a_plant_are_passed_on():
 
     with pytest.raises(GroundError, match='pure virtual function "Plant::advance"'):
         simulate(Unfinished(), drive)
+
+
+@pytest.mark.parametrize("count", [9, 1000])
+def test_more_thrusters_than_a_craft_can_have_are_refused(count):
+    model = ground.Model.load(MODEL).core
+    monitor = _core.ChangeMonitor(model)
+    for call in (
+        lambda: monitor.command(0.0, np.zeros(count), 1.0),
+        lambda: _core.Plant.command(Slider(), np.zeros(count), 1.0),
+    ):
+        with pytest.raises(GroundError, match="at most 8 thrusters, not %d" % count):
+            call()

@@ -9,7 +9,7 @@ import time
 import dynamic_reconfigure.client
 import rospy
 import rostest
-from fake_craft import STATE, encode_state
+from fake_craft import STATE, encode_state, is_zero
 from ground_msgs.msg import SenderStatus, Telemetry
 from sender_rig import DRIVE, ZERO, SenderTest, refusal, wait_for
 
@@ -80,6 +80,40 @@ class SenderLink(SenderTest):
         self.assertIn("0.20 m outside of the room", self.arm().message)
         self.feed.set(eta=(1.9, 0.0, 0.0))
         wait_for(lambda: self.arm().success, "arming inside")
+
+    def test_a_craft_that_glides_unseen_is_stopped_in_the_room(self):
+        """While the state is lost the lift stays on, the thrust does not, and the room still counts."""
+        self.start(room=ROOM, recovery_time=2.0, require_lift=True)
+        craft = self.craft()
+        self.feed.set(eta=(1.0, 0.0, 0.0), nu=(1.0, 0.0, 0.0))
+        self.arm_and_drive(craft)
+        lost = time.time()
+        self.feed.set(valid=False)
+        glides = craft.wait(
+            lambda packets: [p for p in packets if p.time > lost and p.left == p.right == 0 and p.lift == 1],
+            "lift without thrust",
+        )
+        self.assertLess(glides[0].time - lost, 0.25)
+        self.wait_status(lambda s: s.state == SenderStatus.FAULT, "FAULT")
+        fault = craft.wait(lambda packets: [p for p in packets if p.time > lost and is_zero(p)], "zeros")[0]
+        # At 1 m/s, 1 m from the wall, it would be there after 1 s, before recovery_time.
+        self.assertLess(fault.time - lost, 1.0)
+        self.assertGreater(fault.time - glides[0].time, 0.2)
+        unseen = [p for p in craft.since(glides[0].time) if p.left or p.right]
+        self.assertEqual(unseen, [])
+        self.assert_fault("the room")
+
+    def test_thrust_comes_back_with_the_state_and_with_the_lift(self):
+        self.start(recovery_time=1.0)
+        craft = self.craft()
+        self.arm_and_drive(craft)
+        begun = time.time()
+        for _ in range(3):
+            self.feed.set(valid=False)
+            craft.wait(lambda packets: packets[-1].left == packets[-1].right == 0, "no thrust")
+            self.feed.set(valid=True)
+            self.wait_driving(craft)
+        self.assertEqual([p for p in craft.since(begun) if p.lift != 1], [], "the skirt stays full")
 
     def test_reconfigure(self):
         self.start()

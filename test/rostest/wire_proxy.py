@@ -40,7 +40,8 @@ class WireProxy:
 
     drop, twice, swap: shares of packets that are lost, duplicated, or swapped with the next. deaf: no
     packet reaches the craft; silent: no telemetry comes from it; counts, boots: whether telemetry has the
-    number of taken commands and the boot id. packets: all packets of the sender, recorded before faults are added.
+    number of taken commands and the boot id. packets: all packets of the sender, recorded before faults
+    are added.
     """
 
     def __init__(self, sender_port, port, seed=1):
@@ -51,7 +52,7 @@ class WireProxy:
         self._to_craft.bind(("127.0.0.1", port))
         self.silent = self.deaf = False
         self.counts = self.boots = True
-        self._count, self._earlier, self._boot = 0, 0, 1  # its count, and before its start; its boot id
+        self._count, self._earlier, self._boot = 0, 0, 1  # count, that before its start; boot id
         self.move()
         self._sender, self._craft = ("127.0.0.1", sender_port), None
         self._held = None

@@ -8,7 +8,8 @@ set_target_properties(ground_core PROPERTIES
   OUTPUT_NAME _core
   LIBRARY_OUTPUT_DIRECTORY ${ground_module_output})
 # At -O1 gcc 12 warns that members of pybind11's casters are uninitialised.
-target_compile_options(ground_core PRIVATE ${ground_warnings} ${ground_shell_options}
+# Derivatives (jet.h) are those of the core, for the same processor.
+target_compile_options(ground_core PRIVATE ${ground_warnings} ${ground_shell_options} ${ground_native}
   -Wno-maybe-uninitialized)
 target_compile_definitions(ground_core PRIVATE GROUND_VERSION="${ground_VERSION}")
 target_link_libraries(ground_core PRIVATE

@@ -238,6 +238,122 @@ TEST_F(Lifecycle, StopsWithTheReasonOfPilotUserOrClock) {
   EXPECT_EQ(life.current(), State::kStopped);
 }
 
+/// Throws in one of its functions from some time on, and counts what is called.
+struct ThrowingPilot : Pilot {
+  std::string where;
+  bool open_loop = false, throws = false;
+  mutable int calls = 0, deactivated = 0;
+
+  void maybe(const std::string& function) const {
+    ++calls;
+    if (!throws || where != function) return;
+    if (function == "end") throw 42;  // not a std::exception
+    throw std::out_of_range("row 7 of 6");
+  }
+  Vector2<double> acceleration(const Inputs&) const override {
+    return maybe("acceleration"), Vector2<double>(0, 0);
+  }
+  void commanded(double, const Inputs&) override { maybe("commanded"); }
+  void driveBegan(double, double) override { maybe("driveBegan"); }
+  void activate(double) override { maybe("activate"); }
+  void deactivate() override {
+    ++deactivated;
+    maybe("deactivate");
+  }
+  std::string objection(const MeasuredState&) override { return maybe("objection"), ""; }
+  Inputs update(double, double, const RigidState<double>&, double lift) override {
+    return maybe("update"), Inputs{0.4, 0.6, lift};
+  }
+  double end() const override { return maybe("end"), 100; }
+  double nextChange(double elapsed) const override {
+    maybe("nextChange");
+    return open_loop ? elapsed + 0.1 : kByState;
+  }
+};
+
+TEST(LifecycleOfAPilotThatThrows, StopsWithZerosAndTheReasonAndCanBeStartedAgain) {
+  for (const bool open_loop : {false, true})
+    for (const std::string where : {"update", "objection", "acceleration", "commanded", "driveBegan", "end",
+                                    "nextChange", "activate", "deactivate"}) {
+      if (open_loop && where == "objection") continue;  // in an open loop it is asked with states only
+      SCOPED_TRACE(where + (open_loop ? " of an open loop" : ""));
+      ThrowingPilot pilot;
+      pilot.where = where;
+      pilot.open_loop = open_loop;
+      double time = 0, thrust_at = -1;
+      ControllerLifecycle life(
+          pilot,
+          [&](const Inputs& inputs) {
+            if (inputs.thrust() > 0) thrust_at = time;
+            life.attempt([&] { pilot.commanded(time, inputs); });
+          },
+          [] {});
+      LifecycleParams params;
+      params.require_armed = false;
+      life.setParams(params);
+      const auto pass = [&](double duration) {
+        for (const double until = time + duration; time < until; time += 0.005) {
+          MeasuredState measured;
+          measured.stamp = time;
+          measured.state = {Vector3<double>::Zero(), Vector3<double>::Zero()};
+          measured.valid = true;
+          life.state({time, time}, measured);
+          life.attempt([&] { pilot.driveBegan(0, time); });
+          life.tick({time, time});
+          life.due();
+        }
+      };
+      for (int round = 0; round < 2; ++round) {
+        pilot.throws = where == "activate";
+        pilot.deactivated = 0;
+        ASSERT_EQ(life.start({time, time}), "");
+        pass(2);
+        ASSERT_EQ(life.current() == State::kRunning, where != "activate") << life.reason();
+        const double failed_at = time;
+        pilot.throws = true;
+        if (where == "deactivate") life.stop({time, time}, "stopped by hand");
+        pass(0.1);
+        EXPECT_EQ(life.current(), State::kStopped);
+        EXPECT_NE(life.reason().find(where == "end" ? "unknown" : "row 7 of 6"), std::string::npos)
+            << life.reason();
+        EXPECT_LE(pilot.deactivated, 1);
+        EXPECT_EQ(pilot.deactivated, where == "activate" ? 0 : 1);
+        EXPECT_LT(thrust_at, failed_at + 0.03);
+        const int calls = pilot.calls;
+        pilot.throws = false;
+        pass(1);
+        EXPECT_EQ(pilot.calls, calls) << "called before the next start";
+        EXPECT_EQ(life.current(), State::kStopped);
+      }
+      pilot.throws = false;
+      ASSERT_EQ(life.start({time, time}), "");
+      pass(2);
+      EXPECT_EQ(life.current(), State::kRunning) << life.reason();
+    }
+}
+
+TEST(LifecycleOfAPilotThatThrows, GivesTheReasonOfTheStopAndOfTheException) {
+  ThrowingPilot pilot;
+  pilot.where = "deactivate";
+  pilot.throws = true;
+  ControllerLifecycle life(
+      pilot, [](const Inputs&) {}, [] {});
+  LifecycleParams params;
+  params.require_armed = false;
+  params.lift_time = 0;
+  life.setParams(params);
+  MeasuredState measured;
+  measured.state = {Vector3<double>::Zero(), Vector3<double>::Zero()};
+  measured.valid = true;
+  life.start({0, 0});
+  life.state({0, 0}, measured);
+  ASSERT_EQ(life.current(), State::kRunning) << life.reason();
+  life.timeJumped({0.1, 0.1}, "time jumped back by 2.0 s");
+  EXPECT_EQ(life.current(), State::kStopped);
+  EXPECT_NE(life.reason().find("time jumped back by 2.0 s"), std::string::npos) << life.reason();
+  EXPECT_NE(life.reason().find("row 7 of 6"), std::string::npos) << life.reason();
+}
+
 TEST_F(Lifecycle, WaitsForTheSenderAndStopsWithIt) {
   params.require_armed = true;
   life.setParams(params);

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "ground/control/reference_pilot.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
@@ -36,6 +37,54 @@ expression: {X: "-c*(u - wake)", N: "0.02*c*p"}
 parameters: {c: {value: 0.03, unit: N s/m}}
 )yaml",
                     "memory");
+}
+
+/// Where a controller believes the craft to be when its next inputs act, after a second of full thrust; its
+/// model is loaded once more `swapped` seconds before that, if at all.
+TrajectoryOptimizer::State believedAfterThrust(const Model& model, std::optional<double> swapped) {
+  constexpr double kFrame = 0.01, kEnd = 1;
+  double now = 0;
+  ReferencePilot pilot([&] { return now; }, [](const ReferencePilot::Decision&) {});
+  PredictiveControl* control = nullptr;
+  const auto load = [&] {
+    auto made = std::make_unique<PredictiveControl>(model, PredictiveParams());
+    control = made.get();
+    std::unique_ptr<TrackingController> controller = std::move(made);
+    pilot.swapController(controller, model);
+  };
+  load();
+  ReferencePtr circle = makeCircle({0, 0}, 1.0, 0.8);
+  pilot.swapReference(circle);
+  const Inputs full{1, 1, 1};
+  const double most = model.body.input_max;
+  InputSequence sent;
+  sent.add(0, most, most, 1);
+  const Dynamics<double> dynamics(model);
+  Simulation<double> craft(dynamics, sent, {Vector3<double>::Zero(), Vector3<double>::Zero()}, 0);
+  pilot.commanded(0, full);
+  pilot.activate(0);
+  for (int frame = 0; now < kEnd; ++frame) {
+    now = frame * kFrame;
+    craft.advance(now);
+    if (swapped && std::abs(now - (kEnd - *swapped)) < kFrame / 2) load();
+    pilot.objection({now, craft.state(), true});
+    pilot.update(now, now, craft.state(), 1);
+    pilot.commanded(now, full);
+  }
+  return control->plan().states().front();
+}
+
+TEST(AModelLoadedInFlight, KnowsTheCommandsThatHaveNotActedYet) {
+  for (const Model& model : {craft({{"input_delay", {0.1}}}), craft({{"motor_lag", {0.2}}}),
+                             craft({{"input_delay", {0.06}}, {"motor_lag", {0.1}}})}) {
+    const TrajectoryOptimizer::State usual = believedAfterThrust(model, {});
+    for (const double swapped : {0.0, 0.03}) {
+      const TrajectoryOptimizer::State found = believedAfterThrust(model, swapped);
+      // Without them it would be off by the thrust of the delay: 0.1 m/s and more.
+      EXPECT_LT((found - usual).segment<3>(3).norm(), 0.02) << model.effects.front().effect->info().name;
+      EXPECT_LT((found - usual).head<2>().norm(), 0.002);
+    }
+  }
 }
 
 struct Planned {

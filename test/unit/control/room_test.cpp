@@ -256,6 +256,17 @@ TEST(Fence, ObjectsToLeavingTheRoomWithAReason) {
             "the craft would come to rest 0.07 m from a wall of the room if it were stopped later");
 }
 
+TEST(Fence, AnImpossibleSpeedIsAnObjectionAndNotAnEndlessSearch) {
+  const Fence fence(square(), 0.2);
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> exponent(100, 308), heading(-3, 3);
+  for (int i = 0; i < 200; ++i) {
+    const double speed = std::pow(10, exponent(random)), sign = i % 2 ? 1 : -1;
+    RigidState<double> state = moving({0.1, 0.2}, heading(random), sign * speed, i % 3 ? speed : 0);
+    EXPECT_NE(fence.objection(state, 0.1), "") << speed;
+  }
+}
+
 /// The number before a word in a message.
 double numberBefore(const std::string& word, const std::string& message) {
   const std::size_t end = message.find(" " + word), begin = message.rfind(' ', end - 1);

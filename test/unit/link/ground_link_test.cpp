@@ -306,7 +306,9 @@ TEST_F(GroundLinkTest, ACraftThatRestartsGetsNoThrustBeforeItIsArmedAgain) {
           continue;
         }
         EXPECT_EQ(link().current(), State::kFault) << has_boot << counts << outage;
-        if (outage < 1) EXPECT_EQ(link().reason(), "the craft has restarted");
+        if (outage < 1) {
+          EXPECT_EQ(link().reason(), "the craft has restarted");
+        }
         const std::size_t sent = packets_.size();
         for (int i = 0; i < 100; ++i, feed(0.01, kDrive)) speak();
         EXPECT_TRUE(allZeroSince(sent));

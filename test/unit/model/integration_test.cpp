@@ -120,6 +120,22 @@ TEST(MotorLag, GivesTheExactImpulseForAnyTimeConstant) {
   }
 }
 
+// Also in a program that has no Simulation: each function is defined once, for everybody.
+TEST(Stepping, ItsStretchesReachTheRequestedTime) {
+  InputSequence inputs;
+  inputs.add(0.013, 0.5, 0.5, 1);
+  inputs.add(0.1, 0.2, 0.5, 1);
+  Stepping stepping(inputs, 0, 0.02, false, 0.005);
+  double sum = 0;
+  Stretch stretch{};
+  while (stepping.next(0.3, stretch)) {
+    EXPECT_LE(stretch.h, 0.005 + 1e-12);
+    sum += stretch.steps * stretch.h;
+  }
+  EXPECT_NEAR(sum, 0.3, 1e-12);
+  EXPECT_EQ(stepping.held(), 2u);
+}
+
 TEST(MotorLag, IsSettledToEarlierCommandsAtTheStart) {
   Model model = tinyWhoover();
   model.addEffect(makeEffect("motor_lag"));

@@ -8,6 +8,8 @@
 #include <string>
 
 #include "ground/control/allocation.h"
+#include "ground/control/fence.h"
+#include "ground/control/reference_pilot.h"
 #include "ground/model/effect_registry.h"
 #include "ground/model/model_file.h"
 #include "ground/model/simulation.h"
@@ -150,6 +152,66 @@ TEST(TurningThruster, IsAFixedOneInItsDirection) {
                                        acceleration(fixed, moving(0.1, -0.2, 0.3), {0.7});
     EXPECT_NEAR(difference.norm(), 0, 1e-6);  // to_string has 6 digits
   }
+}
+
+/// A room of 4 x 4 m.
+Room squareRoom() {
+  Room room;
+  room.corners = {{-2, -2}, {2, -2}, {2, 2}, {-2, 2}};
+  return room;
+}
+
+// What the fence believes of a command is what the model does with it, whatever its angles.
+TEST(Steering, TheFenceKnowsTheForceOfEveryAngle) {
+  const std::string turning =
+      "    - {name: bow, position: [0.2, 0], direction: 90, range: [-1, 1]}\n"
+      "    - {name: servo, turns: fan, angle: 90}\n";
+  const std::string stream = "    - {name: rudder, position: [-0.25, 0], angle: 30, offset: 4, foil: {";
+  std::mt19937 random(11);
+  for (const Model& model :
+       {craft(kFan + turning), craft(kFan + stream + kBoth + "}}\n"),
+        craft(kFan + stream + kStreamOnly + "}}\n"), loadModel("cfg/craft/one_fan_rudder.yaml"),
+        loadModel("cfg/craft/propeller_ship.yaml"), loadModel("cfg/craft/twin_screw_catamaran.yaml"),
+        loadModel("cfg/hovercraft/four_thrusters.yaml"), loadModel("cfg/hovercraft/tiny_whoover.yaml")}) {
+    Model plain = model;
+    for (const Model::Entry& entry : model.effects) plain.removeEffect(entry.effect->info().name);
+    ReferencePilot pilot([] { return 0.0; }, [](const ReferencePilot::Decision&) {});
+    pilot.setCraft(plain);
+    double aside = 0;
+    for (int i = 0; i < 200; ++i) {
+      Inputs inputs = Inputs::off(model.thrusters->size(), 1);
+      for (int j = 0; j < model.thrusters->size(); ++j)
+        inputs.thrusters(j) = std::uniform_real_distribution<double>((*model.thrusters)[j].least,
+                                                                     (*model.thrusters)[j].most)(random);
+      const Thrusters<double> given = model.body.input_max * asVector(inputs.thrusters);
+      const Vector3<double> moves =
+          acceleration(plain, {Vector3<double>(0, 0, 0), Vector3<double>(0, 0, 0)}, given);
+      const Vector2<double> believed = pilot.acceleration(inputs);
+      EXPECT_NEAR((believed - moves.head<2>()).norm(), 0, 1e-9) << model.name;
+      aside = std::max(aside, std::abs(believed.y()));
+    }
+    if (model.thrusters->steers()) {
+      EXPECT_GT(aside, 0.01) << model.name;
+    }
+  }
+}
+
+// At rest near a wall to starboard, a fan that was turned by 90 degrees half a second ago pushes towards it.
+TEST(Steering, ATurnedThrusterBesideAWallStopsTheDrive) {
+  const Model model = craft(kFan + std::string("    - {name: servo, turns: fan, angle: 90}\n"));
+  ReferencePilot pilot([] { return 0.0; }, [](const ReferencePilot::Decision&) {});
+  pilot.setCraft(model);
+  const Fence fence(squareRoom(), 0.2);
+  const RigidState<double> beside{Vector3<double>(0, 1.7, 0), Vector3<double>(0, 0, 0)};
+  const auto objection = [&](double angle) {
+    Inputs inputs = Inputs::off(2, 1);
+    inputs.thrusters(0) = 1;
+    inputs.thrusters(1) = angle;
+    return fence.objection(beside, 0.5, {{pilot.acceleration(inputs), 0.5}});
+  };
+  EXPECT_NE(objection(1), "");
+  EXPECT_EQ(objection(-1), "") << "it pushes away from the wall";
+  EXPECT_EQ(objection(0), "") << "it pushes along the wall";
 }
 
 TEST(Steering, EffectsChangeWhatTheModelSays) {

@@ -30,6 +30,14 @@ constexpr char kFour[] =
     "    - {name: front_right, position: [0.05, 0.0425], direction: 170, range: [-0.5, 1],\n"
     "       channel: fr, curve: {table: [[-1, -0.4], [0, 0], [0.5, 0.2], [1, 1]]}}\n";
 
+TEST(Thrusters, MoreThanACraftCanHaveAreRefused) {
+  EXPECT_EQ(Thrusters<double>(Eigen::VectorXd::Zero(8)).size(), 8);
+  EXPECT_THROW(Thrusters<double>(Eigen::VectorXd::Zero(9)), std::invalid_argument);
+  EXPECT_THROW(Thrusters<double>::zero(9), std::invalid_argument);
+  EXPECT_THROW(Thrusters<Jet>::zero(1000000), std::invalid_argument);
+  EXPECT_THROW((Thrusters<double>{0, 0, 0, 0, 0, 0, 0, 0, 0}), std::invalid_argument);
+}
+
 Model table() { return loadModel("cfg/craft/air_table.yaml"); }
 Model four(const std::string& effects = "effects: []\n") {
   return parseModel(std::string(kBody) + kFour + effects, "four.yaml");

@@ -103,7 +103,7 @@ const std::vector<std::string>& FlightWorld::events() {
 void FlightWorld::apply(int event) {
   const FlightEvents::Event& chosen = FlightEvents::all()[static_cast<std::size_t>(event)];
   if (told_) tell(chosen.name);
-  shared_->pilot.begin(false, false, false);
+  shared_->pilot.begin(false, false, false, false, false);
   shared_->packets.clear();
   given_ = 0;
   chosen.run(*this);
@@ -112,8 +112,10 @@ void FlightWorld::apply(int event) {
 void FlightWorld::show(Key& key) const {
   link_.visit(key);
   life_.visit(key);
-  for (const bool flag : {alive_, told_armed_, by_hand_, started_, lifted_, sent_}) key.value(flag);
-  for (const double t : {last_valid_, heard_, cut_at_}) key.since(t);
+  for (const bool flag : {alive_, told_armed_, by_hand_, started_, lifted_, sent_, lifts_since_ > now_})
+    key.value(flag);
+  for (const double t : {last_valid_, heard_, cut_at_, std::min(lifts_since_, now_)}) key.since(t);
+  key.value(rivals_);
   key.deadline(silent_until_);
 }
 
@@ -135,6 +137,7 @@ void FlightWorld::measure(const Pose& pose) {
 
 void FlightWorld::rival(const std::string& name) {
   link_.command(now_, 0, "/rival", kRivals);
+  rivals_ = true;
   // A command within the handover may be a late one of a controller that was replaced.
   if (!name.empty() && now_ - started_at_ > kHandover) cut();
   if (!name.empty() && alive_) life_.otherDrives(instant(), name, kRivals.lift);
@@ -240,6 +243,10 @@ void FlightWorld::check() {
   for (const MotorCommand& packet : shared_->packets) {
     last_ = packet;
     sent_ = true;
+    if (!(packet.lift > 0))
+      lifts_since_ = std::numeric_limits<double>::infinity();
+    else
+      lifts_since_ = std::min(lifts_since_, now_);
     if (!violation_.empty() || packet.thrust() == 0) continue;
     const double after = now_ - cut_at_;
     if (now_ - last_valid_ > kThrustAfterState)
@@ -256,6 +263,8 @@ void FlightWorld::check() {
       violation_ = "silence: thrust during a silence";
     else if (!(packet.lift > 0))
       violation_ = "thrust-without-lift: thrust without lift";
+    else if (!rivals_ && now_ - lifts_since_ < life_.params().lift_time - kPeriod)
+      violation_ = "lift-before-thrust: thrust before the lift was on for lift_time";
   }
   shared_->packets.clear();
   const bool over = !by_hand_ || !started_;

@@ -78,6 +78,8 @@ class FlightWorld {
   bool lifted_ = false;                      ///< the controller has switched the lift on since its start
   bool by_hand_ = false, started_ = false;   ///< armed, started since the last such event
   double silent_until_ = -1e9;
+  double lifts_since_ = -1e9;  ///< the lift is on since then; infinite while it is off [s]
+  bool rivals_ = false;        ///< a controller took over from another one, which had lifted
   MotorCommand last_;
   bool sent_ = false;
   std::string violation_, story_;

@@ -22,11 +22,17 @@ const Inputs kDrive{0.5, 0.25, 0}, kBrake{0.25, 0.5, 0};
 }  // namespace
 
 Vector2<double> SearchPilot::acceleration(const Inputs& inputs) const {
+  called();
+  return pushed(inputs);
+}
+
+Vector2<double> SearchPilot::pushed(const Inputs& inputs) const {
   const double difference = inputs.thrusters(0) - inputs.thrusters(1);
   return {difference > 0 ? kPush : difference < 0 ? -kPush : 0, 0};
 }
 
 Inputs SearchPilot::update(double elapsed, double, const RigidState<double>& state, double lift) {
+  called();
   asked = elapsed;
   invented = invented || (blind && (state.eta.array() == state.eta.array()).any());
   const bool by_state = loop == Loop::kClosed || switched;
@@ -80,6 +86,7 @@ struct LifecycleEvents {
         {"clock set ahead by 0.1 s", [](W& w) { w.clockSet(kDrift); }},
         {"the pilot objects", [](W& w) { w.objects_ = !w.objects_; }},
         {"the pilot computes NaN", [](W& w) { w.fails_ = !w.fails_; }},
+        {"the pilot throws", [](W& w) { w.throws_ = !w.throws_; }},
         {"until just before a limit", [](W& w) { w.waitForLimit(-1, false); }},
         {"until a limit", [](W& w) { w.waitForLimit(0, false); }},
         {"until just after a limit", [](W& w) { w.waitForLimit(1, false); }},
@@ -134,6 +141,8 @@ void LifecycleWorld::show(Key& key) const {
   key.value(objects_);
   key.value(fails_);
   key.value(switched_);
+  key.value(throws_);
+  key.value(threw_);
 }
 
 // --- Events
@@ -154,6 +163,7 @@ void LifecycleWorld::state(double x, double u, bool valid, double age, double he
 void LifecycleWorld::start() {
   const Before seen = before();
   const bool must = spec_.start(instant());
+  if (must) pilot_->threw = false;
   const std::string refused = life_.start(instant());
   if (must != refused.empty() && violation_.empty())
     violation_ = must ? "start: it is refused: " + refused : "start: it is not refused";
@@ -199,6 +209,9 @@ void LifecycleWorld::tick() {
 void LifecycleWorld::zero() {
   before();
   life_.sendZero(instant());
+  noteThrown();
+  active_ += pilot_->active;
+  switched_ = pilot_->switched;
   const bool sent = pilot_->sent.size() == 1 && pilot_->sent.back().zero();
   if (violation_.empty() && sent == spec_.othersDrive(instant()))
     violation_ = "zeros: none was sent, or beside another's";
@@ -257,7 +270,7 @@ void LifecycleWorld::pass(double until, bool fed) {
 // --- Checks
 
 LifecycleWorld::Before LifecycleWorld::before() const {
-  pilot_->begin(objects_, fails_, switched_);
+  pilot_->begin(objects_, fails_, switched_, throws_, threw_);
   return {life_.current(), life_.reason(), life_.started(), pilot_->changes};
 }
 
@@ -270,7 +283,7 @@ void LifecycleWorld::check(const Before& seen, const std::string& call) {
     sent_at_ = now_;
     sent_ = pilot_->sent.back();
   }
-  for (const Inputs& inputs : pilot_->sent) spec_.sends(instant(), pilot_->acceleration(inputs).x());
+  for (const Inputs& inputs : pilot_->sent) spec_.sends(instant(), pilot_->pushed(inputs).x());
   if (!violation_.empty()) return;
   // The pilot may end the drive whenever it is asked, and on the bench when it begins to drive by the state.
   const bool by_pilot = life_.current() == State::kStopped && spec_.state == State::kRunning &&
@@ -280,8 +293,19 @@ void LifecycleWorld::check(const Before& seen, const std::string& call) {
     violation_ = "finite: a command of NaN stops nothing";
   if (violation_.empty()) violation_ = sentProblem();
   if (by_pilot) spec_.change(State::kStopped);
+  noteThrown();
   if (violation_.empty()) violation_ = stateProblem(seen);
   if (told_ && !violation_.empty()) tell("  (" + call + ") " + violation_);
+}
+
+/// A pilot that throws ends the drive at once, and is called no more.
+void LifecycleWorld::noteThrown() {
+  threw_ = pilot_->threw;
+  if (violation_.empty() && pilot_->pestered) violation_ = "pilot: it has thrown, and is called";
+  if (!pilot_->throws_now) return;
+  if (violation_.empty() && life_.current() != LifecycleSpec::State::kStopped)
+    violation_ = "pilot: it throws, and that stops nothing";
+  spec_.change(LifecycleSpec::State::kStopped);
 }
 
 /// Which commands it may send.

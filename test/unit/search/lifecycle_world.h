@@ -1,6 +1,7 @@
 // A controller's life cycle, its pilot, states, the sender and two clocks: a world for the search.
 #pragma once
 
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -21,21 +22,37 @@ struct SearchPilot : Pilot {
 
   explicit SearchPilot(Loop kind) : loop(kind) {}
   void activate(double) override {
+    called();
     ++active;
     switched = false;
   }
   void deactivate() override {
     --active;
     switched = false;
+    called(true);
   }
-  std::string objection(const MeasuredState&) override { return objects ? "it objects" : ""; }
+  std::string objection(const MeasuredState&) override {
+    called();
+    return objects ? "it objects" : "";
+  }
+  /// Throws if it has to. Once it has thrown, it must not be called but to deactivate it.
+  void called(bool ends = false) const {
+    pestered = pestered || (threw && !ends);
+    threw = threw || throws;
+    throws_now = throws_now || throws;
+    if (throws) throw std::runtime_error("it throws");
+  }
   Vector2<double> acceleration(const Inputs& inputs) const override;
+  Vector2<double> pushed(const Inputs& inputs) const;  ///< acceleration() that never throws
   Inputs update(double elapsed, double, const RigidState<double>& state, double lift) override;
   double end() const override { return loop == Loop::kClosed ? std::numeric_limits<double>::infinity() : 1; }
   double nextChange(double elapsed) const override;
   /// Starts a call; the world keeps what the pilot remembers.
-  void begin(bool objecting, bool failing, bool has_switched) {
+  void begin(bool objecting, bool failing, bool has_switched, bool throwing, bool has_thrown) {
     objects = objecting;
+    throws = throwing;
+    threw = has_thrown;
+    throws_now = pestered = false;
     switched = has_switched;
     fails = failing;
     active = 0;
@@ -47,14 +64,17 @@ struct SearchPilot : Pilot {
 
   Loop loop;
   bool objects = false, fails = false;
-  bool switched = false;     ///< it drives by the state from now on
-  int active = 0;            ///< activations less deactivations
-  bool failed = false;       ///< it gave a command of NaN
-  bool blind = false;        ///< it drives without a state
-  bool invented = false;     ///< it was given a state nevertheless
-  double asked = 0;          ///< elapsed time of the last command [s]
-  bool disregarded = false;  ///< it was asked for a command by state while it objected
-  std::vector<Inputs> sent;  ///< what the life cycle sent
+  bool throws = false;                             ///< each call throws
+  mutable bool threw = false, throws_now = false;  ///< it has thrown since its start, in this call
+  mutable bool pestered = false;                   ///< it has, and was called nevertheless
+  bool switched = false;                           ///< it drives by the state from now on
+  int active = 0;                                  ///< activations less deactivations
+  bool failed = false;                             ///< it gave a command of NaN
+  bool blind = false;                              ///< it drives without a state
+  bool invented = false;                           ///< it was given a state nevertheless
+  double asked = 0;                                ///< elapsed time of the last command [s]
+  bool disregarded = false;                        ///< it was asked for a command by state while it objected
+  std::vector<Inputs> sent;                        ///< what the life cycle sent
   std::vector<Thrusters<double>> computed;
   int changes = 0;  ///< calls of Changed
 };
@@ -93,6 +113,7 @@ class LifecycleWorld {
 
   Before before() const;
   void check(const Before& before, const std::string& call);
+  void noteThrown();
   std::string sentProblem() const;
   std::string stateProblem(const Before& before) const;
   std::string pauseProblem() const;
@@ -102,7 +123,7 @@ class LifecycleWorld {
   ControllerLifecycle life_;
   LifecycleSpec spec_;
   double now_ = 64, ahead_ = 0;  ///< steady clock, and what the clock of stamps is ahead [s]
-  bool objects_ = false, fails_ = false, switched_ = false;
+  bool objects_ = false, fails_ = false, switched_ = false, throws_ = false, threw_ = false;
   int active_ = 0;
   double sent_at_ = 64;  ///< time of the last command [s]
   Inputs sent_;

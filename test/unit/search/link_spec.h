@@ -48,6 +48,9 @@ struct LinkSpec {
     return armed() && !silent_until && !lost_since && supported(now) && commanded(now);
   }
 
+  /// What is sent while the state is lost: the lift stays on, so that thrust never comes before it.
+  MotorCommand blind() const { return MotorCommand::off(thrusters, accepted.lift); }
+
   void end(State how) {
     state = how;
     silent_until.reset();

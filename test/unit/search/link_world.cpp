@@ -133,6 +133,7 @@ struct LinkWorld::Before {
   std::uint64_t revision;
   GroundLink::Counters counters;
   bool silent, lost, refused;
+  MotorCommand blind;
 };
 
 LinkWorld::LinkWorld(const GroundLinkParams& params, Wire& wire, const UdpAddress& craft,
@@ -401,7 +402,8 @@ LinkWorld::Before LinkWorld::before() const {
           link_.counters(),
           spec_.silent_until.has_value(),
           spec_.lost_since.has_value(),
-          spec_.refused};
+          spec_.refused,
+          spec_.blind()};
 }
 
 void LinkWorld::check(const Before& seen, const std::string& call, bool accepted) {
@@ -439,12 +441,13 @@ std::string LinkWorld::packetProblem(const Before& seen) const {
   for (const Wire::Packet& packet : wire_->packets) {
     if (packet.to != spec_.craft) return "craft: a packet went to another address";
     const MotorCommand& c = packet.command;
-    if (c.zero()) continue;
+    if (c.zero() || (c == seen.blind && seen.state == GroundLink::State::kArmed)) continue;
     if (!spec_.armed())
       return spec_.state == GroundLink::State::kFault ? "fault: a command was sent in FAULT"
                                                       : "armed: a command was sent while disarmed";
-    if (!spec_.supported(now_)) return "state: a command was sent without a valid state";
     if (!spec_.commanded(now_)) return "stale: a command was sent that is too old";
+    if (c == spec_.blind()) continue;
+    if (!spec_.supported(now_)) return "state: more than the lift was sent without a valid state";
     if (c != spec_.accepted)
       return "publisher: a command was sent that is not the last one of its controller";
     if (spec_.params.require_lift && c.thrust() > 0 && !(c.lift > 0))
@@ -465,8 +468,10 @@ std::string LinkWorld::stateProblem(const Before& seen) const {
     return is == State::kArmed ? std::string("ends: it is still ARMED and must be ") + nameOf(spec_.state)
                                : std::string("cause: it must be ") + nameOf(spec_.state) + ": " + became;
   const bool ended = seen.state == State::kArmed && is != State::kArmed;
-  const bool stops = ended || (spec_.lost_since && *spec_.lost_since == now_ && seen.state == State::kArmed);
-  if (stops && !(attempted_.zero() && attempted_at_ == now_)) return "zeros: none follows the end: " + became;
+  const bool stops = ended || (spec_.lost_since && !seen.lost && seen.state == State::kArmed);
+  const MotorCommand stopped = ended ? MotorCommand::off(spec_.thrusters) : spec_.blind();
+  if (stops && !(attempted_ == stopped && attempted_at_ == now_))
+    return "zeros: none follows the end: " + became;
   if (link_.peer() != spec_.craft) return "craft: another address counts as the craft";
   return "";
 }

@@ -11,6 +11,7 @@ namespace ground {
 namespace {
 
 constexpr double kHandover = 0.2;  // silence after which another controller counts as stopped [s]
+const std::string kFailed = "the controller failed: ";
 constexpr const char* kNeedsState = "it drives by the state, and require_state is false";
 
 /// State for pilots that drive without one. A pilot that uses it by mistake computes NaN commands.
@@ -39,7 +40,11 @@ ControllerLifecycle::ControllerLifecycle(Pilot& pilot, Send send, Changed change
 
 std::string ControllerLifecycle::start(Instant now) {
   if (started()) return "it has been started already";
-  if (!params_.require_state && pilot_.nextChange(0) == Pilot::kByState) return kNeedsState;
+  silenced_ = false;
+  failure_.clear();
+  const bool by_state = !params_.require_state && nextChange(0) == Pilot::kByState;
+  if (silenced_) return kFailed + std::exchange(failure_, "");
+  if (by_state) return kNeedsState;
   started_at_ = now.steady;
   lifted_ = lifted_ && others_until_ > started_at_;
   others_until_ = -kNever;  // the other one stops at the first command of this one
@@ -80,9 +85,8 @@ void ControllerLifecycle::state(Instant now, const MeasuredState& measured) {
   }
   tick(now);
   if (state_ == State::kRunning && change_at_) {
-    const std::string reason = pilot_.objection(measured);
-    if (!reason.empty()) return enter(now, State::kStopped, reason);
-    if (pilot_.nextChange(elapsed(now.time)) == Pilot::kByState) {
+    if (objects(now)) return;
+    if (nextChange(elapsed(now.time)) == Pilot::kByState && !failed(now)) {
       change_at_.reset();
       last_update_.reset();  // the first closed-loop update is due at once
     }
@@ -109,8 +113,8 @@ void ControllerLifecycle::tick(Instant now) {
     if (!leaving.empty()) enter(now, State::kStopped, leaving);
   }
   if (state_ == State::kLifting && problem.empty() && now.time >= liftedAt()) begin(now);
-  if (driving() && now.time >= running_since_ + pilot_.end()) enter(now, State::kDone, "came to its end");
-  act(now);
+  if (driving() && now.time >= running_since_ + end()) enter(now, State::kDone, "came to its end");
+  if (!failed(now)) act(now);
 }
 
 /// Computes or repeats a command if one is due.
@@ -133,7 +137,7 @@ Instant ControllerLifecycle::due() const {
     due.time = std::min(due.time, measured_->stamp + params_.state_timeout);
   }
   if (state_ == State::kLifting && !lost) due.time = std::min(due.time, liftedAt());
-  if (driving()) due.time = std::min(due.time, running_since_ + pilot_.end());
+  if (driving()) due.time = std::min(due.time, running_since_ + end());
   if (state_ == State::kRunning && change_at_) due.time = std::min(due.time, *change_at_);
   if (lost) due.steady = std::min(due.steady, *lost_since_ + params_.recovery_time);
   return due;
@@ -183,11 +187,12 @@ bool ControllerLifecycle::bridge(Instant now, const std::string& problem) {
   }
   if (!stateIsFinite() || params_.recovery_time == 0) return false;
   if (!lost_since_) lost_since_ = now.steady;
+  const double until = *lost_since_ + params_.recovery_time;
   if (state_ == State::kRunning) {
     change(State::kRecovering, "no thrust until the state is back: " + problem);
     send(now, off(params_.lift));
   }
-  return now.steady < *lost_since_ + params_.recovery_time;
+  return now.steady < until;
 }
 
 /// Why the craft has to be stopped to stay inside; empty if it may continue.
@@ -205,13 +210,14 @@ std::string ControllerLifecycle::fenceProblem(Instant now) const {
 /// Stores the thrust of a command for the fence.
 void ControllerLifecycle::noteThrust(double time, const Inputs& inputs) {
   if (!measured_) thrusts_.clear();  // only the last one may count
-  const Vector2<double> acceleration = pilot_.acceleration(inputs);
+  const Vector2<double> acceleration =
+      ask([&] { return pilot_.acceleration(inputs); }, Vector2<double>(0, 0));
   if (thrusts_.empty() || thrusts_.back().acceleration != acceleration)
     thrusts_.push_back({time, acceleration});
 }
 
 void ControllerLifecycle::schedule(double elapsed) {
-  const double next = pilot_.nextChange(elapsed);
+  const double next = nextChange(elapsed);
   change_at_ = next == Pilot::kByState ? std::nullopt : std::make_optional(running_since_ + next);
 }
 
@@ -219,30 +225,25 @@ void ControllerLifecycle::begin(Instant now) {
   running_since_ = now.time;
   last_update_.reset();
   known_ = measured_;
-  try {
-    pilot_.activate(now.time);
-    schedule(0);
-    if (change_at_) change_at_ = now.time;  // its first inputs are due at once
-  } catch (const std::exception& error) {
-    enter(now, State::kStopped, error.what());
-    return;
-  }
+  attempt([&] { pilot_.activate(now.time); });
+  if (!failure_.empty()) return enter(now, State::kStopped, std::exchange(failure_, ""));
   const std::string remark = pilot_.caution();
   change(State::kRunning, remark.empty() ? "driving" : "driving; " + remark);
+  schedule(0);
+  if (change_at_) change_at_ = now.time;  // its first inputs are due at once
 }
 
 void ControllerLifecycle::control(Instant now, double stamp) {
   if (!change_at_ && !params_.require_state) return enter(now, State::kStopped, kNeedsState);
   // By the mocap's latency, the state may be older than the start.
   const double elapsed = std::max(0.0, stamp - running_since_);
-  if (!change_at_) {
-    const std::string reason = pilot_.objection(*measured_);
-    if (!reason.empty()) return enter(now, State::kStopped, reason);
-  }
+  if (!change_at_ && objects(now)) return;
+  const RigidState<double> state = params_.require_state ? measured_->state : noState();
   const Inputs inputs =
-      pilot_.update(elapsed, stamp, params_.require_state ? measured_->state : noState(), params_.lift);
+      ask([&] { return pilot_.update(elapsed, stamp, state, params_.lift); }, off(params_.lift));
   last_update_ = stamp;
   schedule(elapsed);
+  if (failed(now)) return;
   if (!inputs.finite()) return enter(now, State::kStopped, "the command is not finite");
   send(now, inputs);
 }
@@ -257,15 +258,57 @@ void ControllerLifecycle::change(State state, const std::string& reason) {
   state_ = state;
   reason_ = reason;
   if (!driving() && state_ != State::kLifting) lost_since_.reset();
-  if (was_driving && !driving()) pilot_.deactivate();
+  if (was_driving && !driving()) {
+    const std::string failure = deactivated();
+    if (!failure.empty()) state_ = State::kStopped;
+    if (!failure.empty()) reason_ += "; " + kFailed + failure;
+  }
   changed_();
+}
+
+/// Deactivates the pilot, also one that has thrown. Returns what it throws now, or an empty string.
+std::string ControllerLifecycle::deactivated() {
+  const bool had_thrown = std::exchange(silenced_, false);
+  attempt([&] { pilot_.deactivate(); });
+  silenced_ = silenced_ || had_thrown;
+  return std::exchange(failure_, "");
+}
+
+/// Stops the drive if the pilot has thrown since the last call; returns whether it has.
+bool ControllerLifecycle::failed(Instant now) {
+  if (failure_.empty()) return false;
+  enter(now, State::kStopped, kFailed + std::exchange(failure_, ""));
+  return true;
+}
+
+/// Stops the drive if the pilot objects to the last state; returns whether it has stopped.
+bool ControllerLifecycle::objects(Instant now) {
+  const std::string reason = ask([&] { return pilot_.objection(*measured_); }, std::string());
+  if (!failed(now) && !reason.empty()) enter(now, State::kStopped, reason);
+  return !driving();
+}
+
+double ControllerLifecycle::end() const {
+  return ask([&] { return pilot_.end(); }, std::numeric_limits<double>::infinity());
+}
+
+double ControllerLifecycle::nextChange(double elapsed) const {
+  return ask([&] { return pilot_.nextChange(elapsed); }, Pilot::kByState);
+}
+
+const ThrusterLayout& ControllerLifecycle::layout() const {
+  try {
+    return pilot_.layout();
+  } catch (...) {
+    return *thrusterPair();
+  }
 }
 
 void ControllerLifecycle::send(Instant now, const Inputs& inputs) {
   next_keepalive_ = now.steady + kKeepalive;
   if (!started() && now.steady < others_until_) return;
   noteThrust(now.time, inputs);
-  send_(inputs);
+  if (!failed(now)) send_(inputs);
 }
 
 /// Lift input while the thrusters are off; a controller that takes over keeps the lift on.

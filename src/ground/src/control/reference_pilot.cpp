@@ -19,7 +19,9 @@ double processorTime() {
 }  // namespace
 
 ReferencePilot::ReferencePilot(Clock clock, Decided decided, Clock steady)
-    : clock_(std::move(clock)), steady_(std::move(steady)), decided_(std::move(decided)) {}
+    : clock_(std::move(clock)), steady_(std::move(steady)), decided_(std::move(decided)) {
+  given_.reserve(kGiven);
+}
 
 void ReferencePilot::setCraft(const Model& model) {
   input_max_ = model.body.input_max;
@@ -31,6 +33,8 @@ void ReferencePilot::swapController(std::unique_ptr<TrackingController>& control
   controller_.swap(controller);
   controller_->setClock(steady_);
   setCraft(model);
+  for (const auto& [time, inputs] : given_)
+    controller_->commanded(time, input_max_ * asVector(inputs.thrusters), inputs.lift);
   obedience_.reset();
   if (!expects_obedience_) return;
   obedience_.emplace(model);
@@ -53,11 +57,13 @@ void ReferencePilot::goHome(const Room& room, const std::string& why) {
 Vector2<double> ReferencePilot::acceleration(const Inputs& inputs) const {
   if (push_ == 0) return {0, 0};
   const Thrusters<double> thrusters = input_max_ * asVector(inputs.thrusters);
-  return push_ * thrusters_->totalAt(thrusters).head<2>();
+  return push_ * thrusters_->atRest(thrusters).head<2>();
 }
 
 void ReferencePilot::commanded(double time, const Inputs& inputs) {
   drive_.command(time, inputs.lift);
+  if (given_.size() == kGiven) given_.erase(given_.begin());
+  given_.emplace_back(time, inputs);
   const Thrusters<double> thrusters = input_max_ * asVector(inputs.thrusters);
   if (controller_) controller_->commanded(time, thrusters, inputs.lift);
   if (obedience_) obedience_->command(time, thrusters, inputs.lift);

@@ -95,6 +95,7 @@ double Room::clearance(const Position& point) const {
 
 double Room::clearanceOfWay(const Position& from, const Position& to) const {
   const double length = (to - from).norm();
+  if (!std::isfinite(length)) return -std::numeric_limits<double>::infinity();
   double least = std::min(clearance(from), clearance(to));
   // Clearance changes by at most one metre per metre: the next sample is where it may be smaller.
   for (double way = 0; way < length;) {

@@ -260,22 +260,22 @@ void GroundLink::watch(double now) {
   if (state_ != State::kArmed) return;
   if (silent_until_ && *silent_until_ <= now) return disarm(now, "disarmed after the silence");
   if (command_until_ <= now) return fault(now, because("commands are stale", command_problem_));
-  watchState(now);
-  if (state_ != State::kArmed) return;
   // It may have restarted, and must not receive thrust when it returns.
   if (craftSilent(now)) return fault(now, "the craft has fallen silent (craft_timeout)");
   if (receivesNoCommands()) return disobeyed(now, "its count of received commands stands still");
   if (!send_problem_.empty() && sent_until_ <= now)
     return fault(now, because("packets cannot be sent", send_problem_));
+  watchState(now);
 }
 
-/// Sends zeros while the state is lost, for at most recovery_time.
+/// Cuts the thrust while the state is lost, for at most recovery_time. The lift stays as commanded: a skirt
+/// without air would have to be filled again before the next thrust.
 void GroundLink::watchState(double now) {
   const std::string lost = params_.require_state ? stateProblem(now) : "";
   if (!lost.empty() && lost_since_ == kNever) {
     if (params_.recovery_time == 0 || silent_until_) return fault(now, lost);
     lost_since_ = now;
-    enter(State::kArmed, "zero until the state is back: " + lost);
+    enter(State::kArmed, "no thrust until the state is back: " + lost);
     transmit(now);
   } else if (lost.empty() && lost_since_ != kNever) {
     lost_since_ = kNever;
@@ -317,9 +317,13 @@ void GroundLink::enter(State state, const std::string& reason) {
 void GroundLink::transmit(double now) {
   next_packet_ = now + 1 / params_.keepalive_rate;
   if (silent_until_) return;
+  MotorCommand command = MotorCommand::off(layout_->size());
+  if (state_ == State::kArmed) command.lift = command_.lift;
   const bool obeys = state_ == State::kArmed && lost_since_ == kNever;
-  sendPacket(now, obeys ? command_ : MotorCommand::off(layout_->size()));
+  sendPacket(now, obeys ? command_ : command);
 }
+
+bool GroundLink::blind() const { return state_ == State::kArmed && lost_since_ != kNever; }
 
 void GroundLink::sendZero(double now) { sendPacket(now, MotorCommand::off(layout_->size())); }
 

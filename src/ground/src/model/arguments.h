@@ -34,7 +34,8 @@ T argumentOf(const Point<T>& point, int i) {
   if (i < kFirstInputArgument) return point.eta(i - 3);
   const int input = i - kFirstInputArgument, inputs = point.layout.size();
   if (input < inputs) return point.input(input);
-  if (input > inputs + 1) return valueOf(point.volts) > 0 ? T(point.volts) : T(point.body.volts);
+  const bool unknown = isConstant(point.volts) && !(valueOf(point.volts) > 0);
+  if (input > inputs + 1) return unknown ? T(point.body.volts) : T(point.volts);
   return input == inputs ? T(point.lift) : point.t;
 }
 

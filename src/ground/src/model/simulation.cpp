@@ -80,7 +80,7 @@ GROUND_INLINE bool Stepping::reach(double time, bool moves, Stretch& stretch) {
   return true;
 }
 
-inline bool Stepping::next(double time, Stretch& stretch) {
+bool Stepping::next(double time, Stretch& stretch) {
   if (!(time >= time_)) refuseTime(time_, time);
   while (next_ < inputs_->size()) {
     const double change = inputs_->times[next_] + delay_;

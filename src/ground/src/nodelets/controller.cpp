@@ -95,16 +95,18 @@ void Controller::setParams(LifecycleParams params) {
 
 void Controller::onDrive(const ground_msgs::Drive::ConstPtr& message) {
   const std::lock_guard lock(mutex_);
-  pilot_.driveBegan(seconds(message->began), seconds(message->header.stamp));
+  const double began = seconds(message->began), as_of = seconds(message->header.stamp);
+  life_.attempt([&] { pilot_.driveBegan(began, as_of); });
 }
 
 void Controller::onControls(const ground_msgs::Controls::ConstPtr& message) {
   const std::string& driver = message->header.frame_id;
   const std::lock_guard lock(mutex_);
   if (driver.empty() || driver == name_) return;
-  const bool fits = misfit(*message, pilot_.layout()).empty();
+  const bool fits = misfit(*message, life_.layout()).empty();
   if (fits && !readInputs(*message).finite()) return;
-  if (fits) pilot_.commanded(seconds(message->header.stamp), readInputs(*message));
+  const double stamp = seconds(message->header.stamp);
+  if (fits) life_.attempt([&] { pilot_.commanded(stamp, readInputs(*message)); });
   if (std::isfinite(message->lift)) life_.otherDrives(now(), driver, message->lift);
 }
 
@@ -170,10 +172,12 @@ void Controller::publish(const Inputs& inputs) {
   auto message = boost::make_shared<ground_msgs::Controls>();
   message->header.stamp = stamp;
   if (life_.started()) message->header.frame_id = name_;
-  writeInputs(inputs, pilot_.layout(), *message);
+  writeInputs(inputs, life_.layout(), *message);
   controls_.publish(message);
-  pilot_.commanded(seconds(stamp), inputs);
-  sent();
+  life_.attempt([&] {
+    pilot_.commanded(seconds(stamp), inputs);
+    sent();
+  });
   if (!decision_) return;
   wanted_publisher_.publish(wanted_);
   decision_publisher_.publish(decision_);

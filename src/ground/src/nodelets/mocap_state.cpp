@@ -81,9 +81,9 @@ class MocapState : public Shell {
     down.child_frame_id = "world_ned";
     down.transform.rotation.x = 1;
     static_broadcaster_->sendTransform(down);
+    loadSensors(nh);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) { apply(c); });
     thread_ = std::thread([this] { watch(); });
-    loadSensors(nh);
     sensors_ = topics.subscribe("sender/telemetry", 10, &MocapState::onTelemetry, this,
                                 ros::TransportHints().tcpNoDelay());
     subscriber_ = topics.subscribe("vrpn_client_node/hovercraft/pose", 10, &MocapState::onPose, this,

@@ -1,6 +1,7 @@
 #include <ground/OpenLoopPRBSConfig.h>
 
 #include <memory>
+#include <optional>
 #include <pluginlib/class_list_macros.hpp>
 
 #include "ground/control/excitation_pilot.h"
@@ -14,8 +15,8 @@ namespace ground {
 /// inputs.
 ///
 /// Parameters: csv (file of rows LEFT,RIGHT; empty: generated from order and seed), rows_per_bit of
-/// that file (0: determined from the file), order (9), seed (1), model (of the craft, to refuse one
-/// with other thrusters; empty: no check), and those of OpenLoopPRBS.cfg, which take effect at the
+/// that file (0: determined from the file), order (9), seed (1), model (of the craft, for the fence, and to
+/// refuse one with other thrusters; empty: neither), and those of OpenLoopPRBS.cfg, which take effect at the
 /// next start.
 class OpenLoopPRBS : public Controller {
  public:
@@ -28,10 +29,11 @@ class OpenLoopPRBS : public Controller {
  private:
   void load(ros::NodeHandle& nh) override {
     const auto file = optionalParameter<std::string>(nh, "model", "");
-    const Model model = file.empty() ? Model() : loadModelAndWarn(file);
-    if (!model.thrusters->isPair())
-      throw std::runtime_error("OpenLoopPRBS has levels for a left and a right thruster, and " + model.name +
-                               " lists others (" + model.thrusters->names() +
+    std::optional<Model> model;
+    if (!file.empty()) model = loadModelAndWarn(file);
+    if (model && !model->thrusters->isPair())
+      throw std::runtime_error("OpenLoopPRBS has levels for a left and a right thruster, and " + model->name +
+                               " lists others (" + model->thrusters->names() +
                                "): use an excitation of design prbs");
     const auto csv = optionalParameter<std::string>(nh, "csv", "");
     const int order = optionalParameter<int>(nh, "order", 9);
@@ -43,7 +45,7 @@ class OpenLoopPRBS : public Controller {
       sequence_ = readPrbs(csv, optionalParameter<int>(nh, "rows_per_bit", 0));
     }
     using Config = OpenLoopPRBSConfig;
-    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this, csv](const Config& c) {
+    reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this, csv, model](const Config& c) {
       const auto params = paramsIn<PrbsParams>(c);
       auto life = paramsIn<LifecycleParams>(c);
       life.recovery_time = 0;
@@ -51,7 +53,7 @@ class OpenLoopPRBS : public Controller {
       InputSignal signal = playBits(sequence_, params);
       const std::lock_guard lock(mutex());
       setParams(life);
-      pilot_.play(std::move(signal), params.duration);
+      pilot_.play(std::move(signal), params.duration, model ? &*model : nullptr);
     });
   }
 

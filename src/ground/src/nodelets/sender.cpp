@@ -187,10 +187,16 @@ class Sender : public Shell {
     link_->state(steadyNow(), age(state->header), valid,
                  state->valid && !finite ? "the state is not finite" : state->status);
     if (valid) {
-      if (fence_) link_->confine(steadyNow(), fence_->objection(measured, age(state->header)));
+      seen_.emplace(state->header, measured);
+      confine();
       watchMotion(*state, measured);
     }
     collect();
+  }
+
+  /// Checks by the last valid state that the craft stays in the room. mutex_ is held.
+  void confine() {
+    if (fence_ && seen_) link_->confine(steadyNow(), fence_->objection(seen_->second, age(seen_->first)));
   }
 
   /// Checks whether the craft follows its commands. mutex_ is held.
@@ -273,6 +279,7 @@ class Sender : public Shell {
         if (const auto telemetry = link_->datagram(now, data, from)) report(*telemetry);
       }
       link_->tick(now);
+      if (link_->blind()) confine();  // the craft glides on with the lift
       if (auto_arm_ && link_->arm(now, remark_).empty()) auto_arm_ = false;
       wait = std::clamp(link_->nextPacket() - now, 0.0, kTick);
       collect();
@@ -372,12 +379,13 @@ class Sender : public Shell {
   InheritingMutex mutex_;  ///< guards all members down to next_status_
   std::unique_ptr<UdpSocket> socket_;
   std::unique_ptr<GroundLink> link_;
-  std::optional<Fence> fence_;                 ///< no value without a room
-  std::unique_ptr<ObedienceWatch> obedience_;  ///< null without a model
-  ThrusterLayoutPtr layout_ = thrusterPair();  ///< constant after start()
-  bool bench_ = false;                         ///< no state is needed; constant after start()
-  bool real_time_ = false;                     ///< constant after start()
-  std::string remark_;  ///< remark of the last arming about bench and own stop; may be empty
+  std::optional<Fence> fence_;                                           ///< no value without a room
+  std::optional<std::pair<std_msgs::Header, RigidState<double>>> seen_;  ///< the last valid state
+  std::unique_ptr<ObedienceWatch> obedience_;                            ///< null without a model
+  ThrusterLayoutPtr layout_ = thrusterPair();                            ///< constant after start()
+  bool bench_ = false;      ///< no state is needed; constant after start()
+  bool real_time_ = false;  ///< constant after start()
+  std::string remark_;      ///< remark of the last arming about bench and own stop; may be empty
   bool auto_arm_ = false;
   std::uint64_t collected_ = 0;  ///< revision of the link in the newest status
   double next_status_ = 0;       ///< steady clock [s]

@@ -101,7 +101,7 @@ class Simulator : public Shell {
   static Model scaled(Model model, const Factors& factors) {
     for (std::size_t i = 0; i < factors.size(); ++i)
       if (factors[i] != 1) model.setValue(kScaled[i], factors[i] * model.value(kScaled[i]));
-    for (const Implausibility& found : implausibilities(model.body))
+    for (const Implausibility& found : implausibilities(model.body, *model.thrusters))
       if (found.refused) throw std::invalid_argument(found.key + ": " + found.message);
     return model;
   }

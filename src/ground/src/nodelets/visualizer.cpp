@@ -177,21 +177,33 @@ class Visualizer : public Shell {
     return half;
   }
 
-  /// Force of each thruster at the newest command [N].
-  Thrusters<double> thrust() const {
+  /// The newest command.
+  Thrusters<double> commanded() const {
+    const bool fits = controls_ && misfit(*controls_, *model_.thrusters).empty();
+    return fits ? readInputs(*controls_).thrusters : Thrusters<double>::zero(model_.thrusters->size());
+  }
+
+  /// Force of thruster i alone, with all angles, forward and to starboard [N].
+  Vector2<double> force(int i, Thrusters<double> inputs) const {
     const ThrusterLayout& layout = *model_.thrusters;
-    const bool fits = controls_ && misfit(*controls_, layout).empty();
-    const Inputs inputs = fits ? readInputs(*controls_) : Inputs::off(layout.size());
-    Thrusters<double> forces = layout.forces(layout.clipped(inputs.thrusters));
-    forces *= model_.body.k * model_.body.input_max;
-    return forces;
+    const double full = model_.body.input_max;
+    for (int j = 0; j < inputs.size(); ++j)
+      if (layout.pushes(j) && j != i) inputs(j) = 0;
+    if (!layout.pushes(i)) return {0, 0};
+    return model_.body.k *
+           layout.atRest(layout.clipped(Thrusters<double>(full * asVector(inputs)), full)).head<2>();
   }
 
   /// Force of the strongest thruster at full input [N].
   double fullThrust() const {
-    double gain = 1;
-    for (const Thruster& one : model_.thrusters->thrusters()) gain = std::max(gain, one.gain);
-    return gain * model_.body.k * model_.body.input_max;
+    const ThrusterLayout& layout = *model_.thrusters;
+    double full = 0;
+    for (int i = 0; i < layout.size(); ++i) {
+      Thrusters<double> inputs = Thrusters<double>::zero(layout.size());
+      inputs(i) = layout[i].most;
+      full = std::max(full, force(i, inputs).norm());
+    }
+    return full;
   }
 
   /// Hull, bow, and an arrow of force at each thruster.
@@ -226,10 +238,9 @@ class Visualizer : public Shell {
                     const geometry_msgs::Pose& craft, At at) const {
     using visualization_msgs::Marker;
     const double l = halfWidth() / 1.8, per_newton = config_.thrust_length / fullThrust();
-    const Thrusters<double> forces = thrust();
-    for (int i = 0; i < forces.size(); ++i) {
+    const Thrusters<double> inputs = commanded();
+    for (int i = 0; i < inputs.size(); ++i) {
       const Vector2<double> place = placeOf(i);
-      const Vector2<double> along(model_.thrusters->forward(i), model_.thrusters->starboard(i));
       const std::size_t shade = static_cast<std::size_t>(i) % palette::kThrusters.size();
       Marker thruster = marker(stamp, kThrusters + i, Marker::CYLINDER, palette::kThrusters[shade]);
       thruster.pose = craft;
@@ -237,7 +248,7 @@ class Visualizer : public Shell {
       thruster.scale.x = thruster.scale.y = 1.4 * l;
       thruster.scale.z = 0.6 * l;
       Marker arrow = marker(stamp, kThrust + i, Marker::ARROW, palette::kThrusters[shade]);
-      const Vector2<double> tip = place + per_newton * forces(i) * along;
+      const Vector2<double> tip = place + per_newton * force(i, inputs);
       arrow.points = {at(place.x(), place.y(), -1.5 * l), at(tip.x(), tip.y(), -1.5 * l)};
       arrow.scale.x = kArrowWidth;
       arrow.scale.y = 2.3 * kArrowWidth;

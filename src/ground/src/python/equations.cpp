@@ -60,12 +60,13 @@ struct SymbolicModel {
   RigidState<Symbol> state;
   std::vector<Symbol> states;
   Thrusters<Symbol> input;
-  Symbol lift, t, dt;
+  Symbol lift, volts, t, dt;
 
   explicit SymbolicModel(const Model& model)
       : dynamics(model, coordinates(model)),
         input(Thrusters<Symbol>::zero(model.thrusters->size())),
         lift(trace.variable("input lift")),
+        volts(trace.variable("voltage")),
         t(trace.variable("t")),
         dt(trace.variable("dt")) {
     for (int i = 0; i < 3; ++i) {
@@ -79,7 +80,8 @@ struct SymbolicModel {
   /// Time derivatives of the pose, of the velocity and of those states that have rates, at inputs that act.
   py::list motion() {
     std::vector<Symbol> rates(states.size(), Symbol(0.0));
-    const RigidState<Symbol> dot = dynamics.derivative(t, state, input, lift, states.data(), rates.data());
+    const RigidState<Symbol> dot =
+        dynamics.derivative(t, state, input, {lift, volts}, states.data(), rates.data());
     std::vector<Symbol> all(dot.eta.data(), dot.eta.data() + 3);
     all.insert(all.end(), dot.nu.data(), dot.nu.data() + 3);
     all.insert(all.end(), rates.begin(), rates.end());
@@ -89,7 +91,7 @@ struct SymbolicModel {
   /// it; the inputs that act at an instant and the rates of the states.
   void actuate(py::dict& outputs) {
     std::vector<Symbol> after = states;
-    const StepInputs<Symbol> inputs = dynamics.actuate(input, lift, dt, after.data());
+    const StepInputs<Symbol> inputs = dynamics.actuate(input, {lift, volts}, dt, after.data());
     if (inputs.held) return;
     py::list nodes;
     for (const Thrusters<Symbol>& node : inputs.thrusters) {
@@ -113,6 +115,17 @@ struct SymbolicModel {
     return placesOf(all);
   }
 
+  /// Throws std::invalid_argument if something depends on the voltage.
+  void requireNoVoltage() const {
+    for (const Operation& one : trace.operations())
+      for (const int place : one.arguments)
+        if (place == volts.place)
+          throw std::invalid_argument(
+              "it depends on the voltage of the battery, which the code has no input for; without this "
+              "effect the "
+              "thrust is that at the voltage `volts` of the body");
+  }
+
   static constexpr const char* kNames[] = {"x", "y", "psi", "u", "v", "r"};
 
  private:
@@ -133,6 +146,7 @@ py::dict outputsOf(const Model& model, py::dict& result) {
   outputs["motion"] = symbolic.motion();
   symbolic.actuate(outputs);
   outputs["measured"] = symbolic.measured();
+  symbolic.requireNoVoltage();
   outputs["delay"] = symbolic.trace.placeOf(symbolic.dynamics.inputDelay());
   py::list operations;
   for (const Operation& one : symbolic.trace.operations())

@@ -139,7 +139,7 @@ class LivePilot : public Driver {
 
   void send(const Inputs& inputs) {
     commands_.push_back({now_, inputs.thrusters, inputs.lift});
-    pilot_->commanded(now_, inputs);
+    life_->attempt([&] { pilot_->commanded(now_, inputs); });
   }
 
   DriveParams params_;

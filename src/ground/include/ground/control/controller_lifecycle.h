@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <exception>
 #include <functional>
 #include <limits>
 #include <optional>
@@ -39,6 +40,9 @@ struct MeasuredState {
 };
 
 /// Computes the commands while a controller drives. Times `elapsed` are seconds since it began.
+///
+/// An exception of any function stops the drive; the reason has its text. Then deactivate() is called if the
+/// pilot was active, and nothing but layout() until the next start.
 class Pilot {
  public:
   static constexpr double kByState = -1.0;  ///< value of nextChange() for closed-loop control
@@ -54,7 +58,7 @@ class Pilot {
   virtual void commanded(double /*time*/, const Inputs& /*inputs*/) {}
   /// Sets the start of the drive, at which the model's t is 0; see DriveClock::record.
   virtual void driveBegan(double /*began*/, double /*as_of*/) {}
-  /// Called when driving begins, at the time `stamp`. An exception refuses the start.
+  /// Called when driving begins, at the time `stamp`; not active if it throws.
   virtual void activate(double /*stamp*/) {}
   /// Called when driving ends, for any reason.
   virtual void deactivate() {}
@@ -91,7 +95,7 @@ class Pilot {
 /// - the sender disarms,
 /// - the clock was set,
 /// - another controller takes over,
-/// - the pilot objects, or
+/// - the pilot objects or throws an exception, or
 /// - a command is not finite.
 ///
 /// If no state is required (LifecycleParams), only an open-loop pilot may drive.
@@ -130,6 +134,14 @@ class ControllerLifecycle {
   void sendZero(Instant now) { send(now, off(0)); }
   /// Call when the clock of stamps was set.
   void timeJumped(Instant now, const std::string& what);
+  /// Calls what belongs to the pilot, unless that has thrown since the last start. An exception stops the
+  /// drive with the next tick().
+  template <class Call>
+  void attempt(const Call& call) const {
+    ask([&] { return call(), true; }, false);
+  }
+  /// The thrusters of the pilot.
+  const ThrusterLayout& layout() const;
   /// Advances to now.
   void tick(Instant now);
   /// Latest time on each clock for the next tick(); infinite if unknown.
@@ -174,13 +186,32 @@ class ControllerLifecycle {
       for (const double a : one.acceleration) visitor.value(a);
     }
     visitor.value(static_cast<int>(state_));
-    visitor.value(armed_);
-    visitor.value(lifted_);
+    for (const bool flag : {armed_, lifted_, silenced_, !failure_.empty()}) visitor.value(flag);
   }
 
  private:
   static constexpr double kNever = std::numeric_limits<double>::infinity();
 
+  /// Result of a call of the pilot; `otherwise` if it throws or has thrown.
+  template <class Call, class Result>
+  Result ask(const Call& call, Result otherwise) const {
+    if (silenced_) return otherwise;
+    try {
+      return call();
+    } catch (const std::exception& error) {
+      failure_ = error.what();
+    } catch (...) {
+      failure_.clear();
+    }
+    if (failure_.empty()) failure_ = "unknown exception";
+    silenced_ = true;
+    return otherwise;
+  }
+  double end() const;
+  double nextChange(double elapsed) const;
+  bool failed(Instant now);
+  bool objects(Instant now);
+  std::string deactivated();
   /// Whether the lift is on.
   bool flying() const { return state_ == State::kLifting || driving(); }
   std::string stateProblem(Instant now) const;
@@ -196,7 +227,7 @@ class ControllerLifecycle {
   void enter(Instant now, State state, const std::string& reason);
   void change(State state, const std::string& reason);
   void send(Instant now, const Inputs& inputs);
-  Inputs off(double lift) const { return Inputs::off(pilot_.layout().size(), lift); }
+  Inputs off(double lift) const { return Inputs::off(layout().size(), lift); }
   double liftAlone() const;
   double liftedAt() const;
   double repeatAt() const;
@@ -228,6 +259,8 @@ class ControllerLifecycle {
   /// Time of the loss of the state, steady clock [s]; no value while there is a valid state.
   std::optional<double> lost_since_;
   double next_keepalive_ = -kNever;  ///< steady clock [s]
+  mutable bool silenced_ = false;    ///< the pilot has thrown: it is not called before the next start
+  mutable std::string failure_;      ///< what it has thrown, until the drive is stopped
 };
 
 /// Name for messages and logs, such as "RUNNING".

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "ground/control/controller_lifecycle.h"
 #include "ground/control/room.h"
@@ -38,7 +39,8 @@ class ReferencePilot : public Pilot {
 
   /// Sets the craft whose acceleration() is known.
   void setCraft(const Model& model);
-  /// Swaps the controller; `model` is its internal model, and the craft.
+  /// Swaps the controller; `model` is its internal model, and the craft. The new one gets the last commands,
+  /// which may not have acted yet.
   void swapController(std::unique_ptr<TrackingController>& controller, const Model& model);
   /// Swaps the reference, which then begins from its start.
   void swapReference(ReferencePtr& reference);
@@ -57,7 +59,6 @@ class ReferencePilot : public Pilot {
     patience_ = patience;
   }
   TrackingController* controller() const { return controller_.get(); }
-  const ReferencePtr& reference() const { return reference_; }
 
   const ThrusterLayout& layout() const override { return *thrusters_; }
   Vector2<double> acceleration(const Inputs& inputs) const override;
@@ -75,8 +76,10 @@ class ReferencePilot : public Pilot {
   Clock clock_, steady_;
   Decided decided_;
   std::unique_ptr<TrackingController> controller_;
+  static constexpr std::size_t kGiven = 128;
+  std::vector<std::pair<double, Inputs>> given_;  ///< the last kGiven commands and their times [s]
   double input_max_ = 1;
-  double push_ = 0;  ///< acceleration per unit of ThrusterLayout::totalAt, k/m; 0 if the craft is unknown
+  double push_ = 0;  ///< acceleration per unit of ThrusterLayout::atRest, k/m; 0 if the craft is unknown
   ThrusterLayoutPtr thrusters_ = thrusterPair();
   double duration_ = std::numeric_limits<double>::infinity();
   ReferencePtr reference_;

@@ -26,7 +26,7 @@ struct GroundLinkParams : GroundLinkFields {
 ///   fresh valid state and a fresh zero command of a single controller.
 /// - FAULT sends zero packets and lasts until disarmed by hand. ARMED changes to FAULT if commands
 ///   are stale, packets cannot be sent, or the state is stale or invalid for recovery_time; until
-///   then it sends zero packets, and commands again when the state is back. It also changes to
+///   then it sends the lift of the commands without their thrust. It also changes to
 ///   FAULT if the craft counts received commands and its count does not increase, or if the craft
 ///   has restarted: its boot id changes, or its count is lower in two datagrams in a row.
 ///
@@ -95,6 +95,8 @@ class GroundLink {
     if (state_ != State::kArmed) return 0.0;
     return silent_until_ ? sent_.lift : command_.lift;
   }
+  /// Whether it is armed and the state is lost.
+  bool blind() const;
   const std::string& reason() const { return reason_; }
   /// The craft's address; port 0 if unknown.
   const UdpAddress& peer() const { return peer_; }

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <initializer_list>
+#include <stdexcept>
+#include <string>
 
 #include "ground/model/types.h"
 
@@ -10,19 +12,19 @@ constexpr int kMaxThrusters = 8;
 
 /// A number for each thruster of a craft, in the order of its model (ThrusterLayout): commands,
 /// inputs after the actuators, or forces. It never allocates memory; a copy copies only the numbers
-/// in use.
+/// in use. More than kMaxThrusters are refused by std::invalid_argument.
 template <typename T>
 class Thrusters {
  public:
   Thrusters() {}  ///< no thrusters
-  Thrusters(std::initializer_list<T> values) : count_(static_cast<int>(values.size())) {
+  Thrusters(std::initializer_list<T> values) : count_(checked(values.size())) {
     int i = 0;
     for (const T& value : values) values_[i++] = value;
   }
   /// Converts an Eigen vector, such as that of a left and a right thruster.
   template <class Derived>
   Thrusters(const Eigen::MatrixBase<Derived>& values)  // NOLINT: as vectors do
-      : count_(static_cast<int>(values.size())) {
+      : count_(checked(static_cast<std::size_t>(values.size()))) {
     for (int i = 0; i < count_; ++i) values_[i] = values(i);
   }
   Thrusters(const Thrusters& other) { *this = other; }
@@ -34,7 +36,7 @@ class Thrusters {
   static Thrusters zero(int count) { return filled(count, T(0.0)); }
   static Thrusters filled(int count, const T& value) {
     Thrusters all;
-    all.count_ = count;
+    all.count_ = checked(static_cast<std::size_t>(count));
     for (int i = 0; i < count; ++i) all.values_[i] = value;
     return all;
   }
@@ -62,6 +64,11 @@ class Thrusters {
  private:
   template <typename U>
   friend class Thrusters;
+
+  static int checked(std::size_t count) {
+    if (count <= std::size_t{kMaxThrusters}) return static_cast<int>(count);
+    throw std::invalid_argument("a craft has at most 8 thrusters, not " + std::to_string(count));
+  }
 
   int count_ = 0;
   union {                      // so that numbers that are not in use are not initialised

@@ -61,7 +61,7 @@ class ReferenceTracking : public Controller {
   std::string replaceModel(const Model& model) {
     requireSameThrusters(*model_.thrusters, *model.thrusters);
     std::unique_ptr<TrackingController> controller = made(model, config_);
-    const std::string caution = judge(model, *pilot_.reference(), config_.reference);
+    const std::string caution = judge(model, *followed_, config_.reference);
     const std::lock_guard lock(mutex());
     pilot_.swapController(controller, model);
     model_ = model;
@@ -89,13 +89,13 @@ class ReferenceTracking : public Controller {
     reference_publisher_ = topics().advertise<ground_msgs::Reference>("reference", 4);
     path_publisher_ = topics().advertise<nav_msgs::Path>("path/reference", 1, true);
     reconfigure_ = std::make_unique<LiveParameters<Config>>(nh, [this](const Config& c) { apply(c); });
+    loaded(model_, file);  // before the service, which calls it in another thread
     model_service_ = ModelService(reconfigure_->thread(), nh, "load_model",
                                   [this](const Model& m, const std::string& name) {
                                     const std::string caution = replaceModel(m);
                                     loaded(m, name);
                                     return caution;
                                   });
-    loaded(model_, file);
   }
 
   /// Refuses parameters of another kind of controller, which would have no effect.
@@ -137,8 +137,8 @@ class ReferenceTracking : public Controller {
   void apply(const Config& c) {
     auto params = paramsIn<ReferenceParams>(c);
     params.kind = c.reference;
-    const bool changed = !pilot_.reference() || !(params == reference_);
-    ReferencePtr reference = changed ? makeReference(params) : pilot_.reference();
+    const bool changed = !followed_ || !(params == reference_);
+    ReferencePtr reference = changed ? makeReference(params) : followed_;
     const std::string leaves = changed && room() ? leavesRoom(params, *reference, *room()) : "";
     if (!leaves.empty()) throw std::invalid_argument("reference " + c.reference + ": " + leaves);
     std::unique_ptr<TrackingController> first = pilot_.controller() ? nullptr : made(model_, c);
@@ -158,6 +158,7 @@ class ReferenceTracking : public Controller {
       pilot_.setMaxError(max_error);
       pilot_.setDuration(c.duration > 0 ? c.duration : std::numeric_limits<double>::infinity());
       pilot_.setCaution(caution);
+      followed_ = reference;
       if (changed) pilot_.swapReference(reference);
     }
     if (changed) path_publisher_.publish(path);
@@ -216,6 +217,7 @@ class ReferenceTracking : public Controller {
   Model model_;
   Config config_;
   ReferenceParams reference_;
+  ReferencePtr followed_;  ///< that of reference_; the pilot's own changes in other threads
   ReferencePilot pilot_{[this] { return seconds(ros::Time::now()); },
                         [this](const ReferencePilot::Decision& d) { decided(d); }, steadyNow};
   std::optional<ReferencePoint> point_;  ///< that of a decision that is not published yet

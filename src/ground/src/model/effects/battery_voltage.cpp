@@ -24,6 +24,11 @@ struct BatteryVoltage {
   template <typename T>
   static void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) {
     using std::exp;
+    if (!(point.body.volts > 0)) return;
+    if constexpr (std::is_same_v<T, Symbol>) {
+      force *= exp(p[0] * log(point.volts / point.body.volts));
+      return;
+    }
     const double ratio = point.body.volts > 0 ? valueOf(point.volts) / point.body.volts : 0;
     if (ratio > 0) force *= T(exp(p[0] * std::log(ratio)));
   }
