@@ -146,10 +146,9 @@ def _find_pose(seen: Seen) -> None:
     if seen.kind not in poses.KINDS:
         free = {name: column for name, column in seen.values.items() if name not in seen.clock_fields}
         seen.poses = sightings.of_columns(free)
-        if not any(len(seen.rows(pose)[0]) for pose in seen.poses):
-            joined = rows_apart.samples(np.column_stack([*free.values()]), seen.times, []).T
-            free = dict(zip(free, joined)) if free else free
-            seen.values, seen.poses = {**seen.values, **free}, sightings.of_columns(free)
+        if free and not seen.poses:
+            joined = rows_apart.joined(np.column_stack([*free.values()]), seen.times)
+            seen.poses = sightings.of_columns(dict(zip(free, joined.T)))
         if seen.poses and not len(seen.rows(seen.pose)[0]):
             _join(seen)
         seen.poses = [pose for pose in seen.poses if len(seen.rows(pose)[0])]
@@ -169,8 +168,7 @@ def _join(seen: Seen) -> None:
     )
     largest = np.abs(rotation[np.isfinite(rotation)]).max(initial=0.0)
     turn = 360.0 if largest > 2 * math.pi + 0.01 else 2 * math.pi
-    position = rows_apart.places(position, seen.times)
-    joined = np.column_stack([position, rows_apart.together(position, rotation, seen.times, turn)])
+    joined = np.column_stack(rows_apart.together(position, rotation, seen.times, turn))
     seen.values = {**seen.values, **dict(zip(seen.pose.position + seen.pose.rotation, joined.T))}
 
 

@@ -198,11 +198,14 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     )
     yield "drive", ", ".join(starts) + (DRIVES_BY.get(d["drives"]["by"], "") if has_lift else "")
     if d["reply"]:
-        lag, known = 1e3 * d["reply"]["lag"], {one["kind"] for one in d["suspicions"]}
+        lag, doubts = 1e3 * d["reply"]["lag"], {one["kind"] for one in d["suspicions"]}
         text = "the craft reacts %.0f ms after a command" % lag
         if lag < 0:
-            text = "the motion comes %.0f ms before its command" % -lag
-            text = text if known & {"clock", "missing"} else "the craft reacts within %.0f ms of a command" % -lag
+            early = (
+                "the motion comes %.0f ms before its command",
+                "the craft reacts within %.0f ms of a command",
+            )
+            text = early[not doubts & {"clock", "missing"}] % -lag
         slow = "the craft follows its commands, too slowly for poses with this noise to show its delay"
         yield "reply", slow if d["reply"]["slow"] else text
     if d["inertial"]:
@@ -288,9 +291,9 @@ def grave(d: Document) -> Iterator[str]:
     """Sentences on oddities whose repair may be wrong; all verbs print them, not only info."""
     poses = d["poses"]
     if not d["usable"]["spans"]:
-        scatters = any((poses["third_differences"] or {"few poses": 1}).values())
-        few = "no %d poses follow each other without a gap" % SHORTEST
-        why = max(_left_out(d), default=(0.0, few))[1] if scatters else "all poses are the same: the mocap stood still"
+        why = max(_left_out(d), default=(0.0, "no %d poses follow each other without a gap" % SHORTEST))[1]
+        if poses["third_differences"] and not any(poses["third_differences"].values()):
+            why = "all poses are the same: the mocap stood still"
         yield "nothing of it is usable: " + why
     if poses["stamps_out_of_order"]:
         yield "stamps out of order, sorted: %d" % poses["stamps_out_of_order"]
@@ -310,10 +313,7 @@ def grave(d: Document) -> Iterator[str]:
     if d["controls"]["changes"] >= FEWEST_CHANGES and not d["reply"] and not clock:
         share = d["unexplained"]
         if share is not None and share >= reply.POWER:
-            yield (
-                "the motion does not follow the commands: are poses and commands of the same run, and were all "
-                "commands recorded?"
-            )
+            yield "the motion does not follow the commands: are poses and commands, and all of them, of one run?"
         elif share is not None:
             why = "most of the accelerations are noise of the poses"
             if d["poses"]["noise"]["heading"] > reply.AMBIGUOUS:

@@ -141,9 +141,7 @@ def read(
     paths = [_of_column(columns, path.lstrip("-"), poses.body) for path in position + rotation]
     numbers = containers.values(columns, paths, where)[chosen]
     count, times = len(position), containers.seconds(stamps[chosen])
-    if rows_apart.are_apart(numbers):
-        numbers = rows_apart.samples(numbers, times, notes)
-        numbers[:, :count] = rows_apart.places(numbers[:, :count], times)
+    numbers = np.column_stack([rows_apart.joined(some, times) for some in np.split(numbers, [count], axis=1)])
     absent = np.isnan(numbers[:, :count]).all(axis=1)
     placed = places.metres(numbers[:, :count], paths[:count], columns, poses, where, notes)
     turned = numbers[:, count:]
@@ -158,7 +156,7 @@ def read(
             or "rad"
         )
         turned *= ANGLES[unit] * poses.heading_sign
-    apart, turned = turned, rows_apart.together(placed, turned, times, 2 * np.pi)
+    apart, (placed, turned) = turned, rows_apart.together(placed, turned, times, 2 * np.pi)
     if turned is not apart:
         between = int((np.isfinite(turned).all(axis=1) & ~absent).sum())
         notes.append(

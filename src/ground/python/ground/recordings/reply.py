@@ -334,8 +334,8 @@ def _turned(rows: Array, angle: Array) -> Array:
 
 
 def fading(recording: Recording) -> Optional[Tuple[float, float, float]]:
-    """How much is left of the effect of a command while it holds, relative to the largest, in the quarter of its ages
-    where least is left; its standard error; the mean age there [s]. None where the ages are not resolved."""
+    """How much of the effect of a command is left while it holds, in the quarter of its ages where least is left; its
+    standard error; the mean age there [s]. None where the motion does not resolve the ages."""
     lag = max(lag_of(recording), 0.0)
     left = rest(recording, recording.thrusters, lag=lag)
     if left is None:
@@ -347,17 +347,20 @@ def fading(recording: Recording) -> Optional[Tuple[float, float, float]]:
         return None
     wanted = left.accelerations / np.maximum(left.accelerations.std(axis=0), 1e-300)
     by_command = left.commands @ np.linalg.lstsq(left.commands, wanted, rcond=None)[0]
-    quarter = np.searchsorted(ends, ages)[:, None] == np.arange(4)
-    both, own = (
-        np.array([_in_blocks((by_command * rows).sum(axis=1) * some) for some in quarter.T])
-        for rows in (wanted, by_command)
-    )
-    effects = both.sum(axis=1) / own.sum(axis=1)
-    most = int(effects.argmax())
-    least = most + int(effects[most:].argmin())
-    others = (both.sum(axis=1, keepdims=True) - both) / (own.sum(axis=1, keepdims=True) - own)
-    error = np.sqrt(BLOCKS - 1) * (others[least] / others[most]).std()
-    return float(effects[least] / effects[most]), float(error), float(ages[quarter[:, least]].mean())
+    block, quarter = np.arange(len(ages)) * BLOCKS // len(ages), np.searchsorted(ends, ages)
+
+    def effects(without: int) -> Array:
+        parts = [
+            (by_command[some], wanted[some])
+            for some in ((quarter == q) & (block != without) for q in range(4))
+        ]
+        return np.array([(one * other).sum() / max((one**2).sum(), 1e-300) for one, other in parts])
+
+    found, parts = effects(-1), np.array([effects(b) for b in range(BLOCKS)])
+    most = int(found.argmax())
+    least = most + int(found[most:].argmin())
+    error = np.sqrt(BLOCKS - 1) * (parts[:, least] / parts[:, most]).std()
+    return float(found[least] / found[most]), float(error), float(ages[quarter == least].mean())
 
 
 def authorities(recording: Recording) -> Document:

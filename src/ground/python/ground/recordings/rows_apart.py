@@ -1,87 +1,72 @@
-"""Numbers of one pose that stand in rows of their own: as a log writes a row for each value, or a receiver and a
+"""Numbers of one pose that stand in rows of their own, as logs write a row for each value, or a receiver and a
 compass by turns."""
 
-from typing import List
+from typing import Tuple
 
 import numpy as np
 
 from ground.recordings import scatter
 from ground.support.annotations import Array
 
-FEW = 0.5  # share of the rarer of both with less of which in rows together they stand apart
-GAP = 3.0  # a heading is interpolated over at most so many usual intervals
-ONE_SAMPLE = 0.1  # rows of one sample lie closer than this share of the time between two values of a number
+FEW = 0.5  # share of the rarest number with less of which in whole rows numbers stand apart
+GAP = 3.0  # a number is interpolated over at most so many usual intervals
+ONE_SAMPLE = 0.1  # numbers of one sample are nearer than this share of the usual interval
 
 
 def are_apart(numbers: Array) -> bool:
-    """Whether the numbers (n, k) of a pose hardly ever stand in one row; NaN: not there."""
+    """Whether numbers (n, k) hardly ever stand in one row; NaN: it has none."""
     there = np.isfinite(numbers)
     return bool(there.all(axis=1).sum() < FEW * there.sum(axis=0).min())
 
 
-def samples(numbers: Array, times: Array, notes: List[str]) -> Array:
-    """Numbers (n, k) of which all of one sample stand in its first row, and the other rows are NaN; times (n,)
-    [s]. Rows of one sample follow each other closely, and none repeats a number. notes: told of it."""
-    there = np.isfinite(numbers) & np.isfinite(times)[:, None]
-    found, filled = np.full_like(numbers, np.nan), np.zeros_like(there)
-    spans = [scatter.interval(np.sort(times[one])) for one in there.T if one.sum() > 1]
-    room, begin = ONE_SAMPLE * min(spans, default=0.0), -1
-    rows = np.flatnonzero(there.any(axis=1))
-    for row in rows[np.argsort(times[rows], kind="stable")]:
-        if begin < 0 or times[row] - times[begin] > room or (filled[begin] & there[row]).any():
-            begin = row
-        found[begin, there[row]] = numbers[row, there[row]]
-        filled[begin] |= there[row]
-    count = int(filled.any(axis=1).sum())
-    if count < len(rows):
-        text = "numbers of one pose stand in rows of their own: %d rows within %.2g ms each are %d poses"
-        notes.append(text % (len(rows), 1e3 * room, count))
-    return found
-
-
-def places(position: Array, times: Array) -> Array:
-    """Positions (n, d) of which no two numbers stand in one row: they are interpolated in time at the rows of the
-    most frequent number, and the other rows are NaN; others as they are. times (n,) [s]."""
-    if not are_apart(position):
-        return position
-    there, found = np.isfinite(position) & np.isfinite(times)[:, None], np.full_like(position, np.nan)
+def joined(numbers: Array, times: Array) -> Array:
+    """Numbers (n, k) that stand apart at the rows of the most frequent one, NaN elsewhere; others as they are.
+    times (n,) [s]."""
+    if not are_apart(numbers):
+        return numbers
+    there, found = np.isfinite(numbers) & np.isfinite(times)[:, None], np.full_like(numbers, np.nan)
     rows = there[:, there.sum(axis=0).argmax()]
-    for column, values, given in zip(found.T, position.T, there.T):
-        if given.sum() > 1:
-            order = np.argsort(times[given], kind="stable")
-            column[rows] = _interpolated(times[rows], times[given][order], values[given][order][:, None])[:, 0]
+    for number, given in enumerate(there.T):
+        order = np.flatnonzero(given)[np.argsort(times[given], kind="stable")]
+        found[rows, number] = _at(times[rows], times[order], numbers[order, number : number + 1])[:, 0]
     return found
 
 
-def _interpolated(wanted: Array, at: Array, known: Array) -> Array:
-    """Rows known (m, k) at ascending times (m,), linear in time at other times (n,) [s]; NaN before the first, after
-    the last, and over gaps."""
-    found = np.column_stack([np.interp(wanted, at, column) for column in known.T])
-    after = np.clip(np.searchsorted(at, wanted), 1, len(at) - 1)
-    longest = GAP * max(scatter.interval(at), scatter.interval(np.sort(wanted)))
-    found[(wanted < at[0]) | (wanted > at[-1]) | (at[after] - at[after - 1] > longest)] = np.nan
-    return found
-
-
-def together(position: Array, rotation: Array, times: Array, turn: float) -> Array:
-    """Rotations (n, k) with those at the rows of positions (n, d), interpolated in time between their own
-    rows; the same where most stand in the rows of positions anyway. times (n,) [s]; rotation: headings,
-    of which a whole turn is `turn`, or quaternions. Not a number where it is not known."""
+def together(position: Array, rotation: Array, times: Array, turn: float) -> Tuple[Array, Array]:
+    """Positions (n, d) and rotations (n, k) of which the numbers stand apart, at the rows of positions; others as
+    they are. times (n,) [s]; rotation: headings, of which a whole turn is `turn`, or quaternions. Not a number where
+    it is not known."""
+    position, rotation = joined(position, times), joined(rotation, times)
     placed, turned = (np.isfinite(rows).all(axis=1) & np.isfinite(times) for rows in (position, rotation))
-    if min(placed.sum(), turned.sum()) < 2 or (placed & turned).sum() >= FEW * min(
-        placed.sum(), turned.sum()
-    ):
-        return rotation
+    fewer = min(placed.sum(), turned.sum())
+    if fewer < 2 or (placed & turned).sum() >= FEW * fewer:
+        return position, rotation
     order = np.argsort(times[turned], kind="stable")
-    at, known = times[turned][order], rotation[turned][order]
+    known = rotation[turned][order]
     if known.shape[1] == 1:
         known = np.unwrap(known, period=turn, axis=0)
     else:  # a quaternion and its negative are the same rotation
         along = np.sign((known[1:] * known[:-1]).sum(axis=1))
         known = known * np.cumprod(np.append(1.0, np.where(along == 0, 1.0, along)))[:, None]
-    found = _interpolated(times[placed], at, known)
-    if known.shape[1] > 1:
-        found = found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300)
+    found = _at(times[placed], times[turned][order], known)
+    length = np.linalg.norm(found, axis=1, keepdims=True)
+    found = (
+        found / np.maximum(length, 1e-300) if known.shape[1] > 1 else found - turn * np.round(found / turn)
+    )
     filled = np.full_like(rotation, np.nan)
     filled[placed] = found
-    return filled
+    return position, filled
+
+
+def _at(wanted: Array, at: Array, known: Array) -> Array:
+    """Rows (m, k) at ascending times (m,), at other times (n,) [s]: those of the same sample, or interpolated; NaN
+    outside and in gaps."""
+    found = np.column_stack([np.interp(wanted, at, column) for column in known.T])
+    after = np.clip(np.searchsorted(at, wanted), 1, len(at) - 1)
+    usual = max(scatter.interval(at), scatter.interval(np.sort(wanted)))
+    outside = (wanted < at[0]) | (wanted > at[-1]) | (at[after] - at[after - 1] > GAP * usual)
+    found[outside] = np.nan
+    nearest = after - (wanted - at[after - 1] < at[after] - wanted)
+    same = np.abs(at[nearest] - wanted) < ONE_SAMPLE * usual
+    found[same] = known[nearest[same]]
+    return found

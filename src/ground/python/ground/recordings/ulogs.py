@@ -4,7 +4,7 @@ Topics have the names of their messages; those of a second sensor end with its n
 are those since the computer started.
 """
 
-from typing import Sequence, Tuple
+from typing import Mapping
 
 import numpy as np
 
@@ -14,11 +14,11 @@ from ground.support.errors import GroundError
 
 MAGIC = b"ULog\x01\x12\x35"  #: first bytes of such a log
 TIME = "timestamp"  # field of all messages [us]
-# What a reset of PX4's estimator moves, by the counter of such resets: numbers, and by how much each was moved
+# Counters of resets of the estimator, and what each moves: a number, and by how much it was moved last
 RESETS = {
-    "xy_reset_counter": (("x", "delta_xy[0]"), ("y", "delta_xy[1]")),
-    "z_reset_counter": (("z", "delta_z"),),
-    "heading_reset_counter": (("heading", "delta_heading"),),
+    "xy_reset_counter": {"x": "delta_xy[0]", "y": "delta_xy[1]"},
+    "z_reset_counter": {"z": "delta_z"},
+    "heading_reset_counter": {"heading": "delta_heading"},
 }
 
 
@@ -54,26 +54,21 @@ class Ulog(Container):
         received = np.asarray(data[TIME]).astype(np.int64) * 1000
         columns = {name: np.asarray(values) for name, values in data.items() if name != TIME}
         for counter, moved in RESETS.items():
-            if counter in columns and {name for pair in moved for name in pair} <= set(columns):
+            if {counter, *moved, *moved.values()} <= set(columns):
                 self._undo(topic, columns, counter, moved, 1e-9 * received)
         return {RECEIVED: received, **columns}
 
     def _undo(
-        self, topic: str, columns: Columns, counter: str, moved: Sequence[Tuple[str, str]], times: Array
+        self, topic: str, columns: Columns, counter: str, moved: Mapping[str, str], times: Array
     ) -> None:
-        """Takes what resets have moved out of some columns, in place. times (n,) [s]."""
-        steps = np.diff(columns[counter], prepend=columns[counter][:1])  # a counter of 8 bits may wrap
-        for name, delta in moved:
-            undone = columns[name] - np.cumsum(np.where(steps, columns[delta], 0.0))
-            columns[name] = np.angle(np.exp(1j * undone)) if name == "heading" else undone
-        events = [
-            "%s at %.2f s" % (", ".join("%+.3g" % columns[d][i] for _, d in moved), times[i])
-            for i in np.flatnonzero(steps)
-        ]
-        what = " and ".join(name for name, _ in moved)
-        if events:
-            note = "%s: the estimator reset %s, by its counter, which is undone: %s"
-            self.warnings.append(note % (topic, what, "; ".join(events[:4]) + "; ..." * (len(events) > 4)))
-        if (steps > 1).any():
-            note = "%s: %s was reset several times between two messages, of which the log has the last step only"
-            self.warnings.append(note % (topic, what))
+        """Takes the steps of resets out of the columns that they moved, in place. times (n,) [s]."""
+        counts = np.diff(columns[counter], prepend=columns[counter][:1])  # of 8 bits, which may wrap
+        if not counts.any():
+            return
+        first = int(np.argmax(counts > 0))
+        steps = " and ".join("%s by %.3g" % (name, columns[delta][first]) for name, delta in moved.items())
+        text = "%s: %d of %d resets (%s) are undone, the first at %.2f s: it moved %s"
+        numbers = np.count_nonzero(counts), counts.sum(dtype=int), counter, times[first], steps
+        self.warnings.append(text % (topic, *numbers))
+        for name, delta in moved.items():
+            columns[name] = columns[name] - np.cumsum(np.where(counts, columns[delta], 0.0))
