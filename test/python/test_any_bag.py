@@ -522,7 +522,7 @@ def test_a_file_that_is_no_bag_is_refused_in_a_sentence(tmp_path, name, content)
 
 
 def ulog(path, formats, rows):
-    """A log of PX4. formats: fields by message; rows: (stamp [ns], number of the message, values after the time)."""
+    """A log of PX4. formats: fields by message; rows: stamp [ns], number of the message, further content."""
     parts = [(b"F", b"%s:%s" % (name.encode(), fields.encode())) for name, fields in formats.items()]
     parts += [(b"A", struct.pack("<BH", 0, i) + name.encode()) for i, name in enumerate(formats)]
     for stamp, number, data in sorted(rows, key=lambda row: row[0]):

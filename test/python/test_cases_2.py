@@ -1,4 +1,4 @@
-"""Recordings after public reports that were read wrongly: each is read as it was made, or the reason is stated."""
+"""Recordings after public reports that were read wrongly are read as they were made, or refused."""
 
 import json
 

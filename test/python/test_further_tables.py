@@ -69,7 +69,7 @@ def test_a_row_for_each_value_becomes_a_column_for_each_signal(run, tmp_path):
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("is_list", [False, True])
 def test_numbers_of_one_sample_in_rows_of_their_own_are_one_pose(is_list, seed, tmp_path):
-    """In any order, microseconds apart, at any rate; beside texts and switches, as loggers of robots write."""
+    """In any order, microseconds apart, at any rate; beside texts and switches, as robots log them."""
     random, run = np.random.default_rng(seed), Run(4.0)
     every = 1 + seed % 3
     run.times, run.eta, run.commands = run.times[::every], run.eta[::every], run.commands[::every]

@@ -149,7 +149,7 @@ def test_the_delay_of_a_boat_may_be_its_own(tmp_path):
 
 
 def driven(seed, rate=100.0, duration=20.0):
-    """A run of random commands that change every 80 ms: times, poses, rows of time and command on each change."""
+    """A run of random commands that may change every 80 ms: times, poses, time and command of each change."""
     random, times = np.random.default_rng(seed), np.arange(0, duration, 1 / rate)
     edges = np.arange(0, duration, 0.08)
     sent = np.column_stack([edges, random.choice([0.0, 0.5], (len(edges), 2)), np.ones(len(edges))])

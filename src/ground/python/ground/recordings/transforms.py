@@ -14,7 +14,7 @@ Fixed = Dict[str, Dict[str, Array]]  # of each frame: its pose (4, 4) in the fra
 
 def of_body(source: Container, topic: str, columns: Columns, body: str, notes: List[str]) -> Columns:
     """The columns of a topic with poses; where the body is fixed to a measured frame, as poses of the body.
-    body: empty: what is measured; notes: receives what was assumed. GroundError when no frame has the name."""
+    body: empty: what is measured; notes: receives what was assumed. GroundError when no frame is named so."""
     kind, body = poses.KINDS.get(source.topics[topic].kind), body.strip("/")
     if kind is None or not kind.orientation or not (body or kind is poses.TRANSFORM):
         return columns
