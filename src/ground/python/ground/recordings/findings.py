@@ -199,13 +199,9 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     yield "drive", ", ".join(starts) + (DRIVES_BY.get(d["drives"]["by"], "") if has_lift else "")
     if d["reply"]:
         lag, doubts = 1e3 * d["reply"]["lag"], {one["kind"] for one in d["suspicions"]}
-        text = "the craft reacts %.0f ms after a command" % lag
-        if lag < 0:
-            early = (
-                "the motion comes %.0f ms before its command",
-                "the craft reacts within %.0f ms of a command",
-            )
-            text = early[not doubts & {"clock", "missing"}] % -lag
+        before = "the motion comes %.0f ms before its command" if doubts & {"clock", "missing"} else ""
+        before = before or "the craft reacts within %.0f ms of a command"
+        text = ("the craft reacts %.0f ms after a command" if lag >= 0 else before) % abs(lag)
         slow = "the craft follows its commands, too slowly for poses with this noise to show its delay"
         yield "reply", slow if d["reply"]["slow"] else text
     if d["inertial"]:
@@ -313,7 +309,7 @@ def grave(d: Document) -> Iterator[str]:
     if d["controls"]["changes"] >= FEWEST_CHANGES and not d["reply"] and not clock:
         share = d["unexplained"]
         if share is not None and share >= reply.POWER:
-            yield "the motion does not follow the commands: are poses and commands, and all of them, of one run?"
+            yield "the motion does not follow the commands: are poses and all commands of the same run?"
         elif share is not None:
             why = "most of the accelerations are noise of the poses"
             if d["poses"]["noise"]["heading"] > reply.AMBIGUOUS:

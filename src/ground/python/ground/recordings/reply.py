@@ -44,7 +44,7 @@ class Reply(TypedDict):
 
     lag: float  # lag of the motion behind the commands [s]
     error: float  # its standard error [s]
-    early: bool  # whether the motion comes before its commands, by more than chance and the poses' interval explain
+    early: bool  # whether the motion comes before its commands, beyond chance and the poses' interval
     share: float  # share of the accelerations that the commands explain
     chance: float  # the largest share by commands of other times
     # share of the accelerations that is not noise of the poses, of the best channel; 0 where headings are
@@ -134,9 +134,9 @@ def regression(recording: Recording) -> Optional[Reply]:
         return np.abs((wanted[some] - X @ coefficients) / scale).mean(axis=1), coefficients
 
     spread = slice(None, None, 1 + len(times) // LAG_SAMPLES)
-    lags = LAGS
+    lags, begins = LAGS, np.arange(BLOCKS) * len(times[spread]) // BLOCKS
     while True:
-        costs = np.array([_in_blocks(regressed(lag, spread)[0]) for lag in lags])
+        costs = np.array([np.add.reduceat(regressed(lag, spread)[0], begins) for lag in lags])
         best = int(costs.sum(axis=1).argmin())
         if best < len(lags) - 1 or lags[-1] >= turn_time(motion):
             break
@@ -169,17 +169,12 @@ def regression(recording: Recording) -> Optional[Reply]:
     }
 
 
-def _in_blocks(values: Array) -> Array:
-    """Sums (BLOCKS,) over blocks of time of values (n,)."""
-    return np.array([block.sum() for block in np.array_split(values, BLOCKS)])
-
-
 def _timing(lags: Array, costs: Array, resolved: float) -> Tuple[float, bool]:
-    """The standard error of the lag [s] with the least of some costs (lags, blocks), and whether it is below zero by
-    more than chance and what is resolved [s]."""
+    """The standard error [s] of the lag with the least of some costs (lags, blocks), and whether the lag is
+    below zero beyond chance and what is resolved [s]."""
     whole = costs.sum(axis=1, keepdims=True)
     others = lags[(whole - costs).argmin(axis=0)]  # without one block
-    error = float(np.sqrt((BLOCKS - 1) * others.var() + np.diff(lags[:2])[0] ** 2 / 12))
+    error = float(np.sqrt((BLOCKS - 1) * others.var() + (lags[1] - lags[0]) ** 2 / 12))
     best, later = int(whole.argmin()), np.flatnonzero(lags >= 0)
     gain = costs[later[whole[later].argmin()]] - costs[best]
     clear = gain.mean() > EXCLUDED * gain.std(ddof=1) / np.sqrt(BLOCKS)
@@ -334,33 +329,27 @@ def _turned(rows: Array, angle: Array) -> Array:
 
 
 def fading(recording: Recording) -> Optional[Tuple[float, float, float]]:
-    """How much of the effect of a command is left while it holds, in the quarter of its ages where least is left; its
+    """Share of a command's effect that is left while it holds, in the quarter of its ages with the least; its
     standard error; the mean age there [s]. None where the motion does not resolve the ages."""
-    lag = max(lag_of(recording), 0.0)
+    lag, sent = max(lag_of(recording), 0.0), recording.control_times
     left = rest(recording, recording.thrusters, lag=lag)
     if left is None:
         return None
-    sent = recording.control_times
     ages = left.times - lag - sent[np.maximum(np.searchsorted(sent, left.times - lag, side="right") - 1, 0)]
     ends = np.quantile(ages, [0.25, 0.5, 0.75])
     if not ends[2] - ends[0] > max(*blur(recording.motion), scatter.interval(recording.motion.times)):
         return None
     wanted = left.accelerations / np.maximum(left.accelerations.std(axis=0), 1e-300)
     by_command = left.commands @ np.linalg.lstsq(left.commands, wanted, rcond=None)[0]
+    both, own = ((by_command * rows).sum(axis=1) for rows in (wanted, by_command))
     block, quarter = np.arange(len(ages)) * BLOCKS // len(ages), np.searchsorted(ends, ages)
-
-    def effects(without: int) -> Array:
-        parts = [
-            (by_command[some], wanted[some])
-            for some in ((quarter == q) & (block != without) for q in range(4))
-        ]
-        return np.array([(one * other).sum() / max((one**2).sum(), 1e-300) for one, other in parts])
-
-    found, parts = effects(-1), np.array([effects(b) for b in range(BLOCKS)])
-    most = int(found.argmax())
-    least = most + int(found[most:].argmin())
-    error = np.sqrt(BLOCKS - 1) * (parts[:, least] / parts[:, most]).std()
-    return float(found[least] / found[most]), float(error), float(ages[quarter == least].mean())
+    some = [[(quarter == q) & (block != b) for q in range(4)] for b in range(-1, BLOCKS)]
+    effects = np.array([[both[s].sum() / max(own[s].sum(), 1e-300) for s in row] for row in some])
+    most = int(effects[0].argmax())
+    least = most + int(effects[0, most:].argmin())
+    shares = effects[:, least] / effects[:, most]
+    error = np.sqrt(BLOCKS - 1) * shares[1:].std()
+    return float(shares[0]), float(error), float(ages[quarter == least].mean())
 
 
 def authorities(recording: Recording) -> Document:

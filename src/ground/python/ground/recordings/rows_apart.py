@@ -1,5 +1,4 @@
-"""Numbers of one pose that stand in rows of their own, as logs write a row for each value, or a receiver and a
-compass by turns."""
+"""Numbers of one pose that stand in rows of their own: of logs with a row for each value, or of a compass."""
 
 from typing import Tuple
 
@@ -20,8 +19,7 @@ def are_apart(numbers: Array) -> bool:
 
 
 def joined(numbers: Array, times: Array) -> Array:
-    """Numbers (n, k) that stand apart at the rows of the most frequent one, NaN elsewhere; others as they are.
-    times (n,) [s]."""
+    """Numbers (n, k) that stand apart at the rows of the most frequent one, else as they are. times (n,) [s]."""
     if not are_apart(numbers):
         return numbers
     there, found = np.isfinite(numbers) & np.isfinite(times)[:, None], np.full_like(numbers, np.nan)
@@ -33,9 +31,8 @@ def joined(numbers: Array, times: Array) -> Array:
 
 
 def together(position: Array, rotation: Array, times: Array, turn: float) -> Tuple[Array, Array]:
-    """Positions (n, d) and rotations (n, k) of which the numbers stand apart, at the rows of positions; others as
-    they are. times (n,) [s]; rotation: headings, of which a whole turn is `turn`, or quaternions. Not a number where
-    it is not known."""
+    """Positions (n, d) and rotations (n, k) that stand apart at the rows of positions, else as they are; NaN
+    where unknown. times (n,) [s]; rotation: headings, of which a whole turn is `turn`, or quaternions."""
     position, rotation = joined(position, times), joined(rotation, times)
     placed, turned = (np.isfinite(rows).all(axis=1) & np.isfinite(times) for rows in (position, rotation))
     fewer = min(placed.sum(), turned.sum())
@@ -59,7 +56,7 @@ def together(position: Array, rotation: Array, times: Array, turn: float) -> Tup
 
 
 def _at(wanted: Array, at: Array, known: Array) -> Array:
-    """Rows (m, k) at ascending times (m,), at other times (n,) [s]: those of the same sample, or interpolated; NaN
+    """Rows (m, k) of ascending times (m,) at other times (n,) [s]: of the same sample, or interpolated; NaN
     outside and in gaps."""
     found = np.column_stack([np.interp(wanted, at, column) for column in known.T])
     after = np.clip(np.searchsorted(at, wanted), 1, len(at) - 1)

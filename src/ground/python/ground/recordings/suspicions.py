@@ -139,9 +139,9 @@ def missing(recording: Recording) -> Iterator[Suspicion]:
     if found and found[0] + BOUND * found[1] < FADED:
         yield Suspicion(
             "missing",
-            "%.2g s after a command %.0f%% of its effect are left: commands between the recorded ones are missing, "
-            "or their stamps are wrong by different times" % (found[2], 100 * max(found[0], 0.0)),
-            "record every command with the time at which the craft takes it, because a fit makes the thrust smaller",
+            "%.2g s after a command, %.0f%% of its effect is left: commands between the recorded ones are "
+            "missing, or their stamps are wrong by different times" % (found[2], 100 * max(found[0], 0.0)),
+            "record all commands when the craft takes them, because a fit makes the thrust smaller",
         )
 
 
@@ -151,12 +151,11 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
         return
     found = reply.find(recording)
     if found and found["early"]:
-        lag = found["lag"]
         yield Suspicion(
             "clock",
-            "the motion comes %.0f ms (+- %.0f) before its command: commands are stamped late, or the clocks of poses "
-            "and commands differ" % (-1e3 * lag, SIDES * 1e3 * found["error"]),
-            "clock_offset: %.2f in a mapping" % -lag,
+            "the motion comes %.0f ms (+- %.0f) before its command: commands are stamped late, or the clocks "
+            "of poses and commands differ" % (-1e3 * found["lag"], SIDES * 1e3 * found["error"]),
+            "clock_offset: %.2f in a mapping" % -found["lag"],
         )
         return
     follows = repaired(recording).reply

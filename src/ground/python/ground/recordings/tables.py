@@ -325,8 +325,8 @@ def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> T
 
 
 def _pivoted(frame: "pandas.DataFrame", notes: List[str]) -> "Optional[pandas.DataFrame]":
-    """A table with a row for each value (time, name, value) as one with a column for each signal; None: it has other
-    columns."""
+    """A table with a row for each value (time, name, value) as one with a column for each signal; None: it is
+    another one."""
     values = [n for n in frame.columns if n.lower() in ("value", "val", "values", "data", "_value")]
     others = [n for n in frame.columns if n not in values and not set(words.split(n)) & words.TIME]
     texts = [n for n in others if frame[n].dtype == object and 3 * frame[n].nunique() <= len(frame)]

@@ -1,6 +1,6 @@
 """Poses of a body that static transforms fix to a measured frame: tf_static, or constant ones of tf."""
 
-from typing import Dict, List
+from typing import Dict, List, Tuple
 
 import numpy as np
 
@@ -46,21 +46,21 @@ def _frames(columns: Columns, path: str) -> Array:
     return np.array([str(name).strip("/") for name in columns[path]], object)
 
 
-def _poses(columns: Columns, kind: poses.Kind) -> Array:
-    """Poses (n, 4, 4) of columns; a quaternion of length 0 does not turn."""
+def _poses(columns: Columns, kind: poses.Kind) -> Tuple[Array, Flags]:
+    """Poses (n, 4, 4) of columns, and which quaternions are rotations (n,)."""
     from scipy.spatial.transform import Rotation  # slow to load
 
     position, rotation = (np.column_stack([columns[path] for path in paths]) for paths in kind.fields())
-    rotation[(rotation**2).sum(axis=1) == 0] = [0.0, 0.0, 0.0, 1.0]
-    found = np.tile(np.eye(4), (len(position), 1, 1))
+    valid, found = (rotation**2).sum(axis=1) > 0, np.tile(np.eye(4), (len(position), 1, 1))
+    rotation[~valid] = [0.0, 0.0, 0.0, 1.0]
     found[:, :3, :3], found[:, :3, 3] = Rotation.from_quat(rotation).as_matrix(), position
-    return found
+    return found, np.asarray(valid)
 
 
 def _add(fixed: Fixed, columns: Columns) -> Flags:
     """Adds the transforms that never change; which rows (n,) they are."""
     parents, children = (_frames(columns, path) for path in ("header.frame_id", "child_frame_id"))
-    every, still = _poses(columns, poses.TRANSFORM), np.zeros(len(parents), bool)
+    every, still = _poses(columns, poses.TRANSFORM)[0], np.zeros(len(parents), bool)
     for parent, child in set(zip(parents, children)):
         some = (parents == parent) & (children == child)
         if (every[some] == every[some][0]).all():
@@ -85,14 +85,9 @@ def _moved(columns: Columns, kind: poses.Kind, body: str, pose: Array) -> Column
     """Poses of a measured frame as poses of a body that has a pose in it."""
     from scipy.spatial.transform import Rotation
 
-    placed, turned = kind.fields()
-    found = _poses(columns, kind) @ pose
-    found[sum(columns[path] ** 2 for path in turned) == 0, :3, 3] = np.nan  # lost
-    moved = dict(
-        zip(placed + turned, [*found[:, :3, 3].T, *Rotation.from_matrix(found[:, :3, :3]).as_quat().T])
-    )
-    return {
-        **columns,
-        **moved,
-        **({kind.body: np.full(len(found), body, object)} if kind.body in columns else {}),
-    }
+    found, valid = _poses(columns, kind)
+    found = found @ pose
+    found[~valid, :3, 3] = np.nan
+    values = [*found[:, :3, 3].T, *Rotation.from_matrix(found[:, :3, :3]).as_quat().T]
+    moved = {**columns, **dict(zip((path for paths in kind.fields() for path in paths), values))}
+    return {**moved, kind.body: np.full(len(found), body, object)} if kind.body in columns else moved

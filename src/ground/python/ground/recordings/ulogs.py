@@ -4,12 +4,9 @@ Topics have the names of their messages; those of a second sensor end with its n
 are those since the computer started.
 """
 
-from typing import Mapping
-
 import numpy as np
 
 from ground.recordings.containers import RECEIVED, Columns, Container, Topic
-from ground.support.annotations import Array
 from ground.support.errors import GroundError
 
 MAGIC = b"ULog\x01\x12\x35"  #: first bytes of such a log
@@ -55,20 +52,12 @@ class Ulog(Container):
         columns = {name: np.asarray(values) for name, values in data.items() if name != TIME}
         for counter, moved in RESETS.items():
             if {counter, *moved, *moved.values()} <= set(columns):
-                self._undo(topic, columns, counter, moved, 1e-9 * received)
+                counts = np.diff(columns[counter], prepend=columns[counter][:1])  # of 8 bits, which may wrap
+                for name, delta in moved.items():
+                    columns[name] = columns[name] - np.cumsum(np.where(counts, columns[delta], 0.0))
+                for at in np.flatnonzero(counts)[:1]:
+                    steps = " and ".join("%s by %.3g" % (n, columns[delta][at]) for n, delta in moved.items())
+                    text = "%s: %d of %d resets (%s) are undone; that at %.2f s moved %s"
+                    numbers = np.count_nonzero(counts), counts.sum(dtype=int), counter, 1e-9 * received[at]
+                    self.warnings.append(text % (topic, *numbers, steps))
         return {RECEIVED: received, **columns}
-
-    def _undo(
-        self, topic: str, columns: Columns, counter: str, moved: Mapping[str, str], times: Array
-    ) -> None:
-        """Takes the steps of resets out of the columns that they moved, in place. times (n,) [s]."""
-        counts = np.diff(columns[counter], prepend=columns[counter][:1])  # of 8 bits, which may wrap
-        if not counts.any():
-            return
-        first = int(np.argmax(counts > 0))
-        steps = " and ".join("%s by %.3g" % (name, columns[delta][first]) for name, delta in moved.items())
-        text = "%s: %d of %d resets (%s) are undone, the first at %.2f s: it moved %s"
-        numbers = np.count_nonzero(counts), counts.sum(dtype=int), counter, times[first], steps
-        self.warnings.append(text % (topic, *numbers))
-        for name, delta in moved.items():
-            columns[name] = columns[name] - np.cumsum(np.where(counts, columns[delta], 0.0))
