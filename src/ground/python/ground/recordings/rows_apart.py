@@ -19,7 +19,7 @@ def are_apart(numbers: Array) -> bool:
 
 
 def joined(numbers: Array, times: Array) -> Array:
-    """Numbers (n, k) that stand apart at the rows of the most frequent one, else as they are. times (n,) [s]."""
+    """Numbers (n, k) that stand apart at the rows of the most frequent, else as they are. times (n,) [s]."""
     if not are_apart(numbers):
         return numbers
     there, found = np.isfinite(numbers) & np.isfinite(times)[:, None], np.full_like(numbers, np.nan)
