@@ -303,7 +303,7 @@ def rest(
     behind = times - (lag_of(recording) if lag is None else lag)
     commands = commands_at(recording, recording.commands_of(names), behind)
     found = regression(recording)
-    if found and found["slow"] and lag is None:
+    if found and found["slow"]:
         wanted, commands, base = (coarse(motion, times, rows) for rows in (wanted, commands, base))
         times = coarse(motion, times, times[:, None]).ravel()
     base = np.linalg.qr(base)[0]

@@ -135,7 +135,8 @@ def lengths(recording: Recording) -> Iterator[Suspicion]:
 
 def missing(recording: Recording) -> Iterator[Suspicion]:
     """Commands that were not recorded, by the effect of those before them, which ends before the next one."""
-    found = reply.fading(recording) if repaired(recording).reply else None
+    follows = repaired(recording).reply
+    found = reply.fading(recording) if follows and not follows["slow"] else None
     if found and found[0] + BOUND * found[1] < FADED:
         yield Suspicion(
             "missing",
