@@ -344,9 +344,9 @@ def fading(recording: Recording) -> Optional[Tuple[float, float, float]]:
     both, own = ((by_command * rows).sum(axis=1) for rows in (wanted, by_command))
     block, quarter = np.arange(len(ages)) * BLOCKS // len(ages), np.searchsorted(ends, ages)
     some = [[(quarter == q) & (block != b) for q in range(4)] for b in range(-1, BLOCKS)]
-    effects = np.array([[both[s].sum() / max(own[s].sum(), 1e-300) for s in row] for row in some])
-    most = int(effects[0].argmax())
-    least = most + int(effects[0, most:].argmin())
+    effects = np.array([[both[s].sum() / (own[s].sum() or np.nan) for s in row] for row in some])
+    most = int(np.nanargmax(effects[0]))  # a quarter may be empty, of ages that repeat
+    least = most + int(np.nanargmin(effects[0, most:]))
     shares = effects[:, least] / effects[:, most]
     error = np.sqrt(BLOCKS - 1) * shares[1:].std()
     return float(shares[0]), float(error), float(ages[quarter == least].mean())
