@@ -1,9 +1,11 @@
 """Bags of other people: own types, other encodings, killed recorders, files that are cut."""
 
 import json
+import math
 import shutil
 import sqlite3
 import struct
+import warnings
 
 import numpy as np
 import pytest
@@ -519,6 +521,17 @@ def test_a_file_that_is_no_bag_is_refused_in_a_sentence(tmp_path, name, content)
     assert "unexpected" not in refused.stderr and name in refused.stderr
 
 
+def ulog(path, formats, rows):
+    """A log of PX4. formats: fields by message; rows: stamp [ns], number of the message, further content."""
+    parts = [(b"F", b"%s:%s" % (name.encode(), fields.encode())) for name, fields in formats.items()]
+    parts += [(b"A", struct.pack("<BH", 0, i) + name.encode()) for i, name in enumerate(formats)]
+    for stamp, number, data in sorted(rows, key=lambda row: row[0]):
+        parts.append((b"D", struct.pack("<HQ", number, stamp // 1000) + data))
+    content = b"".join(struct.pack("<H", len(data)) + kind + data for kind, data in parts)
+    path.write_bytes(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0) + content)
+    return path
+
+
 def test_a_log_of_px4_is_read(tmp_path):
     pytest.importorskip("pyulog")
     poses, commands = experiment()
@@ -526,15 +539,9 @@ def test_a_log_of_px4_is_read(tmp_path):
         "vehicle_local_position": "uint64_t timestamp;float x;float y;float heading;bool xy_valid;",
         "actuator_outputs": "uint64_t timestamp;float[4] output;",
     }
-    parts = [(b"F", b"%s:%s" % (name.encode(), text.encode())) for name, text in formats.items()]
-    parts += [(b"A", struct.pack("<BH", 0, i) + name.encode()) for i, name in enumerate(formats)]
-    rows = [(s, struct.pack("<HQ3f?", 0, s // 1000, *eta, True)) for s, eta in poses]
-    for stamp, values in commands:
-        rows.append((stamp, struct.pack("<HQ4f", 1, stamp // 1000, *(1000 + 1000 * values), 0)))
-    parts += [(b"D", data) for _, data in sorted(rows, key=lambda row: row[0])]
-    log = tmp_path / "flight.ulg"
-    content = b"".join(struct.pack("<H", len(data)) + kind + data for kind, data in parts)
-    log.write_bytes(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0) + content)
+    rows = [(stamp, 0, struct.pack("<3f?", *eta, True)) for stamp, eta in poses]
+    rows += [(stamp, 1, struct.pack("<4f", *(1000 + 1000 * values), 0)) for stamp, values in commands]
+    log = ulog(tmp_path / "flight.ulg", formats, rows)
     draft = tmp_path / "draft.yaml"
     drafted = identify("info", tmp_path, "--write-mapping", draft)
     assert drafted.returncode == 0, drafted.stderr
@@ -546,6 +553,50 @@ def test_a_log_of_px4_is_read(tmp_path):
     (tmp_path / "cut.ulg").write_bytes(log.read_bytes()[:30])
     refused = identify("info", tmp_path / "cut.ulg")
     assert refused.returncode == 1 and "unexpected" not in refused.stderr
+
+
+RESETS = """
+schema: ground/mapping/1
+poses: {topic: vehicle_local_position, position: {fields: [x, y]}, heading: {field: heading}}
+commands: {topic: motors, channels: {left: {field: "u[0]"}, right: {field: "u[1]"}, lift: {field: "u[2]"}}}
+"""
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_resets_of_the_estimator_are_undone_by_their_counters(seed, tmp_path):
+    """Of positions and headings, at any times and of any size, by counters of 8 bits that begin anywhere."""
+    pytest.importorskip("pyulog")
+    random, (poses, commands) = np.random.default_rng(seed), experiment()
+    turns, moves = (np.sort(random.choice(np.arange(1, len(poses)), n)) for n in random.integers(0, 5, 2))
+    counts = random.integers(0, 256, 2)
+    delta, shift, rows = np.zeros(3), np.zeros(3), []
+    for i, (stamp, eta) in enumerate(poses):
+        for at, part in ((moves, slice(0, 2)), (turns, slice(2, 3))):
+            if i in at:
+                delta[part] = random.normal(0, 1, delta[part].shape)
+                shift[part] += delta[part]
+                counts[part.start // 2] += 1
+        told = [eta[0] + shift[0], eta[1] + shift[1], math.remainder(eta[2] + shift[2], 2 * math.pi)]
+        rows.append((stamp, 0, struct.pack("<6f2B", *told, *delta, *(counts % 256))))
+    rows += [(stamp, 1, struct.pack("<3f", *values)) for stamp, values in commands]
+    formats = {
+        "vehicle_local_position": "uint64_t timestamp;float x;float y;float heading;float[2] delta_xy;"
+        "float delta_heading;uint8_t xy_reset_counter;uint8_t heading_reset_counter;",
+        "motors": "uint64_t timestamp;float[3] u;",
+    }
+    log = ulog(tmp_path / "flight.ulg", formats, rows)
+    (tmp_path / "m.yaml").write_text(RESETS)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        (run,) = ground.read(log, mapping=tmp_path / "m.yaml")
+    eta = np.array([eta for _, eta in poses])
+    assert run.eta[:, :2] == pytest.approx(eta[:, :2], abs=1e-5)
+    assert np.exp(1j * run.eta[:, 2]) == pytest.approx(np.exp(1j * eta[:, 2]), abs=1e-5)
+    text = " ".join(str(one.message) for one in caught)
+    for at, name in ((moves, "xy_reset_counter"), (turns, "heading_reset_counter")):
+        assert (name in text) == bool(len(at))
+        for i in at[:1]:
+            assert "%.2f s" % (1e-9 * poses[i][0]) in text
 
 
 IDL = """module own_msgs { module msg {

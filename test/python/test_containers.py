@@ -1,13 +1,16 @@
 """One experiment in eight containers and types, with other names, units and frames, is one experiment."""
 
 import contextlib
+import copy
 import importlib.util
 import itertools
 import json
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import ground
 from conftest import MODEL, identify
@@ -252,6 +255,80 @@ def test_a_body_is_chosen_and_never_guessed(tmp_path):
         ground.read(path, **options)
     with pytest.raises(ground.GroundError, match="no body is named car; there are craft, wall"):
         ground.read(path, body="car", **options)
+
+
+class Pose(NamedTuple):
+    """The pose of a frame in another one."""
+
+    place: np.ndarray
+    turn: Rotation
+
+    def then(self, inner):
+        """The pose in the other frame of what has a pose in this one."""
+        return Pose(self.place + self.turn.apply(inner.place), self.turn * inner.turn)
+
+    def inverse(self):
+        return Pose(-self.turn.inv().apply(self.place), self.turn.inv())
+
+    def fill(self, transform):
+        set_pose(transform.translation, transform.rotation, (self.place, self.turn.as_quat()))
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("kind", ["tf", "odometry"])
+def test_a_body_is_reached_by_chains_of_static_transforms(kind, seed, tmp_path):
+    """Of any length and direction, with any turns, in tf_static or published again and again on tf."""
+    from geometry_msgs.msg import PointStamped, TransformStamped
+    from nav_msgs.msg import Odometry
+    from tf2_msgs.msg import TFMessage
+
+    random, (poses, commands) = np.random.default_rng(seed), experiment(2.0)
+
+    def transform(parent, child, pose):
+        item = TransformStamped()
+        item.header.frame_id, item.child_frame_id = random.choice(["", "/"]) + parent, child
+        pose.fill(item.transform)
+        return item
+
+    frames, whole, fixed = ["plate", *random.permutation(["a", "b", "base"])[: 1 + seed % 3]], None, []
+    for parent, child in zip(frames, frames[1:]):
+        link = Pose(random.normal(0, 0.3, 3), Rotation.random(random_state=random.integers(1000)))
+        whole = link if whole is None else whole.then(link)
+        is_inverse = random.random() < 0.5
+        fixed.append(
+            transform(child, parent, link.inverse()) if is_inverse else transform(parent, child, link)
+        )
+    side = Pose(random.normal(0, 1, 3), Rotation.identity())
+    messages = [("/tf_static", poses[0][0], TFMessage([transform("room", "camera", side)]))]
+    again = kind == "tf" and seed % 2
+    for stamp in [stamp for stamp, _ in poses[::10]] if again else [poses[0][0]]:
+        messages.append(("/tf" if again else "/tf_static", stamp, TFMessage(copy.deepcopy(fixed))))
+    for stamp, eta in poses:
+        place, turn = in_mocap(eta, Z_UP)
+        plate = Pose(np.array(place), Rotation.from_quat(turn)).then(whole.inverse())
+        if kind == "tf":
+            messages.append(("/tf", stamp, TFMessage([transform("room", "plate", plate)])))
+        else:
+            message = Odometry(child_frame_id="plate")
+            set_pose(
+                message.pose.pose.position, message.pose.pose.orientation, (plate.place, plate.turn.as_quat())
+            )
+            messages.append(("/odometry", stamp, message))
+    for stamp, values in commands:
+        message = PointStamped()
+        message.point.x, message.point.y, message.point.z = map(float, values)
+        messages.append(("/controls", stamp, message))
+    path = write_bag(tmp_path / "run.bag", messages)
+    options = {"pose_topic": "/odometry" if kind == "odometry" else "/tf", "axes": Z_UP}
+    with pytest.warns(UserWarning, match="%s is fixed to plate" % frames[-1]):
+        (run,) = ground.read(path, body=frames[-1], **options)
+    eta = np.array([eta for _, eta in poses])
+    assert run.eta[:, :2] == pytest.approx(eta[:, :2], abs=1e-7)
+    assert np.exp(1j * run.eta[:, 2]) == pytest.approx(np.exp(1j * eta[:, 2]), abs=1e-7)
+    with pytest.raises(ground.GroundError, match="no body is named car; there are plate, .*fixed to plate"):
+        ground.read(path, body="car", **options)
+    with pytest.raises(ground.GroundError, match="no body is named camera"):
+        ground.read(path, body="camera", **options)
 
 
 def test_several_topics_are_named_with_the_option(tmp_path):

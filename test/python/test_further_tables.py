@@ -66,6 +66,42 @@ def test_a_row_for_each_value_becomes_a_column_for_each_signal(run, tmp_path):
     assert "signal names the signals, and value has their values" in result.stdout + result.stderr
 
 
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("is_list", [False, True])
+def test_numbers_of_one_sample_in_rows_of_their_own_are_one_pose(is_list, seed, tmp_path):
+    """In any order, microseconds apart, at any rate; beside texts and switches, as robots log them."""
+    random, run = np.random.default_rng(seed), Run(4.0)
+    every = 1 + seed % 3
+    run.times, run.eta, run.commands = run.times[::every], run.eta[::every], run.commands[::every]
+    psi = np.angle(np.exp(1j * run.psi[::every]))
+    turned = {"Pose/yaw": psi}
+    if seed % 2:
+        turned = {"Pose/q" + one: values for one, values in zip("xyzw", np.zeros((4, len(psi))))}
+        turned.update({"Pose/qz": np.sin(psi / 2), "Pose/qw": np.cos(psi / 2)})
+    placed = {"Pose/x": run.eta[:, 0], "Pose/y": run.eta[:, 1]}
+    given = {**placed, **turned, "Drive/left": run.commands[:, 0], "Drive/right": run.commands[:, 1]}
+    names = [str(name) for name in random.permutation([*given])]
+    rows = [(run.times[0] + 0.011, "DS/enabled", "true"), (run.times[0] + 0.013, "FMS/name", "test")]
+    for i, time in enumerate(run.times):
+        late = np.cumsum(random.integers(1, 20, len(names))) * 1e-6
+        rows += [(time + after, name, "%.9f" % given[name][i]) for after, name in zip(late, names)]
+    if is_list:
+        lines = ["Timestamp,Key,Value", *("%.6f,%s,%s" % row for row in rows)]
+    else:
+        columns = dict.fromkeys(name for _, name, _ in rows)
+        cells = [[text if name == one else "" for one in columns] for _, name, text in rows]
+        lines = [",".join(["Timestamp", *columns])]
+        lines += [",".join(["%.6f" % row[0], *filled]) for row, filled in zip(rows, cells)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines) + "\n")
+    identify("info", path, "--write-mapping", tmp_path / "draft.yaml")
+    (found,) = ground.read(path, mapping=tmp_path / "draft.yaml", axes="x, y, z" if seed % 2 else None)
+    assert len(found.eta) == len(run.eta)
+    assert found.pose_times == pytest.approx(run.times, abs=2e-4)
+    assert found.eta[:, :2] == pytest.approx(run.eta[:, :2], abs=1e-8)
+    assert np.exp(1j * found.eta[:, 2]) == pytest.approx(np.exp(1j * psi), abs=1e-7)
+
+
 LABVIEW = """LabVIEW Measurement\t
 Writer_Version\t2
 Separator\tTab

@@ -44,6 +44,45 @@ def polled(times, random, poll=0.01):
     return stamps + 1e-5 * np.arange(len(times)) / len(times)
 
 
+def frozen(times, eta, inputs):
+    return times, 0 * eta + eta[100], inputs
+
+
+def idle_and_frozen(times, eta, inputs):
+    return times, 0 * eta + eta[100], inputs * [1, 0, 0, 1]
+
+
+def lift_at_first(times, eta, inputs):
+    return times, eta, np.vstack([inputs[:2], inputs[2:] * [1, 1, 1, 0]])
+
+
+def many_gaps(times, eta, inputs):
+    seen = np.arange(len(times)) % 60 < 20
+    return times[seen], eta[seen], inputs
+
+
+def too_short(times, eta, inputs):
+    return times[:25], eta[:25], inputs[inputs[:, 0] < 0.3]
+
+
+@pytest.mark.parametrize(
+    "spoil, reason",
+    [
+        (frozen, "all poses are the same"),
+        (idle_and_frozen, "all poses are the same"),
+        (lift_at_first, "without lift"),
+        (many_gaps, "without a gap"),
+        (too_short, "poses follow each other"),
+    ],
+)
+def test_what_is_wrong_with_a_run_of_which_nothing_is_usable_is_said_first(spoil, reason, tmp_path):
+    result = identify("info", write_bag(tmp_path / "run.bag", change=spoil))
+    assert result.returncode == 0, result.stderr
+    head = " ".join(result.stdout.split("\n\n")[0].split())
+    assert "Usable: 0.0 of" in head and "Next: look at run: nothing of it is usable" in head
+    assert reason in head and "nothing to mend" not in head
+
+
 def test_defects_are_found(tmp_path):
     def spoil(times, eta, inputs):
         eta = eta.copy()

@@ -10,7 +10,8 @@ import pytest
 import ground
 from conftest import MODEL, ROOT, identify, slow
 from ground import _core
-from ground.recordings import suspicions
+from ground.recordings import findings, suspicions
+from ground.recordings.quality import repaired
 from ground.simulation import experiments, gains
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
@@ -145,6 +146,71 @@ def test_the_delay_of_a_boat_may_be_its_own(tmp_path):
     [run] = ground.read(tmp_path / "boat.bag")
     assert kinds(run) == []
     assert kinds(run, run.pose_times + 3) == ["clock"]
+
+
+def driven(seed, rate=100.0, duration=20.0):
+    """A run of random commands that may change every 80 ms: times, poses, time and command of each change."""
+    random, times = np.random.default_rng(seed), np.arange(0, duration, 1 / rate)
+    edges = np.arange(0, duration, 0.08)
+    sent = np.column_stack([edges, random.choice([0.0, 0.5], (len(edges), 2)), np.ones(len(edges))])
+    run = _core.simulate(_core.load_model(str(MODEL)), sent, times, np.zeros(3), np.zeros(3))
+    eta = run["eta"] + random.normal(0, [3e-4, 3e-4, 3e-3], (len(times), 3))
+    changes = np.append(True, (np.diff(sent[:, 1:], axis=0) != 0).any(axis=1))
+    return times, eta, sent[changes], random
+
+
+def described(times, eta, sent):
+    """What info holds of a run with other commands, and what it says of how the craft replies."""
+    sent = sent[np.argsort(sent[:, 0])]
+    run = ground.Recording.from_arrays(times, eta, sent[:, 1:], sent[:, 0])
+    (found,) = findings.describe([repaired(run)])
+    return found, dict(findings.facts(found)).get("reply", ""), list(findings.grave(found))
+
+
+def sampled(sent, random, period):
+    """The commands that hold at every period [s]."""
+    times = np.arange(0, sent[-1, 0], period)
+    return np.column_stack([times, sent[np.searchsorted(sent[:, 0], times, side="right") - 1, 1:]])
+
+
+THINNED = {
+    "every 0.15 s": lambda sent, random: sampled(sent, random, 0.15),
+    "every 0.25 s": lambda sent, random: sampled(sent, random, 0.25),
+    "every second": lambda sent, random: sent[::2],
+    "half lost": lambda sent, random: sent[random.random(len(sent)) > 0.5],
+}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("way", THINNED)
+def test_commands_that_were_not_recorded_are_missed(way, seed):
+    times, eta, sent, random = driven(seed, rate=[100.0, 50.0, 120.0][seed])
+    _, reply, said = described(times, eta, THINNED[way](sent, random))
+    assert "commands between the recorded ones are missing" in " ".join(said)
+    assert "reacts -" not in reply
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("late", [(0.03, 0.03), (0.005, 0.08), (0.02, 0.1), (0.09, 0.09)])
+def test_commands_with_late_stamps_are_named_with_the_key_that_mends_them(late, seed):
+    times, eta, sent, random = driven(seed)
+    stamps = sent[:, 0] + random.uniform(*late, len(sent))
+    found, reply, said = described(times, eta, np.column_stack([stamps, sent[:, 1:]]))
+    (clock,) = [one for one in found["suspicions"] if one["kind"] == "clock"]
+    offset = float(re.search(r"clock_offset: (\S+)", clock["remedy"]).group(1))
+    assert offset == pytest.approx(np.mean(late), abs=0.015)
+    assert "before its command" in reply and said
+    _, reply, said = described(times + offset, eta, np.column_stack([stamps, sent[:, 1:]]))
+    assert "before its command" not in reply + " ".join(said)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whole_commands_are_neither_missed_nor_early(seed):
+    times, eta, sent, random = driven(seed, rate=[100.0, 50.0, 30.0][seed % 3], duration=8.0 + 2 * seed)
+    again = sampled(sent, random, 0.02)  # as a publisher with a rate sends them
+    for commands in (sent, again):
+        _, reply, said = described(times, eta, commands)
+        assert said == [] and "reacts" in reply and "-" not in reply
 
 
 @slow

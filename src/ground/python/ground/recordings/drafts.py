@@ -146,6 +146,9 @@ def _find_pose(seen: Seen) -> None:
     if seen.kind not in poses.KINDS:
         free = {name: column for name, column in seen.values.items() if name not in seen.clock_fields}
         seen.poses = sightings.of_columns(free)
+        if free and not seen.poses:
+            joined = rows_apart.joined(np.column_stack([*free.values()]), seen.times)
+            seen.poses = sightings.of_columns(dict(zip(free, joined.T)))
         if seen.poses and not len(seen.rows(seen.pose)[0]):
             _join(seen)
         seen.poses = [pose for pose in seen.poses if len(seen.rows(pose)[0])]
@@ -158,15 +161,15 @@ def _find_pose(seen: Seen) -> None:
 
 
 def _join(seen: Seen) -> None:
-    """Gives the likeliest pose of a table the headings that stand in rows of their own."""
+    """Gives the likeliest pose of a table the numbers that stand in rows of their own."""
     position, rotation = (
         np.column_stack([seen.values[path] for path in paths])
         for paths in (seen.pose.position, seen.pose.rotation)
     )
     largest = np.abs(rotation[np.isfinite(rotation)]).max(initial=0.0)
     turn = 360.0 if largest > 2 * math.pi + 0.01 else 2 * math.pi
-    joined = rows_apart.together(position, rotation, seen.times, turn)
-    seen.values = {**seen.values, **dict(zip(seen.pose.rotation, joined.T))}
+    joined = np.column_stack(rows_apart.together(position, rotation, seen.times, turn))
+    seen.values = {**seen.values, **dict(zip(seen.pose.position + seen.pose.rotation, joined.T))}
 
 
 def _axes(position: Array, quaternion: Array) -> str:

@@ -7,7 +7,7 @@ from typing import Dict, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground.recordings import headings, repair, reply, scatter, suspicions, words
-from ground.recordings.quality import RepairedRun, lifted, same_inputs
+from ground.recordings.quality import SHORTEST, RepairedRun, lifted, same_inputs
 from ground.recordings.recording import Recording
 from ground.recordings.run_settings import NAMES, RunFile
 from ground.support.annotations import Document
@@ -199,7 +199,10 @@ def facts(d: Document) -> Iterator[Tuple[str, str]]:
     )
     yield "drive", ", ".join(starts) + (DRIVES_BY.get(d["drives"]["by"], "") if has_lift else "")
     if d["reply"]:
-        text = "the craft reacts %.0f ms after a command" % (1e3 * d["reply"]["lag"])
+        lag, doubts = 1e3 * d["reply"]["lag"], {one["kind"] for one in d["suspicions"]}
+        before = "the motion comes %.0f ms before its command" if doubts & {"clock", "missing"} else ""
+        before = before or "the craft reacts within %.0f ms of a command"
+        text = ("the craft reacts %.0f ms after a command" if lag >= 0 else before) % abs(lag)
         slow = "the craft follows its commands, too slowly for poses with this noise to show its delay"
         yield "reply", slow if d["reply"]["slow"] else text
     if d["inertial"]:
@@ -284,6 +287,11 @@ def _measured(settings: Document) -> str:
 def grave(d: Document) -> Iterator[str]:
     """Sentences on oddities whose repair may be wrong; all verbs print them, not only info."""
     poses = d["poses"]
+    if not d["usable"]["spans"]:
+        why = max(_left_out(d), default=(0.0, "no %d poses follow each other without a gap" % SHORTEST))[1]
+        if poses["third_differences"] and not any(poses["third_differences"].values()):
+            why = "all poses are the same: the mocap stood still"
+        yield "nothing of it is usable: " + why
     if poses["stamps_out_of_order"]:
         yield "stamps out of order, sorted: %d" % poses["stamps_out_of_order"]
     if poses["frozen"]:
@@ -305,7 +313,7 @@ def grave(d: Document) -> Iterator[str]:
     if d["controls"]["changes"] >= FEWEST_CHANGES and not d["reply"] and not clock:
         share = d["unexplained"]
         if share is not None and share >= reply.POWER:
-            yield "the motion does not follow the commands: are poses and commands of the same run?"
+            yield "the motion does not follow the commands: are poses and all commands of the same run?"
         elif share is not None:
             why = "most of the accelerations are noise of the poses"
             if d["poses"]["noise"]["heading"] > reply.AMBIGUOUS:
@@ -321,13 +329,22 @@ def findings(d: Document) -> Iterator[str]:
     yield from _frames(d["poses"])
     yield from _poses(d["poses"])
     yield from _overlap(d["controls"])
+    yield from (text for _, text in _left_out(d))
+    yield from _changes(d["changes"])
+    if d["same_inputs_as"]:
+        yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
+
+
+def _left_out(d: Document) -> Iterator[Tuple[float, str]]:
+    """What is not usable and why: its length [s] and a sentence."""
     if d["rest"] > 0.2:
-        yield "the first %.2f s are left out, because the craft does not move (--all keeps them)" % d["rest"]
+        text = "the first %.2f s are left out, because the craft does not move (--all keeps them)"
+        yield d["rest"], text % d["rest"]
     if d["rest_at_end"] > 0.2:
         controls = d["controls"]
         none = "lift" if len(controls["thrusters"]) < len(controls["channels"]) else "commands"
         text = "the last %.2f s are left out, without %s or motion (--all keeps them)"
-        yield text % (d["rest_at_end"], none)
+        yield d["rest_at_end"], text % (d["rest_at_end"], none)
     for spans, what in (
         (d["without_lift"], "no lift, left out"),
         (d["steps"], "the measured pose steps, as when cameras change, but the craft does not; left out"),
@@ -336,10 +353,8 @@ def findings(d: Document) -> Iterator[str]:
         (d["contacts"], "no input explains the motion (contact, hand, wrong poses), left out"),
     ):
         if spans:
-            yield "%s: %s" % (what, _named(["%(start).2f to %(end).2f s" % span for span in spans]))
-    yield from _changes(d["changes"])
-    if d["same_inputs_as"]:
-        yield "the same sequence of inputs as %s" % ", ".join(d["same_inputs_as"])
+            named = _named(["%(start).2f to %(end).2f s" % span for span in spans])
+            yield sum(span["end"] - span["start"] for span in spans), "%s: %s" % (what, named)
 
 
 def _frames(poses: Document) -> Iterator[str]:

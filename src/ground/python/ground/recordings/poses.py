@@ -58,6 +58,7 @@ KINDS = {
     "geometry_msgs/Pose2D": Kind("", heading="theta"),
 }
 SELDOM = ("geometry_msgs/Pose", "geometry_msgs/Pose2D")  # types without a header
+STATIC = "tf_static"  # last name of topics with transforms that do not change
 AMBIGUOUS = ("geometry_msgs/PointStamped", "geometry_msgs/Transform")  # no poses unless so named
 
 
@@ -69,7 +70,7 @@ def rank(name: str, kind: str) -> Optional[int]:
         return 1
     if kind == STATE and name == "state":
         return 2
-    if kind not in KINDS or kind in AMBIGUOUS:
+    if kind not in KINDS or kind in AMBIGUOUS or name == STATIC:
         return None
     return 4 if kind in SELDOM else 3
 
@@ -139,7 +140,8 @@ def read(
     chosen = _of_body(columns, _body_column(columns, known), poses.body.strip("/"), where, len(stamps))
     paths = [_of_column(columns, path.lstrip("-"), poses.body) for path in position + rotation]
     numbers = containers.values(columns, paths, where)[chosen]
-    count = len(position)
+    count, times = len(position), containers.seconds(stamps[chosen])
+    numbers = np.column_stack([rows_apart.joined(some, times) for some in np.split(numbers, [count], axis=1)])
     absent = np.isnan(numbers[:, :count]).all(axis=1)
     placed = places.metres(numbers[:, :count], paths[:count], columns, poses, where, notes)
     turned = numbers[:, count:]
@@ -154,7 +156,7 @@ def read(
             or "rad"
         )
         turned *= ANGLES[unit] * poses.heading_sign
-    apart, turned = turned, rows_apart.together(placed, turned, containers.seconds(stamps[chosen]), 2 * np.pi)
+    apart, (placed, turned) = turned, rows_apart.together(placed, turned, times, 2 * np.pi)
     if turned is not apart:
         between = int((np.isfinite(turned).all(axis=1) & ~absent).sum())
         notes.append(

@@ -20,6 +20,7 @@ from ground.recordings import (
     poses,
     run_settings,
     sensors,
+    transforms,
     units,
 )
 from ground.recordings.bags import METADATA
@@ -147,6 +148,7 @@ def of_container(source: Container, mapping: FieldMapping) -> Recording:
     settings = run_settings.settings_of(source, taken, mapping, warnings)
 
     columns, where = source.table(posed), "%s: %s" % (path, posed)
+    columns = transforms.of_body(source, posed, columns, mapping.poses.body, warnings)
     stamps, known = _stamps(columns, mapping.poses.time, where, warnings)
     measured = poses.read(columns, stamps, where, kind, mapping.poses, settings, warnings)
     stamps, known = stamps[measured.chosen], known[measured.chosen]

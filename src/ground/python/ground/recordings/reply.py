@@ -43,6 +43,8 @@ class Reply(TypedDict):
     """How accelerations follow from the commands."""
 
     lag: float  # lag of the motion behind the commands [s]
+    error: float  # its standard error [s]
+    early: bool  # whether the motion comes before its commands, beyond chance and the poses' interval
     share: float  # share of the accelerations that the commands explain
     chance: float  # the largest share by commands of other times
     # share of the accelerations that is not noise of the poses, of the best channel; 0 where headings are
@@ -126,26 +128,28 @@ def regression(recording: Recording) -> Optional[Reply]:
     others = others / np.maximum(np.abs(others).max(axis=0), 1e-300)
     sizes = np.maximum(np.abs(smooth_terms(motion.nu[inside])).max(axis=0), 1e-300)
 
-    def regressed(lag: float, some: slice = slice(None)) -> Tuple[float, Array]:
+    def regressed(lag: float, some: slice = slice(None)) -> Tuple[Array, Array]:
         X = np.column_stack([commands_at(recording, thrust, times[some] - lag), others[some]])
         coefficients = np.linalg.lstsq(X, wanted[some], rcond=None)[0]
-        return float(np.abs((wanted[some] - X @ coefficients) / scale).mean()), coefficients
+        return np.abs((wanted[some] - X @ coefficients) / scale).mean(axis=1), coefficients
 
     spread = slice(None, None, 1 + len(times) // LAG_SAMPLES)
-    lags = LAGS
+    lags, begins = LAGS, np.arange(BLOCKS) * len(times[spread]) // BLOCKS
     while True:
-        best = int(np.argmin([regressed(lag, spread)[0] for lag in lags]))
+        costs = np.array([np.add.reduceat(regressed(lag, spread)[0], begins) for lag in lags])
+        best = int(costs.sum(axis=1).argmin())
         if best < len(lags) - 1 or lags[-1] >= turn_time(motion):
             break
         lags = lags[-1] + 2 * (lags - lags[0])  # a craft may answer later, less exactly
     lag = float(lags[best])
-    misfit, coefficients = regressed(lag)
+    error, early = _timing(lags, costs, scatter.interval(motion.times))
+    misfits, coefficients = regressed(lag)
     coefficients[thrust.shape[1] :] /= sizes[:, None]
     without = np.linalg.lstsq(others, wanted, rcond=None)[0]
     most = np.abs((wanted - others @ without) / scale).mean()
     rough = slice(None, None, 1 + len(times) // CLOCK_SAMPLES)
-    chance = 1 - min(regressed(lag, rough)[0] for lag in _placebos(recording)) / most
-    share, power = float(1 - misfit / most), _power(motion, wanted) if chance < 0.5 * FOLLOWS else 0.0
+    chance = 1 - min(regressed(lag, rough)[0].mean() for lag in _placebos(recording)) / most
+    share, power = float(1 - misfits.mean() / most), _power(motion, wanted) if chance < 0.5 * FOLLOWS else 0.0
     follows = share > FOLLOWS or share > max(CLEARLY * chance, MIN_FOLLOWED)
     slow = None if follows else _slow(recording)
     if slow is not None and slow.share > max(FOLLOWS, CLEARLY * slow.chance):
@@ -154,6 +158,8 @@ def regression(recording: Recording) -> Optional[Reply]:
         power = 0.0
     return {
         "lag": lag,
+        "error": error,
+        "early": early,
         "share": share,
         "chance": float(chance),
         "power": power,
@@ -161,6 +167,18 @@ def regression(recording: Recording) -> Optional[Reply]:
         "slow": slow is not None and bool(follows),
         "coefficients": coefficients,
     }
+
+
+def _timing(lags: Array, costs: Array, resolved: float) -> Tuple[float, bool]:
+    """The standard error [s] of the lag with the least of some costs (lags, blocks), and whether the lag is
+    below zero beyond chance and what is resolved [s]."""
+    whole = costs.sum(axis=1, keepdims=True)
+    others = lags[(whole - costs).argmin(axis=0)]  # without one block
+    error = float(np.sqrt((BLOCKS - 1) * others.var() + (lags[1] - lags[0]) ** 2 / 12))
+    best, later = int(whole.argmin()), np.flatnonzero(lags >= 0)
+    gain = costs[later[whole[later].argmin()]] - costs[best]
+    clear = gain.mean() > EXCLUDED * gain.std(ddof=1) / np.sqrt(BLOCKS)
+    return error, bool(lags[best] < -resolved and clear)
 
 
 class _Slow(NamedTuple):
@@ -269,9 +287,11 @@ class Rest:
     commands: Array  # (n, k)
 
 
-def rest(recording: Recording, names: Sequence[str], twisted: bool = False) -> Optional[Rest]:
+def rest(
+    recording: Recording, names: Sequence[str], twisted: bool = False, lag: Optional[float] = None
+) -> Optional[Rest]:
     """The Rest of a motion and the commands of some channels that it follows; None without samples.
-    twisted: in the frame of a body whose heading is minus the measured one."""
+    twisted: in the frame of a body whose heading is minus the measured one; lag: by default lag_of() [s]."""
     motion, sent = recording.motion, recording.control_times
     inside = middle(motion) & (motion.times > sent[0]) & (motion.times < sent[-1])
     times = motion.times[inside]
@@ -280,7 +300,8 @@ def rest(recording: Recording, names: Sequence[str], twisted: bool = False) -> O
     wanted, nu, psi = seen(motion, inside, twisted)
     level = np.column_stack([np.cos(psi), np.sin(psi)])  # a slope in the body's frame
     base: Array = np.column_stack([smooth_terms(nu), level])
-    commands = commands_at(recording, recording.commands_of(names), times - lag_of(recording))
+    behind = times - (lag_of(recording) if lag is None else lag)
+    commands = commands_at(recording, recording.commands_of(names), behind)
     found = regression(recording)
     if found and found["slow"]:
         wanted, commands, base = (coarse(motion, times, rows) for rows in (wanted, commands, base))
@@ -305,6 +326,30 @@ def _turned(rows: Array, angle: Array) -> Array:
     """Rows (n, 3) with their first two columns turned by an angle (n,)."""
     turned = (rows[:, 0] + 1j * rows[:, 1]) * np.exp(1j * angle)
     return np.column_stack([turned.real, turned.imag, rows[:, 2]])
+
+
+def fading(recording: Recording) -> Optional[Tuple[float, float, float]]:
+    """Share of a command's effect that is left while it holds, in the quarter of its ages with the least; its
+    standard error; the mean age there [s]. None where the motion does not resolve the ages."""
+    lag, sent = max(lag_of(recording), 0.0), recording.control_times
+    left = rest(recording, recording.thrusters, lag=lag)
+    if left is None:
+        return None
+    ages = left.times - lag - sent[np.maximum(np.searchsorted(sent, left.times - lag, side="right") - 1, 0)]
+    ends = np.quantile(ages, [0.25, 0.5, 0.75])
+    if not ends[2] - ends[0] > max(*blur(recording.motion), scatter.interval(recording.motion.times)):
+        return None
+    wanted = left.accelerations / np.maximum(left.accelerations.std(axis=0), 1e-300)
+    by_command = left.commands @ np.linalg.lstsq(left.commands, wanted, rcond=None)[0]
+    both, own = ((by_command * rows).sum(axis=1) for rows in (wanted, by_command))
+    block, quarter = np.arange(len(ages)) * BLOCKS // len(ages), np.searchsorted(ends, ages)
+    some = [[(quarter == q) & (block != b) for q in range(4)] for b in range(-1, BLOCKS)]
+    effects = np.array([[both[s].sum() / (own[s].sum() or np.nan) for s in row] for row in some])
+    most = int(np.nanargmax(effects[0]))  # a quarter may be empty, of ages that repeat
+    least = most + int(np.nanargmin(effects[0, most:]))
+    shares = effects[:, least] / effects[:, most]
+    error = np.sqrt(BLOCKS - 1) * shares[1:].std()
+    return float(shares[0]), float(error), float(ages[quarter == least].mean())
 
 
 def authorities(recording: Recording) -> Document:

@@ -25,6 +25,8 @@ TURNS = 0.3  # yaw rate from which a craft also moves [rad/s]
 EARLIEST, DELAYED, LATEST = -0.043, 0.22, 0.45
 BLURRED = 0.05  # uncertainty of a delay by poses of 100 Hz [s]
 MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run [s]
+FADED = 0.5  # share of a command's effect below which other commands act most of the time
+BOUND, SIDES = 1.645, 2.0  # standard errors of a bound and to both sides of an interval, of 95%
 CLEAR = 2.5  # least evidence of another clock, in its standard errors
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
 MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
@@ -131,9 +133,31 @@ def lengths(recording: Recording) -> Iterator[Suspicion]:
         )
 
 
+def missing(recording: Recording) -> Iterator[Suspicion]:
+    """Commands that were not recorded, by the effect of those before them, which ends before the next one."""
+    follows = repaired(recording).reply
+    found = reply.fading(recording) if follows and not follows["slow"] else None
+    if found and found[0] + BOUND * found[1] < FADED:
+        yield Suspicion(
+            "missing",
+            "%.2g s after a command, %.0f%% of its effect is left: commands between the recorded ones are "
+            "missing, or their stamps are wrong by different times" % (found[2], 100 * max(found[0], 0.0)),
+            "record all commands when the craft takes them, because a fit makes the thrust smaller",
+        )
+
+
 def clocks(recording: Recording) -> Iterator[Suspicion]:
     """Stamps of two computers, by the time from command to motion and its change."""
     if (np.abs(np.diff(recording.thrust, axis=0)) > 1e-6).any(axis=1).sum() < MIN_CHANGES:
+        return
+    found = reply.find(recording)
+    if found and found["early"]:
+        yield Suspicion(
+            "clock",
+            "the motion comes %.0f ms (+- %.0f) before its command: commands are stamped late, or the clocks "
+            "of poses and commands differ" % (-1e3 * found["lag"], SIDES * 1e3 * found["error"]),
+            "clock_offset: %.2f in a mapping" % -found["lag"],
+        )
         return
     follows = repaired(recording).reply
     motion = repaired(recording).motion
@@ -199,7 +223,7 @@ def alone(recording: Recording, thrusters: Thrusters) -> Optional[layouts.Verdic
     return found
 
 
-CHECKS: Sequence[Callable[[Recording], Iterator[Suspicion]]] = (lengths, clocks, forces, directions)
+CHECKS: Sequence[Callable[[Recording], Iterator[Suspicion]]] = (lengths, missing, clocks, forces, directions)
 
 
 def _angles(recordings: Sequence[Recording], model: _core.Model) -> Iterator[Suspicion]:

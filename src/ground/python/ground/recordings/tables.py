@@ -9,7 +9,7 @@ import io
 import re
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Callable, Dict, List, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -304,6 +304,10 @@ def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> T
     of_name = {name: at for at, name in enumerate(names) if name and not empty[at]}
     frame = frame[list(of_name.values())]
     frame.columns = list(of_name)
+    wide = _pivoted(frame, notes)
+    if wide is not None:
+        frame, in_cells = cells.read(wide, notes)
+        return Table(frame, {**_units(head, [*names, *frame.columns]), **in_cells}, notes)
     frame, in_cells = cells.read(frame, notes)
     found = Table(frame, {**in_cells, **_units(head, names)}, notes)
     found.empty = [name for at, name in enumerate(names) if name and empty[at]]
@@ -315,35 +319,27 @@ def _table(rows: Sequence[str], head: Head, decimal: str, notes: List[str]) -> T
         return parsed(at + 1, dtype=str, usecols=[at]).iloc[:, 0].to_numpy()  # a row may end after it
 
     found.text = text
-    if _pivoted(found):
-        return found
     _add_times(found, head)
     exports.complete(frame, found.units, head, notes)
     return found
 
 
-def _pivoted(table: Table) -> bool:
-    """Gives a column to each signal of a table with a row for each value (time, name, value); whether it was
-    one."""
-    frame = table.frame
-    texts = [n for n in frame.columns if frame[n].dtype == object and 3 * frame[n].nunique() <= len(frame)]
-    values = [n for n in frame.columns if str(n).lower() in ("value", "val", "values", "data", "_value")]
-    if (
-        len(frame.columns) != 3
-        or len(texts) != 1
-        or len(values) != 1
-        or frame[values[0]].dtype.kind not in "if"
-    ):
-        return False
+def _pivoted(frame: "pandas.DataFrame", notes: List[str]) -> "Optional[pandas.DataFrame]":
+    """A table with a row for each value (time, name, value) as one with a column for each signal; None: it is
+    another one."""
+    values = [n for n in frame.columns if n.lower() in ("value", "val", "values", "data", "_value")]
+    others = [n for n in frame.columns if n not in values and not set(words.split(n)) & words.TIME]
+    texts = [n for n in others if frame[n].dtype == object and 3 * frame[n].nunique() <= len(frame)]
+    if len(frame.columns) != 3 or len(texts) != 1 or len(values) != 1:
+        return None
     (time,) = set(frame.columns) - {texts[0], values[0]}
-    table.notes.append(
+    notes.append(
         "a row for each value: %s names the signals, and %s has their values; those of one time are one row"
         % (texts[0], values[0])
     )
     wide = frame.pivot_table(index=time, columns=texts[0], values=values[0], aggfunc="first")
-    table.frame = wide[frame[texts[0]].dropna().unique()].reset_index().rename(columns=str)
-    table.text = lambda _: None
-    return True
+    there = [name for name in frame[texts[0]].dropna().unique() if name in wide]
+    return wide[there].reset_index().rename(columns=str)
 
 
 def _units(head: Head, names: Sequence[str]) -> Dict[str, str]:

@@ -11,6 +11,12 @@ from ground.support.errors import GroundError
 
 MAGIC = b"ULog\x01\x12\x35"  #: first bytes of such a log
 TIME = "timestamp"  # field of all messages [us]
+# Counters of resets of the estimator, and what each moves: a number, and by how much it was moved last
+RESETS = {
+    "xy_reset_counter": {"x": "delta_xy[0]", "y": "delta_xy[1]"},
+    "z_reset_counter": {"z": "delta_z"},
+    "heading_reset_counter": {"heading": "delta_heading"},
+}
 
 
 class Ulog(Container):
@@ -43,7 +49,15 @@ class Ulog(Container):
         """See Container."""
         data = self._tables[topic]
         received = np.asarray(data[TIME]).astype(np.int64) * 1000
-        return {
-            RECEIVED: received,
-            **{name: np.asarray(values) for name, values in data.items() if name != TIME},
-        }
+        columns = {name: np.asarray(values) for name, values in data.items() if name != TIME}
+        for counter, moved in RESETS.items():
+            if {counter, *moved, *moved.values()} <= set(columns):
+                counts = np.diff(columns[counter], prepend=columns[counter][:1])  # of 8 bits, which may wrap
+                for name, delta in moved.items():
+                    columns[name] = columns[name] - np.cumsum(np.where(counts, columns[delta], 0.0))
+                for at in np.flatnonzero(counts)[:1]:
+                    steps = " and ".join("%s by %.3g" % (n, columns[delta][at]) for n, delta in moved.items())
+                    text = "%s: %d of %d resets (%s) are undone; that at %.2f s moved %s"
+                    numbers = np.count_nonzero(counts), counts.sum(dtype=int), counter, 1e-9 * received[at]
+                    self.warnings.append(text % (topic, *numbers, steps))
+        return {RECEIVED: received, **columns}
