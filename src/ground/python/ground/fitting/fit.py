@@ -21,7 +21,7 @@ from ground.recordings import quality, windows
 from ground.support import command_line
 from ground.support.annotations import Document
 from ground.support.command_line import count, option
-from ground.support.errors import warn
+from ground.support.errors import GroundError, warn
 from ground.support.progress import Progress, Work
 
 OBJECTIVES = ("least-squares", "thesis")
@@ -67,11 +67,19 @@ class FitOptions(bag_arguments.Part):
         metavar="N",
     )
 
-    def fitter(self, runs: Sequence[_core.RunData], known: priors.Known) -> WindowFitter:
-        """Fits to runs as these options want it, with what is known beforehand."""
+    def fitter(
+        self,
+        runs: Sequence[_core.RunData],
+        known: priors.Known,
+        kept: Sequence[str] = (),
+        most: float = np.inf,
+    ) -> WindowFitter:
+        """Fits to runs as these options want it, with what is known beforehand, and parameters that keep
+        their start."""
         return WindowFitter(
             runs,
-            most=np.inf,
+            most=most,
+            kept=list(kept),
             most_parts=RUNS,
             target=getattr(_core.Target, self.target),
             objective=getattr(_core.Objective, self.objective.replace("-", "_")),
@@ -115,9 +123,15 @@ def fit(
     known = priors.known(given.core, options.prior)
     free = [*options.free, *(name for name in known if name not in options.free)]
     options = replace(options, free=free)
-    fitter = options.fitter(seen.data, known)
+    seen, start, kept, unknown = _prepared(seen, given, options, known)
+    held = _recut(held, given, options, windows.length(seen.data)) if held.data else held
+    fitter = options.fitter(seen.data, known, kept)
     with work.stage(FITTING, 1 + len(fitter.parts)):
-        found = fitter.fit(given.core, options.free, work=work)
+        found = fitter.fit(start, options.free, work=work)
+    for p in found.result["parameters"]:
+        p["start"] = given.core.value(p["name"])
+        if p["name"] in unknown:
+            p.update(identified=False, ci95=(0.0, np.inf), deviation=np.inf)
     if not found.result["converged"]:
         warn("the fit has not converged after %d iterations" % found.result["iterations"])
     runs: List[RunFit] = []
@@ -125,15 +139,15 @@ def fit(
         with work.stage(ALONE, len(seen.data)):
             runs = [_alone(fitter, found, i, options, known) for i in work.each(range(len(seen.data)))]
     errors = Errors(
-        windows.error(seen.data, given.core),
+        _error(seen.data, given.core),
         float(found.error.sum()),
         float(found.heldout.sum()) if found.others else None,
-        Change(*(windows.error(held.data, m) for m in (given.core, found.model))) if held.data else None,
+        Change(*(_error(held.data, m) for m in (given.core, found.model))) if held.data else None,
     )
     models: Dict[str, ModelsAt] = {"given": horizon.same(given.core), "fitted": horizon.same(found.model)}
     if not held.data:
         models["fitted"] = functools.partial(fitter.models_at, found)
-    tested, seconds = held.data or seen.data, horizon.horizon(seen.data, given.core)
+    tested, seconds = held.data or seen.data, horizon.horizon(seen.data, start)
     prediction = horizon.prediction_error(tested, seconds, models, found.model)
     parts = [
         HeldOut(without["model"], seen.data[part :: fitter.most_parts])
@@ -142,6 +156,43 @@ def fit(
     parts += [HeldOut(shifted) for shifted in found.result["shifted"]]
     result = _result(given, seen, options.starts, found.result, errors, prediction, runs, known)
     return replace(result, parts=parts)
+
+
+def _prepared(
+    seen: Measured, given: Model, options: FitOptions, known: priors.Known
+) -> Tuple[Measured, _core.Model, List[str], List[str]]:
+    """The recordings in windows that suit their craft, the model to start from, its parameters that keep their
+    start, and all that are not identifiable. The time scale of a start that is far off cuts wrong windows; they
+    are cut again by the fitted model until their length stays, or no run has such a window."""
+    free = [name for name in options.free if name in window_error.NOMINAL and name not in known]
+
+    def fit(runs: Sequence[_core.RunData], start: _core.Model, kept: Sequence[str]) -> Document:
+        return replace(options, starts=1).fitter(runs, known, kept, window_error.MAX_WINDOWS).whole(start, options.free)
+
+    own, lengths = windows.length(seen.data), []
+    cut = seen if options.window else _recut(seen, given, options, min(own, windows.longest(seen.data)))
+    while True:
+        lengths.append(windows.length(cut.data))
+        found, kept, unknown = identifiability.kept(cut.data, given.core, free, fit)
+        again = _recut(seen, given, options, windows.usual(found["model"]))
+        if windows.length(again.data) in lengths or not windows.can_cut(again.data):
+            break
+        cut = again
+    return cut, given.core if lengths[-1] == own else found["model"], kept, unknown
+
+
+def _recut(seen: Measured, given: Model, options: FitOptions, seconds: float) -> Measured:
+    """Recordings in windows of some seconds, if the user has not chosen their length."""
+    part = replace(options, window=options.window or seconds)
+    return replace(seen, data=[part.of(run, given) for run in seen.runs])
+
+
+def _error(runs: Sequence[_core.RunData], model: _core.Model) -> float:
+    """The error of a model over windows; infinite where its motion is not finite."""
+    try:
+        return windows.error(runs, model)
+    except GroundError:
+        return np.inf
 
 
 def _alone(
