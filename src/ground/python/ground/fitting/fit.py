@@ -1,9 +1,10 @@
 """fit: a model's parameters from recordings."""
 
 import argparse
+import contextlib
 import functools
 from dataclasses import dataclass, replace
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from ground.analysis.predicted_band import HeldOut
 from ground.analysis.window_error import WindowFit, WindowFitter
 from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, Recordings, held_out, measured
-from ground.fitting import identifiability, priors
+from ground.fitting import closed_loop, identifiability, priors
 from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model, parameters_by_name
 from ground.recordings import quality, windows
@@ -28,6 +29,11 @@ OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
 RUNS = 20  # most parts that runs are held out in, where each has an error of its own
 FAR = 3.0  # standard deviations from which two estimates disagree
+CLOSED = (
+    "%s: the commands depend on the motion before them (closed loop), so the fit takes disturbances for effects "
+    "of commands, and its intervals may miss the truth; record commands that do not depend on the motion, such "
+    "as a PRBS, alone or on top of the controller's"
+)
 FITTING, ALONE = "fitting", "fitting to each run alone"  # stages
 
 
@@ -67,24 +73,15 @@ class FitOptions(bag_arguments.Part):
         metavar="N",
     )
 
-    def fitter(
-        self,
-        runs: Sequence[_core.RunData],
-        known: priors.Known,
-        kept: Sequence[str] = (),
-        most: float = np.inf,
-    ) -> WindowFitter:
-        """Fits to runs as these options want it, with what is known beforehand, and parameters that keep
-        their start."""
+    def fitter(self, runs: Sequence[_core.RunData], known: priors.Known, **more: Any) -> WindowFitter:
+        """Fits to runs as these options want it, with what is known beforehand. more: of WindowFitter."""
         return WindowFitter(
             runs,
-            most=most,
-            kept=list(kept),
             most_parts=RUNS,
             target=getattr(_core.Target, self.target),
             objective=getattr(_core.Objective, self.objective.replace("-", "_")),
-            starts=self.starts,
             priors=known,
+            **{"most": np.inf, "starts": self.starts, **more},
         )
 
 
@@ -125,24 +122,29 @@ def fit(
     options = replace(options, free=free)
     seen, start, kept, unknown = _prepared(seen, given, options, known)
     held = _recut(held, given, options, windows.length(seen.data)) if held.data else held
-    fitter = options.fitter(seen.data, known, kept)
+    fitter = options.fitter(seen.data, known, kept=kept)
     with work.stage(FITTING, 1 + len(fitter.parts)):
         found = fitter.fit(start, options.free, work=work)
     for p in found.result["parameters"]:
         p["start"] = given.core.value(p["name"])
         if p["name"] in unknown:
             p.update(identified=False, ci95=(0.0, np.inf), deviation=np.inf)
+    for name in closed_loop.closed(seen.runs, seen.data, found.model):
+        warn(CLOSED % name)
     if not found.result["converged"]:
         warn("the fit has not converged after %d iterations" % found.result["iterations"])
     runs: List[RunFit] = []
     if len(seen.data) > 1:
         with work.stage(ALONE, len(seen.data)):
             runs = [_alone(fitter, found, i, options, known) for i in work.each(range(len(seen.data)))]
+    before = np.inf  # a start that is far off may have no finite motion
+    with contextlib.suppress(GroundError):
+        before = windows.error(seen.data, given.core)
     errors = Errors(
-        _error(seen.data, given.core),
+        before,
         float(found.error.sum()),
         float(found.heldout.sum()) if found.others else None,
-        Change(*(_error(held.data, m) for m in (given.core, found.model))) if held.data else None,
+        Change(*(windows.error(held.data, m) for m in (given.core, found.model))) if held.data else None,
     )
     models: Dict[str, ModelsAt] = {"given": horizon.same(given.core), "fitted": horizon.same(found.model)}
     if not held.data:
@@ -162,37 +164,31 @@ def _prepared(
     seen: Measured, given: Model, options: FitOptions, known: priors.Known
 ) -> Tuple[Measured, _core.Model, List[str], List[str]]:
     """The recordings in windows that suit their craft, the model to start from, its parameters that keep their
-    start, and all that are not identifiable. The time scale of a start that is far off cuts wrong windows; they
-    are cut again by the fitted model until their length stays, or no run has such a window."""
-    free = [name for name in options.free if name in window_error.NOMINAL and name not in known]
+    start, and those that are not identifiable. A start that is far off has a wrong time scale: windows are
+    cut again by the fitted model until their length stays."""
+    free = [name for name in options.free if name in identifiability.KEPT and name not in known]
 
     def fit(runs: Sequence[_core.RunData], start: _core.Model, kept: Sequence[str]) -> Document:
-        return replace(options, starts=1).fitter(runs, known, kept, window_error.MAX_WINDOWS).whole(start, options.free)
+        more = {"kept": list(kept), "most": window_error.MAX_WINDOWS, "starts": 1}
+        return options.fitter(runs, known, **more).whole(start, options.free)
 
-    own, lengths = windows.length(seen.data), []
-    cut = seen if options.window else _recut(seen, given, options, min(own, windows.longest(seen.data)))
+    model, lengths = given.core, []
+    longest = 0.5 * min(float(np.ptp(run.times)) for run in seen.data)
     while True:
+        cut = _recut(seen, given, options, min(windows.usual(model), longest))
+        if windows.length(cut.data) in lengths:
+            break
         lengths.append(windows.length(cut.data))
         found, kept, unknown = identifiability.kept(cut.data, given.core, free, fit)
-        again = _recut(seen, given, options, windows.usual(found["model"]))
-        if windows.length(again.data) in lengths or not windows.can_cut(again.data):
-            break
-        cut = again
-    return cut, given.core if lengths[-1] == own else found["model"], kept, unknown
+        model = found["model"]
+    same = windows.length(cut.data) == windows.length(seen.data)
+    return cut, given.core if same else model, kept, unknown
 
 
 def _recut(seen: Measured, given: Model, options: FitOptions, seconds: float) -> Measured:
     """Recordings in windows of some seconds, if the user has not chosen their length."""
     part = replace(options, window=options.window or seconds)
     return replace(seen, data=[part.of(run, given) for run in seen.runs])
-
-
-def _error(runs: Sequence[_core.RunData], model: _core.Model) -> float:
-    """The error of a model over windows; infinite where its motion is not finite."""
-    try:
-        return windows.error(runs, model)
-    except GroundError:
-        return np.inf
 
 
 def _alone(

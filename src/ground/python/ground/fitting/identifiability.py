@@ -13,9 +13,8 @@ from ground.support.errors import GroundError
 WELL_KNOWN = 0.03  # relative deviation below which a parameter is well known
 MAX_COMBINED = 0.5  # largest deviation of a combination to be named, relative to its better part
 
-PROBE = 1.25  # factor by which the parameters of artificial recordings differ
-DRAWS = 2  # pairs of artificial recordings
-WEIGHED = ("I_z", "k", "N_r", "Y_v", "X_u")  # which a user rather knows beforehand comes first
+PROBE, DRAWS = 1.25, 2  # artificial recordings: factor on the parameters, number of pairs
+KEPT = ("I_z", "k", "N_r", "Y_v", "X_u")  # in this order: what a user can weigh comes first
 
 Fitted = Callable[[Sequence[_core.RunData], _core.Model, Sequence[str]], Document]  # runs, start, kept
 
@@ -23,12 +22,11 @@ Fitted = Callable[[Sequence[_core.RunData], _core.Model, Sequence[str]], Documen
 def kept(
     runs: Sequence[_core.RunData], start: _core.Model, free: Sequence[str], fit: Fitted
 ) -> Tuple[Document, List[str], List[str]]:
-    """What a fit finds, which of the free nominal parameters keep their start, and all that are not
-    identifiable.
+    """What a fit finds, which of the free parameters of KEPT keep their start, and which are not identifiable.
 
-    A parameter is not identifiable if the fit says so, if an interval that holds the start also holds no
-    effect of the thrusters or a damping that stops the craft within its time scale, or if the fit misses half
-    of a change of the parameter. One after the other is kept, because others may follow from it.
+    These are: what the fit says; what has its start in an interval that also holds no effect of the
+    thrusters, or a damping that stops the craft within its time scale; what the fit misses half of a
+    change of. One after the other is kept, because others may follow from it.
     """
     keep: List[str] = []
     unknown: List[str] = []
@@ -45,19 +43,19 @@ def kept(
         unknown += [name for name in doubtful if name not in unknown]
         if not doubtful:
             return found, keep, unknown
-        keep.append(min(doubtful, key=WEIGHED.index))
+        keep.append(min(doubtful, key=KEPT.index))
 
 
 def _open_ended(p: Document, model: _core.Model, start: _core.Model) -> bool:
-    low, high = p["ci95"]
-    weighed = p["name"] in ("I_z", "k")
-    wide = (low <= 0 or np.isinf(high)) if weighed else high - p["value"] > _stopping(p["name"], model)
+    (low, high), limit = p["ci95"], p["value"] + _stopping(p["name"], model)
+    wide = low <= 0 or np.isinf(high) if p["name"] in ("I_z", "k") else high > limit
     return bool(wide and low <= start.value(p["name"]) <= high)
 
 
 def _stopping(name: str, model: _core.Model) -> float:
-    """The damping that stops a craft within its time scale."""
-    return float(model.value("I_z" if name == "N_r" else "m")) / _core.time_scale(model)
+    """Damping that stops a craft within its time scale; 0 for a parameter that is no damping."""
+    inert = {"X_u": "m", "Y_v": "m", "N_r": "I_z"}.get(name)
+    return model.value(inert) / _core.time_scale(model) if inert else 0.0
 
 
 def _missed(
@@ -66,25 +64,23 @@ def _missed(
     free: Sequence[str],
     fit: Callable[[Sequence[_core.RunData]], _core.Model],
 ) -> Dict[str, float]:
-    """Share of a change of each parameter that a fit misses, the largest of DRAWS. Recordings of the same
-    commands and noise are made with the model and with a changed one. All parameters change by the same
-    factor, because motion of little variety identifies ratios."""
+    """Share of a change of each parameter that fits miss at most: recordings of the same commands and noise
+    are made with a model and a changed one. All change by a factor, because dull motion gives ratios."""
     missed, changed = dict.fromkeys(free, 0.0), model.copy()
     for name in free:
         value = model.value(name)
-        least = 0.0 if name in ("I_z", "k") else 0.1 * _stopping(name, model)
-        changed.set_value(name, value + (PROBE - 1) * max(value, least))
-    for seed in range(DRAWS):
-        try:
-            one, other = (
-                fit([window_error.recorded(run, true, np.random.default_rng((seed, i))) for i, run in enumerate(runs)])
-                for true in (model, changed)
-            )
-        except GroundError:
-            continue  # the model cannot be simulated along the runs
+        changed.set_value(name, value + (PROBE - 1) * max(value, 0.1 * _stopping(name, model)))
+    for draw in range(DRAWS):
+        pair = []
+        for true in (model, changed):
+            seeds = [np.random.default_rng((draw, i)) for i in range(len(runs))]
+            try:
+                pair.append(fit([window_error.recorded(run, true, seed) for run, seed in zip(runs, seeds)]))
+            except GroundError:
+                return missed  # the model cannot be simulated along the runs
         for name in free:
-            moved = (other.value(name) - one.value(name)) / (changed.value(name) - model.value(name))
-            missed[name] = max(missed[name], abs(moved - 1))
+            off = pair[1].value(name) - pair[0].value(name)
+            missed[name] = max(missed[name], abs(off / (changed.value(name) - model.value(name)) - 1))
     return missed
 
 

@@ -5,7 +5,6 @@ from typing import Dict, List, Optional, Sequence
 from ground import _core
 from ground.support.errors import GroundError
 
-FEWEST = 4  # windows of a run, before the time scale of its craft is known
 WINDOW = 1.5  # length of the windows of the error [time scales]
 
 
@@ -24,16 +23,6 @@ def time_scale(runs: Sequence[_core.RunData]) -> float:
     """Time scale of the craft of runs (_core.RunData), two thirds of a window [s]: 1 s for a palm-sized
     hovercraft."""
     return length(runs) / WINDOW
-
-
-def longest(runs: Sequence[_core.RunData]) -> float:
-    """Length of windows of which each run has some [s]."""
-    return float(min(run.times[-1] - run.times[0] for run in runs)) / FEWEST
-
-
-def can_cut(runs: Sequence[_core.RunData]) -> bool:
-    """Whether each run has a window."""
-    return all(cut_part(run, 0, run.times[0], run.times[-1], length(runs)) for run in runs)
 
 
 def cut(runs: Sequence[_core.RunData], seconds: Optional[float] = None) -> List[_core.Window]:
