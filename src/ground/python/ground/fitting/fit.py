@@ -181,6 +181,8 @@ def _prepared(
         lengths.append(windows.length(cut.data))
         found, kept, unknown = identifiability.kept(cut.data, given.core, free, fit)
         model = found["model"]
+    if windows.usual(model) > longest:
+        cut = seen  # too short for this craft: as given
     same = windows.length(cut.data) == windows.length(seen.data)
     return cut, given.core if same else model, kept, unknown
 
