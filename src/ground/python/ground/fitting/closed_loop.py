@@ -33,7 +33,10 @@ def closed(runs: Sequence[RepairedRun], data: Sequence[_core.RunData], model: _c
         known = [np.ones(len(at)), _motion(times, np.array(predicted.poses), at, scale)]
         known += [_commands(run, at - b * scale, at - a * scale) for a, b in zip((0.0, *PAST), PAST)]
         base = np.linalg.qr(np.column_stack(known))[0]
-        motion, coming = _motion(times, np.array(one.poses), at, scale), _commands(run, at, at + AHEAD * scale)
+        motion, coming = (
+            _motion(times, np.array(one.poses), at, scale),
+            _commands(run, at, at + AHEAD * scale),
+        )
         coming = coming[:, np.ptp(coming, axis=0) > 1e-9]
         if not coming.size or len(at) < 2 * (base.shape[1] + motion.shape[1]):
             continue

@@ -30,9 +30,9 @@ TARGETS = ("velocities", "poses")
 RUNS = 20  # most parts that runs are held out in, where each has an error of its own
 FAR = 3.0  # standard deviations from which two estimates disagree
 CLOSED = (
-    "%s: the commands depend on the motion before them (closed loop), so the fit takes disturbances for effects "
-    "of commands, and its intervals may miss the truth; record commands that do not depend on the motion, such "
-    "as a PRBS, alone or on top of the controller's"
+    "%s: the commands depend on the motion before them (closed loop), so the fit takes disturbances for "
+    "effects of commands, and its intervals may miss the truth; record commands that do not depend on the "
+    "motion, such as a PRBS, alone or on top of the controller's"
 )
 FITTING, ALONE = "fitting", "fitting to each run alone"  # stages
 
@@ -163,9 +163,9 @@ def fit(
 def _prepared(
     seen: Measured, given: Model, options: FitOptions, known: priors.Known
 ) -> Tuple[Measured, _core.Model, List[str], List[str]]:
-    """The recordings in windows that suit their craft, the model to start from, its parameters that keep their
-    start, and those that are not identifiable. A start that is far off has a wrong time scale: windows are
-    cut again by the fitted model until their length stays."""
+    """The recordings in windows that suit their craft, the model to start from, its parameters that keep
+    their start, and those that are not identifiable. A start that is far off has a wrong time scale: windows
+    are cut again by the fitted model until their length stays."""
     free = [name for name in options.free if name in identifiability.KEPT and name not in known]
 
     def fit(runs: Sequence[_core.RunData], start: _core.Model, kept: Sequence[str]) -> Document:

@@ -5,8 +5,8 @@ from typing import Callable, Dict, Iterator, List, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis import window_error
-from ground.recordings import payloads
+from ground.analysis import likelihood, window_error
+from ground.recordings import payloads, windows
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
@@ -22,7 +22,7 @@ Fitted = Callable[[Sequence[_core.RunData], _core.Model, Sequence[str]], Documen
 def kept(
     runs: Sequence[_core.RunData], start: _core.Model, free: Sequence[str], fit: Fitted
 ) -> Tuple[Document, List[str], List[str]]:
-    """What a fit finds, which of the free parameters of KEPT keep their start, and which are not identifiable.
+    """What a fit finds, which free parameters (of KEPT) keep their start, and which are not identifiable.
 
     These are: what the fit says; what has its start in an interval that also holds no effect of the
     thrusters, or a damping that stops the craft within its time scale; what the fit misses half of a
@@ -33,7 +33,7 @@ def kept(
     while True:
         found = fit(runs, start, keep)
         rest, model = [name for name in free if name not in keep], found["model"]
-        missed = _missed(runs, model, rest, lambda made: fit(made, model, keep)["model"])
+        missed = _missed(runs, model, rest, keep, fit)
         doubtful = [
             p["name"]
             for p in found["parameters"]
@@ -59,23 +59,25 @@ def _stopping(name: str, model: _core.Model) -> float:
 
 
 def _missed(
-    runs: Sequence[_core.RunData],
-    model: _core.Model,
-    free: Sequence[str],
-    fit: Callable[[Sequence[_core.RunData]], _core.Model],
+    runs: Sequence[_core.RunData], model: _core.Model, free: Sequence[str], keep: Sequence[str], fit: Fitted
 ) -> Dict[str, float]:
     """Share of a change of each parameter that fits miss at most: recordings of the same commands and noise
     are made with a model and a changed one. All change by a factor, because dull motion gives ratios."""
+    begun, cut = [np.array(run.nu) for run in runs], windows.cut(runs)
+    for window, nu in zip(cut, likelihood.call(windows.problem(runs, cut).simulate, model)["nu"]):
+        begun[window.run][window.first] = nu[0]  # the fit knows it better than the smoother
+    runs = [run.replaced(nu=nu) for run, nu in zip(runs, begun)]
     missed, changed = dict.fromkeys(free, 0.0), model.copy()
     for name in free:
         value = model.value(name)
-        changed.set_value(name, value + (PROBE - 1) * max(value, 0.1 * _stopping(name, model)))
+        changed.set_value(name, value + (PROBE - 1) * max(value, _stopping(name, model)))
     for draw in range(DRAWS):
         pair = []
         for true in (model, changed):
             seeds = [np.random.default_rng((draw, i)) for i in range(len(runs))]
             try:
-                pair.append(fit([window_error.recorded(run, true, seed) for run, seed in zip(runs, seeds)]))
+                made = [window_error.recorded(run, true, seed) for run, seed in zip(runs, seeds)]
+                pair.append(fit(made, model, keep)["model"])
             except GroundError:
                 return missed  # the model cannot be simulated along the runs
         for name in free:
