@@ -3,7 +3,7 @@
 import argparse
 import contextlib
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -180,11 +180,23 @@ def _prepared(
             break
         lengths.append(windows.length(cut.data))
         found, kept, unknown = identifiability.kept(cut.data, given.core, free, fit)
+        moved = fit(cut.data, given.core, []) if kept else found
+        if kept and _worse(cut.data, found["model"], moved["model"]):
+            found, kept, unknown = moved, [], []
         model = found["model"]
     if windows.usual(model) > longest:
         cut = seen  # too short for this craft: as given
     same = windows.length(cut.data) == windows.length(seen.data)
     return cut, given.core if same else model, kept, unknown
+
+
+def _worse(runs: Sequence[_core.RunData], kept: _core.Model, moved: _core.Model) -> bool:
+    """Whether starts that are kept are contradicted: predicted poses are off by more than the mocap's noise
+    explains."""
+    models = {"kept": horizon.same(kept), "moved": horizon.same(moved)}
+    found = horizon.prediction_error(runs, horizon.horizon(runs, moved), models, moved)
+    pairs = [] if found is None else zip(*map(astuple, (*found.errors.values(), found.mocap)))
+    return any(a**2 - b**2 > noise**2 for a, b, noise in pairs)
 
 
 def _recut(seen: Measured, given: Model, options: FitOptions, seconds: float) -> Measured:
