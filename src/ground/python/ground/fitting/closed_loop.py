@@ -14,13 +14,17 @@ RATE = 0.02  # share of fits to open loops that are called closed
 # Shares of the time scale: over which coming and past commands are averaged, how old motion is, samples
 AHEAD, PAST, OLD, STEP = 0.1, (1e-3, 0.05, 0.1, 0.2, 0.4, 0.8), (0.1, 0.3), 0.05
 MOST = 2000  # samples of a run
+FRESH = (
+    0.3  # share of the commands that past ones do not say, from which an answer to the motion does not matter
+)
 
 
 def closed(runs: Sequence[RepairedRun], data: Sequence[_core.RunData], model: _core.Model) -> Iterator[str]:
     """Names of the runs whose commands depend on the motion before them. data: of the runs; model: fitted.
 
     That motion explains the commands better than motion of any other time does, beside past commands and
-    the motion that the model predicts from them, which are known in an open loop, too.
+    the motion that the model predicts from them, which are known in an open loop, too. Commands that are
+    mostly new are as good as an open loop.
     """
     scale, count = _core.time_scale(model), round(len(runs) / RATE) - 1
     for run, one in zip(runs, data):
@@ -41,6 +45,9 @@ def closed(runs: Sequence[RepairedRun], data: Sequence[_core.RunData], model: _c
         if not coming.size or len(at) < 2 * (base.shape[1] + motion.shape[1]):
             continue
         shifts = [0, *np.linspace(0.1 * len(at), 0.9 * len(at), count).astype(int)]
+        new = coming - base @ (base.T @ coming)
+        if np.sum(new**2) > FRESH * np.sum((coming - coming.mean(axis=0)) ** 2):
+            continue
         coming = _rest(base, coming)
         shares = [np.linalg.norm(_rest(base, np.roll(motion, s, axis=0)).T @ coming) for s in shifts]
         if shares[0] > max(shares[1:]):
