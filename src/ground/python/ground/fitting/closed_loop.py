@@ -29,7 +29,8 @@ def closed(runs: Sequence[RepairedRun], data: Sequence[_core.RunData], model: _c
     scale, count = _core.time_scale(model), round(len(runs) / RATE) - 1
     for run, one in zip(runs, data):
         times = np.array(one.times)
-        at = np.arange(times[0] + scale, times[-1] - AHEAD * scale, max(STEP * scale, np.ptp(times) / MOST))
+        step = max(STEP * scale, float(np.ptp(times)) / MOST)
+        at: Array = np.arange(times[0] + scale, times[-1] - AHEAD * scale, step)
         try:
             predicted = window_error.recorded(one, model, np.random.default_rng(0))
         except GroundError:  # the model's motion is not finite

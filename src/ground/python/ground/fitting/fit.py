@@ -75,13 +75,14 @@ class FitOptions(bag_arguments.Part):
 
     def fitter(self, runs: Sequence[_core.RunData], known: priors.Known, **more: Any) -> WindowFitter:
         """Fits to runs as these options want it, with what is known beforehand. more: of WindowFitter."""
+        more = {"most": np.inf, "starts": self.starts, **more}
         return WindowFitter(
             runs,
             most_parts=RUNS,
             target=getattr(_core.Target, self.target),
             objective=getattr(_core.Objective, self.objective.replace("-", "_")),
             priors=known,
-            **{"most": np.inf, "starts": self.starts, **more},
+            **more,
         )
 
 
@@ -172,7 +173,8 @@ def _prepared(
         more = {"kept": list(kept), "most": window_error.MAX_WINDOWS, "starts": 1}
         return options.fitter(runs, known, **more).whole(start, options.free)
 
-    model, lengths = given.core, []
+    model = given.core
+    lengths: List[float] = []
     longest = 0.5 * min(float(np.ptp(run.times)) for run in seen.data)
     while True:
         cut = _recut(seen, given, options, min(windows.usual(model), longest))
