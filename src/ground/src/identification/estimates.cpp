@@ -53,8 +53,10 @@ std::vector<FittedParameter> estimatesOf(const Model& model, const Free& free,
       if (at + reach < free.upper[i]) high = info.fromCoordinate(at + reach);
       if (low > high) std::swap(low, high);
     }
-    const double slope = free.reciprocal[i] ? value * value : 1, margin = 1e-4 * free.scale[i];
-    const bool at_bound = at - free.lower[i] < margin || free.upper[i] - at < margin;
+    const double slope = free.reciprocal[i] ? value * value : 1;
+    // The start, which sets the scale, may be far off: an estimate is compared with its own deviation.
+    const double margin = 1e-4 * std::min(free.scale[i], spread);
+    const bool at_bound = !free.kept(i) && (at - free.lower[i] <= margin || free.upper[i] - at <= margin);
     const double before = info.fromCoordinate(free.base[free.index[i]]);
     result.push_back({info.name, info.unit, before, value, low, high, slope * spread, at_bound, identified});
   }

@@ -228,6 +228,7 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   detail::requireIdentifiable(unknown, all);
   detail::Free free = detail::makeFree(model, options.free);
   detail::setPriors(model, options.priors, free);
+  detail::keep(model, options.kept, free);
   const detail::Linearisation windows(*this, model, options.threads);
 
   std::unique_ptr<const SimulationError> pieces;

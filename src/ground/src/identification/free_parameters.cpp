@@ -67,6 +67,12 @@ void setPriors(const Model& model, const std::vector<ParameterPrior>& priors, Fr
   }
 }
 
+void keep(const Model& model, const std::vector<std::string>& names, Free& free) {
+  for (const std::string& name : names)
+    for (std::size_t i = 0; i < free.index.size(); ++i)
+      if (free.index[i] == model.index(name)) free.lower[i] = free.upper[i] = free.base[free.index[i]];
+}
+
 void requireIdentifiable(const std::vector<std::string>& names, const std::vector<const RunData*>& runs) {
   const auto has = [&names](const char* name) {
     return std::find(names.begin(), names.end(), name) != names.end();

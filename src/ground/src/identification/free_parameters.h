@@ -24,6 +24,7 @@ struct Free {
   Eigen::VectorXd known, precision;
   double weight = 0;
 
+  bool kept(std::size_t i) const { return lower[i] == upper[i]; }
   std::vector<double> coordinates(const double* scaled) const {
     std::vector<double> all = base;
     for (std::size_t i = 0; i < index.size(); ++i) all[index[i]] = scaled[i] * scale[i];
@@ -40,6 +41,9 @@ Free makeFree(const Model& model, const std::vector<std::string>& names);
 /// Sets what is known of free parameters beforehand. Throws std::invalid_argument on a parameter that is not
 /// free and on a deviation that is not positive.
 void setPriors(const Model& model, const std::vector<ParameterPrior>& priors, Free& free);
+
+/// Keeps free parameters at their start. Throws std::invalid_argument on an unknown name.
+void keep(const Model& model, const std::vector<std::string>& names, Free& free);
 
 /// Throws std::invalid_argument on a set of mass, lever, inertia and thrust that runs cannot identify:
 /// motion gives ratios to the mass and the inertia. Runs with different payloads give these themselves.

@@ -35,7 +35,9 @@ std::vector<std::vector<NormalEquations>> equationsOfBlocks(const Linearisation&
                                                             const RobustLoss& robust, double block) {
   const SimulationError& problem = windows.problem();
   const int n = static_cast<int>(free.index.size()), k = problem.initialSize();
-  const Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n);
+  Eigen::VectorXd scale = Eigen::Map<const Eigen::VectorXd>(free.scale.data(), n);
+  for (int i = 0; i < n; ++i)
+    if (free.kept(i)) scale(i) = 0;  // no information about it is used
   const double width = std::max(robust.delta, 0.3 * deviationOf(windows.residuals(point)));
   const auto parts = [&](int window) {
     const Window& span = problem.windows()[window];

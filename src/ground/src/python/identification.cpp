@@ -248,8 +248,10 @@ void defSimulationError(py::module_& module) {
           [](const SimulationError& problem, const Model& model, const std::vector<std::string>& free,
              FitOptions::Objective objective, int starts, int threads, double width, bool warm,
              const std::vector<Eigen::VectorXd>& initial,
-             const std::map<std::string, std::pair<double, double>>& priors) {
+             const std::map<std::string, std::pair<double, double>>& priors,
+             const std::vector<std::string>& kept) {
             FitOptions options;
+            options.kept = kept;
             options.free = free;
             options.width = width;
             options.warm = warm;
@@ -265,7 +267,8 @@ void defSimulationError(py::module_& module) {
           py::arg("model"), py::arg("free"), py::arg("objective") = FitOptions::Objective::kLeastSquares,
           py::arg("starts") = 1, py::arg("threads") = 0, py::arg("width") = 0.0, py::arg("warm") = false,
           py::arg("initial") = std::vector<Eigen::VectorXd>(),
-          py::arg("priors") = std::map<std::string, std::pair<double, double>>());
+          py::arg("priors") = std::map<std::string, std::pair<double, double>>(),
+          py::arg("kept") = std::vector<std::string>());
 }
 
 void defPrediction(py::module_& module) {

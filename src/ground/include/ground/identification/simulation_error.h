@@ -22,6 +22,7 @@ struct FitOptions {
     kThesis         ///< weighted absolute errors, (3.4)
   };
   std::vector<std::string> free;  ///< names of the free parameters
+  std::vector<std::string> kept;  ///< free parameters that are not identifiable: they keep the model's values
   Objective objective = Objective::kLeastSquares;
   int starts = 1;  ///< number of starts, including the model's values
   int max_iterations = 200;

@@ -1,9 +1,10 @@
 """fit: a model's parameters from recordings."""
 
 import argparse
+import contextlib
 import functools
-from dataclasses import dataclass, replace
-from typing import Dict, List, Optional, Sequence, Tuple
+from dataclasses import astuple, dataclass, replace
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -14,20 +15,25 @@ from ground.analysis.predicted_band import HeldOut
 from ground.analysis.window_error import WindowFit, WindowFitter
 from ground.data import bag_arguments, voltage
 from ground.data.measured import Measured, Recordings, held_out, measured
-from ground.fitting import identifiability, priors
+from ground.fitting import closed_loop, identifiability, priors
 from ground.fitting.result import Change, Errors, Fit, RunFit, ThesisObjective
 from ground.models import Model, ModelLike, fitted_model, parameters_by_name
 from ground.recordings import quality, windows
 from ground.support import command_line
 from ground.support.annotations import Document
 from ground.support.command_line import count, option
-from ground.support.errors import warn
+from ground.support.errors import GroundError, warn
 from ground.support.progress import Progress, Work
 
 OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
 RUNS = 20  # most parts that runs are held out in, where each has an error of its own
 FAR = 3.0  # standard deviations from which two estimates disagree
+CLOSED = (
+    "%s: the commands depend on the motion before them (closed loop), so the fit takes disturbances for "
+    "effects of commands, and its intervals may miss the truth; record commands that do not depend on the "
+    "motion, such as a PRBS, alone or on top of the controller's"
+)
 FITTING, ALONE = "fitting", "fitting to each run alone"  # stages
 
 
@@ -67,16 +73,16 @@ class FitOptions(bag_arguments.Part):
         metavar="N",
     )
 
-    def fitter(self, runs: Sequence[_core.RunData], known: priors.Known) -> WindowFitter:
-        """Fits to runs as these options want it, with what is known beforehand."""
+    def fitter(self, runs: Sequence[_core.RunData], known: priors.Known, **more: Any) -> WindowFitter:
+        """Fits to runs as these options want it, with what is known beforehand. more: of WindowFitter."""
+        more = {"most": np.inf, "starts": self.starts, **more}
         return WindowFitter(
             runs,
-            most=np.inf,
             most_parts=RUNS,
             target=getattr(_core.Target, self.target),
             objective=getattr(_core.Objective, self.objective.replace("-", "_")),
-            starts=self.starts,
             priors=known,
+            **more,
         )
 
 
@@ -115,17 +121,28 @@ def fit(
     known = priors.known(given.core, options.prior)
     free = [*options.free, *(name for name in known if name not in options.free)]
     options = replace(options, free=free)
-    fitter = options.fitter(seen.data, known)
+    seen, start, kept, unknown = _prepared(seen, given, options, known)
+    held = _recut(held, given, options, windows.length(seen.data)) if held.data else held
+    fitter = options.fitter(seen.data, known, kept=kept)
     with work.stage(FITTING, 1 + len(fitter.parts)):
-        found = fitter.fit(given.core, options.free, work=work)
+        found = fitter.fit(start, options.free, work=work)
+    for p in found.result["parameters"]:
+        p["start"] = given.core.value(p["name"])
+        if p["name"] in unknown:
+            p.update(identified=False, ci95=(0.0, np.inf), deviation=np.inf)
+    for name in closed_loop.closed(seen.runs, seen.data, found.model):
+        warn(CLOSED % name)
     if not found.result["converged"]:
         warn("the fit has not converged after %d iterations" % found.result["iterations"])
     runs: List[RunFit] = []
     if len(seen.data) > 1:
         with work.stage(ALONE, len(seen.data)):
             runs = [_alone(fitter, found, i, options, known) for i in work.each(range(len(seen.data)))]
+    before = np.inf  # a start that is far off may have no finite motion
+    with contextlib.suppress(GroundError):
+        before = windows.error(seen.data, given.core)
     errors = Errors(
-        windows.error(seen.data, given.core),
+        before,
         float(found.error.sum()),
         float(found.heldout.sum()) if found.others else None,
         Change(*(windows.error(held.data, m) for m in (given.core, found.model))) if held.data else None,
@@ -133,7 +150,7 @@ def fit(
     models: Dict[str, ModelsAt] = {"given": horizon.same(given.core), "fitted": horizon.same(found.model)}
     if not held.data:
         models["fitted"] = functools.partial(fitter.models_at, found)
-    tested, seconds = held.data or seen.data, horizon.horizon(seen.data, given.core)
+    tested, seconds = held.data or seen.data, horizon.horizon(seen.data, start)
     prediction = horizon.prediction_error(tested, seconds, models, found.model)
     parts = [
         HeldOut(without["model"], seen.data[part :: fitter.most_parts])
@@ -142,6 +159,52 @@ def fit(
     parts += [HeldOut(shifted) for shifted in found.result["shifted"]]
     result = _result(given, seen, options.starts, found.result, errors, prediction, runs, known)
     return replace(result, parts=parts)
+
+
+def _prepared(
+    seen: Measured, given: Model, options: FitOptions, known: priors.Known
+) -> Tuple[Measured, _core.Model, List[str], List[str]]:
+    """The recordings in windows that suit their craft, the model to start from, its parameters that keep
+    their start, and those that are not identifiable. A start that is far off has a wrong time scale: windows
+    are cut again by the fitted model until their length stays."""
+    free = [name for name in options.free if name in identifiability.KEPT and name not in known]
+
+    def fit(runs: Sequence[_core.RunData], start: _core.Model, kept: Sequence[str]) -> Document:
+        more = {"kept": list(kept), "most": window_error.MAX_WINDOWS, "starts": 1}
+        return options.fitter(runs, known, **more).whole(start, options.free)
+
+    model = given.core
+    lengths: List[float] = []
+    longest = 0.5 * min(float(np.ptp(run.times)) for run in seen.data)
+    while True:
+        cut = _recut(seen, given, options, min(windows.usual(model), longest))
+        if windows.length(cut.data) in lengths:
+            break
+        lengths.append(windows.length(cut.data))
+        found, kept, unknown = identifiability.kept(cut.data, given.core, free, fit)
+        moved = fit(cut.data, given.core, []) if kept else found
+        if kept and _worse(cut.data, found["model"], moved["model"]):
+            found, kept, unknown = moved, [], []
+        model = found["model"]
+    if windows.usual(model) > longest:
+        cut = seen  # too short for this craft: as given
+    same = windows.length(cut.data) == windows.length(seen.data)
+    return cut, given.core if same else model, kept, unknown
+
+
+def _worse(runs: Sequence[_core.RunData], kept: _core.Model, moved: _core.Model) -> bool:
+    """Whether starts that are kept are contradicted: predicted poses are off by more than the mocap's noise
+    explains."""
+    models = {"kept": horizon.same(kept), "moved": horizon.same(moved)}
+    found = horizon.prediction_error(runs, horizon.horizon(runs, moved), models, moved)
+    pairs = [] if found is None else zip(*map(astuple, (*found.errors.values(), found.mocap)))
+    return any(a**2 - b**2 > noise**2 for a, b, noise in pairs)
+
+
+def _recut(seen: Measured, given: Model, options: FitOptions, seconds: float) -> Measured:
+    """Recordings in windows of some seconds, if the user has not chosen their length."""
+    part = replace(options, window=options.window or seconds)
+    return replace(seen, data=[part.of(run, given) for run in seen.runs])
 
 
 def _alone(

@@ -1,15 +1,89 @@
 """Parameters that a fit does not identify, in words."""
 
-from typing import Iterator, List, Sequence
+from typing import Callable, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
 from ground import _core
-from ground.recordings import payloads
+from ground.analysis import likelihood, window_error
+from ground.recordings import payloads, windows
 from ground.support.annotations import Document
+from ground.support.errors import GroundError
 
 WELL_KNOWN = 0.03  # relative deviation below which a parameter is well known
 MAX_COMBINED = 0.5  # largest deviation of a combination to be named, relative to its better part
+
+PROBE, DRAWS = 1.25, 2  # artificial recordings: factor on the parameters, number of pairs
+KEPT = ("I_z", "k", "N_r", "Y_v", "X_u")  # in this order: what a user can weigh comes first
+
+Fitted = Callable[[Sequence[_core.RunData], _core.Model, Sequence[str]], Document]  # runs, start, kept
+
+
+def kept(
+    runs: Sequence[_core.RunData], start: _core.Model, free: Sequence[str], fit: Fitted
+) -> Tuple[Document, List[str], List[str]]:
+    """What a fit finds, which free parameters (of KEPT) keep their start, and which are not identifiable.
+
+    These are: what the fit says; what has its start in an interval that also holds no effect of the
+    thrusters, or a damping that stops the craft within its time scale; what the fit misses half of a
+    change of. One after the other is kept, because others may follow from it.
+    """
+    keep: List[str] = []
+    unknown: List[str] = []
+    while True:
+        found = fit(runs, start, keep)
+        rest, model = [name for name in free if name not in keep], found["model"]
+        missed = _missed(runs, model, rest, keep, fit)
+        doubtful = [
+            p["name"]
+            for p in found["parameters"]
+            if p["name"] in rest
+            if not p["identified"] or missed[p["name"]] > 0.5 or _open_ended(p, model, start)
+        ]
+        unknown += [name for name in doubtful if name not in unknown]
+        if not doubtful:
+            return found, keep, unknown
+        keep.append(min(doubtful, key=KEPT.index))
+
+
+def _open_ended(p: Document, model: _core.Model, start: _core.Model) -> bool:
+    (low, high), limit = p["ci95"], p["value"] + _stopping(p["name"], model)
+    wide = low <= 0 or np.isinf(high) if p["name"] in ("I_z", "k") else high > limit
+    return bool(wide and low <= start.value(p["name"]) <= high)
+
+
+def _stopping(name: str, model: _core.Model) -> float:
+    """Damping that stops a craft within its time scale; 0 for a parameter that is no damping."""
+    inert = {"X_u": "m", "Y_v": "m", "N_r": "I_z"}.get(name)
+    return model.value(inert) / _core.time_scale(model) if inert else 0.0
+
+
+def _missed(
+    runs: Sequence[_core.RunData], model: _core.Model, free: Sequence[str], keep: Sequence[str], fit: Fitted
+) -> Dict[str, float]:
+    """Share of a change of each parameter that fits miss at most: recordings of the same commands and noise
+    are made with a model and a changed one. All change by a factor, because dull motion gives ratios."""
+    begun, cut = [np.array(run.nu) for run in runs], windows.cut(runs)
+    for window, nu in zip(cut, likelihood.call(windows.problem(runs, cut).simulate, model)["nu"]):
+        begun[window.run][window.first] = nu[0]  # the fit knows it better than the smoother
+    runs = [run.replaced(nu=nu) for run, nu in zip(runs, begun)]
+    missed, changed = dict.fromkeys(free, 0.0), model.copy()
+    for name in free:
+        value = model.value(name)
+        changed.set_value(name, value + (PROBE - 1) * max(value, _stopping(name, model)))
+    for draw in range(DRAWS):
+        pair = []
+        for true in (model, changed):
+            seeds = [np.random.default_rng((draw, i)) for i in range(len(runs))]
+            try:
+                made = [window_error.recorded(run, true, seed) for run, seed in zip(runs, seeds)]
+                pair.append(fit(made, model, keep)["model"])
+            except GroundError:
+                return missed  # the model cannot be simulated along the runs
+        for name in free:
+            off = pair[1].value(name) - pair[0].value(name)
+            missed[name] = max(missed[name], abs(off / (changed.value(name) - model.value(name)) - 1))
+    return missed
 
 
 def with_mass(free: Sequence[str], runs: Sequence[_core.RunData]) -> List[str]:
