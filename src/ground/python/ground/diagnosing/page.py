@@ -50,8 +50,8 @@ def predictions(report: Document) -> Optional[Document]:
         return None
     shown = [("given", "the given model")]
     if effects:
-        shown.append(("refitted", "refitted without " + ("them" if len(effects) > 1 else "it")))
-    shown.append(("improved", "refitted with " + listed(effects) if effects else "refitted"))
+        shown.append(("refitted", "refitted"))
+    shown.append(("improved", "improved, with " + listed(effects) if effects else "refitted"))
     if "formula" in found["errors"]:
         shown.append(("formula", "with the formula for what is left"))
     last, seconds = off(found["errors"][shown[-1][0]]), found["seconds"]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 import numpy as np
 
 from ground.analysis import candidates
+from ground.analysis.effects import Effect
 from ground.analysis.verdict import MISREAD
 from ground.data.measured import Measured
 from ground.diagnosing import answer, document, words
@@ -15,6 +16,7 @@ from ground.diagnosing.drawn import NOMINAL, Drawn
 from ground.models import Model, Parameter, Room
 from ground.recordings.recording import Recording
 from ground.reports import matlab, result_folder
+from ground.simulation.simulated_run import SimulatedRun
 from ground.support import files
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
@@ -65,6 +67,15 @@ class Problem:
         """The first run that a room was kept with."""
         return next((r for r in self.seen.recordings if "room" in r.files), None)
 
+    def truth(self) -> Optional[str]:
+        """Path of the model that moved a simulated craft; None of a real one."""
+        for recording in self.seen.recordings:
+            if "truth" in recording.files:
+                return recording.files["truth"].place()
+            if isinstance(recording, SimulatedRun):
+                return "TRUTH.yaml"
+        return None
+
     def room(self) -> Optional[Room]:
         """Where the next experiment has to stay; None if no room is known."""
         flown = self.flown_in()
@@ -101,6 +112,12 @@ class Diagnosis(Shown, Plotted):
     #: everything, as diagnosis.json has it; docs/schemas/diagnosis.schema.json explains the keys
     report: Document
     drawn: Optional[Drawn]  #: what its page draws; None when it was loaded
+
+    @property
+    def proposal(self) -> Optional[Effect]:
+        """A formula for what has no name, as an effect that can be added; None without one."""
+        found = self.report["unexplained"]["proposal"]
+        return Effect.of(document.effect_entry(found)) if found else None
 
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: what is missing, how much it matters, and what to do next."""
