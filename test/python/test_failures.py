@@ -2,9 +2,11 @@
 
 import contextlib
 import json
+import os
 import resource
 import runpy
 import shutil
+import subprocess
 
 import numpy as np
 import pytest
@@ -228,6 +230,23 @@ def script(monkeypatch, name, *arguments):
 def test_every_program_takes_debug(monkeypatch, capsys, name):
     assert script(monkeypatch, name, "--help") == 0
     assert "--debug" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in SCRIPTS.iterdir()))
+def test_every_program_has_help_without_a_master(name):
+    """As README promises; nodes are programs, too."""
+    environment = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % free_port())
+    shown = subprocess.run(
+        [str(SCRIPTS / name), "--help"],
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        universal_newlines=True,
+        timeout=60,
+    )
+    assert shown.returncode == 0 and "usage: %s" % name in shown.stdout, shown
+    assert shown.stderr == ""
 
 
 def test_programs_fail_in_one_line(monkeypatch, capsys, tmp_path):
