@@ -48,6 +48,21 @@ def test_the_error_falls_to_the_noise(tmp_path, lagging):
     assert "noise of the poses alone" in text and "each run by a fit to the others" in text
 
 
+def test_a_model_that_is_not_better_is_named_so(tmp_path, lagging):
+    out = tmp_path / "wrong.yaml"
+    printed = identify("add", "wind", *lagging, "--model", MODEL, "-o", out).stdout
+    saved = " ".join(printed.split()).split("Model with it:")[1].split("Next:")[0]
+    assert "no - wind" in printed and "wrong.yaml (not better)" in saved
+
+
+def test_help_names_the_effects():
+    import ground
+
+    for verb in ("add", "diagnose"):
+        shown = " ".join(identify(verb, "--help").stdout.split())
+        assert all(effect.name in shown for effect in ground.effects())
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_no_interval_of_a_change_goes_below_a_total_fall(seed):
     """Errors of few windows scatter: the interval must stay where an error can be, and contain the change."""

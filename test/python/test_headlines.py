@@ -273,6 +273,25 @@ def test_which_side_is_weak_is_said(a, side, tmp_path):
         assert re.findall(r"(left|right) side pushes \S+ less", text) == [side], text
 
 
+def test_an_implausible_model_is_the_first_thing_to_correct(bags, tmp_path):
+    """The warning stands at the top, and is gone from the screen when a user reads what to do next."""
+    grams = tmp_path / "grams.yaml"
+    grams.write_text(re.sub(r"\bm: 0.0583", "m: 58.3", MODEL.read_text()))
+    fit = said_by("fit", *bags, "--model", grams, "-o", tmp_path / "fitted.yaml")
+    assert "58.3" in fit["Next"] and "grams.yaml" in fit["Next"]
+
+
+def test_shares_do_not_say_that_all_is_explained_where_something_is_left(report):
+    from ground.diagnosing import words
+
+    found = copy.deepcopy(report)
+    found["agreement"]["holds"] = False
+    for name, share in (("named", 0.9972), ("learnable", 0.0021), ("chance", 0.0007)):
+        found["ceiling"][name] = {"share": share, "ci95": [share - 1e-4, share + 1e-4]}
+    text = words.ceiling(found)
+    assert "100%" not in text and not re.search(r"(?<!\d)0%", text) and "more may be missing" in text
+
+
 def test_runs_too_short_to_predict_are_not_called_well_predicted():
     from ground.comparing import words
 

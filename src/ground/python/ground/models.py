@@ -115,6 +115,7 @@ class Model(Shown):
 
     core: _core.Model  #: must not be changed
     path: str = ""  #: path of the file that it was read from
+    doubts: Tuple[str, ...] = ()  #: what its file has that is implausible, in sentences
 
     @classmethod
     def load(cls, path: Path) -> "Model":
@@ -127,7 +128,7 @@ class Model(Shown):
             raise GroundError(str(error)) from error
         for doubt in doubts:
             errors.warn(doubt)
-        return cls(core, place)
+        return cls(core, place, tuple(doubts))
 
     @classmethod
     def parse(cls, text: str, source: str = "a text") -> "Model":

@@ -248,6 +248,7 @@ def _next_inputs(problem: Problem, proposed: Document) -> Optional[Array]:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify diagnose."""
+    parser.epilog = "effects of the library: " + ", ".join(candidates.effects())
     bag_arguments.add_bag_arguments(parser)
     command_line.add_model(parser, "the model to diagnose")
     command_line.add_output(parser, "DIR", "folder for results")

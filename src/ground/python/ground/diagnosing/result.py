@@ -133,7 +133,7 @@ class Diagnosis(Shown, Plotted):
 
     def to_frame(self) -> "pandas.DataFrame":
         """The effects tried, best first, indexed by name: p_value, delta_bic, error_fit,
-        error_heldout, selected, seen."""
+        error_heldout, selected, seen, estimates (in words, each effect alone)."""
         import pandas
 
         rows = self.report["candidates"]
@@ -143,6 +143,7 @@ class Diagnosis(Shown, Plotted):
         for place, kind in enumerate(("fit", "heldout"), 2):
             errors = [row["error"][kind] for row in rows]
             frame.insert(place, "error_" + kind, pandas.array(errors, dtype="Float64"))
+        frame["estimates"] = ["; ".join(words.parameters(row["parameters"])) for row in rows]
         return frame
 
     @classmethod

@@ -273,6 +273,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="name of an effect of the library, or a YAML file with one effect as model files have it",
     )
     bag_arguments.configure_fit(parser, "model that it is added to", "N.yaml", AddOptions)
+    parser.epilog = "effects of the library: " + ", ".join(candidates.effects())
 
 
 def run(arguments: argparse.Namespace) -> Document:

@@ -239,6 +239,8 @@ class Fit(Shown, Plotted):
 
     def _next(self, unknown: Sequence[str], written: str) -> str:
         ratio = words.times_the_mocap(as_document(self.prediction), "fitted")
+        if self.given.doubts:
+            return "correct the model that was given, and fit again: %s" % self.given.doubts[0]
         if self.runaway:
             far = ("%s = %.2g %s" % (p.name, p.value, p.unit) for p in self.runaway)
             return (
