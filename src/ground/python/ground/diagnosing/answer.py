@@ -97,7 +97,8 @@ def _effect(report: Document, step: Document) -> str:
     told += ", ".join(words.parameter(key, p) for key, p in own.items())
     if all(p["identified"] and None not in p["ci95"] for p in own.values()):
         deviations = {key: (p["ci95"][1] - p["ci95"][0]) / 3.92 for key, p in own.items()}
-        told += _after_comma(direction(name, {key: p["value"] for key, p in own.items()}, deviations))
+        where = direction(name, {key: p["value"] for key, p in own.items()}, deviations)
+        told += ", so that " + where if where else ""
     others = [other for other in step["group"] if other != name]
     if others:
         told += ". These runs do not distinguish it from %s" % words.effects(report, others)
@@ -108,10 +109,6 @@ def _misleads(report: Document) -> bool:
     """Whether effects were found that predict worse than a refit without them, so that nothing is decided."""
     with_them, without = (report[model]["error"]["heldout"] for model in ("improved", "nominal"))
     return bool(report["verdict"] == "undecided" and report["improved"]["effects"] and with_them > without)
-
-
-def _after_comma(text: str) -> str:
-    return ", so that " + text if text else ""
 
 
 def _certainty(step: Document) -> str:

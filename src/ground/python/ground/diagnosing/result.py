@@ -16,7 +16,6 @@ from ground.diagnosing.drawn import NOMINAL, Drawn
 from ground.models import Model, Parameter, Room
 from ground.recordings.recording import Recording
 from ground.reports import matlab, result_folder
-from ground.simulation.simulated_run import SimulatedRun
 from ground.support import files
 from ground.support.annotations import Array, Document, Path
 from ground.support.errors import GroundError
@@ -69,12 +68,8 @@ class Problem:
 
     def truth(self) -> Optional[str]:
         """Path of the model that moved a simulated craft; None of a real one."""
-        for recording in self.seen.recordings:
-            if "truth" in recording.files:
-                return recording.files["truth"].place()
-            if isinstance(recording, SimulatedRun):
-                return "TRUTH.yaml"
-        return None
+        flown = next((r for r in self.seen.recordings if "truth" in r.files), None)
+        return flown.files["truth"].place() if flown else None
 
     def room(self) -> Optional[Room]:
         """Where the next experiment has to stay; None if no room is known."""

@@ -9,7 +9,7 @@ from typing import Any, List, Optional, Sequence, Tuple
 import numpy as np
 
 from ground.analysis import bands as bands_of
-from ground.analysis import missing_wrench, residuals
+from ground.analysis import residuals
 from ground.reports.appearance import (
     CHANNELS,
     FLOOR,
@@ -245,13 +245,6 @@ def residuals_title(studies: Sequence[Document]) -> str:
         return "The residuals are random: they follow neither the commands nor their own past"
     others = [s["label"] for s in studies if s["label"] not in white]
     told = "The residuals of %s are not random: something drives them" % listed(others)
-    small = [
-        s["label"]
-        for s in studies
-        if s["label"] in others
-        and all(map(missing_wrench.is_negligible, s["missing"].numbers["channels"].values()))
-    ]
-    told += " (in %s less than its uncertainty)" % listed(small) if small else ""
     return told + ("; those of %s are" % listed(white) if white else "")
 
 
