@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from conftest import MODEL, identify, write_bag
@@ -45,6 +46,45 @@ def test_the_error_falls_to_the_noise(tmp_path, lagging):
     extra = ["--model", out, "-o", tmp_path / "x.yaml", "--details"]
     text = identify("add", "input_delay", *lagging, *extra).stdout
     assert "noise of the poses alone" in text and "each run by a fit to the others" in text
+
+
+def test_a_model_that_is_not_better_is_named_so(tmp_path, lagging):
+    out = tmp_path / "wrong.yaml"
+    printed = identify("add", "wind", *lagging, "--model", MODEL, "-o", out).stdout
+    saved = " ".join(printed.split()).split("Model with it:")[1].split("Next:")[0]
+    assert "no - wind" in printed and "wrong.yaml (not better)" in saved
+
+
+def test_help_names_the_effects():
+    import ground
+
+    for verb in ("add", "diagnose"):
+        shown = " ".join(identify(verb, "--help").stdout.split())
+        assert all(effect.name in shown for effect in ground.effects())
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_interval_of_a_change_goes_below_a_total_fall(seed):
+    """Errors of few windows scatter: the interval must stay where an error can be, and contain the change."""
+    from ground.fitting import add
+
+    random = np.random.default_rng(seed)
+    count = random.integers(2, 12)
+    before = random.lognormal(0, random.uniform(0.1, 1.5), count)
+    after = random.uniform(0.001, 2) * random.lognormal(0, random.uniform(0.1, 1.5), count)
+    low, high = add._interval(before, after)
+    assert -1 <= low <= after.mean() / before.mean() - 1 <= high
+
+
+def test_the_interval_of_a_change_contains_it_as_often_as_it_says():
+    from ground.fitting import add
+
+    random, held = np.random.default_rng(3), 0
+    for _ in range(1000):
+        before, after = 1 + random.gamma(4, 0.5, 15), 0.1 * random.gamma(4, 0.5, 15)
+        low, high = add._interval(before, after)
+        held += low < 0.1 * 2 / 3 - 1 < high
+    assert held > 900
 
 
 def error_of(report, kind):

@@ -57,6 +57,36 @@ def test_every_public_name_is_described_and_has_a_home():
         _ = ground.fitt
 
 
+@pytest.mark.parametrize(
+    "wrong,words",
+    [
+        (lambda craft: craft["kk"], "no parameter 'kk'"),
+        (lambda craft: craft.unit("kk"), "no parameter 'kk'"),
+        (lambda craft: craft.with_values(kk=2), "no parameter 'kk'"),
+        (lambda craft: craft.with_values({"kk": 2}), "no parameter 'kk'"),
+        (lambda craft: ground.fit(["run.bag"], craft), "a model.* not list"),
+        (lambda craft: ground.compare(craft, craft), "a recording.* not Model"),
+        (lambda craft: ground.read([craft]), "a recording.* not Model"),
+        (lambda craft: ground.diagnose(3, "run.bag"), "a model.* not int"),
+        (lambda craft: craft + 3, "an effect.* not int"),
+        (lambda craft: ground.Room.load(None), "a room.* not NoneType"),
+    ],
+)
+def test_a_slip_is_one_clear_line(wrong, words):
+    with pytest.raises(ground.GroundError, match=words) as error:
+        wrong(ground.Model.load(MODEL))
+    assert "\n" not in str(error.value)
+
+
+def test_values_are_read_and_changed_by_name():
+    craft = ground.Model.load(MODEL).with_effect("yaw_bias", n0=1e-4)
+    assert craft.with_values(k=0.07) == craft.with_values({"k": 0.07})
+    both = craft.with_values({"yaw_bias.n0": 2e-4}, k=0.07)
+    assert (both["k"], both["yaw_bias.n0"]) == (0.07, 2e-4)
+    with pytest.raises(KeyError):  # as a dictionary does
+        craft["kk"]
+
+
 def test_importing_the_package_loads_nothing_heavy():
     code = "import sys, ground; dir(ground); print(*sys.modules)"
     loaded = subprocess.check_output([sys.executable, "-c", code], universal_newlines=True).split()

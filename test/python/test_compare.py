@@ -1,6 +1,7 @@
 """identify compare as a user runs it: does it point at the hidden effect of a run?"""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -214,3 +215,27 @@ def test_the_two_days_of_the_real_recordings(tmp_path, recordings):
         assert one["role"] == ("held_out" if first_day else "fit")
     pooled = report["pooled"]["fitted"]
     assert pooled["held_out"]["error"] > 2 * pooled["fit"]["error"]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_prediction_has_one_number_on_a_page(seed, tmp_path):
+    """The first lines, the bars and the table say the same of the same models on the same runs."""
+    import ground
+
+    craft = ground.Model.load(MODEL).with_effect("motor_lag", tau=0.05)
+    runs = [ground.simulate(craft, "prbs", duration=9, seed=10 * seed + s, name="run%d" % s) for s in (1, 2)]
+    fitted = ground.fit(MODEL, runs, free=["k", "N_r"]).model
+    found = ground.compare({"given": ground.Model.load(MODEL), "fitted": fitted}, runs)
+    first = " ".join(str(found).split()).split("Next:")[0]
+    for label in ("given", "fitted"):
+        row = next(line for line in found.table() if line.split()[0] == label)
+        after = re.search(r"1 s: (.*)$", row).group(1)
+        assert "%s %s" % (label, after) in first, (first, row)
+    folder = tmp_path / "page"
+    assert "on data that fitted was fitted to" in figure_caption(found, "errors")
+    found.save(folder)
+    assert "rosrun ground" in (folder / "report.html").read_text() or "record other runs" in str(found)
+
+
+def figure_caption(found, name):
+    return str(found.plot(name).layout.meta)

@@ -143,7 +143,10 @@ def takes_numbers(state, inputs):
         (takes_numbers, "math.sin"),
         (lambda state, inputs: (state.z, 0, 0), "state has no z"),
         (lambda state, inputs: (state.x, 0), "must return X, Y, N"),
-        (lambda state, inputs: state.x, "effect mine"),
+        (lambda state, inputs: state.x, "X, Y, N"),
+        (lambda state, inputs: 1.0, "X, Y, N"),
+        (lambda state, inputs: (inputs.lefft, 0, 0), "no lefft.*did you mean left.*left, right, lift"),
+        (lambda state, inputs, p: (0, 0, p), r"force\(state, inputs\).*'p'"),
         (lambda state, inputs: (np.sum(state.x), 0, 0), "numpy.sum|numpy.add.reduce"),
         (lambda state, inputs: (np.interp(state.x, [1, 0], [0, 1]), 0, 0), "points that ascend"),
         (lambda state, inputs: (np.cumsum(state.x), 0, 0), "effect mine"),
@@ -156,6 +159,28 @@ def test_a_function_that_is_no_formula_is_refused_in_a_sentence(force, words):
     with pytest.raises(ground.GroundError, match=words) as error:
         ground.Effect("mine", force=force)
     assert "\n" not in str(error.value)
+
+
+def test_a_function_is_called_by_the_names_of_its_parameters():
+    with pytest.raises(ground.GroundError, match=r"force\(state, inputs, c\)"):
+        ground.Effect("mine", force=lambda state, inputs, p: (p, 0, 0), c=(1.0, "N"))
+
+
+@pytest.mark.parametrize("file", ["hovercraft/tiny_whoover.yaml", "craft/air_table.yaml"])
+def test_a_misspelt_input_is_refused_with_the_names_that_exist(file):
+    """In a formula, and in a function where the craft decides which names there are."""
+    craft = ground.Model.load(ROOT / "cfg" / file)
+    first = craft.core.thrusters[0]["name"]
+    written = [
+        ground.Effect("mine", X="a*u_%sx" % first, a=(1.0, "N")),
+        ground.Effect("mine", force=lambda s, i, a: (a * getattr(i, "u_%sx" % first), 0, 0), a=(1.0, "N")),
+    ]
+    for effect in written:
+        with pytest.raises(ground.GroundError) as error:
+            craft + effect
+        said = str(error.value)
+        assert "u_%sx " % first in said and "u_%s" % first in said.replace("u_%sx" % first, ""), said
+        assert "psi" in said and "lift" in said, said
 
 
 def test_wrong_effects_are_refused(craft, tmp_path):

@@ -6,6 +6,8 @@ import os
 import resource
 import runpy
 import shutil
+import subprocess
+import sys
 from unittest import mock
 
 import numpy as np
@@ -230,6 +232,34 @@ def script(monkeypatch, name, *arguments):
 def test_every_program_takes_debug(monkeypatch, capsys, name):
     assert script(monkeypatch, name, "--help") == 0
     assert "--debug" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in SCRIPTS.iterdir()))
+def test_every_program_has_help_without_a_master(name):
+    """As README promises; nodes are programs, too."""
+    environment = dict(os.environ, ROS_MASTER_URI="http://localhost:%d" % free_port())
+    shown = subprocess.run(
+        [str(SCRIPTS / name), "--help"],
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        universal_newlines=True,
+        timeout=60,
+    )
+    assert shown.returncode == 0 and "usage: %s" % name in shown.stdout, shown
+    assert shown.stderr == ""
+
+
+def test_the_end_of_rviz_is_not_shown_as_a_crash():
+    """Software OpenGL corrupts rviz's heap as it ends; what rviz says else is shown."""
+    program = "import runpy, os; view = runpy.run_path(%r); view['leave_out'](view['IDLE']); " % str(
+        SCRIPTS / "view"
+    )
+    noise = ["malloc(): smallbin double linked list corrupted", "corrupted double-linked list"]
+    program += "os.write(2, %r)" % "\n".join([*noise, "a display failed", ""]).encode()
+    shown = subprocess.run([sys.executable, "-c", program], stderr=subprocess.PIPE, universal_newlines=True)
+    assert shown.stderr == "a display failed\n"
 
 
 def test_programs_fail_in_one_line(monkeypatch, capsys, tmp_path):

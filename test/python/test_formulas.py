@@ -137,3 +137,30 @@ def test_a_table_is_read_in_newtons_and_shares_of_the_input(tmp_path):
     for wrong in (["3"], ["0"], ["front"]):
         with pytest.raises(GroundError, match="no thruster is called %s" % wrong[0]):
             thrust_bench.read(str(path), ["left", "right"], 1000, 2000, 1.0, wrong)
+
+
+# --- formulas of what has no name
+
+
+@pytest.mark.parametrize("craft", [model, four])
+def test_every_symbol_of_a_formula_is_known_or_explained(craft):
+    """A user reads p0 or w3_u once in a proposal, and has to find there what it is."""
+    import re
+
+    from ground.analysis import dictionary, formula_words
+    from ground.analysis.samples import Scales
+
+    plain = {"u", "v", "r", "x", "y", "psi", "t", "lift", "command", "pi"}
+    functions = {"sin", "cos", "tanh", "exp", "sqrt", "abs", "sign", "mN", "N", "per", "m", "s", "rad"}
+    scales = Scales((0.1, 0.2), 1.0, 0.5, 3.0, 10.0, 1.0)
+    explained = 0
+    for feature in dictionary.dictionary(craft(), scales):
+        own = {name: name + "_1" for name in feature.constants}
+        text = formula_words.of_feature(feature, "c1", own)
+        text = re.sub(r"\{\w+\}|<\w+>", "1", text)
+        told = set(re.findall(r"(?:where|and) (\w+) is the", text))
+        formulas = re.findall(r"times (\S+),|\(= 1 (.*?)(?:, where|\)$)", text)
+        for word in re.findall(r"(?<![\w.])[A-Za-z]\w*", " ".join(map(" ".join, formulas))):
+            assert word in plain | functions | told or word.startswith("u_"), (word, text)
+        explained += len(told)
+    assert explained > 20

@@ -3,9 +3,11 @@
 import copy
 import json
 import re
+import shlex
 
 import pytest
 
+import ground
 from conftest import MODEL, identify, program, write_bag
 from ground.diagnosing import answer
 from ground.support.headline import formatted
@@ -103,7 +105,9 @@ def report(bags, tmp_path_factory):
     out = tmp_path_factory.mktemp("diagnosed") / "out"
     options = ["--model", MODEL, "--only", "motor_lag", "input_delay", "-o", out]
     assert identify("diagnose", *bags, *options).returncode == 0
-    return json.loads((out / "diagnosis.json").read_text())
+    found = json.loads((out / "diagnosis.json").read_text())
+    found.pop("selection", None)  # as if all effects had been tried
+    return found
 
 
 def changed(report, verdict, **changes):
@@ -178,6 +182,114 @@ def test_runs_that_do_not_tell_effects_apart_name_the_experiment(report):
     found["next_experiment"] = {"separates": ["motor_lag", "input_delay"], "launch": launch}
     lines = dict(line for line in answer.lines(found) if line[0])
     assert "do not distinguish it from" in lines["Missing"] and lines["Next"].splitlines()[-1] == launch
+
+
+@pytest.mark.parametrize("verdict", ["unexplained", "memory", "undecided", "missing"])
+@pytest.mark.parametrize("folder", ["", "out"])
+def test_what_was_not_tried_is_not_called_unknown_to_the_library(report, verdict, folder):
+    """A user gave --only wind: the library may well have the effect."""
+    found = changed(report, verdict, next_experiment=None, ceiling=OPEN, agreement={"holds": False})
+    found["improved"]["error"]["heldout"] = 10 * found["noise_floor"]
+    found["selection"] = "only wind"
+    lines = dict(line for line in answer.lines(found, folder) if line[0])
+    text = "\n".join(formatted(answer.lines(found, folder)))
+    assert "no name in the library" not in text
+    assert "diagnose" in lines["Next"] and "only" not in lines["Next"]
+    if verdict in ("unexplained", "memory"):
+        assert "only wind" in " ".join(text.split())
+
+
+SHELL = r"rosrun|roslaunch|identify \w|(?<!\w)--\w"  # what does not run in Python
+CALL = r"ground\.(\w+)\("
+
+
+def test_results_in_python_name_functions_of_python(bags, report):
+    """What a result prints can be typed where it is printed; a terminal gets command lines."""
+    runs = ground.read(bags)
+    fit = ground.fit(MODEL, runs, free=["k", "N_r"])
+    compared = ground.compare(MODEL, runs)
+    flown = [ground.simulate(MODEL, "prbs", duration=6, seed=s) for s in (1, 2)]
+    texts = {
+        "fit": fit.summary(),
+        "comparison": compared.summary(),
+        "addition": ground.add(MODEL, "wind", flown).summary(),
+        "tracking": ground.track(MODEL, "circle", end_time=12, settled=8, max_error=0.001).summary(),
+        "diagnosis": ground.diagnose(MODEL, runs, only=["wind"]).summary(),
+    }
+    group = copy.deepcopy(report)
+    group["steps"][0]["group"] = ["motor_lag", "input_delay"]
+    flies = {"launch": "rosrun ground identify simulate", "call": "ground.simulate(CRAFT)"}
+    group["next_experiment"] = {"separates": ["motor_lag", "input_delay"], **flies}
+    for verdict in ("misread", "unexplained", "memory", "undecided", "varies", "complete"):
+        other = changed(report, verdict, next_experiment=None, unexplained={"proposal": {"name": "p"}})
+        texts[verdict] = "\n".join(formatted(answer.lines(other)))
+    texts["group"] = "\n".join(formatted(answer.lines(group)))
+    for name, text in texts.items():
+        assert not re.search(SHELL, text), (name, re.search(SHELL, text), text)
+        for function in re.findall(CALL, text):
+            assert function in ground.__all__, (name, function)
+    for name in ("fit", "comparison", "diagnosis", "unexplained", "group"):
+        assert re.search(CALL, texts[name]), texts[name]
+
+
+def test_a_proposal_can_be_added_in_python(bags, monkeypatch):
+    found = ground.diagnose(MODEL, bags, only=["wind"])
+    assert found.verdict in ("unexplained", "memory"), "a lag is none of the effects that were tried"
+    added = ground.add(found.improved, found.proposal, bags)
+    assert added.verdict.helps and found.proposal.name in added.model.effects
+
+
+def test_after_simulated_runs_no_real_room_is_proposed(tmp_path):
+    """The next experiment is flown where the last one was."""
+    truth = with_effect(tmp_path / "truth.yaml", "{name: motor_lag, tau: 0.03}")
+    flown = [ground.simulate(truth, "spin", duration=8, seed=s, name="run %d" % s) for s in (1, 2)]
+    bags = [tmp_path / ("run%d.bag" % s) for s in (1, 2)]
+    for run, bag in zip(flown, bags):
+        run.save(bag)
+    out = tmp_path / "out"
+    only = ["motor_lag", "input_delay", "skirt_friction"]  # runs at full lift cannot show the last one
+    printed = identify("diagnose", *bags, "--model", MODEL, "--only", *only, "-o", out).stdout
+    assert "room_" not in printed and "rosrun ground identify simulate" in printed, printed
+    command = next(line for line in printed.splitlines() if "identify simulate" in line).split("identify ")[1]
+    words = shlex.split(command.replace("next.bag", str(tmp_path / "next.bag")))
+    assert identify(*words).returncode == 0  # it runs as printed
+    diagnosis = ground.diagnose(MODEL, flown, only=only)
+    told = str(diagnosis)
+    call = next(line for line in told.splitlines() if "ground.simulate(" in line)
+    names = {"ground": ground, "CRAFT": truth, "diagnosis": diagnosis}
+    assert eval(call.strip(), names).length > 1 and "roslaunch" not in told
+
+
+@pytest.mark.parametrize("a,side", [(0.08, "left"), (-0.08, "right")])
+def test_which_side_is_weak_is_said(a, side, tmp_path):
+    """Model 8% too strong on one side: its thrusters push 8% less there."""
+    craft = ground.Model.load(MODEL).with_effect("thrust_asymmetry", a=-a)
+    runs = [ground.simulate(craft, "prbs", duration=10, seed=s) for s in (1, 2)]
+    for found in (
+        ground.diagnose(MODEL, runs, only=["thrust_asymmetry"]),
+        ground.add(MODEL, "thrust_asymmetry", runs),
+    ):
+        text = " ".join(str(found).split())
+        assert re.findall(r"(left|right) side pushes \S+ less", text) == [side], text
+
+
+def test_an_implausible_model_is_the_first_thing_to_correct(bags, tmp_path):
+    """The warning stands at the top, and is gone from the screen when a user reads what to do next."""
+    grams = tmp_path / "grams.yaml"
+    grams.write_text(re.sub(r"\bm: 0.0583", "m: 58.3", MODEL.read_text()))
+    fit = said_by("fit", *bags, "--model", grams, "-o", tmp_path / "fitted.yaml")
+    assert "58.3" in fit["Next"] and "grams.yaml" in fit["Next"]
+
+
+def test_shares_do_not_say_that_all_is_explained_where_something_is_left(report):
+    from ground.diagnosing import words
+
+    found = copy.deepcopy(report)
+    found["agreement"]["holds"] = False
+    for name, share in (("named", 0.9972), ("learnable", 0.0021), ("chance", 0.0007)):
+        found["ceiling"][name] = {"share": share, "ci95": [share - 1e-4, share + 1e-4]}
+    text = words.ceiling(found)
+    assert "100%" not in text and not re.search(r"(?<!\d)0%", text) and "more may be missing" in text
 
 
 def test_runs_too_short_to_predict_are_not_called_well_predicted():

@@ -243,7 +243,8 @@ MISTAKES = [
     ("sim_prbs.launch", "truth:=craft.yaml", "craft.yaml, line 1: "),
     ("sim_prbs.launch", "model2:=fifo", "fifo: it is not a regular file"),
     ("replay.launch", "bag:=fifo", "fifo does not exist, or is not a file"),
-    ("own_stop.launch", "mocap_host:=none", "it must be given"),
+    ("own_stop.launch", "mocap_host:=none", "it must be given: mocap_host:=ADDRESS of the computer"),
+    ("room_prbs.launch", "mocap_host:=none", "it must be given: mocap_host:=ADDRESS of the computer"),
     ("own_stop.launch", "mocap:=optitrak", "must be one of: optitrack, vrpn, vicon, qualisys"),
     ("bench.launch", "design:=prbs", "must be one of: single-thruster, steps"),
 ]
@@ -369,6 +370,16 @@ def test_a_wrong_argument_is_one_line(tmp_path, monkeypatch, capfd, name, wrong,
     stderr = capfd.readouterr().err
     assert stderr.startswith(wrong + ": ") and reason in stderr
     assert len(stderr.splitlines()) == 1, stderr
+
+
+@pytest.mark.parametrize("name", ["room_prbs.launch", "room_tracking.launch", "own_stop.launch"])
+def test_a_missing_mocap_is_named_in_one_line(capfd, name):
+    from roslaunch.core import RLException
+
+    with pytest.raises(RLException):
+        loaded(name)
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "mocap_host:=ADDRESS" in line
 
 
 def output_of(*words, **environment):

@@ -84,7 +84,7 @@ def test_the_page_of_a_diagnosis(diagnosed, browser):
         "input_delay",
         "seeds",
         "recorded",
-        "of a simulated clock; error: nominal",
+        "of a simulated clock; error: refitted",
         "(held out)",
     ):
         assert part in text, part

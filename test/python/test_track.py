@@ -131,6 +131,20 @@ def test_a_better_model_tracks_better(effect, tmp_path):
     assert errors["after"] <= 0.5 * errors["before"]
 
 
+def test_next_is_something_to_do(tmp_path):
+    """What a controller uses of the model is no next step; without noise, the distance says so."""
+    lagging = tmp_path / "lagging.yaml"
+    text = MODEL.read_text().replace("effects: []", "effects: [{name: motor_lag, tau: 0.05}]")
+    lagging.write_text(text)
+    options = ["--controller", "ModelPredictive", "--reference", "circle", "--end-time", "25"]
+    for noise in ([], ["--noise"]):
+        printed = program("track", "--model", lagging, *options, *noise).stdout
+        after = printed.split("Next:")[1]
+        assert "motor_lag" in printed and "motor_lag" not in after
+        distance = next(line for line in printed.splitlines() if line.startswith("Distance"))
+        assert ("noise" in distance) == (not noise)
+
+
 def test_output_and_picture(tmp_path):
     picture = tmp_path / "track.html"
     loop = ["--model", MODEL, "--controller", "ModelPredictive", "--end-time", 25, "--starts", 2]

@@ -74,3 +74,19 @@ def test_a_bag_without_a_reference_is_refused(tmp_path):
     assert "no reference was recorded" in result.stderr and "Traceback" not in result.stderr
     result = identify("tracking", tmp_path / "nowhere.bag")
     assert result.returncode == 1 and "no such file" in result.stderr.lower()
+
+
+def test_several_runs_are_a_table_with_a_row_for_each(driven, tmp_path):
+    weak = tmp_path / "weak.yaml"
+    weak.write_text(MODEL.read_text().replace("k: 0.062", "k: 0.05"))
+    other = tmp_path / "weak.bag"
+    options = ["--controller", "ModelPredictive", "-o", other]
+    assert identify("simulate", "--model", weak, *CIRCLE, *options).returncode == 0
+    printed = identify("tracking", driven[0], other, "--settled", 5).stdout
+    found = tracking(driven[0], other, "--settled", 5)
+    table = printed.split("Next:")[0].splitlines()
+    assert len(table) == 3, "a header and a row for each run"
+    for row, run, model in zip(table[1:], found["runs"], ("tiny_whoover.yaml", "weak.yaml")):
+        assert row.split()[0] == run["run"] and model in row
+        assert "%.2f mm" % (1e3 * run["drives"][0]["rms"]) in row
+    assert len({line.index("ModelPredictive") for line in table[1:]}) == 1  # columns

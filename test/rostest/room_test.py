@@ -50,7 +50,7 @@ class RoomTest(unittest.TestCase):
         bursts = harness.Latest("bursts", Burst, keep=True)
         controls = harness.Latest("controls", Controls, keep=True)
         decisions = harness.Latest("decision", Decision, keep=True)
-        room = harness.Latest("room", MarkerArray)
+        room, legend = harness.Latest("room", MarkerArray), harness.Latest("legend", MarkerArray)
         heard = (truth, status, bursts, controls, decisions)
         harness.wait_for(
             lambda: status.message and all(topic.connections() for topic in heard), 30, "the nodes"
@@ -81,6 +81,16 @@ class RoomTest(unittest.TestCase):
         walls = next(m for m in room.message.markers if m.id == 0)
         self.assertEqual(len(walls.points), 8)
         self.assertEqual(max(p.x for p in walls.points), HALF_WIDTH)
+        self.check_legend(legend.message.markers[1:])
+
+    def check_legend(self, lines):
+        """Each line begins at the left edge, which the view shows, and ends before the wall."""
+        self.assertGreater(len(lines), 3)
+        aside = rospy.get_param("visualizer/legend_aside")
+        for line in lines:
+            half = 0.5 * line.scale.z * _core.text_width(line.text)
+            self.assertAlmostEqual(line.pose.position.y - half, aside, places=6, msg=line.text)
+            self.assertLess(line.pose.position.y + half, -HALF_WIDTH, line.text)
 
     def check_states(self, status):
         """The experiment without ROS has the same states at the same times."""

@@ -115,6 +115,8 @@ TEST_F(GroundLinkTest, ArmsOnlyWithEverythingInPlace) {
   EXPECT_EQ(arm(), "there is no state");
   state(false);
   EXPECT_EQ(arm(), "there is no valid state: lost");
+  state(false, 0.25);  // as before the first pose, whose stamp is zero
+  EXPECT_EQ(arm(), "there is no valid state: lost");
   state(true, 0.25);
   EXPECT_EQ(arm(), "the state is stale");
   state(true, kNan);

@@ -94,6 +94,12 @@ class Fitted:
     not_identified: Tuple[str, ...]  #: parameters that the recordings did not determine
 
 
+class UnknownParameter(GroundError, KeyError):
+    """A model has no parameter of this name."""
+
+    __str__ = Exception.__str__  # KeyError's adds quotes
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Shown):
     """A craft: a rigid body and the effects that act on it. It is immutable: methods that change it
@@ -109,18 +115,20 @@ class Model(Shown):
 
     core: _core.Model  #: must not be changed
     path: str = ""  #: path of the file that it was read from
+    doubts: Tuple[str, ...] = ()  #: what its file has that is implausible, in sentences
 
     @classmethod
     def load(cls, path: Path) -> "Model":
         """The model in a file. GroundError names file, line and key of what is wrong; an implausible
         value gives a GroundWarning."""
         try:
-            core, doubts = _core.load_model_with_warnings(os.fspath(path))
+            place = files.path_of(path, "a model")
+            core, doubts = _core.load_model_with_warnings(place)
         except RuntimeError as error:
             raise GroundError(str(error)) from error
         for doubt in doubts:
             errors.warn(doubt)
-        return cls(core, os.fspath(path))
+        return cls(core, place, tuple(doubts))
 
     @classmethod
     def parse(cls, text: str, source: str = "a text") -> "Model":
@@ -177,17 +185,21 @@ class Model(Shown):
         return {p["name"]: self.core.value(p["name"]) for p in self.core.parameters()}
 
     def __getitem__(self, parameter: str) -> float:
-        return self.values[parameter]
+        try:
+            return float(self.core.value(parameter))
+        except ValueError as error:
+            raise UnknownParameter(str(error)) from error
 
     def unit(self, parameter: str) -> str:
         """Unit of a parameter."""
+        self[parameter]  # raises for an unknown name
         return str({p["name"]: p["unit"] for p in self.core.parameters()}[parameter])
 
-    def with_values(self, values: Mapping[str, float]) -> "Model":
-        """A copy with other values of parameters, {name: value}. GroundError on unknown names."""
+    def with_values(self, values: Mapping[str, float] = {}, **more: float) -> "Model":
+        """A copy with other values of parameters: {name: value}, name=value. GroundError on unknown names."""
         core = self.core.copy()
         try:
-            for name, value in values.items():
+            for name, value in {**values, **more}.items():
                 core.set_value(name, value)
         except ValueError as error:
             raise GroundError(str(error)) from error
@@ -296,7 +308,8 @@ class Room:
     def load(cls, path: Path) -> "Room":
         """The room in a file. GroundError names file, line and key of what is wrong."""
         try:
-            return cls(_core.load_room(os.fspath(path)), os.fspath(path))
+            place = files.path_of(path, "a room")
+            return cls(_core.load_room(place), place)
         except RuntimeError as error:
             raise GroundError(str(error)) from error
 

@@ -213,8 +213,8 @@ std::string GroundLink::craftMissing(double now) const {
 std::string GroundLink::stateMissing(double now) const {
   if (!params_.require_state) return "";
   if (state_until_ == kNever) return "there is no state";
-  if (state_until_ <= now) return "the state is stale";
   if (!state_valid_) return because("there is no valid state", state_problem_);
+  if (state_until_ <= now) return "the state is stale";
   return room_problem_;
 }
 

@@ -11,6 +11,7 @@
 
 #include "arguments.h"
 #include "formula_symbols.h"
+#include "ground/model/did_you_mean.h"
 #include "ground/model/shortened.h"
 
 namespace ground {
@@ -150,7 +151,17 @@ class ExpressionEffect final : public Effect {
 
   [[noreturn]] void fail(const Formula& formula, const std::string& why) const {
     throw std::invalid_argument("effect '" + definition_.name + "': " + formula.what + " = '" +
-                                shortened(formula.text) + "': " + shortened(why, 160));
+                                shortened(formula.text) + "': " + shortened(why, 400));
+  }
+
+  [[noreturn]] void failUnknown(const Formula& formula, const std::string& word) const {
+    std::vector<std::string> known;
+    for (const auto& names : variables_) known.push_back(names.front());
+    for (const auto& state : definition_.states) known.push_back(state.name);
+    for (const ParameterInfo& parameter : info_.parameters) known.push_back(parameter.name);
+    std::string text = "there is no " + shortened(word) + didYouMean(word, known) + "; there are";
+    for (const std::string& name : known) text += " " + name;
+    fail(formula, text);
   }
 
   Formula bound(const std::string& what, const std::string& text) {
@@ -179,6 +190,7 @@ class ExpressionEffect final : public Effect {
         depends.insert(static_cast<int>(used.second - values_.data()));
       formula.depends.assign(depends.begin(), depends.end());
     } catch (const mu::Parser::exception_type& error) {
+      if (error.GetCode() == mu::ecUNASSIGNABLE_TOKEN) failUnknown(formula, error.GetToken());
       fail(formula, error.GetMsg());
     }
     return formula;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <sstream>
 
 #include "ground/nodelets/markers.h"
 #include "ground/text_width.h"
@@ -24,6 +25,23 @@ std::string seconds(double value) {
 /// As in "56 mm, 16 deg".
 std::string inWords(double position, double heading) {
   return rounded(1e3 * position) + " mm, " + rounded(180 / M_PI * heading) + " deg";
+}
+
+/// Lines of at most some width [m], broken at blanks.
+LegendLines wrapped(const LegendLines& lines, double width) {
+  LegendLines found;
+  for (const LegendLine& line : lines) {
+    std::istringstream words(line.text);
+    std::string text, word, blank(std::min(line.text.size(), line.text.find_first_not_of(' ')), ' ');
+    while (words >> word) {
+      if (!text.empty() && kLetter * textWidth(text + blank + word) > width)
+        found.push_back({text, line.color}), text.clear(), blank = "    ";
+      text += blank + word;
+      blank = " ";
+    }
+    found.push_back({text, line.color});
+  }
+  return found;
 }
 
 }  // namespace
@@ -51,12 +69,13 @@ void addModel(LegendLines& lines, const ground_msgs::ModelError& error, bool is_
   lines.push_back({"    noise alone: " + inWords(error.position_noise, error.heading_noise), color});
 }
 
-visualization_msgs::MarkerArray legendMarkers(const LegendLines& lines, const std::string& frame, double top,
+visualization_msgs::MarkerArray legendMarkers(const LegendLines& given, const std::string& frame, double top,
                                               double left, double right) {
   using visualization_msgs::Marker;
   visualization_msgs::MarkerArray array;
   array.markers.push_back(makeMarker(frame, "legend", 0, Marker::CUBE, markerColor(palette::kBlack)));
   array.markers.back().action = Marker::DELETEALL;
+  const LegendLines lines = wrapped(given, right - left);
   for (const LegendLine& line : lines) left = std::min(left, right - kLetter * textWidth(line.text));
   for (const LegendLine& line : lines) {
     const int id = static_cast<int>(array.markers.size());

@@ -25,9 +25,9 @@ std::string rounded(double value);
 std::string newtons(double value);
 
 /// Markers of lines one below the other in a frame as seen from above with x upwards and y to the right,
-/// left-aligned. They replace earlier ones. top, left: upper and left edge [m]; a line that would reach
-/// beyond `right` [m] moves all lines to the left.
-visualization_msgs::MarkerArray legendMarkers(const LegendLines& lines, const std::string& frame, double top,
+/// left-aligned. They replace earlier ones. top, left: upper and left edge [m]; lines are broken before
+/// `right` [m]; a word that would reach beyond it moves all lines to the left.
+visualization_msgs::MarkerArray legendMarkers(const LegendLines& given, const std::string& frame, double top,
                                               double left, double right);
 
 }  // namespace ground

@@ -115,7 +115,8 @@ class Sender : public Shell {
     link_thread_ = std::thread([this] { run(); });
     arm_service_ = arm_callbacks_.handle(nh).advertiseService("arm", &Sender::onArm, this);
     silence_service_ = arm_callbacks_.handle(nh).advertiseService("silence", &Sender::onSilence, this);
-    NODELET_INFO("sender: listening on UDP port %d", static_cast<int>(socket_->port()));
+    NODELET_INFO("sender: listening on UDP port %d; no craft is connected yet",
+                 static_cast<int>(socket_->port()));
   }
 
   /// Opens the socket and makes the link to the craft.

@@ -311,7 +311,7 @@ class Visualizer : public Shell {
         {"thrust of each thruster: " + rounded(config_.thrust_length) + " m is " + newtons(fullThrust()),
          palette::kThrusters[0]});
     if (!isRecent(errors_[0])) return lines;
-    lines.push_back({"missing force, if more than noise: 1 m is " +
+    lines.push_back({"missing force, beyond noise: 1 m is " +
                          newtons(typical::force(model_.body) / config_.missing_length),
                      palette::kMissing});
     if (config_.floor_map && !floor_.cells().empty())

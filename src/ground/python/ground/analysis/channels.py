@@ -77,7 +77,7 @@ def thrusts(
     for some in [*([name] for name in each), list(each)]:
         words = "thrust of %s, times %s," % (some[0], each[some[0]][3:])
         if len(some) > 1:
-            words = "thrust, times %s," % text.replace("_%s", "")
+            words = "thrust, times %s," % text.replace("u_%s", "command").replace("_%s", "")
         own = {s: rate for s, rate in kept.rates.items() if any(s in each[name] for name in some)}
         parts = {"thrust_" + name: each[name] for name in some}
         made.append(Channel(parts, words, "-", frozenset([argument]), {}, Memory(own, kept.times)))

@@ -121,7 +121,7 @@ class Effect(Shown):
             found = cls(str(effect.get("name", "")))
             found.entry.update(effect)
             return found
-        place = os.fspath(effect)
+        place = files.path_of(effect, "an effect, its name")
         return cls.load(place) if os.path.splitext(place)[1] in (".yaml", ".yml") else cls(place)
 
     @property

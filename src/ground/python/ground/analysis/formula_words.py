@@ -15,12 +15,29 @@ def of_feature(feature: Feature, size: str, own: Mapping[str, str]) -> str:
     what = feature.acts.format(
         **{n: "{%s}" % n for n in feature.memory.times}, **{n: "{%s}" % o for n, o in own.items()}
     )
-    past = " of the last {%s}" % [*feature.memory.times][0] if feature.memory.times else ""
-    depends = in_words(sorted(feature.family.arguments)) + past
-    if feature.function == "1":
-        return "%s of {%s}" % (what, size) + (" that depends on %s" % depends if past else "")
+    depends = in_words(sorted(feature.family.arguments))
     function = feature.function.format(**{n: "<%s>" % o for n, o in own.items()})
-    return "%s that depends on %s (= {%s} %s)" % (what, depends, size, function)
+    states = _states(feature, what + function)
+    if feature.function == "1":
+        return "%s of {%s}%s" % (what, size, states)
+    return "%s that depends on %s (= {%s} %s%s)" % (what, depends, size, function, states)
+
+
+def _states(feature: Feature, text: str) -> str:
+    """What the states are that stand in a text about a feature: ", where p0 is the mean of the command over
+    the last {tau_p0}"."""
+    known = {}
+    for state, rate in feature.memory.rates.items():
+        name = state if state in text else state.split("_")[0]  # of all thrusters alike
+        of, mean, time = rate.partition(")-%s)/" % state)
+        what = "the command" if name != state else of.strip("(")
+        if name in re.findall(r"\w+", text):
+            known[name] = (
+                "the mean of %s over the last %s" % (what, time) if mean else "the sum of %s so far" % of
+            )
+    if not known and feature.memory.times and "{" not in text:
+        return ", over the last {%s}" % [*feature.memory.times][0]
+    return ", where " * bool(known) + " and ".join("%s is %s" % one for one in known.items())
 
 
 WORDS = {

@@ -1,11 +1,12 @@
 """Python functions as formulas: a function is called once with symbols, and what it does with them is the
 formula. So an effect that is written in Python runs in the core as fast as one in YAML."""
 
+import inspect
 from typing import Any, Callable, Dict, Iterable, Mapping, Tuple
 
 import numpy as np
 
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, did_you_mean
 
 Names = Mapping[str, str]
 # Functions of numpy and their names in formulas
@@ -90,15 +91,17 @@ def formula(value: Any) -> str:
 
 
 class Symbols:
-    """Symbols by name, as attributes. what: they are of; names: in formulas, by attribute; more: whether
-    other attributes are names in formulas, too."""
+    """Symbols by name, as attributes. what: they are of; names: in formulas, by attribute; prefix: of other
+    attributes that are names in formulas, too (empty: there are none)."""
 
-    def __init__(self, what: str, names: Names, more: bool = False) -> None:
-        self._what, self._names, self._more = what, names, more
+    def __init__(self, what: str, names: Names, prefix: str = "") -> None:
+        self._what, self._names, self._prefix = what, names, prefix
 
     def __getattr__(self, name: str) -> Symbol:
-        if name.startswith("_") or not (self._more or name in self._names):
-            raise GroundError("%s has no %s; it has %s" % (self._what, name, ", ".join(self._names)))
+        if name not in self._names and not (self._prefix and name.startswith(self._prefix)):
+            known = [*self._names, *[self._prefix + "NAME of a thruster"] * bool(self._prefix)]
+            hint = did_you_mean(name, self._names)
+            raise GroundError("%s has no %s%s; it has %s" % (self._what, name, hint, ", ".join(known)))
         return Symbol(self._names.get(name, name))
 
 
@@ -108,12 +111,19 @@ def traced(
     """The formulas X, Y, N of a function of state, inputs and parameters; see Effect. GroundError when it is
     none."""
     own = {one: one for one in ("u", "v", "r", "x", "y", "psi", "t", *states)}
-    inputs = Symbols("inputs", {"left": "u_L", "right": "u_R", "lift": "lift"}, more=True)
-    arguments = Symbols("state", own), inputs
+    inputs = Symbols("inputs", {"left": "u_L", "right": "u_R", "lift": "lift", "volt": "volt"}, prefix="u_")
+    given = {one: Symbol(one) for one in parameters}
     try:
-        found = force(*arguments, **{one: Symbol(one) for one in parameters})
+        inspect.signature(force).bind("state", "inputs", **given)
+    except TypeError as error:
+        wanted = ", ".join(["state", "inputs", *given])
+        raise GroundError("effect %s: its force is called as force(%s): %s" % (name, wanted, error))
+    try:
+        found = force(Symbols("state", own), inputs, **given)
         if isinstance(found, Mapping):
             return {key: formula(value) for key, value in found.items()}
+        if not isinstance(found, (tuple, list, np.ndarray)):
+            raise GroundError("its force must return X, Y, N or a dictionary of components, not one value")
         rows: Tuple[Any, ...] = tuple(found)
     except GroundError as error:
         raise GroundError("effect %s: %s" % (name, error))

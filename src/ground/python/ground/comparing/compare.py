@@ -173,6 +173,10 @@ def _conclude(models: Dict[str, Model], runs: List[RunComparison]) -> Comparison
     seconds = horizon.horizon(data, models[best].core)
     each = {label: horizon.same(model.core) for label, model in models.items()}
     prediction = horizon.prediction_error(data, seconds, each, models[best].core)
+    for label in models:  # over all starts, as the tables have it
+        for row in comparison.numbers([s["evaluation"] for s in _studies(ranked, label)])["horizons"]:
+            if prediction and row["seconds"] == seconds and row["starts"]:
+                prediction.errors[label] = horizon.PoseError(row["position_mm"], row["heading_deg"])
     return Comparison(models, runs, pooled, ranking, floor, prediction)
 
 

@@ -29,7 +29,7 @@ def write(
         appearance.MODELS[1],
         force,
         result=result,
-        head=words.lines(result),
+        head=[line for line in words.lines(result, path) if line[0] != "Details"],
         predictions=predictions(result),
         pooled=[
             appearance.numbers_row(label, role, numbers)
@@ -51,4 +51,4 @@ def predictions(result: Document) -> Optional[Document]:
     labels = list(reversed(result["ranking"]["errors"]))
     told = off(found["errors"][labels[-1]]), labels[-1], off(found["mocap"])
     title = "Predictions are off by %s with %s; the mocap alone leaves %s" % told
-    return figures.predictions(found, [(label, label) for label in labels], title)
+    return figures.predictions(found, list(zip(labels, labels)), title, result["ranking"]["fitted"])

@@ -11,7 +11,8 @@ SLIGHTLY = 1.1  # ratio of the errors of two models below which one is slightly 
 
 
 def lines(result: Document, page: str = "") -> List[Line]:
-    """All first lines; result: contents of compare.json; page: its file; empty: it is not written."""
+    """All first lines; result: contents of compare.json; page: its file; empty: it is not written, and
+    commands are those of Python."""
     ranking, found = result["ranking"], result["prediction"]
     best = next(iter(ranking["errors"]))
     head = [("Best" if len(ranking["errors"]) > 1 else "Model", _best(ranking, best, found))]
@@ -19,7 +20,11 @@ def lines(result: Document, page: str = "") -> List[Line]:
         shown = ["%s %s" % (label, off(error)) for label, error in found["errors"].items()]
         told = "%s (the mocap alone: %s)" % ("; ".join(shown), off(found["mocap"]))
         head.append((words.after(found), told))
-    head.append(("Next", _next(ranking, best, result["models"][best]["file"], found)))
+    finds = "ground.diagnose(comparison.models[%r], RECORDINGS)" % best
+    if page:
+        file = result["models"][best]["file"] or "MODEL"
+        finds = "rosrun ground identify diagnose BAGS --model %s -o diagnosis" % file
+    head.append(("Next", _next(ranking, best, finds, found)))
     return head + [("Details", page)] * bool(page)
 
 
@@ -43,8 +48,8 @@ def _best(ranking: Document, best: str, found: Document) -> str:
     return "%s - it %s these runs %.2g times as well as %s." % (best, does, ratio, second)
 
 
-def _next(ranking: Document, best: str, file: str, found: Document) -> str:
-    """What to do next."""
+def _next(ranking: Document, best: str, finds: str, found: Document) -> str:
+    """What to do next; finds: the command that finds what is missing."""
     many = len(ranking["errors"]) > 1
     if ranking["role"] == "fit":
         asked = "which model predicts better" if many else "how well it predicts"
@@ -53,8 +58,7 @@ def _next(ranking: Document, best: str, file: str, found: Document) -> str:
     if words.times_the_mocap(found, best) > words.MISSING:
         return (
             "something is missing in %s: its predictions are off by %.2g times what the mocap explains. "
-            "This finds it:\nrosrun ground identify diagnose BAGS --model %s -o diagnosis"
-            % (best, words.times_the_mocap(found, best), file or "MODEL")
+            "This finds it:\n%s" % (best, words.times_the_mocap(found, best), finds)
         )
     if ranking["equal"]:
         return "record more runs to decide, or use the simplest model"

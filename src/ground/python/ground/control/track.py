@@ -72,6 +72,7 @@ class Tracking(Shown, Plotted):
     effects: Dict[str, List[str]]  #: effects that the controller has used and unused
     gains: Document  #: parameters of the controller by name
     seed: Optional[int]
+    noise: Optional[bool] = None  #: whether the mocap had noise; None: not recorded
 
     @property
     def rms(self) -> float:
@@ -147,10 +148,13 @@ class Tracking(Shown, Plotted):
         if many:
             ends = tuple(metres(numbers["rms_quantiles"][q]) for q in ("p05", "p95"))
             error += " (%s to %s rms from 5 to 95%% of the starts)" % ends
+        if self.noise is False:
+            error += ", without noise of the mocap"
         followed = "%s on %s, %g to %g s%s" % (self.controller, self.reference, *self.window, starts)
         return [
             ("Followed", followed),
             ("Distance", error),
+            *[("Controller", self.remark)] * bool(self.remark),
             ("Next", self._next()),
             *[("Picture", written)] * bool(written),
         ]
@@ -160,11 +164,13 @@ class Tracking(Shown, Plotted):
         if self.numbers["stopped"]:
             stop = self.stops[0]
             return (
-                "%d of %d runs ended early, the first at %.2f s: %s; give other gains (rosrun ground tune) "
-                "or an easier reference"
+                "%d of %d runs ended early, the first at %.2f s: %s; give other gains (the program tune "
+                "searches for them) or an easier reference"
                 % (self.numbers["stopped"], len(self.runs), stop["time"], stop["reason"])
             )
-        return "; ".join(filter(None, (self.caution, self.remark))) or "nothing needed"
+        if self.caution:
+            return "choose an easier reference, or accept the error: " + self.caution
+        return "nothing needed"
 
     def details(self) -> Iterator[str]:
         """Inputs, computing time, and runs that ended early."""
@@ -307,6 +313,7 @@ def track(
         effects={"used": use["used"], "unused": use["unused"]},
         gains=dict(choice.values),
         seed=options.seed,
+        noise=options.noise,
     )
 
 

@@ -1,7 +1,7 @@
 """identify tracking: how a recorded craft followed its reference (thesis figures 4.6, 4.7)."""
 
 import argparse
-from typing import Iterator, List, Tuple
+from typing import Iterator, List, Sequence, Tuple
 
 from ground.control.words import add_picture, draw, effort_lines, metres, refuse_picture
 from ground.data import bag_arguments
@@ -10,7 +10,7 @@ from ground.recordings import tracks
 from ground.recordings.recording import Recording
 from ground.support import command_line
 from ground.support.annotations import Document
-from ground.support.headline import Line, formatted
+from ground.support.headline import formatted
 
 FOLLOWING = "comparing paths with references"  # stage; unit: a recording
 
@@ -40,14 +40,14 @@ def run(arguments: argparse.Namespace) -> Document:
     for recording in bag_arguments.read(arguments):
         with arguments.work.stage(FOLLOWING):
             read = tracks.read(recording.path, recording)
-        kind = recording.flown_by.get("controller")
-        drives = [dict(tracks.numbers(track, arguments.settled), kind=kind) for track in read]
+        by = {"kind": recording.flown_by.get("controller"), "model": recording.flown_by.get("model")}
+        drives = [dict(tracks.numbers(track, arguments.settled), **by) for track in read]
         drawn += [(track, drive, recording) for track, drive in zip(read, drives)]
         runs.append({"run": recording.name, "drives": drives, "changes": len(recording.changes)})
-        for line in formatted(_headline(runs[-1])):
-            command_line.say(arguments, line)
-        for drive in drives:
-            command_line.say_details(arguments, effort_lines(drive))
+    for line in _lines(runs, len(drawn) > 1):
+        command_line.say(arguments, line)
+    for name, drive in ((run["run"], drive) for run in runs for drive in run["drives"]):
+        command_line.say_details(arguments, [*[name] * (len(drawn) > 1), *effort_lines(drive)])
     result: Document = {"settled": arguments.settled, "runs": runs}
 
     def figure() -> Document:
@@ -66,12 +66,19 @@ def run(arguments: argparse.Namespace) -> Document:
     return result
 
 
-def _headline(run: Document) -> Iterator[Line]:
-    """The first lines on a run: how well each of its drives followed the reference."""
-    for drive in run["drives"]:
+def _lines(runs: Sequence[Document], as_table: bool) -> Iterator[str]:
+    """How well each drive followed its reference, and what to do next."""
+    rows = [["run", "controller", "its model", "rms", "at most", "at the end", "saturated"]]
+    for name, drive in ((run["run"], drive) for run in runs for drive in run["drives"]):
         driver = drive["kind"] or drive["controller"] or "controller unknown"
-        yield "Followed", "%s: %s, %.1f s" % (run["run"], driver, drive["duration"])
-        errors = tuple(metres(drive[name]) for name in ("rms", "max", "final"))
-        yield "Distance", "%s rms, %s at most, %s at the end" % errors
-    changed = "parameters changed %d times while it ran: identify info lists them" % run["changes"]
-    yield "Next", changed if run["changes"] else "nothing needed"
+        errors, share = [metres(drive[key]) for key in ("rms", "max", "final")], drive["saturated_fraction"]
+        saturated = "-" if share is None else "%.1f%%" % (100 * share)
+        rows.append([name, driver, drive["model"] or "-", *errors, saturated])
+        followed = "%s: %s, %.1f s" % (name, driver, drive["duration"])
+        distance = "%s rms, %s at most, %s at the end" % tuple(errors)
+        yield from () if as_table else formatted([("Followed", followed), ("Distance", distance)])
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    yield from ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows] if as_table else []
+    changed = ["%s %d times" % (run["run"], run["changes"]) for run in runs if run["changes"]]
+    told = "parameters changed while these ran: %s; identify info lists them" % ", ".join(changed)
+    yield from formatted([("Next", told if changed else "nothing needed")])

@@ -16,6 +16,7 @@ from ground.recordings.recording import Recording
 from ground.support.annotations import Path
 from ground.support.command_line import option, positive, seconds
 from ground.support.errors import GroundError, GroundNote, RecordingWarning, warn
+from ground.support.files import path_of
 from ground.support.progress import Work
 from ground.support.results import distinct_labels
 from ground.support.workers import Workers
@@ -58,8 +59,8 @@ def read(
     >>> list(run.to_frame().columns)
     ['t', 'x', 'y', 'psi', 'u', 'v', 'r', 'left', 'right', 'lift']
     """
-    given_paths = [bags] if isinstance(bags, (str, os.PathLike)) else bags
-    paths = [found for path in given_paths for found in _matching(os.fspath(path))]
+    given_paths = bags if isinstance(bags, Iterable) and not isinstance(bags, str) else [bags]
+    paths = [found for path in given_paths for found in _matching(path_of(path, "a recording"))]
     if mapping is None:
         mapping = FieldMapping()
     elif not isinstance(mapping, FieldMapping):
@@ -141,6 +142,8 @@ def taken(given: Recordings) -> List[Recording]:
         return [given]
     if isinstance(given, (str, os.PathLike)):
         return list(read(given))
+    if not isinstance(given, Iterable):
+        given = [given]
     return distinct([r for one in given for r in ([one] if isinstance(one, Recording) else read(one))])
 
 

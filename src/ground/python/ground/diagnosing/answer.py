@@ -2,12 +2,13 @@
 the model with it is, and what to do next."""
 
 import os
+import shlex
 from typing import Iterator, List
 
 from ground.analysis.diagnosis import EXPLAINED
 from ground.analysis.verdict import SIMULATION
 from ground.diagnosing import words
-from ground.reports.words import listed, number, prediction, vector
+from ground.reports.words import direction, listed, number, prediction
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
@@ -16,7 +17,8 @@ MISSING = "Missing"
 
 
 def lines(report: Document, folder: str = "") -> List[Line]:
-    """All first lines; folder: of the results; empty: they are not written."""
+    """All first lines; folder: of the results; empty: they are not written, and commands are those of
+    Python."""
     return [*known_first(report), *known_last(report, folder)]
 
 
@@ -95,7 +97,8 @@ def _effect(report: Document, step: Document) -> str:
     told += ", ".join(words.parameter(key, p) for key, p in own.items())
     if all(p["identified"] and None not in p["ci95"] for p in own.values()):
         deviations = {key: (p["ci95"][1] - p["ci95"][0]) / 3.92 for key, p in own.items()}
-        told += _after_comma(vector(name, {key: p["value"] for key, p in own.items()}, deviations))
+        where = direction(name, {key: p["value"] for key, p in own.items()}, deviations)
+        told += ", so that " + where if where else ""
     others = [other for other in step["group"] if other != name]
     if others:
         told += ". These runs do not distinguish it from %s" % words.effects(report, others)
@@ -106,10 +109,6 @@ def _misleads(report: Document) -> bool:
     """Whether effects were found that predict worse than a refit without them, so that nothing is decided."""
     with_them, without = (report[model]["error"]["heldout"] for model in ("improved", "nominal"))
     return bool(report["verdict"] == "undecided" and report["improved"]["effects"] and with_them > without)
-
-
-def _after_comma(text: str) -> str:
-    return ", so that " + text if text else ""
 
 
 def _certainty(step: Document) -> str:
@@ -152,8 +151,12 @@ def _rest(report: Document) -> str:
                 "unlike a random disturbance."
             )
         return "cannot be decided, because " + undecided(report)
-    what = "%s that has no name in the library and depends on %s%s." % (
+    unnamed = "that has no name in the library"
+    if report.get("selection"):
+        unnamed = "that is none of the effects that were tried (%s)" % report["selection"]
+    what = "%s %s and depends on %s%s." % (
         "something else" if found else "an effect",
+        unnamed,
         words.arguments(report),
         ": " + report["ceiling"]["named_as"] if report["ceiling"]["named_as"] else "",
     )
@@ -194,19 +197,27 @@ def _next(report: Document, folder: str) -> str:
     """What to do next; commands stand on lines of their own."""
     kind, proposed = report["verdict"], report["next_experiment"]
     if kind == "misread":
-        return "correct the mapping or the settings as told above, or add --as-recorded to diagnose anyway"
+        anyway = "add --as-recorded" if folder else "give as_recorded=True"
+        return "correct the mapping or the settings as stated above, or %s to diagnose anyway" % anyway
     open_still = any(len(step["group"]) > 1 for step in report["steps"])
+    flies = proposed and (proposed["launch"] if folder else proposed.get("call", proposed["launch"]))
     if proposed and open_still:
-        return "fly this to distinguish %s:\n%s" % (
-            words.effects(report, proposed["separates"]),
-            proposed["launch"],
-        )
+        return "fly this to distinguish %s:\n%s" % (words.effects(report, proposed["separates"]), flies)
+    unnamed = kind in ("unexplained", "memory", "undecided") or (kind == "missing" and _rest(report))
+    if report.get("selection") and unnamed:
+        whole = "ground.diagnose(%r, RECORDINGS)" % report["model"]
+        if folder:
+            model = shlex.quote(report["model"])
+            whole = "rosrun ground identify diagnose BAGS --model %s -o whole_library" % model
+        return "let all effects of the library be tried:\n" + whole
     if kind in ("unexplained", "memory") and report["unexplained"]["proposal"]:
-        return (
-            "the formula is an effect of its own; this adds it and fits its size:\n"
-            "rosrun ground identify add %s BAGS --model %s -o proposed.yaml"
-            % (_in(folder, "proposal.yaml"), _in(folder, "improved.yaml"))
-        )
+        adds = "ground.add(diagnosis.improved, diagnosis.proposal, RECORDINGS)"
+        if folder:
+            adds = "rosrun ground identify add %s BAGS --model %s -o proposed.yaml" % (
+                _in(folder, "proposal.yaml"),
+                _in(folder, "improved.yaml"),
+            )
+        return "the formula is an effect of its own; this adds it and fits its size:\n" + adds
     if kind in ("unexplained", "memory"):
         return "record more runs over the same places with other commands, so that a formula can be found"
     if kind == "undecided":
@@ -219,7 +230,7 @@ def _next(report: Document, folder: str) -> str:
         return "record more and longer runs to see whether more is missing; the model is usable now"
     if proposed:
         told = "nothing needed. These runs cannot show %s; this would:\n%s"
-        return told % (words.effects(report, proposed["separates"][:1]), proposed["launch"])
+        return told % (words.effects(report, proposed["separates"][:1]), flies)
     return "nothing needed"
 
 

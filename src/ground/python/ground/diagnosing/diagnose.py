@@ -15,6 +15,7 @@ from ground.data import bag_arguments, voltage
 from ground.data.measured import Recordings, held_out, measured
 from ground.diagnosing import answer, document
 from ground.diagnosing.drawn import IMPROVED, NOMINAL, Drawn
+from ground.diagnosing.next_experiment import IN_ROOM
 from ground.diagnosing.result import Diagnosis, Problem, prepare
 from ground.models import Model, ModelLike, Room, RoomLike, fitted_model, parameters_by_name
 from ground.recordings import findings
@@ -100,7 +101,9 @@ def diagnose(
     held = problem.held.data
     conclusion = conclude(found, held, misread)
     name = problem.model.path or problem.model.name
-    report = document.begun(found, conclusion, name, held, problem.findings)
+    chosen = [("only", options.only), ("all but", options.exclude)]
+    selection = "; ".join("%s %s" % (which, ", ".join(names)) for which, names in chosen if names)
+    report = document.begun(found, conclusion, name, held, problem.findings, selection)
     for line in formatted(answer.known_first(report)):
         told(line)
     walls = room.core if room else None
@@ -226,17 +229,26 @@ def _errors(error: Document) -> Dict[str, float]:
 
 
 def _next_inputs(problem: Problem, proposed: Document) -> Optional[Array]:
-    """Takes the inputs out of the proposal, and adds the room to its command line."""
+    """Takes the inputs out of the proposal, and adds the room to its command line. Where the craft was a
+    simulated one, the simulator flies it."""
     if not proposed:
         return None
-    file = problem.room_file()
-    if file:
-        proposed["launch"] += " room:=%s" % shlex.quote(os.path.abspath(file))
+    file, truth = problem.room_file(), problem.truth()
+    room = shlex.quote(os.path.abspath(file)) if file else ""
+    if truth is None:
+        proposed["launch"] += " room:=" + room if room else ""
+    else:
+        options = "%s --duration %g" % (proposed["arguments"], IN_ROOM) + (" --room " + room if room else "")
+        program = "rosrun ground identify simulate --model %s %s -o next.bag"
+        lift = proposed["arguments"].partition("--lift ")[2] or "1"
+        proposed["launch"] = program % (shlex.quote(truth), options)
+        proposed["call"] = "ground.simulate(CRAFT, inputs=diagnosis.next_inputs, lift=%s)" % lift
     return np.array(proposed.pop("rows"), float)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds the arguments of identify diagnose."""
+    parser.epilog = "effects of the library: " + ", ".join(candidates.effects())
     bag_arguments.add_bag_arguments(parser)
     command_line.add_model(parser, "the model to diagnose")
     command_line.add_output(parser, "DIR", "folder for results")

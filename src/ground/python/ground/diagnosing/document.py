@@ -26,9 +26,11 @@ def begun(
     model_name: str,
     heldout: Sequence[_core.RunData] = (),
     findings: Sequence[Document] = (),
+    selection: str = "",
 ) -> Document:
     """The part of the report that the verdict needs, of a Diagnosis and its Conclusion; heldout: the runs
-    that it was judged on; findings: mistakes that the recordings look like."""
+    that it was judged on; findings: mistakes that the recordings look like; selection: which effects
+    of the library were tried, "only wind"; empty: all."""
     before = conclusion.before
     names = [run.name for run in diagnosis.runs]
     by = HOLDOUT if heldout else CROSSED
@@ -51,6 +53,7 @@ def begun(
         },
         "verdict": conclusion.verdict,
         "findings": list(findings),
+        **({"selection": selection} if selection else {}),
         "nominal": {
             "parameters": _parameters(before.parameters),
             "error": _error(before.error, before.heldout, by),

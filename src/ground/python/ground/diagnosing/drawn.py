@@ -11,7 +11,7 @@ from ground.support.annotations import Document
 from ground.support.errors import GroundError, warn
 from ground.support.workers import Workers
 
-NOMINAL, IMPROVED = "nominal, refitted", "improved"  # labels of models
+NOMINAL, IMPROVED = "refitted", "improved"  # labels of models
 MAX_DRAWN = 8  # runs that are drawn; to infer the missing wrench along each takes seconds
 
 

@@ -47,7 +47,8 @@ def _launch(design: Design) -> str:
     """The command line that flies a design with the real craft in its room."""
     options = ["%s:='%s'" % (name, _listed(value)) for name, value in design.options.items()]
     options.append("lift:=%g duration:=%g" % (design.lift, IN_ROOM))
-    return "roslaunch ground room_prbs.launch design:=%s %s" % (design.kind, " ".join(options))
+    command = "roslaunch ground room_prbs.launch mocap_host:=ADDRESS design:=%s %s"
+    return command % (design.kind, " ".join(options))
 
 
 def _listed(value: Union[float, List[float]]) -> str:

@@ -6,7 +6,7 @@ from typing import Any, List, Optional
 from ground.diagnosing import answer, words
 from ground.diagnosing.drawn import Drawn
 from ground.reports import appearance, figures, page, studies
-from ground.reports.words import listed, number, off
+from ground.reports.words import number, off
 from ground.support.annotations import Document
 
 
@@ -49,10 +49,8 @@ def predictions(report: Document) -> Optional[Document]:
     found, effects = report["prediction"], report["improved"]["effects"]
     if found is None:
         return None
-    shown = [("given", "the given model")]
-    if effects:
-        shown.append(("refitted", "refitted without " + ("them" if len(effects) > 1 else "it")))
-    shown.append(("improved", "refitted with " + listed(effects) if effects else "refitted"))
+    shown = [(name, name) for name in ("given", "refitted", "improved") if effects or name != "refitted"]
+    shown[-1] = ("improved", "improved" if effects else "refitted")
     if "formula" in found["errors"]:
         shown.append(("formula", "with the formula for what is left"))
     last, seconds = off(found["errors"][shown[-1][0]]), found["seconds"]

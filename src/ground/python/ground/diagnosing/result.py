@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
 import numpy as np
 
 from ground.analysis import candidates
+from ground.analysis.effects import Effect
 from ground.analysis.verdict import MISREAD
 from ground.data.measured import Measured
 from ground.diagnosing import answer, document, words
@@ -65,6 +66,11 @@ class Problem:
         """The first run that a room was kept with."""
         return next((r for r in self.seen.recordings if "room" in r.files), None)
 
+    def truth(self) -> Optional[str]:
+        """Path of the model that moved a simulated craft; None of a real one."""
+        flown = next((r for r in self.seen.recordings if "truth" in r.files), None)
+        return flown.files["truth"].place() if flown else None
+
     def room(self) -> Optional[Room]:
         """Where the next experiment has to stay; None if no room is known."""
         flown = self.flown_in()
@@ -102,6 +108,12 @@ class Diagnosis(Shown, Plotted):
     report: Document
     drawn: Optional[Drawn]  #: what its page draws; None when it was loaded
 
+    @property
+    def proposal(self) -> Optional[Effect]:
+        """A formula for what has no name, as an effect that can be added; None without one."""
+        found = self.report["unexplained"]["proposal"]
+        return Effect.of(document.effect_entry(found)) if found else None
+
     def headline(self, written: str = "") -> List[Line]:
         """Its first lines: what is missing, how much it matters, and what to do next."""
         return answer.lines(self.report, written)
@@ -116,7 +128,7 @@ class Diagnosis(Shown, Plotted):
 
     def to_frame(self) -> "pandas.DataFrame":
         """The effects tried, best first, indexed by name: p_value, delta_bic, error_fit,
-        error_heldout, selected, seen."""
+        error_heldout, selected, seen, estimates (in words, each effect alone)."""
         import pandas
 
         rows = self.report["candidates"]
@@ -126,6 +138,7 @@ class Diagnosis(Shown, Plotted):
         for place, kind in enumerate(("fit", "heldout"), 2):
             errors = [row["error"][kind] for row in rows]
             frame.insert(place, "error_" + kind, pandas.array(errors, dtype="Float64"))
+        frame["estimates"] = ["; ".join(words.parameters(row["parameters"])) for row in rows]
         return frame
 
     @classmethod

@@ -126,8 +126,14 @@ def arguments(report: Document) -> str:
 
 def _part(share: Document) -> str:
     """A share with its 95% interval."""
-    low, high = (100 * max(0.0, min(1.0, end)) for end in share["ci95"])
-    return "%.0f%% (%.0f to %.0f%%)" % (100 * max(0.0, share["share"]), low, high)
+    return "%s (%s to %s)" % tuple(_percent(value) for value in (share["share"], *share["ci95"]))
+
+
+def _percent(share: float) -> str:
+    """A share in percent: what is not quite all or nothing is not shown as 100% or 0%."""
+    if 0 < share < 0.005:
+        return "<1%"
+    return ">99%" if 0.995 < share < 1 else "%.0f%%" % (100 * max(0.0, min(1.0, share)))
 
 
 def ceiling(report: Document) -> str:
@@ -142,8 +148,8 @@ def ceiling(report: Document) -> str:
     text += "; what could be learned depends on %s." % arguments(report) if found["said"] else "."
     if not agrees["holds"] and number(report["noise_floor"]) != "-":
         text += (
-            " What is left is not a steady random disturbance: its error is %(measured).3f, and that "
-            "disturbance would leave %(expected).3f." % agrees["error"]
+            " But what is left (error %(measured).3f) is not the steady random disturbance that these shares "
+            "assume (it would leave %(expected).3f): more may be missing." % agrees["error"]
         )
     return text
 
@@ -203,8 +209,8 @@ def unexplained(report: Document) -> Iterator[str]:
         values = ["%s = %.4g %s" % (n, p["value"], p["unit"]) for n, p in proposal["parameters"].items()]
         terms = ["%s = %s" % item for item in proposal["expression"].items()]
         yield (
-            "%s would lower the cross-validated error to %.3f (%s with %s). It is in proposal.yaml, ready "
-            "for identify add."
+            "%s would lower the cross-validated error to %.3f (%s with %s). It is an effect that can be "
+            "added, in proposal.yaml."
             % (
                 capital(proposal.get("means", "a term")),
                 proposal["error"]["heldout"],

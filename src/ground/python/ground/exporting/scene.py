@@ -214,7 +214,7 @@ class Scene:
             told = "thrust: %g m is %s" % (THRUST_LENGTH, newtons(self._craft.strongest))
             rows.append((told, palette["thrusters"][0]))
             of = newtons(self._craft.full_thrust / MISSING_LENGTH)
-            rows.append(("missing force, if more than noise: 1 m is " + of, palette["missing"]))
+            rows.append(("missing force, beyond noise: 1 m is " + of, palette["missing"]))
         corners = self._room.corners.tolist() if self._room else [[1.5, 0.0]]
         top = max(corner[0] for corner in corners) + 0.25 + 1.6 * shapes.LETTER * len(rows)
         middle = sum(corner[1] for corner in corners) / len(corners)

@@ -102,7 +102,7 @@ class Addition(Shown):
         own = [p for name, p in self.parameters.items() if name.split(".")[0] == self.effect]
         values = ", ".join("%s %s" % (p.name.split(".", 1)[1], p.words) for p in own)
         by_name = {p.name.split(".", 1)[1]: p for p in own}
-        told = words.vector(
+        told = words.direction(
             self.effect,
             {name: p.value for name, p in by_name.items()},
             {name: p.deviation for name, p in by_name.items()},
@@ -113,7 +113,7 @@ class Addition(Shown):
         return [
             ("Does it help", "%s - %s: %s; %s." % (answer, self.effect, values, self.verdict.reason)),
             *words.prediction(as_document(self.prediction), "without", "with"),
-            ("Model with it", written or "not saved yet"),
+            ("Model with it", (written or "not saved yet") + (" (not better)" if answer == "no" else "")),
             ("Next", do),
         ]
 
@@ -256,11 +256,13 @@ def _verdict(
 
 
 def _interval(before: Array, after: Array) -> Tuple[float, float]:
-    """95% interval of the relative change of the mean error of windows, by Student's t."""
-    change = (after - before) / before.mean()
-    limit = distributions.student_limit(0.025, len(change) - 1)
-    half = limit * float(change.std(ddof=1)) / np.sqrt(len(change))
-    return float(change.mean() - half), float(change.mean() + half)
+    """95% interval of the relative change of the mean error of windows, by Student's t for the logarithm of
+    the ratio: an error cannot fall by more than 100%."""
+    ratio = after.mean() / before.mean()
+    varying = after / after.mean() - before / before.mean()
+    limit = distributions.student_limit(0.025, len(varying) - 1)
+    factor = np.exp(limit * float(varying.std(ddof=1)) / np.sqrt(len(varying)))
+    return float(ratio / factor - 1), float(ratio * factor - 1)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -271,6 +273,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="name of an effect of the library, or a YAML file with one effect as model files have it",
     )
     bag_arguments.configure_fit(parser, "model that it is added to", "N.yaml", AddOptions)
+    parser.epilog = "effects of the library: " + ", ".join(candidates.effects())
 
 
 def run(arguments: argparse.Namespace) -> Document:

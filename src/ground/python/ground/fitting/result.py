@@ -239,19 +239,23 @@ class Fit(Shown, Plotted):
 
     def _next(self, unknown: Sequence[str], written: str) -> str:
         ratio = words.times_the_mocap(as_document(self.prediction), "fitted")
+        if self.given.doubts:
+            return "correct the model that was given, and fit again: %s" % self.given.doubts[0]
         if self.runaway:
             far = ("%s = %.2g %s" % (p.name, p.value, p.unit) for p in self.runaway)
             return (
                 "do not use this model: %s ran to the end of its range, so the runs contradict it; look at "
-                "what info says of them, and at thrusters, units and missing effects" % ", ".join(far)
+                "what is odd in them, and at thrusters, units and missing effects" % ", ".join(far)
             )
         if unknown:
             return "fix %s, or record runs with other commands" % words.listed(list(unknown))
         if ratio > words.MISSING:
+            finds = "ground.diagnose(fit.model, RECORDINGS)"
+            if written:
+                finds = "rosrun ground identify diagnose BAGS --model %s -o diagnosis" % written
             return (
                 "something is missing: predictions are off by %.2g times what the mocap explains. This "
-                "finds it:\nrosrun ground identify diagnose BAGS --model %s -o diagnosis"
-                % (ratio, written or "MODEL")
+                "finds it:\n%s" % (ratio, finds)
             )
         if self.prediction is None:
             return "record longer runs, to see how far predictions are off"

@@ -17,7 +17,7 @@ def write(path: str, report: Document, inputs: Sequence[str] = (), force: bool =
         color,
         force,
         report=report,
-        head=words.lines(report),
+        head=[line for line in words.lines(report, path) if line[0] != "Details"],
         words=words,
         drawn=list(figures.all_of(report)),
         changes=[

@@ -29,12 +29,12 @@ CAUSES = {  # what usually changes a parameter
 
 
 def lines(report: Document, page: str = "") -> List[Line]:
-    """All first lines; page: its file; empty: it is not written."""
+    """All first lines; page: its file; empty: it is not written, and commands are those of Python."""
     found = [("Changed" if not i else "", text) for i, text in enumerate(_changed(report))]
     found += [("Odd craft" if not i else "", text) for i, text in enumerate(_odd(report))]
     found += [("Scatter", _scatter(report)), ("Runs", _runs(report))]
-    found += [("Verdicts", text) for text in _verdicts(report)]
-    found.append(("Next", _next(report)))
+    found += [("Verdicts", text) for text in _verdicts(report, bool(page))]
+    found.append(("Next", _next(report, bool(page))))
     return found + [("Details", page)] * bool(page)
 
 
@@ -167,7 +167,7 @@ def _runs(report: Document) -> str:
     named = "%d crafts, by %s" % (len(crafts), BY[report["crafts_by"]]) if len(crafts) > 1 else crafts[0]
     times = sorted(run["recorded"] for run in runs)
     text = "%d of %s, %s to %s" % (len(runs), named, day(times[0]), day(times[-1]))
-    text += "; %d left out (--details says why)" % out if out else ""
+    text += "; %d left out (the details say why)" % out if out else ""
     guessed = sum(run["time_from"] == "file" for run in runs)
     if guessed:
         text += (
@@ -177,7 +177,7 @@ def _runs(report: Document) -> str:
     return text + "."
 
 
-def _verdicts(report: Document) -> Iterator[str]:
+def _verdicts(report: Document, in_shell: bool) -> Iterator[str]:
     found = report["verdicts"]
     other = [one for one in found if not one["current"]]
     if not other:
@@ -189,19 +189,19 @@ def _verdicts(report: Document) -> Iterator[str]:
             len(changed), len(other), report["version"], names,
         )  # fmt: skip
         return
-    yield "%d of %d saved diagnoses are of another version than %s; --verdicts repeats them." % (
-        len(other), len(found), report["version"],
+    yield "%d of %d saved diagnoses are of another version than %s; %s repeats them." % (
+        len(other), len(found), report["version"], "--verdicts" if in_shell else "verdicts=True",
     )  # fmt: skip
 
 
-def _next(report: Document) -> str:
+def _next(report: Document, in_shell: bool) -> str:
     if report["changes"]:
         one = report["changes"][0]
         since = one["times"][1] if one["kind"] == "jump" else ""
         return "fit %s anew%s:\n%s" % (
             one["craft"],
             " to the runs since then" if since else " to its newest runs",
-            _command(report, "fit", one, since, "%s.yaml" % one["craft"]),
+            _command(report, "fit", one, since, in_shell, "%s.yaml" % one["craft"]),
         )
     if report["odd"]:
         one = report["odd"][0]
@@ -209,17 +209,19 @@ def _next(report: Document) -> str:
         return "look at %s, and give %s a model of its own:\n%s" % (
             which,
             "each" if one["either"] else "it",
-            _command(report, "diagnose", one, "", "diagnosis"),
+            _command(report, "diagnose", one, "", in_shell, "diagnosis"),
         )
-    return "fly on; the same command again fits new runs only."
+    return "fly on; repeated, it fits new runs only."
 
 
-def _command(report: Document, verb: str, one: Document, since: str, output: str) -> str:
-    """A command line on the newest runs of a craft."""
+def _command(report: Document, verb: str, one: Document, since: str, in_shell: bool, output: str) -> str:
+    """A command on the newest runs of a craft."""
     runs = [r for r in report["runs"] if r["craft"] == one["craft"] and r["recorded"] >= since]
-    paths = " ".join(shlex.quote(run["path"]) for run in runs[-REFITTED:])
-    model = shlex.quote(_type(report, one)["file"] or "MODEL.yaml")
-    return "rosrun ground identify %s %s --model %s -o %s" % (verb, paths, model, shlex.quote(output))
+    paths, model = [run["path"] for run in runs[-REFITTED:]], _type(report, one)["file"] or "MODEL.yaml"
+    if not in_shell:
+        return "ground.%s(%r, %r)" % (verb, model, paths)
+    words = [verb, *paths, "--model", model, "-o", output]
+    return "rosrun ground identify " + " ".join(map(shlex.quote, words))
 
 
 def crafts(report: Document) -> Iterator[str]:

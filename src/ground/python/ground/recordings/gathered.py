@@ -173,5 +173,6 @@ def _late(columns: Columns, given: Flags, sent_at: Indices) -> Iterator[str]:
     if (late > max(interval, LATE)).any():
         yield (
             "%d of %d " + CAME_LATE + ", by up to %.2g s after their stamps; if the craft acted when they "
-            "came, take `time: receipt` for the commands in a mapping, and compare the errors"
+            "came, take `time: receipt` for the commands in a mapping (a file that identify info "
+            "--write-mapping drafts), and compare the errors"
         ) % ((late > max(interval, LATE)).sum(), len(late), late.max())

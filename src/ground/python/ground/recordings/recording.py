@@ -80,7 +80,7 @@ class Recording(Plotted):
     drives: Array = field(default_factory=lambda: np.empty((0, 2)))
     settings: Settings = field(default_factory=Settings)  #: settings of the mocap
     flown_by: Dict[str, str] = field(default_factory=dict)  #: run_settings.flown_by
-    files: Dict[str, RunFile] = field(default_factory=dict)  #: by `model` and `room`, if recorded
+    files: Dict[str, RunFile] = field(default_factory=dict)  #: by `model`, `room`, `truth`, if recorded
     changes: List[LiveChange] = field(default_factory=list)  #: changes during the run
     path: str = ""  #: path of the bag that it was read from
     namespace: str = ""  #: of its topics

@@ -275,7 +275,8 @@ def _flat(value: Any, path: str) -> Iterator[Tuple[str, Any]]:
 
 def flown_by(bag: Container) -> Tuple[Dict[str, str], Dict[str, RunFile]]:
     """How the craft was flown: `controller`, `design` or `reference` and the names of the files `model` and
-    `room`, each if known; and the RunFile of `model` and `room` if their contents were recorded."""
+    `room`, each if known; and the RunFile of `model` and `room` if their contents were recorded, and of
+    `truth`, the model of a simulated craft."""
     found, kept, known = {}, {}, []
     for message in bag.rows("ground_msgs/RunSettings"):
         with contextlib.suppress(ValueError, yaml.YAMLError, RecursionError):
@@ -291,6 +292,11 @@ def flown_by(bag: Container) -> Tuple[Dict[str, str], Dict[str, RunFile]]:
         text = recorded.get(value) if isinstance(recorded, dict) else None
         if name in NAMES and isinstance(text, str):
             kept[name] = RunFile(value, text)
+    for parameters in known:
+        for node in nodes(parameters, "simulator"):
+            path, recorded = str(node.get("model", "")), parameters.get(FILES)
+            if isinstance(recorded, dict) and isinstance(recorded.get(path), str):
+                kept.setdefault("truth", RunFile(path, recorded[path]))
     return found, kept
 
 

@@ -43,10 +43,13 @@ from ground.support.annotations import Array, Document
 LABEL_WIDTH = 24  # of a line of a bar's label [characters]
 
 
-def predictions(found: Document, shown: Sequence[Tuple[str, str]], title: str) -> Document:
+def predictions(
+    found: Document, shown: Sequence[Tuple[str, str]], title: str, fitted: Sequence[str] = ()
+) -> Document:
     """Bars of how far predicted poses are off, and what the mocap alone leaves.
 
-    found: horizon.PredictionError as a dictionary; shown: names and labels of its models, from the top.
+    found: horizon.PredictionError as a dictionary; shown: names and labels of its models, from the top;
+    fitted: labels of those that were fitted to these data.
     """
     labels = [wrapped(label, LABEL_WIDTH) for _, label in shown]
     figure = Panels(2, 1, gaps=(0.0, 0.3))
@@ -75,8 +78,9 @@ def predictions(found: Document, shown: Sequence[Tuple[str, str]], title: str) -
     figure.update_yaxes(autorange="reversed", automargin=True)
     lines = sum(1 + label.count("<br>") for label in labels)
     caption = (
-        "Root mean square distance between predicted and measured pose, on data that the models were not "
-        "fitted to. Each prediction starts at the measured pose, at velocities from the time before."
+        "Root mean square distance between predicted and measured pose, on data that %s. Each prediction "
+        "starts at the measured pose, at velocities from the time before."
+        % (listed(list(fitted)) + " was fitted to" if fitted else "the models were not fitted to")
     )
     height = 130 + 12 * len(shown) + 36 * lines
     return figure.finish(height, caption, {"t": 30, "b": 30, "l": 20, "r": 20}, title=title)

@@ -1,6 +1,7 @@
 """Numbers, lists and sentences as text."""
 
 import math
+import re
 from typing import List, Mapping, Optional
 
 from ground.support.annotations import Document
@@ -58,10 +59,26 @@ VECTORS = {
 }
 
 
-def vector(effect: str, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
+# Effects whose sign is a side: a parameter, and what it means where it is positive. %s: its size in percent
+SIDES = {
+    "thrust_asymmetry": ("a", "the left side pushes %s more and the right side pushes %s less"),
+    "thrust_misalignment": ("angle", "thrust points to the right"),
+    "yaw_bias": ("n0", "it turns the craft to the right"),
+    "com_offset": ("yg", "the centre of mass is to the right"),
+}
+OTHER = {"left": "right", "right": "left"}
+
+
+def direction(effect: str, values: Mapping[str, float], deviations: Mapping[str, float]) -> str:
     """Size and direction of an effect that is a vector in the room, from its parameters and their standard
     deviations: "it descends by 0.023 deg towards 135 deg (95%: 8 deg either way; 0: the room's x, 90: its
-    y)"; empty for others."""
+    y)"; which side is meant by the sign of one in SIDES; empty for others."""
+    if effect in SIDES:
+        name, told = SIDES[effect]
+        if values[name] < 0:
+            told = re.sub("left|right", lambda side: OTHER[side.group()], told)
+        percent = two_digits(100 * abs(values[name])) + "%"
+        return told.replace("%s", percent) if abs(values[name]) > 1.96 * deviations[name] else ""
     if effect not in VECTORS:
         return ""
     first, second, text = VECTORS[effect]

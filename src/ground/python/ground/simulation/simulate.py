@@ -253,6 +253,7 @@ def simulate(
         sequence=drive.sequence,
         disturbance=acting,
         made_with=run_settings.document(drive.parameters(mover)),
+        files={"truth": run_settings.RunFile(mover.path or "truth.yaml", mover.format())},
     )
 
 

@@ -39,6 +39,15 @@ def _place(path: str) -> Optional[Tuple[int, int]]:
     return status.st_dev, status.st_ino
 
 
+def path_of(given: Any, what: str) -> str:
+    """The text of a path. GroundError when something else was given; what: it stands for, "a model"."""
+    try:
+        return str(os.fspath(given))
+    except TypeError:
+        kind = type(given).__name__
+        raise GroundError("%s, or the path of its file, is expected here, not %s" % (what, kind)) from None
+
+
 def refuse_existing(path: str, force: bool) -> None:
     """Raises GroundError when `path` cannot be written: it is an input of this command (also through
     a link), not a regular file, exists and `force` is not set, or is in a folder that does not exist
