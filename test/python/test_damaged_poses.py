@@ -108,9 +108,9 @@ def test_damage_of_real_poses_adds_no_motion_and_costs_few_seconds(real):
 
 
 def flight(random, seconds, every):
-    """Rows of time [s] and pose of a craft with TRUTH, each `every` steps, and of time [s] and random commands
+    """Rows of time [s] and pose of a craft with TRUTH, each `every` steps, and of time and random commands
     left and right. Midpoint rule, written for this test."""
-    m, l, inertia, x_u, y_v, n_r, k = TRUTH.values()
+    m, lever, inertia, x_u, y_v, n_r, k = TRUTH.values()
     pose, nu, rows, commands, change = np.array([0.0, 0.0, random.uniform(-3, 3)]), np.zeros(3), [], [], 0.0
     left = right = 0.0
 
@@ -119,7 +119,7 @@ def flight(random, seconds, every):
         c, s = math.cos(psi), math.sin(psi)
         moved = np.array([u * c - v * s, u * s + v * c, r])
         force = np.array([k * (left + right) - x_u * u, -y_v * v]) / m
-        turn = (l * k * (left - right) - n_r * r) / inertia
+        turn = (lever * k * (left - right) - n_r * r) / inertia
         return moved, np.array([force[0] + r * v, force[1] - r * u, turn])
 
     for i in range(int(seconds / STEP) + 1):

@@ -173,9 +173,7 @@ def remembering():
 
 
 @pytest.mark.parametrize("to", ["numpy", "c", "casadi"])
-@pytest.mark.parametrize(
-    "name", ["formulas", "a table of thrust", "eight jets", "memory", "delayed"]
-)
+@pytest.mark.parametrize("name", ["formulas", "a table of thrust", "eight jets", "memory", "delayed"])
 def test_every_kind_of_model_is_exported(name, to, tmp_path):
     craft = special_crafts()[name]
     if to == "casadi":

@@ -136,7 +136,8 @@ void readEffect(const YamlReader& reader, const YAML::Node& node, Model& model) 
       return;
     }
     if (node["terms"] || name == "learned_wrench")
-      reader.fail(node, "learned wrenches ended with release 1: write a formula (expression: {X: ...}) instead");
+      reader.fail(node,
+                  "learned wrenches ended with release 1: write a formula (expression: {X: ...}) instead");
     model.addEffect(makeEffect(name, layout));
     Model::Entry& entry = model.effects.back();
     libraryKeys(reader, entry.effect->info(), name, entry.values).read(node);

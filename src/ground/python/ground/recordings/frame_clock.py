@@ -185,7 +185,6 @@ def _poll(times: Array, rate: float) -> float:
 
 def _most_likely(times: Array, steps: Array, single: Array, rate: float, start: float) -> Indices:
     """The most likely frame numbers given stamps and steps."""
-    intervals = np.diff(times)
     poll = _poll(times, rate)
     newest = np.floor((times - start + EARLIEST) * rate).astype(int)
     depth = int(LATEST * rate)

@@ -24,12 +24,11 @@ def wrap(angle: ArrayLike) -> Array:
 
 def turned_back(times: Array, eta: Array, fastest: float) -> Tuple[Array, Steps, List[float]]:
     """Undoes steps of the heading that no craft makes: it turns as fast after the step as before it. Mocap
-    software whose markers look alike after a turn takes one pattern for the other, at once or after it lost
-    the craft.
+    software whose markers look alike after a turn takes one pattern for another, at once or after a loss.
 
     eta (n, 3), x, y [m], unwrapped psi [rad], at ascending stamps (n,) [s]; fastest: largest yaw rate
-    [rad/s]. Returns the headings as in the part that lasts longest, of those between losses in which the craft
-    may turn round; the steps that were undone; and when place and heading step together [s]: another run
+    [rad/s]. Returns the headings as in the longest part between losses in which the craft may turn round; the
+    steps that were undone; and when place and heading step together [s]: another run
     begins there, whose heading stays.
     """
     psi, steps = eta[:, 2], []
@@ -65,8 +64,8 @@ def _odd(times: Array, psi: Array) -> Sequence[int]:
 
 
 def _step(times: Array, columns: Array, at: int, fastest: float = 0.0) -> float:
-    """By how much a heading (n, 1) [rad] or a place (n, 2) [m] steps before pose `at`; 0 where it does not, or
-    may have moved: in a loss of poses at the largest velocity."""
+    """Step of a heading (n, 1) [rad] or a place (n, 2) [m] before pose `at`; 0 where it does not step, or may
+    have moved: in a loss of poses at the largest velocity."""
     before, after = slice(at - AROUND, at), slice(at, at + AROUND)
     if at < AROUND or at + AROUND > len(columns):
         return 0.0

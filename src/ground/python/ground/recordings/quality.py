@@ -35,11 +35,11 @@ class RepairedRun:
 
     Attributes: recording; motion; zero [s], the origin of the run's clock, and end [s] on it; spans and
     contacts, silent (pauses of the commands) and frozen (repeated poses), lists of (start, end) [s]; steps of
-    the measured pose, and breaks where another run begins [s]; margin around such events [s]; active, (start, end) of the experiment [s]; reply,
-    how the motion follows the commands; inertial, the craft's calibrated sensors (None: it has none); drives,
-    when each drive began [s], the origins of the model's t; drives_by, the source of these: "record", "lift"
-    (the first command with lift), "first command" (which has lift already) or "start" (of the run, because
-    no command has lift).
+    the measured pose, and breaks where another run begins [s]; margin around such events [s]; active,
+    (start, end) of the experiment [s]; reply, how the motion follows the commands; inertial, the craft's
+    calibrated sensors (None: it has none); drives, when each drive began [s], the origins of the model's t;
+    drives_by, the source of these: "record", "lift" (the first command with lift), "first command" (which has
+    lift already) or "start" (of the run, because no command has lift).
     """
 
     def __init__(self, recording: Recording) -> None:

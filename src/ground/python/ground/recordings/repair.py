@@ -97,8 +97,9 @@ def repair(
     moved, nu, nu_dot = (smoothed[key][used] for key in ("eta", "nu", "nu_dot"))
     times, eta = times[used], eta[used]
     eta[:, 2] = moved[:, 2] + headings.wrap(eta[:, 2] - moved[:, 2])
-    found = times, eta, moved, nu, nu_dot, noise, scales, jumps, spikes, clock, repairs
-    return Motion(*found, heading_steps, breaks)
+    return Motion(
+        times, eta, moved, nu, nu_dot, noise, scales, jumps, spikes, clock, repairs, heading_steps, breaks
+    )
 
 
 def smooth(

@@ -5,12 +5,12 @@ with white noise. The levels of both under which the poses are likeliest disting
 any rate of the poses: third differences do so only where little happens within an interval.
 """
 
-from typing import Callable, Optional, Sequence, Tuple
+from typing import Callable, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from ground import _core
-from ground.support.annotations import Array, Flags
+from ground.support.annotations import Array, Flags, Indices
 
 Levels = Tuple[float, float]  # of positions, and of headings
 
@@ -36,7 +36,7 @@ def interval(times: Array) -> float:
     return float(np.median(steps)) if len(steps) else 1.0
 
 
-def around(rows: Array, count: int) -> Array:
+def around(rows: Union[Array, Indices, Flags], count: int) -> Array:
     """For each of the rows (n, ...) it and so many on either side, (n, m, ...); at the ends those within."""
     width = min(2 * count + 1, len(rows))
     first = np.clip(np.arange(len(rows)) - count, 0, len(rows) - width)
@@ -54,7 +54,8 @@ def largest_speeds(times: Array, eta: Array) -> Levels:
     usual = interval(times)
     steps = np.diff(eta, axis=0)[np.diff(times) < LEAST_BRIDGED * usual]
     rates = np.abs(running_median(steps, SOUND // 2)) / usual
-    return tuple(float(np.max(rates[:, columns], initial=1e-9)) for columns in ([0, 1], [2]))
+    linear, angular = (float(np.max(rates[:, columns], initial=1e-9)) for columns in ([0, 1], [2]))
+    return linear, angular
 
 
 def longest_gap(times: Array, fastest: float) -> float:
