@@ -171,7 +171,7 @@ def test_a_full_disk_ends_the_recording_only(stack, tmp_path):
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
         )
-        assert b"make room" in refused.stdout
+        assert b"MB are free" in refused.stdout
     finally:
         subprocess.run(["umount", "-l", str(folder)], check=True)
     if copy.suffix == ".active":

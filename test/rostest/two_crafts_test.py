@@ -16,7 +16,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import harness
 from fake_craft import FakeCraft, is_zero
 
-PORTS = {"a": (33561, 33571), "b": (33562, 33572)}  # of the sender and of the craft
+PORTS = {"a": (33582, 33571), "b": (33583, 33572)}  # of the sender and of the craft
 
 
 class TrembleMocap(harness.Mocap):

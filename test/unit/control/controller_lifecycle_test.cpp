@@ -354,6 +354,37 @@ TEST(LifecycleOfAPilotThatThrows, GivesTheReasonOfTheStopAndOfTheException) {
   EXPECT_NE(life.reason().find("row 7 of 6"), std::string::npos) << life.reason();
 }
 
+/// Commands another number of thrusters than it has.
+struct MiscountingPilot : Pilot {
+  Thrusters<double> command;
+  Inputs update(double, double, const RigidState<double>&, double lift) override { return {command, lift}; }
+};
+
+TEST(LifecycleOfAPilotThatMiscounts, StopsAndSendsNoThrust) {
+  for (const Thrusters<double>& command :
+       {Thrusters<double>(), Thrusters<double>{0.4}, Thrusters<double>{0.4, 0.4, 0.4}}) {
+    MiscountingPilot pilot;
+    pilot.command = command;
+    std::vector<Inputs> sent;
+    ControllerLifecycle life(
+        pilot, [&](const Inputs& inputs) { sent.push_back(inputs); }, [] {});
+    LifecycleParams params;
+    params.require_armed = false;
+    params.lift_time = 0;
+    life.setParams(params);
+    MeasuredState measured;
+    measured.state = {Vector3<double>::Zero(), Vector3<double>::Zero()};
+    measured.valid = true;
+    life.start({0, 0});
+    for (int i = 0; i < 5; ++i) life.state({0.01 * i, 0.01 * i}, measured);
+    EXPECT_EQ(life.current(), State::kStopped);
+    for (const Inputs& inputs : sent) {
+      ASSERT_EQ(inputs.thrusters.size(), 2);
+      EXPECT_EQ(std::max(inputs.thrusters(0), inputs.thrusters(1)), 0.0);
+    }
+  }
+}
+
 TEST_F(Lifecycle, WaitsForTheSenderAndStopsWithIt) {
   params.require_armed = true;
   life.setParams(params);

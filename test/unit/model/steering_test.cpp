@@ -181,9 +181,11 @@ TEST(Steering, TheFenceKnowsTheForceOfEveryAngle) {
     for (int i = 0; i < 200; ++i) {
       Inputs inputs = Inputs::off(model.thrusters->size(), 1);
       for (int j = 0; j < model.thrusters->size(); ++j)
-        inputs.thrusters(j) = std::uniform_real_distribution<double>((*model.thrusters)[j].least,
-                                                                     (*model.thrusters)[j].most)(random);
-      const Thrusters<double> given = model.body.input_max * asVector(inputs.thrusters);
+        inputs.thrusters(j) = std::uniform_real_distribution<double>(
+            1.5 * (*model.thrusters)[j].least, 1.5 * (*model.thrusters)[j].most)(random);
+      // The link clips what is beyond the range.
+      const Thrusters<double> given = model.thrusters->clipped(
+          Thrusters<double>(model.body.input_max * asVector(inputs.thrusters)), model.body.input_max);
       const Vector3<double> moves =
           acceleration(plain, {Vector3<double>(0, 0, 0), Vector3<double>(0, 0, 0)}, given);
       const Vector2<double> believed = pilot.acceleration(inputs);

@@ -276,7 +276,7 @@ class Model(Shown):
 
     def lines(self, written: str = "") -> Iterator[str]:
         """Title, effects and parameters."""
-        yield "%s, effects: %s" % (self.name, candidates.listed(self.core) or "none")
+        yield "%s, effects: %s" % (self.name, ", ".join(self.effects) or "none")
         for p in self.core.parameters():
             yield "%-24s %12.4g %s" % (p["name"], self.core.value(p["name"]), p["unit"])
 

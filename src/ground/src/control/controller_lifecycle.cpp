@@ -244,6 +244,11 @@ void ControllerLifecycle::control(Instant now, double stamp) {
   last_update_ = stamp;
   schedule(elapsed);
   if (failed(now)) return;
+  const int count = inputs.thrusters.size(), thrusters = layout().size();
+  if (count != thrusters)
+    return enter(
+        now, State::kStopped,
+        "the command is for " + std::to_string(count) + " thrusters, not " + std::to_string(thrusters));
   if (!inputs.finite()) return enter(now, State::kStopped, "the command is not finite");
   send(now, inputs);
 }
@@ -296,13 +301,7 @@ double ControllerLifecycle::nextChange(double elapsed) const {
   return ask([&] { return pilot_.nextChange(elapsed); }, Pilot::kByState);
 }
 
-const ThrusterLayout& ControllerLifecycle::layout() const {
-  try {
-    return pilot_.layout();
-  } catch (...) {
-    return *thrusterPair();
-  }
-}
+const ThrusterLayout& ControllerLifecycle::layout() const { return pilot_.layout(); }
 
 void ControllerLifecycle::send(Instant now, const Inputs& inputs) {
   next_keepalive_ = now.steady + kKeepalive;

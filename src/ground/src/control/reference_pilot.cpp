@@ -57,7 +57,7 @@ void ReferencePilot::goHome(const Room& room, const std::string& why) {
 Vector2<double> ReferencePilot::acceleration(const Inputs& inputs) const {
   if (push_ == 0) return {0, 0};
   const Thrusters<double> thrusters = input_max_ * asVector(inputs.thrusters);
-  return push_ * thrusters_->atRest(thrusters).head<2>();
+  return push_ * thrusters_->atRest(thrusters_->clipped(thrusters, input_max_)).head<2>();
 }
 
 void ReferencePilot::commanded(double time, const Inputs& inputs) {

@@ -68,8 +68,8 @@ std::vector<Step> filterForward(const std::vector<double>& stamps, const Eigen::
   return steps;
 }
 
-/// Log-likelihood of a measurement, and correction by it unless it is an outlier. `unreachable` counts
-/// outliers in a row that are further off than a craft moves since the last other one, `reach`.
+/// Log-likelihood of a measurement, and correction by it unless it is an outlier. `unreachable`: number of
+/// outliers in a row whose innovation exceeds `reach`, the way of a craft since the last other measurement.
 double scoreAndCorrect(AxisFilter& filter, double measured, double r, double outlier, double reach,
                        int& unreachable) {
   constexpr double kCap = 25;  // squared distance beyond which a measurement does not correct
@@ -100,16 +100,19 @@ double motionLikelihood(const std::vector<double>& stamps, const Eigen::VectorXd
   AxisFilter filter;
   double sum = 0;
   int since = 0, unreachable = 0;
+  double reached = stamps[0];  // when a measurement was last within reach
   for (std::size_t k = 0; k < stamps.size(); ++k, ++since) {
     const double z = positions(static_cast<Eigen::Index>(k));
     if (k == 0 || stamps[k] - stamps[k - 1] > max_gap || unreachable >= JumpDetector::kMinPoses) {
       filter.start(z, noise * noise, speed);
       since = unreachable = 0;
+      reached = stamps[k];
       continue;
     }
     filter.predict(stamps[k] - stamps[k - 1], jerk * jerk);
-    const double dt = (1 + unreachable) * (stamps[k] - stamps[k - 1]);
-    const double one = scoreAndCorrect(filter, z, noise * noise, outlier, 2 * speed * dt, unreachable);
+    const double reach = 2 * speed * (stamps[k] - reached);
+    const double one = scoreAndCorrect(filter, z, noise * noise, outlier, reach, unreachable);
+    if (unreachable == 0) reached = stamps[k];
     if (since >= kFree) sum += one;
   }
   return sum;

@@ -39,13 +39,6 @@ T argumentOf(const Point<T>& point, int i) {
   return input == inputs ? T(point.lift) : point.t;
 }
 
-/// Adds a wrench, whose force is along the axes of the world or of the body, to one in the body's frame.
-template <typename T>
-void addInBody(Vector3<T>& own, bool world, const Point<T>& point, Vector3<T>& wrench) {
-  if (world) own.template head<2>() = point.heading.toBody({own(0), own(1)});
-  for (int c = 0; c < 3; ++c) wrench(c) += own(c);
-}
-
 inline bool isIdentifier(const std::string& text, std::size_t longest = kLongestName) {
   static const std::regex identifier("[A-Za-z][A-Za-z0-9_]*");
   return text.size() <= longest && std::regex_match(text, identifier);

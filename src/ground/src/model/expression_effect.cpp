@@ -64,18 +64,19 @@ class ExpressionEffect final : public Effect {
   EffectPtr forThread() const override { return std::make_shared<ExpressionEffect>(definition_, layout_); }
   const ExpressionDefinition& definition() const { return definition_; }
 
-#define GROUND_HOOKS_OF(T)                                                             \
-  void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) const override {  \
-    Vector3<T> own(T(0.0), T(0.0), T(0.0));                                            \
-    add(p, point, wrench_.data(), 3, own.data());                                      \
-    addInBody(own, definition_.world, point, wrench);                                  \
-  }                                                                                    \
-  void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) const override { \
-    add(p, point, forces_.data(), force.size(), force.begin());                        \
-  }                                                                                    \
-  void rates(const T* p, const Point<T>& point, T* rates) const override {             \
-    std::fill(rates, rates + info_.states, T(0.0));                                    \
-    add(p, point, rates_.data(), info_.states, rates);                                 \
+#define GROUND_HOOKS_OF(T)                                                                  \
+  void wrench(const T* p, const Point<T>& point, Vector3<T>& wrench) const override {       \
+    Vector3<T> own(T(0.0), T(0.0), T(0.0));                                                 \
+    add(p, point, wrench_.data(), 3, own.data());                                           \
+    if (definition_.world) own.template head<2>() = point.heading.toBody({own(0), own(1)}); \
+    for (int c = 0; c < 3; ++c) wrench(c) += own(c);                                        \
+  }                                                                                         \
+  void thrust(const T* p, const Point<T>& point, Thrusters<T>& force) const override {      \
+    add(p, point, forces_.data(), force.size(), force.begin());                             \
+  }                                                                                         \
+  void rates(const T* p, const Point<T>& point, T* rates) const override {                  \
+    std::fill(rates, rates + info_.states, T(0.0));                                         \
+    add(p, point, rates_.data(), info_.states, rates);                                      \
   }
   GROUND_HOOKS_OF(double)
   GROUND_HOOKS_OF(Jet)

@@ -26,30 +26,8 @@ void readPair(const YamlReader& reader, const YAML::Node& node, const std::strin
   second = reader.number(node[1], what);
 }
 
-void readValue(const YamlReader& reader, const YAML::Node& node, const std::string& what,
-               Eigen::MatrixXd& rows) {
-  std::vector<std::vector<double>> read;
-  readValue(reader, node, what, read);
-  rows.resize(static_cast<Eigen::Index>(read.size()),
-              read.empty() ? 0 : static_cast<Eigen::Index>(read[0].size()));
-  for (Eigen::Index i = 0; i < rows.rows(); ++i) {
-    const std::vector<double>& row = read[static_cast<std::size_t>(i)];
-    if (row.size() != read[0].size()) reader.fail(node, what + " must be rows of equal length");
-    rows.row(i) = Eigen::RowVectorXd::Map(row.data(), rows.cols());
-  }
-}
-
 void writePair(YAML::Emitter& out, double first, double second) {
   writeValue(out, std::vector<double>{first, second});
-}
-
-void writeValue(YAML::Emitter& out, const Eigen::MatrixXd& rows) {
-  out << YAML::Flow << YAML::BeginSeq;
-  for (Eigen::Index i = 0; i < rows.rows(); ++i) {
-    const Eigen::VectorXd row = rows.row(i);
-    writeValue(out, std::vector<double>(row.begin(), row.end()));
-  }
-  out << YAML::EndSeq;
 }
 
 YamlKey& YamlKeys::add(const std::string& name, std::function<void(const YAML::Node&)> read,

@@ -40,8 +40,6 @@ inline void readValue(const YamlReader& reader, const YAML::Node& node, const st
                       std::array<double, 2>& value) {
   readPair(reader, node, what, value[0], value[1]);
 }
-void readValue(const YamlReader& reader, const YAML::Node& node, const std::string& what,
-               Eigen::MatrixXd& rows);
 template <class Struct>
 void readValue(const YamlReader& reader, const YAML::Node& node, const std::string& what, Struct& value);
 template <class Item>
@@ -67,7 +65,6 @@ inline void writeValue(YAML::Emitter& out, const std::pair<double, double>& valu
 inline void writeValue(YAML::Emitter& out, const std::array<double, 2>& value) {
   writePair(out, value[0], value[1]);
 }
-void writeValue(YAML::Emitter& out, const Eigen::MatrixXd& rows);
 template <class Struct>
 void writeValue(YAML::Emitter& out, const Struct& value);
 template <class Item>

@@ -41,8 +41,8 @@ struct MeasuredState {
 
 /// Computes the commands while a controller drives. Times `elapsed` are seconds since it began.
 ///
-/// An exception of any function stops the drive; the reason has its text. Then deactivate() is called if the
-/// pilot was active, and nothing but layout() until the next start.
+/// An exception of any function but layout(), which must not throw, stops the drive; the reason has its text.
+/// Then deactivate() is called if the pilot was active, and nothing but layout() until the next start.
 class Pilot {
  public:
   static constexpr double kByState = -1.0;  ///< value of nextChange() for closed-loop control

@@ -72,17 +72,9 @@ def summaries(model: Optional[_core.Model] = None) -> Dict[str, str]:
 
 def in_words(name: str, model: Optional[_core.Model] = None) -> str:
     """An effect's description with its name beside; the name alone for a user's own formula. Effects
-    of single thrusters need a model that lists them, a stand-in a model that has it."""
+    of single thrusters need a model that lists them."""
     summary = summaries(model).get(name)
     return "%s (%s)" % (summary, name) if summary else name
-
-
-def listed(model: _core.Model) -> str:
-    """Names of a model's effects; with a stand-in it says so."""
-    return ", ".join(
-        "%s (%s)" % (name, summary) if summary.startswith("a stand-in") else name
-        for name, summary in model.summaries.items()
-    )
 
 
 def on_request() -> List[str]:

@@ -109,7 +109,8 @@ class FlyingLaboratory:
             failed = landed.stopped and self._newest.sender.state == SenderStatus.FAULT
             if not failed or not self._simulated:
                 return landed
-            reason = "the computer was too busy: the sender was in FAULT (%s)" % self._newest.sender.reason
+            reason = "the sender was in FAULT (%s)" % self._newest.sender.reason
+            reason = ("the computer was too busy: " if "stale" in reason else "") + reason
             rospy.logwarn("discovery: %s; the flight is repeated", reason)
         raise GroundError("%s on %d flights in a row" % (reason, ATTEMPTS))
 

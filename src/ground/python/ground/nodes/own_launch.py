@@ -27,6 +27,8 @@ def fail_launch() -> bool:
     """Ends roslaunch like end_launch, but not with status 0, which it has whatever its nodes do: kills it
     when the other nodes have ended. roslaunch waits for this program, which must outlast SIGINT."""
     parent = os.getppid()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
     if not end_launch():
         return False
     deadline = time.monotonic() + PATIENCE
@@ -34,8 +36,9 @@ def fail_launch() -> bool:
         not any(core in line for core in CORES) for line in _others(parent).values()
     ):
         time.sleep(0.05)
-    for process in [*_others(parent), parent]:
-        os.kill(process, signal.SIGKILL if process == parent else signal.SIGINT)
+    for process, line in [*_others(parent).items(), (parent, "")]:
+        with contextlib.suppress(ProcessLookupError):  # it has ended
+            os.kill(process, signal.SIGINT if any(core in line for core in CORES) else signal.SIGKILL)
     return True
 
 

@@ -67,7 +67,12 @@ class Container:
         if crafts.pop(chosen, None):
             self.namespace = chosen
             others = tuple(place for name, place in crafts.items() if name)
-            self.topics = {name: one for name, one in self.topics.items() if not name.startswith(others)}
+            own = "/%s/" % chosen if chosen else None
+            self.topics = {
+                name: one
+                for name, one in self.topics.items()
+                if own and name.startswith(own) or not name.startswith(others)
+            }
 
     def rows(self, kind: str) -> Iterator[Dict[str, Any]]:
         """The messages of a type, by column."""

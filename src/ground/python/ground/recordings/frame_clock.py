@@ -187,7 +187,7 @@ def _most_likely(times: Array, steps: Array, single: Array, rate: float, start: 
     """The most likely frame numbers given stamps and steps."""
     poll = _poll(times, rate)
     newest = np.floor((times - start + EARLIEST) * rate).astype(int)
-    depth = int(LATEST * rate)
+    depth = max(2, int(LATEST * rate))
     behind = np.arange(depth)  # number of frames by which a pose is older than the newest at its stamp
     gone = behind[:, None] - behind[None, :]  # rows: pose before, columns: this pose
     every = np.arange(gone.min(), gone.max() + 1)

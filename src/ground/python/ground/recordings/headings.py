@@ -33,11 +33,12 @@ def turned_back(times: Array, eta: Array, fastest: float) -> Tuple[Array, Steps,
     """
     psi, steps = eta[:, 2], []
     breaks = [0]
+    usual, least = scatter.interval(times), BEYOND * float(scatter.resolution(eta)[:2].max())
     lost = [int(i) + 1 for i in np.flatnonzero(fastest * np.diff(times) > np.pi)]
     for i in _odd(times, psi):
-        step = _step(times, psi[:, None], i, fastest)
+        step = _step(times, psi[:, None], i, usual, LEAST_STEP, fastest)
         beside = range(i - AROUND, i + AROUND + 1)
-        if step and any(_step(times, eta[:, :2], at) for at in beside):
+        if step and any(_step(times, eta[:, :2], at, usual, least) for at in beside):
             breaks += [i] if i > breaks[-1] + AROUND else []
         elif step:
             steps.append((i, step))
@@ -63,13 +64,12 @@ def _odd(times: Array, psi: Array) -> Sequence[int]:
     return [int(i) + 1 for i in np.flatnonzero(np.abs(wrap(steps - usual)) > LEAST_STEP)]
 
 
-def _step(times: Array, columns: Array, at: int, fastest: float = 0.0) -> float:
-    """Step of a heading (n, 1) [rad] or a place (n, 2) [m] before pose `at`; 0 where it does not step, or may
-    have moved: in a loss of poses at the largest velocity."""
+def _step(times: Array, columns: Array, at: int, usual: float, least: float, fastest: float = 0.0) -> float:
+    """Step of a heading (n, 1) [rad] or a place (n, 2) [m] before pose `at`; 0 where it is below `least`, or may
+    be a move: in a loss of poses at the largest velocity. usual: interval [s]."""
     before, after = slice(at - AROUND, at), slice(at, at + AROUND)
     if at < AROUND or at + AROUND > len(columns):
         return 0.0
-    usual = scatter.interval(times)
     if np.ptp(times[after]) > TOGETHER * usual or times[before][0] == times[before][-1]:
         return 0.0
     angle, lines, spread = columns.shape[1] == 1, [], 0.0
@@ -84,7 +84,6 @@ def _step(times: Array, columns: Array, at: int, fastest: float = 0.0) -> float:
     size = float(wrap(step[0])) if angle else float(np.linalg.norm(step))
     waited = times[at] - times[at - 1]
     moved = EXPLAINED * float(np.linalg.norm(change)) * (waited + AROUND * usual / 2)
-    least = LEAST_STEP if angle else 0.0
     return size if abs(size) > max(least, BEYOND * spread, moved, fastest * (waited - usual)) else 0.0
 
 

@@ -22,6 +22,7 @@ MIN_WAY = 20.0  # shortest way along which a burst is sorted [standard deviation
 MIN_GAIN = 50.0  # least fall of the roughness for a new order
 MAX_RATIO = 0.5  # largest roughness of a new order, relative to the old one
 GATE = 8.0  # poses further off than this many standard deviations are spikes
+FEWEST_POSES = 10  # of a recording
 BESIDE = 6  # poses before and after one that it is compared with
 ODD = 10.0  # least distance of an outlier from its neighbours' motion [usual distances around]
 MOST = 2.0  # largest velocity [largest one of the sound stretches]
@@ -72,7 +73,7 @@ def repair(
     times, eta = times[order], measured[order].copy()
     keep = _distinct(times, eta, repairs)
     times, eta = times[keep], eta[keep]
-    if len(times) < 10:
+    if len(times) < FEWEST_POSES:
         raise GroundError("%s: only %d distinct poses" % (name, len(times)))
     rough = scatter.in_order(np.column_stack([eta[:, :2], np.unwrap(eta[:, 2])]))
     eta, repairs["poses that overtook each other put in order"] = _in_order(times, eta, rough)
@@ -92,6 +93,8 @@ def repair(
     noise = noise or found
     smoothed = smooth(times, eta, noise, scales, GATE * excess, speeds)
     used = np.asarray(smoothed["used"]) & ~_too_fast(smoothed["nu"], speeds)
+    if used.sum() < FEWEST_POSES:
+        raise GroundError("%s: only %d poses follow a motion of the craft" % (name, used.sum()))
     spikes = np.sort(np.append(spikes, times[~used]))
     jumps = (np.asarray(smoothed["starts"]) & (np.diff(times, prepend=-np.inf) <= max_gap))[used]
     moved, nu, nu_dot = (smoothed[key][used] for key in ("eta", "nu", "nu_dot"))
@@ -137,17 +140,23 @@ def _outliers(times: Array, eta: Array, noise: Array) -> Flags:
     by_order, by_time = (scatter.running_median(rows, BESIDE) for rows in (steps, steps / lasted))
     by_order, by_time = (np.vstack([rows, rows[-1:]]) for rows in (by_order, by_time))
     index = np.arange(len(times))
-    places, turns = [], []
+    places, turns, sides = [], [], []
     for other in scatter.around(index, BESIDE).T:
         gone = by_order * (other - index)[:, None], by_time * (times[other] - times)[:, None]
         off = eta[other] - eta - np.stack(gone)
         places.append(np.linalg.norm(off[..., :2], axis=-1).min(axis=0))
         turns.append(np.abs(headings.wrap(off[..., 2])).min(axis=0))
+        sides.append((off[0, :, 0] + 1j * off[0, :, 1], np.exp(1j * off[0, :, 2])))
     found = np.zeros(len(times), bool)
-    for distances, least in ((places, noise[0]), (turns, noise[2])):
+    for i, (distances, least) in enumerate(((places, noise[0]), (turns, noise[2]))):
         distance = np.median(distances, axis=0)
         usual = scatter.running_median(distance, 2 * BESIDE)
-        found |= distance > np.maximum(ODD * usual, GATE * least)
+        before, after = (np.mean([side[i] for side in part], axis=0) for part in (sides[:3], sides[-3:]))
+        gone, own = np.abs(after - before), (np.abs(before), np.abs(after))
+        if i == 1:
+            gone, own = np.abs(np.angle(after / before)), (np.abs(np.angle(before)), np.abs(np.angle(after)))
+        on_the_way = gone > np.minimum(*own)  # of a move that takes a few poses
+        found |= (distance > np.maximum(ODD * usual, GATE * least)) & ~on_the_way
     return found
 
 

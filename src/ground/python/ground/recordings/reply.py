@@ -153,7 +153,7 @@ def regression(recording: Recording) -> Optional[Reply]:
     follows = share > FOLLOWS or share > max(CLEARLY * chance, MIN_FOLLOWED)
     slow = None if follows else _slow(recording)
     if slow is not None and slow.share > max(FOLLOWS, CLEARLY * slow.chance):
-        lag, share, chance, follows = USUAL_LAG, slow.share, slow.chance, True
+        lag, early, share, chance, follows = USUAL_LAG, False, slow.share, slow.chance, True
     elif slow is not None and slow.chance >= 0.5 * FOLLOWS:
         power = 0.0
     return {
@@ -328,10 +328,11 @@ def _turned(rows: Array, angle: Array) -> Array:
     return np.column_stack([turned.real, turned.imag, rows[:, 2]])
 
 
-def fading(recording: Recording) -> Optional[Tuple[float, float, float]]:
+def fading(recording: Recording, lag: float) -> Optional[Tuple[float, float, float]]:
     """Share of a command's effect that is left while it holds, in the quarter of its ages with the least; its
-    standard error; the mean age there [s]. None where the motion does not resolve the ages."""
-    lag, sent = max(lag_of(recording), 0.0), recording.control_times
+    standard error; the mean age there [s]. lag: of the motion behind the commands [s]. None where the motion
+    does not resolve the ages."""
+    sent = recording.control_times
     left = rest(recording, recording.thrusters, lag=lag)
     if left is None:
         return None

@@ -16,7 +16,7 @@ Levels = Tuple[float, float]  # of positions, and of headings
 
 BRIDGED = 12.0  # longest gap [usual intervals]
 LEAST_BRIDGED = 2.5  # the same where the craft turns so fast that its heading would be ambiguous
-SOUND = 13  # steps in a row whose median is a velocity of the craft
+SOUND, SHORT = 13, 5  # steps in a row whose median is a velocity of the craft
 FINEST = np.array([1e-6, 1e-6, 1e-6])  # least noise relative to the range of x, y, heading
 MOST_SAMPLES, PIECE = 8000, 1000  # poses, and those of a piece, from which levels are estimated
 MOTION = 0.55  # variance of third differences of an integrated random walk [jerk^2 interval^5]
@@ -49,13 +49,17 @@ def running_median(rows: Array, count: int) -> Array:
 
 
 def largest_speeds(times: Array, eta: Array) -> Levels:
-    """The largest speed [m/s] and yaw rate [rad/s] that last for SOUND intervals in poses eta (n, 3) with
-    ascending stamps (n,) [s]: medians, which few wrong poses or stamps do not change."""
+    """The largest speed [m/s] and yaw rate [rad/s] of poses eta (n, 3) with ascending stamps (n,) [s]: those that
+    last for SOUND intervals, or that are usual over a few, by medians that few wrong poses or stamps do not
+    change; at least one rounding of the poses per interval."""
     usual = interval(times)
     steps = np.diff(eta, axis=0)[np.diff(times) < LEAST_BRIDGED * usual]
-    rates = np.abs(running_median(steps, SOUND // 2)) / usual
-    linear, angular = (float(np.max(rates[:, columns], initial=1e-9)) for columns in ([0, 1], [2]))
-    return linear, angular
+    if not len(steps):
+        return 1e-9, 1e-9
+    lasting, short = (np.abs(running_median(steps, count // 2)) for count in (SOUND, SHORT))
+    fastest = np.maximum(lasting.max(axis=0), np.quantile(short, 0.95, axis=0))
+    fastest = np.maximum(fastest, np.sqrt(12) * resolution(eta)) / usual
+    return float(fastest[:2].max()), float(fastest[2])
 
 
 def longest_gap(times: Array, fastest: float) -> float:

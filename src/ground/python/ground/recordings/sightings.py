@@ -1,6 +1,5 @@
 """Which columns probably have a pose, and in which frame its heading is, by names and by the motion."""
 
-import math
 import re
 from dataclasses import dataclass
 from typing import Dict, Iterator, List, Mapping, Sequence, Tuple
@@ -10,7 +9,6 @@ import numpy as np
 from ground.recordings import places, poses, words
 from ground.support.annotations import Array
 
-FULL_TURN = 2 * math.pi
 CLEAR = 0.75  # mean resultant of headings against the course that may decide
 TURNED, SHARE = 0.1, 0.35  # least lack of the other sign's, and largest share of it that decide
 LONG_WAY = 30.0  # steps of the course, in standard deviations of the noise of positions

@@ -136,7 +136,11 @@ def lengths(recording: Recording) -> Iterator[Suspicion]:
 def missing(recording: Recording) -> Iterator[Suspicion]:
     """Commands that were not recorded, by the effect of those before them, which ends before the next one."""
     follows = repaired(recording).reply
-    found = reply.fading(recording) if follows and not follows["slow"] else None
+    if not follows or follows["slow"]:
+        return
+    lag = reply.lag_of(recording)  # below zero by missing commands, or by a clock that alone explains it
+    shares = [reply.fading(recording, one) for one in {max(lag, 0.0), lag}]
+    found = max(shares, key=lambda one: one[0] + BOUND * one[1] if one else np.inf)
     if found and found[0] + BOUND * found[1] < FADED:
         yield Suspicion(
             "missing",
