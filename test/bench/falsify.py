@@ -180,7 +180,8 @@ def search(place, flights, seed, axes=(None,), generations=GENERATIONS):
     upsets, settings = itertools.cycle(UPSETS), itertools.cycle(axes)
     random, flown, tried = np.random.default_rng(seed), 0, 0
     bounds = np.tile([0.0, 1.0], (len(NAMES), 1))
-    with workers.Workers() as team, contextlib.suppress(KeyboardInterrupt):
+    team = workers.Workers()
+    with contextlib.suppress(KeyboardInterrupt):
         while flown < flights:
             upset, axis = next(upsets), next(settings)
             optimizer = CMA(

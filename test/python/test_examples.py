@@ -26,6 +26,7 @@ NOT_RUN = {
     "docs/tracking.md": "takes minutes and a running master; test_track.py and test_tune.py do so in short",
     "docs/watching.md": "needs a running launch file or a display; rostests watch",
     "docs/howto/controller_cpp.md": "builds another workspace, as test_downstream.py does",
+    "docs/howto/controller_python.md": "controller_python.test flies the node that the page shows",
     "docs/howto/discover.md": "takes many minutes; discover.test does so in short",
     "docs/howto/effect_cpp.md": "its effect has to be built first; test_docs.py compiles it",
     "docs/howto/file_format.md": "names recordings of a reader; test_mapping.py drafts mappings",
@@ -56,7 +57,14 @@ frame.to_csv("run.log", sep=" ", header=False, index=False)
 """
 WRITTEN = 'model.export("craft.py")\nmodel.export("craft_casadi.py", to="casadi")\n'
 # What a reader of a page has before the first block of Python on it
+# The page's first block as the module that its second one imports
+HOLD_POINT = """
+import re, sys, types
+module = sys.modules["hold_point"] = types.ModuleType("hold_point")
+exec(re.search("```python\\n(.*?)```", open(%r).read(), re.S).group(1), vars(module))
+"""
 BEFORE = {
+    "docs/howto/controller_python.md": HOLD_POINT % str(examples.DOCS / "howto" / "controller_python.md"),
     "docs/howto/file_format.md": RECORDED + LOGGED,
     "docs/howto/own_controller.md": RECORDED + WRITTEN,
     "docs/howto/plot.md": RECORDED + COMPARED + 'comparison.save("compare")\n',

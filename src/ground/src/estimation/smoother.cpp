@@ -95,6 +95,7 @@ double motionLikelihood(const std::vector<double>& stamps, const Eigen::VectorXd
   if (!(speed > 0)) throw std::invalid_argument("the speed must be positive");
   constexpr double kOutliers = 0.01;  // share
   constexpr int kFree = 3;            // measurements that determine the motion at the start
+  constexpr double kNoises = 10;      // noise of both ends of a way, as that of the gate
   const double range = std::max(positions.maxCoeff() - positions.minCoeff(), noise);
   const double outlier = std::log(kOutliers / range);
   AxisFilter filter;
@@ -110,7 +111,7 @@ double motionLikelihood(const std::vector<double>& stamps, const Eigen::VectorXd
       continue;
     }
     filter.predict(stamps[k] - stamps[k - 1], jerk * jerk);
-    const double reach = 2 * speed * (stamps[k] - reached);
+    const double reach = 2 * speed * (stamps[k] - reached) + kNoises * noise;
     const double one = scoreAndCorrect(filter, z, noise * noise, outlier, reach, unreachable);
     if (unreachable == 0) reached = stamps[k];
     if (since >= kFree) sum += one;

@@ -27,6 +27,7 @@ from ground.support.annotations import Array
 PRIOR = 0.05  # probability that an effect acts, before the first flight
 SPREAD = 2.0  # standard deviation of parameters, in sizes that matter
 LARGEST = 30.0  # largest log odds
+NEARLY = 0.5  # size below which a found effect is too small to matter [sizes that matter]
 DOUBTFUL = 0.2  # belief above which an effect that was not found is still open
 # Visibility, relative to DECIDED, from which an effect that was not found is too small to matter
 # even where the belief in it is large.
@@ -126,7 +127,7 @@ def after(
         undecided = any(q.about == name and q.rival for q in still_open)
         size = known.size(name)
         state = OPEN if undecided else HIDDEN if len(group.values) > 1 else PRESENT
-        state = SLIGHT if size < 1 else state
+        state = SLIGHT if size < NEARLY else state
         share = min(1.0, noise * size)
         beliefs += [Belief(m, probability[m], state, group.ratio, share) for m in group.values]
     return State(questions, information, sorted(beliefs, key=lambda b: -b.probability), still_open)

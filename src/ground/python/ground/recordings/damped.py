@@ -46,7 +46,7 @@ Told = Callable[[Recording], Array]  # rows (m, k) of what a recording's command
 def rests(recordings: Sequence[Recording], told: Told) -> Optional[Rests]:
     """Of the motions of recordings; None where they are too short, or where commands answer the motion, as a
     controller's do, more than it answers them."""
-    width = max((reply.coarse_width(one.motion) for one in recordings), default=0.0)
+    width = min((reply.coarse_width(one.motion) for one in recordings), default=0.0)
     constants = _constants([_averaged(recordings, told, twisted, width) for twisted in FRAMES], width)
     if constants is None:
         return None

@@ -59,7 +59,7 @@ class RepairedRun:
         regression = reply.regression(recording)
         self.reply = found and {"lag": found["lag"], "share": found["share"], "slow": found["slow"]}
         # share of the accelerations that is no noise, if commands explain none; 0: they may explain some
-        self.unexplained = regression["power"] if regression and not found else None
+        self.unexplained = None if found else regression["power"] if regression else 0.0
         if self.unexplained and not reply.decides(recording):
             self.unexplained = 0.0
         self.steps = [float(t - self.zero) for t in self.motion.times[_steps(self.motion)]]
@@ -273,9 +273,12 @@ def _silences(recording: Recording) -> List[Span]:
 
 
 def _frozen(recording: Recording) -> List[Span]:
-    """Where poses that scatter repeat the last one while thrusters act [s, clock of the stamps]."""
+    """Where poses that scatter repeat the last one while thrusters act, or all poses are the same [s, clock of
+    the stamps]."""
     order = np.argsort(recording.pose_times, kind="stable")
     times = repair.on_commands_clock(recording.pose_times[order], recording.clock_offset)
+    if not np.ptp(recording.eta, axis=0).any():
+        return [(float(times[0]), float(times[-1]))]
     same = np.append(False, (np.diff(recording.eta[order], axis=0) == 0).all(axis=1))
     begins = np.flatnonzero(~same)
     lengths = np.diff(np.append(begins, len(same)))

@@ -26,6 +26,8 @@ EARLIEST, DELAYED, LATEST = -0.043, 0.22, 0.45
 BLURRED = 0.05  # uncertainty of a delay by poses of 100 Hz [s]
 MIN_DRIFT = 0.03  # least change of the delay from the begin to the end of a run [s]
 FADED = 0.5  # share of a command's effect below which other commands act most of the time
+LEAST_SHARE = 0.05  # share of the accelerations that commands explain, below which their ages decide nothing
+WHOLE = 0.8  # share above which an effect lasts, at the lag of a wrong clock
 BOUND, SIDES = 1.645, 2.0  # standard errors of a bound and to both sides of an interval, of 95%
 CLEAR = 2.5  # least evidence of another clock, in its standard errors
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
@@ -136,12 +138,11 @@ def lengths(recording: Recording) -> Iterator[Suspicion]:
 def missing(recording: Recording) -> Iterator[Suspicion]:
     """Commands that were not recorded, by the effect of those before them, which ends before the next one."""
     follows = repaired(recording).reply
-    if not follows or follows["slow"]:
+    if not follows or follows["slow"] or follows["share"] < LEAST_SHARE:
         return
     lag = reply.lag_of(recording)  # below zero by missing commands, or by a clock that alone explains it
-    shares = [reply.fading(recording, one) for one in {max(lag, 0.0), lag}]
-    found = max(shares, key=lambda one: one[0] + BOUND * one[1] if one else np.inf)
-    if found and found[0] + BOUND * found[1] < FADED:
+    found, alone = (reply.fading(recording, one) for one in (max(lag, 0.0), lag))
+    if found and alone and found[0] + BOUND * found[1] < FADED and alone[0] - BOUND * alone[1] < WHOLE:
         yield Suspicion(
             "missing",
             "%.2g s after a command, %.0f%% of its effect is left: commands between the recorded ones are "
