@@ -64,7 +64,7 @@ class MocapTest(unittest.TestCase):
         self.assertTrue(all(m.tracked and m.body == "hovercraft" for _, m in frames))
 
     def check_recording(self, folder):
-        """The bag has what the laboratory did, and a diagnosis finds the effect that the model does not have."""
+        """The bag has what the laboratory did, and a diagnosis finds the missing effect."""
         self.addCleanup(shutil.rmtree, folder)
         # The launch, and this test, would end with the recorder: what it has written until now is copied.
         (active,) = glob.glob(folder + "/*_0.bag.active")

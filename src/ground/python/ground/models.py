@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Dict, Iterable, Iterator, Mapping, Optional, S
 import numpy as np
 
 from ground import _core
-from ground.analysis import candidates
 from ground.analysis.effects import Effect, EffectLike
 from ground.support import errors, files, origin
 from ground.support.annotations import Array, Document, Path

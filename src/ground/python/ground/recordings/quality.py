@@ -273,8 +273,8 @@ def _silences(recording: Recording) -> List[Span]:
 
 
 def _frozen(recording: Recording) -> List[Span]:
-    """Where poses that scatter repeat the last one while thrusters act, or all poses are the same [s, clock of
-    the stamps]."""
+    """Where poses that scatter repeat the last one while thrusters act, or all are the same [s, clock of the
+    stamps]."""
     order = np.argsort(recording.pose_times, kind="stable")
     times = repair.on_commands_clock(recording.pose_times[order], recording.clock_offset)
     if not np.ptp(recording.eta, axis=0).any():

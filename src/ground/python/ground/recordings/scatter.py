@@ -49,8 +49,8 @@ def running_median(rows: Array, count: int) -> Array:
 
 
 def largest_speeds(times: Array, eta: Array) -> Levels:
-    """The largest speed [m/s] and yaw rate [rad/s] of poses eta (n, 3) with ascending stamps (n,) [s]: those that
-    last for SOUND intervals, or that are usual over a few, by medians that few wrong poses or stamps do not
+    """The largest speed [m/s] and yaw rate [rad/s] of poses eta (n, 3) with ascending stamps (n,) [s], which
+    last for SOUND intervals or are usual over a few, by medians that few wrong poses or stamps do not
     change; at least one rounding of the poses per interval."""
     usual = interval(times)
     steps = np.diff(eta, axis=0)[np.diff(times) < LEAST_BRIDGED * usual]

@@ -33,8 +33,8 @@ CLEAR = 2.5  # least evidence of another clock, in its standard errors
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
 MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
 # Kinds of mistakes that effects of a model can also explain: heading_offset, input_delay, other thrust,
-# thruster_gain.
-EXPLAINED = ("offset", "delay", "command", "weak")
+# thruster_gain; and missing commands, at which motion hints only.
+EXPLAINED = ("offset", "delay", "command", "weak", "missing")
 MIN_TURNING = 4  # thrusters that turn the craft, from which one that does not stands out
 WEAK = 0.5  # share of the moment that its place promises, below which a thruster is weak
 Thrusters = Tuple[layouts.Thruster, ...]
@@ -141,6 +141,8 @@ def missing(recording: Recording) -> Iterator[Suspicion]:
     if not follows or follows["slow"] or follows["share"] < LEAST_SHARE:
         return
     lag = reply.lag_of(recording)  # below zero by missing commands, or by a clock that alone explains it
+    if lag <= reply.LAGS[1]:  # a motion so slow that its delay is not known
+        return
     found, alone = (reply.fading(recording, one) for one in (max(lag, 0.0), lag))
     if found and alone and found[0] + BOUND * found[1] < FADED and alone[0] - BOUND * alone[1] < WHOLE:
         yield Suspicion(
