@@ -65,8 +65,8 @@ def _odd(times: Array, psi: Array) -> Sequence[int]:
 
 
 def _step(times: Array, columns: Array, at: int, usual: float, least: float, fastest: float = 0.0) -> float:
-    """Step of a heading (n, 1) [rad] or a place (n, 2) [m] before pose `at`; 0 where it is below `least`, or a
-    move: in a loss of poses at the largest velocity. usual: interval [s]."""
+    """Step of a heading (n, 1) [rad] or a place (n, 2) [m] before pose `at`; 0 where it is below `least`, or
+    a move: in a loss of poses at the largest velocity. usual: interval [s]."""
     before, after = slice(at - AROUND, at), slice(at, at + AROUND)
     if at < AROUND or at + AROUND > len(columns):
         return 0.0
