@@ -217,7 +217,7 @@ class ReferenceTracking : public Controller {
   Model model_;
   Config config_;
   ReferenceParams reference_;
-  ReferencePtr followed_;  ///< that of reference_; the pilot's own changes in other threads
+  ReferencePtr followed_;  ///< made from reference_; read only by the thread of changes
   ReferencePilot pilot_{[this] { return seconds(ros::Time::now()); },
                         [this](const ReferencePilot::Decision& d) { decided(d); }, steadyNow};
   std::optional<ReferencePoint> point_;  ///< that of a decision that is not published yet

@@ -154,7 +154,10 @@ def _outliers(times: Array, eta: Array, noise: Array) -> Flags:
         before, after = (np.mean([side[i] for side in part], axis=0) for part in (sides[:3], sides[-3:]))
         gone, own = np.abs(after - before), (np.abs(before), np.abs(after))
         if i == 1:
-            gone, own = np.abs(np.angle(after / before)), (np.abs(np.angle(before)), np.abs(np.angle(after)))
+            gone, own = (
+                np.abs(np.angle(after * before.conj())),
+                (np.abs(np.angle(before)), np.abs(np.angle(after))),
+            )
         on_the_way = gone > np.minimum(*own)  # of a move that takes a few poses
         found |= (distance > np.maximum(ODD * usual, GATE * least)) & ~on_the_way
     return found
