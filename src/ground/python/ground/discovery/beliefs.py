@@ -27,8 +27,9 @@ from ground.support.annotations import Array
 PRIOR = 0.05  # probability that an effect acts, before the first flight
 SPREAD = 2.0  # standard deviation of parameters, in sizes that matter
 LARGEST = 30.0  # largest log odds
-NEARLY = 0.5  # size below which a found effect is too small to matter [sizes that matter]
-DOUBTFUL = 0.2  # belief above which an effect that was not found is still open
+# Belief above which an effect that was not found is still open, and probability that a found one matters
+# below which it is too small.
+DOUBTFUL = 0.2
 # Visibility, relative to DECIDED, from which an effect that was not found is too small to matter
 # even where the belief in it is large.
 GLARING = 4.0
@@ -127,7 +128,7 @@ def after(
         undecided = any(q.about == name and q.rival for q in still_open)
         size = known.size(name)
         state = OPEN if undecided else HIDDEN if len(group.values) > 1 else PRESENT
-        state = SLIGHT if size < NEARLY else state
+        state = SLIGHT if known.matters(name) < DOUBTFUL else state
         share = min(1.0, noise * size)
         beliefs += [Belief(m, probability[m], state, group.ratio, share) for m in group.values]
     return State(questions, information, sorted(beliefs, key=lambda b: -b.probability), still_open)
@@ -198,8 +199,25 @@ class _Known:
         sizes = [self._coordinate(n) / self.sizes.get(n, 1e-9) for n in own]
         return float(np.linalg.norm(sizes))
 
+    def matters(self, name: str) -> float:
+        """Probability that a found effect matters; 1 where it is not known what matters."""
+        own = self.basis.parameters(name)
+        if not all(n in self.sizes for n in own):
+            return 1.0
+        mean = [self._coordinate(n) / self.sizes[n] for n in own]
+        covariance = SPREAD**2 * np.linalg.inv(np.eye(len(own)) + self._left(name))
+        drawn = np.random.default_rng(0).multivariate_normal(mean, covariance, DRAWS)
+        return float(np.mean(np.linalg.norm(drawn, axis=1) >= 1))
+
     def _found_odds(self, ratio: float, name: str) -> float:
         """Log odds of an effect of the grown model. ratio: of likelihoods with and without it, 2 ln."""
+        left = self._left(name)
+        cost = np.linalg.slogdet(np.eye(len(left)) + left)[1]
+        return float(np.log(PRIOR / (1 - PRIOR)) + 0.5 * (ratio - cost))
+
+    def _left(self, name: str) -> Array:
+        """Information about a found effect's parameters, in SPREAD sizes that matter, that is left when
+        the other parameters are fitted, too."""
         own = [self.basis.free.index(n) for n in self.basis.parameters(name)]
         rest = [i for i in range(len(self.basis.free)) if i not in own]
         A = self.information.matrix
@@ -208,8 +226,7 @@ class _Known:
         scale = self.information.scale[own]
         sizes = [self.sizes.get(self.basis.free[i], s) for i, s in zip(own, scale)]
         unit = SPREAD * np.array(sizes) / scale
-        cost = np.linalg.slogdet(np.eye(len(own)) + left * np.outer(unit, unit))[1]
-        return float(np.log(PRIOR / (1 - PRIOR)) + 0.5 * (ratio - cost))
+        return left * np.outer(unit, unit)
 
     def _coordinate(self, name: str) -> float:
         """Distance of a parameter's coordinate from where it does nothing."""

@@ -259,6 +259,7 @@ class IdentificationNode:
                 child.wait(PATIENCE)
             except subprocess.TimeoutExpired:
                 os.killpg(child.pid, signal.SIGKILL)
+                child.wait()
 
     def _report(self, task: str, report: Report) -> None:
         """Publishes the progress of a task; logs what is found and new stages."""
