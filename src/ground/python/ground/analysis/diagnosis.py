@@ -27,11 +27,13 @@ from ground.analysis import (
 )
 from ground.analysis.candidates import Candidate
 from ground.analysis.evidence import Dropped
+from ground.analysis.judge import Comparison, Tested, compared
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.analysis.refits import Fitting
 from ground.analysis.score_tests import UNSEEN, ScoreTests
 from ground.analysis.search import EXCLUSION, Search
 from ground.analysis.simulation_search import SimulationSearch
+from ground.support.annotations import Array
 from ground.support.errors import GroundError
 from ground.support.progress import Work
 from ground.support.workers import Workers
@@ -40,13 +42,13 @@ from ground.support.workers import Workers
 # pose: one that the eye sees in the poses without statistics (Rose's criterion). More data make an
 # effect more certain, not larger. For a palm-sized hovercraft a delay of 1.4 ms reaches it.
 MIN_CHANGE = 5.0
-# Multiple of the significant log-likelihood ratio from which an effect is certain even if a quarter of the
-# poses only were independent.
-CERTAIN = 4.0
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 FLOORS = 5  # simulations over which the noise floor is averaged
 SLIGHT = "it is too small to matter"
-MISLEADS = "held-out data are predicted worse with what the likelihood prefers"
+MISLEADS = (
+    "held-out poses are predicted worse with it (%.2g mm, %.2g deg) than by a refit without it "
+    "(%.2g mm, %.2g deg)"
+)
 MAX_REPEATS = 3  # repetitions of the search because other differences between runs were found
 
 
@@ -59,14 +61,15 @@ class Step:
     group: Tuple[str, ...]  # effects that the data cannot distinguish from it, itself first
     rest: Fit  # the fit of the grown model without the effect
     p_value: float  # of the test that the effect does nothing, given the other effects
-    confirmed: folds.Comparison  # the grown model with it and without it, on parts of the runs held out
+    confirmed: Comparison  # the grown model with it and without it, on parts of the runs held out
 
 
 class Diagnosis:
     """A model compared with runs, and grown by the missing effects.
 
     runs: _core.RunData to fit to, of which long ones are used in parts (ground.analysis.excerpts);
-    candidates: effects to try; threads: 0 for all cores; work: told of what is done.
+    candidates: effects to try; threads: 0 for all cores; work: told of what is done; matters: least change of
+    predicted position [mm] and heading [deg] that matters, (2,), by default MIN_CHANGE of the poses' noise.
     """
 
     def __init__(
@@ -76,11 +79,13 @@ class Diagnosis:
         candidates: List[Candidate],
         threads: int = 0,
         work: Optional[Work] = None,
+        matters: Optional[Array] = None,
     ) -> None:
         self.all_runs = runs
         self.runs = runs = excerpts.spread(runs)
         self.given = model
         self.candidates = candidates
+        self.matters = MIN_CHANGE * horizon.pose_noise(runs) if matters is None else matters
         self.work = work or Work()
         # A fit alone uses all cores; fits beside each other share them.
         self.threads = 1 if threads else 0
@@ -111,7 +116,7 @@ class Diagnosis:
         self.differences = differences
         levels = [d.kind.level for d in differences]
         self.likelihood = Likelihood(self.runs, self.given, levels, self.threads)
-        self.folds = folds.Folds(self.runs, self.likelihood, self.cut, self.each)
+        self.folds = folds.Folds(self.runs, self.likelihood, self.cut, self.starts, self.each)
         by_name = {candidate.name: candidate for candidate in self.candidates}
         self.search = Search(
             Fitting(self.likelihood, self.given, by_name),
@@ -135,9 +140,9 @@ class Diagnosis:
         return horizon.horizon(self.runs, self.given)
 
     @cached_property
-    def starts(self) -> List[_core.Window]:
-        """Where these predictions start (horizon.starts)."""
-        return horizon.starts(self.runs, self.prediction_time)
+    def starts(self) -> horizon.Starts:
+        """These predictions."""
+        return horizon.Starts.of(self.runs, self.prediction_time)
 
     @property
     def names(self) -> FrozenSet[str]:
@@ -264,22 +269,22 @@ class Diagnosis:
         why = self._refuted(found, rest)
         self.work.step()
         # on long runs the likelihood detects a millisecond of network latency as a delay
-        return why if why or self._change(found, rest).relative >= MIN_CHANGE else SLIGHT
+        return why if why or self._matters(self._change(found, rest)) else SLIGHT
 
     def _refuted(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Optional[str]:
-        """Reason why held-out data speak against a set and for a smaller one; None if they do not.
-        Effects that are certain without them need not be confirmed by them."""
-        verdict = self.confirmed(found, rest).verdict
-        if verdict == folds.WORSE:
+        """Reason why held-out data do not show that a set is better than a smaller one; None if they do."""
+        found_out = self.confirmed(found, rest)
+        if found_out.is_worse:
             return "it makes predictions of held-out runs worse"
-        enough = CERTAIN * sum(self.search.threshold(name) for name in found - rest)
-        if verdict == folds.BETTER or self.search.ratio(found, rest) >= enough:
-            return None
-        return "it does not improve predictions of held-out runs"
+        return None if found_out.is_better else "it does not improve predictions of held-out runs"
 
-    def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> folds.Comparison:
+    def confirmed(self, found: FrozenSet[str], rest: FrozenSet[str]) -> Comparison:
         """A set compared with a smaller one on parts of the runs that neither was fitted to."""
-        return folds.compared(self.judge(found).tested, self.judge(rest).tested)
+        return self.compared(self.judge(found).tested, self.judge(rest).tested)
+
+    def compared(self, larger: Tested, smaller: Tested) -> Comparison:
+        """The Comparison of two hypotheses, by what matters here."""
+        return compared(larger, smaller, self.matters)
 
     def _change(self, found: FrozenSet[str], rest: FrozenSet[str]) -> horizon.Change:
         """By how much a set changes the poses that a smaller one predicts."""
@@ -287,7 +292,10 @@ class Diagnosis:
 
     def _change_of(self, before: _core.Model, after: _core.Model) -> horizon.Change:
         """By how much the poses differ that two models predict."""
-        return horizon.change(self.runs, self.starts, self.prediction_time, (before, after))
+        return horizon.change(self.runs, self.starts.windows, self.prediction_time, (before, after))
+
+    def _matters(self, change: horizon.Change) -> bool:
+        return bool(change.position_mm >= self.matters[0] or change.heading_deg >= self.matters[1])
 
     def _drop(self, found: FrozenSet[str], name: str, why: str) -> None:
         self.search.without(found, name)
@@ -363,14 +371,19 @@ class Diagnosis:
 
     # In the place of what the likelihood prefers
 
-    def grow_by_simulation(self) -> bool:
+    def grow_by_simulation(self, why: str) -> bool:
         """Replaces the effects that were found by those that lower the simulation error on held-out data;
-        whether there are any."""
+        whether there are any. why: they are replaced."""
+
+        def helps(larger: window_error.WindowFit, smaller: window_error.WindowFit) -> Comparison:
+            return self.compared(*(self.tested(self.fitter, one) for one in (larger, smaller)))
 
         def matters(smaller: _core.Model, larger: _core.Model) -> bool:
-            return self._change_of(smaller, larger).relative >= MIN_CHANGE
+            return self._matters(self._change_of(smaller, larger))
 
-        search = SimulationSearch(self.fitter, self.given, self.candidates, self.each, self.work, matters)
+        search = SimulationSearch(
+            self.fitter, self.given, self.candidates, helps, matters, self.each, self.work
+        )
         with self.work.stage(stages.SIMULATING, len(self.candidates)):
             try:
                 found = search.run()
@@ -384,7 +397,7 @@ class Diagnosis:
             return False
         self.dropped = [dropped for dropped in self.dropped if dropped.trial.name not in added]
         for name in sorted(self.names.difference(added)):
-            self.dropped.append(Dropped(self.trial_in(self.names, name), MISLEADS))
+            self.dropped.append(Dropped(self.trial_in(self.names, name), why))
         self.tried = evidence.ranked(self.tried, added[:1])
         self.steps, self.by_simulation = [], found[-1].fit
         self.chosen = [self.search.candidates[name] for name in added]
@@ -394,6 +407,18 @@ class Diagnosis:
             one = Step(step.added, own, (step.added,), rest, step.p_value, step.comparison)
             self.steps.append(one)
         return True
+
+    def tested(self, fitter: window_error.WindowFitter, found: window_error.WindowFit) -> Tested:
+        """What a model predicts that was fitted by simulation error, each part by a fit to the others."""
+        models = fitter.models_at(found, self.starts.windows)
+        return Tested(self.starts.errors(self.runs, models), self.folds.start_of)
+
+    def withdraw(self, why: str) -> None:
+        """Takes all effects out of the grown model."""
+        for name in sorted(self.names):
+            self.search.without(self.names, name)
+            self.dropped.append(Dropped(self.trial_in(self.names, name), why))
+        self.chosen, self.steps, self.by_simulation = [], [], None
 
     def _beside(self, fitted: window_error.WindowFit) -> Fit:
         """The likeliest levels beside a model that was fitted by simulation error."""

@@ -8,26 +8,15 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import window_error
-from ground.analysis.distributions import mean_not_above_zero
+from ground.analysis.horizon import Starts
+from ground.analysis.judge import Tested
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.recordings import windows
-from ground.support.annotations import Array, Document, Each, Indices
+from ground.support.annotations import Array, Document, Each
 from ground.support.errors import GroundError
 
 MOST_SAMPLES = 6000  # poses, thinned, in an excerpt of runs
 STRETCH = 10.0  # length of a stretch of a long run in it [time scales]
-BETTER, UNDECIDED, WORSE = "better", "undecided", "worse"  # verdicts of a Comparison
-MIN_PARTS = 4  # from which on a t-test over parts has power
-MAX_CHANCE = 0.05  # probability with which a Comparison may say "worse" where nothing differs
-
-
-@dataclass(frozen=True)
-class Tested:
-    """Errors and log-likelihood of a model on parts of data that it was not fitted to."""
-
-    by_window: Array  # (windows,) sum of the errors of u, v, r in each window
-    part_of: Indices  # (windows,) part that each window is in
-    likelihood: Tuple[Array, ...]  # for each part: log-likelihood of its blocks of time
 
 
 @dataclass(frozen=True)
@@ -43,28 +32,22 @@ class Judged:
     others: Tuple[Fit, ...]  # the fits to all but each part
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Paired comparison of two models on held-out data: with an effect, and without it."""
-
-    verdict: str  # BETTER, UNDECIDED or WORSE with the effect
-    gain: float  # rise of the log-likelihood
-    gain_error: float  # its standard error, by blocks of time
-    rise: float  # rise of the mean error over windows
-    rise_error: float  # its standard error
-
-
 class Folds:
     """Runs (_core.RunData) split into folds: by run, or a single run by quarters of its time.
 
-    whole: their Likelihood; cut: the windows that errors are taken over; each: maps a function over items,
-    in parallel if it can.
+    whole: their Likelihood; cut: the windows that errors are taken over; at: Starts of predictions; each:
+    maps a function over items, in parallel if it can.
     """
 
     def __init__(
-        self, runs: Sequence[_core.RunData], whole: Likelihood, cut: Sequence[_core.Window], each: Each = map
+        self,
+        runs: Sequence[_core.RunData],
+        whole: Likelihood,
+        cut: Sequence[_core.Window],
+        at: Starts,
+        each: Each = map,
     ) -> None:
-        self.runs, self.whole, self.cut, self.each = runs, whole, cut, each
+        self.runs, self.whole, self.cut, self.at, self.each = runs, whole, cut, at, each
         # the whole's runs are thinned already; a quarter is thinned by itself
         parts = list(whole.runs) if len(runs) > 1 else quarters(runs[0])
         self.count = min(window_error.PARTS, len(parts))
@@ -76,6 +59,7 @@ class Folds:
             for chosen, likelihoods in ((outside, self.fitted), (inside, self.tested)):
                 likelihoods.append(Likelihood(chosen, whole.craft, whole.varying, whole.threads))
         self.fold_of = window_error.parts_of(runs, cut)
+        self.start_of = window_error.parts_of(runs, at.windows)
 
     def models(self, fit: Fit) -> List[Fit]:
         """Models refitted without each fold, starting from a Fit to all runs; its levels are kept. Raises
@@ -107,15 +91,11 @@ class Folds:
             refitted = self.models(fit)
             error = window_error.channel_errors(self.runs, self.cut, fit.model)
         except GroundError:
-            never = np.full((len(self.cut), 3), np.inf)
-            tested = Tested(never[:, 0], self.fold_of, (np.array([-np.inf]),) * self.count)
-            return Judged(fit.model, parameters, never[0], never[0], tested, (fit,) * self.count)
-        heldout = self._errors(refitted)
-        blocks = self.each(lambda pair: np.concatenate(_blocks_of(*pair)), zip(self.tested, refitted))
-        tested = Tested(heldout.sum(axis=1), self.fold_of, tuple(blocks))
-        return Judged(
-            fit.model, parameters, error, window_error.mean(self.cut, heldout), tested, tuple(refitted)
-        )
+            never, none = np.full(3, np.inf), np.full((len(self.at.windows), 2), np.inf)
+            tested = Tested(none, self.start_of, (np.array([-np.inf]),) * self.count)
+            return Judged(fit.model, parameters, never, never, tested, (fit,) * self.count)
+        heldout = window_error.mean(self.cut, self._errors(refitted))
+        return Judged(fit.model, parameters, error, heldout, self._tested(refitted), tuple(refitted))
 
     def judge_simulated(self, fit: Fit, found: window_error.WindowFit) -> Judged:
         """The Judged of a model that was fitted by simulation error to the windows; fit: a Fit of the levels
@@ -124,16 +104,19 @@ class Folds:
             self._without(fold, dataclasses.replace(fit, model=found.others[fold]["model"]))
             for fold in range(self.count)
         ]
-        blocks = self.each(lambda pair: np.concatenate(_blocks_of(*pair)), zip(self.tested, each))
-        tested = Tested(found.by_window, self.fold_of, tuple(blocks))
+        tested = self._tested(each)
         return Judged(fit.model, found.parameters, found.error, found.heldout, tested, tuple(each))
 
-    def models_at(self, judged: Judged, chosen: Sequence[_core.Window]) -> List[_core.Model]:
-        """The model for each of some windows that was not fitted to it, as window_error.calibrated_models."""
-        models = []
-        for window, fold in zip(chosen, window_error.parts_of(self.runs, chosen)):
-            models += window_error.calibrated_models(self.runs, [window], self.whole, judged.others[fold])
-        return models
+    def _tested(self, fits: Sequence[Fit]) -> Tested:
+        """What Fits to all but each part predict of it."""
+        blocks = self.each(lambda pair: np.concatenate(_blocks_of(*pair)), zip(self.tested, fits))
+        models: List[_core.Model] = [fits[0].model] * len(self.at.windows)
+        for fold, fit in enumerate(fits):
+            inside = np.flatnonzero(self.start_of == fold)
+            own = [self.at.windows[i] for i in inside]
+            for i, model in zip(inside, window_error.calibrated_models(self.runs, own, self.whole, fit)):
+                models[i] = model
+        return Tested(self.at.errors(self.runs, models), self.start_of, tuple(blocks))
 
     def _errors(self, fits: Sequence[Fit]) -> Array:
         """Errors (windows, 3), each window by the Fit to the parts without it."""
@@ -168,49 +151,15 @@ def _blocks_of(likelihood: Likelihood, fit: Fit) -> List[Array]:
 
 
 def tested(
-    runs: Sequence[_core.RunData], cut: Sequence[_core.Window], likelihood: Likelihood, fit: Fit
+    runs: Sequence[_core.RunData],
+    at: Starts,
+    likelihood: Likelihood,
+    fit: Fit,
 ) -> Tested:
-    """A Fit on windows of runs that it was not fitted to, as it is; likelihood: of these runs."""
-    by_window = calibrated_errors(runs, cut, likelihood, fit).sum(axis=1)
-    return Tested(by_window, np.array([w.run for w in cut]), tuple(_blocks_of(likelihood, fit)))
-
-
-def compared(larger: Tested, smaller: Tested) -> Comparison:
-    """Comparison of a model with an effect and one without it on the same held-out data."""
-    sums = [np.concatenate(found.likelihood).sum() for found in (larger, smaller)]
-    if not np.isfinite(sums).all():  # the motion is not finite with one of them, or with both
-        gain = float(sums[0] - sums[1]) if sums[0] != sums[1] else -np.inf
-        return Comparison(BETTER if gain > 0 else WORSE, gain, 0.0, -gain, 0.0)
-    blocks = [b - w for b, w in zip(larger.likelihood, smaller.likelihood)]
-    same = larger.by_window == smaller.by_window  # infinite with both, too
-    off = np.where(same, 0.0, larger.by_window - np.where(same, 0.0, smaller.by_window))
-    parts = [off[larger.part_of == part] for part in np.unique(larger.part_of)]
-    rises = np.concatenate(blocks)
-    gain, gain_error = float(rises.sum()), _standard_error(rises) * len(rises)
-    worse = _is_below_zero(blocks) or _is_below_zero([-part for part in parts])
-    verdict = WORSE if worse else BETTER if gain > gain_error else UNDECIDED
-    return Comparison(verdict, gain, gain_error, float(off.mean()), _standard_error(off))
-
-
-def _standard_error(values: Array) -> float:
-    """That of the mean of values; infinite where it is not known."""
-    is_known = len(values) > 1 and np.isfinite(values).all()
-    return float(values.std(ddof=1) / np.sqrt(len(values))) if is_known else np.inf
-
-
-def _is_below_zero(parts: Sequence[Array]) -> bool:
-    """Whether the mean of values in parts of data is significantly below zero. Neighbouring values may
-    be correlated, so that sums of many values have to show it, too: of whole parts, or of pieces of
-    few parts, which then have to agree."""
-    values = np.concatenate(parts)
-    if not np.isfinite(values).all():
-        return bool(values.sum() < 0)
-    sums = [part.sum() for part in parts]
-    if len(parts) < MIN_PARTS:
-        if max(sums) > 0:
-            return False
-        sums = [p.sum() for part in parts for p in np.array_split(part, MIN_PARTS) if len(p)]
-    return all(mean_not_above_zero(-v) < MAX_CHANCE for v in (values, np.array(sums)))
+    """A Fit on runs that it was not fitted to, as it is; likelihood: of these runs; at: their Starts."""
+    models = window_error.calibrated_models(runs, at.windows, likelihood, fit)
+    blocks = tuple(_blocks_of(likelihood, fit))
+    return Tested(at.errors(runs, models), np.array([w.run for w in at.windows]), blocks)
 
 
 def quarters(run: _core.RunData) -> List[_core.RunData]:

@@ -1,6 +1,7 @@
 """Predicted poses at the horizon that suits a craft: the size of an error, or of an effect, as a
 person sees it."""
 
+import contextlib
 from dataclasses import asdict, dataclass
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -17,7 +18,7 @@ MIN_POSES = 10  # intervals between poses in the shortest horizon
 WARM_UP = 0.5  # time before a start that its initial velocities are fitted to [horizons]
 MIN_STARTS = 4  # in all runs
 MAX_STARTS = 160
-SHOWN = 40  # predictions for a report
+SHOWN = 40  # predictions on artificial recordings
 DRAWS = 4  # artificial recordings of each run
 
 ModelsAt = Callable[[Sequence[_core.Window]], Sequence[_core.Model]]  # a model for each of some windows
@@ -53,6 +54,33 @@ def starts(runs: Sequence[_core.RunData], seconds: float, most: float = MAX_STAR
     if not found:
         raise GroundError("no run is long enough for predictions over %.2g s" % seconds)
     return windows.spread(found, most)
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Predictions of runs over a time; none where the runs are too short."""
+
+    windows: Sequence[_core.Window]  # as starts() has them
+    seconds: float
+
+    @classmethod
+    def of(cls, runs: Sequence[_core.RunData], seconds: float) -> "Starts":
+        """Those of runs over some seconds."""
+        try:
+            return cls(starts(runs, seconds), seconds)
+        except GroundError:
+            return cls((), seconds)
+
+    def errors(self, runs: Sequence[_core.RunData], models: Sequence[_core.Model]) -> Array:
+        """pose_errors (n, 2) of models, one for each; infinite for a run in which a motion is not finite."""
+        found = np.full((len(self.windows), 2), np.inf)
+        of_run = np.array([window.run for window in self.windows])
+        for i in np.unique(of_run):
+            at = np.flatnonzero(of_run == i).tolist()
+            own = [self.windows[k] for k in at]
+            with contextlib.suppress(GroundError):
+                found[at] = pose_errors(runs, [models[k] for k in at], own, self.seconds)
+        return found
 
 
 def _starts_in(run: _core.RunData, index: int, seconds: float) -> List[_core.Window]:
@@ -170,19 +198,27 @@ def prediction_error(
     truth: the model that makes the artificial recordings which show what noise leaves; levels: of the
     disturbance of a likelihood, if they are known.
     """
-    try:
-        chosen = starts(runs, seconds, SHOWN)
-    except GroundError:
+    at = Starts.of(runs, seconds)
+    if not len(at.windows):
         return None
+    errors = {name: PoseError.of(at.errors(runs, own(at.windows))) for name, own in models.items()}
+    return with_floors(runs, at, errors, truth, levels)
 
-    def error_of(at: ModelsAt) -> PoseError:
-        return _or_not_finite(lambda: pose_errors(runs, at(chosen), chosen, seconds))
+
+def with_floors(
+    runs: Sequence[_core.RunData],
+    at: Starts,
+    errors: Mapping[str, PoseError],
+    truth: _core.Model,
+    levels: Optional[Mapping[str, float]] = None,
+) -> PredictionError:
+    """The PredictionError of known errors of models by name. truth, levels: see prediction_error."""
+    chosen = windows.spread(list(at.windows), SHOWN)
 
     def floor_of(pushed: Optional[Mapping[str, float]]) -> PoseError:
-        return _or_not_finite(lambda: artificial_errors(runs, chosen, seconds, truth, pushed))
+        return _or_not_finite(lambda: artificial_errors(runs, chosen, at.seconds, truth, pushed))
 
-    errors = {name: error_of(at) for name, at in models.items()}
-    return PredictionError(seconds, errors, floor_of(None), floor_of(levels) if levels else None)
+    return PredictionError(at.seconds, dict(errors), floor_of(None), floor_of(levels) if levels else None)
 
 
 def _or_not_finite(errors: Callable[[], Array]) -> PoseError:

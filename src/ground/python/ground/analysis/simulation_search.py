@@ -14,12 +14,12 @@ from typing import Callable, Dict, FrozenSet, List, Optional, Sequence
 import numpy as np
 
 from ground import _core
-from ground.analysis import folds
 from ground.analysis.candidates import Candidate
 from ground.analysis.distributions import mean_not_above_zero
+from ground.analysis.judge import Comparison
 from ground.analysis.search import LEVEL
 from ground.analysis.window_error import WindowFit, WindowFitter, channel_errors, free_parameters
-from ground.support.annotations import Array, Each
+from ground.support.annotations import Each
 from ground.support.errors import GroundError
 from ground.support.progress import Work
 
@@ -33,25 +33,27 @@ class Step:
     added: str
     fit: WindowFit  # with it, and with those before it
     rest: WindowFit  # with all others
-    comparison: folds.Comparison  # the final model with it and without it; gains are not known
+    comparison: Comparison  # the final model with it and without it
     p_value: float  # that the error does not fall, corrected for the number of effects tried
 
 
 class SimulationSearch:
     """Effects added to a model by the simulation error of a fitter. tried: those to choose from; each: maps
-    fits over effects, in parallel if it can; work: told of what is done; matters(smaller, larger): whether
-    what a model predicts differs enough from what another does."""
+    fits over effects, in parallel if it can; work: told of what is done; compared(larger, smaller): the
+    judge; matters(smaller, larger): whether what a model predicts differs enough from what another does."""
 
     def __init__(
         self,
         fitter: WindowFitter,
         given: _core.Model,
         tried: Sequence[Candidate],
+        compared: Callable[[WindowFit, WindowFit], Comparison],
+        matters: Callable[[_core.Model, _core.Model], bool],
         each: Each = map,
         work: Optional[Work] = None,
-        matters: Callable[[_core.Model, _core.Model], bool] = lambda smaller, larger: True,
     ) -> None:
-        self.fitter, self.given, self.each, self.matters = fitter, given, each, matters
+        self.fitter, self.given, self.each = fitter, given, each
+        self.compared, self.matters = compared, matters
         self.candidates = {candidate.name: candidate for candidate in tried}
         self.work = work or Work()
         self.fits: Dict[FrozenSet[str], WindowFit] = {}  # cross-validated
@@ -125,40 +127,22 @@ class SimulationSearch:
 
     def _helps(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> bool:
         """Whether held-out data show the effect by which two sets differ, and it matters."""
-        if self._chance(larger, smaller) >= LEVEL or not self._in_most_runs(larger, smaller):
+        if self._chance(larger, smaller) >= LEVEL or not self._compared(larger, smaller).is_better:
             return False
         return self.matters(self.fits[smaller].model, self.fits[larger].model)
 
-    def _in_most_runs(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> bool:
-        """Whether the error falls in most runs, or parts of a single one: windows of a run are alike, and one
-        run may be special. By Wilcoxon's signed-rank test, as some runs move much more than others; all have
-        to fall where they are too few for it."""
-        from scipy.stats import wilcoxon
-
-        sums = [rises.sum() for rises in self._rises(larger, smaller)]
-        chance = float(wilcoxon(sums, alternative="less").pvalue) if np.any(sums) else 1.0
-        return chance <= max(folds.MAX_CHANCE, 0.5 ** len(sums))
-
-    def _rises(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> List[Array]:
-        """By how much the error of held-out windows rises with the larger set, for each run, or for each part
-        of a single one."""
-        rises = self._fit(larger).by_window - self._fit(smaller).by_window
-        runs = np.array([window.run for window in self.fitter.windows])
-        among = self.fitter.part_of if len(self.fitter.runs) == 1 else runs
-        return [rises[among == one] for one in np.unique(among)]
+    def _compared(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> Comparison:
+        return self.compared(self._fit(larger), self._fit(smaller))
 
     def _chance(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> float:
         """Probability that the error falls as much where no effect helps, for as many as were tried."""
-        falls = -np.concatenate(self._rises(larger, smaller))
+        falls = self._fit(smaller).by_window - self._fit(larger).by_window
         return min(1.0, len(self.candidates) * mean_not_above_zero(falls))
 
     def _steps(self, found: Sequence[str]) -> List[Step]:
         steps, whole = [], frozenset(found)
         for i, name in enumerate(found):
             reached, rest = frozenset(found[: i + 1]), whole - {name}
-            rises = np.concatenate(self._rises(whole, rest))
-            spread = float(rises.std(ddof=1) / np.sqrt(len(rises)))
-            comparison = folds.Comparison(folds.BETTER, np.nan, np.nan, float(rises.mean()), spread)
-            chance = self._chance(whole, rest)
+            chance, comparison = self._chance(whole, rest), self._compared(whole, rest)
             steps.append(Step(name, self._fit(reached), self._fit(rest), comparison, chance))
         return steps

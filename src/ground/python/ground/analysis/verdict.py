@@ -1,8 +1,7 @@
 """The verdict of a diagnosis, the improved model, and how well it predicts."""
 
 import contextlib
-import functools
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple, Union
 
@@ -15,6 +14,7 @@ from ground.analysis import (
     ceiling,
     folds,
     horizon,
+    judge,
     naming,
     run_differences,
     stages,
@@ -22,15 +22,15 @@ from ground.analysis import (
 )
 from ground.analysis.agreement import Agreement, agreement
 from ground.analysis.ceiling import Ceiling
-from ground.analysis.diagnosis import EXPLAINED, Diagnosis
-from ground.analysis.horizon import ModelsAt, PredictionError
+from ground.analysis.diagnosis import EXPLAINED, MISLEADS, Diagnosis
+from ground.analysis.horizon import PoseError, PredictionError
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.recordings import windows
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
 LENGTHS = (1.0, 1 / 3)  # of windows of the refits without effects, relative to those of the error
-BETTER = 0.9  # largest ratio of errors at which a longer formula is worth it
+SHORTER = 0.9  # largest ratio of errors at which a longer formula is worth it
 LENGTHENED = 3  # formulas, each longer than the one before
 MISREAD = "misread"  # the verdict on recordings with swapped channels, wrong signs, units or clocks
 NAMELESS = ("unexplained", "memory", "undecided")  # verdicts that leave something without a name
@@ -50,6 +50,7 @@ class Refit:
     parameters: Sequence[Document]
     error: float  # on the runs fitted to
     heldout: float  # on runs held out
+    tested: judge.Tested  # what it predicts of parts of the runs fitted to, each by a fit to the others
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,8 @@ class Judgement:
     """A model with an effect compared with the same model without it, on data that neither was fitted
     to."""
 
-    fitted: folds.Comparison  # parts of the runs fitted to, each by a fit to the others
-    holdout: Optional[folds.Comparison]  # runs that the user held out; None without any
+    fitted: judge.Comparison  # parts of the runs fitted to, each by a fit to the others
+    holdout: Optional[judge.Comparison]  # runs that the user held out; None without any
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,8 @@ class Conclusion:
     verdict: str  # complete, missing, varies, memory, unexplained, undecided or misread
     improved: _core.Model  # refitted
     parameters: List[Document]  # the improved model's: name, unit, value, ci95, ...
+    by: str  # how it was fitted: LIKELIHOOD or SIMULATION
+    error: float  # its error on the runs fitted to
     noise_floor: float
     before: Refit
     steps: List[float]  # error on held-out runs of the model as it is by likelihood, then after each step
@@ -103,6 +106,7 @@ class HeldOut:
 
     def __init__(self, found: Diagnosis, runs: Sequence[_core.RunData]) -> None:
         self.runs, self.cut = runs, windows.cut(runs)
+        self.starts = horizon.Starts.of(runs, found.prediction_time)
         self.likelihood = Likelihood(runs, found.given, found.likelihood.varying)
 
     def error(self, fit: Fit) -> float:
@@ -119,13 +123,9 @@ class HeldOut:
         except GroundError:  # the motion is not finite
             return np.inf
 
-    def models(self, fit: Fit, chosen: Sequence[_core.Window]) -> List[_core.Model]:
-        """The model of a Fit for each of some windows; see window_error.calibrated_models."""
-        return window_error.calibrated_models(self.runs, chosen, self.likelihood, fit)
-
-    def tested(self, fit: Fit) -> folds.Tested:
-        """Errors and log-likelihood of a Fit."""
-        return folds.tested(self.runs, self.cut, self.likelihood, fit)
+    def tested(self, fit: Fit) -> judge.Tested:
+        """What a Fit predicts, and its log-likelihood."""
+        return folds.tested(self.runs, self.starts, self.likelihood, fit)
 
 
 def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: bool = False) -> Conclusion:
@@ -136,47 +136,57 @@ def conclude(found: Diagnosis, heldout: Sequence[_core.RunData] = (), misread: b
     quarter of a single run) is tested by a fit to the others.
     """
     with found.work.stage(stages.LEAVING):
-        return _conclude(found, heldout, misread)
+        return _conclude(found, heldout, misread, _refits(found))
 
 
-def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool) -> Conclusion:
+def _conclude(
+    found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool, refits: Sequence[Refit]
+) -> Conclusion:
     left = found.ceiling_of()
     agrees = agreement(found.runs, found.cut, found.likelihood, found.fit, found.each)
     if not agrees.holds and not left.said:
         left = left.unbounded()
-    floor, varies, fitters = found.noise_floor(found.names), _varies(found), _refits(found)
-    refits = [refit for refit, _ in fitters]
-    explained, after = found.explains(found.names), float(found.best.heldout.sum())
-    trusted = agrees.holds or not found.chosen or after < min(refit.heldout for refit in refits)
-    trusted = trusted or found.by_simulation is not None
-    verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees, trusted)
-    is_misled = verdict == "undecided" and found.chosen and found.by_simulation is None
-    if is_misled and found.grow_by_simulation():
-        return _conclude(found, heldout, misread)
+    floor, varies = found.noise_floor(found.names), _varies(found)
+    before = min(refits, key=lambda refit: found.compared(refit.tested, refits[0].tested).rise)
+    if not found.chosen and not found.compared(refits[0].tested, before.tested).is_worse:
+        before = refits[0]  # its intervals are the better ones
+    explained = found.explains(found.names)
+    verdict = MISREAD if misread else _verdict(found, explained, varies, left, agrees)
     named = None
     if verdict in NAMELESS:
-        named = _name(found)
+        named = _name(found, before)
     elif verdict == "missing" and left.is_open:
-        named = _name(found, left)
+        named = _name(found, before, left)
     if named is not None:
         reached = left.reached_by(named.formula.fit.model)
         if verdict in SAID or (reached.said and named.is_confirmed(found)):
             left = reached
-            verdict = _verdict(found, explained, varies, left, agrees, trusted)
+            verdict = _verdict(found, explained, varies, left, agrees)
         elif verdict == "missing":
             named = None
+    tested = named.judged.tested if named else found.best.tested
+    if found.chosen and found.compared(tested, before.tested).is_worse:
+        off = (*astuple(tested.error), *astuple(before.tested.error))
+        if found.by_simulation is not None or not found.grow_by_simulation(MISLEADS % off):
+            found.withdraw(MISLEADS % off)
+        return _conclude(found, heldout, misread, refits)
     formula = named.formula if named else None
     by_user = HeldOut(found, heldout) if heldout else None
     if by_user:
-        refits = [replace(refit, heldout=by_user.error_before(found, refit)) for refit in refits]
-    best = min(range(len(refits)), key=lambda i: refits[i].heldout)
-    improved, parameters = _on_all(found)
+        before = replace(before, heldout=by_user.error_before(found, before))
+    improved, parameters, by, error = before.model, list(before.parameters), before.by, before.error
+    if not _is_before(found, before):
+        improved, parameters = _on_all(found)
+        by = SIMULATION if found.by_simulation else LIKELIHOOD
+        error = float(found.best.error.sum())
     return Conclusion(
         verdict,
         improved,
         parameters,
+        by,
+        error,
         floor,
-        refits[best],
+        before,
         _steps(found, by_user),
         _judgements(found, by_user),
         float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor,
@@ -185,7 +195,7 @@ def _conclude(found: Diagnosis, heldout: Sequence[_core.RunData], misread: bool)
         agrees,
         formula,
         named.judged if named else None,
-        _prediction(found, by_user, fitters[best], named),
+        _prediction(found, by_user, before, named),
         found,
         heldout,
     )
@@ -216,50 +226,55 @@ def _intervals(found: Diagnosis) -> List[Document]:
         return list(found.fit.parameters)
 
 
-def _refits(found: Diagnosis) -> List[Tuple[Refit, ModelsAt]]:
+def _is_before(found: Diagnosis, before: Refit) -> bool:
+    """Whether the improved model is the one without effects that was fitted by simulation error, because it
+    predicts better than that of the likelihood."""
+    return not found.chosen and before.by == SIMULATION
+
+
+def _refits(found: Diagnosis) -> List[Refit]:
     """The model as it is, refitted by likelihood and, where it can be simulated, by simulation error over
-    long windows and over short ones, on which a disturbance adds up to less; beside it, models that were
-    not fitted to a window. Errors are over the windows and folds of a Diagnosis."""
-    nominal = found.nominal
-    refits: List[Tuple[Refit, ModelsAt]] = [
-        (_refit(LIKELIHOOD, nominal), functools.partial(found.folds.models_at, nominal))
-    ]
+    long windows and over short ones, on which a disturbance adds up to less. Errors are over the windows
+    and folds of a Diagnosis."""
+    refits = [_refit(LIKELIHOOD, found.nominal, found.nominal.tested)]
     free = window_error.free_parameters(found.given)
     for length in LENGTHS:
         with contextlib.suppress(GroundError):  # the simulation diverges
             seconds = length * windows.length(found.runs)
             fitter = window_error.WindowFitter(found.runs, threads=1, length=seconds)
             fitted = fitter.fit(found.given, free, also=[found.nominal.model])
-            refits.append((_refit(SIMULATION, fitted), functools.partial(fitter.models_at, fitted)))
+            refits.append(_refit(SIMULATION, fitted, found.tested(fitter, fitted)))
     return refits
 
 
 def _prediction(
-    found: Diagnosis, by_user: Optional[HeldOut], before: Tuple[Refit, ModelsAt], named: Optional["_Named"]
+    found: Diagnosis, by_user: Optional[HeldOut], before: Refit, named: Optional["_Named"]
 ) -> Optional[PredictionError]:
     """How far predicted poses are off, on the runs that the user held out or on the folds."""
-    refit, others = before
+    starts, runs = (by_user.starts, by_user.runs) if by_user else (found.starts, found.runs)
+    if not len(starts.windows):
+        return None
 
-    def held_out(fit: Fit, judged: folds.Judged) -> ModelsAt:
-        if by_user:
-            return functools.partial(by_user.models, fit)
-        return functools.partial(found.folds.models_at, judged)
+    def same(model: _core.Model) -> PoseError:
+        return PoseError.of(starts.errors(runs, [model] * len(starts.windows)))
 
-    models = {"given": horizon.same(found.given), "improved": held_out(found.fit, found.best)}
-    if refit.by == LIKELIHOOD:
-        models["refitted"] = held_out(found.search.nominal(), found.nominal)
-    else:
-        models["refitted"] = horizon.same(refit.model) if by_user else others
+    def held_out(fit: Fit, judged: folds.Judged) -> PoseError:
+        return (by_user.tested(fit) if by_user else judged.tested).error
+
+    errors = {"given": same(found.given), "refitted": before.tested.error}
+    errors["improved"] = before.tested.error if _is_before(found, before) else held_out(found.fit, found.best)
+    if by_user and before.by == LIKELIHOOD:
+        errors["refitted"] = by_user.tested(found.search.nominal()).error
+    elif by_user:
+        errors["refitted"] = same(before.model)
     if named:
-        models["formula"] = held_out(named.formula.fit, named.judged)
-    runs = by_user.runs if by_user else found.runs
-    seconds = found.prediction_time
-    return horizon.prediction_error(runs, seconds, models, found.model, found.fit.levels)
+        errors["formula"] = held_out(named.formula.fit, named.judged)
+    return horizon.with_floors(runs, starts, errors, found.model, found.fit.levels)
 
 
-def _refit(by: str, fit: Union[folds.Judged, window_error.WindowFit]) -> Refit:
+def _refit(by: str, fit: Union[folds.Judged, window_error.WindowFit], tested: judge.Tested) -> Refit:
     known = tuple(fit.parameters.values())
-    return Refit(by, fit.model, known, float(fit.error.sum()), float(fit.heldout.sum()))
+    return Refit(by, fit.model, known, float(fit.error.sum()), float(fit.heldout.sum()), tested)
 
 
 def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
@@ -276,7 +291,7 @@ def _judgements(found: Diagnosis, others: Optional[HeldOut]) -> Dict[str, Judgem
     for step in found.steps:
         by_user = None
         if others:
-            by_user = folds.compared(*(others.tested(fit) for fit in (found.fit, step.rest)))
+            by_user = found.compared(*(others.tested(fit) for fit in (found.fit, step.rest)))
         result[step.added] = Judgement(step.confirmed, by_user)
     return result
 
@@ -305,11 +320,11 @@ class _Named:
     judged: folds.Judged
 
     def is_confirmed(self, found: Diagnosis) -> bool:
-        """Whether it makes parts of the runs likelier that it was not fitted to."""
-        return folds.compared(self.judged.tested, found.best.tested).verdict == folds.BETTER
+        """Whether parts of the runs that it was not fitted to prove it."""
+        return found.compared(self.judged.tested, found.best.tested).is_better
 
 
-def _name(found: Diagnosis, doubted: Optional[Ceiling] = None) -> Optional[_Named]:
+def _name(found: Diagnosis, before: Refit, doubted: Optional[Ceiling] = None) -> Optional[_Named]:
     """A formula for what is learnable, made longer while the cross-validated error falls and is more than
     the noise explains. The first may raise the error: a function of the commands does without the
     constant that it needs. doubted: a Ceiling that does not say that something is left; None unless the first
@@ -328,7 +343,7 @@ def _name(found: Diagnosis, doubted: Optional[Ceiling] = None) -> Optional[_Name
             break
         if doubted and (named is None or not named.is_confirmed(found)):
             break
-        is_done = after < EXPLAINED * found.noise_floor(found.names) or BETTER * least < after < least
+        is_done = after < EXPLAINED * found.noise_floor(found.names) or SHORTER * least < after < least
         if after < least:
             best, least = named, after
         if is_done:
@@ -337,6 +352,8 @@ def _name(found: Diagnosis, doubted: Optional[Ceiling] = None) -> Optional[_Name
         if beside is None:
             break
         made = naming.formula(found.likelihood, found.fit, beside.regression, made)
+    if best and (not best.is_confirmed(found) or found.compared(best.judged.tested, before.tested).is_worse):
+        return None
     return best
 
 
@@ -354,12 +371,11 @@ def _verdict(
     varies: Sequence[Document],
     left: Ceiling,
     agrees: Agreement,
-    trusted: bool,
 ) -> str:
     if left.said and not explained:
         return "memory" if left.of_the_past else "unexplained"
     if found.chosen:
-        return "missing" if trusted else "undecided"
+        return "missing"
     if varies:
         return "varies"
     # An effect that the likelihood prefers and held-out parts refute leaves open what is missing.

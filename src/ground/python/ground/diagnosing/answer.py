@@ -1,6 +1,7 @@
 """The first lines of a diagnosis (contents of diagnosis.json): what is missing, how much it matters, where
 the model with it is, and what to do next."""
 
+import math
 import os
 import shlex
 from typing import Iterator, List
@@ -8,7 +9,7 @@ from typing import Iterator, List
 from ground.analysis.diagnosis import EXPLAINED
 from ground.analysis.verdict import SIMULATION
 from ground.diagnosing import words
-from ground.reports.words import direction, listed, number, prediction
+from ground.reports.words import capital, direction, listed, number, off, prediction
 from ground.support.annotations import Document
 from ground.support.headline import Line
 
@@ -68,13 +69,6 @@ def _answers(report: Document) -> Iterator[str]:
         for sentence in words.findings(report):
             yield sentence
         return
-    if _misleads(report):
-        yield (
-            "cannot be decided - the effects that the likelihood prefers predict data that they were not "
-            "fitted to worse than a refit without them (error %.2f, not %.2f), and no effect lowers the "
-            "simulation error for certain. They may stand for something else:"
-            % (report["improved"]["error"]["heldout"], report["nominal"]["error"]["heldout"])
-        )
     for step in report["steps"]:
         yield _effect(report, step)
     if report["improved"].get("by") == SIMULATION:
@@ -86,6 +80,8 @@ def _answers(report: Document) -> Iterator[str]:
     rest = _rest(report)
     if rest:
         yield rest
+    elif report["steps"] and _rest_matters(report):
+        yield capital(_left(report))
 
 
 def _effect(report: Document, step: Document) -> str:
@@ -102,16 +98,26 @@ def _effect(report: Document, step: Document) -> str:
     others = [other for other in step["group"] if other != name]
     if others:
         told += ". These runs do not distinguish it from %s" % words.effects(report, others)
-    return "%s. %s." % (told, "Not confirmed" if _misleads(report) else _certainty(step))
+    return "%s. %s." % (told, _certainty(report, step))
 
 
-def _misleads(report: Document) -> bool:
-    """Whether effects were found that predict worse than a refit without them, so that nothing is decided."""
-    with_them, without = (report[model]["error"]["heldout"] for model in ("improved", "nominal"))
-    return bool(report["verdict"] == "undecided" and report["improved"]["effects"] and with_them > without)
+def _left(report: Document) -> str:
+    """What the improved model leaves, where that may be chance."""
+    told = "what the model leaves, %s, is a random push or an effect of something that was not recorded."
+    return told % off(report["prediction"]["errors"]["improved"])
 
 
-def _certainty(step: Document) -> str:
+def _rest_matters(report: Document) -> bool:
+    """Whether the improved model leaves more, beside what the mocap leaves, than what matters."""
+    found, least = report["prediction"], report.get("matters")  # none in reports of release 1.0.0
+    if found is None or least is None:
+        return False
+    error, mocap = found["errors"]["improved"], found["mocap"]
+    left = [(error[key] or math.inf) ** 2 - (mocap[key] or 0.0) ** 2 > least[key] ** 2 for key in least]
+    return any(left)
+
+
+def _certainty(report: Document, step: Document) -> str:
     """How certain an effect is, and what speaks against it."""
     judged, chance = step["judged"], step["p_value"]
     sure = "Very certain" if chance < VERY_CERTAIN else "Certain" if chance < CERTAIN else "Likely"
@@ -121,18 +127,20 @@ def _certainty(step: Document) -> str:
     if held and held["verdict"] != "better":
         return "%s in the runs fitted to; the runs that you held out cannot confirm it" % sure
     if fitted["verdict"] != "better":
-        return "%s by its likelihood; parts of the runs that were held out cannot confirm it" % sure
-    return sure
+        return "Seen, not confirmed: parts of the runs that were held out cannot confirm it"
+    return sure + (" that something acts like it" if _rest(report) else "")
 
 
 def _rest(report: Document) -> str:
     """What is missing beside the effects found; empty if nothing is."""
     kind, found = report["verdict"], report["improved"]["effects"]
     explained = report["improved"]["error"]["heldout"] < EXPLAINED * (report["noise_floor"] or 0.0)
-    if kind == "complete" and explained:
+    if kind == "complete" and explained and not _rest_matters(report):
         small = [words.effect(report, one["effect"]) for one in report["dropped"] if one["change"]]
         acts = " A trace of %s can be seen, too small to matter." % listed(small) if small else ""
         return "nothing - the model predicts these runs as well as the mocap can measure them." + acts
+    if kind == "complete" and _rest_matters(report):
+        return "nothing that these runs show - " + _left(report)
     if kind == "complete":
         return (
             "nothing that these runs show - what the model leaves is a random disturbance, which nothing "
@@ -143,13 +151,6 @@ def _rest(report: Document) -> str:
     if kind == "missing":
         return "" if explained else _more(report)
     if kind == "undecided":
-        if found and _misleads(report):
-            return ""
-        if found:
-            return (
-                "Whether this is right cannot be decided: what is left acts at some times or places only, "
-                "unlike a random disturbance."
-            )
         return "cannot be decided, because " + undecided(report)
     unnamed = "that has no name in the library"
     if report.get("selection"):
@@ -185,8 +186,12 @@ def undecided(report: Document) -> str:
             "what is left acts at some times or places only, as a draught, a cable or a bad patch of "
             "floor do."
         )
-    if any(dropped["change"] is None for dropped in report["dropped"]):
-        return "effects that fit some of these runs do not predict the others."
+    refuted = [dropped for dropped in report["dropped"] if dropped["change"] is None]
+    if refuted:
+        return "%s fits these runs best, but %s." % (
+            words.effect(report, refuted[-1]["effect"]),
+            refuted[-1]["why"],
+        )
     return (
         "a random disturbance explains what is left as well as an effect would (of up to %.0f%% of it)."
         % (100 * found["bound"])
@@ -228,6 +233,11 @@ def _next(report: Document, folder: str) -> str:
         return "record more runs and diagnose all of them together, to confirm or refute it"
     if kind == "missing" and _rest(report):
         return "record more and longer runs to see whether more is missing; the model is usable now"
+    if kind in ("complete", "missing") and _rest_matters(report):
+        return (
+            "fly the same commands twice from the same start, and diagnose both runs with these: a random "
+            "push leaves different errors in the two, what is missing leaves the same"
+        )
     if proposed:
         told = "nothing needed. These runs cannot show %s; this would:\n%s"
         return told % (words.effects(report, proposed["separates"][:1]), flies)

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 import shlex
 from dataclasses import dataclass
 from typing import Callable, Dict, Iterable, List, Optional, Sequence
@@ -49,6 +50,11 @@ class DiagnoseOptions(bag_arguments.AsRecorded, bag_arguments.Part):
         metavar="EFFECT",
         nargs="+",
     )
+    matters: Optional[str] = option(
+        None,
+        "least change of a predicted pose that matters, such as 2mm,0.5deg (five times the noise of a pose)",
+        metavar="MM,DEG",
+    )
     room: Optional[RoomLike] = option(
         None,
         "room of the next experiment (that of the first run that has one, else 4 x 4 m)",
@@ -83,14 +89,14 @@ def diagnose(
     >>> found.to_frame().loc["yaw_bias", "selected"]
     True
     """
-    work = Work.of(progress)
+    work, matters = Work.of(progress), _what_matters(options.matters)
     problem = _problem(model, recordings, holdout, work, options)
     room = problem.room()
 
     def begun() -> diagnosis.Diagnosis:
         """The model as it is, refitted."""
         seen, given = problem.seen.data, problem.model.core
-        return diagnosis.Diagnosis(seen, given, problem.tried, work=work)
+        return diagnosis.Diagnosis(seen, given, problem.tried, work=work, matters=matters)
 
     found, misread = begun(), problem.misread
     if not misread:
@@ -109,6 +115,20 @@ def diagnose(
     walls = room.core if room else None
     report = document.completed(report, found, conclusion, walls)
     return _result(problem, found, conclusion, report)
+
+
+def _what_matters(text: Optional[str]) -> Optional[Array]:
+    """The option `matters`, "2mm,0.5deg": a position [mm] and a heading [deg], (2,)."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"\s*([\d.]+)\s*mm\s*,\s*([\d.]+)\s*deg\s*", text)
+    try:
+        values = [float(number) for number in found.groups()] if found else []
+    except ValueError:
+        values = []
+    if len(values) != 2 or not min(values) > 0:
+        raise GroundError("--matters: %r is no position and heading; write for example 2mm,0.5deg" % text)
+    return np.array(values)
 
 
 def _may_float(model: Model) -> bool:

@@ -8,7 +8,7 @@ from ground.analysis import bands, candidates, excerpts, horizon, indistinguisha
 from ground.analysis.ceiling import Share
 from ground.analysis.diagnosis import Diagnosis
 from ground.analysis.evidence import Trial
-from ground.analysis.verdict import LIKELIHOOD, MISREAD, SIMULATION, Conclusion
+from ground.analysis.verdict import MISREAD, Conclusion
 from ground.diagnosing import next_experiment
 from ground.support.annotations import Document
 
@@ -34,7 +34,6 @@ def begun(
     before = conclusion.before
     names = [run.name for run in diagnosis.runs]
     by = HOLDOUT if heldout else CROSSED
-    after = conclusion.steps[-1]
     sensed = [run.name for run in diagnosis.runs if run.inertial is not None]
     return {
         "schema": SCHEMA,
@@ -63,12 +62,13 @@ def begun(
         "improved": {
             "effects": [c.name for c in diagnosis.chosen],
             "parameters": _parameters(conclusion.parameters),
-            "error": _error(diagnosis.best.error.sum(), after, by),
+            "error": _error(conclusion.error, conclusion.heldout[-1], by),
             "cross_validated": float(diagnosis.best.heldout.sum()),
-            "by": SIMULATION if diagnosis.by_simulation else LIKELIHOOD,
+            "by": conclusion.by,
         },
         "noise_floor": conclusion.heldout_floor,
         "prediction": horizon.as_document(conclusion.prediction),
+        "matters": dict(zip(("position_mm", "heading_deg"), diagnosis.matters.tolist())),
         "steps": [
             {
                 "added": step.added,

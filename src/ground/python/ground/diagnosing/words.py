@@ -77,10 +77,11 @@ def risen(report: Document) -> Iterator[str]:
         for which, found in (("that you held out", "holdout"), ("fitted to, part by part", "fitted")):
             one = step["judged"][found]
             if one and one["verdict"] != "better":
-                values = [one["gain"], one["gain_error"], one["rise"], one["rise_error"]]
+                parts = [100 * one[name] for name in ("rise", "rise_error") if one[name] is not None]
+                values = [one["gain"], one["gain_error"], *(parts if len(parts) == 2 else (None, None))]
                 yield (
                     "With %s, the log-likelihood of the runs %s changes by %+.1f (standard error %.1f), "
-                    "and their error by %+.3f (%.3f)."
+                    "and the squared error of their predicted poses by %+.1f%% (%.1f%%)."
                     % (
                         effect(report, step["added"]),
                         which,

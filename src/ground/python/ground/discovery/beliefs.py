@@ -226,7 +226,7 @@ class _Known:
         scale = self.information.scale[own]
         sizes = [self.sizes.get(self.basis.free[i], s) for i, s in zip(own, scale)]
         unit = SPREAD * np.array(sizes) / scale
-        return left * np.outer(unit, unit)
+        return np.asarray(left * np.outer(unit, unit))
 
     def _coordinate(self, name: str) -> float:
         """Distance of a parameter's coordinate from where it does nothing."""

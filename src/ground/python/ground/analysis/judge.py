@@ -1,0 +1,125 @@
+"""The judge of every answer: the poses that it predicts, on data that decided nothing.
+
+Hypotheses - a model with an effect or a formula and the model without it, one way of fitting and another -
+predict the same poses at the horizon that suits the craft, each part of the runs by a fit to the others.
+
+*Veto*: the larger one predicts poses worse, by more than DEVIATIONS standard errors, or by more than its
+standard error and by more than what matters. *Proof*: it predicts them better by more than DEVIATIONS
+standard errors, or makes the held-out innovations likelier by as much. Neither: nothing is decided.
+
+Standard errors are those of blocks of time or those of parts of the runs, the larger ones: neighbouring
+predictions are alike, and a run may be special.
+"""
+
+from dataclasses import dataclass
+from typing import Sequence, Tuple
+
+import numpy as np
+
+from ground.analysis.horizon import PoseError
+from ground.support.annotations import Array, Indices
+
+BETTER, UNDECIDED, WORSE = "better", "undecided", "worse"  # verdicts of a Comparison
+DEVIATIONS = 2.0  # standard errors of a veto and of a proof
+TOGETHER = 3  # successive predictions of a block: they overlap
+MIN_PARTS = 3  # from which on parts of the data show how much they differ
+
+
+@dataclass(frozen=True)
+class Tested:
+    """What a hypothesis predicts of data that it was not fitted to."""
+
+    poses: Array  # (starts, 2) errors of position [mm] and heading [deg] at the horizon
+    part_of: Indices  # (starts,) part of the data that each is in
+    likelihood: Tuple[Array, ...] = ()  # for each part: log-likelihood of its blocks; empty: not known
+
+    @property
+    def error(self) -> PoseError:
+        """Root mean square of the errors."""
+        return PoseError(*_rms(self).tolist())
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Paired comparison of two hypotheses on held-out data: of the larger one, and of the smaller one."""
+
+    verdict: str  # BETTER, UNDECIDED or WORSE with the larger one
+    gain: float  # rise of the log-likelihood; not a number where it is not known
+    gain_error: float  # its standard error
+    rise: float  # relative rise of the squared errors of position and heading; see _rise
+    rise_error: float  # its standard error
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the larger hypothesis is vetoed."""
+        return self.verdict == WORSE
+
+    @property
+    def is_better(self) -> bool:
+        """Whether the larger hypothesis is proved."""
+        return self.verdict == BETTER
+
+
+def compared(larger: Tested, smaller: Tested, matters: Array) -> Comparison:
+    """The Comparison of two hypotheses. matters: least change of position [mm] and heading [deg] that
+    matters, (2,)."""
+    gain, gain_error = _gain(larger, smaller)
+    rise, rise_error = _rise(larger, smaller)
+    if np.isnan(rise):
+        rise, rise_error = 0.0, np.inf
+    is_large = rise > rise_error and bool((_rms(larger) - _rms(smaller) > matters).any())
+    if is_large or rise > DEVIATIONS * rise_error:
+        verdict = WORSE
+    elif -rise > DEVIATIONS * rise_error or gain > DEVIATIONS * gain_error:
+        verdict = BETTER
+    else:
+        verdict = UNDECIDED
+    return Comparison(verdict, gain, gain_error, rise, rise_error)
+
+
+def _rms(one: Tested) -> Array:
+    """Root mean square of the errors, (2,)."""
+    return np.asarray(np.sqrt((one.poses**2).mean(axis=0))) if len(one.poses) else np.zeros(2)
+
+
+def _gain(larger: Tested, smaller: Tested) -> Tuple[float, float]:
+    """Rise of the log-likelihood, and its standard error."""
+    if not larger.likelihood or not smaller.likelihood:
+        return np.nan, np.inf
+    sums = [float(np.concatenate(one.likelihood).sum()) for one in (larger, smaller)]
+    if not np.isfinite(sums).all():  # the motion is not finite with one of them, or with both
+        return (sums[0] - sums[1] if sums[0] != sums[1] else -np.inf), 0.0
+    parts = [b - w for b, w in zip(larger.likelihood, smaller.likelihood)]
+    return sums[0] - sums[1], _error_of_sum(parts)
+
+
+def _rise(larger: Tested, smaller: Tested) -> Tuple[float, float]:
+    """Relative rise of the squared errors, and its standard error: that of a ratio of means (Cochran 1977,
+    section 6.4), of the smaller over the larger mean, so that hypotheses may change places."""
+    if not len(larger.poses):
+        return np.nan, np.inf
+    if not np.isfinite(larger.poses).all() or not np.isfinite(smaller.poses).all():
+        return (-np.inf if np.isfinite(larger.poses).all() else np.inf), 0.0
+    scale = np.maximum(_rms(larger) * _rms(smaller), 1e-12)
+    a, b = ((one.poses**2 / scale).sum(axis=1) for one in (larger, smaller))
+    ratio = a.sum() / b.sum()
+    off = (a - ratio * b) / (max(ratio, 1.0) * b.sum())
+    parts = [_blocks(off[larger.part_of == part]) for part in np.unique(larger.part_of)]
+    return float(ratio - 1), _error_of_sum(parts)
+
+
+def _blocks(values: Array) -> Array:
+    """Sums of successive values."""
+    return np.array([values[i : i + TOGETHER].sum() for i in range(0, len(values), TOGETHER)])
+
+
+def _error_of_sum(parts: Sequence[Array]) -> float:
+    """Standard error of the sum of values in parts of data; infinite where it is not known."""
+    values = np.concatenate(parts)
+    if len(values) < 2:
+        return np.inf
+    found = float(values.std(ddof=1) * np.sqrt(len(values)))
+    if len(parts) >= MIN_PARTS:
+        sums = np.array([part.sum() for part in parts])
+        found = max(found, float(sums.std(ddof=1) * np.sqrt(len(sums))))
+    return found
