@@ -153,9 +153,15 @@ VERDICTS = {
     ),
     "misleading": (
         "undecided",
-        dict(nominal={"error": {"heldout": 0.01}}),
-        ["cannot be decided - the effects", "motor_lag - ", "Not confirmed."],
+        dict(improved=NOTHING, steps=[], dropped=[{"effect": "wind", "why": "it misleads", "change": None}]),
+        ["cannot be decided, because", "wind", "it misleads"],
         "record more and longer runs",
+    ),
+    "pushed": (
+        "complete",
+        dict(improved=NOTHING, steps=[], matters={"position_mm": 1e-6}),
+        ["nothing that these runs show", "a random push or"],
+        "the same commands twice",
     ),
     "misread": ("misread", dict(improved=NOTHING, steps=[]), ["not searched"], "correct the mapping"),
 }

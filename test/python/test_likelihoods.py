@@ -8,7 +8,17 @@ import pytest
 
 from conftest import MODEL
 from ground import _core
-from ground.analysis import bands, between_runs, candidates, folds, likelihood, run_differences, window_error
+from ground.analysis import (
+    bands,
+    between_runs,
+    candidates,
+    folds,
+    horizon,
+    judge,
+    likelihood,
+    run_differences,
+    window_error,
+)
 from ground.diagnosing import words
 from ground.recordings import repair, windows
 from ground.support.errors import GroundError
@@ -169,11 +179,11 @@ def test_a_model_whose_motion_is_not_finite_is_refused_and_never_wins():
     ):
         with pytest.raises(GroundError, match="not finite"):
             use()
-    split = folds.Folds(runs, like, windows.cut(runs))
-    judged = folds.tested(runs, split.cut, like, odd)
-    assert np.isinf(judged.by_window).all() and np.concatenate(judged.likelihood).sum() == -np.inf
-    better = folds.compared(folds.tested(runs, split.cut, like, fit), judged)
-    assert better.verdict == "better" and folds.compared(judged, judged).verdict == "worse"
+    at = horizon.Starts.of(runs, 1.0)
+    judged = folds.tested(runs, at, like, odd)
+    assert np.isinf(judged.poses).all() and np.concatenate(judged.likelihood).sum() == -np.inf
+    better = judge.compared(folds.tested(runs, at, like, fit), judged, np.ones(2))
+    assert better.verdict == "better" and judge.compared(judged, judged, np.ones(2)).verdict == "worse"
 
 
 MEMORY = """{name: wake, states: {s: "(v - s)/tau"}, expression: {Y: "c*s"}, parameters: {
@@ -232,10 +242,10 @@ def test_an_effect_that_acts_gains_on_held_out_runs():
     extended = candidates.of_library("motor_lag").neutral(fit.model)
     with_it = like.fit(extended, FREE + ("motor_lag.tau",), near=fit)
     assert with_it.model.value("motor_lag.tau") == pytest.approx(value, rel=0.2)
-    split = folds.Folds(runs, like, windows.cut(runs))
+    split = folds.Folds(runs, like, windows.cut(runs), horizon.Starts.of(runs, 1.0))
     better, worse = split.judge(with_it), split.judge(fit)
-    found = folds.compared(better.tested, worse.tested)
-    assert found.gain > 3 * found.gain_error > 0
+    found = judge.compared(better.tested, worse.tested, np.ones(2))
+    assert found.gain > 3 * found.gain_error > 0 and -found.rise > 3 * found.rise_error > 0
     assert better.heldout.sum() < worse.heldout.sum()
 
 

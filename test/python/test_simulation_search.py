@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from conftest import schema
-from ground.analysis import candidates, diagnosis, folds, window_error
+from ground.analysis import candidates, diagnosis, judge, window_error
 from ground.analysis.verdict import conclude
 from ground.data.measured import measured
 from ground.diagnosing import answer, document
@@ -42,7 +42,7 @@ def found():
     """A diagnosis by simulation error of boats with a hidden lift, which their likelihood shows as well."""
     by_both = grown(runs_of(30, hull_lift=LIFT))
     by_likelihood = by_both.model
-    assert by_both.grow_by_simulation()
+    assert by_both.grow_by_simulation("")
     assert by_both.model is not by_likelihood
     return by_both
 
@@ -53,15 +53,15 @@ def test_it_adds_what_is_hidden_and_nothing_else(found):
         assert step.p_value < 1e-3 and step.confirmed.rise < 0
         assert step.fit.heldout.sum() < 0.7 * found.nominal.heldout.sum()
     nothing = grown(runs_of(20))
-    assert not nothing.grow_by_simulation() and not nothing.names
+    assert not nothing.grow_by_simulation("") and not nothing.names
 
 
 def test_an_effect_that_the_likelihood_refused_and_it_finds_is_not_refused():
-    worse = folds.Comparison(folds.WORSE, -1.0, 0.1, 1.0, 0.1)
-    with mock.patch.object(folds, "compared", return_value=worse):
+    worse = judge.Comparison(judge.WORSE, -1.0, 0.1, 1.0, 0.1)
+    with mock.patch.object(diagnosis, "compared", return_value=worse):
         found = grown(runs_of(10, hull_lift=LIFT))
     assert "hull_lift" in [dropped.trial.name for dropped in found.dropped] and not found.names
-    assert found.grow_by_simulation() and sorted(found.names) == ["hull_lift"]
+    assert found.grow_by_simulation("") and sorted(found.names) == ["hull_lift"]
     assert not found.names & {dropped.trial.name for dropped in found.dropped}
 
 

@@ -6,7 +6,7 @@ from scipy import stats
 
 from conftest import MODEL, simulate_run
 from ground import _core
-from ground.analysis import evidence, folds, window_error
+from ground.analysis import evidence, window_error
 from ground.recordings import repair
 
 
@@ -36,49 +36,6 @@ def test_p_values_are_those_of_the_mixture():
     # A simulated parameter that cannot be negative: its ratio is above a value as often.
     draws = np.maximum(np.random.default_rng(1).normal(size=200000), 0) ** 2
     assert evidence.p_value(2.0, 1, 1) == pytest.approx((draws >= 2.0).mean(), rel=0.03)
-
-
-# --- held-out data
-
-
-def judged(*parts, errors=()):
-    """Made-up errors of windows and log-likelihoods of blocks, in parts that were held out."""
-    errors = errors or [np.zeros(len(part)) for part in parts]
-    part_of = np.repeat(np.arange(len(errors)), [len(part) for part in errors])
-    blocks = tuple(np.array(part, float) for part in parts)
-    return folds.Tested(np.concatenate(errors), part_of, blocks)
-
-
-def part_of_run(mean, count=8, seed=1, scale=1.0):
-    """Made-up differences in the blocks or windows of a run."""
-    scattered = scale * np.random.default_rng(seed).normal(size=count)
-    return mean + scattered - scattered.mean()
-
-
-@pytest.mark.parametrize(
-    "means, verdict",
-    [
-        ((3.0, 3.0), "better"),
-        ((0.05, -0.05), "undecided"),
-        ((4.0, -3.0), "undecided"),  # one of two runs got worse
-        ((-4.0, 3.0), "undecided"),
-        ((-3.0, -4.0), "worse"),
-        ((-3.0, -4.0, -2.0, -3.0), "worse"),
-        ((-3.0, 2.0, -4.0, 3.0), "undecided"),
-        ((-3.0,), "worse"),
-        ((-0.1,), "undecided"),
-    ],
-)  # fmt: skip
-def test_held_out_data_refute_what_makes_them_significantly_worse(means, verdict):
-    rises = [part_of_run(mean, seed=i) for i, mean in enumerate(means)]
-    zeros = [np.zeros(8)] * len(means)
-    likelier = folds.compared(judged(*rises), judged(*zeros))
-    assert likelier.verdict == verdict
-    if verdict != "better":
-        errors = [0.01 * -rise for rise in rises]
-        gained = [part_of_run(0.0, seed=9, scale=1e-3)] * len(means)
-        closer = folds.compared(judged(*gained, errors=errors), judged(*zeros))
-        assert (closer.verdict == "worse") == (verdict == "worse")
 
 
 # --- windows of runs

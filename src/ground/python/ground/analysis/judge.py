@@ -64,13 +64,11 @@ def compared(larger: Tested, smaller: Tested, matters: Array) -> Comparison:
     """The Comparison of two hypotheses. matters: least change of position [mm] and heading [deg] that
     matters, (2,)."""
     gain, gain_error = _gain(larger, smaller)
-    rise, rise_error = _rise(larger, smaller)
-    if np.isnan(rise):
-        rise, rise_error = 0.0, np.inf
-    is_large = rise > rise_error and bool((_rms(larger) - _rms(smaller) > matters).any())
-    if is_large or rise > DEVIATIONS * rise_error:
+    rise, rise_error, deviations = _rise(larger, smaller)
+    is_large = rise > rise_error and bool((_rms(larger) > _rms(smaller) + matters).any())
+    if rise > 0 and (is_large or deviations > DEVIATIONS):
         verdict = WORSE
-    elif -rise > DEVIATIONS * rise_error or gain > DEVIATIONS * gain_error:
+    elif (rise < 0 and -deviations > DEVIATIONS) or gain > DEVIATIONS * gain_error:
         verdict = BETTER
     else:
         verdict = UNDECIDED
@@ -79,7 +77,7 @@ def compared(larger: Tested, smaller: Tested, matters: Array) -> Comparison:
 
 def _rms(one: Tested) -> Array:
     """Root mean square of the errors, (2,)."""
-    return np.asarray(np.sqrt((one.poses**2).mean(axis=0))) if len(one.poses) else np.zeros(2)
+    return np.sqrt(np.mean(one.poses**2, axis=0)) if len(one.poses) else np.zeros(2)
 
 
 def _gain(larger: Tested, smaller: Tested) -> Tuple[float, float]:
@@ -93,19 +91,27 @@ def _gain(larger: Tested, smaller: Tested) -> Tuple[float, float]:
     return sums[0] - sums[1], _error_of_sum(parts)
 
 
-def _rise(larger: Tested, smaller: Tested) -> Tuple[float, float]:
-    """Relative rise of the squared errors, and its standard error: that of a ratio of means (Cochran 1977,
-    section 6.4), of the smaller over the larger mean, so that hypotheses may change places."""
+def _rise(larger: Tested, smaller: Tested) -> Tuple[float, float, float]:
+    """Relative rise of the squared errors; its standard error, that of a ratio of means (Cochran 1977, section
+    6.4), of the smaller over the larger mean, so that hypotheses may change places; and how many standard
+    errors the rise of blocks is above zero, each relative to what both leave in it: few blocks with large
+    errors do not decide."""
     if not len(larger.poses):
-        return np.nan, np.inf
+        return 0.0, np.inf, 0.0
     if not np.isfinite(larger.poses).all() or not np.isfinite(smaller.poses).all():
-        return (-np.inf if np.isfinite(larger.poses).all() else np.inf), 0.0
+        return (-np.inf, 0.0, -np.inf) if np.isfinite(larger.poses).all() else (np.inf, 0.0, np.inf)
     scale = np.maximum(_rms(larger) * _rms(smaller), 1e-12)
-    a, b = ((one.poses**2 / scale).sum(axis=1) for one in (larger, smaller))
-    ratio = a.sum() / b.sum()
-    off = (a - ratio * b) / (max(ratio, 1.0) * b.sum())
-    parts = [_blocks(off[larger.part_of == part]) for part in np.unique(larger.part_of)]
-    return float(ratio - 1), _error_of_sum(parts)
+    parts = [larger.part_of == part for part in np.unique(larger.part_of)]
+    blocks = [
+        [_blocks((one.poses[part] ** 2 / scale).sum(axis=1)) for part in parts] for one in (larger, smaller)
+    ]
+    a, b = (float(np.concatenate(found).sum()) for found in blocks)
+    ratio = a / max(b, 1e-300)
+    off = [(p - ratio * q) / (max(ratio, 1.0) * b) for p, q in zip(*blocks)]
+    rises = [(p - q) / np.maximum(p + q, 1e-300) for p, q in zip(*blocks)]
+    error = _error_of_sum(rises)
+    deviations = float(np.concatenate(rises).sum()) / error if error > 0 else np.inf * np.sign(ratio - 1)
+    return ratio - 1, _error_of_sum(off), deviations if ratio != 1 else 0.0
 
 
 def _blocks(values: Array) -> Array:
