@@ -133,7 +133,7 @@ VERDICTS = {
             improved=NOTHING,
             steps=[],
             varies=[
-                {"parameter": "yaw moment", "unit": "N m", "deviation": 9e-5, "p_value": 0, "by_run": [0, 0]}
+                {"parameter": "yaw moment", "unit": "N m", "deviation": 9e-5, "by_run": [0, 0]}
             ],
         ),
         ["no effect, but the yaw moment differs between runs"],

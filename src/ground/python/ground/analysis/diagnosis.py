@@ -88,7 +88,6 @@ class Diagnosis:
         self.fitter = window_error.WindowFitter(runs, threads=1)
         self.fitter.check()
         self.cut = self.fitter.windows
-        self.samples = 3 * sum(len(run.times) for run in runs)
         self.chosen: List[Candidate] = []  # in the order of their choice
         self.steps: List[Step] = []
         self.by_simulation: Optional[window_error.WindowFit] = None  # fit, where the likelihood misleads
@@ -103,6 +102,7 @@ class Diagnosis:
         with self.work.stage(stages.FITTING):
             # everything that may differ between runs does
             self.varied = Likelihood(runs, model, threads=self.threads)
+            self.samples = 3 * sum(len(run.times) for run in self.varied.runs)  # that the likelihood is of
             fit = self.varied.fit(model, window_error.free_parameters(model))
             self._begin(run_differences.differences(self.varied, fit), fit)
 
@@ -413,15 +413,14 @@ class Diagnosis:
         gain, step = tests.test((name,))
         model = candidate.neutral(self.search.fits[frozenset()].model)
         parameters, seen = tests.estimates(model, name, step), tests.seen(name) > UNSEEN
-        tried = len(self.candidates)
-        return evidence.trial(name, model, parameters, gain, seen, tried, self.samples)
+        return evidence.trial(name, model, parameters, gain, seen, self.samples)
 
     def trial_in(self, found: FrozenSet[str], name: str) -> evidence.Trial:
         """The Trial of an effect of a fitted set against the set without it."""
         fit, gain = self.search.fits[found], self.search.ratio(found, found - {name})
         parameters = [p for p in fit.parameters if p["name"].split(".")[0] == name]
-        seen, tried = any(p["identified"] for p in parameters), len(self.candidates)
-        return evidence.trial(name, fit.model, parameters, gain, seen, tried, self.samples)
+        seen = any(p["identified"] for p in parameters)
+        return evidence.trial(name, fit.model, parameters, gain, seen, self.samples)
 
     def judged_of(self, trial: evidence.Trial) -> Optional[folds.Judged]:
         """folds.Judged of the nominal model with a Trial's effect; None if it was not refitted."""

@@ -34,7 +34,7 @@ class Step:
     fit: WindowFit  # with it, and with those before it
     rest: WindowFit  # with all others
     comparison: folds.Comparison  # the final model with it and without it; gains are not known
-    p_value: float  # that the error does not fall, corrected for the number of effects tried
+    p_value: float  # that the error does not fall, not corrected for the number of effects tried
 
 
 class SimulationSearch:
@@ -159,6 +159,6 @@ class SimulationSearch:
             rises = np.concatenate(self._rises(whole, rest))
             spread = float(rises.std(ddof=1) / np.sqrt(len(rises)))
             comparison = folds.Comparison(folds.BETTER, np.nan, np.nan, float(rises.mean()), spread)
-            chance = self._chance(whole, rest)
+            chance = mean_not_above_zero(-rises)
             steps.append(Step(name, self._fit(reached), self._fit(rest), comparison, chance))
         return steps
