@@ -230,18 +230,16 @@ def _alone(
 
 def disagreements(fitted: Document, others: Document, level: float) -> List[str]:
     """Parameters whose estimates from one run and from the others differ, where any does with a probability
-    of `level` although all are the same: by Welch's t-test (1947)."""
+    of `level` although all are the same: by Student's t with the fewer degrees of freedom of both."""
     known = {p["name"]: p for p in others["parameters"]}
-    found = []
-    for a in fitted["parameters"]:
-        b = known[a["name"]]
-        if a["identified"] and b["identified"]:
-            own, other = a["deviation"] ** 2, b["deviation"] ** 2
-            freedom = (own + other) ** 2 / (own**2 / fitted["freedom"] + other**2 / others["freedom"])
-            off = (a["value"] - b["value"]) / np.sqrt(own + other)
-            if len(known) * student_outside(off, freedom) < level:
-                found.append(a["name"])
-    return found
+    freedom = min(fitted["freedom"], others["freedom"])
+    return [
+        a["name"]
+        for a, b in ((one, known[one["name"]]) for one in fitted["parameters"])
+        if a["identified"] and b["identified"]
+        for off in [(a["value"] - b["value"]) / np.hypot(a["deviation"], b["deviation"])]
+        if len(known) * student_outside(off, freedom) < level
+    ]
 
 
 def _result(
