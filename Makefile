@@ -21,7 +21,7 @@ options := $(if $(UNITY),-DCMAKE_UNITY_BUILD=$(UNITY)) $(if $(NATIVE),-DGROUND_N
 .PHONY: build demo test fresh lint sanitize fuzz search promises falsify mutants coverage bench bench-hidden bench-mujoco bench-discover \
   bench-tracking \
   bench-soak bench-table bench-faults bench-changes bench-plans \
-  bench-commands bench-diagnose bench-history replay docs install clean
+  bench-commands bench-diagnose bench-history bench-rates replay docs install clean
 
 build: $(configured)
 	@.ci/build build
@@ -123,6 +123,11 @@ bench-diagnose: build
 # OPTIONS="--whole 0 --speed 0 --pool build/history.json" keeps estimates
 bench-history: build
 	@$(in_workspace) test/bench/history.py $(OPTIONS)
+
+# How often p-values and intervals are wrong, beside what is claimed; prints the table of docs/benchmarks.md.
+# OPTIONS="--only fitted --costly 60 --seed 5001"
+bench-rates: build
+	@$(in_workspace) test/bench/rates.py $(OPTIONS)
 
 # An hour of simulated experiment: memory, timing, warnings. OPTIONS="seconds:=600"
 bench-soak: build

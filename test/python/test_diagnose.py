@@ -98,7 +98,7 @@ def test_a_lag_is_found_and_its_model_can_be_used(tmp_path, lagging):
     assert report["improved"]["effects"] == ["motor_lag"]
     first = report["candidates"][0]
     assert first["effect"] == "motor_lag" and first["rank"] == 1 and first["selected"]
-    assert first["p_value"] < 1e-6 and first["delta_bic"] < -100
+    assert first["p"] <= first["p_corrected"] < 1e-6 and first["delta_bic"] < -100
     low, high = report["improved"]["parameters"]["motor_lag.tau"]["ci95"]
     assert low < 0.06 < high and high - low < 0.002
     assert report["nominal"]["error"]["heldout"] > 3 * report["improved"]["error"]["heldout"]
@@ -196,7 +196,7 @@ def test_an_effect_too_small_to_matter_is_reported_but_not_called_missing(tmp_pa
     report = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert report["verdict"] == "complete" and report["improved"]["effects"] == []
     (slight,) = [dropped for dropped in report["dropped"] if dropped["change"]]
-    assert slight["effect"] in ("input_delay", "motor_lag") and slight["p_value"] < 0.01
+    assert slight["effect"] in ("input_delay", "motor_lag") and slight["p"] < 0.01
     assert slight["change"]["seconds"] == 1.0 and 0.1 < slight["change"]["position_mm"] < 2
     for text in (result.stdout, (tmp_path / "out" / "report.html").read_text()):
         assert "(%s) was not added: it is too small to matter" % slight["effect"] in text

@@ -243,11 +243,10 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
 
   FitResult result;
   result.model = detail::modelAt(model, free, best.scaled.data());
-  const double quantile =
-      detail::quantileOf(std::max(1, known.blocks - static_cast<int>(options.free.size())));
+  result.freedom = std::max(1, known.blocks - static_cast<int>(options.free.size()));
   result.parameters = detail::estimatesOf(
       model, free, best.scaled, known.deviation(),
-      Eigen::VectorXd::Constant(static_cast<Eigen::Index>(options.free.size()), quantile));
+      Eigen::VectorXd::Constant(free.precision.size(), detail::quantileOf(result.freedom)));
   for (Eigen::Index i = 0; i < free.precision.size(); ++i) {
     const Eigen::Map<const Eigen::VectorXd> at(best.scaled.data(), free.precision.size());
     const Eigen::VectorXd shifted = at + known.shifts.col(i);

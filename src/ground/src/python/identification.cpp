@@ -102,6 +102,7 @@ py::dict toDict(const FitResult& result) {
   d["width"] = result.width;
   d["starts"] = result.starts;
   d["starts_at_best"] = result.starts_at_best;
+  d["freedom"] = result.freedom;
   d["iterations"] = result.iterations;
   d["converged"] = result.converged;
   return d;

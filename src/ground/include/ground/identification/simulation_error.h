@@ -59,6 +59,7 @@ struct FitResult {
   std::vector<Model> shifted;
   int starts = 0;          ///< starts that could be simulated
   int starts_at_best = 0;  ///< starts that converged to the best solution
+  double freedom = 1;      ///< degrees of freedom of Student's t of the intervals
   int iterations = 0;
   bool converged = false;
 };

@@ -3,8 +3,9 @@
 A likelihood weighs runs by what noise and disturbance explain. Where their own values differ by more, the
 interval of the common value is too narrow. The own value of a run is a few Newton steps from the common
 one. That all are the same is tested by the weighted squares of first steps (Cochran 1954), which derivatives
-at the common value alone give; where they are not, the interval is that of the mean of values that differ
-from run to run, too (Paule and Mandel 1982).
+at the common value alone give. Whatever the test says, the interval holds that of the mean of values that
+differ from run to run (Paule and Mandel 1982): few runs seldom reject a difference that matters. Runs that do
+not tell a parameter do not count.
 """
 
 from dataclasses import replace
@@ -22,6 +23,7 @@ LEVEL = 0.01  # probability that any parameter is said to differ although none d
 OUTSIDE = 0.025  # probability on each side of an interval
 STEPS = 4  # of Newton
 WEAK = 1e-6  # information that keeps what a run does not tell at the common value, over that of all runs
+TOLD = 0.01  # largest variance of a parameter that a run tells, over that by the weak information alone
 
 
 class _Own(NamedTuple):
@@ -46,11 +48,6 @@ class _Own(NamedTuple):
         good = np.isfinite(steps) & np.isfinite(variances) & (variances > 0)
         return steps[good], variances[good]
 
-    def chance(self, j: int) -> float:
-        """Probability that the values of a parameter differ as much although they are the same."""
-        steps, variances = self.known(j)
-        return chi_squared_above(_squares(steps, variances, 0.0), len(steps) - 1) if len(steps) > 1 else 1.0
-
 
 def widened(likelihood: Likelihood, fit: Fit, parameters: Sequence[Document]) -> List[Document]:
     """Parameters of a Fit as Fit.parameters has them, with intervals that contain what its runs differ by.
@@ -63,18 +60,16 @@ def widened(likelihood: Likelihood, fit: Fit, parameters: Sequence[Document]) ->
         return list(parameters)
     weak = WEAK * np.diag(np.maximum(sum(np.diag(of_run["information"]) for of_run in scores), 1e-300))
     first = _Own.of(likelihood, fit, scores, weak, 1)
-    differ = [j for j, name in enumerate(fit.free) if len(fit.free) * first.chance(j) < LEVEL]
-    if not differ:
-        return list(parameters)
     own = _Own.of(likelihood, fit, scores, weak, STEPS)
     described = {p["name"]: p for p in fit.model.parameters()}
-    names = {fit.free[j]: j for j in differ}
-    return [
-        _widened(p, described[p["name"]], *own.known(names[p["name"]]))
-        if p["identified"] and p["name"] in names
-        else p
-        for p in parameters
-    ]
+    found = []
+    for p in parameters:
+        if p["identified"] and p["name"] in fit.free:
+            j = fit.free.index(p["name"])
+            differ = len(fit.free) * chance(*first.known(j)) < LEVEL
+            p = _widened(p, described[p["name"]], *own.known(j), differ)
+        found.append(p)
+    return found
 
 
 def _own_of(
@@ -93,22 +88,41 @@ def _own_of(
             scores = likelihood.scores_of(replace(fit, model=model), run)
         except GroundError:  # the motion is not finite there
             break
-    return scale * at, scale * np.sqrt(np.maximum(np.diag(covariance), 0))
+    variances = np.maximum(np.diag(covariance), 0)
+    told = variances * np.diag(weak) < TOLD
+    return scale * at, np.where(told, scale * np.sqrt(variances), np.inf)
 
 
-def _widened(p: Document, described: Document, steps: Array, variances: Array) -> Document:
-    """A parameter that differs. steps, variances: of its coordinate, of each run."""
+def chance(steps: Array, variances: Array) -> float:
+    """Probability that values of runs (n,) with variances of their own (n,) differ as much although they are
+    the same."""
+    return chi_squared_above(_squares(steps, variances, 0.0), len(steps) - 1) if len(steps) > 1 else 1.0
+
+
+def mean_of(steps: Array, variances: Array) -> Tuple[float, float, float]:
+    """The mean of values of runs (n,) with variances of their own (n,), half its 95% interval, and the
+    variance between runs, 0 where they differ by no more than their own; else Student's t has the degrees of
+    freedom of as many runs as weigh the same together."""
     between = _between(steps, variances)
     weights = 1 / (variances + between)
-    mean = weights @ steps / weights.sum()
-    half = student_limit(OUTSIDE, len(steps) - 1) / np.sqrt(weights.sum())
+    freedom = max(1.0, weights.sum() ** 2 / (weights @ weights) - 1) if between else np.inf
+    half = student_limit(OUTSIDE, freedom) / np.sqrt(weights.sum())
+    return float(weights @ steps / weights.sum()), float(half), between
+
+
+def _widened(p: Document, described: Document, steps: Array, variances: Array, differ: bool) -> Document:
+    """A parameter. steps, variances: of its coordinate, of each run that tells it; differ: whether these are
+    said to differ."""
+    if len(steps) < 2:
+        return p
+    mean, half, between = mean_of(steps, variances)
     ends = [moved(described, p["value"], by) for by in (mean - half, mean + half)]
     low, high = (float(end) for end in p["ci95"])
+    p = {**p, "ci95": (min(low, *ends), max(high, *ends))}
     certain = steps[variances < 2 * (between + variances.min())]
     own = [moved(described, p["value"], by) for by in (certain.min(), certain.max())]
-    if own[0] == own[1]:  # they only differ by how far beyond its range they are
-        return p
-    return {**p, "ci95": (min(low, *ends), max(high, *ends)), "runs": (min(own), max(own))}
+    # equal: they only differ by how far beyond its range they are
+    return {**p, "runs": (min(own), max(own))} if differ and own[0] != own[1] else p
 
 
 def _squares(steps: Array, variances: Array, between: float) -> float:
@@ -118,7 +132,10 @@ def _squares(steps: Array, variances: Array, between: float) -> float:
 
 
 def _between(steps: Array, variances: Array) -> float:
-    """The variance between runs with which the squares are as many as expected; by bisection."""
+    """The variance between runs with which the squares are as many as expected, by bisection; 0 where they
+    are no more without it."""
+    if _squares(steps, variances, 0.0) <= len(steps) - 1:
+        return 0.0
     low, high = 0.0, float(np.var(steps) * len(steps) + 1e-300)
     while _squares(steps, variances, high) > len(steps) - 1:
         low, high = high, 2 * high

@@ -38,10 +38,6 @@ from ground.support.errors import GroundError
 from ground.support.progress import Work
 from ground.support.workers import Workers
 
-# An effect matters if it moves the predicted pose at the horizon by this multiple of the noise of a
-# pose: one that the eye sees in the poses without statistics (Rose's criterion). More data make an
-# effect more certain, not larger. For a palm-sized hovercraft a delay of 1.4 ms reaches it.
-MIN_CHANGE = 5.0
 EXPLAINED = 1.15  # ratio of error to noise floor below which a model explains the data
 FLOORS = 5  # simulations over which the noise floor is averaged
 SLIGHT = "it is too small to matter"
@@ -69,7 +65,7 @@ class Diagnosis:
 
     runs: _core.RunData to fit to, of which long ones are used in parts (ground.analysis.excerpts);
     candidates: effects to try; threads: 0 for all cores; work: told of what is done; matters: least change of
-    predicted position [mm] and heading [deg] that matters, (2,), by default MIN_CHANGE of the poses' noise.
+    predicted position [mm] and heading [deg] that matters, (2,), by default horizon.what_matters.
     """
 
     def __init__(
@@ -85,7 +81,7 @@ class Diagnosis:
         self.runs = runs = excerpts.spread(runs)
         self.given = model
         self.candidates = candidates
-        self.matters = MIN_CHANGE * horizon.pose_noise(runs) if matters is None else matters
+        self.matters = horizon.what_matters(runs) if matters is None else matters
         self.work = work or Work()
         # A fit alone uses all cores; fits beside each other share them.
         self.threads = 1 if threads else 0
@@ -93,7 +89,6 @@ class Diagnosis:
         self.fitter = window_error.WindowFitter(runs, threads=1)
         self.fitter.check()
         self.cut = self.fitter.windows
-        self.samples = 3 * sum(len(run.times) for run in runs)
         self.chosen: List[Candidate] = []  # in the order of their choice
         self.steps: List[Step] = []
         self.by_simulation: Optional[window_error.WindowFit] = None  # fit, where the likelihood misleads
@@ -108,6 +103,7 @@ class Diagnosis:
         with self.work.stage(stages.FITTING):
             # everything that may differ between runs does
             self.varied = Likelihood(runs, model, threads=self.threads)
+            self.samples = 3 * sum(len(run.times) for run in self.varied.runs)  # that the likelihood is of
             fit = self.varied.fit(model, window_error.free_parameters(model))
             self._begin(run_differences.differences(self.varied, fit), fit)
 
@@ -438,15 +434,14 @@ class Diagnosis:
         gain, step = tests.test((name,))
         model = candidate.neutral(self.search.fits[frozenset()].model)
         parameters, seen = tests.estimates(model, name, step), tests.seen(name) > UNSEEN
-        tried = len(self.candidates)
-        return evidence.trial(name, model, parameters, gain, seen, tried, self.samples)
+        return evidence.trial(name, model, parameters, gain, seen, self.samples)
 
     def trial_in(self, found: FrozenSet[str], name: str) -> evidence.Trial:
         """The Trial of an effect of a fitted set against the set without it."""
         fit, gain = self.search.fits[found], self.search.ratio(found, found - {name})
         parameters = [p for p in fit.parameters if p["name"].split(".")[0] == name]
-        seen, tried = any(p["identified"] for p in parameters), len(self.candidates)
-        return evidence.trial(name, fit.model, parameters, gain, seen, tried, self.samples)
+        seen = any(p["identified"] for p in parameters)
+        return evidence.trial(name, fit.model, parameters, gain, seen, self.samples)
 
     def judged_of(self, trial: evidence.Trial) -> Optional[folds.Judged]:
         """folds.Judged of the nominal model with a Trial's effect; None if it was not refitted."""

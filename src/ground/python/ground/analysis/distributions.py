@@ -1,10 +1,14 @@
 """Distributions of test statistics, by scipy.special: scipy.stats takes five times as long to load."""
 
 import math
+from typing import Tuple
 
+import numpy as np
 from scipy import special
 
-from ground.support.annotations import Array
+from ground.support.annotations import Array, Indices
+
+PIECES = 8  # least number of pieces of data that an interval of a mean is taken from
 
 
 def chi_squared_above(value: float, freedom: int) -> float:
@@ -17,7 +21,7 @@ def chi_squared_limit(chance: float, freedom: int) -> float:
     return float(special.chdtri(freedom, chance))
 
 
-def student_limit(chance: float, freedom: int) -> float:
+def student_limit(chance: float, freedom: float) -> float:
     """Value that Student's t exceeds with a probability."""
     return float(special.stdtrit(freedom, 1 - chance))
 
@@ -34,6 +38,28 @@ def mean_not_above_zero(values: Array) -> float:
     if not spread > 0:
         return 1.0
     return float(special.stdtr(len(values) - 1, -values.mean() / spread * math.sqrt(len(values))))
+
+
+def ratio_of_means(after: Array, before: Array, weights: Array, part_of: Indices) -> Tuple[float, float]:
+    """95% interval of the ratio of the weighted means of paired values (n,): of its logarithm, by Student's t
+    over pieces of the data, for neighbours are alike. These are whole parts, such as runs, or where there are
+    fewer than PIECES, equal pieces of them. part_of: (n,) the part that each pair is in."""
+    parts = [np.flatnonzero(part_of == part) for part in np.unique(part_of)]
+    each = max(1, -(-PIECES // len(parts)))
+    pieces = [piece for part in parts for piece in np.array_split(part, each) if len(piece)]
+    sums = np.array([[weights[p] @ values[p] for p in pieces] for values in (after, before)])
+    ratio = float(sums[0].sum() / sums[1].sum())
+    varying = np.subtract(*(sums / sums.mean(axis=1, keepdims=True)))
+    limit = student_limit(0.025, len(pieces) - 1) if len(pieces) > 1 else math.inf
+    factor = math.exp(
+        min(limit * math.sqrt(varying @ varying / max(1, len(pieces) - 1) / len(pieces)), 700.0)
+    )
+    return ratio / factor, ratio * factor
+
+
+def student_outside(value: float, freedom: float = math.inf) -> float:
+    """Probability that Student's t, or a standard normal variable, is further from zero."""
+    return float(2 * special.stdtr(freedom, -abs(value)))
 
 
 def normal_limit(chance: float) -> float:

@@ -21,7 +21,6 @@ class Trial:
     parameters: Sequence[Document]  # the effect's: name, unit, value, ci95, identified
     gain: float  # log-likelihood ratio 2 (L1 - L0) against the model without
     p_value: float  # not corrected for the number of effects tried
-    chance: float  # corrected for it
     delta_bic: float
     seen: bool  # whether it does anything that the other parameters cannot
     equal: bool = False  # whether the data cannot distinguish it from the best one
@@ -42,15 +41,14 @@ def trial(
     parameters: Sequence[Document],
     gain: float,
     seen: bool,
-    tried: int,
     samples: int,
 ) -> Trial:
-    """A Trial; tried: number of effects tried; samples: number of samples of the data."""
+    """A Trial; samples: number of samples of the data."""
     described = candidates.parameters_of(model, name)
     on_bound = sum(p["neutral"] in (p["lower"], p["upper"]) for p in described)
     alone = p_value(gain, len(described), on_bound)
     bic = float(len(described) * np.log(samples) - gain)
-    return Trial(name, model, parameters, gain, alone, min(1.0, tried * alone), bic, seen)
+    return Trial(name, model, parameters, gain, alone, bic, seen)
 
 
 def ranked(trials: Iterable[Trial], first: Sequence[str]) -> List[Trial]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ground.analysis.likelihood import Fit, Likelihood
 from ground.recordings import scatter, windows
-from ground.support.annotations import Array, Flags
+from ground.support.annotations import Array, Flags, Indices
 from ground.support.errors import GroundError
 
 STEP = 1e-3  # relative step of a parameter, for finite differences
@@ -40,6 +40,10 @@ class Innovations:
     def projected(self, values: Array) -> Array:
         """Values (rows, ...) without what the parameters can follow."""
         return np.asarray(values - self._left @ (self._left.T @ values))
+
+    def rows_before(self, i: int, samples: Indices) -> Indices:
+        """How many rows of a run are of samples before each of some."""
+        return np.asarray(self._wide[i] * np.append(0, np.cumsum(self._scored[i]))[samples])
 
     def responses(self, wrenches: Sequence[Array]) -> Array:
         """Change (rows, k) of the innovations by wrenches (n, 3, k) along each run, not projected."""

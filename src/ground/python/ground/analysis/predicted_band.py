@@ -101,8 +101,9 @@ def _apart(a: Array, b: Array) -> Array:
 
 
 def _factor(ratios: Sequence[Array], level: float) -> Array:
-    """(6,) that a share of the samples of a new run will not exceed, with a probability of the same size:
-    samples of a run depend on each other, so runs are what is counted (split conformal prediction: Vovk et
-    al. 2005). Of fewer runs than that takes, such as nine for 0.9, the largest."""
+    """(6,) that a share of the samples of a new run will not exceed in about the same share of runs: samples
+    of a run depend on each other, so runs are what is counted. Each run is predicted without itself, but the
+    deviations are of fits to it, too, as in the jackknife+ (Barber et al. 2021), which for a share of 0.9
+    promises 0.8 and usually holds 0.9. Of fewer runs than that takes, such as nine for 0.9, the largest."""
     scores = np.sort([np.quantile(some, level, axis=0) for some in ratios], axis=0)
     return np.asarray(scores[min(int(np.ceil((len(scores) + 1) * level)), len(scores)) - 1])

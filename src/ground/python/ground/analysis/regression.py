@@ -19,6 +19,7 @@ from ground.analysis.dictionary import Feature, dependence
 from ground.analysis.distributions import chi_squared_above
 from ground.analysis.innovations import Innovations
 from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.missing_wrench import full_scale
 from ground.support.annotations import Array, Flags, Indices
 
 LEVEL = 0.01  # probability that a term is chosen where nothing is missing
@@ -71,8 +72,7 @@ class Regression:
         tried: Sequence[float] = (),
     ) -> None:
         self.likelihood, self.fit = likelihood, fit
-        model = fit.model
-        self.full = 2 * model.value("k") * np.array([1.0, 1.0, model.value("l")])
+        self.full = full_scale(fit.model)
         self._own = followed
         self._basis = _basis([w / self.full[:, None] for w in followed])
         self.innovations = Innovations(likelihood, fit)
@@ -307,7 +307,7 @@ class Regression:
             rows = [np.arange(a, b) for a, b in zip(self.innovations.rows[:-1], self.innovations.rows[1:])]
             return [Part(i, r, slice(None)) for i, r in enumerate(rows)]
         edges = np.linspace(0, len(self.wrenches[0]), PARTS + 1).astype(int)
-        rows = np.array_split(np.arange(len(self.y)), PARTS)
+        rows = np.split(np.arange(len(self.y)), self.innovations.rows_before(0, edges[1:-1]))
         return [Part(0, r, slice(a, b)) for r, a, b in zip(rows, edges[:-1], edges[1:])]
 
     def wrench(self, i: int, at: Indices, weights: Array) -> Array:

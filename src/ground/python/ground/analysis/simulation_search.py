@@ -34,7 +34,7 @@ class Step:
     fit: WindowFit  # with it, and with those before it
     rest: WindowFit  # with all others
     comparison: Comparison  # the final model with it and without it
-    p_value: float  # that the error does not fall, corrected for the number of effects tried
+    p_value: float  # that the error does not fall, not corrected for the number of effects tried
 
 
 class SimulationSearch:
@@ -136,13 +136,16 @@ class SimulationSearch:
 
     def _chance(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> float:
         """Probability that the error falls as much where no effect helps, for as many as were tried."""
-        falls = self._fit(smaller).by_window - self._fit(larger).by_window
-        return min(1.0, len(self.candidates) * mean_not_above_zero(falls))
+        return min(1.0, len(self.candidates) * self._alone(larger, smaller))
+
+    def _alone(self, larger: FrozenSet[str], smaller: FrozenSet[str]) -> float:
+        """The same for one effect."""
+        return mean_not_above_zero(self._fit(smaller).by_window - self._fit(larger).by_window)
 
     def _steps(self, found: Sequence[str]) -> List[Step]:
         steps, whole = [], frozenset(found)
         for i, name in enumerate(found):
             reached, rest = frozenset(found[: i + 1]), whole - {name}
-            chance, comparison = self._chance(whole, rest), self._compared(whole, rest)
+            chance, comparison = self._alone(whole, rest), self._compared(whole, rest)
             steps.append(Step(name, self._fit(reached), self._fit(rest), comparison, chance))
         return steps

@@ -304,7 +304,8 @@ def _varies(found: Diagnosis) -> List[Document]:
             "parameter": d.kind.parameter,
             "unit": d.kind.unit,
             "deviation": float(np.std(sizes[:, i], ddof=1)),
-            "p_value": d.p_value,
+            "p": d.p_value / len(run_differences.KINDS),
+            "p_corrected": d.p_value,
             "by_run": sizes[:, i].tolist(),
         }
         for d in found.differences

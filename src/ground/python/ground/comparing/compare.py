@@ -21,7 +21,8 @@ runs      name, bag, models: by label
 pooled    by label: the numbers over all, fit and held_out runs
 ranking   errors by label, the least first, over runs: those that no model was fitted to (role held_out),
           or all where there are none (role fit; fitted: by which models); equal: models that chance alone
-          may set apart from the first one
+          may set apart from the first one. Of models that are equally good, any is missing there with a
+          probability of at most 5%
 prediction  how far predicted poses are off on these runs: seconds, errors by label and of the mocap alone
           (position_mm, heading_deg, root mean squares)
 noise_floor  error that the noise of the poses alone would leave there, if the best model were true
@@ -54,14 +55,14 @@ from ground.recordings import windows
 from ground.recordings.recording import Recording
 from ground.reports import inspection, result_folder
 from ground.support import command_line, workers
-from ground.support.annotations import Document
+from ground.support.annotations import Array, Document
 from ground.support.errors import GroundError
 from ground.support.progress import Progress, Work
 from ground.support.results import distinct_labels
 
 COMPARING = "comparing (s of recordings)"  # stage; unit: a second of a recording
 WRITING = "writing the page"  # stage
-CHANCE = 0.05  # probability by chance from which models are equally good
+CHANCE = 0.05  # probability that any of equally good models is said to differ from the best
 Models = Union[ModelLike, Sequence[ModelLike], Mapping[str, ModelLike]]
 
 
@@ -194,14 +195,23 @@ def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
         errors[label] = float(comparison.numbers([s["evaluation"] for s in studies])["error"])
         roles[label] = {s["role"] for s in studies}
     fitted = [label for label in labels if "fit" in roles[label]]
-    best, *others = sorted(errors, key=errors.__getitem__)
+    order = sorted(errors, key=errors.__getitem__)
     return Ranking(
         role="fit" if fitted else "held_out",
         runs=[run.name for run in runs],
-        errors={label: errors[label] for label in [best, *others]},
+        errors={label: errors[label] for label in order},
         fitted=fitted,
-        equal=[label for label in others if mean_not_above_zero(by_block[label] - by_block[best]) > CHANCE],
+        equal=equally_good(order, by_block),
     )
+
+
+def equally_good(order: Sequence[str], by_block: Mapping[str, Array]) -> List[str]:
+    """Models that are not significantly worse than the first one. order: labels, the least error first;
+    by_block: errors (n,) on blocks of data. The first one was chosen on the same blocks: any pair may be the
+    one that is compared, either way round, so that the level is shared by all (Bonferroni)."""
+    best, *others = order
+    level = CHANCE / max(1, len(order) * len(others))
+    return [label for label in others if mean_not_above_zero(by_block[label] - by_block[best]) > level]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

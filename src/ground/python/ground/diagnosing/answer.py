@@ -119,7 +119,7 @@ def _rest_matters(report: Document) -> bool:
 
 def _certainty(report: Document, step: Document) -> str:
     """How certain an effect is, and what speaks against it."""
-    judged, chance = step["judged"], step["p_value"]
+    judged, chance = step["judged"], step["p_corrected"]
     sure = "Very certain" if chance < VERY_CERTAIN else "Certain" if chance < CERTAIN else "Likely"
     held, fitted = judged["holdout"], judged["fitted"]
     if held and held["verdict"] == "worse":

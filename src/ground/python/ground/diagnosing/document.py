@@ -74,7 +74,7 @@ def begun(
                 "added": step.added,
                 "error": _error(step.fit.error.sum(), error, by),
                 "group": list(step.group),
-                "p_value": step.p_value,
+                **_chances(step.p_value, len(diagnosis.candidates)),
                 "judged": dataclasses.asdict(conclusion.judgements[step.added]),
             }
             for step, error in zip(diagnosis.steps, conclusion.steps[1:])
@@ -83,7 +83,7 @@ def begun(
             {
                 **_tried(dropped.trial),
                 "why": dropped.why,
-                "p_value": dropped.trial.p_value,
+                **_chances(dropped.trial.p_value, len(diagnosis.candidates)),
                 "change": dropped.change and dataclasses.asdict(dropped.change),
             }
             for dropped in diagnosis.dropped
@@ -164,6 +164,24 @@ def _left(conclusion: Conclusion) -> Document:
     }
 
 
+def _chances(p: float, tried: int) -> Document:
+    """A p-value, and its bound for the number of effects tried (Bonferroni)."""
+    return {"p": p, "p_corrected": min(1.0, tried * p)}
+
+
+def renewed(report: Document) -> Document:
+    """A report as older versions wrote it, whose one `p_value` was p_corrected of candidates and of what
+    differs between runs, and p of steps and of what was dropped."""
+    for kind in ("candidates", "varies"):
+        for row in report[kind]:
+            if "p_value" in row:
+                row.update(p=None, p_corrected=row.pop("p_value"))
+    for row in (*report["steps"], *report["dropped"]):
+        if "p_value" in row:
+            row.update(_chances(row.pop("p_value"), len(report["candidates"])))
+    return report
+
+
 def _tried(trial: Trial) -> Document:
     """An effect with its parameters."""
     return {"effect": trial.name, "parameters": _parameters(trial.parameters, trial.name + ".")}
@@ -184,7 +202,7 @@ def _candidates(diagnosis: Diagnosis, alike: Sequence[indistinguishable.LookAlik
             {
                 **_tried(trial),
                 "rank": rank,
-                "p_value": trial.chance,
+                **_chances(trial.p_value, len(diagnosis.candidates)),
                 "delta_bic": float(trial.delta_bic),
                 "error": _error(fit.error.sum(), fit.heldout.sum()) if fit else _error(None, None),
                 "selected": trial.name in chosen,

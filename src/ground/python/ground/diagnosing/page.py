@@ -66,7 +66,7 @@ def _candidates(report: Document) -> List[List[Any]]:
             c["rank"],
             words.effect(report, c["effect"]),
             number(c["error"]["heldout"]),
-            "%.1g" % c["p_value"],
+            "%.1g" % c["p_corrected"],
             "%.0f" % c["delta_bic"],
             "\n".join(words.parameters(c["parameters"])),
             words.effects(report, [name for name in c["group"] if name != c["effect"]]),

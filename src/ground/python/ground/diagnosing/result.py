@@ -127,15 +127,15 @@ class Diagnosis(Shown, Plotted):
         return self.report
 
     def to_frame(self) -> "pandas.DataFrame":
-        """The effects tried, best first, indexed by name: p_value, delta_bic, error_fit,
-        error_heldout, selected, seen, estimates (in words, each effect alone)."""
+        """The effects tried, best first, indexed by name: p, p_corrected (for their number), delta_bic,
+        error_fit, error_heldout, selected, seen, estimates (in words, each effect alone)."""
         import pandas
 
         rows = self.report["candidates"]
-        columns = ["p_value", "delta_bic", "selected", "seen"]
+        columns = ["p", "p_corrected", "delta_bic", "selected", "seen"]
         index = pandas.Index([row["effect"] for row in rows], name="effect")
         frame = pandas.DataFrame([[row[c] for c in columns] for row in rows], index, columns)
-        for place, kind in enumerate(("fit", "heldout"), 2):
+        for place, kind in enumerate(("fit", "heldout"), 3):
             errors = [row["error"][kind] for row in rows]
             frame.insert(place, "error_" + kind, pandas.array(errors, dtype="Float64"))
         frame["estimates"] = ["; ".join(words.parameters(row["parameters"])) for row in rows]
@@ -146,7 +146,7 @@ class Diagnosis(Shown, Plotted):
         """The diagnosis that `save` wrote into a folder, but for what its page draws. GroundError when there
         is none."""
         numbers, _, improved, _, experiment = (os.path.join(os.fspath(folder), name) for name in FILES)
-        report = result_folder.read(folder, FILES[0], document.SCHEMA)
+        report = document.renewed(result_folder.read(folder, FILES[0], document.SCHEMA))
         found = report["improved"]
         parameters = {name: _parameter(name, p) for name, p in found["parameters"].items()}
         rows = np.loadtxt(experiment, delimiter=",", skiprows=1) if os.path.isfile(experiment) else None

@@ -145,7 +145,7 @@ def ceiling(report: Document) -> str:
         "what could still be learned %s" % _part(found["learnable"]),
         "chance %s" % _part(found["chance"]),
     ]
-    text = "Of the squared error on data that the model was not fitted to, %s" % listed(parts)
+    text = "Of the squared error on the runs that the model was fitted to, %s" % listed(parts)
     text += "; what could be learned depends on %s." % arguments(report) if found["said"] else "."
     if not agrees["holds"] and number(report["noise_floor"]) != "-":
         text += (
@@ -259,7 +259,7 @@ def evidence(report: Document) -> Iterator[str]:
     for c in report["candidates"][:8]:
         name = "* " * c["selected"] + effect(report, c["effect"])
         values = "; ".join(parameters(c["parameters"]))
-        numbers = "%.1g" % c["p_value"], "%.0f" % c["delta_bic"], number(c["error"]["heldout"])
+        numbers = "%.1g" % c["p_corrected"], "%.0f" % c["delta_bic"], number(c["error"]["heldout"])
         yield form % (c["rank"], *numbers, "%s: %s" % (name, values))
     for i, (what, error) in enumerate(steps(report)):
         yield "%-23s %5.3f %s" % ("" if i else error_name(report) + ":", error, what)

@@ -3,11 +3,12 @@
 import argparse
 import functools
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Tuple
+from typing import TYPE_CHECKING, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from ground.analysis import candidates, distributions, horizon, window_error
+from ground import _core
+from ground.analysis import candidates, distributions, horizon, judge, window_error
 from ground.analysis.effects import Effect, EffectLike
 from ground.analysis.horizon import ModelsAt, PredictionError, as_document
 from ground.analysis.window_error import WindowFit
@@ -25,7 +26,7 @@ from ground.models import (
 from ground.recordings import windows
 from ground.reports import words
 from ground.support import command_line
-from ground.support.annotations import Array, Document, Path
+from ground.support.annotations import Document, Path
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
 from ground.support.results import Shown
@@ -45,7 +46,7 @@ class Verdict:
 
     helps: bool
     change: float  #: relative change of the held-out error: -0.1 is 10% less
-    ci95: Tuple[float, float]  #: 95% interval of that change, from window to window
+    ci95: Tuple[float, float]  #: 95% interval of that change, from run to run, or piece to piece of few runs
     reason: str
 
 
@@ -192,16 +193,24 @@ def add(
     if not held.data:
         models = {name: functools.partial(fitter.models_at, one) for name, one in fits.items()}
     prediction = horizon.prediction_error(tested, seconds, models, after.model)
-    return _result(candidate.name, seen, before, after, errors, prediction)
+    at = horizon.Starts.of(tested, seconds)
+    part_of = window_error.parts_of(tested, at.windows)
+    judged = judge.compared(
+        *(judge.Tested(at.errors(tested, models[name](at.windows)), part_of) for name in ("with", "without")),
+        horizon.what_matters(tested),
+    )
+    return _result(candidate.name, seen, fitter.windows, before, after, errors, prediction, judged)
 
 
 def _result(
     effect: str,
     seen: Measured,
+    chosen: Sequence[_core.Window],
     before: WindowFit,
     after: WindowFit,
     errors: Dict[str, Change],
     prediction: Optional[PredictionError],
+    judged: judge.Comparison,
 ) -> Addition:
     parameters = parameters_by_name(after.parameters.values())
     model = fitted_model(
@@ -213,6 +222,9 @@ def _result(
     )
     several = len(seen.data) > 1
     own = candidates.parameters_of(after.model, effect)
+    sizes = np.array([w.last - w.first + 1 for w in chosen])  # as the errors weigh windows
+    runs = np.array([w.run for w in chosen])
+    interval = distributions.ratio_of_means(after.by_window, before.by_window, sizes, runs)
     return Addition(
         effect=effect,
         model=model,
@@ -223,19 +235,20 @@ def _result(
         noise_floor=float(window_error.noise_floor(seen.data, after.model).sum()),
         folds="each run by a fit to the others" if several else "each quarter by a fit to the rest",
         window=windows.length(seen.data),
-        verdict=_verdict(parameters, {p["name"]: p["neutral"] for p in own}, before, after, errors),
+        verdict=_verdict(parameters, {p["name"]: p["neutral"] for p in own}, interval, errors, judged),
     )
 
 
 def _verdict(
     parameters: Dict[str, Parameter],
     neutral: Dict[str, float],
-    before: WindowFit,
-    after: WindowFit,
+    interval: Tuple[float, float],
     errors: Dict[str, Change],
+    judged: judge.Comparison,
 ) -> Verdict:
-    """The Verdict on an effect; neutral: values of its parameters at which it does nothing."""
-    change, ci95 = errors["heldout"].change, _interval(before.by_window, after.by_window)
+    """The Verdict on an effect; neutral: values of its parameters at which it does nothing; interval: of the
+    ratio of errors on held-out data; judged: the model with it and without it."""
+    change, ci95 = errors["heldout"].change, (interval[0] - 1, interval[1] - 1)
     told = "the error on held-out data changes by %+.1f%%, 95%%: %+.1f%% to %+.1f%%" % (
         100 * change,
         *(100 * bound for bound in ci95),
@@ -247,22 +260,14 @@ def _verdict(
         helps, reason = False, told if known else "its parameters are not identifiable from these data"
     elif known and all(p.ci95[0] <= neutral[p.name] <= p.ci95[1] for p in known):
         helps, reason = False, "its 95% intervals contain the values at which it does nothing"
+    elif judged.is_worse:
+        helps, reason = False, "predicted poses of data that it was not fitted to are further off with it"
     elif tested and tested.change > 0:
         percent = 100 * tested.change
         helps, reason = False, "the error on the runs given as holdout rises by %.1f%%" % percent
     else:
         helps, reason = True, told
     return Verdict(helps, change, ci95, reason)
-
-
-def _interval(before: Array, after: Array) -> Tuple[float, float]:
-    """95% interval of the relative change of the mean error of windows, by Student's t for the logarithm of
-    the ratio: an error cannot fall by more than 100%."""
-    ratio = after.mean() / before.mean()
-    varying = after / after.mean() - before / before.mean()
-    limit = distributions.student_limit(0.025, len(varying) - 1)
-    factor = np.exp(limit * float(varying.std(ddof=1)) / np.sqrt(len(varying)))
-    return float(ratio / factor - 1), float(ratio * factor - 1)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

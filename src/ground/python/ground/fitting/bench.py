@@ -125,7 +125,7 @@ def run(arguments: argparse.Namespace) -> Document:
         "curve": "switch" if found.switches else found.curve.kind,
         "parameters": {n: {"value": v, "ci95": list(found.intervals[n])} for n, v in found.values.items()},
         "p_equal_gains": found.p_value,
-        "rejected": [{"curve": words, "p_value": p} for words, p in found.rejected],
+        "rejected": [{"curve": words, "evidence_ratio": ratio} for words, ratio in found.rejected],
         "residual": found.residual,
         "scatter": None if np.isnan(found.scatter) else found.scatter,
         "largest_input": found.curve.largest,
@@ -243,8 +243,8 @@ def _lines(found: thrust_bench.Thrust) -> Iterator[str]:
         yield "curve: on or off; nothing was measured between, so the model's is left as it is"
     else:
         yield "curve: %s" % curve.words
-    for words, p_value in found.rejected:
-        yield "  not a %s (p %.2g)" % (words, p_value)
+    for words, ratio in found.rejected:
+        yield "  not a %s (%.2g times as likely)" % (words, ratio)
     at = "at full input" if curve.power is not None else "at input %.3g" % curve.largest
     for name, value in found.values.items():
         means = "of a thruster %s" % at if name == "k" else "exponent of the input"

@@ -10,6 +10,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import comparison, horizon, window_error
+from ground.analysis.distributions import student_outside
 from ground.analysis.horizon import ModelsAt, PredictionError
 from ground.analysis.predicted_band import HeldOut
 from ground.analysis.window_error import WindowFit, WindowFitter
@@ -28,7 +29,7 @@ from ground.support.progress import Progress, Work
 OBJECTIVES = ("least-squares", "thesis")
 TARGETS = ("velocities", "poses")
 RUNS = 20  # most parts that runs are held out in, where each has an error of its own
-FAR = 3.0  # standard deviations from which two estimates disagree
+LEVEL = 0.01  # probability that any run is said to disagree in any parameter although all agree
 CLOSED = (
     "%s: the commands depend on the motion before them (closed loop), so the fit takes disturbances for "
     "effects of commands, and its intervals may miss the truth; record commands that do not depend on the "
@@ -211,7 +212,7 @@ def _alone(
     fitter: WindowFitter, found: WindowFit, index: int, options: FitOptions, known: priors.Known
 ) -> RunFit:
     """A run by itself, and held out."""
-    run = fitter.runs[index]
+    run, level = fitter.runs[index], LEVEL / len(fitter.runs)
     free = identifiability.without_mass(options.free, [run])
     known = {name: prior for name, prior in known.items() if name in free}
     alone = replace(options, starts=1).fitter([run], known).whole(found.model, free)
@@ -223,18 +224,21 @@ def _alone(
         {p["name"]: p["ci95"] for p in alone["parameters"]},
         windows.error([run], alone["model"]),
         float(np.average(found.by_window[own], weights=sizes)),
-        _disagreements(alone, found.others[fitter.part_of[own[0]]]),
+        disagreements(alone, found.others[fitter.part_of[own[0]]], level),
     )
 
 
-def _disagreements(fitted: Document, others: Document) -> List[str]:
-    """Parameters whose estimate from one run and from the others differ by FAR deviations."""
+def disagreements(fitted: Document, others: Document, level: float) -> List[str]:
+    """Parameters whose estimates from one run and from the others differ, where any does with a probability
+    of `level` although all are the same: by Student's t with the fewer degrees of freedom of both."""
     known = {p["name"]: p for p in others["parameters"]}
+    freedom = min(fitted["freedom"], others["freedom"])
     return [
         a["name"]
         for a, b in ((one, known[one["name"]]) for one in fitted["parameters"])
         if a["identified"] and b["identified"]
-        if abs(a["value"] - b["value"]) > FAR * np.hypot(a["deviation"], b["deviation"])
+        for off in [(a["value"] - b["value"]) / np.hypot(a["deviation"], b["deviation"])]
+        if len(known) * student_outside(off, freedom) < level
     ]
 
 
@@ -271,6 +275,7 @@ def _result(
             *priors.sentences(known, result["parameters"]),
         ],
         correlations=np.array(result["correlation"]),
+        freedom=result["freedom"],
         given=given,
         data=seen.data,
     )

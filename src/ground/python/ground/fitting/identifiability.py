@@ -114,9 +114,9 @@ def of_payloads(runs: Sequence[_core.RunData], free: Sequence[str]) -> Iterator[
 def weak_directions(fit: Document) -> List[Document]:
     """Pairs of parameters of which only the ratio or product is identifiable, strongest first.
 
-    Returns dictionaries with `parameters` (two names), `known_as` ("a/b", or "a + b" for some
-    weights), its relative standard deviation and those of the two. Linear in the logarithms of
-    the parameters, by the covariance that the fit gives.
+    Returns dictionaries with `parameters` (two names), `known_as` ("a/b" or "a*b"), `deviation`, its
+    relative standard deviation, and `deviations`, those of the two. Linear in the logarithms of the
+    parameters, by the covariance that the fit gives.
     """
     rows = [
         (i, p["name"], p["deviation"] / abs(p["value"]))
@@ -135,7 +135,7 @@ def weak_directions(fit: Document) -> List[Document]:
             found.append(
                 {
                     "parameters": [first, second],
-                    "known_as": ("%s/%s" if together > 0 else "%s + %s") % (first, second),
+                    "known_as": ("%s/%s" if together > 0 else "%s*%s") % (first, second),
                     "deviation": float(known),
                     "deviations": [float(a), float(b)],
                     "strength": float(worse / max(known, 1e-9)),

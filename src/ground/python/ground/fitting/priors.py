@@ -5,12 +5,13 @@ import math
 from typing import Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 
 from ground import _core
+from ground.analysis.distributions import student_outside
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
 
 Known = Dict[str, Tuple[float, float]]  # mean and standard deviation by parameter
 Given = Union[Mapping[str, Union[float, str]], Sequence[Tuple[str, Union[float, str]]]]
-FAR = 3.0  # standard deviations from what was known at which an estimate contradicts it
+LEVEL = 0.01  # probability that any is said to be contradicted although all were known rightly
 TOLD_LITTLE = 0.9  # of the deviation that was known, left after a fit
 SHOWN = 8  # parameters of a sentence
 
@@ -67,7 +68,7 @@ def sentences(before: Known, parameters: Sequence[Document]) -> Iterator[str]:
         if p["name"] not in before:
             continue
         mean, deviation = before[p["name"]]
-        if abs(p["value"] - mean) > FAR * deviation:
+        if len(before) * contradiction(p["value"] - mean, deviation, p["deviation"]) < LEVEL:
             contradicted.append("%s (%.3g ± %.2g known, now %.3g)" % (p["name"], mean, deviation, p["value"]))
         elif p["deviation"] > TOLD_LITTLE * deviation:
             told_little.append(p["name"])
@@ -75,6 +76,15 @@ def sentences(before: Known, parameters: Sequence[Document]) -> Iterator[str]:
         yield "the runs contradict what was known of %s" % _listed(contradicted)
     if told_little:
         yield "the runs tell little of %s: as known before" % _listed(told_little)
+
+
+def contradiction(moved: float, before: float, after: float) -> float:
+    """Probability that a fit moves a parameter further from what was known, if that is right: the variance of
+    the move is what the runs take from the one that was known (Box 1980). before, after: the deviation that
+    was known, and that of the estimate. Of what the runs tell little, the difference of these is all doubt;
+    then it is that of TOLD_LITTLE."""
+    told = 1 - min(after / before, TOLD_LITTLE) ** 2
+    return student_outside(moved / (before * math.sqrt(told)))
 
 
 def _listed(names: Sequence[str]) -> str:

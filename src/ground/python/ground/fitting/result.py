@@ -2,14 +2,15 @@
 
 import math
 from dataclasses import asdict, dataclass, field
-from statistics import NormalDist
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from ground import _core
+from ground.analysis.distributions import student_limit
 from ground.analysis.horizon import PredictionError, as_document
 from ground.analysis.predicted_band import HeldOut
+from ground.analysis.score_tests import moved, step
 from ground.models import Model, Parameter, parameter_frame
 from ground.recordings import windows
 from ground.reports import words
@@ -99,7 +100,7 @@ class Fit(Shown, Plotted):
     starts: Dict[str, int]  #: number of starts tried, and that reached this optimum (at_best)
     condition: float  #: condition number of the scaled information matrix
     #: combinations of parameters that are known better than their parts: parameters (two names), known_as
-    #: ("a/b"), deviation of that and deviations of the two, relative, and their ratio, strength
+    #: ("a/b" or "a*b"), deviation of that and deviations of the two, relative, and their ratio, strength
     weak: List[Document]
     converged: bool
     runs: List[RunFit]  #: fits to each run; empty for a single run
@@ -108,6 +109,7 @@ class Fit(Shown, Plotted):
     given: Model  #: with the start values
     #: (n, n) correlation of the estimates, in the order of parameters
     correlations: Array = field(compare=False)
+    freedom: float  #: degrees of freedom of Student's t of the intervals
     data: List[_core.RunData] = field(compare=False)  #: the parts of the runs fitted to
     #: fits without a part of several runs
     parts: List[HeldOut] = field(default_factory=list, compare=False)
@@ -130,14 +132,19 @@ class Fit(Shown, Plotted):
         return ground.predict(self.model, recording, horizon, band, self.parts, **options)
 
     def conf_int(self, level: float = 0.95) -> "pandas.DataFrame":
-        """Confidence intervals of the parameters, indexed by name: low, high. GroundError when level is
-        not between 0 and 1."""
+        """Confidence intervals of the parameters, indexed by name: low, high, by Student's t of their
+        coordinates. GroundError when level is not between 0 and 1."""
         if not 0 < level < 1:
             raise GroundError("a level of confidence is between 0 and 1, not %g" % level)
-        factor = NormalDist().inv_cdf(0.5 + level / 2) / NormalDist().inv_cdf(0.975)
+        factor = student_limit(0.5 - level / 2, self.freedom) / student_limit(0.025, self.freedom)
+        described = {p["name"]: p for p in self.model.core.parameters()}
         frame = self.to_frame()
-        for end in ("low", "high"):
-            frame[end] = frame.value + factor * (frame[end] - frame.value)
+        for p in self.parameters.values():
+            if p.identified:
+                # one end may be that of the range
+                reach = factor * max(abs(step(described[p.name], p.value, end)) for end in p.ci95)
+                ends = sorted(moved(described[p.name], p.value, by) for by in (-reach, reach))
+                frame.loc[p.name, ["low", "high"]] = ends
         return frame[["low", "high"]]
 
     @property

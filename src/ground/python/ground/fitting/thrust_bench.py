@@ -60,7 +60,7 @@ class Thrust:
     values: Dict[str, float]  # k [N]: force at input 1, or at the largest one of a polynomial; p; gains
     intervals: Dict[str, Tuple[float, float]]  # 95%
     p_value: Optional[float]  # that equal gains differ so much; None where it cannot be tested
-    rejected: List[Tuple[str, float]]  # simpler curves, with their probability relative to the best one
+    rejected: List[Tuple[str, float]]  # simpler curves, with how likely they are: ratio to the best one
     residual: float  # standard deviation of the forces about the fit [N]
     scatter: float  # standard deviation of repeated measurements [N]; nan without any
     switches: bool = False  # whether thrusters were on or off only, so that nothing is known of the curve
@@ -345,7 +345,8 @@ def _scatter(bench: Bench) -> float:
 def _choose(
     bench: Bench, gains: Array, curves: Sequence[thrust_curve.Curve]
 ) -> Tuple[thrust_curve.Curve, List[Tuple[str, float]]]:
-    """The simplest curve that the forces do not reject, and the simpler ones with their probabilities."""
+    """The simplest curve that the forces do not reject, and the simpler ones with how likely each is: the
+    ratio of its marginal likelihood to that of the best one, by the information criterion."""
     working, n = bench.together @ gains, len(bench.forces)
     least = 1e-12 * float(bench.forces @ bench.forces)
     squares = [((bench.forces - working * c.force(bench.inputs)) ** 2).sum() for c in curves]
