@@ -9,7 +9,7 @@ MATTERS = np.array([1.0, 0.5])  # [mm], [deg]
 
 
 def predicted(seed, sizes, count=40, alike=0.9, loudness=0.3):
-    """What hypotheses predict of four runs, each off by its own size [mm], and heading by half of it [deg]. Most
+    """What hypotheses predict of four runs, each off by its own size [mm], heading by half of it [deg]. Most
     of an error is the same for all, the errors of a run are of one loudness, and neighbours are alike."""
     random = np.random.default_rng(seed)
     part_of = np.repeat(np.arange(4), count // 4)

@@ -75,8 +75,8 @@ def agreement(
     average = np.exp([d[0] for d in drawn]).mean() if drawn else error
     # where few artificial motions are finite, the real ones are not like them
     chance = chance if len(drawn) >= FIRST // 2 else 0.0
-    sizes = (float(np.sqrt(value)) for value in (error, average, noise))
-    return Agreement(*sizes, chance, len(drawn))
+    error, average, noise = (float(np.sqrt(value)) for value in (error, average, noise))
+    return Agreement(error, average, noise, chance, len(drawn))
 
 
 def share_as_extreme(values: Array) -> float:

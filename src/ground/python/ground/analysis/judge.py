@@ -77,7 +77,7 @@ def compared(larger: Tested, smaller: Tested, matters: Array) -> Comparison:
 
 def _rms(one: Tested) -> Array:
     """Root mean square of the errors, (2,)."""
-    return np.sqrt(np.mean(one.poses**2, axis=0)) if len(one.poses) else np.zeros(2)
+    return np.asarray(np.sqrt(np.mean(one.poses**2, axis=0))) if len(one.poses) else np.zeros(2)
 
 
 def _gain(larger: Tested, smaller: Tested) -> Tuple[float, float]:

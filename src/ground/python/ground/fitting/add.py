@@ -195,10 +195,10 @@ def add(
     prediction = horizon.prediction_error(tested, seconds, models, after.model)
     at = horizon.Starts.of(tested, seconds)
     part_of = window_error.parts_of(tested, at.windows)
-    judged = judge.compared(
-        *(judge.Tested(at.errors(tested, models[name](at.windows)), part_of) for name in ("with", "without")),
-        horizon.what_matters(tested),
+    larger, smaller = (
+        judge.Tested(at.errors(tested, models[name](at.windows)), part_of) for name in ("with", "without")
     )
+    judged = judge.compared(larger, smaller, horizon.what_matters(tested))
     return _result(candidate.name, seen, fitter.windows, before, after, errors, prediction, judged)
 
 
