@@ -110,8 +110,8 @@ def _rise(larger: Tested, smaller: Tested) -> Tuple[float, float, float]:
     off = [(p - ratio * q) / (max(ratio, 1.0) * b) for p, q in zip(*blocks)]
     rises = [(p - q) / np.maximum(p + q, 1e-300) for p, q in zip(*blocks)]
     error = _error_of_sum(rises)
-    deviations = float(np.concatenate(rises).sum()) / error if error > 0 else np.inf * np.sign(ratio - 1)
-    return ratio - 1, _error_of_sum(off), deviations if ratio != 1 else 0.0
+    deviations = float(np.concatenate(rises).sum()) / max(error, 1e-300)
+    return ratio - 1, _error_of_sum(off), deviations
 
 
 def _blocks(values: Array) -> Array:

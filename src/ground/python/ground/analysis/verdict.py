@@ -123,6 +123,13 @@ class HeldOut:
         except GroundError:  # the motion is not finite
             return np.inf
 
+    def tested_before(self, found: Diagnosis, before: Refit) -> judge.Tested:
+        """What the model as it is predicts."""
+        if before.by == LIKELIHOOD:
+            return self.tested(found.search.nominal())
+        errors = self.starts.errors(self.runs, [before.model] * len(self.starts.windows))
+        return judge.Tested(errors, np.array([w.run for w in self.starts.windows]))
+
     def tested(self, fit: Fit) -> judge.Tested:
         """What a Fit predicts, and its log-likelihood."""
         return folds.tested(self.runs, self.starts, self.likelihood, fit)
@@ -188,7 +195,7 @@ def _conclude(
         floor,
         before,
         _steps(found, by_user),
-        _judgements(found, by_user),
+        _judgements(found, by_user, before),
         float(window_error.noise_floor(heldout, found.best.model).sum()) if heldout else floor,
         varies,
         left,
@@ -263,10 +270,8 @@ def _prediction(
 
     errors = {"given": same(found.given), "refitted": before.tested.error}
     errors["improved"] = before.tested.error if _is_before(found, before) else held_out(found.fit, found.best)
-    if by_user and before.by == LIKELIHOOD:
-        errors["refitted"] = by_user.tested(found.search.nominal()).error
-    elif by_user:
-        errors["refitted"] = same(before.model)
+    if by_user:
+        errors["refitted"] = by_user.tested_before(found, before).error
     if named:
         errors["formula"] = held_out(named.formula.fit, named.judged)
     return horizon.with_floors(runs, starts, errors, found.model, found.fit.levels)
@@ -285,13 +290,17 @@ def _steps(found: Diagnosis, others: Optional[HeldOut]) -> List[float]:
     return [others.error(found.search.fits[frozenset(names[:i])]) for i in range(len(names) + 1)]
 
 
-def _judgements(found: Diagnosis, others: Optional[HeldOut]) -> Dict[str, Judgement]:
-    """How sure each effect of the grown model is by data that decided nothing, by name."""
+def _judgements(found: Diagnosis, others: Optional[HeldOut], before: Refit) -> Dict[str, Judgement]:
+    """How sure each effect of the grown model is by data that decided nothing, by name. Runs that the user
+    held out contradict all effects where the best refit without any predicts them better."""
     result = {}
     for step in found.steps:
         by_user = None
         if others:
-            by_user = found.compared(*(others.tested(fit) for fit in (found.fit, step.rest)))
+            tested = others.tested(found.fit)
+            by_user = found.compared(tested, others.tested_before(found, before))
+            if not by_user.is_worse:
+                by_user = found.compared(tested, others.tested(step.rest))
         result[step.added] = Judgement(step.confirmed, by_user)
     return result
 

@@ -1,0 +1,70 @@
+"""Every path to `missing`, to an effect that helps and to improved.yaml goes through the one judge: where it
+vetoes, nothing is found, and where it is not asked, nothing can be."""
+
+import ast
+from pathlib import Path
+from unittest import mock
+
+import pytest
+
+import ground
+from conftest import MODEL
+from ground.analysis import judge
+from test_simulation_search import LIFT, grown, runs_of
+
+VETO = judge.Comparison(judge.WORSE, -1.0, 0.1, 1.0, 0.1)
+PACKAGE = Path(ground.analysis.__file__).parents[1]
+PLACES = ("ground.analysis.judge.compared", "ground.analysis.diagnosis.compared")
+
+
+@pytest.fixture
+def vetoed():
+    with mock.patch(PLACES[0], return_value=VETO), mock.patch(PLACES[1], return_value=VETO):
+        yield
+
+
+def flown(**hidden):
+    """Two runs of a craft with an effect that its model does not have, and the model."""
+    given = ground.Model.load(MODEL)
+    true = given
+    for name, effect in hidden.items():
+        true = true + (effect if isinstance(effect, ground.Effect) else ground.Effect(name, **effect))
+    runs = [ground.simulate(true, seed=seed, duration=12, name="run%d" % seed) for seed in (1, 2)]
+    return given, runs
+
+
+def test_an_effect_of_the_likelihood_is_judged(vetoed):
+    given, runs = flown(motor_lag={"tau": 0.06})
+    found = ground.diagnose(given, runs, only=["motor_lag"])
+    assert found.verdict != "missing" and not found.effects and not found.improved.effects
+
+
+def test_an_effect_of_the_simulation_error_is_judged(vetoed):
+    assert not grown(runs_of(30, hull_lift=LIFT)).grow_by_simulation("")
+
+
+def test_a_formula_is_judged(vetoed):
+    waves = ground.Effect("washboard", X="a*sin(2*pi*x/0.3)", a=(0.012, "N"))
+    found = ground.diagnose(*flown(washboard=waves), only=["wind"])
+    assert found.proposal is None and not found.improved.effects
+
+
+def test_an_added_effect_is_judged(vetoed):
+    given, runs = flown(motor_lag={"tau": 0.06})
+    added = ground.add(given, "motor_lag", runs)
+    assert added.error["heldout"].change < 0 and not added.verdict.helps
+
+
+def test_nothing_else_decides():
+    """Only the module that asks the judge changes which effects a diagnosis has."""
+    for path in PACKAGE.rglob("*.py"):
+        tree = ast.parse(path.read_text())
+        inside = path.relative_to(PACKAGE).as_posix()
+        stored = {
+            target.attr
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Assign)
+            for target in ast.walk(ast.Tuple(elts=list(node.targets), ctx=ast.Store()))
+            if isinstance(target, ast.Attribute)
+        }
+        assert inside == "analysis/diagnosis.py" or "chosen" not in stored, inside
