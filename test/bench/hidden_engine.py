@@ -1,9 +1,14 @@
 """The only module of the hidden-effect bench that calls the project's diagnosis."""
 
+import contextlib
 import time
+import warnings
 
-from ground.analysis import candidates, diagnosis
+import ground
+from ground.analysis import candidates, diagnosis, window_error
+from ground.analysis.likelihood import Likelihood
 from ground.analysis.verdict import HeldOut, conclude
+from ground.recordings import quality
 from ground.support.errors import GroundError
 
 
@@ -92,3 +97,36 @@ def _ceiling(found, conclusion):
         "kept": kept,
         "agrees": conclusion.agreement.holds,
     }
+
+
+def answer(recordings, model):
+    """What `ground.diagnose` tells a user about recordings of a _core.Model, as plain values: `verdict`,
+    `chosen`, `groups`, `parameters`, `seconds` until it is told, `lines` [label, text], `horizon` [s] of its
+    prediction (None: too short). And its _core.Models: improved (None: it offers none), as it was given, and
+    without effects, refitted by the tool, by simulation error and by likelihood: {name: model}.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        given, start = ground.Model(model), time.perf_counter()
+        found = ground.diagnose(given, recordings)
+        seconds, report = time.perf_counter() - start, found.report
+        models = {"given": model}
+        with contextlib.suppress(GroundError):
+            models["simulation"] = ground.fit(given, recordings).model.core
+        with contextlib.suppress(GroundError):
+            runs = [quality.repaired(recording).data(model) for recording in recordings]
+            models["likelihood"] = Likelihood(runs, model).fit(model, window_error.NOMINAL).model
+    models["tool"] = model.copy()
+    for name, parameter in report["nominal"]["parameters"].items():
+        models["tool"].set_value(name, parameter["value"])
+    models["improved"] = None if found.verdict == "misread" else found.improved.core
+    told = {
+        "verdict": found.verdict,
+        "chosen": list(found.effects),
+        "groups": {step["added"]: list(step["group"]) for step in report["steps"]},
+        "parameters": {name: p["value"] for name, p in report["improved"]["parameters"].items()},
+        "seconds": seconds,
+        "lines": [list(line) for line in found.headline("diagnosis")],
+        "horizon": report["prediction"] and report["prediction"]["seconds"],
+    }
+    return told, models
