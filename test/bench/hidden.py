@@ -1,9 +1,9 @@
 #!/usr/bin/python3
 """Hides effects in simulated crafts, diagnoses each, and compares the results with the truth.
 
-A case is a kind and a seed: four runs of 8 s to fit to and two held out, or, for the kinds of
-hidden_conditions, three runs of 20 s and three fresh ones that judge the answer (hidden_judge). The bench has its
-own craft, disturbance and measurement (hidden_cases). Results go to a file of JSON lines; an interrupted bench
+A case is a kind and a seed: four runs of 8 s to fit to and two held out; for the kinds of hidden_conditions
+three runs of 12 s, and three fresh ones that judge the answer (hidden_judge). The bench has its own craft,
+disturbance and measurement (hidden_cases). Results go to a file of JSON lines; an interrupted bench
 continues where it stopped.
 """
 

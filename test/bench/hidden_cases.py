@@ -67,7 +67,6 @@ class Case:
     level: float = 0.0  # sigma of the disturbance, relative to full thrust
     frame: str = "body"  # in which the disturbance keeps its direction: body, room or both
     imu: bool = False  # whether gyro and accelerometer were recorded
-    driven: float = DRIVEN  # of each run [s]
     stamps: list = field(default_factory=lambda: [0.0, 0.0])  # bounds of how late stamps of commands are [s]
     excess: float = 0.0  # error that a nameless effect causes, relative to the noise floor
 
@@ -536,7 +535,7 @@ def flight(case, i, random=None, effects=None):
         effects = {**effects, "thrust_scale": {"a": run["thrust"]}}
     if "nameless" in effects:
         effects = {**effects, "nameless": {**effects["nameless"], "run": i}}
-    plan, pilot = schedule(run["drive"], case.driven), None
+    plan, pilot = schedule(run["drive"], run.get("driven", DRIVEN)), None
     if run["drive"]["input"] == "pilot":
         steers, program = random_of("pilot", run["drive"]["number"]), run["drive"].get("program")
         which = functools.partial(hidden_pilot.Autopilot, circles=program == "circle")

@@ -1,7 +1,7 @@
-"""Cases of a lab's conditions: mocap that smooths, late stamps, pilots in the loop, motors with a memory, pushes
-that repeat, changes within a run, a body that sways.
+"""Cases of a lab's conditions: mocap that smooths, late stamps, pilots in the loop, motors with a memory,
+pushes that repeat, changes within a run, a body that sways.
 
-Three runs of 20 s are diagnosed and three more, never given to the tool, judge what it says (hidden_judge).
+Three runs of 12 s are diagnosed and three of 20 s, never given to the tool, judge what it says (hidden_judge).
 The size of each condition is drawn over a wide range, so that its share of the error is small or large. A
 third of the cases has an effect of the library beside it. Each has a random push.
 """
@@ -13,7 +13,7 @@ from hidden_cases import FRAMES, LAGS, between, full_wrench, hide, plain, push, 
 from hidden_effects import in_turn
 
 FITTED = 3  # runs of a case that the tool gets; the others are fresh
-DRIVEN = 19.0  # a run of 20 s has lift alone in its first second [s]
+DRIVEN, FRESH = 11.0, 19.0  # of these; a run has lift alone in its first second [s]
 PUSH = (0.002, 0.03)  # level of the random push, relative to full thrust
 BESIDE = 1 / 3  # share of cases with an effect of the library as well
 SIZES = (1.5, 5.0)  # of this, relative to its strength
@@ -24,7 +24,7 @@ def _begun(kind, seed, mocap=None, program=None, level=PUSH):
     """A case with its push, flown by schedule or by a program, and a generator for its sizes."""
     random = random_of(kind, seed, "condition")
     case = plain(kind, seed, "piloted" if program else "varied", mocap)
-    case.driven = DRIVEN
+    _last(case)
     for run in case.runs:
         if program:
             run["drive"]["program"] = program
@@ -35,6 +35,13 @@ def _begun(kind, seed, mocap=None, program=None, level=PUSH):
         names = [name for name in hidden_effects.strengths() if not (program and name == "input_delay")]
         hide(case, [names[random.integers(len(names))]], *SIZES)
     return case, random
+
+
+def _last(case):
+    """Gives the runs their durations."""
+    for i, run in enumerate(case.runs):
+        run["driven"] = DRIVEN if i < FITTED else FRESH
+    return case
 
 
 def _with(case, name, parameters, allowed=()):
@@ -129,19 +136,22 @@ def _hum(kind, seed):
 
 
 def _changed(kind, seed):
-    """One thruster, both, the drag or a yaw moment change in the middle of each run; the mean change acts as a
-    constant effect, which is a right answer."""
+    """One thruster, both, the drag or a yaw moment change in the middle of each run; the mean change acts as
+    a constant effect, which is a right answer."""
     what, _ = in_turn(seed, ("one", "drag", "both", "yaw"))
     case, random = _begun(kind, seed)
-    at, part = random.uniform(6.0, 14.0), 1 - between(random, 0.03, 0.3)
-    wrench = {"at": at, "drag": 0.0, "moment": 0.0}
+    when, part = random.uniform(0.3, 0.7), 1 - between(random, 0.03, 0.3)
+    for run in case.runs:
+        at = {"at": when * run["driven"]}
+        run["own"] = {"later_wrench": at, "later_thrust": at}
+    wrench = {"at": 0.0, "drag": 0.0, "moment": 0.0}
     if what == "drag":
         usual = np.sqrt(case.body["X_u"] * case.body["Y_v"])
         return _with(case, "later_wrench", dict(wrench, drag=usual * between(random, 0.2, 3.0)))
     if what == "yaw":
         moment = random.choice([-1, 1]) * between(random, 1e-5, 2e-4)
         return _with(case, "later_wrench", dict(wrench, moment=moment), ["yaw_bias"])
-    thrust = {"at": at, "left": part, "right": part if what == "both" else 1.0}
+    thrust = {"at": 0.0, "left": part, "right": part if what == "both" else 1.0}
     return _with(case, "later_thrust", thrust, ["battery_sag" if what == "both" else "thrust_asymmetry"])
 
 
@@ -155,9 +165,7 @@ def _nothing(kind, seed):
     """Nothing is missing: still air, a push of 5%, a person or a program that flies, in turn."""
     what, _ = in_turn(seed, ("still", "pushed", "still", "human", "place", "circle"))
     if what == "human":
-        case = plain(kind, seed, "piloted")
-        case.driven = DRIVEN
-        return push(case, *PUSH)
+        return push(_last(plain(kind, seed, "piloted")), *PUSH)
     if what in ("still", "pushed"):
         return _begun(kind, seed, level=(0.05, 0.05) if what == "pushed" else None)[0]
     return _begun(kind, seed, program=what, level=(0.002, 0.02))[0]

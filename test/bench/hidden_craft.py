@@ -464,7 +464,7 @@ class _Rates:
         return X, Y, N
 
 
-def _mount(effects):
+def mount(effects):
     """Pose of the motion capture's rigid body in the craft: dx, dy [m], psi0 [rad]."""
     marker = effects.get("marker_offset", {"dx": 0.0, "dy": 0.0})
     return marker["dx"], marker["dy"], effects.get("heading_offset", {"psi0": 0.0})["psi0"]
@@ -472,7 +472,7 @@ def _mount(effects):
 
 def seen(effects, eta):
     """Poses (n, 3) that a motion capture without noise measures, given the true ones."""
-    dx, dy, psi0 = _mount(effects)
+    dx, dy, psi0 = mount(effects)
     c, s = np.cos(eta[:, 2]), np.sin(eta[:, 2])
     return eta + np.column_stack([c * dx - s * dy, s * dx + c * dy, np.full(len(eta), psi0)])
 
@@ -495,7 +495,7 @@ def sway(p, motion, times):
 def seen_motion(effects, motion):
     """Velocities and accelerations (n, 3) of the measured rigid body in its frame. Accelerations include
     the terms of the rotating frame: u' - v r and v' + u r."""
-    dx, dy, psi0 = _mount(effects)
+    dx, dy, psi0 = mount(effects)
     u, v, r = motion.nu.T
     du, dv, dr = motion.nu_dot.T
     velocity = u - r * dy, v + r * dx

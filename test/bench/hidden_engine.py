@@ -1,6 +1,7 @@
 """The only module of the hidden-effect bench that calls the project's diagnosis."""
 
 import contextlib
+import os
 import time
 import warnings
 
@@ -101,15 +102,16 @@ def _ceiling(found, conclusion):
 
 def answer(recordings, model):
     """What `ground.diagnose` tells a user about recordings of a _core.Model, as plain values: `verdict`,
-    `chosen`, `groups`, `parameters`, `seconds` until it is told, `lines` [label, text], `horizon` [s] of its
+    `chosen`, `groups`, `parameters`, `seconds` until it is told and of `processor` time, `lines` [label, text], `horizon` [s] of its
     prediction (None: too short). And its _core.Models: improved (None: it offers none), as it was given, and
     without effects, refitted by the tool, by simulation error and by likelihood: {name: model}.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        given, start = ground.Model(model), time.perf_counter()
+        given, start, began = ground.Model(model), time.perf_counter(), sum(os.times()[:4])
         found = ground.diagnose(given, recordings)
         seconds, report = time.perf_counter() - start, found.report
+        work = sum(os.times()[:4]) - began
         models = {"given": model}
         with contextlib.suppress(GroundError):
             models["simulation"] = ground.fit(given, recordings).model.core
@@ -126,6 +128,7 @@ def answer(recordings, model):
         "groups": {step["added"]: list(step["group"]) for step in report["steps"]},
         "parameters": {name: p["value"] for name, p in report["improved"]["parameters"].items()},
         "seconds": seconds,
+        "processor": work,
         "lines": [list(line) for line in found.headline("diagnosis")],
         "horizon": report["prediction"] and report["prediction"]["seconds"],
     }

@@ -1,8 +1,8 @@
 """Judges what the tool says about a case of hidden_conditions by how its models predict fresh runs.
 
 Predictions are hidden_craft's: each block of a fresh run begins at the pose and velocities that the mocap
-shows there, and ends a horizon later. The error of a block is that of position and heading, each relative to the
-rms of the true craft without a random push (the floor), whose error is therefore about 1.
+shows there, and ends a horizon later. The error of a block is that of position and heading, each relative to
+the rms error of the true craft, which does not know the random push (the floor).
 """
 
 import re
@@ -55,7 +55,7 @@ def judged(case):
 
 
 def craft_of(model):
-    """The hidden_craft.Craft of a _core.Model; GroundError if it has an effect that the bench does not know."""
+    """The hidden_craft.Craft of a _core.Model; GroundError if it has an effect that hidden_craft lacks."""
     effects = {}
     for effect in model.effects:
         if effect not in hidden_effects.STRENGTHS:
@@ -143,7 +143,7 @@ class Blocks:
         """States (n, 6) of a craft at the starts, as the mocap shows them."""
         poses = self.exact[self.starts] + self.noise[:, :3]
         rates = self.rates[self.starts] + self.noise[:, 3:]
-        dx, dy, psi0 = hidden_craft._mount(craft.effects)
+        dx, dy, psi0 = hidden_craft.mount(craft.effects)
         psi = poses[:, 2] - psi0
         c, s = np.cos(psi), np.sin(psi)
         center = poses[:, :2] - np.column_stack([c * dx - s * dy, s * dx + c * dy])
@@ -157,8 +157,8 @@ class Blocks:
         return hidden_craft.seen(craft.effects, poses)
 
     def _paths(self, craft, states, commands):
-        """Rows time, pose, velocities, accelerations of each block and the time after it. The craft moves through
-        the whole run, so that its inner states are right, and is put where each block starts."""
+        """Rows time, pose, velocities, accelerations of each block and the time after it. The craft moves
+        through the whole run, so that its inner states are right, and is put where each block starts."""
         began = self.flown.motion.times[0]
         firsts, lasts = self.frames[self.starts], self.frames[self.ends] + self.after
         edges = np.concatenate([times for times, _ in commands] + [firsts, self.frames[self.ends], lasts])
@@ -234,8 +234,8 @@ def _relative(apart, floor):
 
 
 def gap(differences, runs):
-    """Mean of differences (n,) between blocks, and its standard error: the larger one of blocks as if they were
-    independent and of the means of runs (n,)."""
+    """Mean of differences (n,) between blocks, and its standard error: the larger one of blocks as if they
+    were independent and of the means of runs; runs: their numbers (n,)."""
     with np.errstate(invalid="ignore"):
         blocks = differences.std(ddof=1) / np.sqrt(len(differences))
         means = np.array([differences[runs == run].mean() for run in np.unique(runs)])
@@ -244,8 +244,8 @@ def gap(differences, runs):
 
 
 def flags(result):
-    """WORSE: the improved model predicts worse than the best refit without effects. FALSE: an effect is named that
-    is not hidden. CONFIDENT: said for certain beside one of these, or nothing needed beside a large error."""
+    """WORSE: the improved model predicts worse than the best refit without effects. FALSE: an effect is named
+    that is not hidden. CONFIDENT: either is said for certain, or nothing is needed beside a large error."""
     found, there = result["found"], []
     gaps = result["errors"]["gap"]
     if gaps and (gaps[0] > DOUBT * gaps[1] or not np.isfinite(gaps[0])):
@@ -269,7 +269,7 @@ def is_done(found):
     return any(label == "Next" and text.startswith("nothing needed") for label, text in found["lines"])
 
 
-HEAD = "kind seed hidden verdict found certainty given refit improved floor flags seconds k I_z"
+HEAD = "kind seed hidden verdict found certainty given refit improved floor flags seconds processor k I_z"
 
 
 def table(results):
@@ -288,7 +288,7 @@ def table(results):
         ratios = ["-" if r[name] is None else "%.2f" % r[name] for name in ("k", "I_z")]
         told = [found["verdict"], ",".join(found["chosen"]) or "-", sure or "-"]
         kind = [r["kind"], "%d" % r["seed"], hidden]
-        end = [floor, ",".join(r["flags"]) or "-", "%.0f" % found["seconds"]]
+        end = [floor, ",".join(r["flags"]) or "-", "%.0f" % found["seconds"], "%.0f" % found["processor"]]
         rows.append(kind + told + numbers + end + ratios)
     return rows
 
@@ -302,6 +302,8 @@ def rates(results):
         if not some:
             continue
         counts = ["%d" % sum(flag in r["flags"] for r in some) for flag in rows[0][2:5]]
-        ratio = [r["errors"]["improved"] / r["errors"][r["errors"]["best"]] for r in some if r["errors"]["gap"]]
+        ratio = [
+            r["errors"]["improved"] / r["errors"][r["errors"]["best"]] for r in some if r["errors"]["gap"]
+        ]
         rows.append([name, "%d" % len(some), *counts, "%.2f" % np.median(ratio) if ratio else "-"])
     return rows
