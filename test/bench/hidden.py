@@ -72,9 +72,9 @@ def bench(options):
 def summary(results, options):
     """Prints the table of the results; writes the table if an option asks for it."""
     judged = [r for r in results if "judged" in r]
-    if judged:
-        tables = hidden_judge.table(judged), hidden_judge.rates(judged)
-        print("\n\n".join(map(hidden_table.text, tables)))
+    tables = [hidden_judge.table(judged), hidden_judge.rates(judged)] if judged else []
+    print("\n\n".join(map(hidden_table.text, tables)))
+    hidden_table.write(options.markdown, *tables)
     results = [r for r in results if "judged" not in r]
     for r in [r for r in results if "failed" in r["found"]]:
         print("failed: %s %d: %s" % (r["kind"], r["seed"], r["found"]["failed"]))
@@ -88,7 +88,7 @@ def summary(results, options):
     seconds = sorted(r["found"]["seconds"] for r in results)
     words = "\n%d cases; seconds a diagnosis on one core: median %.1f, most %.1f"
     print(words % (len(results), seconds[len(seconds) // 2], seconds[-1]))
-    hidden_table.write(options.markdown, table, verdicts)
+    hidden_table.write(options.markdown, *tables, table, verdicts)
 
 
 def main():

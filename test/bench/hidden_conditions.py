@@ -1,7 +1,7 @@
 """Cases of a lab's conditions: mocap that smooths, late stamps, pilots in the loop, motors with a memory,
 pushes that repeat, changes within a run, a body that sways.
 
-Three runs of 12 s are diagnosed and three of 20 s, never given to the tool, judge what it says (hidden_judge).
+Three runs of 12 s are diagnosed; three of 20 s, never given to the tool, judge what it says (hidden_judge).
 The size of each condition is drawn over a wide range, so that its share of the error is small or large. A
 third of the cases has an effect of the library beside it. Each has a random push.
 """

@@ -101,10 +101,12 @@ def _ceiling(found, conclusion):
 
 
 def answer(recordings, model):
-    """What `ground.diagnose` tells a user about recordings of a _core.Model, as plain values: `verdict`,
-    `chosen`, `groups`, `parameters`, `seconds` until it is told and of `processor` time, `lines` [label, text], `horizon` [s] of its
-    prediction (None: too short). And its _core.Models: improved (None: it offers none), as it was given, and
-    without effects, refitted by the tool, by simulation error and by likelihood: {name: model}.
+    """What `ground.diagnose` tells a user about recordings of a _core.Model, as plain values, and models.
+
+    The values: `verdict`, `chosen`, `groups`, `parameters`, `seconds` until it is told, seconds of
+    `processor` time, `lines` [label, text], `horizon` [s] of its prediction (None: too short). The
+    _core.Models by name: improved (None: it offers none), given, and without effects, refitted by the tool,
+    by simulation error and by likelihood.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

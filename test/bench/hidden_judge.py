@@ -20,7 +20,7 @@ from ground import _core
 from ground.simulation import experiments
 from ground.support.errors import GroundError
 
-STEP = 8e-3  # longest step of a prediction [s]
+STEP, SHORT = 8e-3, 1e-3  # longest and shortest step of a prediction [s]
 LEAST = 1.0  # horizon where the tool gives none [s]
 HALF = 0.15  # half of the time over which noise of poses is averaged at a start [s]
 SMALL = 1e-5  # step of the differences that give velocities [s]
@@ -62,6 +62,8 @@ def craft_of(model):
             raise GroundError("the bench's craft has no effect %s: add it to hidden_craft" % effect)
         names = [p["name"] for p in _core.effects()[effect]["parameters"]]
         effects[effect] = {name: model.value("%s.%s" % (effect, name)) for name in names}
+    if effects.get("motor_lag", {}).get("tau", 1.0) < SHORT:  # too short to matter, or to integrate
+        del effects["motor_lag"]
     return hidden_craft.Craft({name: model.value(name) for name in hidden_cases.NOMINAL}, effects)
 
 
@@ -164,7 +166,8 @@ class Blocks:
         edges = np.concatenate([times for times, _ in commands] + [firsts, self.frames[self.ends], lasts])
         if len(edges) > 4 * len(self.frames):  # commands at every step of a motion
             edges = np.concatenate([_changes(c) for c in commands] + [firsts, self.frames[self.ends], lasts])
-        grid = np.append(np.arange(began, lasts[-1], STEP), lasts[-1])
+        step = min(STEP, craft.effects.get("motor_lag", {}).get("tau", STEP))
+        grid = np.append(np.arange(began, lasts[-1], step), lasts[-1])
         times = np.unique(np.concatenate([grid, edges[(edges > began) & (edges <= lasts[-1])]]))
         times = times[np.append(np.diff(times) > 1e-9, True)]
         held = np.column_stack([hidden_craft.held_at(command, times) for command in commands]).tolist()
@@ -269,7 +272,20 @@ def is_done(found):
     return any(label == "Next" and text.startswith("nothing needed") for label, text in found["lines"])
 
 
-HEAD = "kind seed hidden verdict found certainty given refit improved floor flags seconds processor k I_z"
+HEAD = "kind seed condition hidden verdict found certainty given refit improved truth floor flags seconds"
+HEAD += " processor k I_z"
+
+
+def condition(result):
+    """The size of what a case hides beside effects of the library, and the level of its random push."""
+    sizes = {name: result["mocap"][name] for name in ("cutoff", "step") if name in result["mocap"]}
+    if any(result["stamps"]):
+        sizes["stamps"] = result["stamps"][1]
+    for name, parameters in result["effects"].items():
+        sizes.update({} if name in result["hidden"] else parameters)
+    differ = {name for run in result["runs"] for own in run.get("own", {}).values() for name in own}
+    told = ["%s %.2g" % (name, size) for name, size in sizes.items() if size and name not in differ]
+    return " ".join([*told, "push %.1f%%" % (100 * result["level"])])
 
 
 def table(results):
@@ -277,17 +293,18 @@ def table(results):
     rows = [HEAD.split()]
     for r in results:
         found, made = r["found"], r.get("errors", {})
-        hidden = ",".join(r["hidden"]) or "-"
+        kind = [r["kind"], "%d" % r["seed"], condition(r), ",".join(r["hidden"]) or "-"]
         if "failed" in found:
-            rows.append([r["kind"], "%d" % r["seed"], hidden, "failed", found["failed"]])
+            rows.append([*kind, "failed", found["failed"]])
             continue
         sure = certain(found)
         sure = "".join(word[0] for word in sure) + ("." if is_done(found) else "")
-        numbers = ["%.2f" % made[n] if n in made else "-" for n in ("given", made["best"], "improved")]
+        numbers = [
+            "%.2f" % made[n] if n in made else "-" for n in ("given", made["best"], "improved", "truth")
+        ]
         floor = "%.1f mm %.1f deg" % tuple(made["floor"])
         ratios = ["-" if r[name] is None else "%.2f" % r[name] for name in ("k", "I_z")]
         told = [found["verdict"], ",".join(found["chosen"]) or "-", sure or "-"]
-        kind = [r["kind"], "%d" % r["seed"], hidden]
         end = [floor, ",".join(r["flags"]) or "-", "%.0f" % found["seconds"], "%.0f" % found["processor"]]
         rows.append(kind + told + numbers + end + ratios)
     return rows

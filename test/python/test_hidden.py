@@ -293,6 +293,16 @@ def test_the_error_of_a_model_grows_with_what_is_wrong():
     assert found[0] < 1.1 and found[0] < found[1] < found[2]
 
 
+@pytest.mark.parametrize("tau", [1e-9, 1e-3, 2e-3])
+def test_a_lag_of_the_motors_that_is_too_short_to_see_changes_no_prediction(tau):
+    _, blocks, model = judged("nothing", 1)
+    without = blocks.errors_of(hidden_judge.craft_of(model))
+    model.add_effect("motor_lag")
+    model.set_value("motor_lag.tau", tau)
+    with_it = blocks.errors_of(hidden_judge.craft_of(model))
+    assert np.abs(with_it - without).max() < 30 * tau + 1e-9
+
+
 def test_differences_that_runs_share_are_less_certain_than_their_number_says():
     runs = np.repeat([0, 1, 2], 20)
     random = np.random.default_rng(4)
@@ -322,12 +332,14 @@ def test_flags_say_what_is_wrong_with_an_answer(chosen, hidden_ones, gap, improv
 
 def test_the_table_of_judged_answers_has_a_line_for_each_and_the_rates_of_flags():
     one = result(["a"], ["a"], judged=True, flags=["WORSE"], k=1.0, I_z=None)
+    one.update(level=0.02, mocap={"cutoff": 2.0}, stamps=[0.0, 0.0], runs=[], effects={"slew": {"rate": 3.0}})
     one["found"].update(lines=[["Next", "nothing needed"]], processor=1.0)
     one["errors"] = {"truth": 1.0, "given": 9.0, "tool": 2.0, "improved": 3.0, "best": "tool"}
     one["errors"].update(gap=[1.0, 0.1], floor=[1.0, 2.0])
     failed = dict(one, found={"failed": "too short"})
     lines = hidden_judge.table([one, failed])
     assert len(lines) == 3 and "WORSE" in lines[1] and lines[2][-1] == "too short"
+    assert lines[1][2] == "cutoff 2 rate 3 push 2.0%"
     assert len(lines[0]) == len(lines[1])
     assert hidden_judge.rates([one])[1][:3] == ["pairs", "1", "1"]
 
