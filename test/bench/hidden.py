@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 """Hides effects in simulated crafts, diagnoses each, and compares the results with the truth.
 
-A case is a kind and a seed: four runs of 8 s to fit to and two held out. The bench has its own craft,
+A case is a kind and a seed: four runs of 8 s to fit to and two held out; for the kinds of hidden_conditions
+three runs of 12 s, and three fresh ones that judge the answer (hidden_judge). The bench has its own craft,
 disturbance and measurement (hidden_cases). Results go to a file of JSON lines; an interrupted bench
 continues where it stopped.
 """
@@ -11,17 +12,23 @@ import sys
 import time
 
 import hidden_cases
+import hidden_conditions
 import hidden_engine
+import hidden_judge
 import hidden_table
 import resumed
 from ground.support import workers
 
-COUNTS = {kind: count for kind, (_, count) in hidden_cases.KINDS.items()}
+KINDS = {**hidden_cases.KINDS, **hidden_conditions.KINDS}
+COUNTS = {kind: count for kind, (_, count) in KINDS.items()}
 
 
 def run_case(job):
     """Result of one job (kind, seed), a dictionary for a line of JSON."""
-    case = hidden_cases.make(*job)
+    kind, seed = job
+    case = KINDS[kind][0](kind, seed)
+    if kind in hidden_conditions.KINDS:
+        return hidden_judge.judged(case)
     start = time.perf_counter()
     fitted, heldout = hidden_cases.record(case)
     made = time.perf_counter() - start
@@ -64,6 +71,11 @@ def bench(options):
 
 def summary(results, options):
     """Prints the table of the results; writes the table if an option asks for it."""
+    judged = [r for r in results if "judged" in r]
+    tables = [hidden_judge.table(judged), hidden_judge.rates(judged)] if judged else []
+    print("\n\n".join(map(hidden_table.text, tables)))
+    hidden_table.write(options.markdown, *tables)
+    results = [r for r in results if "judged" not in r]
     for r in [r for r in results if "failed" in r["found"]]:
         print("failed: %s %d: %s" % (r["kind"], r["seed"], r["found"]["failed"]))
     results = [r for r in results if "failed" not in r["found"]]
@@ -76,7 +88,7 @@ def summary(results, options):
     seconds = sorted(r["found"]["seconds"] for r in results)
     words = "\n%d cases; seconds a diagnosis on one core: median %.1f, most %.1f"
     print(words % (len(results), seconds[len(seconds) // 2], seconds[-1]))
-    hidden_table.write(options.markdown, table, verdicts)
+    hidden_table.write(options.markdown, *tables, table, verdicts)
 
 
 def main():

@@ -7,6 +7,7 @@ poses then take the path of a user's bag: they are repaired, smoothed and cut to
 
 import copy
 import dataclasses
+import functools
 import hashlib
 from dataclasses import asdict, dataclass, field
 
@@ -66,6 +67,7 @@ class Case:
     level: float = 0.0  # sigma of the disturbance, relative to full thrust
     frame: str = "body"  # in which the disturbance keeps its direction: body, room or both
     imu: bool = False  # whether gyro and accelerometer were recorded
+    stamps: list = field(default_factory=lambda: [0.0, 0.0])  # bounds of how late stamps of commands are [s]
     excess: float = 0.0  # error that a nameless effect causes, relative to the noise floor
 
     def describe(self):
@@ -127,18 +129,18 @@ def _number(random):
     return int(random.integers(1, 10**6))
 
 
-def schedule(drive):
-    """The experiments.Schedule of a drive; a pilot's has the lift alone."""
+def schedule(drive, driven=DRIVEN):
+    """The experiments.Schedule of a drive of some seconds; a pilot's has the lift alone."""
     if drive["input"] == "pilot":
         rows = np.zeros((1, 3))
     elif drive["input"] == "prbs":
         clock, levels = drive["clock"], drive["levels"]
-        rows = experiments.rows("prbs", DRIVEN, clock=clock, levels=levels, seed=drive["number"])
+        rows = experiments.rows("prbs", driven, clock=clock, levels=levels, seed=drive["number"])
     else:
         random = random_of("levels", drive["number"])
-        edges = np.arange(0, DRIVEN, drive["hold"])
+        edges = np.arange(0, driven, drive["hold"])
         rows = np.column_stack([edges, random.choice(np.linspace(0, 1, 6), (len(edges), 2))])
-    return experiments.with_lift(rows, DRIVEN, drive["lift"])
+    return experiments.with_lift(rows, driven, drive["lift"])
 
 
 def push(case, low, high, frame="body"):
@@ -149,13 +151,13 @@ def push(case, low, high, frame="body"):
     differ from run to run; a quarter of the cases has a white part, too.
     """
     random = random_of(case.kind, case.seed, "push")
-    case.level, case.frame = _between(random, low, high), frame
+    case.level, case.frame = between(random, low, high), frame
     full = full_wrench(case)
     differ, white = random.uniform() < 0.5, random.uniform() < 0.25
     level, times = case.level, _times(random)
     for run in case.runs:
         if differ:
-            level, times = _between(random, low, high), _times(random)
+            level, times = between(random, low, high), _times(random)
         run["push"]["sigma"] = (level * full).tolist()
         run["push"]["time"] = times
         if white:  # the density at low frequency equals that of a correlation time of 10 ms
@@ -182,11 +184,11 @@ def full_wrench(case):
 
 
 def _times(random):
-    force, yaw = _between(random, 0.1, 3.0), _between(random, 0.1, 3.0)
+    force, yaw = between(random, 0.1, 3.0), between(random, 0.1, 3.0)
     return [force, force, yaw]
 
 
-def _between(random, low, high):
+def between(random, low, high):
     """A number in [low, high], log-uniformly distributed."""
     drawn = random.uniform(np.log(low), np.log(high))
     return low if low == high else float(np.exp(drawn))
@@ -230,7 +232,7 @@ def hide_nameless(case, local=False):
     random multiple of the noise floor. Draws again what cannot reach it, what the library explains, and what
     hardly acts in some run if it is not local."""
     random = random_of(case.kind, case.seed, "nameless")
-    wanted = _between(random, *EXCESS)
+    wanted = between(random, *EXCESS)
     motions = [flight(calmed(case), i)[1] for i in range(len(case.runs))]
     columns = zip(*(hidden_grammar.columns(m, experiments.LEAD) for m in motions))
     sample = dict(zip(hidden_grammar.VARIABLES, map(np.concatenate, columns)))
@@ -307,7 +309,7 @@ def noise_null(kind, seed):
 def odd_noise(kind, seed):
     mocap = {"kind": in_turn(seed, ["coloured", "heavy", "spikes", "quantised"])[0]}
     if mocap["kind"] == "coloured":
-        mocap["time"] = _between(random_of(kind, seed), 0.03, 0.1)
+        mocap["time"] = between(random_of(kind, seed), 0.03, 0.1)
     if mocap["kind"] == "quantised":
         mocap["level"] = 1 / 3
     return plain(kind, seed, mocap=mocap)
@@ -385,7 +387,7 @@ def history(kind, seed):
     if not is_calm:
         push(case, 0.001, 0.01)
     random = random_of(kind, seed, "sizes")
-    sizes = {n: _between(random, s / SIZE_FACTOR, s * SIZE_FACTOR) for n, s in HISTORY[name].items()}
+    sizes = {n: between(random, s / SIZE_FACTOR, s * SIZE_FACTOR) for n, s in HISTORY[name].items()}
     case.effects[name] = sizes
     case.allowed = list(LAGS) if name == "spin_up" else []
     return case
@@ -417,7 +419,7 @@ def null(kind, seed):
     random = random_of(kind, seed, "circumstances")
     mocap = {}
     if random.uniform() < 0.2:
-        mocap = {"kind": "coloured", "time": _between(random, 0.03, 0.1)}
+        mocap = {"kind": "coloured", "time": between(random, 0.03, 0.1)}
     case = plain(kind, seed, "piloted" if random.uniform() < 0.4 else "varied", mocap)
     push(case, 0.005, 0.05, FRAMES[random.integers(3)])
     if random.uniform() < 0.3:
@@ -468,26 +470,56 @@ def record(case):
     return runs[:FITTED], runs[FITTED:]
 
 
+@dataclass
+class Flown:
+    """A run, how it was moved and how it was recorded; times on a clock that is 0 where the recording
+    begins."""
+
+    recording: Recording
+    motion: hidden_craft.Motion
+    frames: np.ndarray  # (n,) when poses were taken [s]
+    exact: np.ndarray  # (n, 3) poses of these without noise, not smoothed
+    sent: np.ndarray  # (m, 4) commands as they were recorded: time, left, right, lift
+    end: float  # of the recording [s]
+
+
 def record_run(case, i):
     """One run of a case as _core.RunData."""
+    return quality.repaired(fly(case, i).recording).data(given_model(case))
+
+
+def fly(case, i):
+    """One run of a case as it was Flown."""
     random = _noise(case, i)
     plan, motion = flight(case, i, random)
     taken, stamps = hidden_noise.frames(random, plan.end, case.mocap)
-    poses = motion.poses(np.maximum(taken, motion.times[0]))
-    eta = hidden_noise.measured(random, hidden_craft.seen(case.effects, poses), case.mocap)
+    poses = exact(case, motion, taken)
+    eta = hidden_noise.measured(random, poses, case.mocap)
+    sent = plan.rows.copy()
+    if any(case.stamps):
+        late = random_of(case.kind, case.seed, "stamps", i).uniform(*case.stamps, len(sent))
+        sent[:, 0] = np.maximum.accumulate(sent[:, 0] + late)
     recording = Recording(
         "run %d" % (i + 1),
         experiments.START + stamps,
         eta,
-        experiments.START + plan.rows[:, 0],
-        plan.rows[:, 1:],
+        experiments.START + sent[:, 0],
+        sent[:, 1:],
         "hidden_craft",
     )
     if case.imu:
         sensed = random_of(case.kind, case.seed, "imu", i)
         samples = hidden_inertial.samples(sensed, motion, plan.end, experiments.START)
         recording = dataclasses.replace(recording, inertial=samples)
-    return quality.repaired(recording).data(given_model(case))
+    return Flown(recording, motion, taken, poses, sent, plan.end)
+
+
+def exact(case, motion, times):
+    """Poses (n, 3) that a motion capture without noise sees at some times (n,) [s]."""
+    poses = motion.poses(np.maximum(times, motion.times[0]))
+    if "sway" in case.effects:
+        poses[:, :2] += hidden_craft.sway(case.effects["sway"], motion, times)
+    return hidden_craft.seen(case.effects, poses)
 
 
 def _noise(case, i):
@@ -498,15 +530,16 @@ def _noise(case, i):
 def flight(case, i, random=None, effects=None):
     """The commands of a run (experiments.Schedule), and its hidden_craft.Motion from the first lift on.
     Without `random` there is no disturbance and no jitter; `effects` replaces the effects of the truth."""
-    run, effects = case.runs[i], case.effects if effects is None else effects
+    run, effects = case.runs[i], acting_effects(case, i) if effects is None else effects
     if run["thrust"]:
         effects = {**effects, "thrust_scale": {"a": run["thrust"]}}
     if "nameless" in effects:
         effects = {**effects, "nameless": {**effects["nameless"], "run": i}}
-    plan, pilot = schedule(run["drive"]), None
+    plan, pilot = schedule(run["drive"], run.get("driven", DRIVEN)), None
     if run["drive"]["input"] == "pilot":
-        steers = random_of("pilot", run["drive"]["number"])
-        pilot = hidden_pilot.Pilot(steers, *plan.rows[-2:, 0])
+        steers, program = random_of("pilot", run["drive"]["number"]), run["drive"].get("program")
+        which = functools.partial(hidden_pilot.Autopilot, circles=program == "circle")
+        pilot = (which if program else hidden_pilot.Pilot)(steers, *plan.rows[-2:, 0])
     began = plan.rows[np.argmax(plan.rows[:, 3] > 0), 0]
     sent, wrench = plan.rows, None
     if random is not None and case.jitter:
@@ -524,6 +557,12 @@ def flight(case, i, random=None, effects=None):
         steered = np.insert(pilot.rows, 3, run["drive"]["lift"], axis=1)
         plan.rows = np.vstack([plan.rows[:-2], steered, plan.rows[-1:]])
     return plan, motion
+
+
+def acting_effects(case, i):
+    """The effects in one run: of some, parameters differ from run to run."""
+    own = case.runs[i].get("own", {})
+    return {name: {**p, **own.get(name, {})} for name, p in case.effects.items()}
 
 
 def _pushes(push):

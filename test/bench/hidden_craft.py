@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Optional
 
 import numpy as np
+from scipy import signal
 
 import hidden_grammar
 
@@ -21,6 +22,7 @@ GRID = 1e-3  # interval over which a disturbance is constant [s]
 COARSE = 4e-3  # longest step without a disturbance [s]
 GRAVITY = 9.81  # [m/s^2]
 BRAKING = 2.0  # deceleration by the floor's friction while the lift is off [m/s^2]
+SLEWS = 0.008  # time constant of a motor of limited rate near its command [s]
 DRY_SPEED, DRY_RATE = 0.01, 0.1  # below them dry friction is proportional to speed [m/s], [rad/s]
 
 
@@ -114,9 +116,32 @@ def _washboard(p, at):
     return along * at.c, -along * at.s, 0.0
 
 
+def _swept(p, at):
+    """A fan whose draught sweeps round its mean direction in the room."""
+    toward = p["toward"] + p["sweep"] * math.sin(2 * math.pi * at.t / p["period"] + p["phase"])
+    along, across = p["force"] * math.cos(toward), p["force"] * math.sin(toward)
+    return at.c * along + at.s * across, at.c * across - at.s * along, 0.0
+
+
+def _hum(p, at):
+    """A wrench in the body frame at a fixed frequency [Hz]."""
+    wave = math.sin(2 * math.pi * p["frequency"] * at.t + p["phase"])
+    return p["x"] * wave, p["y"] * wave, p["n"] * wave
+
+
+def _changed(p, at):
+    """Drag and a yaw moment that are there from a time of the drive on."""
+    if at.t < p["at"]:
+        return 0.0, 0.0, 0.0
+    return -p["drag"] * at.ua, -p["drag"] * at.va, p["moment"]
+
+
 # Wrench (X [N], Y [N], N [N m]) in the body frame.
 WRENCH = {
     "washboard floor": _washboard,
+    "sweeping_fan": _swept,
+    "hum": _hum,
+    "later_wrench": _changed,
     "spin-surge side force": lambda p, at: (0.0, p["a"] * at.r * at.u, 0.0),
     "cubic yaw damping": lambda p, at: (0.0, 0.0, -p["a"] * at.r**3),
     "thruster cross-talk": lambda p, at: (-2 * p["a"] * at.left * at.right, 0.0, 0.0),
@@ -157,12 +182,19 @@ THRUST = {
     "thrust_speed_loss": _inflow,
     "battery_sag": _fading,
     "thrust_scale": lambda p, at: (1 + p["a"], 1 + p["a"]),
+    "later_thrust": lambda p, at: (p["left"], p["right"]) if at.t >= p["at"] else (1.0, 1.0),
 }
 
 
 def _spin(p, at, z):
     """Thrusters with different time constants for rising and falling commands."""
     return [(u - w) / (p["rise"] if u > w else p["fall"]) for u, w in zip((at.left, at.right), z)]
+
+
+def _slew(p, at, z):
+    """Thrusters whose inputs change by at most `rate` [1/s]."""
+    most = p["rate"]
+    return [min(max((u - w) / SLEWS, -most), most) for u, w in zip((at.left, at.right), z)]
 
 
 def _pressure(p, at, z):
@@ -192,18 +224,24 @@ STATES = {
     "spin_up": (2, _spin),
     "thrust_droop": (2, lambda p, at, z: _first_order(p["time"], at, z)),
     "warm_up": (1, lambda p, at, z: [at.left + at.right]),
+    "slew": (2, _slew),
+    "supply_sag": (1, lambda p, at, z: [((at.left + at.right) / 2 - z[0]) / p["time"]]),
     "skirt_pressure": (1, _pressure),
 }
 # Action of these effects: inputs at the thrusters, factors on their forces, a wrench.
-INPUT_OF = {"motor_lag": lambda p, z: z, "spin_up": lambda p, z: z}
+INPUT_OF = {name: lambda p, z: z for name in ("motor_lag", "spin_up", "slew")}
 THRUST_OF = {
     "thrust_droop": lambda p, z: (1 - p["part"] * z[0], 1 - p["part"] * z[1]),
     "warm_up": _cold,
+    "supply_sag": lambda p, z: (1 - p["part"] * z[0], 1 - p["part"] * z[0]),
 }
 WRENCH_OF = {"skirt_pressure": _leak}
-# Effects outside the project's library; `acting` implements thrust_backlash and unequal_delays.
+# Effects outside the project's library; Channel implements thrust_backlash, unequal_delays, dead_zone and
+# coarse_commands, and `sway` what the motion capture sees of a body that sways.
 MEMORY = ["spin_up", "thrust_droop", "skirt_pressure", "thrust_backlash", "warm_up"]
-OUTSIDE_LIBRARY = MEMORY + ["unequal_delays", "floor_field", "thrust_scale"]
+OUTSIDE_LIBRARY = MEMORY + ["unequal_delays", "floor_field", "thrust_scale", "slew", "supply_sag"]
+OUTSIDE_LIBRARY += ["dead_zone", "coarse_commands", "sweeping_fan", "hum", "later_wrench", "later_thrust"]
+OUTSIDE_LIBRARY += ["sway"]
 
 
 def acting(effects, commands):
@@ -224,23 +262,32 @@ def channels(effects):
     both = effects.get("input_delay", {}).get("delay", 0.0)
     unequal = effects.get("unequal_delays", {"left": 0.0, "right": 0.0})
     play = effects.get("thrust_backlash", {"width": 0.0})["width"]
-    left, right = (Channel(both + unequal[side], play) for side in ("left", "right"))
+    zone = effects.get("dead_zone", {"start": 0.0, "stop": 0.0})
+    steps = effects.get("coarse_commands", {"steps": 0})["steps"]
+    left, right = (Channel(both + unequal[side], play, **zone, steps=steps) for side in ("left", "right"))
     return [left, right, Channel(both, 0.0)]
 
 
 @dataclass
 class Channel:
-    """Passes on the commands of one input after a delay [s] and with backlash of a width."""
+    """Passes on the commands of one input after a delay [s], with backlash of a width, a motor that starts
+    and stops above and below some inputs, and in steps (0: none)."""
 
     delay: float
     play: float
+    start: float = 0.0
+    stop: float = 0.0
+    steps: int = 0
     reached: float = 0.0
+    runs: bool = False
 
     def send(self, time, value):
         """Time [s] at which a command that is sent at `time` acts, and the value that acts then."""
         half = self.play / 2
         self.reached = min(max(self.reached, value - half), value + half)
-        return time + self.delay, self.reached
+        self.runs = self.reached >= (self.stop if self.runs else self.start)
+        acts = self.reached if self.runs else 0.0
+        return time + self.delay, round(acts * self.steps) / self.steps if self.steps else acts
 
 
 def simulate(craft, commands, end, pose, began, wrench=None, max_step=COARSE, pilot=None):
@@ -417,7 +464,7 @@ class _Rates:
         return X, Y, N
 
 
-def _mount(effects):
+def mount(effects):
     """Pose of the motion capture's rigid body in the craft: dx, dy [m], psi0 [rad]."""
     marker = effects.get("marker_offset", {"dx": 0.0, "dy": 0.0})
     return marker["dx"], marker["dy"], effects.get("heading_offset", {"psi0": 0.0})["psi0"]
@@ -425,15 +472,30 @@ def _mount(effects):
 
 def seen(effects, eta):
     """Poses (n, 3) that a motion capture without noise measures, given the true ones."""
-    dx, dy, psi0 = _mount(effects)
+    dx, dy, psi0 = mount(effects)
     c, s = np.cos(eta[:, 2]), np.sin(eta[:, 2])
     return eta + np.column_stack([c * dx - s * dy, s * dx + c * dy, np.full(len(eta), psi0)])
+
+
+def sway(p, motion, times):
+    """Displacement (n, 2) in the room [m] of a rigid body on a craft that sways as a pendulum of `frequency`
+    [Hz] and `damping` under its accelerations; lever: height of the rigid body above the axis [m]."""
+    grid = np.arange(motion.times[0], motion.times[-1], GRID)
+    u, v, r = motion.nu.T
+    du, dv, _ = motion.nu_dot.T
+    pushes = [np.interp(grid, motion.times, push) for push in (du - v * r, dv + u * r)]
+    w = 2 * np.pi * p["frequency"]
+    b, a = signal.bilinear([w * w], [1, 2 * p["damping"] * w, w * w], 1 / GRID)
+    along, across = -p["lever"] / GRAVITY * signal.lfilter(b, a, pushes)
+    psi = np.interp(grid, motion.times, motion.eta[:, 2])
+    moved = np.cos(psi) * along - np.sin(psi) * across, np.sin(psi) * along + np.cos(psi) * across
+    return np.column_stack([np.interp(times, grid, one, left=0.0) for one in moved])
 
 
 def seen_motion(effects, motion):
     """Velocities and accelerations (n, 3) of the measured rigid body in its frame. Accelerations include
     the terms of the rotating frame: u' - v r and v' + u r."""
-    dx, dy, psi0 = _mount(effects)
+    dx, dy, psi0 = mount(effects)
     u, v, r = motion.nu.T
     du, dv, dr = motion.nu_dot.T
     velocity = u - r * dy, v + r * dx

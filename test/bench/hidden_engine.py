@@ -1,9 +1,15 @@
 """The only module of the hidden-effect bench that calls the project's diagnosis."""
 
+import contextlib
+import os
 import time
+import warnings
 
-from ground.analysis import candidates, diagnosis
+import ground
+from ground.analysis import candidates, diagnosis, window_error
+from ground.analysis.likelihood import Likelihood
 from ground.analysis.verdict import HeldOut, conclude
+from ground.recordings import quality
 from ground.support.errors import GroundError
 
 
@@ -92,3 +98,40 @@ def _ceiling(found, conclusion):
         "kept": kept,
         "agrees": conclusion.agreement.holds,
     }
+
+
+def answer(recordings, model):
+    """What `ground.diagnose` tells a user about recordings of a _core.Model, as plain values, and models.
+
+    The values: `verdict`, `chosen`, `groups`, `parameters`, `seconds` until it is told, seconds of
+    `processor` time, `lines` [label, text], `horizon` [s] of its prediction (None: too short). The
+    _core.Models by name: improved (None: it offers none), given, and without effects, refitted by the tool,
+    by simulation error and by likelihood.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        given, start, began = ground.Model(model), time.perf_counter(), sum(os.times()[:4])
+        found = ground.diagnose(given, recordings)
+        seconds, report = time.perf_counter() - start, found.report
+        work = sum(os.times()[:4]) - began
+        models = {"given": model}
+        with contextlib.suppress(GroundError):
+            models["simulation"] = ground.fit(given, recordings).model.core
+        with contextlib.suppress(GroundError):
+            runs = [quality.repaired(recording).data(model) for recording in recordings]
+            models["likelihood"] = Likelihood(runs, model).fit(model, window_error.NOMINAL).model
+    models["tool"] = model.copy()
+    for name, parameter in report["nominal"]["parameters"].items():
+        models["tool"].set_value(name, parameter["value"])
+    models["improved"] = None if found.verdict == "misread" else found.improved.core
+    told = {
+        "verdict": found.verdict,
+        "chosen": list(found.effects),
+        "groups": {step["added"]: list(step["group"]) for step in report["steps"]},
+        "parameters": {name: p["value"] for name, p in report["improved"]["parameters"].items()},
+        "seconds": seconds,
+        "processor": work,
+        "lines": [list(line) for line in found.headline("diagnosis")],
+        "horizon": report["prediction"] and report["prediction"]["seconds"],
+    }
+    return told, models

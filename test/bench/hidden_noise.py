@@ -43,7 +43,8 @@ def measured(random, poses, mocap):
     """Poses (n, 3) as the motion capture measures them; heading in -pi..pi.
 
     mocap: `kind` (white, coloured, heavy, spikes, quantised), `level` of the noise relative to NOISE,
-    correlation `time` [s] of coloured noise.
+    correlation `time` [s] of coloured noise, `step` of quantised poses relative to STEP, and what `smoothed`
+    takes.
     """
     shape, kind, scale = poses.shape, mocap["kind"], mocap["level"] * NOISE
     if kind == "coloured":
@@ -56,8 +57,21 @@ def measured(random, poses, mocap):
     if kind == "spikes":
         off = random.uniform(size=shape[0]) < SPIKE_SHARE
         noise[off] += SPIKE_SIZE * random.normal(size=(off.sum(), 3))
-    noisy = poses + scale * noise
+    noisy = smoothed(poses + scale * noise, mocap)
     if kind == "quantised":
-        noisy = STEP * np.round(noisy / STEP)
+        step = mocap.get("step", 1.0) * STEP
+        noisy = step * np.round(noisy / step)
     noisy[:, 2] = np.angle(np.exp(1j * noisy[:, 2]))
     return noisy
+
+
+def smoothed(values, mocap):
+    """Values of frames (n, k) after the low-pass of the motion capture, of second order (Butterworth):
+    `cutoff` [Hz], None for none; `both`: forward and backward, so that nothing is late."""
+    if not mocap.get("cutoff"):
+        return values
+    sections = signal.butter(2, mocap["cutoff"], fs=RATE, output="sos")
+    if mocap["both"]:
+        return signal.sosfiltfilt(sections, values, axis=0)
+    begun = signal.sosfilt_zi(sections)[:, :, None] * values[0]
+    return signal.sosfilt(sections, values, axis=0, zi=begun)[0]

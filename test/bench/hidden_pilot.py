@@ -1,4 +1,4 @@
-"""A human pilot: steers a craft from goal to goal by what it saw a moment ago."""
+"""Pilots: steer a craft from goal to goal by what they saw a moment ago."""
 
 import numpy as np
 
@@ -39,11 +39,30 @@ class Pilot:
         at = max(0, len(self.seen) - 1 - self.late)
         now, before = np.array(self.seen[at]), np.array(self.seen[max(0, at - 5)])
         rates = (now - before) / (5 * TICK)
-        if self.goal is None or time > self.patience or np.hypot(*(self.goal - now[:2])) < 0.3:
-            self.goal = self.home + self.reach * self.random.normal(size=2)
-            self.patience = time + self.random.uniform(1.5, 4.0)
+        self._choose(time, now)
         way = self.goal - now[:2] - 0.7 * rates[:2]  # brakes by aiming against its drift
         off = np.angle(np.exp(1j * (np.arctan2(way[1], way[0]) - now[2])))
         half = self.push * min(1.0, np.hypot(*way)) * max(0.15, np.cos(off))
         turn = self.turn * off - self.brake * rates[2] + self.tremor * self.random.normal()
         return np.array([half + turn, half - turn])
+
+    def _choose(self, time, now):
+        """Chooses a goal, given the pose that it saw."""
+        if self.goal is None or time > self.patience or np.hypot(*(self.goal - now[:2])) < 0.3:
+            self.goal = self.home + self.reach * self.random.normal(size=2)
+            self.patience = time + self.random.uniform(1.5, 4.0)
+
+
+class Autopilot(Pilot):
+    """A program that holds a place, or follows a circle if `circles`, and reacts in less than 0.1 s."""
+
+    def __init__(self, random, start, stop, circles):
+        super().__init__(random, start, stop)
+        self.late = int(random.uniform(0.02, 0.08) / TICK)
+        self.calm, self.tremor = random.uniform(0.3, 1.0), random.uniform(0.0, 0.01)
+        self.radius = random.uniform(0.3, 1.0) if circles else 0.0
+        self.rate = random.choice([-1, 1]) * random.uniform(0.4, 1.2)  # of its way round [rad/s]
+
+    def _choose(self, time, now):
+        angle = self.rate * (time - self.start)
+        self.goal = self.home + self.radius * np.array([np.cos(angle) - 1, np.sin(angle)])

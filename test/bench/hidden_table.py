@@ -172,7 +172,7 @@ def markdown(table):
 
 def write(path, *tables):
     """Writes tables as Markdown, if there is a path."""
-    if path:
+    if path and tables:
         with open(path, "w") as file:
             file.write("\n\n".join(map(markdown, tables)) + "\n")
 

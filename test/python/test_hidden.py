@@ -14,10 +14,13 @@ from ground.analysis import window_error
 BENCH = pathlib.Path(__file__).resolve().parents[1] / "bench"
 sys.path.insert(0, str(BENCH))
 
+import hidden  # noqa: E402
 import hidden_cases  # noqa: E402
 import hidden_craft  # noqa: E402
 import hidden_effects  # noqa: E402
 import hidden_grammar  # noqa: E402
+import hidden_judge  # noqa: E402
+import hidden_noise  # noqa: E402
 import hidden_score  # noqa: E402
 import hidden_share  # noqa: E402
 import hidden_table  # noqa: E402
@@ -97,6 +100,13 @@ def test_the_bench_has_every_effect_that_is_tried_by_default():
         ({"thrust_backlash": {"width": 0.0}}, {}),
         ({"floor_field": {"force": 0.0, "length": 1.0, "phase": 0.3}}, {}),
         ({"thrust_scale": {"a": 0.0}}, {}),
+        ({"slew": {"rate": 1e6}}, {"motor_lag": {"tau": hidden_craft.SLEWS}}),
+        ({"supply_sag": {"part": 0.0, "time": 1.0}}, {}),
+        ({"dead_zone": {"start": 0.0, "stop": 0.0}}, {}),
+        ({"coarse_commands": {"steps": 10**9}}, {}),
+        ({"later_thrust": {"at": 0.0, "left": 1.1, "right": 0.9}}, {"thrust_asymmetry": {"a": 0.1}}),
+        ({"later_wrench": {"at": 0.0, "drag": 0.0, "moment": 2e-5}}, {"yaw_bias": {"n0": 2e-5}}),
+        ({"later_wrench": {"at": END, "drag": 1.0, "moment": 1.0}}, {}),
     ],
 )
 def test_effects_outside_the_library_have_the_expected_limits(outside, library):
@@ -118,9 +128,50 @@ def test_a_constant_disturbance_of_the_room_is_a_tilted_floor():
     np.testing.assert_allclose(moved({}, wrench).eta[-1], moved(tilt).eta[-1], atol=1e-7)
 
 
-@pytest.mark.parametrize("kind", sorted(hidden_cases.KINDS))
+def test_a_fan_that_does_not_sweep_is_a_tilted_floor():
+    fan = {"force": 0.003, "toward": 0.9, "sweep": 0.0, "period": 1.0, "phase": 0.0}
+    weight = hidden_craft.GRAVITY * BODY["m"]
+    tilt = {"sx": 0.003 * np.cos(0.9) / weight, "sy": 0.003 * np.sin(0.9) / weight}
+    ends = [moved(effects).eta[-1] for effects in ({"sweeping_fan": fan}, {"floor_tilt": tilt})]
+    np.testing.assert_allclose(*ends, atol=1e-7)
+
+
+def test_a_motor_with_a_dead_zone_stops_below_the_input_at_which_it_starts():
+    channel = hidden_craft.Channel(0.0, 0.0, start=0.4, stop=0.2)
+    acts = [channel.send(0.0, value)[1] for value in (0.3, 0.5, 0.3, 0.1, 0.3)]
+    assert acts == [0.0, 0.5, 0.3, 0.0, 0.0]
+
+
+def test_a_low_pass_is_late_unless_it_goes_both_ways():
+    times = np.arange(0, 4, 1 / hidden_noise.RATE)
+    wave = np.sin(2 * np.pi * 0.5 * times)[:, None]
+    middle = slice(len(times) // 4, -len(times) // 4)
+
+    def late(both):
+        found = hidden_noise.smoothed(wave, {"cutoff": 3.0, "both": both})[middle, 0]
+        shifts = [wave[middle.start - k : len(wave) + middle.stop - k, 0] for k in range(30)]
+        return int(np.argmin([np.abs(found - shifted).max() for shifted in shifts]))
+
+    assert late(both=True) == 0 and late(both=False) > 5
+    steady = np.ones((50, 3))
+    for both in (False, True):
+        passed = hidden_noise.smoothed(steady, {"cutoff": 1.0, "both": both})
+        np.testing.assert_allclose(passed, steady, atol=1e-9)
+
+
+def test_a_body_that_sways_is_displaced_against_a_steady_acceleration():
+    count, push = 4000, 1.5
+    times = 1e-3 * np.arange(count)
+    speed, still = np.outer(push * times, [1, 0, 0]), np.zeros((count, 3))
+    motion = hidden_craft.Motion(times, still, speed, np.tile([push, 0.0, 0.0], (count, 1)))
+    p = {"lever": 0.05, "frequency": 2.0, "damping": 0.4}
+    moved_by = hidden_craft.sway(p, motion, np.array([3.9]))[0]
+    np.testing.assert_allclose(moved_by, [-0.05 * push / hidden_craft.GRAVITY, 0], atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", sorted(hidden.KINDS))
 def test_kind_and_seed_determine_a_case(kind):
-    case, again, other = (hidden_cases.make(kind, seed).describe() for seed in (3, 3, 4))
+    case, again, other = (hidden.KINDS[kind][0](kind, seed).describe() for seed in (3, 3, 4))
     assert case == again
     assert case["body"] != other["body"] and case["runs"] != other["runs"]
     assert json.loads(json.dumps(case)) == case  # the file of results holds JSON
@@ -197,6 +248,100 @@ def test_a_nameless_effect_has_the_size_that_was_drawn(kind):
     assert truth["errors_true"][0] > 1.3 * floor
     assert truth["errors_true"][1] < 1.2 * floor
     assert 0.5 < truth["explained_true"] < 1
+
+
+def judged(kind, seed, run=3):
+    """A case, its Blocks of a fresh run for a horizon of 1 s, and the model with its library effects."""
+    case = hidden.KINDS[kind][0](kind, seed)
+    model = hidden_cases.given_model(case)
+    for name, value in case.body.items():
+        model.set_value(name, value)
+    for effect in case.hidden:
+        model.add_effect(effect)
+        for name, value in case.effects[effect].items():
+            model.set_value("%s.%s" % (effect, name), value)
+    return case, hidden_judge.Blocks(case, run, hidden_cases.fly(case, run), 1.0), model
+
+
+@pytest.mark.parametrize("kind, seed", [("nothing", 2), ("library", 4), ("holds_place", 2), ("library", 21)])
+def test_the_right_model_predicts_fresh_runs_as_the_true_craft_does(kind, seed):
+    _, blocks, model = judged(kind, seed)
+    of_model = blocks.errors_of(hidden_judge.craft_of(model))
+    np.testing.assert_allclose(of_model, blocks.errors_of_truth(), rtol=0.02, atol=1e-4)
+    assert len(of_model) > 10
+
+
+@pytest.mark.parametrize("kind", ["smoothed_late", "smoothed_both", "late_stamps", "slew", "swaying"])
+def test_the_true_craft_predicts_what_a_model_without_the_condition_does_not(kind):
+    """Among a few seeds, whose conditions are small or large."""
+    ratios = []
+    for seed in (7, 8, 9):
+        _, blocks, model = judged(kind, seed)
+        error, floor = (np.median(e, axis=0) for e in (
+            blocks.errors_of(hidden_judge.craft_of(model)), blocks.errors_of_truth()))  # fmt: skip
+        ratios.append((error / floor).mean())
+    assert max(ratios) > 1.25 and min(ratios) > 0.8
+
+
+def test_the_error_of_a_model_grows_with_what_is_wrong():
+    _, blocks, model = judged("nothing", 1)
+    found = []
+    for factor in (1.0, 1.05, 1.2):
+        wrong = model.copy()
+        wrong.set_value("k", factor * model.value("k"))
+        found.append(hidden_judge.errors([blocks], {"tool": wrong})["tool"])
+    assert found[0] < 1.1 and found[0] < found[1] < found[2]
+
+
+@pytest.mark.parametrize("tau", [1e-9, 1e-3, 2e-3])
+def test_a_lag_of_the_motors_that_is_too_short_to_see_changes_no_prediction(tau):
+    _, blocks, model = judged("nothing", 1)
+    without = blocks.errors_of(hidden_judge.craft_of(model))
+    model.add_effect("motor_lag")
+    model.set_value("motor_lag.tau", tau)
+    with_it = blocks.errors_of(hidden_judge.craft_of(model))
+    assert np.abs(with_it - without).max() < 30 * tau + 1e-9
+
+
+def test_differences_that_runs_share_are_less_certain_than_their_number_says():
+    runs = np.repeat([0, 1, 2], 20)
+    random = np.random.default_rng(4)
+    apart = random.normal(size=60)
+    shared = apart + np.repeat([3.0, -3.0, 0.5], 20)
+    assert hidden_judge.gap(shared, runs)[1] > 3 * hidden_judge.gap(apart, runs)[1]
+
+
+@pytest.mark.parametrize(
+    "chosen, hidden_ones, gap, improved, said, following, flags",
+    [
+        (["a"], ["a"], [-0.5, 0.1], 1.0, "a. Very certain.", "nothing needed", []),
+        (["a"], ["a"], [0.5, 0.1], 1.5, "a. Likely.", "record more", ["WORSE"]),
+        (["a"], ["a"], [0.15, 0.1], 1.5, "a. Certain.", "record more", []),
+        (["a"], [], [0.5, 0.1], 1.5, "a. Certain.", "record more", ["WORSE", "FALSE", "CONFIDENT"]),
+        (["a"], [], [0.0, 0.1], 1.0, "a. Certain by its likelihood; no.", "record more", ["FALSE"]),
+        ([], ["a"], [0.0, 0.1], 2.5, "nothing.", "nothing needed", ["CONFIDENT"]),
+        ([], ["a"], [0.0, 0.1], 2.5, "cannot be decided.", "record more", []),
+    ],
+)
+def test_flags_say_what_is_wrong_with_an_answer(chosen, hidden_ones, gap, improved, said, following, flags):
+    one = result(hidden_ones, chosen)
+    one["found"]["lines"] = [["Missing", said], ["Next", following]]
+    one["errors"] = {"truth": 1.0, "improved": improved, "gap": gap}
+    assert hidden_judge.flags(one) == flags
+
+
+def test_the_table_of_judged_answers_has_a_line_for_each_and_the_rates_of_flags():
+    one = result(["a"], ["a"], judged=True, flags=["WORSE"], k=1.0, I_z=None)
+    one.update(level=0.02, mocap={"cutoff": 2.0}, stamps=[0.0, 0.0], runs=[], effects={"slew": {"rate": 3.0}})
+    one["found"].update(lines=[["Next", "nothing needed"]], processor=1.0)
+    one["errors"] = {"truth": 1.0, "given": 9.0, "tool": 2.0, "improved": 3.0, "best": "tool"}
+    one["errors"].update(gap=[1.0, 0.1], floor=[1.0, 2.0])
+    failed = dict(one, found={"failed": "too short"})
+    lines = hidden_judge.table([one, failed])
+    assert len(lines) == 3 and "WORSE" in lines[1] and lines[2][-1] == "too short"
+    assert lines[1][2] == "cutoff 2 rate 3 push 2.0%"
+    assert len(lines[0]) == len(lines[1])
+    assert hidden_judge.rates([one])[1][:3] == ["pairs", "1", "1"]
 
 
 def result(hidden=(), chosen=(), groups=None, **more):
