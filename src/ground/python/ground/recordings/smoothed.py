@@ -30,8 +30,9 @@ BINS, FIRST = 40, 3  # of a spectrum, and the first harmonic in it
 MISFIT = 0.25  # relative error of a usual spectrum
 ROUNDS = 60  # of the search for the levels of a spectrum
 EXPLAINED = 0.99  # part of what commands leave that they leave with a low-pass ...
-NEAR, STEPS = 1.05, (1.08, 1.03)  # ... and with others that are tried too, at corners in these steps
-MANY, RESIDUALS = 1000, 200  # independent ones of the accelerations, as usual and at least
+NEAR, STEPS = 1.05, (1.05, 1.02, 1.006)  # ... and with others that are tried too, at corners in these steps
+TRIED = (-2, -1, 0, 1, 2)
+MANY, RESIDUALS = 3000, 200  # independent ones of the accelerations, as usual and at least
 LATE = (0, 1, 2, 3, 5, 8, 13, 20, 30)  # tried delays of a craft [poses]
 SEEN = 10.0  # least deviance by which filtered noise shows
 LIKELIER, CLEAR = 5.0, 50.0  # least evidence where it shows, and where it does not, in deviances
@@ -143,11 +144,13 @@ class _Commands:
         return np.asarray(rows - self._base @ (self._base.T @ rows))
 
     def left(self, one: Optional[LowPass], late: int = 0) -> float:
-        """Share of the squared accelerations that commands do not explain; late: [poses]."""
+        """Share of the squared accelerations that commands do not explain, the geometric mean of three axes;
+        late: [poses]."""
         commands = self._commands if one is None else one.filtered(self._commands)
         commands = self._rest(commands[np.maximum(self._at - late, 0)])
         off = self._wanted - commands @ np.linalg.lstsq(commands, self._wanted, rcond=None)[0]
-        return float((off**2).sum() / (self._wanted**2).sum())
+        shares = (off**2).sum(axis=0) / np.maximum((self._wanted**2).sum(axis=0), 1e-300)
+        return float(np.exp(np.log(np.maximum(shares, 1e-6)).mean()))
 
 
 class _Spectrum:
@@ -257,12 +260,20 @@ def recognised(recording: "Recording", motion: Motion) -> Optional[LowPass]:
     lags = [LowPass("first-order", corner, spectrum.rate) for corner in corners[::3]]
     craft = min(commands.left(lag, late) for lag in [None, *lags] for late in LATE)
 
+    near = []
+    for (share, one), bilinear in itertools.product(found, (False, True)):
+        one = replace(one, bilinear=bilinear)
+        for step in STEPS if share < NEAR * least else ():
+            one = min((replace(one, corner=one.corner * step**i) for i in TRIED), key=commands.left)
+            share = commands.left(one)
+        near.append((share, one))
+    least = min(share for share, _ in near)
+    near = [(s, one) for s, one in near if s < NEAR * least]
     def unlikely(one: LowPass) -> float:
         return spectrum.fitted_to(one)[0] + MANY * float(np.log(commands.left(one)))
 
-    near = [replace(one, bilinear=kind) for share, one in found if share < NEAR * least for kind in (False, True)]
+    one = min((one for _, one in near), key=unlikely)
     for step in STEPS:
-        one = min(near, key=unlikely)
-        near = [replace(one, corner=one.corner * step**i) for i in (-2, -1, 0, 1, 2)]
-    one = min(near, key=unlikely)
-    return spectrum.confirmed(one, RESIDUALS * float(np.log(craft / commands.left(one))))
+        one = min((replace(one, corner=one.corner * step**i) for i in TRIED), key=unlikely)
+    share = commands.left(one)
+    return spectrum.confirmed(one, RESIDUALS * float(np.log(craft / share)))
