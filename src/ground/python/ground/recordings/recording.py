@@ -174,9 +174,16 @@ class Recording(Plotted):
 
     @functools.cached_property
     def motion(self) -> repair.Motion:
-        """The repaired poses, and velocities. GroundError when too little of them is left."""
-        given = self.clock_offset, self.noise, self.frame_rate
-        return self.known.get("motion") or repair.repair(self.name, self.pose_times, self.eta, *given)
+        """The repaired poses, and velocities; as they were before a low-pass of the mocap. GroundError when too
+        little of them is left."""
+        from ground.recordings import smoothed  # which needs recordings
+
+        if "motion" in self.known:
+            return cast(repair.Motion, self.known["motion"])
+        given = self.name, self.pose_times, self.eta, self.clock_offset, self.noise, self.frame_rate
+        motion = repair.repair(*given)
+        found = smoothed.recognised(self, motion)
+        return motion if found is None else repair.repair(*given, found)
 
     @property
     def duration(self) -> float:

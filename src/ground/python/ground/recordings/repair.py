@@ -1,7 +1,7 @@
 """Repair of a recording's poses; repairs are counted."""
 
 from dataclasses import dataclass, field
-from typing import Dict, List, Optional, Tuple
+from typing import TYPE_CHECKING, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -9,6 +9,9 @@ from ground import _core
 from ground.recordings import frame_clock, headings, scatter
 from ground.support.annotations import Array, Document, Flags, Indices
 from ground.support.errors import GroundError
+
+if TYPE_CHECKING:
+    from ground.recordings.smoothed import LowPass
 
 CLOCK_OFFSET = 0.05  # least offset between the topics' clocks that is corrected [s]
 FROZEN = 3  # least number of equal poses in a row that are a repeated sample, if the craft moves
@@ -45,6 +48,7 @@ class Motion:
     repairs: Dict[str, float] = field(default_factory=dict)  # kind of repair -> how often
     heading_steps: headings.Steps = field(default_factory=list)  # steps of the heading that were undone
     breaks: List[float] = field(default_factory=list)  # where another run begins [s]
+    low_pass: "Optional[LowPass]" = None  # of the mocap's software, if it was undone
 
 
 def on_commands_clock(times: Array, offset: float) -> Array:
@@ -59,11 +63,12 @@ def repair(
     clock_offset: float = 0.0,
     noise: Optional[scatter.Levels] = None,
     frame_rate: Optional[float] = None,
+    low_pass: "Optional[LowPass]" = None,
 ) -> Motion:
     """The repaired motion of poses (n, 3) with stamps (n,) [s], in the order of arrival; clock_offset: see
     Recording; noise: of positions [m] and headings [rad], else that of the scatter of the poses; frame_rate:
-    of a camera whose stamps are late [Hz], else what stamps and motion say. GroundError names the run when
-    too little of it is left."""
+    of a camera whose stamps are late [Hz], else what stamps and motion say; low_pass: of the mocap's software,
+    which is undone. GroundError names the run when too little of it is left."""
     repairs: Dict[str, float] = {}
     times = on_commands_clock(stamps, clock_offset)
     if abs(clock_offset) > CLOCK_OFFSET:
@@ -87,6 +92,9 @@ def repair(
     eta[:, 2] = np.unwrap(eta[:, 2])
     speeds = scatter.largest_speeds(times, eta)
     eta[:, 2], heading_steps, breaks = headings.turned_back(times, eta, speeds[1])
+    if low_pass is not None:
+        times, eta = low_pass.undone(times, eta)
+        speeds = scatter.largest_speeds(times, eta)
     max_gap = scatter.longest_gap(times, speeds[1])
     found, jerks, excess = scatter.levels(times, eta, max_gap, speeds)
     scales = _core.RunScales(max_gap, *jerks)
@@ -101,8 +109,9 @@ def repair(
     times, eta = times[used], eta[used]
     eta[:, 2] = moved[:, 2] + headings.wrap(eta[:, 2] - moved[:, 2])
     return Motion(
-        times, eta, moved, nu, nu_dot, noise, scales, jumps, spikes, clock, repairs, heading_steps, breaks
-    )
+        times, eta, moved, nu, nu_dot, noise, scales, jumps, spikes, clock, repairs, heading_steps, breaks,
+        low_pass,
+    )  # fmt: skip
 
 
 def smooth(

@@ -33,8 +33,8 @@ CLEAR = 2.5  # least evidence of another clock, in its standard errors
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
 MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
 # Kinds of mistakes that effects of a model can also explain: heading_offset, input_delay, other thrust,
-# thruster_gain; and missing commands, at which motion hints only.
-EXPLAINED = ("offset", "delay", "command", "weak", "missing")
+# thruster_gain; and missing commands, at which motion hints only; and smoothed poses, whose smoothing is undone.
+EXPLAINED = ("offset", "delay", "command", "weak", "missing", "smoothed")
 MIN_TURNING = 4  # thrusters that turn the craft, from which one that does not stands out
 WEAK = 0.5  # share of the moment that its place promises, below which a thruster is weak
 Thrusters = Tuple[layouts.Thruster, ...]
@@ -201,6 +201,20 @@ def clocks(recording: Recording) -> Iterator[Suspicion]:
         return  # the search with a drift and the one without may find the same
 
 
+def smoothing(recording: Recording) -> Iterator[Suspicion]:
+    """Poses that the mocap's software smoothed, by their noise and by how the motion follows the commands."""
+    found = recording.motion.low_pass
+    if found is None:
+        return
+    late = "the motion is %.0f ms late" % (1e3 * found.delay)
+    yield Suspicion(
+        "smoothed",
+        "the mocap seems to smooth at %.2g Hz (%s): %s"
+        % (found.corner, found.form, "forward and backward" if found.both_ways else late),
+        "switch the filter of the mocap's software off; these poses are taken as they were before it",
+    )
+
+
 def forces(recording: Recording) -> Iterator[Suspicion]:
     """Commands in newtons or another unit in which full thrust is far below 1."""
     most = float(np.abs(recording.thrust).max())
@@ -230,7 +244,14 @@ def alone(recording: Recording, thrusters: Thrusters) -> Optional[layouts.Verdic
     return found
 
 
-CHECKS: Sequence[Callable[[Recording], Iterator[Suspicion]]] = (lengths, missing, clocks, forces, directions)
+CHECKS: Sequence[Callable[[Recording], Iterator[Suspicion]]] = (
+    lengths,
+    smoothing,
+    missing,
+    clocks,
+    forces,
+    directions,
+)
 
 
 def _angles(recordings: Sequence[Recording], model: _core.Model) -> Iterator[Suspicion]:
