@@ -1,9 +1,8 @@
 // Threads of a controller, as a user and a recorder would call them at once, for ThreadSanitizer (.ci/sanitize):
-// drives begin and turn home while parameters and models change. It needs a ROS master, and takes a model and a room.
+// drives begin and turn home while parameters change. It needs a ROS master, and takes a model and a room.
 #include <dynamic_reconfigure/Reconfigure.h>
 #include <ground/TrajectoryTrackingConfig.h>
 #include <ground_msgs/ControllerStatus.h>
-#include <ground_msgs/LoadModel.h>
 #include <ground_msgs/State.h>
 #include <nodelet/loader.h>
 #include <ros/ros.h>
@@ -19,7 +18,7 @@
 
 namespace {
 
-constexpr int kDrives = 60;
+constexpr int kDrives = 100;
 
 class HomingController : public ground::ReferenceTracking<ground::TrajectoryTrackingConfig> {
  public:
@@ -50,6 +49,10 @@ int main(int argc, char** argv) {
   node.setParam("controller/require_armed", false);
   ros::AsyncSpinner spinner(1);
   spinner.start();
+  const boost::function<boost::shared_ptr<nodelet::Nodelet>(const std::string&)> make =
+      [](const auto&) { return boost::make_shared<HomingController>(); };
+  nodelet::Loader loader(make);
+  if (!loader.load("/controller", "HomingController", {}, {})) return 2;
   std::atomic<bool> running{true};
   std::atomic<int> status{-1};
   const ros::Subscriber statuses = node.subscribe<ground_msgs::ControllerStatus>(
@@ -63,25 +66,18 @@ int main(int argc, char** argv) {
       publisher.publish(state);
     }
   });
-  std::thread changes([&] {  // begins before the controller is there
+  std::thread changes([&] {
     dynamic_reconfigure::Reconfigure change;
     change.request.config.doubles.resize(1);
     change.request.config.doubles[0].name = "max_error";
-    ground_msgs::LoadModel load;
-    load.request.file = argv[1];
     for (double error = 1; running; error = 3 - error) {
       change.request.config.doubles[0].value = error;
       ros::service::call("controller/set_parameters", change);
-      ros::service::call("controller/load_model", load);
     }
   });
-  const boost::function<boost::shared_ptr<nodelet::Nodelet>(const std::string&)> make =
-      [](const auto&) { return boost::make_shared<HomingController>(); };
-  nodelet::Loader loader(make);
-  const bool loaded = loader.load("/controller", "HomingController", {}, {});
   ros::Publisher home = node.advertise<std_msgs::Empty>("home", 1);
   int driven = 0;
-  for (int i = 0; loaded && i < kDrives; ++i) {
+  for (int i = 0; i < kDrives; ++i) {
     std_srvs::Trigger trigger;
     ros::service::call("controller/start", trigger);
     for (int wait = 0; wait < 500 && status != ground_msgs::ControllerStatus::RUNNING; ++wait)
