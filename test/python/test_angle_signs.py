@@ -56,18 +56,7 @@ def test_the_wrong_sign_of_a_rudder_is_named(craft):
 
 
 @pytest.mark.skipif(not ESSO.exists(), reason="needs recordings of a model ship, which are not shared")
-@pytest.mark.parametrize(
-    "sign",
-    [
-        1,
-        pytest.param(
-            -1,
-            marks=pytest.mark.xfail(
-                reason="without the jumps of its receiver, the ship's motion decides nothing"
-            ),
-        ),
-    ],
-)
+@pytest.mark.parametrize("sign", [1, -1])
 def test_the_wrong_sign_of_a_recorded_ship_is_named(sign, tmp_path):
     (tmp_path / "mapping.yaml").write_text(MAPPING.replace("SIGN", str(sign)))
     model = ground.Model.load(ROOT / "cfg" / "craft" / "propeller_ship.yaml").core

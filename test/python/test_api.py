@@ -87,6 +87,17 @@ def test_values_are_read_and_changed_by_name():
         craft["kk"]
 
 
+def test_a_model_that_comes_with_ground_is_loaded_by_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    craft = ground.Model.load("tiny_whoover")
+    assert craft == ground.Model.load(MODEL)
+    assert ground.Model.load("propeller_ship").effects
+    with pytest.raises(ground.GroundError, match="tiny_hoover"):
+        ground.Model.load("tiny_hoover")
+    craft.with_values(k=0.07).save("tiny_whoover")  # a file here comes first
+    assert ground.Model.load("tiny_whoover")["k"] == 0.07
+
+
 def test_importing_the_package_loads_nothing_heavy():
     code = "import sys, ground; dir(ground); print(*sys.modules)"
     loaded = subprocess.check_output([sys.executable, "-c", code], universal_newlines=True).split()

@@ -44,6 +44,25 @@ def polled(times, random, poll=0.01):
     return stamps + 1e-5 * np.arange(len(times)) / len(times)
 
 
+@pytest.mark.parametrize("late", [0.0, 0.3])
+def test_the_next_step_names_commands_that_came_late(tmp_path, late):
+    import genpy
+    import rosbag
+
+    sound = str(write_bag(tmp_path / "sound.bag"))
+    with rosbag.Bag(sound) as bag, rosbag.Bag(str(tmp_path / "run.bag"), "w") as delayed:
+        sent = 0
+        for topic, message, received in bag.read_messages():
+            sent += topic == "controls"
+            is_late = topic == "controls" and sent == 20
+            delayed.write(topic, message, received + genpy.Duration.from_sec(late if is_late else 0.0))
+    (said,) = [
+        line for line in identify("info", tmp_path / "run.bag").stdout.splitlines() if line.startswith("Next")
+    ]
+    assert ("nothing to mend" in said) == (late == 0)
+    assert ("came late" in said) == (late > 0)
+
+
 def frozen(times, eta, inputs):
     return times, 0 * eta + eta[100], inputs
 

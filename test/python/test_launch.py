@@ -853,6 +853,25 @@ def kill(argument, master=""):
     return count
 
 
+@pytest.mark.parametrize("launch", ["sim_prbs.launch", "record.launch"])
+def test_a_killed_supervisor_of_the_recorder_fails_the_launch(tmp_path, launch):
+    """Nobody takes a launch whose recording ended early for one that went well."""
+    given = ["bag_dir:=%s" % tmp_path, "experiment:=orphan"]
+    if launch == "sim_prbs.launch":
+        given += ["duration:=60", "record:=true", "rviz:=false", "port:=%d" % free_port(socket.SOCK_DGRAM)]
+    log = tmp_path / "log"
+    with roslaunch(log, launch, *given) as running:
+        wait_for(lambda: list(tmp_path.glob("*_orphan_0.bag.active")), 30, "the recording")
+        tasks = pathlib.Path("/proc/%d/task" % running.pid).glob("*/children")
+        nodes = [node for task in tasks for node in task.read_text().split()]
+        (recorder,) = [n for n in nodes if "ground/record" in pathlib.Path("/proc", n, "cmdline").read_text()]
+        os.kill(int(recorder), signal.SIGKILL)
+        assert running.wait(timeout=30) != 0
+        assert "nothing more is recorded" in log.read_text()
+        assert not kill("__name:=ground_manager", running.env["ROS_MASTER_URI"]), "all nodes have ended"
+        wait_for(lambda: list(tmp_path.glob("*_orphan_0.bag")), 10, "a closed bag")
+
+
 def test_a_recorder_that_is_killed_loses_less_than_a_second(tmp_path):
     import rospy
 

@@ -103,6 +103,21 @@ class SenderLink(SenderTest):
         self.assertEqual(unseen, [])
         self.assert_fault("the room")
 
+    def test_a_craft_that_nobody_sees_is_stopped_before_its_state_is_stale(self):
+        """States stop while it flies at a wall: the fence does not wait for state_timeout."""
+        self.start(room=ROOM, state_timeout=1.0, recovery_time=1.0)
+        craft = self.craft()
+        self.arm_and_drive(craft)
+        self.feed.set(eta=(1.2, 0.0, 0.0), nu=(1.0, 0.0, 0.0))
+        time.sleep(0.2)
+        self.assertEqual(self.status.state, SenderStatus.ARMED)
+        self.feed.set(valid=None)
+        last = self.feed.last_state
+        zero = craft.wait(lambda packets: [p for p in packets if p.time > last and is_zero(p)], "zeros")[0]
+        # At 1 m/s it is at the wall 0.8 s after its last state.
+        self.assertLess(zero.time - last, 0.8)
+        self.assert_fault("the room")
+
     def test_thrust_comes_back_with_the_state_and_with_the_lift(self):
         self.start(recovery_time=1.0)
         craft = self.craft()

@@ -146,6 +146,20 @@ class SimulatorTest(unittest.TestCase):
         self.assertIn(("simulator", "k_factor", "1", "0.5"), changed)
         self.assertNotIn("0.1", [m[3] for m in changed])
 
+    def test_factors_are_judged_by_the_thrusters_of_the_craft(self):
+        """A pair of the same body would hardly move it."""
+        with open(rospy.get_param("~model")) as file:
+            lines = [line for line in file if not line.startswith(("  l:", "  input_max:"))]
+        thruster = "  thrusters: [{name: fan, position: [-0.1, 0.1], direction: 0, gain: 1000}]\n"
+        text = "".join(lines).replace("k: 0.062", "k: 6.2e-6").replace("body:\n", "body:\n" + thruster)
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as model:
+            model.write(text)
+            model.flush()
+            self.start(model=model.name)
+        client = dynamic_reconfigure.client.Client("simulator", timeout=10)
+        self.assertEqual(client.update_configuration({"k_factor": 0.3})["k_factor"], 0.3)
+        client.close()
+
     def test_obeys_its_sender_alone_and_stops_without_it(self):
         self.start(position_noise=0.0, heading_noise=0.0)
         self.drive(1, 0, 0.4)

@@ -118,10 +118,10 @@ class Model(Shown):
 
     @classmethod
     def load(cls, path: Path) -> "Model":
-        """The model in a file. GroundError names file, line and key of what is wrong; an implausible
-        value gives a GroundWarning."""
+        """The model in a file, or one that comes with ground by its name, "tiny_whoover". GroundError names
+        file, line and key of what is wrong; an implausible value gives a GroundWarning."""
         try:
-            place = files.path_of(path, "a model")
+            place = files.delivered(files.path_of(path, "a model"))
             core, doubts = _core.load_model_with_warnings(place)
         except RuntimeError as error:
             raise GroundError(str(error)) from error

@@ -323,8 +323,6 @@ void GroundLink::transmit(double now) {
   sendPacket(now, obeys ? command_ : command);
 }
 
-bool GroundLink::blind() const { return state_ == State::kArmed && lost_since_ != kNever; }
-
 void GroundLink::sendZero(double now) { sendPacket(now, MotorCommand::off(layout_->size())); }
 
 void GroundLink::sendPacket(double now, const MotorCommand& command) {

@@ -195,7 +195,7 @@ class Sender : public Shell {
     collect();
   }
 
-  /// Checks by the last valid state that the craft stays in the room. mutex_ is held.
+  /// Checks that the craft stays in the room, carried on from its last valid state. mutex_ is held.
   void confine() {
     if (fence_ && seen_) link_->confine(steadyNow(), fence_->objection(seen_->second, age(seen_->first)));
   }
@@ -280,7 +280,7 @@ class Sender : public Shell {
         if (const auto telemetry = link_->datagram(now, data, from)) report(*telemetry);
       }
       link_->tick(now);
-      if (link_->blind()) confine();  // the craft glides on with the lift
+      if (link_->current() == GroundLink::State::kArmed) confine();  // the craft moves on unseen
       if (auto_arm_ && link_->arm(now, remark_).empty()) auto_arm_ = false;
       wait = std::clamp(link_->nextPacket() - now, 0.0, kTick);
       collect();

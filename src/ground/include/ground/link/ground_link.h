@@ -72,8 +72,8 @@ class GroundLink {
   /// Call when the craft does not follow its commands; `how` describes its motion. A fault while
   /// armed.
   void disobeyed(double now, const std::string& how);
-  /// Call with every state; `problem`: why the craft does not stay in the room, or empty. A problem
-  /// is a fault while armed, and prevents arming.
+  /// Call with every state, and between states while armed; `problem`: why the craft does not stay in
+  /// the room, or empty. A problem is a fault while armed, and prevents arming.
   void confine(double now, const std::string& problem);
   /// Arms. Returns why it could not, or an empty string. `remark` is appended to reason() while
   /// armed.
@@ -95,8 +95,6 @@ class GroundLink {
     if (state_ != State::kArmed) return 0.0;
     return silent_until_ ? sent_.lift : command_.lift;
   }
-  /// Whether it is armed and the state is lost.
-  bool blind() const;
   const std::string& reason() const { return reason_; }
   /// The craft's address; port 0 if unknown.
   const UdpAddress& peer() const { return peer_; }

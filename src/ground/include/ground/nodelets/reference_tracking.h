@@ -15,6 +15,7 @@
 #include "ground/control/reference_pilot.h"
 #include "ground/model/model_file.h"
 #include "ground/nodelets/controller.h"
+#include "ground/nodelets/controls.h"
 #include "ground/nodelets/messages.h"
 #include "ground/nodelets/model_loading.h"
 #include "ground/nodelets/model_service.h"

@@ -9,6 +9,7 @@ from ground.data import bag_arguments
 from ground.data import measured as api
 from ground.models import Model
 from ground.recordings import drafts, findings, imitations, layouts, mapping, readers, suspicions
+from ground.recordings.gathered import CAME_LATE
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.errors import GroundError
@@ -72,7 +73,7 @@ def _headline(described: Sequence[Document], of_all: Sequence[str]) -> Iterator[
     what several recordings look like together."""
     usable = sum(float(d["usable"]["duration"]) for d in described)
     whole = sum(float(d["duration"]) for d in described)
-    odd = {d["name"]: list(findings.grave(d)) for d in described}
+    odd = {d["name"]: [*findings.grave(d), *(w for w in d["warnings"] if CAME_LATE in w)] for d in described}
     doubtful = [name for name, sentences in odd.items() if sentences]
     count = "%d recording%s" % (len(described), "" if len(described) == 1 else "s")
     yield "Usable", "%.1f of %.1f s in %s." % (usable, whole, count)

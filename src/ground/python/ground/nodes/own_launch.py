@@ -5,49 +5,54 @@ import glob
 import os
 import signal
 import time
-from typing import Dict
+from typing import List
 
 CORES = ("rosmaster", "rosout")  # what roslaunch ends last
-PATIENCE = 12.0  # time for the nodes to end, less than roslaunch gives this program [s]
+PATIENCE = 12.0  # time for the nodes to end [s]
 RED = "\033[31m%s\033[0m"  # colour of errors of ROS
 
 
 def end_launch() -> bool:
     """Ends roslaunch as by Ctrl-C, and so all nodes, if it started this program; returns whether it did."""
     parent = os.getppid()
-    with open("/proc/%d/cmdline" % parent) as file:
-        words = file.read().split("\0")
-    if "roslaunch" not in [os.path.basename(word) for word in words[:2]]:
-        return False
-    os.kill(parent, signal.SIGINT)
-    return True
+    if _is_roslaunch(parent):
+        os.kill(parent, signal.SIGINT)
+        return True
+    return False
 
 
-def fail_launch() -> bool:
-    """Ends roslaunch like end_launch, but not with status 0, which it has whatever its nodes do: kills it
-    when the other nodes have ended. roslaunch waits for this program, which must outlast SIGINT."""
-    parent = os.getppid()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
-    if not end_launch():
-        return False
+def fail_launch(process: int) -> None:
+    """Ends a roslaunch and its nodes, but not with status 0, which roslaunch has whatever its nodes do: stops
+    it, interrupts its nodes, the master last, and kills it when they have ended. Leaves another program."""
+    if not _is_roslaunch(process):
+        return
+    os.kill(process, signal.SIGSTOP)
     deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline and any(
-        not any(core in line for core in CORES) for line in _others(parent).values()
-    ):
-        time.sleep(0.05)
-    for process, line in [*_others(parent).items(), (parent, "")]:
-        with contextlib.suppress(ProcessLookupError):  # it has ended
-            os.kill(process, signal.SIGINT if any(core in line for core in CORES) else signal.SIGKILL)
-    return True
+    for cores in (False, True):
+        for child in _children(process, cores):
+            with contextlib.suppress(OSError):  # it has ended
+                os.killpg(os.getpgid(child), signal.SIGINT)
+        while _children(process, cores) and time.monotonic() < deadline:
+            time.sleep(0.05)
+    for child in (*_children(process, False), *_children(process, True), process):
+        with contextlib.suppress(OSError):
+            os.kill(child, signal.SIGKILL)
 
 
-def _others(parent: int) -> Dict[int, str]:
-    """Command lines of the running children of a process by their numbers, without this one."""
-    found = {}
+def _is_roslaunch(process: int) -> bool:
+    with contextlib.suppress(OSError), open("/proc/%d/cmdline" % process, errors="replace") as file:
+        return "roslaunch" in [os.path.basename(word) for word in file.read().split("\0")[:2]]
+    return False
+
+
+def _children(parent: int, cores: bool) -> List[int]:
+    """The running children of a process, without this one: those of a roscore, or the others."""
+    found = []
     for path in glob.glob("/proc/%d/task/*/children" % parent):
         with contextlib.suppress(OSError), open(path) as file:  # it has ended
             for number in map(int, file.read().split()):
-                with open("/proc/%d/cmdline" % number, errors="replace") as line:
-                    found[number] = line.read()
-    return {number: line for number, line in found.items() if line and number != os.getpid()}
+                with open("/proc/%d/cmdline" % number, errors="replace") as file_of_words:
+                    words = file_of_words.read()
+                if words and number != os.getpid() and cores == any(core in words for core in CORES):
+                    found.append(number)
+    return found

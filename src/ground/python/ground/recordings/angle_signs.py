@@ -14,7 +14,7 @@ from ground.recordings.recording import Recording
 from ground.support.annotations import Array
 
 CLEAR = 3.0  # standard errors by which the mirrored angle explains more of the turns
-TURN = 2  # the moment's place in a wrench
+TURN = 2  # the moment's place in a wrench; it alone decides
 
 
 class WrongSign(NamedTuple):
@@ -38,7 +38,7 @@ def find(recordings: Sequence[Recording], model: _core.Model) -> List[WrongSign]
         signs[range(1, 1 + len(angles)), angles] = -1
         return np.column_stack([model.forces(inputs * sign)[:, TURN] for sign in signs])
 
-    later = damped.rests(recordings, told)
+    later = damped.rests(recordings, told, slice(TURN, 3))
     if later is None:
         return []
     rests = later.rests[False]

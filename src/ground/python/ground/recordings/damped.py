@@ -6,7 +6,7 @@ the command, so that both explain the same. But damping brakes. An acceleration 
 positive time constant, which is common to all runs of a craft, is what the commands do, at any time scale.
 """
 
-from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
@@ -43,20 +43,21 @@ class Rests(NamedTuple):
 Told = Callable[[Recording], Array]  # rows (m, k) of what a recording's commands tell its craft
 
 
-def rests(recordings: Sequence[Recording], told: Told) -> Optional[Rests]:
+def rests(recordings: Sequence[Recording], told: Told, axes: slice = slice(3)) -> Optional[Rests]:
     """Of the motions of recordings; None where they are too short, or where commands answer the motion, as a
-    controller's do, more than it answers them."""
+    controller's do, more than it answers them. axes: of the accelerations that are judged; the others decide
+    neither that nor the blocks."""
     width = min((reply.coarse_width(one.motion) for one in recordings), default=0.0)
     constants = _constants([_averaged(recordings, told, twisted, width) for twisted in FRAMES], width)
     if constants is None:
         return None
-    shift, block = max(0.5 * width, min(constants)), LONG * (width + max(constants))
-    rates = 1 / np.array([constants[0], constants[0], constants[1]])
+    judged = constants[axes]
+    shift, block = max(0.5 * width, float(judged.min())), LONG * (width + float(judged.max()))
     frames = {twisted: _averaged(recordings, told, twisted, width, shift) for twisted in FRAMES}
-    if not frames[False] or not any(_follow(runs, block) for runs in frames.values()):
+    if not frames[False] or not any(_follow(runs, block, axes) for runs in frames.values()):
         return None
     found = {
-        twisted: [reply.Rest(r.times, r.accelerations + r.velocities * rates, r.commands) for r in runs]
+        twisted: [reply.Rest(r.times, r.accelerations + r.velocities / constants, r.commands) for r in runs]
         for twisted, runs in frames.items()
     }
     return Rests(found, block)
@@ -89,16 +90,15 @@ def _run(recording: Recording, told: Told, twisted: bool, width: float, shift: f
     return _Run(means[:, 0], left[:, :3], left[:, 3:6], *np.split(left[:, 6:], 3, axis=1))
 
 
-def _constants(frames: Sequence[Sequence[_Run]], width: float) -> Optional[Tuple[float, float]]:
-    """The time constants of forces and of turns [s] of which the commands explain most, with any sign and in
-    any of some frames."""
+def _constants(frames: Sequence[Sequence[_Run]], width: float) -> Optional[Array]:
+    """The time constants (3,) of accelerations [s] of which the commands explain most, with any sign and in
+    any of some frames; one for both forces."""
     if not frames[0]:
         return None
     length = max(float(np.ptp(run.times)) for run in frames[0])
     tried = np.geomspace(FINEST * width, length, max(2, int(np.log(length / width / FINEST) / np.log(STEP))))
     shares = np.max([[_shares(runs, constant) for constant in tried] for runs in frames], axis=0)
-    force, turn = tried[np.argmax(shares, axis=0)].tolist()
-    return force, turn
+    return np.asarray(tried[np.argmax(shares, axis=0)][[0, 0, 1]])
 
 
 def _shares(runs: Sequence[_Run], constant: float) -> List[float]:
@@ -110,14 +110,14 @@ def _shares(runs: Sequence[_Run], constant: float) -> List[float]:
     return [1 - float(left[some].sum() / whole[some].sum()) for some in (slice(0, 2), slice(2, 3))]
 
 
-def _follow(runs: Sequence[_Run], block: float) -> bool:
-    """Whether earlier commands explain the velocities better than later ones."""
+def _follow(runs: Sequence[_Run], block: float, axes: slice) -> bool:
+    """Whether earlier commands explain the velocities of some axes better than later ones."""
     unexplained = []
     for which in ("before", "after"):
         commands = np.concatenate([getattr(run, which) for run in runs])
         found = np.linalg.lstsq(commands, np.concatenate([run.velocities for run in runs]), rcond=None)[0]
         squares = [(run.velocities - getattr(run, which) @ found) ** 2 for run in runs]
-        sums = [s[at].sum(axis=0) for s, r in zip(squares, runs) for at in pieces(r.times, block)]
+        sums = [s[at, axes].sum(axis=0) for s, r in zip(squares, runs) for at in pieces(r.times, block)]
         unexplained.append(sums)
     if len(unexplained[0]) < MIN_BLOCKS:
         return False

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import shutil
+import sys
 import tempfile
 from typing import Any, Iterable, Iterator, Optional, Sequence, Set, Tuple
 
@@ -46,6 +47,14 @@ def path_of(given: Any, what: str) -> str:
     except TypeError:
         kind = type(given).__name__
         raise GroundError("%s, or the path of its file, is expected here, not %s" % (what, kind)) from None
+
+
+def delivered(name: str) -> str:
+    """The path of a model file that comes with ground, of its name, "tiny_whoover"; of other names, the name."""
+    roots = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
+    kinds = (os.path.join(root, "share/ground/cfg", kind) for root in roots for kind in ("hovercraft", "craft"))
+    paths = [os.path.join(folder, name + ".yaml") for folder in kinds if not os.path.lexists(name)]
+    return next(filter(os.path.isfile, paths), name)
 
 
 def refuse_existing(path: str, force: bool) -> None:
