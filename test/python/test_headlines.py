@@ -132,9 +132,7 @@ VERDICTS = {
         dict(
             improved=NOTHING,
             steps=[],
-            varies=[
-                {"parameter": "yaw moment", "unit": "N m", "deviation": 9e-5, "by_run": [0, 0]}
-            ],
+            varies=[{"parameter": "yaw moment", "unit": "N m", "deviation": 9e-5, "by_run": [0, 0]}],
         ),
         ["no effect, but the yaw moment differs between runs"],
         "find what changed between the runs",

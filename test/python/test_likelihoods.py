@@ -277,7 +277,7 @@ def test_an_interval_contains_what_runs_differ_by():
     assert tau["runs"] == pytest.approx((0.05, 0.15), abs=0.025)
     low, high = tau["ci95"]
     assert low < 0.08 and high > 0.13 and high - low > 2 * np.ptp(before["motor_lag.tau"]["ci95"])
-    assert "runs" not in found["k"] and found["k"]["ci95"] == before["k"]["ci95"]
+    assert "runs" not in found["k"] and np.ptp(found["k"]["ci95"]) >= np.ptp(before["k"]["ci95"])
     assert "; runs differ: " in words.parameter("tau", tau)
 
 

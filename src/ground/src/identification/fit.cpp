@@ -244,9 +244,9 @@ FitResult SimulationError::fit(const Model& model, const FitOptions& options) co
   FitResult result;
   result.model = detail::modelAt(model, free, best.scaled.data());
   result.freedom = std::max(1, known.blocks - static_cast<int>(options.free.size()));
-  result.parameters = detail::estimatesOf(model, free, best.scaled, known.deviation(),
-                                          Eigen::VectorXd::Constant(free.precision.size(),
-                                                                    detail::quantileOf(result.freedom)));
+  result.parameters = detail::estimatesOf(
+      model, free, best.scaled, known.deviation(),
+      Eigen::VectorXd::Constant(free.precision.size(), detail::quantileOf(result.freedom)));
   for (Eigen::Index i = 0; i < free.precision.size(); ++i) {
     const Eigen::Map<const Eigen::VectorXd> at(best.scaled.data(), free.precision.size());
     const Eigen::VectorXd shifted = at + known.shifts.col(i);
