@@ -59,7 +59,7 @@ CLAIMS = {
     "mean of two": Claim("diagnose: the same, two runs", 0.95),
     "extreme": Claim("diagnose: agreement is denied, of numbers with heavy tails", 0.01, MOST),
     "agreement": Claim("diagnose: agreement is denied, recordings", 0.01, MOST),
-    "likelihood": Claim("diagnose: 95% intervals hold the truth, recordings", 0.95),
+    "likelihood": Claim("diagnose: 95% intervals hold the truth, recordings", 0.95, LEAST),
     "differ": Claim("diagnose: any parameter is said to differ between equal runs, recordings", 0.01, MOST),
     "prediction": Claim("diagnose: a band of 90% holds a pose of a run held out, recordings", 0.9),
 }  # fmt: skip

@@ -65,6 +65,9 @@ def test_a_fit_has_the_numbers_that_a_statistician_wants(fitted):
         assert fitted.covariance.loc[name, name] == pytest.approx(p.deviation**2)
     widths = [float(np.diff(fitted.conf_int(level).loc["k"])[0]) for level in (0.5, 0.9, 0.99)]
     assert widths == sorted(widths)
+    assert widths[2] / widths[0] > 3.82  # of a normal variable; fewer data have longer tails
+    low, high = fitted.conf_int(0.5).loc["I_z"]  # its reciprocal is what motion tells
+    assert 1 / low + 1 / high == pytest.approx(2 / fitted.parameters["I_z"].value)
     correlation = fitted.correlation.to_numpy()
     assert np.allclose(correlation, correlation.T) and (np.abs(correlation) <= 1 + 1e-9).all()
     residuals = fitted.residuals
