@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from conftest import MODEL, identify, write_bag
+from ground.analysis import distributions
 
 
 def with_effect(path, entry):
@@ -66,25 +67,22 @@ def test_help_names_the_effects():
 @pytest.mark.parametrize("seed", range(40))
 def test_no_interval_of_a_change_goes_below_a_total_fall(seed):
     """Errors of few windows scatter: the interval must stay where an error can be, and contain the change."""
-    from ground.fitting import add
-
     random = np.random.default_rng(seed)
     count = random.integers(2, 12)
     before = random.lognormal(0, random.uniform(0.1, 1.5), count)
     after = random.uniform(0.001, 2) * random.lognormal(0, random.uniform(0.1, 1.5), count)
-    low, high = add._interval(before, after)
-    assert -1 <= low <= after.mean() / before.mean() - 1 <= high
+    sizes, runs = random.uniform(0.2, 1, count), random.integers(0, 3, count)
+    low, high = distributions.ratio_of_means(after, before, sizes, runs)
+    assert 0 <= low <= (sizes @ after) / (sizes @ before) <= high
 
 
-def test_the_interval_of_a_change_contains_it_as_often_as_it_says():
-    from ground.fitting import add
-
-    random, held = np.random.default_rng(3), 0
-    for _ in range(1000):
-        before, after = 1 + random.gamma(4, 0.5, 15), 0.1 * random.gamma(4, 0.5, 15)
-        low, high = add._interval(before, after)
-        held += low < 0.1 * 2 / 3 - 1 < high
-    assert held > 900
+def test_runs_that_differ_widen_the_interval_of_a_change():
+    """The effect halves the error of six runs of twelve, and does nothing in the others."""
+    random, runs = np.random.default_rng(4), np.repeat(np.arange(12), 20)
+    before = random.lognormal(0, 0.1, len(runs))
+    after = before * np.where(runs < 6, 0.5, 1.0)
+    low, high = distributions.ratio_of_means(after, before, np.ones(len(runs)), runs)
+    assert low < 0.65 and high > 0.85
 
 
 def error_of(report, kind):

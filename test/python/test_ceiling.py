@@ -230,6 +230,38 @@ def test_the_wrench_of_a_run_is_predicted_from_the_others(turning):
     assert (np.abs(other[:2] - first[:2]) > 0.5 * np.abs(first[:2])).all()
 
 
+def test_a_part_of_a_run_holds_what_acts_in_its_time_also_where_poses_are_lost_unevenly():
+    run, _ = flown(7, duration=12.0)
+    times = np.array(run.times)
+    kept = (times > 6) | (np.mod(times, 0.5) > 0.2)
+    of_kept = {name: np.array(getattr(run, name))[kept] for name in ("times", "eta", "nu", "poses")}
+    likelihood = Likelihood([run.replaced(**of_kept)], craft())
+    fit = likelihood.fit(craft(), FREE)
+    regression = regression_of(likelihood, fit, [{"N": "sin(psi)"}], likelihood.runs)
+    parts = regression.parts()
+    for before, part in zip(parts, parts[1:]):
+        wrench = np.zeros((len(likelihood.runs[0].times), 3, 1))
+        wrench[part.span, 2] = 1e-3
+        acts = np.flatnonzero(np.abs(regression.innovations.responses([wrench])[:, 0]) > 0)
+        assert before.rows.max() < acts.min() < part.rows.min() + 10
+
+
+def test_sizes_are_shares_of_the_thrust_at_the_largest_input():
+    """The unit of inputs does not change what is tried."""
+    run, _ = flown(8, duration=6.0)
+    scaled = craft()
+    scaled.set_value("k", craft().value("k") / 4)
+    wide = _core.parse_model(scaled.format().replace("input_max: 1", "input_max: 4"), "wide")
+    inputs = np.array(run.inputs)
+    inputs[:, 1:-1] *= 4
+    found = []
+    for model, own in ((craft(), run), (wide, run.replaced(inputs=inputs))):
+        likelihood = Likelihood([own], model)
+        fit = likelihood.fit(model, FREE)
+        found.append(regression_of(likelihood, fit, [{"N": "sin(psi)"}], [own]).full)
+    assert found[0] == pytest.approx(found[1], rel=1e-3)
+
+
 # --- The dictionary
 
 

@@ -574,3 +574,10 @@ def test_a_model_that_diverges_along_whole_runs_is_diagnosed_and_said_to_do_so(t
     again = ground.load(tmp_path / "diagnosis")
     assert list(again.headline()) == list(found.headline())
     assert list(again.details()) == list(found.details()) and np.isnan(again.noise_floor)
+    numbers = tmp_path / "diagnosis" / "diagnosis.json"
+    older = json.loads(numbers.read_text())
+    for row in older["candidates"]:  # they had one number
+        row["p_value"] = row.pop("p_corrected")
+        del row["p"]
+    numbers.write_text(json.dumps(older))
+    assert list(ground.load(tmp_path / "diagnosis").details()) == list(found.details())

@@ -65,6 +65,7 @@ def test_a_fit_has_the_numbers_that_a_statistician_wants(fitted):
         assert fitted.covariance.loc[name, name] == pytest.approx(p.deviation**2)
     widths = [float(np.diff(fitted.conf_int(level).loc["k"])[0]) for level in (0.5, 0.9, 0.99)]
     assert widths == sorted(widths)
+    assert widths[2] / widths[0] > 3.82  # of a normal variable; fewer data have longer tails
     correlation = fitted.correlation.to_numpy()
     assert np.allclose(correlation, correlation.T) and (np.abs(correlation) <= 1 + 1e-9).all()
     residuals = fitted.residuals
@@ -72,6 +73,13 @@ def test_a_fit_has_the_numbers_that_a_statistician_wants(fitted):
     assert residuals.u.abs().max() < 1
     with pytest.raises(ground.GroundError, match="between 0 and 1"):
         fitted.conf_int(95)
+
+
+def test_an_interval_of_an_inertia_is_one_of_its_reciprocal(craft, runs):
+    found = ground.fit(craft, runs, free=["I_z"])
+    low, high = found.conf_int(0.5).loc["I_z"]
+    assert 1 / low + 1 / high == pytest.approx(2 / found.parameters["I_z"].value)
+    assert np.allclose(found.conf_int(0.95).loc["I_z"], found.parameters["I_z"].ci95)
 
 
 def test_every_result_draws_its_figures_one_by_one(runs, fitted, compared, diagnosed, tracked, discovered):

@@ -1,10 +1,9 @@
 """Whether what a model leaves is the disturbance that its likelihood claims.
 
-Recordings are made by the model and the fitted levels. Of these and the real ones, the real ones must not be
-the most extreme, in the error or in the shape of the wrench that the filter sees: a push that is stronger in
-some places or at some times gives a wrench with heavier tails. Of 99 artificial ones, real ones that are made
-alike are the most extreme once in a hundred times. The model is not fitted to the artificial ones, but it is
-to the real ones, so that these are refused less often.
+Recordings are made by the model and the fitted levels. The real ones must not be the most extreme, in the
+error or in the shape of the wrench that the filter sees: a push that is stronger in some places or at some
+times gives a wrench with heavier tails. Beside 99 artificial ones, real ones made alike are the most extreme
+once in a hundred times; less often because the model is fitted to them.
 """
 
 import contextlib
@@ -31,14 +30,9 @@ class Agreement:
     error: float  # root mean square error of the real ones
     expected: float  # of the artificial ones
     noise: float  # of artificial ones with the poses' noise alone; NaN where the motion is not finite
-    p: float  # probability that recordings made so are as extreme
-    draws: int  # number of artificial ones
-
-    @property
-    def holds(self) -> bool:
-        """Whether the real recordings are no worse than the artificial ones. A smaller error is allowed: the
-        levels take coloured noise of the poses for a push."""
-        return self.p > 1 / (1 + DRAWS)
+    # whether the real ones are no worse; a smaller error is allowed: the levels take coloured noise of the
+    # poses for a push
+    holds: bool
 
 
 def agreement(
@@ -66,25 +60,21 @@ def agreement(
         noise = float(squared_errors(quiet, cut, fit.model, scale=runs).mean())
     error = float(squared_errors(runs, cut, fit.model).mean())
     seen = [[np.log(error), *_tails(likelihood.runs, likelihood, fit)]]
-    drawn: List[List[float]] = []
-    for seeds in (range(1, FIRST + 1), range(FIRST + 1, DRAWS + 1)):
-        drawn += [d for d in each(made, seeds) if d is not None]
-        chance = share_as_extreme(np.array(seen + drawn))
-        if chance > 1 / (1 + len(drawn)):
+    holds = False
+    for seeds in (range(FIRST), range(FIRST, DRAWS)):
+        seen += [d for d in each(made, seeds) if d is not None]
+        # where few artificial motions are finite, the real ones are not like them
+        holds = len(seen) > FIRST / 2 and share_as_extreme(np.array(seen)) > 1 / len(seen)
+        if holds:
             break
-    average = np.exp([d[0] for d in drawn]).mean() if drawn else error
-    # where few artificial motions are finite, the real ones are not like them
-    chance = chance if len(drawn) >= FIRST // 2 else 0.0
-    error, average, noise = (float(np.sqrt(value)) for value in (error, average, noise))
-    return Agreement(error, average, noise, chance, len(drawn))
+    average = np.exp([one[0] for one in seen[1:]]).mean() if seen[1:] else error
+    return Agreement(float(np.sqrt(error)), float(np.sqrt(average)), float(np.sqrt(noise)), holds)
 
 
 def share_as_extreme(values: Array) -> float:
-    """Share of the rows (n, k) of which some number is as far above the mean of all, in their standard
-    deviations, as any of the first row: all rows are treated alike, so that this is a p-value whatever the
-    distribution is, where the first one is like the others."""
-    above = (values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-300)
-    most = above.max(axis=1)
+    """Share of the rows (n, k) of which a number is as far above the mean of all, in standard deviations, as
+    any of the first row: its p-value, if it is like the others, of whatever distribution."""
+    most = ((values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-300)).max(axis=1)
     return float((most >= most[0]).mean())
 
 

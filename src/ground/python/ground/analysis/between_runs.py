@@ -9,9 +9,10 @@ not tell a parameter do not count.
 """
 
 from dataclasses import replace
-from typing import Dict, List, NamedTuple, Sequence, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from ground.analysis.distributions import chi_squared_above, student_limit
 from ground.analysis.likelihood import Fit, Likelihood
@@ -26,29 +27,6 @@ WEAK = 1e-6  # information that keeps what a run does not tell at the common val
 TOLD = 0.01  # largest variance of a parameter that a run tells, over that by the weak information alone
 
 
-class _Own(NamedTuple):
-    """What each run alone says about parameters: steps of coordinates from the common values, and their
-    standard deviations, both (runs, parameters)."""
-
-    steps: Array
-    deviations: Array
-
-    @classmethod
-    def of(
-        cls, likelihood: Likelihood, fit: Fit, scores: Sequence[Dict[str, Array]], weak: Array, most: int
-    ) -> "_Own":
-        """After at most some Newton steps from a Fit. scores: of each run there; weak: information that is
-        added to that of a run."""
-        found = [_own_of(likelihood, fit, run, own, weak, most) for run, own in enumerate(scores)]
-        return cls(*(np.array(values) for values in zip(*found)))
-
-    def known(self, j: int) -> Tuple[Array, Array]:
-        """Steps and variances of a parameter, of the runs that determine it."""
-        steps, variances = self.steps[:, j], self.deviations[:, j] ** 2
-        good = np.isfinite(steps) & np.isfinite(variances) & (variances > 0)
-        return steps[good], variances[good]
-
-
 def widened(likelihood: Likelihood, fit: Fit, parameters: Sequence[Document]) -> List[Document]:
     """Parameters of a Fit as Fit.parameters has them, with intervals that contain what its runs differ by.
     Those in which they differ have `runs`, the least and the largest of the runs' own values."""
@@ -59,24 +37,30 @@ def widened(likelihood: Likelihood, fit: Fit, parameters: Sequence[Document]) ->
     except GroundError:  # the motion of a run is not finite there
         return list(parameters)
     weak = WEAK * np.diag(np.maximum(sum(np.diag(of_run["information"]) for of_run in scores), 1e-300))
-    first = _Own.of(likelihood, fit, scores, weak, 1)
-    own = _Own.of(likelihood, fit, scores, weak, STEPS)
-    described = {p["name"]: p for p in fit.model.parameters()}
-    found = []
+    first = [_own_of(likelihood, fit, i, at, weak, 1) for i, at in enumerate(scores)]
+    own = [_own_of(likelihood, fit, i, at, weak, STEPS) for i, at in enumerate(scores)]
+    described, found = {p["name"]: p for p in fit.model.parameters()}, []
     for p in parameters:
         if p["identified"] and p["name"] in fit.free:
             j = fit.free.index(p["name"])
-            differ = len(fit.free) * chance(*first.known(j)) < LEVEL
-            p = _widened(p, described[p["name"]], *own.known(j), differ)
+            differ = len(fit.free) * chance(*_told(first, j)) < LEVEL
+            p = _widened(p, described[p["name"]], *_told(own, j), differ)
         found.append(p)
     return found
+
+
+def _told(own: Sequence[Tuple[Array, Array]], j: int) -> Tuple[Array, Array]:
+    """Steps and variances of a parameter, of the runs that determine it. own: of each run, of all."""
+    steps, variances = np.array([(steps[j], variances[j]) for steps, variances in own]).T
+    good = np.isfinite(steps) & np.isfinite(variances) & (variances > 0)
+    return steps[good], variances[good]
 
 
 def _own_of(
     likelihood: Likelihood, fit: Fit, run: int, scores: Dict[str, Array], weak: Array, most: int
 ) -> Tuple[Array, Array]:
-    """Steps of coordinates and their deviations of a run, after at most some Newton steps. scores: at the
-    common values."""
+    """Steps of coordinates and their variances, infinite where the run does not tell a parameter, after at
+    most some Newton steps. scores: at the common values; weak: information added to that of the run."""
     scale, at = scores["scale"], np.zeros(len(weak))
     for step in range(most):
         covariance = solve(scores["information"] + weak, np.eye(len(weak)))
@@ -89,8 +73,7 @@ def _own_of(
         except GroundError:  # the motion is not finite there
             break
     variances = np.maximum(np.diag(covariance), 0)
-    told = variances * np.diag(weak) < TOLD
-    return scale * at, np.where(told, scale * np.sqrt(variances), np.inf)
+    return scale * at, np.where(variances * np.diag(weak) < TOLD, scale**2 * variances, np.inf)
 
 
 def chance(steps: Array, variances: Array) -> float:
@@ -132,14 +115,9 @@ def _squares(steps: Array, variances: Array, between: float) -> float:
 
 
 def _between(steps: Array, variances: Array) -> float:
-    """The variance between runs with which the squares are as many as expected, by bisection; 0 where they
-    are no more without it."""
+    """The variance between runs with which the squares are as many as expected; 0 where they are no more
+    without it."""
     if _squares(steps, variances, 0.0) <= len(steps) - 1:
         return 0.0
-    low, high = 0.0, float(np.var(steps) * len(steps) + 1e-300)
-    while _squares(steps, variances, high) > len(steps) - 1:
-        low, high = high, 2 * high
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _squares(steps, variances, middle) > len(steps) - 1 else (low, middle)
-    return high
+    largest = float(np.var(steps, ddof=1))  # as many or fewer: the mean of all has more squares
+    return largest * float(brentq(lambda v: _squares(steps, variances, v * largest) - len(steps) + 1, 0, 1))

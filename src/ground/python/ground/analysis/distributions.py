@@ -41,19 +41,17 @@ def mean_not_above_zero(values: Array) -> float:
 
 
 def ratio_of_means(after: Array, before: Array, weights: Array, part_of: Indices) -> Tuple[float, float]:
-    """95% interval of the ratio of the weighted means of paired values (n,): of its logarithm, by Student's t
-    over pieces of the data, for neighbours are alike. These are whole parts, such as runs, or where there are
-    fewer than PIECES, equal pieces of them. part_of: (n,) the part that each pair is in."""
+    """95% interval of the ratio of the weighted means of two or more paired values (n,): of its logarithm, by
+    Student's t over pieces of data, for neighbours are alike. These are parts, such as runs, or where there
+    are fewer than PIECES, equal pieces of them. part_of: (n,) the part that each pair is in."""
     parts = [np.flatnonzero(part_of == part) for part in np.unique(part_of)]
     each = max(1, -(-PIECES // len(parts)))
     pieces = [piece for part in parts for piece in np.array_split(part, each) if len(piece)]
     sums = np.array([[weights[p] @ values[p] for p in pieces] for values in (after, before)])
     ratio = float(sums[0].sum() / sums[1].sum())
     varying = np.subtract(*(sums / sums.mean(axis=1, keepdims=True)))
-    limit = student_limit(0.025, len(pieces) - 1) if len(pieces) > 1 else math.inf
-    factor = math.exp(
-        min(limit * math.sqrt(varying @ varying / max(1, len(pieces) - 1) / len(pieces)), 700.0)
-    )
+    deviation = varying.std(ddof=1) / math.sqrt(len(pieces))
+    factor = math.exp(student_limit(0.025, len(pieces) - 1) * deviation)
     return ratio / factor, ratio * factor
 
 

@@ -54,17 +54,21 @@ class Fit:
         (Wald)."""
         at = [i for i, name in enumerate(self.free) if name.split(".")[0] == effect]
         described = {p["name"]: p for p in self.model.parameters()}
-        away = np.array([_from_neutral(described[self.free[i]], self.model) for i in at])
+        own = [described[self.free[i]] for i in at]
+        away = np.array([step(p, p["neutral"], self.model.value(p["name"])) for p in own])
         covariance = np.linalg.pinv(self.information, rcond=1e-10, hermitian=True)[np.ix_(at, at)]
         away = away / self.scale[at]
         return float(away @ np.linalg.lstsq(covariance, away, rcond=1e-10)[0])
 
 
-def _from_neutral(parameter: Document, model: _core.Model) -> float:
-    """Distance of a parameter's coordinate from where it does nothing."""
-    value, neutral = model.value(parameter["name"]), float(parameter["neutral"])
-    # a parameter that is neutral at infinity has its reciprocal as coordinate
-    return 1 / value if np.isinf(neutral) else value - neutral
+def step(parameter: Document, first: float, second: float) -> float:
+    """The step of a parameter's coordinate from one value to another."""
+    return float(1 / second - 1 / first if is_reciprocal(parameter) else second - first)
+
+
+def is_reciprocal(parameter: Document) -> bool:
+    """Whether its coordinate is 1 / value: of the inertia, and of what is neutral at infinity."""
+    return bool(np.isinf(parameter["neutral"]) or parameter["name"] == "I_z")
 
 
 class Likelihood:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ground import _core
 from ground.analysis import candidates as effects
-from ground.analysis.likelihood import Fit, Likelihood
+from ground.analysis.likelihood import Fit, Likelihood, is_reciprocal
 from ground.support.annotations import Array, Document
 
 UNSEEN = 0.003  # an effect is unseen if the fitted parameters leave less of its information
@@ -109,22 +109,12 @@ class ScoreTests:
 
 def moved(parameter: Document, value: float, by: float) -> float:
     """A value after a step of its coordinate, kept inside its range."""
-    if _is_reciprocal(parameter):
+    if is_reciprocal(parameter):
         rate = (0 if np.isinf(value) else 1 / value) + by
         if rate <= 0:
             return float(parameter["neutral"]) if np.isinf(parameter["neutral"]) else value
         return float(np.clip(1 / rate, parameter["lower"], parameter["upper"]))
     return float(np.clip(value + by, parameter["lower"], parameter["upper"]))
-
-
-def step(parameter: Document, first: float, second: float) -> float:
-    """The step of a parameter's coordinate from one value to another."""
-    return float(1 / second - 1 / first if _is_reciprocal(parameter) else second - first)
-
-
-def _is_reciprocal(parameter: Document) -> bool:
-    """Whether its coordinate is 1 / value: of the inertia, and time constants that are neutral at infinity."""
-    return bool(np.isinf(parameter["neutral"]) or parameter["name"] == "I_z")
 
 
 def stepped(model: _core.Model, steps: Mapping[str, float], part: float = 1.0) -> _core.Model:

@@ -21,8 +21,7 @@ runs      name, bag, models: by label
 pooled    by label: the numbers over all, fit and held_out runs
 ranking   errors by label, the least first, over runs: those that no model was fitted to (role held_out),
           or all where there are none (role fit; fitted: by which models); equal: models that chance alone
-          may set apart from the first one. Of models that are equally good, any is missing there with a
-          probability of at most 5%
+          may set apart from the first one (any of equally good ones is missing in at most 5%)
 prediction  how far predicted poses are off on these runs: seconds, errors by label and of the mocap alone
           (position_mm, heading_deg, root mean squares)
 noise_floor  error that the noise of the poses alone would leave there, if the best model were true
@@ -207,8 +206,8 @@ def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
 
 def equally_good(order: Sequence[str], by_block: Mapping[str, Array]) -> List[str]:
     """Models that are not significantly worse than the first one. order: labels, the least error first;
-    by_block: errors (n,) on blocks of data. The first one was chosen on the same blocks: any pair may be the
-    one that is compared, either way round, so that the level is shared by all (Bonferroni)."""
+    by_block: errors (n,) on blocks of data. The first one was chosen on them, so that any pair may be
+    compared, either way round, and all share the level (Bonferroni)."""
     best, *others = order
     level = CHANCE / max(1, len(order) * len(others))
     return [label for label in others if mean_not_above_zero(by_block[label] - by_block[best]) > level]

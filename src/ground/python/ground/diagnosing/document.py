@@ -170,15 +170,11 @@ def _chances(p: float, tried: int) -> Document:
 
 
 def renewed(report: Document) -> Document:
-    """A report as older versions wrote it, whose one `p_value` was p_corrected of candidates and of what
-    differs between runs, and p of steps and of what was dropped."""
-    for kind in ("candidates", "varies"):
-        for row in report[kind]:
-            if "p_value" in row:
-                row.update(p=None, p_corrected=row.pop("p_value"))
-    for row in (*report["steps"], *report["dropped"]):
-        if "p_value" in row:
-            row.update(_chances(row.pop("p_value"), len(report["candidates"])))
+    """A report as also older versions wrote it, whose `p_value` was corrected in some lists only."""
+    for kind in ("candidates", "varies", "steps", "dropped"):
+        for row in (row for row in report[kind] if "p_value" in row):
+            p, corrected = row.pop("p_value"), kind in ("candidates", "varies")
+            row.update({"p": None, "p_corrected": p} if corrected else _chances(p, len(report["candidates"])))
     return report
 
 

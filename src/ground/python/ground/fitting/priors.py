@@ -80,9 +80,8 @@ def sentences(before: Known, parameters: Sequence[Document]) -> Iterator[str]:
 
 def contradiction(moved: float, before: float, after: float) -> float:
     """Probability that a fit moves a parameter further from what was known, if that is right: the variance of
-    the move is what the runs take from the one that was known (Box 1980). before, after: the deviation that
-    was known, and that of the estimate. Of what the runs tell little, the difference of these is all doubt;
-    then it is that of TOLD_LITTLE."""
+    the move is what the runs take from the one that was known (Box 1980). before, after: deviations; where
+    the runs tell little, their difference is all doubt, and taken as that of TOLD_LITTLE."""
     told = 1 - min(after / before, TOLD_LITTLE) ** 2
     return student_outside(moved / (before * math.sqrt(told)))
 

@@ -9,8 +9,9 @@ import numpy as np
 from ground import _core
 from ground.analysis.distributions import student_limit
 from ground.analysis.horizon import PredictionError, as_document
+from ground.analysis.likelihood import step
 from ground.analysis.predicted_band import HeldOut
-from ground.analysis.score_tests import moved, step
+from ground.analysis.score_tests import moved
 from ground.models import Model, Parameter, parameter_frame
 from ground.recordings import windows
 from ground.reports import words

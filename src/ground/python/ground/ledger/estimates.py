@@ -13,7 +13,7 @@ from typing import Optional, Sequence, Tuple
 import numpy as np
 
 from ground import _core
-from ground.analysis.likelihood import Likelihood
+from ground.analysis.likelihood import Likelihood, is_reciprocal
 from ground.analysis.window_error import free_parameters
 from ground.models import Model
 from ground.recordings import quality, readers, suspicions
@@ -149,7 +149,6 @@ def estimate(run: _core.RunData, model: _core.Model, free: Sequence[str]) -> Doc
 
 
 def reciprocal(model: _core.Model, names: Sequence[str]) -> Array:
-    """Whether the coordinate of a parameter is its reciprocal (flags): the inertia, and time constants that
-    are neutral at infinity."""
-    neutral = {p["name"]: p["neutral"] for p in model.parameters()}
-    return np.array([name == "I_z" or bool(np.isposinf(neutral[name])) for name in names])
+    """Whether the coordinate of a parameter is its reciprocal (flags)."""
+    described = {p["name"]: p for p in model.parameters()}
+    return np.array([is_reciprocal(described[name]) for name in names])
