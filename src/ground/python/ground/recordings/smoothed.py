@@ -37,7 +37,10 @@ LATE = (0, 1, 2, 3, 5, 8, 13, 20, 30)  # tried delays of a craft [poses]
 SEEN = 10.0  # least deviance by which filtered noise shows
 LIKELIER, CLEAR = 5.0, 50.0  # least evidence where it shows, and where it does not, in deviances
 TAPS, EDGE = 6, 0.4  # of an inverse: half its length, and width of its band's edge [of the thinned poses]
-SPOILT, SLOWER = 0.5, 4.0  # largest share of amplified rounding [noise]; least rate of thinned poses [corners]
+SPOILT, SLOWER = (
+    0.5,
+    4.0,
+)  # largest share of amplified rounding [noise]; least rate of thinned poses [corners]
 
 
 @dataclass(frozen=True)
@@ -175,7 +178,9 @@ class _Spectrum:
         self.angles = angles[edges[0] : edges[-1]]
         self._begins, self._sizes = edges[:-1] - edges[0], np.diff(edges)
         self._differences = (2 * np.sin(self.angles / 2)) ** 6
-        self._powers = [self._binned(power[edges[0] : edges[-1], columns].mean(axis=1)) for columns in ([0, 1], [2])]
+        self._powers = [
+            self._binned(power[edges[0] : edges[-1], columns].mean(axis=1)) for columns in ([0, 1], [2])
+        ]
         self._weights = [1 / (MISFIT**2 + 2 / (self._sizes * self.count * n)) for n in (2, 1)]
         self._rounding = [max(quantum(poses[:, i]) for i in c) / np.sqrt(12) for c in ([0, 1], [2])]
 
@@ -269,6 +274,7 @@ def recognised(recording: "Recording", motion: Motion) -> Optional[LowPass]:
         near.append((share, one))
     least = min(share for share, _ in near)
     near = [(s, one) for s, one in near if s < NEAR * least]
+
     def unlikely(one: LowPass) -> float:
         return spectrum.fitted_to(one)[0] + MANY * float(np.log(commands.left(one)))
 

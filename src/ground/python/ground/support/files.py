@@ -52,7 +52,9 @@ def path_of(given: Any, what: str) -> str:
 def delivered(name: str) -> str:
     """The path of a model file that comes with ground, of its name, "tiny_whoover"; of other names, the name."""
     roots = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
-    kinds = (os.path.join(root, "share/ground/cfg", kind) for root in roots for kind in ("hovercraft", "craft"))
+    kinds = (
+        os.path.join(root, "share/ground/cfg", kind) for root in roots for kind in ("hovercraft", "craft")
+    )
     paths = [os.path.join(folder, name + ".yaml") for folder in kinds if not os.path.lexists(name)]
     return next(filter(os.path.isfile, paths), name)
 
