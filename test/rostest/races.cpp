@@ -1,5 +1,6 @@
-// Threads of a controller, as a user and a recorder would call them at once, for ThreadSanitizer (.ci/sanitize):
-// drives begin and turn home while parameters change. It needs a ROS master, and takes a model and a room.
+// Threads of a controller, as a user and a recorder would call them at once, for ThreadSanitizer
+// (.ci/sanitize): drives begin and turn home while parameters change. It needs a ROS master, and takes a
+// model and a room.
 #include <dynamic_reconfigure/Reconfigure.h>
 #include <ground/TrajectoryTrackingConfig.h>
 #include <ground_msgs/ControllerStatus.h>
@@ -49,8 +50,9 @@ int main(int argc, char** argv) {
   node.setParam("controller/require_armed", false);
   ros::AsyncSpinner spinner(1);
   spinner.start();
-  const boost::function<boost::shared_ptr<nodelet::Nodelet>(const std::string&)> make =
-      [](const auto&) { return boost::make_shared<HomingController>(); };
+  const boost::function<boost::shared_ptr<nodelet::Nodelet>(const std::string&)> make = [](const auto&) {
+    return boost::make_shared<HomingController>();
+  };
   nodelet::Loader loader(make);
   if (!loader.load("/controller", "HomingController", {}, {})) return 2;
   std::atomic<bool> running{true};
