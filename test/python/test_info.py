@@ -7,6 +7,7 @@ import pytest
 
 from conftest import MODEL, identify, simulate_run, write_bag
 from ground import _core
+from ground.recordings import frame_clock
 from ground.recordings.recording import Recording
 
 
@@ -152,6 +153,22 @@ def test_the_frame_clock_of_a_poll_is_rebuilt(seed, rate):
     plain = _core.EstimatorParams()
     stamped = _core.smooth(polled(times, np.random.default_rng(seed)), eta, plain)["nu"]
     assert (error < 0.5 * np.sqrt(np.mean((stamped - nu) ** 2, axis=0))).all()
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_likelier_rate_that_makes_the_motion_rough_leaves_the_clock_as_it_was(seed, monkeypatch):
+    random = np.random.default_rng(seed)
+    times, eta, _, inputs = frames(seed=seed)
+    kept = random.random(len(times)) > 0.05
+    stamps = polled(times[kept], random)
+
+    def uneven(stamps, *_):
+        return float(stamps[0]), 110.0, 2 * (np.arange(len(stamps)) // 2)
+
+    monkeypatch.setattr(frame_clock, "AGREE", 0.0)  # the rate is looked for in any case
+    monkeypatch.setattr(frame_clock, "_by_rates", uneven)
+    motion = recorded(stamps, eta[kept], inputs).motion
+    assert motion.clock and motion.clock.rate == pytest.approx(120.0, rel=3e-4)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

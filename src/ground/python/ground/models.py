@@ -11,7 +11,7 @@ from ground import _core
 from ground.analysis.effects import Effect, EffectLike
 from ground.support import errors, files, origin
 from ground.support.annotations import Array, Document, Path
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, core_errors
 from ground.support.results import Shown
 
 if TYPE_CHECKING:
@@ -120,11 +120,9 @@ class Model(Shown):
     def load(cls, path: Path) -> "Model":
         """The model in a file, or one that comes with ground by its name, "tiny_whoover". GroundError names
         file, line and key of what is wrong; an implausible value gives a GroundWarning."""
-        try:
+        with core_errors():
             place = files.delivered(files.path_of(path, "a model"))
             core, doubts = _core.load_model_with_warnings(place)
-        except RuntimeError as error:
-            raise GroundError(str(error)) from error
         for doubt in doubts:
             errors.warn(doubt)
         return cls(core, place, tuple(doubts))
@@ -132,10 +130,8 @@ class Model(Shown):
     @classmethod
     def parse(cls, text: str, source: str = "a text") -> "Model":
         """The model in the text of a model file; `source` is named in errors (GroundError)."""
-        try:
+        with core_errors():
             return cls(_core.parse_model(text, source))
-        except RuntimeError as error:
-            raise GroundError(str(error)) from error
 
     @classmethod
     def of(cls, model: "ModelLike") -> "Model":
@@ -197,11 +193,9 @@ class Model(Shown):
     def with_values(self, values: Mapping[str, float] = {}, **more: float) -> "Model":
         """A copy with other values of parameters: {name: value}, name=value. GroundError on unknown names."""
         core = self.core.copy()
-        try:
+        with core_errors():
             for name, value in {**values, **more}.items():
                 core.set_value(name, value)
-        except ValueError as error:
-            raise GroundError(str(error)) from error
         return _changed(core)
 
     def with_effect(self, effect: EffectLike, **values: float) -> "Model":
@@ -306,11 +300,9 @@ class Room:
     @classmethod
     def load(cls, path: Path) -> "Room":
         """The room in a file. GroundError names file, line and key of what is wrong."""
-        try:
+        with core_errors():
             place = files.path_of(path, "a room")
             return cls(_core.load_room(place), place)
-        except RuntimeError as error:
-            raise GroundError(str(error)) from error
 
     @classmethod
     def of(cls, room: "RoomLike") -> "Room":
@@ -324,10 +316,8 @@ class Room:
         file = recording.files.get("room")
         if file is None:
             return None
-        try:
+        with core_errors():
             return cls(_core.parse_room(file.text, "%s of %s" % (file.name, recording.name)))
-        except RuntimeError as error:
-            raise GroundError(str(error)) from error
 
     @property
     def name(self) -> str:

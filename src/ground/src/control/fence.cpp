@@ -17,11 +17,6 @@ double Fence::coasting(double speed, double age) const {
   return std::max(0.0, age) + room_.latency + 0.5 * speed / room_.braking;
 }
 
-Vector2<double> Fence::stoppingPoint(const RigidState<double>& state, double age) const {
-  const Vector2<double> velocity = bodyToWorld<double>(state.eta.z(), state.nu.head<2>().eval());
-  return state.eta.head<2>() + coasting(velocity.norm(), age) * velocity;
-}
-
 Vector2<double> Fence::stoppingPoint(const RigidState<double>& state, double age, const Thrusts& thrusts,
                                      std::size_t count) const {
   Vector2<double> at = state.eta.head<2>();
@@ -65,8 +60,8 @@ std::string Fence::objection(const RigidState<double>& state, double age, const 
   } else if (now < distance_) {
     std::snprintf(text, sizeof text, "the craft is %.2f m from a wall of the room", now);
   } else {
-    double then = room_.clearanceOfWay(here, stoppingPoint(state, age));
-    for (std::size_t count = 1; count <= thrusts.size(); ++count)
+    double then = now;
+    for (std::size_t count = 0; count <= thrusts.size(); ++count)
       then = std::min(then, room_.clearanceOfWay(here, stoppingPoint(state, age, thrusts, count)));
     if (then < distance_)
       std::snprintf(text, sizeof text,

@@ -31,11 +31,10 @@ class Fence {
   Fence(Room room, double distance) : room_(std::move(room)), distance_(distance) {}
 
   const Room& room() const { return room_; }
-  /// Where the craft comes to rest if thrust and lift are cut now; `age`: age of the state [s].
-  Vector2<double> stoppingPoint(const RigidState<double>& state, double age) const;
-  /// The same with the first `count` thrusts, the last of which lasts on for the room's latency.
-  Vector2<double> stoppingPoint(const RigidState<double>& state, double age, const Thrusts& thrusts,
-                                std::size_t count) const;
+  /// Where the craft comes to rest if thrust and lift are cut now; `age`: age of the state [s]. Of the
+  /// thrusts the first `count` act, the last of which lasts on for the room's latency.
+  Vector2<double> stoppingPoint(const RigidState<double>& state, double age, const Thrusts& thrusts = {},
+                                std::size_t count = 0) const;
   /// By how much stoppingPoint() is too close to a wall [m], at least 0. `derivative`: its derivatives by x,
   /// y, psi, u, v, set only if it is positive.
   double violation(const RigidState<double>& state, double age,

@@ -9,7 +9,7 @@ import yaml
 
 from ground import _core
 from ground.support.annotations import Document
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, core_errors
 
 # The error has several minima over a full turn, so that fits begin at several angles [rad].
 STARTS = {"heading_offset.psi0": (math.pi / 2, math.pi, -math.pi / 2)}
@@ -46,10 +46,8 @@ def of_library(name: str) -> Candidate:
 
 def _with_effect(name: str, model: _core.Model) -> _core.Model:
     extended = model.copy()
-    try:
+    with core_errors():
         extended.add_effect(name)
-    except (ValueError, RuntimeError) as error:
-        raise GroundError(str(error))
     return extended
 
 
@@ -57,10 +55,8 @@ def effects(model: Optional[_core.Model] = None) -> Dict[str, Document]:
     """The effects of the library by name, as _core.effects() has them, with a model those of its
     single thrusters as well; GroundError where a library of GROUND_EFFECT_LIBRARIES cannot be used.
     """
-    try:
+    with core_errors():
         return _core.effects(model)
-    except RuntimeError as error:
-        raise GroundError(str(error))
 
 
 def summaries(model: Optional[_core.Model] = None) -> Dict[str, str]:
@@ -126,10 +122,8 @@ def from_text(text: str, source: str, model: Optional[_core.Model] = None) -> Ca
 
 
 def _with_text(text: str, source: str, model: _core.Model) -> _core.Model:
-    try:
+    with core_errors():
         return _core.with_effect(model, text, source)
-    except RuntimeError as error:
-        raise GroundError(str(error))
 
 
 def turned(model: _core.Model, free: Sequence[str]) -> Iterator[_core.Model]:

@@ -16,7 +16,7 @@ from ground import _core
 from ground.analysis.thinning import thinned
 from ground.recordings import windows
 from ground.support.annotations import Array, Document
-from ground.support.errors import GroundError
+from ground.support.errors import core_errors
 
 _T = TypeVar("_T")
 
@@ -193,7 +193,5 @@ class Likelihood:
 
 def call(function: Callable[..., _T], *arguments: Any, **options: Any) -> _T:
     """Calls the core; its exceptions become GroundErrors."""
-    try:
+    with core_errors():
         return function(*arguments, **options)
-    except (RuntimeError, ValueError) as error:
-        raise GroundError(str(error))

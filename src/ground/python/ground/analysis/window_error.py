@@ -9,7 +9,7 @@ from ground import _core
 from ground.analysis import candidates
 from ground.recordings import repair, windows
 from ground.support.annotations import Array, Document, Indices, Random
-from ground.support.errors import GroundError, warn
+from ground.support.errors import GroundError, core_errors, warn
 from ground.support.progress import Work
 
 if TYPE_CHECKING:
@@ -144,10 +144,8 @@ class WindowFitter:
     def _fit(
         self, chosen: Sequence[_core.Window], model: _core.Model, free: Sequence[str], **options: Any
     ) -> Document:
-        try:
+        with core_errors():
             return windows.problem(self.runs, chosen, self.target).fit(model, list(free), **options)
-        except (ValueError, RuntimeError) as error:
-            raise GroundError(str(error))
 
 
 def parts_of(runs: Sequence[_core.RunData], cut: Sequence[_core.Window], most: int = PARTS) -> Indices:
@@ -191,10 +189,8 @@ def window_errors(
     """Mean |e|/s of u, v, r in each window, (windows, 3)."""
     problem = windows.problem(runs, chosen)
     scale = windows.problem(truth, chosen) if truth else problem
-    try:
+    with core_errors():
         simulated = problem.simulate(model)["nu"]
-    except RuntimeError as error:
-        raise GroundError(str(error))
     errors = []
     for window, nu in zip(chosen, simulated):
         measured = np.asarray(runs[window.run].nu)[window.first : window.last + 1]
@@ -273,13 +269,11 @@ def _scaled_errors(
     """Errors (n, 3) of a simulation of a window from an initial velocity, over standard deviations."""
     run, span = runs[window.run], slice(window.first, window.last + 1)
     known = None if wrench is None else wrench[span]
-    try:
+    with core_errors():
         found = _core.simulate(
             model, run.inputs, run.times[span], run.eta[window.first], nu, run.drives, known,
             payload=run.payload, battery=run.battery,
         )  # fmt: skip
-    except RuntimeError as error:
-        raise GroundError(str(error))
     return np.asarray((found["nu"] - np.array(run.nu)[span]) / sigma[window.run])
 
 

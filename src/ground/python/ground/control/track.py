@@ -16,7 +16,7 @@ from ground.simulation import laws, listing, tracking
 from ground.support import command_line, files
 from ground.support.annotations import Document, Path
 from ground.support.command_line import count, option, positive, seconds, seed
-from ground.support.errors import GroundError, OptionError
+from ground.support.errors import GroundError, OptionError, core_errors
 from ground.support.headline import Line
 from ground.support.progress import Progress, Work
 from ground.support.results import Plotted, Shown
@@ -293,14 +293,12 @@ def track(
     if options.starts > 1 or options.seed is not None:
         places = tracking.starts(options.starts, first)
     conditions = tracking.Conditions(options.noise, options.delay)
-    try:
+    with core_errors():
         given = {**command_line.given(options, ["smooth"]), **listing.reference_settings(options), **settings}
         task = tracking.task(reference, options.settled, options.end_time, **given)
         loop = (truth, believed.core, choice, task, places, conditions, first, work)
         with work.stage(DRIVING, len(places)):
             runs = tracking.many(*loop, rate=options.rate, max_error=options.max_error)
-    except (ValueError, RuntimeError) as error:
-        raise GroundError(str(error))
     return Tracking(
         controller=choice.kind,
         reference=reference,

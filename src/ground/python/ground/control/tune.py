@@ -13,7 +13,7 @@ from ground.simulation import gains, listing, tracking, tuning
 from ground.support import command_line, files
 from ground.support.annotations import Document
 from ground.support.command_line import count, option, seed
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, core_errors
 from ground.support.headline import formatted
 from ground.support.progress import Work
 from ground.support.workers import Workers
@@ -91,12 +91,10 @@ def run(arguments: argparse.Namespace) -> Document:
     use = tracking.effect_use(options.controller, model)
     if use["remark"]:
         command_line.say(arguments, "model: %s" % use["remark"])
-    try:
+    with core_errors():
         seen = tuning.cells({k: _task(k) for k in options.references}, model)
         unseen = tuning.cells({k: _task(k) for k in options.holdout}, model)
         tried, compared = _search(options, arguments.work, model, seen, unseen)
-    except (ValueError, RuntimeError) as error:
-        raise GroundError(str(error))
     tuned = compared["tuned"]
     result = {
         "controller": options.controller,

@@ -13,7 +13,7 @@ from ground import _core
 from ground.discovery.story import SCHEMA, Story
 from ground.support import files
 from ground.support.annotations import Array
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, core_errors
 
 STORY = "journal.json"
 FIRST = "model-00.yaml"  # the only file that is written before there is a story
@@ -75,10 +75,8 @@ class Journal:
 
     def model(self, name: str) -> _core.Model:
         """The model of a file of the folder; GroundError when it cannot be read."""
-        try:
+        with core_errors():
             return _core.load_model(self.path(name))
-        except RuntimeError as error:
-            raise GroundError(str(error))
 
     def keep_model(self, name: str, model: _core.Model) -> None:
         """Writes a model file."""

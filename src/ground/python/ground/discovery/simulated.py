@@ -17,7 +17,7 @@ from ground.simulation import experiments, gains
 from ground.simulation.simulated_run import SimulatedRun
 from ground.support import files
 from ground.support.annotations import Array
-from ground.support.errors import GroundError
+from ground.support.errors import core_errors
 
 MOST = 4.0  # longest flight, in lengths of its inputs
 PATH_STEP = 0.1  # between points of a path [s]
@@ -120,10 +120,8 @@ def path_of(params: _core.ExcitationParams, model: _core.Model, pose: Array) -> 
     simulated."""
     mocap = _core.MocapParams()
     mocap.position_noise = mocap.heading_noise = 0.0
-    try:
+    with core_errors():
         log = _core.excite(model, model, params, pose, np.zeros(3), mocap, 1)
-    except (RuntimeError, ValueError) as error:
-        raise GroundError(str(error))
     rows = log["truth"]
     every = max(1, round(PATH_STEP * mocap.rate))
     return [(float(t), float(x), float(y)) for t, x, y in rows[::every, :3]]

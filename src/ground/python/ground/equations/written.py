@@ -12,7 +12,7 @@ from ground.equations import checks, languages
 from ground.equations.statements import Equations, Function, Language, Symbol
 from ground.support import files, origin
 from ground.support.annotations import Document, Path
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, core_errors
 from ground.support.headline import Line
 from ground.support.results import Shown
 
@@ -102,10 +102,8 @@ def write(core: _core.Model, path: Path, to: Optional[str] = None, force: bool =
     prefix = re.sub(r"\W", "_", os.path.splitext(os.path.basename(place))[0], flags=re.ASCII)
     prefix = prefix if prefix[:1].isalpha() else "model_" + prefix
     files.refuse_existing(place, force)
-    try:
+    with core_errors():
         equations = Equations(core, RESERVED)
-    except ValueError as error:
-        raise GroundError(str(error)) from error
     code = _code(equations, chosen, prefix, place)
     difference, unchecked = checks.compared(equations, code, chosen, prefix)
     with files.new_file(place, force) as temporary:

@@ -5,26 +5,34 @@ import glob
 import os
 import signal
 import time
-from typing import List
+from typing import List, Optional
 
 CORES = ("rosmaster", "rosout")  # what roslaunch ends last
 PATIENCE = 12.0  # time for the nodes to end [s]
 RED = "\033[31m%s\033[0m"  # colour of errors of ROS
 
 
+def words_of(process: int) -> Optional[List[str]]:
+    """The command line of a roslaunch after its name; None for another program."""
+    with contextlib.suppress(OSError), open("/proc/%d/cmdline" % process, errors="surrogateescape") as file:
+        words = file.read().split("\0")[:-1]
+        program = [os.path.basename(word) for word in words[:2]]
+        return words[program.index("roslaunch") + 1 :] if "roslaunch" in program else None
+    return None
+
+
 def end_launch() -> bool:
     """Ends roslaunch as by Ctrl-C, and so all nodes, if it started this program; returns whether it did."""
-    parent = os.getppid()
-    if _is_roslaunch(parent):
-        os.kill(parent, signal.SIGINT)
-        return True
-    return False
+    started = words_of(os.getppid()) is not None
+    if started:
+        os.kill(os.getppid(), signal.SIGINT)
+    return started
 
 
 def fail_launch(process: int) -> None:
     """Ends a roslaunch and its nodes, but not with status 0, which roslaunch has whatever its nodes do: stops
     it, interrupts its nodes, the master last, and kills it when they have ended. Leaves another program."""
-    if not _is_roslaunch(process):
+    if words_of(process) is None:
         return
     os.kill(process, signal.SIGSTOP)
     deadline = time.monotonic() + PATIENCE
@@ -37,12 +45,6 @@ def fail_launch(process: int) -> None:
     for child in (*_children(process, False), *_children(process, True), process):
         with contextlib.suppress(OSError):
             os.kill(child, signal.SIGKILL)
-
-
-def _is_roslaunch(process: int) -> bool:
-    with contextlib.suppress(OSError), open("/proc/%d/cmdline" % process, errors="replace") as file:
-        return "roslaunch" in [os.path.basename(word) for word in file.read().split("\0")[:2]]
-    return False
 
 
 def _children(parent: int, cores: bool) -> List[int]:

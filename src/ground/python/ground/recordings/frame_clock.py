@@ -61,8 +61,10 @@ def rebuild(
         return None
 
     def roughness(one: Clock) -> float:
+        """Relative to that by the stamps."""
         start, rate, numbers = one
-        return _roughness(start + numbers / rate, eta[: len(numbers)] / noise, 1 / rate)
+        by_stamps = max(_roughness(times, eta / noise, 1 / rate), 1e-300)
+        return _roughness(start + numbers / rate, eta[: len(numbers)] / noise, 1 / rate) / by_stamps
 
     alone = _without_loss(times)
     tried = (_with_losses(times, eta, wide * noise, known_rate) for wide in WIDTHS)
@@ -72,12 +74,13 @@ def rebuild(
     best = min(clocks, key=roughness)
     rates = [rate for _, rate, _ in clocks]
     if max(rates) > AGREE * min(rates) and known_rate is None:
-        best = _by_rates(times, eta, WIDTHS[0] * noise, max(rates)) or best
+        other = _by_rates(times, eta, WIDTHS[0] * noise, max(rates))
+        best = other if other and roughness(other) < SMOOTHER else best
+    if not roughness(best) < SMOOTHER and known_rate is None:
+        return None
     start, rate, numbers = best
     rate = known_rate or rate
-    frames, by_stamps = start + numbers / rate, _roughness(times, eta / noise, 1 / rate)
-    if not roughness(best) < SMOOTHER * by_stamps and known_rate is None:
-        return None
+    frames = start + numbers / rate
     return FrameClock(frames, rate, int(numbers[-1] - numbers[0] + 1 - len(times)), times - frames)
 
 

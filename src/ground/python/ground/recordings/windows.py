@@ -3,7 +3,7 @@
 from typing import Dict, List, Optional, Sequence
 
 from ground import _core
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, core_errors
 
 WINDOW = 1.5  # length of the windows of the error [time scales]
 
@@ -67,10 +67,8 @@ def problem(
     target: _core.Target = _core.Target.velocities,
 ) -> _core.SimulationError:
     """The _core.SimulationError over windows; GroundError when the runs do not allow it."""
-    try:
+    with core_errors():
         return _core.SimulationError(runs, windows, target)
-    except ValueError as error:
-        raise GroundError(str(error))
 
 
 def error(

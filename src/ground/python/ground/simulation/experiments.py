@@ -12,7 +12,7 @@ import numpy as np
 from ground import _core
 from ground.simulation.simulated_run import SimulatedRun
 from ground.support.annotations import Array, Document
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, core_errors
 
 START = 1000.0  # stamp at which every simulated recording starts [s]
 LEAD = 0.5  # time recorded at rest, before the lift is on [s]
@@ -40,10 +40,8 @@ def design(
     model: the craft, whose thrusters play it (default: left and right). options: members of
     _core.DesignParams. Raises ValueError on bad ones, GroundError when a file cannot be read.
     """
-    try:
+    with core_errors():
         return _core.make_design(design_params(kind, model, **options), duration)
-    except RuntimeError as error:
-        raise GroundError(str(error))
 
 
 def design_params(kind: str, model: Optional[_core.Model] = None, **options: Any) -> _core.DesignParams:

@@ -11,7 +11,7 @@ from ground import _core
 from ground.support import files
 from ground.support.annotations import Path, Setting
 from ground.support.bounded_yaml import LOADER
-from ground.support.errors import GroundError
+from ground.support.errors import GroundError, core_errors
 
 CONTROLLERS = {info.name: info for info in _core.controller_table()}
 Gains = Union[Path, Mapping[str, Setting]]
@@ -22,10 +22,8 @@ def choice(kind: str, gains: Union[None, Gains] = None) -> _core.ControllerChoic
     GroundError on unknown names."""
     made = _core.ControllerChoice()
     made.kind = kind
-    try:
+    with core_errors():
         made.values = dict(gains) if isinstance(gains, Mapping) else read(os.fspath(gains)) if gains else {}
-    except ValueError as error:
-        raise GroundError(str(error))
     return made
 
 

@@ -83,6 +83,15 @@ class RecordingWarning(GroundWarning):
 
 
 @contextlib.contextmanager
+def core_errors() -> Iterator[None]:
+    """Raises what the core refuses inside the block as a GroundError."""
+    try:
+        yield
+    except (RuntimeError, ValueError) as error:
+        raise GroundError(str(error)) from error
+
+
+@contextlib.contextmanager
 def warnings_as_lines() -> Iterator[None]:
     """Prints GroundWarnings inside the block on standard error, one line each, every text once."""
     shown: Set[str] = set()

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import glob
 import json
 import math
 import os
@@ -50,13 +51,11 @@ def path_of(given: Any, what: str) -> str:
 
 
 def delivered(name: str) -> str:
-    """The path of a model file that comes with ground, of its name, "tiny_whoover"; of other names, the name."""
+    """The path of the model file that comes with ground by a name, "tiny_whoover"; else what is given."""
     roots = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
-    kinds = (
-        os.path.join(root, "share/ground/cfg", kind) for root in roots for kind in ("hovercraft", "craft")
-    )
-    paths = [os.path.join(folder, name + ".yaml") for folder in kinds if not os.path.lexists(name)]
-    return next(filter(os.path.isfile, paths), name)
+    places = (os.path.join(root, "share/ground/cfg/*craft", glob.escape(name) + ".yaml") for root in roots)
+    found = [path for place in places for path in sorted(glob.glob(place))]
+    return name if os.path.lexists(name) or not found else found[0]
 
 
 def refuse_existing(path: str, force: bool) -> None:
