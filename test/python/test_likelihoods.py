@@ -284,7 +284,9 @@ def test_an_interval_contains_what_runs_differ_by():
 
 def test_runs_that_do_not_tell_a_parameter_do_not_hide_that_others_differ():
     """With thrusters on or off, nothing is known of the curve of thrust."""
-    told = [run_data(s, sigma=0.002, effect="thrust_curve.p", value=p, levels=5) for s, p in ((1, 1.0), (2, 1.4))]
+    told = [
+        run_data(s, sigma=0.002, effect="thrust_curve.p", value=p, levels=5) for s, p in ((1, 1.0), (2, 1.4))
+    ]
     craft = model()
     craft.add_effect("thrust_curve")
     ends = []

@@ -7,7 +7,7 @@ import pytest
 from conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
-import rates  # noqa: E402
+import rates
 
 FEW = 80
 KNOWN = {"mean of two"}  # docs/theory/likelihood.md says that it is less
@@ -17,7 +17,9 @@ def wrong(found):
     """Claims that rates contradict, at a level at which one in a thousand sets of right ones has any."""
     judged = {name: rates.summary(said) for name, said in found.items() if name not in KNOWN}
     among = 10 * len(rates.CLAIMS)
-    return [n for n, (rate, count, _) in judged.items() if rates.contradicted(rates.CLAIMS[n], rate, count, among)]
+    return [
+        n for n, (rate, count, _) in judged.items() if rates.contradicted(rates.CLAIMS[n], rate, count, among)
+    ]
 
 
 def test_p_values_and_intervals_are_right_as_often_as_they_say():

@@ -77,8 +77,8 @@ def beyond(parts: Sequence[HeldOut], predicted: Array) -> List[int]:
 
 
 def _deviation(parts: Sequence[HeldOut], run: _core.RunData, course: Courses) -> Array:
-    """By how much predictions differ by chance (n, 6): the jackknife's deviation, and noise. About the mean of
-    the fits without a part, also for a run fitted to: two such fits are further apart than from that to all."""
+    """By how much predictions differ by chance (n, 6): the jackknife's deviation, about the mean of the fits
+    without a part (two of these are further apart than each is from a fit to all), and noise."""
     predicted = [(part, seen[0]) for part in parts for seen in [course(run, part.model)] if seen]
     first = predicted[0][1]
     mean = first + np.mean([_apart(one, first) for part, one in predicted if part.runs], axis=0)
