@@ -7,7 +7,7 @@ import pytest
 from conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "test" / "bench"))
-import rates  # noqa: E402
+import rates
 
 FEW = 80
 KNOWN = {"mean of two"}  # docs/theory/likelihood.md says that it is less

@@ -3,9 +3,8 @@
 A likelihood weighs runs by what noise and disturbance explain. Where their own values differ by more, the
 interval of the common value is too narrow. The own value of a run is a few Newton steps from the common
 one. That all are the same is tested by the weighted squares of first steps (Cochran 1954), which derivatives
-at the common value alone give. Whatever the test says, the interval holds that of the mean of values that
-differ from run to run (Paule and Mandel 1982): few runs seldom reject a difference that matters. Runs that do
-not tell a parameter do not count.
+at the common value alone give. Whatever it says, the interval holds that of the mean of values that differ
+from run to run (Paule and Mandel 1982), of the runs that tell a parameter.
 """
 
 from dataclasses import replace
@@ -115,8 +114,7 @@ def _squares(steps: Array, variances: Array, between: float) -> float:
 
 
 def _between(steps: Array, variances: Array) -> float:
-    """The variance between runs with which the squares are as many as expected; 0 where they are no more
-    without it."""
+    """The variance between runs with which the squares are as many as expected; 0 where none is needed."""
     if _squares(steps, variances, 0.0) <= len(steps) - 1:
         return 0.0
     largest = float(np.var(steps, ddof=1))  # as many or fewer: the mean of all has more squares

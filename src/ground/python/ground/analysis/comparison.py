@@ -13,7 +13,6 @@ from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import GroundError
 
 START = 4 / 15  # part of a window that gives the initial velocities of the pure prediction
-BLOCK = 1 / 3  # of nearly independent errors, as for intervals of fits [windows]
 THESIS_SPAN = 4.0  # length of the thesis's objective [s]
 HORIZONS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # [time scales]
 CHANNELS = ("u", "v", "r")
@@ -46,17 +45,13 @@ class Evaluation:
     sigma: Array  # (3,) standard deviations of u, v, r in the run
     predicted: Array  # (m, 3) errors of the pure prediction [standard deviations]
     thesis: Optional[float]
-    window: float  # length of a window [s]
     horizons: List[Document]  # per horizon: seconds, errors (k, 2) [mm], [deg]
 
     @property
-    def by_block(self) -> Array:
-        """Sum of the errors of u, v, r in each block of windows, (blocks,)."""
-        blocks = []
-        for piece in self.pieces:
-            count = max(1, round(np.ptp(piece["times"]) / (BLOCK * self.window)))
-            blocks += np.array_split(np.abs((piece["measured"] - piece["nu"]) / self.sigma), count)
-        return np.array([block.mean(axis=0).sum() for block in blocks])
+    def by_window(self) -> Array:
+        """Sum of the errors of u, v, r in each window, (windows,)."""
+        off = [np.abs((piece["measured"] - piece["nu"]) / self.sigma) for piece in self.pieces]
+        return np.array([window.mean(axis=0).sum() for window in off])
 
     @property
     def residual(self) -> Array:
@@ -97,7 +92,6 @@ def evaluate(run: _core.RunData, model: _core.Model) -> Evaluation:
         sigma,
         _predict(run, model, cut, sigma),
         thesis_objective(run, model),
-        windows.length([run]),
         _predict_horizons(run, model),
     )
 

@@ -1,7 +1,7 @@
 """Distributions of test statistics, by scipy.special: scipy.stats takes five times as long to load."""
 
 import math
-from typing import Tuple
+from typing import List, Tuple
 
 import numpy as np
 from scipy import special
@@ -40,13 +40,18 @@ def mean_not_above_zero(values: Array) -> float:
     return float(special.stdtr(len(values) - 1, -values.mean() / spread * math.sqrt(len(values))))
 
 
-def ratio_of_means(after: Array, before: Array, weights: Array, part_of: Indices) -> Tuple[float, float]:
-    """95% interval of the ratio of the weighted means of two or more paired values (n,): of its logarithm, by
-    Student's t over pieces of data, for neighbours are alike. These are parts, such as runs, or where there
-    are fewer than PIECES, equal pieces of them. part_of: (n,) the part that each pair is in."""
+def pieces_of(part_of: Indices) -> List[Indices]:
+    """Pieces of data that are independent, although neighbours are alike: parts, such as runs, or where there
+    are fewer than PIECES, equal pieces of them. part_of: (n,) the part of each value."""
     parts = [np.flatnonzero(part_of == part) for part in np.unique(part_of)]
     each = max(1, -(-PIECES // len(parts)))
-    pieces = [piece for part in parts for piece in np.array_split(part, each) if len(piece)]
+    return [piece for part in parts for piece in np.array_split(part, each) if len(piece)]
+
+
+def ratio_of_means(after: Array, before: Array, weights: Array, part_of: Indices) -> Tuple[float, float]:
+    """95% interval of the ratio of the weighted means of two or more paired values (n,): of its logarithm, by
+    Student's t over pieces of data. part_of: (n,) the part of the data that each pair is in."""
+    pieces = pieces_of(part_of)
     sums = np.array([[weights[p] @ values[p] for p in pieces] for values in (after, before)])
     ratio = float(sums[0].sum() / sums[1].sum())
     varying = np.subtract(*(sums / sums.mean(axis=1, keepdims=True)))

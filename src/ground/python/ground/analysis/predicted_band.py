@@ -57,16 +57,16 @@ class Band:
                 if seen:
                     predicted, measured = seen
                     off = np.abs(_apart(measured, predicted))
-                    ratios.append(off / _deviation(parts, run, predicted, course))
+                    ratios.append(off / _deviation(parts, run, course))
         if not ratios:
             raise GroundError(
                 "no run that the model was fitted to is long enough for the horizon of the band"
             )
         return cls(level, parts, _factor(ratios, level))
 
-    def half(self, run: _core.RunData, predicted: Array, course: Courses) -> Array:
+    def half(self, run: _core.RunData, course: Courses) -> Array:
         """Half the width (n, 6) about the predicted samples of a run that the model was not fitted to."""
-        return self.factor * _deviation(self.parts, run, predicted, course)
+        return self.factor * _deviation(self.parts, run, course)
 
 
 def beyond(parts: Sequence[HeldOut], predicted: Array) -> List[int]:
@@ -76,16 +76,16 @@ def beyond(parts: Sequence[HeldOut], predicted: Array) -> List[int]:
     return [int(i) for i in np.flatnonzero(size > FAR * most)]
 
 
-def _deviation(parts: Sequence[HeldOut], run: _core.RunData, predicted: Array, course: Courses) -> Array:
-    """By how much predictions differ by chance (n, 6): the jackknife's deviation, and noise."""
+def _deviation(parts: Sequence[HeldOut], run: _core.RunData, course: Courses) -> Array:
+    """By how much predictions differ by chance (n, 6): the jackknife's deviation, about the mean of the fits
+    without a part (two of these are further apart than each is from a fit to all), and noise."""
+    predicted = [(part, seen[0]) for part in parts for seen in [course(run, part.model)] if seen]
+    first = predicted[0][1]
+    mean = first + np.mean([_apart(one, first) for part, one in predicted if part.runs], axis=0)
     count = sum(bool(part.runs) for part in parts)
-    squares = np.square(np.broadcast_to(_noise(run), predicted.shape)).copy()
-    for part in parts:
-        seen = course(run, part.model)
-        if seen:
-            weight = (count - 1) / count if part.runs else 1.0
-            squares += weight * np.square(_apart(seen[0], predicted))
-    return np.asarray(np.sqrt(squares))
+    weights = [(count - 1) / count if part.runs else 1.0 for part, _ in predicted]
+    squares = sum(w * np.square(_apart(one, mean)) for w, (_, one) in zip(weights, predicted))
+    return np.asarray(np.sqrt(squares + np.square(_noise(run))))
 
 
 def _noise(run: _core.RunData) -> Array:

@@ -36,7 +36,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple, Union
 import numpy as np
 
 from ground.analysis import comparison, horizon
-from ground.analysis.distributions import mean_not_above_zero
+from ground.analysis.distributions import mean_not_above_zero, pieces_of
 from ground.analysis.window_error import noise_floor
 from ground.comparing.result import ROLES, Comparison, Ranking, RunComparison, prepare
 from ground.data import bag_arguments
@@ -54,7 +54,7 @@ from ground.recordings import windows
 from ground.recordings.recording import Recording
 from ground.reports import inspection, result_folder
 from ground.support import command_line, workers
-from ground.support.annotations import Array, Document
+from ground.support.annotations import Array, Document, Indices
 from ground.support.errors import GroundError
 from ground.support.progress import Progress, Work
 from ground.support.results import distinct_labels
@@ -187,10 +187,11 @@ def _studies(runs: Sequence[RunComparison], label: str) -> List[Document]:
 
 def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
     """Models by their error over runs."""
-    errors, roles, by_block = {}, {}, {}
+    errors, roles, by_window = {}, {}, {}
     for label in labels:
         studies = _studies(runs, label)
-        by_block[label] = np.concatenate([s["evaluation"].by_block for s in studies])
+        each = [s["evaluation"].by_window for s in studies]
+        by_window[label], run_of = np.concatenate(each), np.repeat(range(len(each)), list(map(len, each)))
         errors[label] = float(comparison.numbers([s["evaluation"] for s in studies])["error"])
         roles[label] = {s["role"] for s in studies}
     fitted = [label for label in labels if "fit" in roles[label]]
@@ -200,17 +201,18 @@ def _ranking(labels: Sequence[str], runs: Sequence[RunComparison]) -> Ranking:
         runs=[run.name for run in runs],
         errors={label: errors[label] for label in order},
         fitted=fitted,
-        equal=equally_good(order, by_block),
+        equal=equally_good(order, by_window, run_of),
     )
 
 
-def equally_good(order: Sequence[str], by_block: Mapping[str, Array]) -> List[str]:
+def equally_good(order: Sequence[str], by_window: Mapping[str, Array], run_of: Indices) -> List[str]:
     """Models that are not significantly worse than the first one. order: labels, the least error first;
-    by_block: errors (n,) on blocks of data. The first one was chosen on them, so that any pair may be
-    compared, either way round, and all share the level (Bonferroni)."""
-    best, *others = order
+    by_window: errors (n,) in windows; run_of: (n,) their runs. The first one was chosen on them, so that any
+    pair may be compared, either way round, and all share the level (Bonferroni)."""
+    pieces = pieces_of(run_of)
+    best, *others = ((label, np.array([by_window[label][p].mean() for p in pieces])) for label in order)
     level = CHANCE / max(1, len(order) * len(others))
-    return [label for label in others if mean_not_above_zero(by_block[label] - by_block[best]) > level]
+    return [label for label, errors in others if mean_not_above_zero(errors - best[1]) > level]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

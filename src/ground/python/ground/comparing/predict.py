@@ -177,7 +177,7 @@ def predict(
             return None
         return shape.predicted(model), shape.measured
 
-    half = Band.of(parts, band, course).half(made.run, made.predicted, course)
+    half = Band.of(parts, band, course).half(made.run, course)
     further = beyond(parts, made.predicted)
     if further:
         warn(

@@ -79,9 +79,8 @@ def sentences(before: Known, parameters: Sequence[Document]) -> Iterator[str]:
 
 
 def contradiction(moved: float, before: float, after: float) -> float:
-    """Probability that a fit moves a parameter further from what was known, if that is right: the variance of
-    the move is what the runs take from the one that was known (Box 1980). before, after: deviations; where
-    the runs tell little, their difference is all doubt, and taken as that of TOLD_LITTLE."""
+    """Probability that a fit moves a parameter further from what was known, if that is right (Box 1980: the
+    variance of the move is what runs take from that of before, at least what TOLD_LITTLE leaves)."""
     told = 1 - min(after / before, TOLD_LITTLE) ** 2
     return student_outside(moved / (before * math.sqrt(told)))
 

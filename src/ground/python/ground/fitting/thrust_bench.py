@@ -345,8 +345,7 @@ def _scatter(bench: Bench) -> float:
 def _choose(
     bench: Bench, gains: Array, curves: Sequence[thrust_curve.Curve]
 ) -> Tuple[thrust_curve.Curve, List[Tuple[str, float]]]:
-    """The simplest curve that the forces do not reject, and the simpler ones with how likely each is: the
-    ratio of its marginal likelihood to that of the best one, by the information criterion."""
+    """The simplest curve that the forces do not reject, and the simpler ones, by their evidence's ratio."""
     working, n = bench.together @ gains, len(bench.forces)
     least = 1e-12 * float(bench.forces @ bench.forces)
     squares = [((bench.forces - working * c.force(bench.inputs)) ** 2).sum() for c in curves]
