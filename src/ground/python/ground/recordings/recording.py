@@ -174,8 +174,8 @@ class Recording(Plotted):
 
     @functools.cached_property
     def motion(self) -> repair.Motion:
-        """The repaired poses, and velocities; as they were before a low-pass of the mocap. GroundError when too
-        little of them is left."""
+        """The repaired poses, and velocities; as before a low-pass of the mocap. GroundError when too little
+        of them is left."""
         from ground.recordings import smoothed  # which needs recordings
 
         if "motion" in self.known:

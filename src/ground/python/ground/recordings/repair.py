@@ -67,8 +67,8 @@ def repair(
 ) -> Motion:
     """The repaired motion of poses (n, 3) with stamps (n,) [s], in the order of arrival; clock_offset: see
     Recording; noise: of positions [m] and headings [rad], else that of the scatter of the poses; frame_rate:
-    of a camera whose stamps are late [Hz], else what stamps and motion say; low_pass: of the mocap's software,
-    which is undone. GroundError names the run when too little of it is left."""
+    of a camera whose stamps are late [Hz], else what stamps and motion say; low_pass: of the mocap, which is
+    undone. GroundError names the run when too little of it is left."""
     repairs: Dict[str, float] = {}
     times = on_commands_clock(stamps, clock_offset)
     if abs(clock_offset) > CLOCK_OFFSET:

@@ -1,13 +1,13 @@
 """Poses that the mocap's software smoothed by a low-pass: recognised, and undone.
 
 Sound poses are smooth motion seen with white noise. A low-pass filters both. What commands do to the craft
-shows which low-pass it would have to be (`_by_commands`); the spectrum of the poses shows whether their
-noise went through it, too, which no lag of a craft does (`_evidence`).
+shows which low-pass it would have to be, the spectrum of the poses whether their noise went through it, too.
+No lag of a craft does that.
 """
 
 import itertools
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, List, Optional, Sequence, Tuple
+from typing import TYPE_CHECKING, Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -24,7 +24,8 @@ POLES = {
     "critically damped": (-1.0, -1.0),
     "Butterworth": (np.exp(0.75j * np.pi), np.exp(-0.75j * np.pi)),
 }
-WIDEST, SLOWEST, CORNERS = 0.3, 0.003, 30  # tried corners [rate of the poses]
+SLOWEST = 0.003  # tried corner ...
+CORNERS = np.geomspace(SLOWEST, 0.3, 30)  # ... and all [rate of the poses]
 FEWEST, MOST, ROWS = 200, 20000, 2000  # poses, and those that are regressed
 BINS, FIRST = 40, 3  # of a spectrum, and the first harmonic in it
 MISFIT = 0.25  # relative error of a usual spectrum
@@ -34,8 +35,12 @@ NEAR, STEPS = 1.05, (1.05, 1.02, 1.006)  # ... and with others that are tried to
 TRIED = (-2, -1, 0, 1, 2)
 MANY, RESIDUALS = 3000, 200  # independent ones of the accelerations, as usual and at least
 LATE = (0, 1, 2, 3, 5, 8, 13, 20, 30)  # tried delays of a craft [poses]
-SEEN = 10.0  # least deviance by which filtered noise shows
-LIKELIER, CLEAR = 5.0, 50.0  # least evidence where it shows, and where it does not, in deviances
+HOPELESS = 400.0  # deviance at a rough corner beyond which it filtered no noise
+SEEN, SLACK = (
+    30.0,
+    25.0,
+)  # least deviance by which filtered noise shows; by which sound poses may seem likelier
+LIKELIER, CLEAR = 8.0, 50.0  # least evidence where it shows, and where it does not, in deviances
 TAPS, EDGE = 6, 0.4  # of an inverse: half its length, and width of its band's edge [of the thinned poses]
 SPOILT, SLOWER = (
     0.5,
@@ -63,19 +68,15 @@ class LowPass:
 
     def coefficients(self) -> Tuple[Array, Array]:
         """Of its numerator and denominator, by ascending delay."""
-        poles = np.array(POLES[self.form])
-        if not self.bilinear:
-            below = np.poly(np.exp(2 * np.pi * self.corner / self.rate * poles)).real
-            return np.array([below.sum()]), below
-        warped = np.tan(np.pi * self.corner / self.rate) * poles
-        below = np.poly((1 + warped) / (1 - warped)).real
-        above = np.poly(-np.ones(len(poles)))
+        poles, turn = np.array(POLES[self.form]), np.pi * self.corner / self.rate
+        warped = np.tan(turn) * poles
+        below = np.poly((1 + warped) / (1 - warped) if self.bilinear else np.exp(2 * turn * poles)).real
+        above = np.poly(-np.ones(len(poles))) if self.bilinear else np.ones(1)
         return above * below.sum() / above.sum(), below
 
     def response(self, angles: Array) -> Array:
         """Complex gains at some angles (n,) [rad per pose]."""
-        above, below = (np.polyval(part[::-1], np.exp(-1j * angles)) for part in self.coefficients())
-        gain = above / below
+        gain = np.divide(*(np.polyval(part[::-1], np.exp(-1j * angles)) for part in self.coefficients()))
         return np.asarray(gain * gain.conj() if self.both_ways else gain)
 
     def filtered(self, rows: Array) -> Array:
@@ -87,22 +88,20 @@ class LowPass:
         return np.asarray(rows if self.both_ways else rows[::-1])
 
     def undone(self, times: Array, poses: Array) -> Tuple[Array, Array]:
-        """Poses (n, 3) with ascending stamps (n,) [s] as they were before it, at so low a rate that the rounding
-        after it does not spoil them. Those whose neighbours are missing are left out."""
+        """Poses (n, 3) with ascending stamps (n,) [s] as they were before it, at so low a rate that rounding
+        does not spoil them. Those whose neighbours are missing are left out."""
         from scipy.interpolate import CubicSpline  # slow to load
 
         usual, taps, step = 1 / self.rate, *self._inverse()
         half = len(taps) // 2
         steps = np.append(0, np.cumsum(np.maximum(1, np.round(np.diff(times) / usual))).astype(int))
         frames = np.arange(steps[-1] + 1)
-        known = np.interp(frames, steps, times)
-        whole = np.column_stack([CubicSpline(steps, column)(frames) for column in poses.T])
         near = np.diff(steps, prepend=-half)[np.searchsorted(steps, frames)] <= max(step, 2)
-        good = np.convolve(near, np.ones(2 * half + 1), "valid") == 2 * half + 1
-        at = np.arange(half, len(frames) - half)
-        chosen = good & (at % step == 0)
-        found = np.column_stack([np.convolve(column, taps, "valid") for column in whole.T])
-        return known[at][chosen], found[chosen]
+        good = np.convolve(near, np.ones(len(taps)), "valid") == len(taps)
+        chosen = np.flatnonzero(good & (np.arange(len(good)) % step == 0))
+        whole = CubicSpline(steps, poses)(frames)
+        found = [np.convolve(column, taps, "valid")[chosen] for column in whole.T]
+        return np.interp(chosen + half, steps, times), np.column_stack(found)
 
     def _inverse(self) -> Tuple[Array, int]:
         """Taps that undo it and pass what thinned poses show; every how many poses are left. Least squares,
@@ -118,11 +117,13 @@ class LowPass:
             if loud**2 * np.mean(np.abs(wanted / gains) ** 2) < SPOILT * np.mean(wanted**2):
                 break
         lags = np.arange(-TAPS * step, TAPS * step + 1)
-        waves = np.exp(-1j * angles[:, None] * lags)
         weight = np.sqrt(1 + (1 / np.maximum(angles * step, 0.1)) ** 4)
-        A = np.vstack([(weight * gains)[:, None] * waves, max(loud, 1e-9) * waves])
-        b = np.append(weight * wanted, 0 * wanted)
-        rows, right = np.vstack([A.real, A.imag]), np.append(b, 0 * b)
+        waves = np.exp(-1j * angles[:, None] * lags)
+        passed = (weight * gains)[:, None] * waves
+        rows = np.vstack(
+            [passed.real, passed.imag, max(loud, 1e-9) * waves.real, max(loud, 1e-9) * waves.imag]
+        )
+        right = np.append(weight * wanted, np.zeros(3 * len(angles)))
         return np.linalg.lstsq(rows, right, rcond=None)[0], step
 
 
@@ -133,11 +134,10 @@ class _Commands:
         usual = scatter.interval(motion.times)
         inside = np.flatnonzero(reply.middle(motion))[:MOST]
         inside = inside[:: 1 + len(inside) // ROWS]
-        times = motion.times[inside]
-        self._grid = np.arange(motion.times[0], times[-1] + usual, usual)
-        self._at = np.searchsorted(self._grid, times - 0.5 * usual)
+        grid = np.arange(motion.times[0], motion.times[inside[-1]] + usual, usual)
+        self._at = np.searchsorted(grid, motion.times[inside] - 0.5 * usual)
         width = max(reply.KERNEL * max(reply.blur(motion)), usual)
-        self._commands = recording.averaged(recording.thrust, self._grid, width)
+        self._commands = recording.averaged(recording.thrust, grid, width)
         others = reply.smooth_terms(motion.nu[inside])
         self._base = np.linalg.qr(others / np.maximum(np.abs(others).max(axis=0), 1e-300))[0]
         wanted = reply.clipped(reply.accelerations(motion)[inside])
@@ -168,8 +168,8 @@ class _Spectrum:
             length //= 2
         window = np.hanning(length - 1)[1:-1]
         pieces = [run[i : i + length] for run in runs for i in range(0, len(run) - length + 1, length // 2)]
-        self.count = len(pieces)
-        if not pieces:
+        self.is_empty = not pieces
+        if self.is_empty:
             return
         third = np.diff(poses[np.array(pieces)], 3, axis=1) * window[:, None]
         power = (np.abs(np.fft.rfft(third, axis=1)) ** 2).mean(axis=0) / (window**2).sum()
@@ -178,11 +178,11 @@ class _Spectrum:
         self.angles = angles[edges[0] : edges[-1]]
         self._begins, self._sizes = edges[:-1] - edges[0], np.diff(edges)
         self._differences = (2 * np.sin(self.angles / 2)) ** 6
-        self._powers = [
-            self._binned(power[edges[0] : edges[-1], columns].mean(axis=1)) for columns in ([0, 1], [2])
-        ]
-        self._weights = [1 / (MISFIT**2 + 2 / (self._sizes * self.count * n)) for n in (2, 1)]
-        self._rounding = [max(quantum(poses[:, i]) for i in c) / np.sqrt(12) for c in ([0, 1], [2])]
+        power = self._binned(power[edges[0] : edges[-1]].T)
+        self._powers = [power[:2].mean(axis=0), power[2]]
+        self._weights = [1 / (MISFIT**2 + 2 / (self._sizes * len(pieces) * n)) for n in (2, 1)]
+        x, y, heading = (quantum(column) / np.sqrt(12) for column in poses.T)
+        self._rounding = max(x, y), heading
 
     def _binned(self, rows: Array) -> Array:
         """Means (..., bins) of rows (..., angles)."""
@@ -202,30 +202,31 @@ class _Spectrum:
         ratio = power / (np.einsum("nk,nkb->nb", levels, A) + rounded)
         return levels, (weights * (ratio - 1 - np.log(ratio))).sum(axis=1)
 
-    def fitted_to(self, one: LowPass) -> Tuple[float, float, Tuple[float, float]]:
-        """The deviance from motion and white noise that a low-pass filtered, that without noise, and the noise
-        before it of positions [m] and headings [rad]."""
-        gains = np.abs(one.response(self.angles)) ** 2
-        models = [(motion * gains, gains) for motion in self._motions()]
+    def misfit(self, one: LowPass) -> Tuple[float, LowPass]:
+        """Deviance from motion and white noise that a low-pass filtered; it, with the noise before it."""
+        gains = np.asarray(np.abs(one.response(self.angles)) ** 2, float)
+        models: List[Sequence[Array]] = [(motion * gains, gains) for motion in self._motions()]
         found = [self._fitted(i, models) for i in (0, 1)]
-        best = int((found[0][1] + found[1][1]).argmin())
-        alone = sum(self._fitted(i, [models[best][:1]])[1][0] for i in (0, 1))
+        misfits = found[0][1] + found[1][1]
+        best = int(misfits.argmin())
         position, heading = (float(np.sqrt(levels[best, 1])) for levels, _ in found)
-        return float(found[0][1][best] + found[1][1][best]), float(alone), (position, heading)
+        return float(misfits[best]), replace(one, noise=(position, heading), rounding=self._rounding)
 
-    def confirmed(self, one: LowPass, gain: float) -> Optional[LowPass]:
-        """The low-pass, with the noise before it, if it filtered the noise too; else None. gain: deviance by
-        which commands explain the motion better with it than with lags of a craft."""
-        motions, flat = self._motions(), np.ones(len(self.angles))
+    def confirms(self, one: LowPass, gain: float) -> bool:
+        """Whether a low-pass filtered the noise too; gain: deviance by which commands explain the motion
+        better with it than with lags of a craft."""
+        motions, gains = self._motions(), np.abs(one.response(self.angles)) ** 2
         lags = 1 / (1 + (self.angles / np.geomspace(0.02, 1.5, 8)[:, None]) ** 2)
-        slow = [motions[0] * lag**n for lag in lags for n in (1, 2)]
-        models = [(motion, self.angles**-2, flat) for motion in motions + slow]
-        sound = sum(self._fitted(i, models)[1].min() for i in (0, 1))
-        misfit, alone, noise = self.fitted_to(one)
-        least = LIKELIER if alone - misfit > SEEN else CLEAR
-        if misfit > 2 * len(self._sizes) or sound - misfit + gain < least:
-            return None
-        return replace(one, noise=noise, rounding=(self._rounding[0], self._rounding[1]))
+        slow = [*motions, *(motions[0] * lags), *(motions[0] * lags**2)]
+        sound = self._least([(motion, self.angles**-2, 0 * self.angles + 1) for motion in slow])
+        hidden = self._least([(motion * gains,) for motion in motions])
+        misfit = self.misfit(one)[0]
+        least = LIKELIER if hidden - misfit > SEEN else CLEAR
+        return misfit < min(2 * len(self._sizes), sound + SLACK) and sound - misfit + gain > least
+
+    def _least(self, parts: Sequence[Sequence[Array]]) -> float:
+        """The least deviance of positions and headings of some models."""
+        return sum(float(self._fitted(i, parts)[1].min()) for i in (0, 1))
 
     def _motions(self) -> List[Array]:
         """Spectra of motion by forces that change at different rates."""
@@ -249,37 +250,38 @@ def quantum(values: Array) -> float:
 def recognised(recording: "Recording", motion: Motion) -> Optional[LowPass]:
     """The low-pass that smoothed the poses of a motion of a recording, with the noise before it; None without
     one, and where the commands do not show it."""
-    spectrum = _Spectrum(motion.times, motion.measured)
-    if len(motion.times) < FEWEST or not spectrum.count or not np.ptp(recording.thrust, axis=0).any():
+    spectrum, thrust = _Spectrum(motion.times, motion.measured), recording.thrust
+    if spectrum.is_empty or reply.middle(motion).sum() < FEWEST or not (thrust[1:] != thrust[:-1]).any():
         return None
     commands = _Commands(recording, motion)
-    corners = np.geomspace(SLOWEST, WIDEST, CORNERS) * spectrum.rate
-    found = []
-    for form, both_ways in itertools.product(POLES, (False, True)):
-        some = [LowPass(form, corner, spectrum.rate, both_ways) for corner in corners]
-        shares = [commands.left(one) for one in some]
-        found.append((min(shares), some[int(np.argmin(shares))]))
-    least = min(share for share, _ in found)
-    if not least < EXPLAINED * commands.left(None):
-        return None
-    lags = [LowPass("first-order", corner, spectrum.rate) for corner in corners[::3]]
-    craft = min(commands.left(lag, late) for lag in [None, *lags] for late in LATE)
 
-    near = []
-    for (share, one), bilinear in itertools.product(found, (False, True)):
-        one = replace(one, bilinear=bilinear)
-        for step in STEPS if share < NEAR * least else ():
-            one = min((replace(one, corner=one.corner * step**i) for i in TRIED), key=commands.left)
-            share = commands.left(one)
-        near.append((share, one))
-    least = min(share for share, _ in near)
-    near = [(s, one) for s, one in near if s < NEAR * least]
+    def tuned(one: LowPass, cost: Callable[[LowPass], float]) -> LowPass:
+        for step in STEPS:
+            one = min((replace(one, corner=one.corner * step**i) for i in TRIED), key=cost)
+        return one
 
     def unlikely(one: LowPass) -> float:
-        return spectrum.fitted_to(one)[0] + MANY * float(np.log(commands.left(one)))
+        return spectrum.misfit(one)[0] + MANY * float(np.log(commands.left(one)))
 
-    one = min((one for _, one in near), key=unlikely)
-    for step in STEPS:
-        one = min((replace(one, corner=one.corner * step**i) for i in TRIED), key=unlikely)
-    share = commands.left(one)
-    return spectrum.confirmed(one, RESIDUALS * float(np.log(craft / share)))
+    found = [
+        min((LowPass(form, c * spectrum.rate, spectrum.rate, both) for c in CORNERS), key=commands.left)
+        for form, both in itertools.product(POLES, (False, True))
+    ]
+    least = min(map(commands.left, found))
+    near = [
+        replace(one, bilinear=kind)
+        for one in found
+        for kind in (False, True)
+        if commands.left(one) < NEAR * least
+    ]
+    if least > EXPLAINED * commands.left(None) or min(spectrum.misfit(one)[0] for one in near) > HOPELESS:
+        return None
+    one = tuned(min((tuned(one, commands.left) for one in near), key=unlikely), unlikely)
+    lags = [
+        LowPass("first-order", c * spectrum.rate, spectrum.rate, False, kind)
+        for c in CORNERS
+        for kind in (False, True)
+    ]
+    craft = min(commands.left(lag, late) for lag in [None, *lags] for late in LATE)
+    gain = RESIDUALS * float(np.log(craft / commands.left(one)))
+    return spectrum.misfit(one)[1] if spectrum.confirms(one, gain) else None

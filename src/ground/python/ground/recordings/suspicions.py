@@ -33,7 +33,7 @@ CLEAR = 2.5  # least evidence of another clock, in its standard errors
 MIN_COMMAND = 0.1  # full thrust of commands of which none exceeds this is less than 1
 MIN_CHANGES = 20  # changes of the commands that a delay can be determined from
 # Kinds of mistakes that effects of a model can also explain: heading_offset, input_delay, other thrust,
-# thruster_gain; and missing commands, at which motion hints only; and smoothed poses, whose smoothing is undone.
+# thruster_gain; missing commands, at which motion hints only; and a low-pass of poses, which is undone.
 EXPLAINED = ("offset", "delay", "command", "weak", "missing", "smoothed")
 MIN_TURNING = 4  # thrusters that turn the craft, from which one that does not stands out
 WEAK = 0.5  # share of the moment that its place promises, below which a thruster is weak
