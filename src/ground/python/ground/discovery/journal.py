@@ -83,9 +83,7 @@ class Journal:
     def keep_model(self, name: str, model: _core.Model) -> None:
         """Writes a model file."""
         if self.folder:
-            with files.new_file(self.path(name), force=True) as temporary:
-                with open(temporary, "w") as file:
-                    file.write(model.format())
+            files.write_text(self.path(name), model.format(), force=True)
 
 
 def read(path: str) -> Story:

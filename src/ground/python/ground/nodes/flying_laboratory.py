@@ -168,9 +168,7 @@ class FlyingLaboratory:
         folder = os.path.join(self._folder, "loaded")
         os.makedirs(folder, exist_ok=True)
         path = os.path.join(folder, label.replace(" ", "_") + ".yaml")
-        with files.new_file(path, force=True) as temporary:
-            with open(temporary, "w") as file:
-                file.write(model.format())
+        files.write_text(path, model.format(), force=True)
         return path
 
     def _prepare(self, name: str, flight: Flight, inputs: Array) -> float:
