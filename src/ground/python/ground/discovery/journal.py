@@ -4,13 +4,13 @@ A step writes its files first, then the story, which is replaced as a whole. Wha
 did not happen: an interrupted step is repeated, and replaces its files.
 """
 
-import json
 import os
 import re
 from typing import List, Optional
 
 from ground import _core
 from ground.discovery.story import SCHEMA, Story
+from ground.reports import result_folder
 from ground.support import files
 from ground.support.annotations import Array
 from ground.support.errors import GroundError
@@ -89,10 +89,6 @@ class Journal:
 def read(path: str) -> Story:
     """The story in a file. GroundError when it cannot be read."""
     try:
-        with open(path) as file:
-            document = json.load(file)
-        if document.get("schema") != SCHEMA:
-            raise ValueError("its schema is %s, not %s" % (document.get("schema"), SCHEMA))
-        return Story.from_dict(document)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        return Story.from_dict(result_folder.read(*os.path.split(path), SCHEMA))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise GroundError("%s is not the story of a discovery (%s)" % (path, error))
