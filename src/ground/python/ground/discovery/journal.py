@@ -90,5 +90,5 @@ def read(path: str) -> Story:
     """The story in a file. GroundError when it cannot be read."""
     try:
         return Story.from_dict(result_folder.read(*os.path.split(path), SCHEMA))
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (GroundError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise GroundError("%s is not the story of a discovery (%s)" % (path, error))
