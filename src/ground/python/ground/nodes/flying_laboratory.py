@@ -287,8 +287,6 @@ class FlyingLaboratory:
         return asked or str(status.reason)
 
 
-
-
 def _node(name: str) -> live_parameters.Node:
     """A controller whose parameters can be set, when it runs."""
     try:
