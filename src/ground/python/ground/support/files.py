@@ -84,9 +84,9 @@ def check_bag_folder(path: str) -> None:
         raise GroundError("cannot write to the bag folder %s: %s" % (path, reason(error)))
 
 
-def temporary_file(folder: str, suffix: str = "", prefix: str = ".ground-") -> str:
+def temporary_file(folder: str, suffix: str) -> str:
     """Path of a new empty file, with the permissions that the user's umask leaves. Raises OSError."""
-    handle, path = tempfile.mkstemp(suffix, prefix, folder)
+    handle, path = tempfile.mkstemp(suffix, ".ground-", folder)
     os.close(handle)
     os.unlink(path)  # only its owner may read it
     os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
