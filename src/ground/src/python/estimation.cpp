@@ -87,10 +87,7 @@ void bindChangeMonitor(py::module_& module) {
           "information", &ChangeMonitor::information, "start"_a,
           "Fisher information (n, n) about jumps at a time [s], by the innovations since then, of eta, nu, a "
           "push (3), a bias (3), a tilt (2) and the parameters of a change; empty without innovations.")
-      .def("log_ratios", &ChangeMonitor::logRatios, "Log-likelihood ratio now of each explanation, by name.")
-      .def(
-          "changed_model", [](const ChangeMonitor& m) { return m.craft().apply(m.report().change); },
-          "The model with the named changes.");
+      .def("log_ratios", &ChangeMonitor::logRatios, "Log-likelihood ratio now of each explanation, by name.");
 }
 
 }  // namespace
@@ -109,14 +106,8 @@ void bindEstimation(py::module_& module) {
             return py::make_tuple(p, Eigen::Vector4d(q.x(), q.y(), q.z(), q.w()));
           },
           "eta"_a, "height"_a, "Position and quaternion x, y, z, w in the mocap's frame.")
-      .def(
-          "to_planar",
-          [](const AxisMapping& mapping, const Eigen::Vector3d& p, const Eigen::Vector4d& xyzw) {
-            return mapping.toPlanar(p, Eigen::Quaterniond(xyzw(3), xyzw(0), xyzw(1), xyzw(2)));
-          },
-          "position"_a, "xyzw"_a, "x, y [m], psi [rad], or None.")
       .def("to_planar_rows", &planarRows, "positions"_a, "xyzw"_a,
-           "The same of each row (n, 3), (n, 4); NaN in place of None.");
+           "x, y [m], psi [rad] of each row (n, 3), (n, 4); NaN where there is none.");
 
   py::class_<EstimatorParams>(module, "EstimatorParams")
       .def(py::init<>())

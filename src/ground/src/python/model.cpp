@@ -5,7 +5,6 @@
 
 #include <Eigen/LU>
 #include <string>
-#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -249,14 +248,6 @@ void defFiles(py::module_& module) {
         return std::make_pair(std::move(model), warnings);
       },
       "path"_a, "The model, and a warning for each implausible value.");
-  module.def(
-      "mistaken_units",
-      [] {
-        std::vector<std::tuple<std::string, std::string, double>> found;
-        for (const MistakenUnit& unit : mistakenUnits()) found.emplace_back(unit.key, unit.name, unit.factor);
-        return found;
-      },
-      "Parameters of the body, units in which they may be typed by mistake, and factors to SI.");
   module.def("parse_model", &parseModel, "text"_a, "source"_a);
   module.def("with_effect", &withEffect, "model"_a, "text"_a, "source"_a,
              "A copy of the model with the effect in this text added.");
