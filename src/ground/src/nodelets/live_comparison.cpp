@@ -190,7 +190,7 @@ class LiveComparison : public Shell {
       errors[i] = c.monitor->measure(time, state);
       if (errors[i]) publishError(c, message->header, *errors[i]);
     }
-    if (config_.changes && changes_->measure(time, state)) publishChange(message->header);
+    watchChanges(time, state, message->header);
     const bool is_tried = errors[0] && errors[1] && errors[0]->excited && errors[1]->excited;
     if (is_tried) contest_.add(time, *errors[0], *errors[1]);
     if (time - last_paths_ < 1 / config_.rate) return;
@@ -221,7 +221,8 @@ class LiveComparison : public Shell {
     c.error.publish(message);
   }
 
-  void publishChange(const std_msgs::Header& header) {
+  void watchChanges(double time, const RigidState<double>& state, const std_msgs::Header& header) {
+    if (!config_.changes || !changes_->measure(time, state)) return;
     const ChangeMonitor::Report& report = changes_->report();
     auto message = boost::make_shared<ground_msgs::CraftChange>();
     message->header = header;
